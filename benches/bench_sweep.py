@@ -20,15 +20,15 @@ from typing import Any
 
 import pyarrow as pa
 import pyarrow.parquet as pq
+from threadpoolctl import threadpool_limits
 
 from benches.timing import print_table, spread
 from shipfp_rs.support.threads import available_workers
 from shipfp_rs.support.toml import validated
 from shipfp_rs.sweeps import Plan, Progress, sweep
 from shipfp_rs.sweeps.draw import run_draws
-from shipfp_rs.sweeps.pools import Pool, pool_of
+from shipfp_rs.sweeps.pools import begin_process, pool_of
 from shipfp_rs.sweeps.store import opened
-from shipfp_rs.sweeps.worker import begin_process, one_thread_for_linear_algebra
 
 DRAWS_PER_TASK = 50
 FEW_DRAWS = 8
@@ -177,17 +177,7 @@ def on_dask(plan: Plan, draws_per_task: int, folder: Path) -> dict[str, float]:
         there = folder / "there"
         there.mkdir(parents=True)
         pool.submit(begin, plan, there, 1).result()
-        return measure(plan, Submitting(pool), 1, draws_per_task, folder)
-
-
-class Submitting(Executor):
-    """A pool of ours as an executor."""
-
-    def __init__(self, pool: Pool) -> None:
-        self.pool = pool
-
-    def submit(self, work: Callable[..., Any], /, *arguments: Any, **_: Any) -> Future[Any]:
-        return self.pool.submit(work, *arguments)
+        return measure(plan, pool.executor, 1, draws_per_task, folder)
 
 
 def on_threads(plan: Plan, workers: int, folder: Path) -> float:
@@ -250,7 +240,7 @@ def main() -> None:
     if options.quick:
         options.draws, options.rounds = 20, 1
     plan = plan_of(options.draws)
-    with tempfile.TemporaryDirectory() as name, one_thread_for_linear_algebra():
+    with tempfile.TemporaryDirectory() as name, threadpool_limits(limits=1):
         folder = Path(name)
         cost = scaling(plan, options.rounds, folder)
         if options.scaling:

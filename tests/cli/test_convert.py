@@ -12,23 +12,6 @@ from shipfp_rs.logs.log import Log
 FAMOS = Path(__file__).parents[1] / "data" / "logs" / "famos"
 
 
-@pytest.mark.parametrize("dtype", ["float32", "float64", "int16", "int32"])
-def test_every_bit_of_every_type_survives(tmp_path: Path, dtype: str) -> None:
-    draw = np.random.default_rng(0)
-    size = np.dtype(dtype).itemsize
-    samples = draw.integers(0, 256, 1000 * size, dtype=np.uint8).view(dtype)
-    samples = np.nan_to_num(samples) if samples.dtype.kind == "f" else samples
-    source, out = tmp_path / "in.parquet", tmp_path / "out.parquet"
-    Log.from_arrays({"a": samples, "b": samples[::-1]}, rate_hz=50.0, units={"a": "V"}).write(source)
-    assert cli.main(["convert", str(source), str(out)]) == 0
-    log = Log.open(out)
-    assert log.channels == Log.open(source).channels
-    for name, expected in (("a", samples), ("b", samples[::-1])):
-        read = log.read(name)
-        assert read.dtype == expected.dtype
-        assert read.tobytes() == expected.tobytes()
-
-
 def test_prints_what_it_wrote(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     pytest.importorskip("imctermite")
     out = tmp_path / "out.parquet"
@@ -38,17 +21,6 @@ def test_prints_what_it_wrote(tmp_path: Path, capsys: pytest.CaptureFixture[str]
     assert after.start_utc == before.start_utc is not None
     assert after.channels == before.channels
     np.testing.assert_array_equal(after.read("pressure_Vacuum"), before.read("pressure_Vacuum"), strict=True)
-
-
-@pytest.mark.parametrize(
-    "names", [("none.raw", "out.parquet"), ("log.csv", "out.csv"), ("odd.xyz", "o.parquet")]
-)
-def test_fails_in_one_line(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], names: tuple[str, str]
-) -> None:
-    (tmp_path / "log.csv").write_text("time,a\n0,1\n1,2\n")
-    assert cli.main(["convert", *(str(tmp_path / name) for name in names)]) == 2
-    assert capsys.readouterr().err.count("\n") == 1
 
 
 def test_breakage_c6_convert_asks_before_it_replaces(

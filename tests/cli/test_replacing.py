@@ -29,6 +29,7 @@ def folder(tmp_path_factory):
         ("simulate", "vessel.toml", "--duration", "5", "--out", "log.parquet"),
         ("design", "vessel.toml", "--duration", "100", "--out", "."),
         ("run", "TRIAL.toml", "--out", "."),
+        ("reproduce", "fullscale", "--out", "."),
         ("sweep", "SWEEP.toml", "--out", "."),
         ("init", "."),
     ],

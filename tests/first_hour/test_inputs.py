@@ -410,9 +410,7 @@ MANIFESTS: dict[str, Callable[[Path], object]] = {
     "d6-deep": lambda path: path.write_text(DEEP),
     "d6-half-a-character": lambda path: path.write_text('{"format": 1, "sweep": {"\\ud800": 1}}'),
     "d6-format-alone": lambda path: path.write_text('{"format": 1}'),
-    "d6-negative-part": lambda path: path.write_text(
-        '{"format": 1, "draws": 2, "part_draws": 1, "below": -5, "beyond": [], "finished": false, "sweep": {}}'
-    ),
+    "d6-negative-part": lambda path: path.write_text('{"format": 1, "part_draws": -5, "sweep": {}}'),
 }
 
 

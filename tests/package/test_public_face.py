@@ -62,7 +62,7 @@ def test_breakage_e1_every_public_function_refuses_a_wrong_argument_in_one_line(
         for name, parameter in inspect.signature(function).parameters.items()
         if parameter.kind is parameter.KEYWORD_ONLY and parameter.default is inspect.Parameter.empty
     }
-    with pytest.raises(fp.InputError, match=r"\w+ is an object, expected") as found:
+    with pytest.raises(fp.InputError, match=r"[\w\]] is an object, expected") as found:
         function(*required, **keyword_only)
     assert "\n" not in str(found.value)
 
@@ -83,6 +83,10 @@ WRONG = {
     "complex samples": (
         lambda: fp.Experiment("S1", 25.0, {"n_set": np.ones(9) * 1j}, {"n_set": 1.0}),
         r"signals\['n_set'\] is an array of complex128, expected an array of real numbers",
+    ),
+    "a list for a mapping": (
+        lambda: fp.Experiment("S1", 25.0, [1.0], {"n_set": 1.0}),
+        "signals is a list of float, expected a mapping from a text to an array",
     ),
     "complex deviations": (
         lambda: replace(SHORT, samples=SHORT.samples * 1j),

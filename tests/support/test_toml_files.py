@@ -43,21 +43,18 @@ MAIN: dict[str, Any] = {"height_m": 12.0}
             {"rig": {"main": {"hight_m": 12.0}}},
             "rig.main.hight_m: found an unknown key, did you mean 'height_m'?",
         ),
-        (
-            {"rig": {"main": {"xyz": 1, **MAIN}}},
-            "rig.main.xyz: found an unknown key, expected one of height_m, sails, wood",
-        ),
+        ({"rig": {"main": {"xyz": 1, **MAIN}}}, "rig.main.xyz: found an unknown key, expected one of h"),
         (
             {"rig": {"mizzen": {"hight_m": 1.0, **MAIN}, "main": MAIN}},
-            "rig.mizzen.hight_m: found an unknown key, did you",
+            "rig.mizzen.hight_m: found an unknown key",
         ),
         (
             {"rig": {"main": {"sails": [{"area_m": 9.0}], **MAIN}}},
-            "rig.main.sails.0.area_m: found an unknown key, did you",
+            "rig.main.sails.0.area_m: found an unknown key",
         ),
         (
             {"rig": {"main": MAIN}, "flags": {"red": {"aera_m2": 1.0}}},
-            "flags.red.aera_m2: found an unknown key, did you",
+            "flags.red.aera_m2: found an unknown key",
         ),
         (
             {"rig": {"main": {**MAIN, "wood": "steel"}}},

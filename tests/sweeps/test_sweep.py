@@ -157,14 +157,6 @@ class TestTimeLimit:
             if isinstance(thread, threading.Timer) and not thread.finished.is_set()
         ]
 
-    def test_an_endless_loop_ends(self) -> None:
-        def endless() -> None:
-            while True:
-                pass
-
-        with pytest.raises(TimedOut):
-            within(0.05, endless)
-
     def test_no_handler_of_ordinary_errors_takes_it(self) -> None:
         def stubborn() -> None:
             while True:
@@ -251,7 +243,9 @@ class TestGoingOn:
     def test_a_finished_sweep_is_not_run_again(self, reference: Path, monkeypatch: Any) -> None:
         before = results(reference)
         monkeypatch.setattr(draw, "identify", None)
+        (reference / "parts" / "000000").mkdir(parents=True)  # killed before it had removed them
         again = sweep(cheap_plan(DRAWS), reference)
+        assert not (reference / "parts").exists()
         assert results(reference) == before
         assert again.summary["draws"]["done"] == DRAWS
         assert again.table().num_rows == DRAWS
@@ -330,9 +324,3 @@ class TestCommand:
         assert cli.main(["init", str(tmp_path), "--sweep"]) == 0
         assert Plan.load(tmp_path / "SWEEP.toml").draws == 1000
         assert "shipfp sweep" in capsys.readouterr().out
-
-    def test_an_unknown_study_costs_one_line(self, capsys: Any) -> None:
-        from shipfp_rs import cli
-
-        assert cli.main(["sweep", "durations"]) == 2
-        assert "did you mean 'duration'?" in capsys.readouterr().err

@@ -9,11 +9,9 @@ import sys
 import time
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from shipfp_rs import cli
-from shipfp_rs.sweeps import sweep
 from tests.cli.small_trial import SWEEP, write_small_trial
 
 LONG_DRAWS = SWEEP.replace("draws = 2", "draws = 100000").replace("duration_s = 10.0", "duration_s = 300.0")
@@ -79,18 +77,6 @@ def test_breakage_d5_a_run_leaves_no_temporary_folder(tmp_path, number, status):
     assert told.count("\n") == 1
     assert not list(tmp_path.glob(".*"))
     assert not (tmp_path / "out").exists()
-
-
-def test_breakage_e1_an_accuracy_of_numpys_own_is_a_number(tmp_path):
-    (tmp_path / "SWEEP.toml").write_text(SWEEP)
-    sweep(
-        tmp_path / "SWEEP.toml",
-        tmp_path / "out",
-        executor="threads",
-        workers=1,
-        accuracy_pct=np.float32(3.0),
-    )
-    assert "3.0" in (tmp_path / "out" / "summary.json").read_text()
 
 
 @pytest.mark.parametrize(

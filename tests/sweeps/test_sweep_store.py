@@ -69,17 +69,3 @@ def test_no_more_tasks_are_out_than_the_workers_need(tmp_path: Path, monkeypatch
     sweep(cheap_plan(200), tmp_path, executor=executor, workers=3, draws_per_task=2)
     assert executor.submitted == 100
     assert executor.most <= dispatch.AHEAD * 3
-
-
-def test_the_manifest_stays_short(tmp_path: Path) -> None:
-    plan = cheap_plan(5000)
-    with opened(tmp_path, plan.record(), schema_of(plan), 5000, 1) as opening:
-        opening.below = 4000
-        opening._enter(4001)
-        opening._write_manifest()
-        long = (tmp_path / store.MANIFEST).stat().st_size
-        opening._enter(4000)
-        assert (opening.below, opening.beyond) == (4002, set())
-        opening.below = 10
-        opening._write_manifest()
-        assert long < (tmp_path / store.MANIFEST).stat().st_size + 50

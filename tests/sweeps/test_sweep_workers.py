@@ -79,11 +79,11 @@ def test_no_scheduler_at_an_address_costs_one_line(tmp_path: Path, monkeypatch) 
 
 DRIVER = """
 import os, time
-from shipfp_rs.sweeps.pools import Processes
+from shipfp_rs.sweeps.pools import pool_of
 if __name__ == "__main__":
-    pool = Processes(1)
-    print(pool.submit(os.getpid).result(), flush=True)
-    time.sleep(600)
+    with pool_of("processes", 1, None) as pool:
+        print(pool.submit(os.getpid).result(), flush=True)
+        time.sleep(600)
 """
 
 

@@ -202,15 +202,11 @@ def _fail(error: Exception) -> int:
     if usage is not None:
         _line(f"error: {usage().rstrip('.') or 'no command given, expected one'}; see shipfp --help")
         return BAD_INPUT
-    if isinstance(error, InputError):
-        _line(f"error: {error}")
-        return BAD_INPUT
-    if isinstance(error, IdentificationError | SimulationError):
-        # The fault lies in what was given: from such data or sizes nothing follows.
-        _line(f"error: {error}")
-        return BAD_INPUT
     if isinstance(error, ShipfpError) and not isinstance(error, InternalError):
         _line(f"error: {error}")
+        # From data or sizes that a fit or a simulation fails on nothing follows: the fault lies in what was given.
+        if isinstance(error, InputError | IdentificationError | SimulationError):
+            return BAD_INPUT
     elif isinstance(error, OSError):
         _line(
             f"error: {error.filename or 'a file or the output'}: {error.strerror or error}; choose another name or disk"

@@ -2,33 +2,22 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
-import typer
-
-from shipfp_rs.cli.options import Json, a_path
-from shipfp_rs.cli.output import print_estimates, print_json, print_table, print_text, progress
+from shipfp_rs.cli.options import Json, TrialFile
+from shipfp_rs.cli.output import print_estimates, print_results, print_table, print_text, progress
 
 if TYPE_CHECKING:
     from shipfp_rs.runs.dry_run import Check
 
 
-def check(
-    trial: Annotated[
-        Path, typer.Argument(metavar="TRIAL.toml", parser=a_path, help="Description of the trial.")
-    ],
-    json: Json = False,
-) -> None:
+def check(trial: TrialFile, json: Json = False) -> None:
     """Read a trial as a run would and stop before the fit: what was read, what would be fitted, what is missing."""
     from shipfp_rs.runs.dry_run import check as dry_run
 
     with progress() as notify:
         found = dry_run(trial, notify=notify)
-    if json:
-        print_json(found.to_dict())
-        return
-    _print(found)
+    print_results(found.to_dict(), lambda: _print(found), json=json)
 
 
 def _print(found: Check) -> None:

@@ -3,29 +3,30 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
-import typer
-
-from shipfp_rs.cli.options import Json, Replace, a_path, new_file, probability
-from shipfp_rs.cli.output import print_json, print_table, print_text, progress
+from shipfp_rs.cli.options import (
+    Json,
+    Replace,
+    file_argument,
+    file_option,
+    new_file,
+    number_option,
+    probability,
+)
+from shipfp_rs.cli.output import print_results, print_table, print_text, progress
 from shipfp_rs.errors import InputError
+
+if TYPE_CHECKING:
+    from shipfp_rs.assessment.comparison import Comparison
 
 
 def compare(
-    before: Annotated[
-        Path,
-        typer.Argument(
-            metavar="A.json", parser=a_path, help="Fingerprint before, as `shipfp run` writes it."
-        ),
-    ],
-    after: Annotated[Path, typer.Argument(metavar="B.json", parser=a_path, help="Fingerprint after.")],
-    level: Annotated[
-        float, typer.Option(metavar="P", parser=probability, help="Probability of a false alarm.")
-    ] = 0.05,
+    before: Annotated[Path, file_argument("A.json", "Fingerprint before, as `shipfp run` writes it.")],
+    after: Annotated[Path, file_argument("B.json", "Fingerprint after.")],
+    level: Annotated[float, number_option("P", "Probability of a false alarm.", probability)] = 0.05,
     out: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE.png", parser=a_path, help="Picture of both step and frequency responses."),
+        Path | None, file_option("FILE.png", "Picture of both step and frequency responses.")
     ] = None,
     force: Replace = False,
     json: Json = False,
@@ -33,7 +34,6 @@ def compare(
     """Tell what changed between two fingerprints of a ship, and whether it is more than chance."""
     from shipfp_rs.assessment.comparison import compare as compare_fingerprints
     from shipfp_rs.experiments.parquet import read_experiments
-    from shipfp_rs.identification.estimate import decimals, rounded
     from shipfp_rs.identification.fingerprint import Fingerprint
     from shipfp_rs.support.files import ending_in, replacing
 
@@ -54,11 +54,15 @@ def compare(
         figure = draw(dict(zip(labels, (first, second), strict=True)))
         with replacing(out) as temporary:
             figure.savefig(temporary, format="png")
-    if json:
-        print_json(comparison.to_dict())
-        return
+    title = f"Changes from {before} to {after}"
+    print_results(comparison.to_dict(), lambda: _print(title, comparison), out, json=json)
+
+
+def _print(title: str, comparison: Comparison) -> None:
+    from shipfp_rs.identification.estimate import decimals, rounded
+
     print_table(
-        f"Changes from {before} to {after}",
+        title,
         ["quantity", "before", "after", "change", "95 % from", "to", "change [%]", "p", "unit"],
         [
             [
@@ -75,5 +79,3 @@ def compare(
         ],
     )
     print_text(*comparison.verdict, *comparison.remarks)
-    if out is not None:
-        print_text(f"wrote {out}")

@@ -5,16 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
-from shipfp_rs.cli.options import Names, Rate, Replace, Time, a_path, new_file
+from shipfp_rs.cli.options import LogFile, Names, Rate, Replace, Time, file_argument, new_file
 from shipfp_rs.cli.output import print_text
 from shipfp_rs.errors import InputError
 
 
 def convert(
-    log: Annotated[Path, typer.Argument(metavar="LOG", parser=a_path, help="Log in any supported format.")],
-    out: Annotated[Path, typer.Argument(metavar="OUT.parquet", parser=a_path, help="File to write.")],
+    log: LogFile,
+    out: Annotated[Path, file_argument("OUT.parquet", "File to write.")],
     rate_hz: Rate = None,
     time: Time = None,
     names: Names = None,

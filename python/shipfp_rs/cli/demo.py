@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from shipfp_rs.cli.options import Force, Json, OutFolder, Seed
-from shipfp_rs.cli.output import print_fingerprint, print_json, print_text, progress
+from shipfp_rs.cli.output import print_fingerprint, print_results, print_text, progress
 from shipfp_rs.structures.combinations import true_values
 
 VESSEL = "stan-tug-1205"
@@ -36,21 +36,17 @@ def demo(
         published = fullscale.reproduce(
             lambda done, jobs: notify(f"published data, {done} of {jobs} fits done")
         )
-    if json:
-        print_json(
-            {
-                "folder": str(out),
-                "truth": truth,
-                "fingerprint": result.fingerprint.to_dict(),
-                "fullscale": published.to_dict(),
-            }
-        )
-        return
-    print_fingerprint(result.fingerprint, truth, title="A simulated trial of the tug, truth beside estimate")
-    best = fullscale.best_of(published)
-    name = best.structure["name"]
-    print_fingerprint(best, title=f"The tug's own trial, its published sine fits, each weighted ({name})")
-    print_text("", "How that compares with what was printed: shipfp reproduce fullscale", f"wrote {out}")
+
+    def show() -> None:
+        title = "A simulated trial of the tug, truth beside estimate"
+        print_fingerprint(result.fingerprint, truth, title=title)
+        best = fullscale.best_of(published)
+        name = best.structure["name"]
+        print_fingerprint(best, title=f"The tug's own trial, its published sine fits, each weighted ({name})")
+        print_text("", "How that compares with what was printed: shipfp reproduce fullscale")
+
+    found = {"fingerprint": result.fingerprint.to_dict(), "fullscale": published.to_dict()}
+    print_results({"folder": str(out), "truth": truth, **found}, show, out, json=json)
 
 
 def _write_log(folder: Path, seed: int) -> dict[str, float]:

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import math
-from enum import StrEnum
 from math import isfinite
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from shipfp_rs.cli.options import LARGEST, Force, Json, OutFolder, a_path, as_typed, number_option
-from shipfp_rs.cli.output import print_json, print_table, print_text, progress
+from shipfp_rs.cli.options import LARGEST, Force, Json, OutFolder, as_typed, file_option, number_option
+from shipfp_rs.cli.output import print_results, print_table, print_text, progress
 from shipfp_rs.errors import InputError
 from shipfp_rs.support.checks import between
 
@@ -19,23 +18,7 @@ if TYPE_CHECKING:
     from shipfp_rs.designs import Generator, Noise, Plan
 
 
-class Kind(StrEnum):
-    """Kinds of plan."""
-
-    mix = "mix"
-    sines = "sines"
-    squares = "squares"
-    multisine = "multisine"
-    chirp = "chirp"
-
-
-class Criterion(StrEnum):
-    """What is made small."""
-
-    D = "D"
-    A = "A"
-
-
+Kind = Literal["mix", "sines", "squares", "multisine", "chirp"]
 TYPED = {
     "neither duration_s nor accuracy_pct": "neither --duration nor --accuracy",
     "duration_s": "--duration",
@@ -77,10 +60,11 @@ def design(
             help="Parameter that --accuracy is for, may be repeated; default all that small motions tell."
         ),
     ] = None,
-    kind: Annotated[Kind, typer.Option(help="What is put on the set point.")] = Kind.mix,
+    kind: Annotated[Kind, typer.Option(help="What is put on the set point.")] = "mix",
     criterion: Annotated[
-        Criterion, typer.Option(help="Small volume of the ellipsoid (D) or small sum of variances (A).")
-    ] = Criterion.D,
+        Literal["D", "A"],
+        typer.Option(help="Small volume of the ellipsoid (D) or small sum of variances (A)."),
+    ] = "D",
     rate_limit: Annotated[float | None, number_option("RPM/S", "Largest rate of change, rpm/s.")] = None,
     avoid: Annotated[
         list[str] | None,
@@ -95,10 +79,7 @@ def design(
         str, typer.Option(metavar="LOW:HIGH", help="Range of the signal generator, V.")
     ] = "-10:10",
     trial: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="TRIAL.toml", parser=a_path, help="Trial whose set-point calibration the generator has."
-        ),
+        Path | None, file_option("TRIAL.toml", "Trial whose set-point calibration the generator has.")
     ] = None,
     speed_noise: Annotated[
         float | None, number_option("PERCENT", "Noise of the speed over the operating speed, %.")
@@ -126,8 +107,8 @@ def design(
             duration_s=duration,
             accuracy_pct=accuracy,
             parameters=parameter,
-            kind=kind.value,
-            criterion=criterion.value,
+            kind=kind,
+            criterion=criterion,
             sensors=_sensors(speed_noise, torque_noise, noise_corner, gauge_accuracy),
             rate_rpm_s=rate_limit,
             avoid_hz=bands,
@@ -137,11 +118,7 @@ def design(
             generator=_generator(trial, expected, _pair("--volts", volts)),
         )
         plan.save(out, force=force)
-    if json:
-        print_json({"folder": str(out), **plan.to_dict()})
-    else:
-        _print(plan)
-        print_text(f"wrote {out}")
+    print_results({"folder": str(out), **plan.to_dict()}, lambda: _print(plan), out, json=json)
 
 
 def _print(plan: Plan) -> None:

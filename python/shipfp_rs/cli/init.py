@@ -8,29 +8,19 @@ from typing import Annotated
 
 import typer
 
-from shipfp_rs.cli.options import Names, Rate, Time, a_path
+from shipfp_rs.cli.options import Names, Rate, Time, file_argument, file_option
 from shipfp_rs.cli.output import print_text, progress
 from shipfp_rs.errors import InputError
 
 
 def init(
-    folder: Annotated[
-        Path, typer.Argument(metavar="DIR", parser=a_path, help="Folder of the trial.")
-    ] = Path(),
+    folder: Annotated[Path, file_argument("DIR", "Folder of the trial.")] = Path(),
     log: Annotated[
         list[Path] | None,
-        typer.Option(
-            "--log",
-            metavar="LOG",
-            parser=a_path,
-            help="Log whose windows are to be found; once for each logger, where several share a clock.",
-        ),
+        file_option("LOG", "Log whose windows are to be found; once for each logger of a common clock."),
     ] = None,
     set_point: Annotated[
-        str | None,
-        typer.Option(
-            "--set-point", metavar="CHANNEL", help="Its set point; by default the channel called so."
-        ),
+        str | None, typer.Option(metavar="CHANNEL", help="Its set point; by default the channel called so.")
     ] = None,
     rate_hz: Rate = None,
     time: Time = None,

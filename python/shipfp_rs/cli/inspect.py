@@ -2,14 +2,23 @@
 
 from __future__ import annotations
 
-from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
-
-from shipfp_rs.cli.options import Force, Json, Names, Rate, Time, a_path, positive
-from shipfp_rs.cli.output import print_json, print_table, print_text, progress
+from shipfp_rs.cli.options import (
+    Force,
+    Json,
+    LogFile,
+    Names,
+    Rate,
+    Time,
+    file_argument,
+    file_option,
+    folder_for,
+    number_option,
+    positive,
+)
+from shipfp_rs.cli.output import print_results, print_table, print_text, progress
 from shipfp_rs.errors import InputError
 
 if TYPE_CHECKING:
@@ -20,32 +29,16 @@ PICTURES = ("windows.png", "static-torque.png", *(f"spectrum-{number}.png" for n
 
 
 def inspect(
-    log: Annotated[Path, typer.Argument(metavar="LOG", parser=a_path, help="Log in any supported format.")],
-    trial: Annotated[
-        Path | None,
-        typer.Argument(
-            metavar="[TRIAL.toml]",
-            parser=a_path,
-            help="Its trial, for calibrated checks.",
-            show_default=False,
-        ),
-    ] = None,
+    log: LogFile,
+    trial: Annotated[Path | None, file_argument("[TRIAL.toml]", "Its trial, for calibrated checks.")] = None,
     rate_hz: Rate = None,
     time: Time = None,
     names: Names = None,
     torque_coefficient: Annotated[
         float | None,
-        typer.Option(
-            "--cq",
-            metavar="C_Q*",
-            parser=positive,
-            help="Torque coefficient of eq. 6.3, in place of the vessel's.",
-        ),
+        number_option("C_Q*", "Torque coefficient of eq. 6.3, in place of the vessel's.", positive, "--cq"),
     ] = None,
-    out: Annotated[
-        Path | None,
-        typer.Option("--out", metavar="DIR", parser=a_path, help="Folder for inspection.json and pictures."),
-    ] = None,
+    out: Annotated[Path | None, file_option("DIR", "Folder for inspection.json and pictures.")] = None,
     force: Force = False,
     json: Json = False,
 ) -> None:
@@ -53,7 +46,6 @@ def inspect(
     from shipfp_rs.inspection import inspect_log
     from shipfp_rs.logs.log import Log
     from shipfp_rs.processing.trial import Trial
-    from shipfp_rs.support.files import replacing_folder
 
     if log.suffix == ".toml":
         raise InputError(f"{log}: a TRIAL.toml, expected the log first: shipfp inspect LOG {log}")
@@ -67,10 +59,7 @@ def inspect(
         time=time if time is not None or told is None else told.time_column,
         names=names or (told.names if told else None),
     )
-    folder_of_its_own = (
-        nullcontext() if out is None else replacing_folder(out, marker=MARKER, others=PICTURES, force=force)
-    )
-    with folder_of_its_own as folder, progress() as notify:
+    with folder_for(out, MARKER, PICTURES, force=force) as folder, progress() as notify:
         notify("reading the log")
         found = inspect_log(recording, description, C_Q=torque_coefficient)
         if folder is not None:
@@ -79,15 +68,16 @@ def inspect(
 
             (folder / MARKER).write_text(json_text(found.to_dict()), encoding="utf-8")
             draw(found, recording, folder)
-    if json:
-        print_json(found.to_dict())
-        return
-    _print(found)
-    if description is not None and description.channels.command is None and not found.points:
-        print_text("Nothing rests for 8 s: set point, speed and torque can't be compared at a steady point.")
-    print_text(*recording.notes)
-    if out is not None:
-        print_text(f"wrote {out}")
+
+    def show() -> None:
+        _print(found)
+        if description is not None and description.channels.command is None and not found.points:
+            print_text(
+                "Nothing rests for 8 s: set point, speed and torque can't be compared at a steady point."
+            )
+        print_text(*recording.notes)
+
+    print_results(found.to_dict(), show, out, json=json)
 
 
 def _print(found: Inspection) -> None:

@@ -6,7 +6,8 @@ import contextlib
 import math
 import os
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -83,14 +84,32 @@ def new_file(path: Path, *, force: bool) -> Path:
     return path
 
 
-def number_option(metavar: str, told: str, parser: Callable[[str | float], float] = positive) -> Any:
+def folder_for(
+    out: Path | None, marker: str, others: Sequence[str], *, force: bool = False
+) -> AbstractContextManager[Path | None]:
+    """Give a folder for results that appears as a whole, None where none is wanted."""
+    from shipfp_rs.support.files import replacing_folder
+
+    if out is None:
+        return nullcontext()
+    return replacing_folder(out, marker=marker, others=others, force=force)
+
+
+def number_option(
+    metavar: str, told: str, parser: Callable[[str | float], float] = positive, *names: str
+) -> Any:
     """Declare an option that takes a number, a positive one unless another parser is given."""
-    return typer.Option(parser=parser, metavar=metavar, help=told)
+    return typer.Option(*names, parser=parser, metavar=metavar, help=told)
 
 
-def results_option(told: str) -> Any:
-    """Declare the folder that `shipfp reproduce` may write."""
-    return typer.Option("--out", metavar="DIR", parser=a_path, help=told)
+def file_argument(metavar: str, told: str) -> Any:
+    """Declare an argument that is a path."""
+    return typer.Argument(metavar=metavar, parser=a_path, help=told, show_default=False)
+
+
+def file_option(metavar: str, told: str, *names: str) -> Any:
+    """Declare an option that takes a path."""
+    return typer.Option(*names, metavar=metavar, parser=a_path, help=told)
 
 
 Json = Annotated[bool, typer.Option("--json", help="Print the results as JSON, and nothing else, on stdout.")]
@@ -99,15 +118,14 @@ Force = Annotated[
     bool, typer.Option("--force", help="Write into a folder that holds other files, too; these stay.")
 ]
 Replace = Annotated[bool, typer.Option("--force", help="Replace files that are there.")]
-OutFolder = Annotated[
-    Path,
-    typer.Option(
-        "--out",
-        metavar="DIR",
-        parser=a_path,
-        help="Folder to write; it appears only when the run is complete.",
-    ),
+OtherSeed = Annotated[
+    int | None, typer.Option("--seed", min=0, max=MOST_SEED, help="Seed in place of the file's.")
 ]
+OutFolder = Annotated[
+    Path, file_option("DIR", "Folder to write; it appears only when the run is complete.", "--out")
+]
+LogFile = Annotated[Path, file_argument("LOG", "Log in any supported format.")]
+TrialFile = Annotated[Path, file_argument("TRIAL.toml", "Description of the trial.")]
 
 Time = Annotated[
     str | None,
@@ -119,10 +137,7 @@ Time = Annotated[
     ),
 ]
 Names = Annotated[
-    Path | None,
-    typer.Option(
-        "--names", metavar="FILE", parser=a_path, help="DBC of a CAN log, or channel list of ISO 19848."
-    ),
+    Path | None, file_option("FILE", "DBC of a CAN log, or channel list of ISO 19848.", "--names")
 ]
 Rate = Annotated[
     float | None,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rich import box
@@ -27,6 +28,16 @@ def print_json(content: Any) -> None:
     from shipfp_rs.support.json_files import json_text
 
     print(json_text(content, ascii_only=False), end="")
+
+
+def print_results(content: Any, show: Callable[[], None], out: Path | None = None, *, json: bool) -> None:
+    """Print results as JSON, or show them and say where they were written."""
+    if json:
+        print_json(content)
+        return
+    show()
+    if out is not None:
+        print_text(f"wrote {out}")
 
 
 def print_text(*lines: str) -> None:

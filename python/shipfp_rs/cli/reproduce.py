@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from shipfp_rs.cli.options import MOST_DRAWS, Json, results_option
-from shipfp_rs.cli.output import print_json, print_table, print_text, progress
+from shipfp_rs.cli.options import MOST_DRAWS, Json, file_option, folder_for
+from shipfp_rs.cli.output import print_results, print_table, print_text, progress
 
 if TYPE_CHECKING:
     from shipfp_rs.reproduce import Reproduction
@@ -49,7 +48,7 @@ FITS = {
 
 @reproduce.command()
 def fullscale(
-    out: Annotated[Path | None, results_option("Folder for fullscale.json and the figures.")] = None,
+    out: Annotated[Path | None, file_option("DIR", "Folder for fullscale.json and the figures.")] = None,
     json: Json = False,
 ) -> None:
     """Repeat chapters 6 and 7 from the tug's published numbers: Tables 6.8 to 7.3, and with --out their figures."""
@@ -61,7 +60,7 @@ def fullscale(
 
 @reproduce.command()
 def virtual(
-    out: Annotated[Path | None, results_option("Folder for virtual.json and the figures.")] = None,
+    out: Annotated[Path | None, file_option("DIR", "Folder for virtual.json and the figures.")] = None,
     json: Json = False,
 ) -> None:
     """Repeat chapters 3 to 5 on the virtual ship: Tables 3.4 to 5.2, and with --out their figures."""
@@ -81,33 +80,24 @@ def _reproduce(
     json: bool,
 ) -> None:
     """Compute the tables, write them and the figures into a folder where one is wanted, and show them."""
-    from shipfp_rs.support.files import replacing_folder, write_text_atomically
+    from shipfp_rs.support.files import write_text_atomically
     from shipfp_rs.support.json_files import json_text
 
-    folder_of_its_own = nullcontext() if out is None else replacing_folder(out, marker=file, others=pictures)
-    with folder_of_its_own as folder, progress() as notify:
+    with folder_for(out, file, pictures) as folder, progress() as notify:
         found = compute(lambda done, jobs: notify(f"refitting, {done} of {jobs} done"))
         content = found.to_dict()
         if folder is not None:
             write_text_atomically(folder / file, json_text(content))
             draw(folder, found, lambda done, figures: notify(f"drawing, {done} of {figures} done"))
-    if json:
-        print_json(content)
-        return
-    _print(found)
-    if out is not None:
-        print_text(f"wrote {out}")
+    print_results(content, lambda: _print(found), out, json=json)
 
 
 @reproduce.command()
 def twin(
     draws: Annotated[
-        int,
-        typer.Option(
-            "--draws", min=1, max=MOST_DRAWS, metavar="N", help="Ships whose short chirp is identified."
-        ),
+        int, typer.Option(min=1, max=MOST_DRAWS, metavar="N", help="Ships whose short chirp is identified.")
     ] = 1,
-    out: Annotated[Path | None, results_option("Folder for twin.json and the figure.")] = None,
+    out: Annotated[Path | None, file_option("DIR", "Folder for twin.json and the figure.")] = None,
     json: Json = False,
 ) -> None:
     """Identify the tug's trial on a simulated ship whose parameters are known: Table 7.1 with the truth beside it."""

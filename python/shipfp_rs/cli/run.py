@@ -7,30 +7,20 @@ from typing import Annotated
 
 import typer
 
-from shipfp_rs.cli.options import MOST_SEED, Force, Json, OutFolder, a_language, a_path
-from shipfp_rs.cli.output import print_fingerprint, print_json, print_text, progress
+from shipfp_rs.cli.options import Force, Json, OtherSeed, OutFolder, TrialFile, a_language
+from shipfp_rs.cli.output import print_fingerprint, print_results, progress
 from shipfp_rs.support.languages import LANGUAGES
 
 
 def run(
-    trial: Annotated[
-        Path, typer.Argument(metavar="TRIAL.toml", parser=a_path, help="Description of the trial.")
-    ],
+    trial: TrialFile,
     out: OutFolder = Path("shipfp-run"),
-    seed: Annotated[
-        int | None,
-        typer.Option(
-            "--seed", min=0, max=MOST_SEED, help="Seed of the random starts, in place of the trial's."
-        ),
-    ] = None,
+    seed: OtherSeed = None,
     force: Force = False,
     language: Annotated[
         str | None,
         typer.Option(
-            "--language",
-            metavar="|".join(LANGUAGES),
-            parser=a_language,
-            help="Language of the report, in place of the trial's.",
+            metavar="|".join(LANGUAGES), parser=a_language, help="Of the report; default the trial's."
         ),
     ] = None,
     json: Json = False,
@@ -40,8 +30,6 @@ def run(
 
     with progress() as notify:
         result = run.run(trial, out, seed=seed, force=force, language=language, notify=notify)
-    if json:
-        print_json({"folder": str(out), **result.fingerprint.to_dict()})
-        return
-    print_fingerprint(result.fingerprint)
-    print_text(f"wrote {out}")
+    found = result.fingerprint
+    content = {"folder": str(out), **found.to_dict()}
+    print_results(content, lambda: print_fingerprint(found), out, json=json)

@@ -5,9 +5,8 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 from collections.abc import Callable
-from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
 
 import typer
 
@@ -15,13 +14,13 @@ from shipfp_rs.cli.options import (
     Json,
     Replace,
     Seed,
-    a_path,
     as_typed,
+    file_option,
     new_file,
     not_negative,
     number_option,
 )
-from shipfp_rs.cli.output import print_json, print_text, progress
+from shipfp_rs.cli.output import print_results, print_text, progress
 from shipfp_rs.errors import InputError, SimulationError
 from shipfp_rs.structures.combinations import true_values
 
@@ -45,20 +44,14 @@ TYPED = {
 """Arguments of the functions that it calls as they are typed."""
 
 
-class Kind(StrEnum):
-    """Kinds of excitation."""
-
-    chirp = "chirp"
-    steps = "steps"
-    multisine = "multisine"
-    sines = "sines"
+Kind = Literal["chirp", "steps", "multisine", "sines"]
 
 
 def simulate(
     vessel: Annotated[
         str, typer.Argument(metavar="VESSEL", help="Built-in ship, or the path of a vessel file.")
     ],
-    excitation: Annotated[Kind, typer.Option(help="What is put on the set point.")] = Kind.chirp,
+    excitation: Annotated[Kind, typer.Option(help="What is put on the set point.")] = "chirp",
     amplitude_rpm: Annotated[
         float | None, number_option("RPM", "Amplitude, engine rpm; default 3 % of the operating speed.")
     ] = None,
@@ -74,13 +67,9 @@ def simulate(
     ] = 0.0,
     raw: Annotated[
         bool,
-        typer.Option(
-            "--raw", help="Write the raw log of a measurement chain with faults, and its TRIAL.toml."
-        ),
+        typer.Option("--raw", help="Write the raw log of a measurement chain with faults, and its trial."),
     ] = False,
-    out: Annotated[Path, typer.Option(metavar="FILE.parquet", parser=a_path, help="File to write.")] = Path(
-        "simulation.parquet"
-    ),
+    out: Annotated[Path, file_option("FILE.parquet", "File to write.")] = Path("simulation.parquet"),
     seed: Seed = 0,
     force: Replace = False,
     json: Json = False,
@@ -115,10 +104,8 @@ def simulate(
             for name, text in texts.items():
                 whole.enter_context(replacing(files[name])).write_text(text, encoding="utf-8")
             made.write()
-    if json:
-        print_json({"files": {name: str(path) for name, path in files.items()}, **made.truth})
-    else:
-        print_text(*(f"wrote {path}" for path in files.values()))
+    content = {"files": {name: str(path) for name, path in files.items()}, **made.truth}
+    print_results(content, lambda: print_text(*(f"wrote {path}" for path in files.values())), json=json)
 
 
 class _Made(NamedTuple):
@@ -173,4 +160,4 @@ def _excitation(
             f"--amplitude-rpm {amplitude:g}: expected more than {LEAST_AMPLITUDE * speed:.2g} rpm; a fraction for rpm? "
             f"that is {amplitude * speed:.4g} rpm"
         )
-    return signals.standard(kind.value, duration, amplitude, rate_hz=rate)
+    return signals.standard(kind, duration, amplitude, rate_hz=rate)

@@ -5,14 +5,13 @@ from __future__ import annotations
 import contextlib
 import sys
 from collections.abc import Callable, Iterator, Mapping
-from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from shipfp_rs.cli.options import MOST_SEED, MOST_WORKERS, Json, a_path, as_typed, number_option
-from shipfp_rs.cli.output import print_json, print_table, print_text
+from shipfp_rs.cli.options import MOST_WORKERS, Json, OtherSeed, as_typed, file_option, number_option
+from shipfp_rs.cli.output import print_results, print_table, print_text
 from shipfp_rs.errors import InputError
 
 if TYPE_CHECKING:
@@ -29,39 +28,24 @@ SCREEN, FRAME = 27, 5
 MOST_ROWS = SCREEN - FRAME
 
 
-class Where(StrEnum):
-    """Executors."""
-
-    processes = "processes"
-    threads = "threads"
-    dask = "dask"
-
-
 def sweep(
     plan: Annotated[
-        str,
-        typer.Argument(
-            metavar="SWEEP.toml", help='Description of the sweep, or a built-in study: "duration".'
-        ),
+        str, typer.Argument(metavar="SWEEP.toml", help='Description of the sweep, or a study: "duration".')
     ],
     out: Annotated[
-        Path,
-        typer.Option(
-            metavar="DIR", parser=a_path, help="Folder to write; an interrupted sweep in it is gone on with."
-        ),
+        Path, file_option("DIR", "Folder to write; an interrupted sweep in it is gone on with.")
     ] = Path("shipfp-sweep"),
     workers: Annotated[
         int | None,
         typer.Option(min=1, max=MOST_WORKERS, help="How many work at a time; default one for each core."),
     ] = None,
     executor: Annotated[
-        Where, typer.Option(help="What they are: processes, threads of one process, or a Dask cluster.")
-    ] = Where.processes,
+        Literal["processes", "threads", "dask"],
+        typer.Option(help="What they are: processes, threads of one process, or a Dask cluster."),
+    ] = "processes",
     address: Annotated[
         str | None,
-        typer.Option(
-            metavar="HOST:PORT", help="Dask scheduler; without one a cluster of this machine is started."
-        ),
+        typer.Option(metavar="HOST:PORT", help="Dask scheduler; without one, a cluster of this machine."),
     ] = None,
     draws_per_task: Annotated[
         int | None, typer.Option(min=1, help="Draws made in one go; default 50, fewer in a small sweep.")
@@ -69,9 +53,7 @@ def sweep(
     accuracy: Annotated[
         float, number_option("PERCENT", "Wanted relative error, %, for the length that a trial must have.")
     ] = 10.0,
-    seed: Annotated[
-        int | None, typer.Option(min=0, max=MOST_SEED, help="Seed in place of the file's.")
-    ] = None,
+    seed: OtherSeed = None,
     figures: Annotated[bool, typer.Option(help="Draw figures into DIR/figures.")] = True,
     json: Json = False,
 ) -> None:
@@ -87,7 +69,7 @@ def sweep(
             result = run(
                 wanted,
                 out,
-                executor="dask" if address is not None else executor.value,
+                executor="dask" if address is not None else executor,
                 workers=workers,
                 address=address,
                 draws_per_task=draws_per_task,
@@ -103,11 +85,8 @@ def sweep(
         from shipfp_rs.sweeps.pictures import write_figures
 
         write_figures(result, out / "figures")
-    if json:
-        print_json({"folder": str(out), **result.summary})
-        return
-    _print(result.summary)
-    print_text(f"wrote {out}")
+    content = {"folder": str(out), **result.summary}
+    print_results(content, lambda: _print(result.summary), out, json=json)
 
 
 def _why(result: Sweep) -> str:

@@ -9,18 +9,13 @@ from typing import Annotated
 
 import typer
 
-from shipfp_rs.cli.options import Rate, a_path
+from shipfp_rs.cli.options import Rate, file_argument
 from shipfp_rs.cli.output import print_text
 from shipfp_rs.errors import InputError
 
 
 def view(
-    path: Annotated[
-        Path,
-        typer.Argument(
-            metavar="LOG|TRIAL.toml|DIR", parser=a_path, help="What to look at.", show_default=False
-        ),
-    ] = Path(),
+    path: Annotated[Path, file_argument("LOG|TRIAL.toml|DIR", "What to look at.")] = Path(),
     rate_hz: Rate = None,
     no_browser: Annotated[
         bool, typer.Option("--no-browser", help="Print the address and open nothing.")

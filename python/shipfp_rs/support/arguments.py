@@ -5,13 +5,14 @@ from __future__ import annotations
 import builtins
 import functools
 import inspect
+import itertools
 import math
 import numbers
 import sys
 import types
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
-from dataclasses import fields, is_dataclass
-from typing import Annotated, Any, Literal, Protocol, TypeVar, Union, get_args, get_origin, get_type_hints
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields
+from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 import numpy.typing as npt
@@ -21,42 +22,61 @@ from shipfp_rs.support.arrays import unmasked
 from shipfp_rs.support.checks import is_one_line
 
 F = TypeVar("F", bound=Callable[..., Any])
+Misfit = tuple[tuple[Any, ...], Any, str]
+"""Keys of the entry that does not fit, the entry itself, and what was expected there."""
 
 LOOKED_AT = 1000
 """Number of a sequence's entries that are checked against its annotation; arrays are checked where they are used."""
-PLAIN: Mapping[Any, str] = {
-    float: "a number",
-    int: "a whole number",
-    str: "a text",
-    bool: "True or False",
-    type(None): "None",
-}
 
 
-class _Range(Protocol):
+@dataclass(frozen=True, eq=False)
+class Rule:
+    """What an annotation asks for: in words, as a test, and of each entry; or one of several rules."""
+
     words: str
+    holds: Callable[[Any], bool] = lambda value: True
+    entries: Callable[[Any], Iterable[tuple[Any, Any, Rule]]] = lambda value: ()
+    options: Sequence[Rule] = ()
 
-    def __call__(self, value: Any) -> bool: ...
+    def misfit(self, value: Any) -> Misfit | None:
+        """Return what does not fit, as deep inside as it can be told; None where all does."""
+        if not self.holds(value):
+            return (), value, self.words
+        found = []
+        for option in self.options:
+            if (one := option.misfit(value)) is None:
+                return None
+            found.append(one)
+        if found:
+            deepest = max(found, key=lambda one: len(one[0]))
+            return deepest if deepest[0] else ((), value, self.words)
+        for key, entry, rule in self.entries(value):
+            if (one := rule.misfit(entry)) is not None:
+                return (key, *one[0]), one[1], one[2]
+        return None
 
 
-class _Positive:
-    words = "a positive number"
-
-    def __call__(self, value: Any) -> bool:
-        return bool(math.isfinite(value) and value > 0.0)
-
-
-class _AtLeast:
-    def __init__(self, least: int) -> None:
-        self.least, self.words = least, f"a whole number of {least} or more"
-
-    def __call__(self, value: Any) -> bool:
-        return bool(value >= self.least)
+def _is_number(value: Any, kind: type = numbers.Real) -> bool:
+    """Whether a value is a number to NumPy too, which takes no whole number of any size; True is none."""
+    if isinstance(value, np.ndarray) and value.ndim == 0 and value.dtype.kind in "iuf":
+        value = value[()]
+    if not isinstance(value, kind) or isinstance(value, bool | np.bool_):
+        return False
+    return not isinstance(value, int) or abs(value) < 2**63
 
 
-Positive = Annotated[float, _Positive()]
-Count = Annotated[int, _AtLeast(1)]
-Whole = Annotated[int, _AtLeast(0)]
+ALL = Rule("anything")
+PLAIN: Mapping[Any, Rule] = {
+    Any: ALL,
+    float: Rule("a number", _is_number),
+    int: Rule("a whole number", lambda value: _is_number(value, numbers.Integral)),
+    str: Rule("a text", lambda value: isinstance(value, str)),
+    bool: Rule("True or False", lambda value: isinstance(value, bool | np.bool_)),
+    type(None): Rule("None", lambda value: value is None),
+}
+Positive = Annotated[float, Rule("a positive number", lambda value: 0.0 < value < math.inf)]
+Count = Annotated[int, Rule("a whole number of 1 or more", lambda value: value >= 1)]
+Whole = Annotated[int, Rule("a whole number of 0 or more", lambda value: value >= 0)]
 
 
 def checked(function: F) -> F:
@@ -68,10 +88,7 @@ def checked(function: F) -> F:
         On a call with such an argument: the function, the argument, what was found and what was expected.
     """
     signature = inspect.signature(function)
-
-    @functools.cache
-    def hints() -> Mapping[str, Any]:
-        return _hints(function)
+    rest = next((one.name for one in signature.parameters.values() if one.kind is one.VAR_KEYWORD), "")
 
     @functools.wraps(function)
     def call(*args: Any, **kwargs: Any) -> Any:
@@ -81,7 +98,8 @@ def checked(function: F) -> F:
             given = signature.bind(*args, **kwargs).arguments
         except TypeError:
             return function(*args, **kwargs)  # Python's own words for what is missing or too much
-        _require(function.__name__, given, hints(), signature.parameters)
+        given |= given.pop(rest, {})
+        _require(function.__name__, function, given)
         try:
             return function(*args, **kwargs)
         except OverflowError as error:
@@ -104,30 +122,49 @@ def _plain(value: Any) -> Any:
 
 def check_fields(made: Any, label: str) -> None:
     """Refuse values of a dataclass that its annotations exclude; `label` says in errors which object it is."""
-    assert is_dataclass(made)
-    hints = _hints(made.__class__)
-    for field in fields(made):
-        value = getattr(made, field.name)
+    given = {field.name: getattr(made, field.name) for field in fields(made)}
+    for name, value in given.items():
         if isinstance(value, str) and not is_one_line(value):
-            raise InputError(
-                f"{label}: {field.name} is {told(value)}, expected a text without control characters"
-            )
-        if not fits(value, hints.get(field.name, Any)):
-            where, found, expected = _culprit(field.name, value, hints[field.name])
-            raise InputError(f"{label}: {where} is {told(found)}, expected {words(expected)}")
+            raise InputError(f"{label}: {name} is {told(value)}, expected a text without control characters")
+    _require(label, type(made), given)
 
 
-def _is_array(value: Any, kinds: str) -> bool:
-    """Whether NumPy makes numbers of a value; `kinds` are those of `numpy.dtype.kind` that will do."""
-    try:
-        given = np.asarray(value)
-    except ValueError:  # rows of different lengths
+def fits(value: Any, hint: Any) -> bool:
+    """Whether a value is of the type that an annotation names; an annotation that tells nothing fits all."""
+    return _rule(hint).misfit(value) is None
+
+
+def _require(label: str, owner: Any, given: Mapping[str, Any]) -> None:
+    rules = _rules(owner)
+    for name, value in given.items():
+        misfit = rules.get(name, rules[""]).misfit(value)
+        if misfit is None:
+            continue
+        place, found, expected = misfit
+        others = (key for key, its in given.items() if _swapped(rules, name, key, value, its))
+        advice = "".join(f"; swap it with {other}" for other in itertools.islice(others, 1))
+        where = f"{name}{''.join(f'[{key!r}]' for key in place)}"
+        raise InputError(f"{label}: {where} is {told(found)}, expected {expected}{advice}")
+
+
+def _swapped(rules: Mapping[str, Rule], name: str, other: str, value: Any, its: Any) -> bool:
+    """Whether two arguments would both fit if each stood in the other's place."""
+    if name == other or not {name, other} <= rules.keys() or its is None or value is None:
         return False
-    if given.dtype.kind == "O":
-        # Whole numbers of any size, or None for what is missing, as pandas and JSON have it.
-        entries = [one for one in given.ravel() if one is not None]
-        return bool(entries) and all(isinstance(one, numbers.Real) for one in entries)
-    return given.dtype.kind in kinds
+    return rules[other].misfit(value) is None and rules[name].misfit(its) is None
+
+
+@functools.cache
+def _rules(owner: Any) -> Mapping[str, Rule]:
+    """Return the rules of a function's arguments, or of a dataclass's fields, by name; "": of names beyond them."""
+    hints = {"": Any, **_hints(owner)}
+    for name, parameter in inspect.signature(owner).parameters.items():
+        hint = hints.setdefault(name, Any)
+        if parameter.kind is parameter.VAR_POSITIONAL:
+            hints[name] = tuple[hint, ...]  # type: ignore[valid-type]
+        elif parameter.kind is parameter.VAR_KEYWORD:
+            hints[""] = hint
+    return {name: _rule(hint) for name, hint in hints.items()}
 
 
 @functools.cache
@@ -152,170 +189,96 @@ class _Names(dict[str, Any]):
         return getattr(sys.modules["shipfp_rs"], name, Any)
 
 
-def _require(
-    function: str,
-    given: Mapping[str, Any],
-    hints: Mapping[str, Any],
-    parameters: Mapping[str, inspect.Parameter],
-) -> None:
-    for name, value in given.items():
-        hint = hints.get(name, Any)
-        if parameters[name].kind is inspect.Parameter.VAR_KEYWORD:
-            entries = value.items()
-        elif parameters[name].kind is inspect.Parameter.VAR_POSITIONAL:
-            entries = [(name, one) for one in value]
-        else:
-            entries = [(name, value)]
-        for label, one in entries:
-            if fits(one, hint):
-                continue
-            other = next((key for key, v in given.items() if _swapped(name, key, one, v, hints)), None)
-            advice = f"; swap it with {other}" if other else ""
-            where, found, expected = _culprit(label, one, hint)
-            raise InputError(f"{function}: {where} is {told(found)}, expected {words(expected)}{advice}")
-
-
-def _culprit(label: str, value: Any, hint: Any) -> tuple[str, Any, Any]:
-    """Return the entry of a mapping or sequence that does not fit, with its place; the value itself if it is neither."""
-    for option in _options(hint) if get_origin(hint) in (Union, types.UnionType) else (hint,):
-        origin, inner = get_origin(option), get_args(option)
-        if not inspect.isclass(origin):
-            continue
-        if issubclass(origin, Mapping) and isinstance(value, Mapping):
-            entries, kind = list(value.items()), inner[1]
-        elif (
-            issubclass(origin, (Sequence, Iterable))
-            and origin not in (tuple, np.ndarray)
-            and isinstance(value, list | tuple)
-        ):
-            entries, kind = list(enumerate(value)), inner[0]
-        else:
-            continue
-        for key, entry in entries:
-            if not fits(entry, kind):
-                return _culprit(f"{label}[{key!r}]", entry, kind)
-    return label, value, hint
-
-
-def _swapped(name: str, other: str, value: Any, its: Any, hints: Mapping[str, Any]) -> bool:
-    """Whether two arguments would both fit if each stood in the other's place."""
-    if name == other or other not in hints or name not in hints or its is None or value is None:
-        return False
-    return fits(value, hints[other]) and fits(its, hints[name])
-
-
-def fits(value: Any, hint: Any) -> bool:
-    """Whether a value is of the type that an annotation names; an annotation that tells nothing fits all."""
+@functools.cache
+def _rule(hint: Any) -> Rule:
+    """Return the rule of an annotation; one that tells nothing holds for all."""
     origin, inner = get_origin(hint), get_args(hint)
-    if hint is Any:
-        return True
-    if origin is np.ndarray:
-        numbers_of = "biufc" if "complex" in str(hint) else "biuf"
-        return not isinstance(value, numbers.Number) and _is_array(value, numbers_of)
-    if hint == npt.ArrayLike:
-        return not isinstance(value, bool | np.bool_) and _is_array(value, "biuf")
+    kind = origin if inspect.isclass(origin) else object
+    if hint in PLAIN:
+        return PLAIN[hint]
+    if hint == npt.ArrayLike or kind is np.ndarray:
+        single = numbers.Number if kind is np.ndarray else bool | np.bool_
+        may_turn = kind is np.ndarray and "complex" in str(inner)
+        words, kinds = ("numbers", "biufc") if may_turn else ("real numbers", "biuf")
+        return Rule(f"an array of {words}", lambda v: not isinstance(v, single) and _is_array(v, kinds))
     if origin is Annotated:
-        return fits(value, inner[0]) and all(rule(value) for rule in inner[1:] if callable(rule))
+        base, own = _rule(inner[0]), inner[1]
+        return Rule(own.words, lambda value: base.misfit(value) is None and own.holds(value))
     if origin in (Union, types.UnionType):
-        return any(fits(value, one) for one in _options(hint))
+        options = [_rule(one) for one in _options(inner)]
+        return Rule(" or ".join(dict.fromkeys(one.words for one in options)), options=options)
     if origin is Literal:
-        return any(type(value) is type(one) and value == one for one in inner)
-    if origin is tuple:
-        return _fits_tuple(value, inner)
-    if inspect.isclass(origin) and issubclass(origin, Mapping):
-        return isinstance(value, Mapping) and all(
-            fits(key, inner[0]) and fits(one, inner[1]) for key, one in value.items()
-        )
-    if inspect.isclass(origin) and issubclass(origin, Sequence):
-        return _fits_sequence(value, inner[0])
-    if origin is Iterable:
-        # What can be gone through only once is not looked at.
-        once = isinstance(value, Iterator)
-        return once or isinstance(value, Set) or _fits_sequence(value, inner[0])
-    if origin is Callable or hint is Callable:
-        return callable(value)
-    return _fits_plain(value, hint)
+        *others, last = map(repr, inner)
+        words = f"{', '.join(others)} or {last}" if others else last
+        return Rule(words, lambda v: any(type(v) is type(one) and v == one for one in inner))
+    if issubclass(kind, Mapping | Iterable):
+        return _rule_of_entries(kind, inner)
+    if Callable in (hint, origin):
+        return Rule("a function", callable)
+    if inspect.isclass(hint) and origin is None and not getattr(hint, "_is_protocol", False):
+        return Rule(_a(hint), lambda value: isinstance(value, hint))
+    return ALL
 
 
-def _options(hint: Any) -> tuple[Any, ...]:
+def _options(inner: tuple[Any, ...]) -> tuple[Any, ...]:
     """Return what a union is one of; `ArrayLike`, itself a union with texts, stays whole."""
-    inner, of_arrays = get_args(hint), get_args(npt.ArrayLike)
+    of_arrays = get_args(npt.ArrayLike)
     if set(of_arrays) <= set(inner):
         return (npt.ArrayLike, *(one for one in inner if one not in of_arrays))
     return inner
 
 
-def _fits_plain(value: Any, hint: Any) -> bool:
-    if hint is None or hint is type(None):
-        return value is None
-    if isinstance(value, np.ndarray) and value.ndim == 0 and value.dtype.kind in "iuf":
-        value = value[()]
-    if hint is float:
-        # NumPy does not take whole numbers of any size for numbers.
-        beyond = isinstance(value, int) and abs(value) >= 2**63
-        return isinstance(value, numbers.Real) and not isinstance(value, bool | np.bool_) and not beyond
-    if hint is int:
-        whole = isinstance(value, numbers.Integral) and not isinstance(value, bool | np.bool_)
-        return whole and abs(int(value)) < 2**63
-    if hint is bool:
-        return isinstance(value, bool | np.bool_)
-    if inspect.isclass(hint) and not getattr(hint, "_is_protocol", False) and get_origin(hint) is None:
-        return isinstance(value, hint)
-    return True
-
-
-def _fits_sequence(value: Any, inner: Any) -> bool:
-    if isinstance(value, np.ndarray):
-        return value.ndim > 0 and (
-            value.dtype.kind in "iuf"
-            if inner in (float, int)
-            else all(fits(one, inner) for one in value[:LOOKED_AT])
+def _rule_of_entries(kind: type, inner: tuple[Any, ...]) -> Rule:
+    """Return the rule of a mapping, a tuple or a sequence."""
+    rules = [_rule(one) for one in inner if one is not Ellipsis]
+    if issubclass(kind, Mapping):
+        key, entry = rules
+        return Rule(
+            f"a mapping from {key.words} to {entry.words}",
+            lambda value: isinstance(value, Mapping) and all(key.misfit(one) is None for one in value),
+            lambda value: ((name, one, entry) for name, one in value.items()),
         )
-    if (
-        isinstance(value, str | bytes | Mapping)
-        or not hasattr(value, "__len__")
-        or not hasattr(value, "__iter__")
-    ):
-        return False
-    return all(fits(one, inner) for _, one in zip(range(LOOKED_AT), value, strict=False))
-
-
-def _fits_tuple(value: Any, inner: tuple[Any, ...]) -> bool:
-    if not isinstance(value, tuple | list):
-        return False
-    if len(inner) == 2 and inner[1] is Ellipsis:
-        return all(fits(one, inner[0]) for one in value)
-    return len(value) == len(inner) and all(map(fits, value, inner))
-
-
-def words(hint: Any) -> str:
-    """Return what an annotation asks for, as a sentence has it."""
-    origin, inner = get_origin(hint), get_args(hint)
-    if hint == npt.ArrayLike or origin is np.ndarray:
-        return "an array of numbers" if "complex" in str(inner) else "an array of real numbers"
-    if hint in PLAIN or hint is None:
-        return PLAIN.get(hint, "None")
-    if origin is Annotated:
-        return next((rule.words for rule in inner[1:] if hasattr(rule, "words")), words(inner[0]))
-    if origin in (Union, types.UnionType):
-        return " or ".join(dict.fromkeys(words(one) for one in _options(hint)))
-    if origin is Literal:
-        *others, last = map(repr, inner)
-        return f"{', '.join(others)} or {last}" if others else last
-    if inspect.isclass(origin) and issubclass(origin, Mapping):
-        return f"a mapping from {words(inner[0])} to {words(inner[1])}"
-    if origin is tuple and Ellipsis not in inner:
-        return f"({', '.join(words(one) for one in inner)})"
-    if origin in (tuple, Iterable) or (inspect.isclass(origin) and issubclass(origin, Sequence)):
-        return f"a list, each {words(inner[0])}"
-    if origin is Callable or hint is Callable:
-        return "a function"
-    name = getattr(hint, "__name__", "")
-    return (
-        f"{'an' if name[:1] in 'AEIOUaeiou' else 'a'} {name}"
-        if inspect.isclass(hint)
-        else "an array of numbers"
+    if kind is tuple and Ellipsis not in inner:
+        return Rule(
+            f"({', '.join(one.words for one in rules)})",
+            lambda value: isinstance(value, tuple | list) and len(value) == len(rules),
+            lambda value: zip(itertools.count(), value, rules, strict=False),
+        )
+    if kind not in (tuple, Iterable) and not issubclass(kind, Sequence):
+        return ALL
+    return Rule(
+        f"a list, each {rules[0].words}",
+        lambda value: _is_sequence(value, kind, inner[0]),
+        lambda value: ((place, one, rules[0]) for place, one in enumerate(_looked_at(value))),
     )
+
+
+def _is_array(value: Any, kinds: str) -> bool:
+    """Whether NumPy makes numbers of a value; `kinds` are those of `numpy.dtype.kind` that will do."""
+    try:
+        given = np.asarray(value)
+    except ValueError:  # rows of different lengths
+        return False
+    if given.dtype.kind == "O":
+        # Whole numbers of any size, or None for what is missing, as pandas and JSON have it.
+        entries = [one for one in given.ravel() if one is not None]
+        return bool(entries) and all(isinstance(one, numbers.Real) for one in entries)
+    return given.dtype.kind in kinds
+
+
+def _is_sequence(value: Any, kind: type, hint: Any) -> bool:
+    if kind is tuple or isinstance(value, tuple | list | str | bytes | Mapping):
+        return isinstance(value, tuple | list)
+    if isinstance(value, np.ndarray):
+        numeric = hint in (float, int) and value.dtype.kind in "iuf"
+        return value.ndim > 0 and (numeric or all(fits(one, hint) for one in value[:LOOKED_AT]))
+    once = kind is Iterable and isinstance(value, Iterator)
+    return once or (hasattr(value, "__len__") and hasattr(value, "__iter__"))
+
+
+def _looked_at(value: Any) -> Iterable[Any]:
+    """Return the entries to look at: none of what can be gone through only once, or of an array, told as a whole."""
+    return () if isinstance(value, Iterator | np.ndarray) else itertools.islice(value, LOOKED_AT)
 
 
 def told(value: Any) -> str:
@@ -327,5 +290,8 @@ def told(value: Any) -> str:
         return f"an array of {value.dtype}"
     if isinstance(value, list | tuple) and value and len({type(one) for one in value}) == 1:
         return f"a {type(value).__name__} of {type(value[0]).__name__}"
-    name = type(value).__name__
-    return f"{'an' if name[:1] in 'AEIOUaeiou' else 'a'} {name}"
+    return _a(type(value))
+
+
+def _a(kind: type) -> str:
+    return f"{'an' if kind.__name__[:1] in 'AEIOUaeiou' else 'a'} {kind.__name__}"

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pyarrow as pa
+from threadpoolctl import threadpool_limits
 
 from shipfp_rs.errors import InputError, ShipfpError
 from shipfp_rs.support.arguments import Positive, checked
@@ -21,7 +22,6 @@ from shipfp_rs.sweeps.draw import schema_of
 from shipfp_rs.sweeps.plan import Plan
 from shipfp_rs.sweeps.pools import MOST_WORKERS, Where, check_pool, pool_of
 from shipfp_rs.sweeps.store import SUMMARY, Store, opened
-from shipfp_rs.sweeps.worker import one_thread_for_linear_algebra
 
 __all__ = ["DRAWS_PER_TASK", "Plan", "Progress", "Sweep", "Where", "sweep"]
 
@@ -161,7 +161,7 @@ def _run(
 
     tell()
     try:
-        with one_thread_for_linear_algebra(), pool_of(executor, workers, address) as pool:
+        with threadpool_limits(limits=1), pool_of(executor, workers, address) as pool:
             run_parts(plan, store, pool, arrived)
     except (BrokenExecutor, CancelledError) as error:
         raise ShipfpError(

@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 from collections import Counter, deque
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 
 import pyarrow as pa
 
 from shipfp_rs.sweeps.draw import lost_row, run_draws
 from shipfp_rs.sweeps.plan import Plan
-from shipfp_rs.sweeps.pools import AHEAD, Pool
+from shipfp_rs.sweeps.pools import AHEAD, Pool, hold_linear_algebra
 from shipfp_rs.sweeps.store import Store
-from shipfp_rs.sweeps.worker import hold_linear_algebra
 
 ATTEMPTS = 3
 """Workers that a draw may take down, with nothing else running, before it is given up."""
-
-Arrived = Callable[[pa.RecordBatch], None]
 
 
 def run_task(plan: Plan, indices: Sequence[int]) -> pa.RecordBatch:
@@ -26,51 +23,42 @@ def run_task(plan: Plan, indices: Sequence[int]) -> pa.RecordBatch:
     return run_draws(plan, indices)
 
 
-def run_parts(plan: Plan, store: Store, pool: Pool, arrived: Arrived) -> None:
+def run_parts(plan: Plan, store: Store, pool: Pool, arrived: Callable[[pa.RecordBatch], None]) -> None:
     """Run every part that is to do; each is in the store once its rows have arrived."""
     waiting = store.to_do()
     again: deque[int] = deque()
     losses: Counter[int] = Counter()
     running: dict[Future[pa.RecordBatch], int] = {}
 
-    def take(part: int, rows: pa.RecordBatch) -> None:
-        store.add(part, rows)
-        losses.pop(part, None)
-        arrived(rows)
-
-    def collect(futures: Iterable[Future[pa.RecordBatch]]) -> list[int]:
-        """Take in what has come back; return the parts whose worker is gone."""
-        lost = []
-        for future in futures:
-            part = running.pop(future)
-            try:
-                rows = future.result()
-            except pool.lost:
-                lost.append(part)
-            else:
-                take(part, rows)
-        return lost
+    def is_lost(future: Future[pa.RecordBatch]) -> bool:
+        return isinstance(future.exception(), pool.lost)
 
     while True:
         # No more than the workers need: what is handed out and not yet written is all that memory holds.
-        while len(running) < AHEAD * pool.workers:
+        while len(running) < AHEAD * pool.workers():
             part = again.popleft() if again else next(waiting, None)
             if part is None:
                 break
             running[pool.submit(run_task, plan, store.draws_of(part))] = part
         if not running:
             return
-        lost = collect(wait(running, return_when=FIRST_COMPLETED).done)
-        if lost:
+        back = wait(running, return_when=FIRST_COMPLETED).done
+        if any(map(is_lost, back)):
             pool.renew()
             # Processes go down together, so whatever ran beside it is back by now, lost too.
-            lost += collect([future for future in running if future.done()])
-        losses.update(lost)
-        for part in sorted(lost):
-            if losses[part] < 2:
-                again.append(part)
+            back = {future for future in running if future.done()}
+        for future in sorted(back, key=lambda one: running[one]):
+            part = running.pop(future)
+            if is_lost(future):
+                losses[part] += 1
+                if losses[part] < 2:
+                    again.append(part)
+                    continue
+                rows = _one_by_one(plan, pool, store.draws_of(part))
             else:
-                take(part, _one_by_one(plan, pool, store.draws_of(part)))
+                rows = future.result()
+            store.add(part, rows)
+            arrived(rows)
 
 
 def _one_by_one(plan: Plan, pool: Pool, indices: Sequence[int]) -> pa.RecordBatch:

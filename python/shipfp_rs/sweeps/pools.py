@@ -3,17 +3,24 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import importlib
 import multiprocessing
+import os
+import signal
+import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from typing import Any, Literal, Protocol
+from dataclasses import dataclass
+from multiprocessing.process import BaseProcess
+from typing import Any, Literal
+
+from threadpoolctl import threadpool_limits
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.support.threads import available_workers
 from shipfp_rs.sweeps.time_limit import raise_in
-from shipfp_rs.sweeps.worker import begin_process
 
 Where = Literal["processes", "threads", "dask"]
 
@@ -38,102 +45,70 @@ class Stopped(BaseException):
     """Raised in a thread whose sweep has ended. Not an `Exception`: no draw may take it for a failure of its own."""
 
 
-class Pool(Protocol):
+@dataclass
+class Pool:
     """An executor, how many workers it has, and what it raises when one of these is gone."""
 
-    lost: tuple[type[BaseException], ...]
-
-    def submit(self, work: Callable[..., Any], *arguments: Any) -> Future[Any]:
-        """Hand out a task."""
-
-    @property
-    def workers(self) -> int:
-        """Number of workers at present."""
-
-    def renew(self) -> None:
-        """Make good for a lost worker."""
-
-
-class Given:
-    """An executor that is not ours to make or to end."""
-
+    executor: Executor
+    workers: Callable[[], int]
     lost: tuple[type[BaseException], ...] = ()
-
-    def __init__(self, executor: Executor, workers: int) -> None:
-        self.executor, self.workers = executor, workers
-
-    def submit(self, work: Callable[..., Any], *arguments: Any) -> Future[Any]:
-        """Hand out a task."""
-        return self.executor.submit(work, *arguments)
-
-    def renew(self) -> None:
-        """Nothing to make good."""
-
-
-class Processes:
-    """Processes of this machine; when one is killed the others go down with it, and new ones are started."""
-
-    lost: tuple[type[BaseException], ...] = (BrokenProcessPool,)
-
-    def __init__(self, workers: int) -> None:
-        self.workers = workers
-        self._executor = self._new()
-
-    def _new(self) -> ProcessPoolExecutor:
-        # Spawned: a fork would copy a process that has threads, and locks that are held.
-        context = multiprocessing.get_context("spawn")
-        return ProcessPoolExecutor(self.workers, mp_context=context, initializer=begin_process)
+    new: Callable[[], Executor] | None = None
+    """Makes an executor in place of one that lost a worker and is of no more use."""
 
     def submit(self, work: Callable[..., Any], *arguments: Any) -> Future[Any]:
-        """Hand out a task. If the pool turns out to be broken, the task fails as if its worker had died."""
+        """Hand out a task. If the executor turns out to be broken, the task fails as if its worker had died."""
         try:
-            return self._executor.submit(work, *arguments)
-        except BrokenProcessPool as error:
+            return self.executor.submit(work, *arguments)
+        except self.lost as error:
             failed: Future[Any] = Future()
             failed.set_exception(error)
             return failed
 
     def renew(self) -> None:
-        """Start new processes."""
-        self._executor.shutdown(wait=True, cancel_futures=True)
-        self._executor = self._new()
-
-    def close(self) -> None:
-        """End the processes once what runs has run."""
-        self._executor.shutdown(wait=True, cancel_futures=True)
-
-    def kill(self) -> None:
-        """End the processes at once; what they were at is done anew when the sweep is gone on with."""
-        processes = [*(self._executor._processes or {}).values()]
-        self._executor.shutdown(wait=False, cancel_futures=True)
-        for process in processes:
-            process.kill()
-        # They are gone, so this takes no time; it gives their queues and semaphores back.
-        self._executor.shutdown(wait=True)
+        """Make good for a lost worker."""
+        if self.new is not None:
+            self.executor.shutdown(cancel_futures=True)
+            self.executor = self.new()
 
 
-class Cluster:
-    """A Dask cluster; its scheduler hands a lost worker's tasks to others, and gives up on one that kills several."""
+@functools.cache
+def hold_linear_algebra() -> None:
+    """Hold BLAS to one thread in this process: matrices of a draw are small, and sums must not depend on threads."""
+    threadpool_limits(limits=1)
 
-    def __init__(self, client: Any) -> None:
-        from distributed.scheduler import KilledWorker
 
-        self.lost: tuple[type[BaseException], ...] = (KilledWorker,)
-        self._client = client
-        self._executor = client.get_executor(pure=False)
+def begin_process() -> None:
+    """Set up a process of a pool: Ctrl-C is its parent's to answer, and it ends when its parent does."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        # A parent that was killed can't tell; its children would wait for work for ever.
+        threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
+    hold_linear_algebra()
 
-    @property
-    def workers(self) -> int:
-        """Threads of all workers that the scheduler knows at present, at least one."""
-        return max(int(sum(self._client.nthreads().values())), 1)
 
-    def submit(self, work: Callable[..., Any], *arguments: Any) -> Future[Any]:
-        """Hand out a task."""
-        future: Future[Any] = self._executor.submit(work, *arguments)
-        return future
+def _end_with(parent: BaseProcess) -> None:
+    parent.join()
+    os._exit(1)
 
-    def renew(self) -> None:
-        """Nothing to do: nannies start workers anew, and the scheduler takes any that comes."""
+
+def _processes(count: int) -> ProcessPoolExecutor:
+    # Spawned: a fork would copy a process that has threads, and locks that are held.
+    context = multiprocessing.get_context("spawn")
+    return ProcessPoolExecutor(count, mp_context=context, initializer=begin_process)
+
+
+def _end_at_once(executor: Executor) -> None:
+    """End the workers; what they were at is done anew when the sweep is gone on with."""
+    processes = list((getattr(executor, "_processes", None) or {}).values())
+    executor.shutdown(wait=False, cancel_futures=True)
+    for process in processes:
+        process.kill()
+    for thread in getattr(executor, "_threads", ()):
+        if thread.ident is not None:
+            raise_in(thread.ident, Stopped)
+    # Processes are gone, so this takes no time; it gives their queues and semaphores back.
+    executor.shutdown()
 
 
 def check_pool(executor: Where | Executor, address: str | None) -> None:
@@ -164,30 +139,25 @@ def pool_of(executor: Where | Executor, workers: int | None, address: str | None
     """
     count = workers or available_workers()
     if isinstance(executor, Executor):
-        yield Given(executor, workers or int(getattr(executor, "_max_workers", count)))
-    elif executor == "threads":
-        with ThreadPoolExecutor(count) as threads:
-            try:
-                yield Given(threads, count)
-            except BaseException:
-                threads.shutdown(wait=False, cancel_futures=True)
-                for thread in threads._threads:
-                    if thread.ident is not None:
-                        raise_in(thread.ident, Stopped)
-                raise
-    elif executor == "processes":
-        processes = Processes(count)
-        try:
-            yield processes
-        except BaseException:
-            processes.kill()
-            raise
-        processes.close()
+        there = workers or int(getattr(executor, "_max_workers", count))
+        yield Pool(executor, lambda: there)
     elif executor == "dask":
         with _client(address, count) as client:
-            yield Cluster(client)
+            from distributed.scheduler import KilledWorker  # an optional package
+
+            # The scheduler hands a lost worker's tasks to others, and gives up on one that kills several.
+            known = client.get_executor(pure=False)
+            yield Pool(known, lambda: max(int(sum(client.nthreads().values())), 1), (KilledWorker,))
     else:
-        raise InputError(f"executor {executor!r}, expected 'processes', 'threads', 'dask' or an Executor")
+        new = functools.partial(_processes if executor == "processes" else ThreadPoolExecutor, count)
+        # When a process is killed the others go down with it.
+        pool = Pool(new(), lambda: count, (BrokenProcessPool,), new)
+        try:
+            yield pool
+        except BaseException:
+            _end_at_once(pool.executor)
+            raise
+        pool.executor.shutdown()
 
 
 def _dask() -> tuple[Any, Any]:

@@ -1,4 +1,4 @@
-"""A sweep's folder: parts as they come, a manifest that says which are done, and the table made of them."""
+"""A sweep's folder: parts as they come, a manifest of what it was begun with, and the table made of them."""
 
 from __future__ import annotations
 
@@ -9,29 +9,37 @@ import shutil
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import pyarrow as pa
 import pyarrow.parquet as pq
 from filelock import FileLock, Timeout
+from pydantic import Field
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.support.files import local, replacing, write_text_atomically
 from shipfp_rs.support.json_files import read_json
+from shipfp_rs.support.toml import Section, validated
 
 MANIFEST, RESULTS, SUMMARY, PARTS, LOCK = "manifest.json", "results.parquet", "summary.json", "parts", ".lock"
-FORMAT = 1
 ROWS_PER_GROUP = 16_384
 """Rows written at once, whatever the parts' size: the same bytes come of any parts, from flat memory."""
 PARTS_PER_FOLDER = 1000
 
 
+class Manifest(Section):
+    """What a folder was begun with."""
+
+    format: Literal[1] = 1
+    part_draws: Annotated[int, Field(ge=1)]
+    sweep: dict[str, Any]
+
+
 @dataclass
 class Store:
-    """The folder of one sweep. Part k holds draws k part_draws up to the next part's; only the manifest makes it count.
+    """The folder of one sweep. Part k holds draws k part_draws up to the next part's.
 
-    A part is written under another name, renamed, and then entered in the manifest, which is replaced in one rename
-    too: whatever is killed when, a part is done as a whole or to do as a whole.
+    A part is written under another name and renamed: whatever is killed when, it is done as a whole or to do as a whole.
     """
 
     folder: Path
@@ -39,16 +47,17 @@ class Store:
     schema: pa.Schema
     draws: int
     part_draws: int
-    finished: bool = False
-    below: int = 0
-    """Every part before this one is done."""
-    beyond: set[int] = field(default_factory=set)
-    """Parts that are done after it: a few, since parts are begun in order."""
+    done: set[int] = field(init=False)
+    """Parts that are in the folder."""
+
+    def __post_init__(self) -> None:
+        parts = range(0 if self.finished else -(-self.draws // self.part_draws))
+        self.done = {part for part in parts if self._is_whole(part)}
 
     @property
-    def parts(self) -> int:
-        """Number of parts in all."""
-        return -(-self.draws // self.part_draws)
+    def finished(self) -> bool:
+        """Whether the table is there."""
+        return (self.folder / RESULTS).exists()
 
     def draws_of(self, part: int) -> range:
         """Return the draws of a part."""
@@ -56,14 +65,12 @@ class Store:
 
     def to_do(self) -> Iterator[int]:
         """Give the parts that are not done, in order."""
-        return (part for part in range(self.below, self.parts) if part not in self.beyond)
+        return (part for part in range(-(-self.draws // self.part_draws)) if part not in self.done)
 
     @property
     def rows(self) -> int:
         """Number of draws that are in the folder."""
-        if self.finished:
-            return self.draws
-        return min(self.below * self.part_draws, self.draws) + sum(len(self.draws_of(k)) for k in self.beyond)
+        return self.draws if self.finished else sum(len(self.draws_of(part)) for part in self.done)
 
     def add(self, part: int, rows: pa.RecordBatch) -> None:
         """Write the rows of a part; from its return on the part is done."""
@@ -78,26 +85,18 @@ class Store:
                 write_statistics=False,
                 write_page_checksum=True,
             )
-        self._enter(part)
-        self._write_manifest()
+        self.done.add(part)
 
-    def finish(self) -> Path:
+    def finish(self) -> None:
         """Make `results.parquet` of all parts, in the order of their draws, then remove them."""
-        path = self.folder / RESULTS
-        if not self.finished:
-            schema = self.schema.with_metadata(
-                {"shipfp_sweep": json.dumps(dict(self.record), sort_keys=True)}
-            )
-            with (
-                replacing(path) as temporary,
-                pq.ParquetWriter(local(temporary), schema, compression="zstd") as writer,
-            ):
-                for table in self._groups():
-                    writer.write_table(table.cast(schema), row_group_size=ROWS_PER_GROUP)
-            self.finished = True
-            self._write_manifest()
+        schema = self.schema.with_metadata({"shipfp_sweep": json.dumps(dict(self.record), sort_keys=True)})
+        with (
+            replacing(self.folder / RESULTS) as temporary,
+            pq.ParquetWriter(local(temporary), schema, compression="zstd") as writer,
+        ):
+            for table in self._groups():
+                writer.write_table(table.cast(schema), row_group_size=ROWS_PER_GROUP)
         shutil.rmtree(self.folder / PARTS, ignore_errors=True)
-        return path
 
     def batches(self) -> Iterator[pa.RecordBatch]:
         """Give the rows that there are, in the order of their draws."""
@@ -105,51 +104,21 @@ class Store:
             with pq.ParquetFile(local(self.folder) / RESULTS) as file:
                 yield from file.iter_batches(batch_size=ROWS_PER_GROUP)
             return
-        for part in (*range(self.below), *sorted(self.beyond)):
+        for part in sorted(self.done):
             yield from self._read(part).to_batches()
 
     def _groups(self) -> Iterator[pa.Table]:
-        waiting, rows = [], 0
+        table = self.schema.empty_table()
         for batch in self.batches():
-            waiting.append(batch)
-            rows += len(batch)
-            while rows >= ROWS_PER_GROUP:
-                table = pa.Table.from_batches(waiting).combine_chunks()
+            table = pa.concat_tables([table, pa.Table.from_batches([batch])])
+            while len(table) >= ROWS_PER_GROUP:
                 yield table.slice(0, ROWS_PER_GROUP).combine_chunks()
-                waiting, rows = table.slice(ROWS_PER_GROUP).to_batches(), rows - ROWS_PER_GROUP
-        if rows:
-            yield pa.Table.from_batches(waiting).combine_chunks()
+                table = table.slice(ROWS_PER_GROUP)
+        if len(table):
+            yield table.combine_chunks()
 
     def _path(self, part: int) -> Path:
         return local(self.folder) / PARTS / f"{part // PARTS_PER_FOLDER:06d}" / f"{part:09d}.parquet"
-
-    def _write_manifest(self) -> None:
-        content = {
-            "format": FORMAT,
-            "draws": self.draws,
-            "part_draws": self.part_draws,
-            "below": self.below,
-            "beyond": sorted(self.beyond),
-            "finished": self.finished,
-            "sweep": self.record,
-        }
-        write_text_atomically(self.folder / MANIFEST, json.dumps(content, indent=1) + "\n")
-
-    def _take_over(self, content: Mapping[str, Any]) -> None:
-        """Go on where an earlier run stopped."""
-        self.part_draws, self.finished = int(content["part_draws"]), bool(content["finished"])
-        self.below, self.beyond = self.parts, set()
-        if not self.finished:
-            self.below = 0
-            for part in (*range(content["below"]), *content["beyond"]):
-                if self._is_whole(part):
-                    self._enter(part)
-
-    def _enter(self, part: int) -> None:
-        self.beyond.add(part)
-        while self.below in self.beyond:
-            self.beyond.remove(self.below)
-            self.below += 1
 
     def _is_whole(self, part: int) -> bool:
         """Whether a part is there as it was written, and under its own name."""
@@ -177,12 +146,7 @@ def opened(
     InputError
         Where the folder holds something else, was made by another SWEEP.toml, or is being worked in.
     """
-    store = Store(folder, record, schema, draws, part_draws)
-    content = read_manifest(folder)
-    if content is None:
-        _require_empty(folder)
-    else:
-        _require_same(folder, content["sweep"], record)
+    _manifest_of(folder, record)  # before anything is written
     lock = FileLock(folder / LOCK, blocking=False)
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -196,59 +160,36 @@ def opened(
             f"{folder}: can't be written, {error.strerror or error}; choose another folder"
         ) from error
     with held:
-        if content is not None:
-            # Read again: whoever held the folder until now may have added to it.
-            store._take_over(read_manifest(folder) or content)
-            _remove_leftovers(folder)
-        try:
-            store._write_manifest()
-        except InputError:
-            if content is None:
-                _remove_empty(folder)
-            raise
-        yield store
+        # Read again: whoever held the folder until now may have begun a sweep in it.
+        manifest = _manifest_of(folder, record)
+        if manifest is None:
+            manifest = Manifest(part_draws=part_draws, sweep=dict(record))
+            try:
+                write_text_atomically(folder / MANIFEST, manifest.model_dump_json(indent=1) + "\n")
+            except InputError:
+                with contextlib.suppress(OSError):  # others stand in it
+                    (folder / LOCK).unlink(missing_ok=True)
+                    folder.rmdir()
+                raise
+        _remove_leftovers(folder)
+        yield Store(folder, record, schema, draws, manifest.part_draws)
 
 
-def _remove_empty(folder: Path) -> None:
-    """Remove a folder in which nothing could be written, unless others stand in it."""
-    with contextlib.suppress(OSError):
-        (folder / LOCK).unlink(missing_ok=True)
-        folder.rmdir()
-
-
-def read_manifest(folder: Path) -> dict[str, Any] | None:
-    """Return the manifest of a sweep's folder; None where there is none.
-
-    Raises
-    ------
-    InputError
-        Where it can't be read.
-    """
+def _manifest_of(folder: Path, record: Mapping[str, Any]) -> Manifest | None:
+    """Return the manifest of a sweep's folder, None where there is none; refuse what is no such folder."""
     path = folder / MANIFEST
     if not os.path.lexists(path):
+        _require_empty(folder)
         return None
-    content = read_json(path, "a sweep's manifest")
-    if not isinstance(content, dict) or content.get("format") != FORMAT:
-        raise InputError(f"{path}: not a manifest of format {FORMAT}; choose another folder")
-    if not _is_manifest(content):
-        raise InputError(f"{path}: was changed by another program; choose another folder")
-    return content
-
-
-def _is_manifest(content: Mapping[str, Any]) -> bool:
-    """Whether it holds what `Store` writes, with numbers of parts that there can be."""
-    parts = [content.get("below"), *(beyond if isinstance(beyond := content.get("beyond"), list) else [None])]
-    sizes = (content.get("draws"), content.get("part_draws"))
-    return (
-        all(type(size) is int and size > 0 for size in sizes)
-        and all(type(part) is int and 0 <= part <= content["draws"] for part in parts)
-        and isinstance(content.get("finished"), bool)
-        and isinstance(content.get("sweep"), dict)
-    )
+    manifest = validated(read_json(path, "a sweep's manifest"), Manifest, str(path))
+    _require_same(folder, manifest.sweep, record)
+    return manifest
 
 
 def _remove_leftovers(folder: Path) -> None:
-    """Remove what a killed run had not yet renamed."""
+    """Remove what a killed run had not yet renamed, or not yet removed."""
+    if (folder / RESULTS).exists():
+        shutil.rmtree(folder / PARTS, ignore_errors=True)
     for pattern in (f".{MANIFEST}.*", f".{RESULTS}.*", f".{SUMMARY}.*", f"{PARTS}/*/.*"):
         for path in folder.glob(pattern):
             path.unlink(missing_ok=True)
