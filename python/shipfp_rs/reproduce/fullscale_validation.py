@@ -34,20 +34,11 @@ def cross_validation(structure: Structure, best: Fingerprint) -> list[Row]:
     rows = []
     for printed in published.full_scale_cross_validation():
         fits = (printed.multisine_pct, printed.short_chirp_pct, printed.long_chirp_pct, printed.steps_pct)
-        rows.append(
-            Row(
-                TABLES[SIGNALS[printed.output]],
-                printed.case,
-                "printed",
-                "thesis",
-                dict(zip(COLUMNS, fits, strict=True)),
-                {},
-            )
-        )
-    for case, values in printed_parameters().items():
-        rows += _rows(case, structure, values, "the printed parameters on the simulated tug")
-    extended = structure_of(best)
-    return rows + _rows("ii, weighted", extended, best.optimum, "the same experiments")
+        table, values = TABLES[SIGNALS[printed.output]], dict(zip(COLUMNS, fits, strict=True))
+        rows.append(Row(table, printed.case, "printed", "thesis", values))
+    for case, parameters in printed_parameters().items():
+        rows += _rows(case, structure, parameters, "the printed parameters on the simulated tug")
+    return rows + _rows("ii, weighted", structure_of(best), best.optimum, "the same experiments")
 
 
 def printed_parameters() -> dict[str, dict[str, float]]:
@@ -62,4 +53,4 @@ def _rows(case: str, structure: Structure, values: Mapping[str, float], notes: s
         for signal, model in simulated_about(structure, values, experiment).items():
             measured = experiment.normalised(signal)
             fits[signal][column] = nrmse_pct(measured, measured - model)
-    return [Row(TABLES[signal], case, "ours", structure.name, fits[signal], {}, notes) for signal in TABLES]
+    return [Row(TABLES[signal], case, "ours", structure.name, fits[signal], notes) for signal in TABLES]
