@@ -186,7 +186,7 @@ class TestHdf5:
             slow.attrs.update({"dt": 0.1, "start_utc": "2026-05-01T12:00:02+02:00"})
             file["bridge"].attrs["start_utc"] = START.isoformat()
             file["picture"] = np.zeros((3, 4))
-        with pytest.warns(LogWarning, match="no numbers along one axis in picture"):
+        with pytest.warns(LogWarning, match="no numbers along one axis: picture"):
             log = Log.open(path)
         assert log.start_utc == START
         assert dict(log.channels) == {
@@ -224,7 +224,7 @@ class TestHdf5:
         ("content", "message"),
         [
             ({"u": np.arange(5.0)}, "no time base for 'u'"),
-            ({"picture": np.zeros((3, 4))}, "no numbers along one axis in picture"),
+            ({"picture": np.zeros((3, 4))}, "no numbers along one axis: picture"),
             ({}, "no samples in it"),
         ],
     )
@@ -261,7 +261,7 @@ class TestMatlab:
 
         path = tmp_path / "log.mat"
         savemat(path, {"t": 3.0 + np.arange(40) / 20, "u": np.arange(40, dtype=np.int16), "title": "trial"})
-        with pytest.warns(LogWarning, match="no vectors of numbers: title; left out"):
+        with pytest.warns(LogWarning, match="left out, no vectors of numbers: title"):
             log = Log.open(path)
         assert dict(log.channels) == {"u": Channel("u", "", 20.0, 40, 3.0)}
         np.testing.assert_array_equal(log.read("u", 4.0, 4.5), np.arange(20, 30, dtype=np.int16), strict=True)
@@ -270,7 +270,7 @@ class TestMatlab:
         ("content", "message"),
         [
             ({"u": np.arange(5.0)}, "no time base for 'u'"),
-            ({"s": "text"}, "no vectors of numbers among s"),
+            ({"s": "text"}, "no vectors of numbers: s"),
             ({}, "no variables"),
         ],
     )
