@@ -11,7 +11,7 @@ from scipy import sparse
 from scipy.interpolate import BSpline
 from scipy.linalg import cho_solve_banded, cholesky_banded
 
-Array = npt.NDArray[np.float64]
+from shipfp_rs.support.arrays import Array
 
 _DEGREE = 4
 """Degree of the angle's spline; its slope, the speed, is a cubic one."""
