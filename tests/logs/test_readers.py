@@ -29,12 +29,6 @@ def test_importing_the_package_loads_no_reader() -> None:
     assert "shipfp_rs.logs.readers" not in run.stdout
 
 
-def test_a_missing_package_is_named_with_its_remedy(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "imctermite", None)
-    with pytest.raises(InputError, match=r"pip install 'shipfp_rs\[famos\]'"):
-        Log.open(LOGS / "famos" / "sampleA.raw")
-
-
 class TestFamos:
     @pytest.fixture(autouse=True)
     def _package(self) -> None:
@@ -205,9 +199,13 @@ class TestHdf5:
             file["u"] = np.arange(50.0)
             file["late/time"] = 1.0 + np.arange(50) / 10
             file["late/u"] = np.arange(50.0)
+            file["stamped/time"] = START.timestamp() + np.arange(50) / 5
+            file["stamped/u"] = np.arange(50.0)
         file_log = Log.open(path)
         assert file_log.channels["late/u"].rate_hz == pytest.approx(10.0)
         assert (file_log.channels["u"].rate_hz, file_log.channels["u"].start_s) == pytest.approx((50.0, 0.5))
+        stamped = file_log.channels["stamped/u"]
+        assert (stamped.rate_hz, stamped.start_s) == pytest.approx((5.0, 0.0))
         assert file_log.start_utc == START
 
     def test_fields_of_a_table_are_channels(self, path: Path) -> None:
