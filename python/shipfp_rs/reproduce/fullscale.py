@@ -15,8 +15,7 @@ from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.identification.identify import identify
 from shipfp_rs.identification.options import NoiseModel
 from shipfp_rs.reproduce import Reproduction, Row, Way, fullscale_verdict, printed_row, row_of
-from shipfp_rs.reproduce.fullscale_tables import before_the_fit, cross_checks
-from shipfp_rs.reproduce.fullscale_validation import cross_validation
+from shipfp_rs.reproduce.fullscale_tables import before_the_fit, cross_checks, cross_validation
 from shipfp_rs.reproduce.virtual_data import BOUNDS
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.vessel.vessel import Vessel

@@ -16,9 +16,8 @@ from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.plot import style
 from shipfp_rs.reproduce import Reproduction, fullscale_sensors
 from shipfp_rs.reproduce.fullscale import WEIGHTED, best_of, measured_response, thesis_structure
-from shipfp_rs.reproduce.fullscale_tables import BEYOND_THE_GAUGE_KG_M2
+from shipfp_rs.reproduce.fullscale_tables import BEYOND_THE_GAUGE_KG_M2, printed_parameters
 from shipfp_rs.reproduce.fullscale_trial import AMPLITUDE_RPM, VESSEL, simulated
-from shipfp_rs.reproduce.fullscale_validation import printed_parameters
 from shipfp_rs.reproduce.fullscale_verdict import bic, chi_squared
 from shipfp_rs.reproduce.pictures import (
     Picture,
