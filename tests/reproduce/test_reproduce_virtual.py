@@ -13,12 +13,7 @@ matplotlib.use("Agg")
 
 from shipfp_rs.reproduce import Reproduction, Row, virtual_data, virtual_figures
 from shipfp_rs.reproduce.virtual import reproduce
-from shipfp_rs.reproduce.virtual_data import (
-    euler_bias,
-    launch,
-    launch_of_the_thesis,
-    settled_response,
-)
+from shipfp_rs.reproduce.virtual_data import euler_bias, launch, launch_of_the_thesis, settled_response
 from shipfp_rs.reproduce.virtual_figures import Material
 from shipfp_rs.reproduce.virtual_tables import relations_of
 from shipfp_rs.vessel.linear_model import linearise

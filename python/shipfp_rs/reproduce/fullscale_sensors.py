@@ -65,13 +65,7 @@ def _repaired_speed(log: Log, channel: str, pulses: int, gear: float) -> tuple[A
 
 
 def _shown(
-    ax: Axes,
-    time: Array,
-    samples: Array,
-    stretch: Stretch,
-    ylabel: str,
-    color: str = style.BLUE,
-    **how: Any,
+    ax: Axes, time: Array, samples: Array, stretch: Stretch, ylabel: str, color: str = style.BLUE, **how: Any
 ) -> None:
     """Draw a stretch of a channel or of a speed without a legend."""
     inside = (time > stretch[0]) & (time < stretch[1])

@@ -169,11 +169,7 @@ def fit_angle_spline(
     offsets = covariance @ (coupling.T @ alone - member.T @ (weight * angle))
     coefficients = alone + shift @ offsets
     return AngleSpline(
-        BSpline(knots, coefficients, _DEGREE),
-        factor,
-        shift,
-        np.append(0.0, offsets),
-        covariance,
+        BSpline(knots, coefficients, _DEGREE), factor, shift, np.append(0.0, offsets), covariance
     )
 
 

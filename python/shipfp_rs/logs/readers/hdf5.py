@@ -127,28 +127,16 @@ def _find_rows(file: Any) -> tuple[dict[str, _Row], list[str]]:
         for field in names:
             kind = item.dtype[field] if field else item.dtype
             key = f"{name}/{field}" if field else name
-            scalar = item.ndim == 0 and item.size == 1
-            if (
-                kind.kind in "biuf"
-                and kind.itemsize <= 8
-                and (one_axis or scalar)
-                and matlab not in ("char", "cell")
-            ):
+            number = kind.kind in "biuf" and kind.itemsize <= 8 and matlab not in ("char", "cell")
+            if number and (one_axis or (item.ndim == 0 and item.size == 1)):
                 rows[key] = _Row(item, item.size, field)
-            elif (
-                field is None
-                and kind.kind in "biuf"
-                and kind.itemsize <= 8
-                and item.ndim == 2
-                and matlab not in ("char", "cell")
-            ):
+            elif number and field is None and item.ndim == 2:
                 if not is_table(item.shape):
                     skipped.append(key)
                     return
                 above = posixpath.dirname(name)
-                for k, column in enumerate(
-                    column_names(min(item.shape), _words(item), posixpath.basename(name))
-                ):
+                names_of = column_names(min(item.shape), _words(item), posixpath.basename(name))
+                for k, column in enumerate(names_of):
                     rows[posixpath.join(above, column)] = _Row(item, max(item.shape), None, k)
             else:
                 skipped.append(key)

@@ -201,11 +201,7 @@ def _first(batches: Iterator[pa.Array]) -> list[pa.Array]:
 
 
 def _axis(
-    path: Path,
-    plan: TimePlan,
-    batches: Batches,
-    rate_hz: float | None,
-    same: Callable[[int, int, int], bool],
+    path: Path, plan: TimePlan, batches: Batches, rate_hz: float | None, same: Callable[[int, int, int], bool]
 ) -> TimeAxis:
     def cells(key: str) -> Iterator[pa.Array]:
         return batches(key, 0, BLOCK)
