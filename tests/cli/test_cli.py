@@ -479,7 +479,7 @@ class TestReproduceFullscale:
         assert json.loads((out / "fullscale.json").read_text()) == json.loads(capsys.readouterr().out)
 
     def test_the_table_shows_rows_and_verdict(self, monkeypatch, capsys) -> None:
-        row = Row("7.1", "ii", "printed", "thesis", {"tau_n": 0.275, "vK_p": None}, {"dn": 66.64}, "[notes]")
+        row = Row("7.1", "ii", "printed", "thesis", {"tau_n": 0.275, "vK_p": None}, "[notes]", {"dn": 66.64})
         found = Reproduction("Table [7.1]", (row,), ("Known: [tau_n].",), {})
         monkeypatch.setattr("shipfp_rs.reproduce.fullscale.reproduce", lambda _: found)
         assert cli.main(["reproduce", "fullscale"]) == 0
@@ -497,8 +497,8 @@ class TestReproduceFullscale:
 
 class TestReproduceVirtual:
     ROWS = (
-        Row("3.5", "1300 rpm", "printed", "plant", {"n_0": 21.677}, {}),
-        Row("5.2", "ii", "thesis", "linear", {"tau_n": 1.34862}, {"dn": 99.99, "validation dM": 90.7}),
+        Row("3.5", "1300 rpm", "printed", "plant", {"n_0": 21.677}),
+        Row("5.2", "ii", "thesis", "linear", {"tau_n": 1.34862}, fit={"dn": 99.99, "validation dM": 90.7}),
     )
 
     @pytest.fixture
