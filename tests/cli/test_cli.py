@@ -435,8 +435,8 @@ def test_the_folder_holds_the_rows_that_are_told_and_the_figures(
 
 class TestReproduceVirtual:
     ROWS = (
-        Row("3.5", "1300 rpm", "printed", "plant", {"n_0": 21.677, "vK_p": None}, {}, "[notes]"),
-        Row("5.2", "ii", "thesis", "linear", {"tau_n": 1.34862}, {"dn": 99.99, "validation dM": 90.7}),
+        Row("3.5", "1300 rpm", "printed", "plant", {"n_0": 21.677, "vK_p": None}, "[notes]"),
+        Row("5.2", "ii", "thesis", "linear", {"tau_n": 1.34862}, fit={"dn": 99.99, "validation dM": 90.7}),
     )
 
     @pytest.fixture

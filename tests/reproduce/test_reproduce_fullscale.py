@@ -10,7 +10,7 @@ import pytest
 from shipfp_rs.errors import InputError
 from shipfp_rs.reproduce import Row, fullscale_figures, fullscale_trial
 from shipfp_rs.reproduce.fullscale import measured_response
-from shipfp_rs.reproduce.fullscale_painters import Material
+from shipfp_rs.reproduce.fullscale_figures import Material
 from tests.pictures import check_figures
 
 

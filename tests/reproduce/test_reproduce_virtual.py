@@ -11,15 +11,10 @@ import pytest
 
 matplotlib.use("Agg")
 
-from shipfp_rs.reproduce import Reproduction, Row, virtual_figures, virtual_plant
+from shipfp_rs.reproduce import Reproduction, Row, virtual_data, virtual_figures
 from shipfp_rs.reproduce.virtual import reproduce
-from shipfp_rs.reproduce.virtual_data import (
-    euler_bias,
-    launch,
-    launch_of_the_thesis,
-    settled_response,
-)
-from shipfp_rs.reproduce.virtual_painters import Material
+from shipfp_rs.reproduce.virtual_data import euler_bias, launch, launch_of_the_thesis, settled_response
+from shipfp_rs.reproduce.virtual_figures import Material
 from shipfp_rs.reproduce.virtual_tables import relations_of
 from shipfp_rs.vessel.linear_model import linearise
 from tests.pictures import check_figures
@@ -39,7 +34,7 @@ def whole() -> Reproduction:
 def reproduction() -> Reproduction:
     """The same with longer steps of the nonlinear plant, whose fits take minutes otherwise."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(virtual_plant, "SUBSTEPS", 5)
+        patch.setattr(virtual_data, "SUBSTEPS", 5)
         return reproduce()
 
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import doctest
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -11,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.interpolate import BSpline
 
 from shipfp_rs.errors import InputError
-from shipfp_rs.tacho import Train, fuse, fusion, speed_from_pulses
+from shipfp_rs.tacho import Train, fuse, speed_from_pulses
 from shipfp_rs.tacho.angle_spline import fit_angle_spline
 
 SPEED, GEAR, SIGMA = 5.165, 3.82, 1e-4
@@ -232,9 +230,3 @@ def test_a_long_log_with_a_break_in_all_trains_is_fused_on_both_sides_of_it():
 def test_trains_that_can_not_be_fused_are_refused(call, said):
     with pytest.raises(InputError, match=said):
         call()
-
-
-def test_the_example_runs():
-    found = doctest.testmod(fusion)
-    assert found.attempted
-    assert not found.failed

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import doctest
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +11,6 @@ from hypothesis import strategies as st
 from scipy import signal
 
 from shipfp_rs.errors import InputError
-from shipfp_rs.tacho import matlab
 from shipfp_rs.tacho.matlab import midcross, pulseperiod, statelevels, tachorpm
 from tests.twins import pulse
 
@@ -149,9 +147,3 @@ def test_a_steady_train_has_its_speed_with_any_fit_and_rate():
 def test_what_is_none_is_refused(call, said):
     with pytest.raises(InputError, match=said):
         call(np.tile([0.0, 0.0, 1.0, 1.0, 0.0], 6))
-
-
-def test_the_examples_run():
-    found = doctest.testmod(matlab)
-    assert found.attempted
-    assert not found.failed

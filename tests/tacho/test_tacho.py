@@ -11,7 +11,7 @@ from scipy.interpolate import make_lsq_spline
 
 from shipfp_rs import tacho
 from shipfp_rs.errors import InputError
-from shipfp_rs.tacho import PulseFlag
+from shipfp_rs.tacho import PulseFlag, fusion, matlab
 
 RATE = 2000.0
 SPEED = 5.165  # the tug's shaft at 1184 rpm of the engine
@@ -383,7 +383,9 @@ def test_too_few_pulses_give_no_speed_and_a_masked_grid():
         assert tacho.resample(speed, 10.0, 0.0, 1.0)[1].all()
 
 
-@pytest.mark.parametrize("module", [tacho.crossings, tacho.speed], ids=lambda module: module.__name__)
+@pytest.mark.parametrize(
+    "module", [tacho.crossings, tacho.speed, fusion, matlab], ids=lambda module: module.__name__
+)
 def test_the_examples_run(module):
     found = doctest.testmod(module)
     assert found.attempted

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -64,3 +64,19 @@ def with_nan(block: Samples) -> Samples:
     if not isinstance(block, np.ma.MaskedArray):
         return block
     return np.where(block.mask, np.nan, block.data) if np.ma.is_masked(block) else block.data
+
+
+def in_blocks(length: Callable[[str], int], read: Callable[[str, int, int], Samples]) -> Blocks:
+    """Return a function that yields channels in blocks; `read` gives rows [first, stop) of one."""
+
+    def blocks(name: str, first: int, size: int) -> Iterator[Samples]:
+        count = length(name)
+        for start in range(first, count, size):
+            yield read(name, start, min(start + size, count))
+
+    return blocks
+
+
+def blocks_of(arrays: Mapping[str, Samples]) -> Blocks:
+    """Return a function that yields arrays in memory in blocks."""
+    return in_blocks(lambda name: len(arrays[name]), lambda name, first, stop: arrays[name][first:stop])

@@ -13,39 +13,28 @@ MOST_PACKED = 10_000
 """Samples that a byte of a file can stand for, where a channel hardly changes."""
 MANY_SAMPLES = 1_000_000_000
 """Samples that are read in seconds, whatever they are packed in."""
-MODULES = {
-    ".parquet": "parquet",
-    ".pq": "parquet",
-    ".feather": "arrow_ipc",
-    ".arrow": "arrow_ipc",
-    ".arrows": "arrow_ipc",
-    **dict.fromkeys((".csv", ".txt", ".tsv", ".tab", ".prn", ".lvm", ".log"), "delimited"),
-    ".asc": "delimited",
-    ".raw": "famos",
-    ".dat": "famos",
-    ".tdms": "tdms",
-    ".d7d": "dewesoft",
-    ".dxd": "dewesoft",
-    ".mf4": "mdf",
-    ".mdf": "mdf",
-    ".h5": "hdf5",
-    ".hdf5": "hdf5",
-    ".mat": "matlab",
-    ".blf": "can_file",
-    ".trc": "can_file",
-    ".json": "iso19848",
-    ".jsonl": "nmea2000",
-    ".xml": "iso19848",
+SUFFIXES = {
+    "parquet": ".parquet .pq",
+    "arrow_ipc": ".feather .arrow .arrows",
+    "delimited": ".csv .txt .tsv .tab .prn .lvm .log .asc",
+    "famos": ".raw .dat",
+    "tdms": ".tdms",
+    "dewesoft": ".d7d .dxd",
+    "mdf": ".mf4 .mdf",
+    "hdf5": ".h5 .hdf5",
+    "matlab": ".mat",
+    "can_file": ".blf .trc",
+    "iso19848": ".json .xml",
+    "nmea2000": ".jsonl",
 }
+MODULES = {suffix: module for module, suffixes in SUFFIXES.items() for suffix in suffixes.split()}
 """Modules of `shipfp_rs.logs.readers` that register for a suffix once a file of it is opened."""
 
 FORMATS: tuple[tuple[re.Pattern[bytes], str], ...] = (
     (re.compile(rb"\s*date [A-Za-z0-9 :.]+\r?\n\s*base (?:hex|dec)", re.IGNORECASE), "can_file"),
     (re.compile(rb"\s*\(\d+\.\d+\)\s+\w*can\w*\s+[0-9A-Fa-f]+#"), "can_file"),
     (
-        re.compile(
-            rb"\s*(?:#[^\n]*\n)*\s*\d{4}-\d\d-\d\d[T-]\d\d:\d\d:[\d.]+Z?,\d,\d{4,6},\d{1,3},\d{1,3},\d{1,3},"
-        ),
+        re.compile(rb"\s*(?:#.*\n)*\s*\d{4}-\d\d-\d\d[T-]\d\d:\d\d:[\d.]+Z?,\d,\d{4,6}(?:,\d{1,3}){3},"),
         "nmea2000",
     ),
     (re.compile(rb'(?:\s*\{"version"[^\n]*\n)?\s*\{[^\n]*"pgn"\s*:\s*\d'), "nmea2000"),
@@ -53,22 +42,7 @@ FORMATS: tuple[tuple[re.Pattern[bytes], str], ...] = (
     (re.compile(rb"(?:\xef\xbb\xbf)?\s*\"?ShipID\"?\s*[,;]", re.IGNORECASE), "iso19848"),
 )
 """What the first bytes of a text format say in files of any suffix, and the module that reads it."""
-TEXTS = (
-    ".csv",
-    ".txt",
-    ".tsv",
-    ".tab",
-    ".prn",
-    ".lvm",
-    ".log",
-    ".asc",
-    ".raw",
-    ".dat",
-    ".json",
-    ".jsonl",
-    ".xml",
-    ".trc",
-)
+TEXTS = frozenset(f"{SUFFIXES['delimited']} .raw .dat .json .jsonl .xml .trc".split())
 HINTS = {
     **dict.fromkeys(
         (".gz", ".zip", ".bz2", ".xz", ".zst", ".7z"), "a compressed file, expected a log; unpack it first"

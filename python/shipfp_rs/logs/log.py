@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from shipfp_rs.errors import InputError, LogWarning
-from shipfp_rs.logs.channel import BLOCK, Blocks, Channel, Samples, with_nan
+from shipfp_rs.logs.channel import BLOCK, Blocks, Channel, Samples, blocks_of, with_nan
 from shipfp_rs.logs.faults.record import Fault
 from shipfp_rs.logs.formats import HINTS, MODULES, TEXTS, of_text, one_line_errors, require_file, require_size
 from shipfp_rs.support import hints, units
@@ -175,11 +175,7 @@ class Log:
         units = units or {}
         channels = [Channel(key, units.get(key, ""), rate_hz, len(v), start_s) for key, v in held.items()]
 
-        def blocks(channel: str, first: int, size: int) -> Iterator[Samples]:
-            for start in range(first, len(held[channel]), size):
-                yield held[channel][start : start + size]
-
-        return cls(name, channels, blocks)
+        return cls(name, channels, blocks_of(held))
 
     @staticmethod
     @checked

@@ -14,9 +14,9 @@ from shipfp_rs.errors import InputError, LogWarning
 from shipfp_rs.logs.channel import Blocks, Samples
 from shipfp_rs.logs.faults.clock import Clock, ClockScan, spliced
 from shipfp_rs.logs.faults.record import Fault
+from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.sentences import Sentence
 
-Array = npt.NDArray[np.float64]
 Times = Callable[[], Iterable[Array]]
 """A function that goes through the times of all rows [s], anew at every call."""
 

@@ -22,8 +22,8 @@ class Row:
     way: Way
     structure: str
     parameters: Mapping[str, float | None]
-    fit: Mapping[str, float | None]
     notes: str = ""
+    fit: Mapping[str, float | None] = field(default_factory=dict)
     intervals: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     def to_dict(self) -> dict[str, Any]:
@@ -54,34 +54,24 @@ class Reproduction:
 def printed_row(result: published.Result, table: str, structure: str, **others: float | None) -> Row:
     """Make a row of a printed result; `others` are fits besides those of speed and torque."""
     fit = {"dn": result.fit_n_pct, "dM": result.fit_m_pct, **others}
-    return Row(table, result.case, "printed", structure, result.parameters, fit, result.signal)
+    return Row(table, result.case, "printed", structure, result.parameters, result.signal, fit)
 
 
-def row_of(
-    fingerprint: Fingerprint,
-    *,
-    table: str,
-    case: str,
-    way: Way,
-    structure: str,
-    notes: str,
-    optimum: bool = False,
-) -> Row:
-    """Make a row of a fingerprint; with `optimum` unknowable values are shown as the search left them."""
+def row_of(fingerprint: Fingerprint, table: str, case: str, way: Way, notes: str = "") -> Row:
+    """Make a row of a fingerprint: the thesis reports what the search returns, ours what the data determine."""
     estimates = {**fingerprint.parameters, **fingerprint.derived}
     parameters = {name: estimate.value for name, estimate in estimates.items()}
-    if optimum:
+    if way == "thesis":
         values = fingerprint.settings["optimum"]
         parameters |= values
-        for gain in ("K_p", "K_i"):
-            if "v" in values:
-                parameters[f"v{gain}"] = values["v"] * values[gain]
-    intervals = {name: estimate.ci95 for name, estimate in estimates.items() if estimate.ci95 is not None}
+        parameters |= {f"v{gain}": values["v"] * values[gain] for gain in ("K_p", "K_i") if "v" in values}
     # Where points are weighted by their deviations, some by nothing, a share of the spread says nothing of the fit.
     weighted = fingerprint.settings.get("noise") == "std"
-    fit = {
-        output: None if weighted else figures["nrmse_pct"]
-        for output, figures in fingerprint.fit.items()
-        if output != "overall"
-    }
-    return Row(table, case, way, structure, parameters, fit, notes, intervals)
+    fit = {output: None if weighted else value for output, value in fits_of(fingerprint).items()}
+    intervals = {name: estimate.ci95 for name, estimate in estimates.items() if estimate.ci95 is not None}
+    return Row(table, case, way, str(fingerprint.structure["name"]), parameters, notes, fit, intervals)
+
+
+def fits_of(fingerprint: Fingerprint) -> dict[str, float | None]:
+    """Return the fit of each output [%]."""
+    return {output: fit["nrmse_pct"] for output, fit in fingerprint.fit.items() if output != "overall"}

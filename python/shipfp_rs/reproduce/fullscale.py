@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 
@@ -14,8 +15,7 @@ from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.identification.identify import identify
 from shipfp_rs.identification.options import NoiseModel
 from shipfp_rs.reproduce import Reproduction, Row, Way, fullscale_verdict, printed_row, row_of
-from shipfp_rs.reproduce.fullscale_tables import before_the_fit, cross_checks
-from shipfp_rs.reproduce.fullscale_validation import cross_validation
+from shipfp_rs.reproduce.fullscale_tables import before_the_fit, cross_checks, cross_validation
 from shipfp_rs.reproduce.virtual_data import BOUNDS
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.vessel.vessel import Vessel
@@ -117,49 +117,30 @@ def extended_structure(*, loop: bool = True, set_point: bool = True) -> Structur
 def steps() -> tuple[Structure, ...]:
     """Return structures from the thesis's to the richest that the sine fits may carry."""
     gauge = Structure.linear(torque="gauge", name="gauge-side torque")
-    times = ((False, False), (True, False), (False, True), (True, True))
-    return (
-        thesis_structure(),
-        gauge,
-        *(extended_structure(loop=loop, set_point=set_point) for loop, set_point in times),
-    )
+    times = product((False, True), repeat=2)
+    return thesis_structure(), gauge, *(extended_structure(loop=a, set_point=b) for b, a in times)
 
 
 def _jobs() -> tuple[_Job, ...]:
-    everything = measured_response()
     usable = measured_response(1.637)
     consistent = [round(frequency, 4) not in INCONSISTENT_HZ for frequency in usable.frequency_hz]
     sound = usable.select(consistent, name="appendix E, ten points with consistent phases")
+    thesis, extended = thesis_structure(), extended_structure()
     ten = "S2-S13 less 0.11 and 0.1778 Hz, whose phases are inconsistent; determinant"
     weighted = "S2-S13, each point weighted in amplitude and phase"
+    prior = "{} +- {} s by the torsional calculation".format(*TORSIONAL_PRIOR)
+    all_points, all_usable = (
+        f"S2-S14, determinant; {CORRECTIONS}",
+        "S2-S13, determinant; 3.433 Hz is unusable",
+    )
+    held = extended.with_prior(tau_n=TORSIONAL_PRIOR)
     return (
-        _Job(
-            "ii",
-            everything,
-            thesis_structure(),
-            "white",
-            "thesis",
-            f"S2-S14, determinant; {CORRECTIONS}",
-        ),
-        _Job(
-            "ii",
-            usable,
-            extended_structure(),
-            "white",
-            "ours",
-            "S2-S13, determinant; 3.433 Hz is unusable",
-        ),
-        _Job("ii, ten points", sound, thesis_structure(), "white", "thesis", ten),
-        _Job("ii, ten points", sound, extended_structure(), "white", "ours", ten),
+        _Job("ii", measured_response(), thesis, "white", "thesis", all_points),
+        _Job("ii", usable, extended, "white", "ours", all_usable),
+        _Job("ii, ten points", sound, thesis, "white", "thesis", ten),
+        _Job("ii, ten points", sound, extended, "white", "ours", ten),
         *(_Job(WEIGHTED, usable, structure, "std", "ours", weighted) for structure in steps()),
-        _Job(
-            WITH_PRIOR,
-            usable,
-            extended_structure().with_prior(tau_n=TORSIONAL_PRIOR),
-            "std",
-            "ours",
-            f"{weighted}; tau_n held to {TORSIONAL_PRIOR[0]} +- {TORSIONAL_PRIOR[1]} s by the torsional calculation",
-        ),
+        _Job(WITH_PRIOR, usable, held, "std", "ours", f"{weighted}; tau_n held to {prior}"),
     )
 
 
@@ -170,30 +151,19 @@ def reproduce(progress: Callable[[int, int], None] | None = None) -> Reproductio
     rows += [printed_row(result, "7.1", "thesis") for result in published.full_scale_results()]
     fingerprints: dict[str, Fingerprint] = {}
     jobs = _jobs()
-    for done, job in enumerate(jobs):
+    for done, job in enumerate(jobs, 1):
         fingerprint = identify(job.data, job.structure, noise=job.noise, starts=STARTS, vessel=VESSEL)
         notes = job.notes
         if job.noise == "std":
             overall = fingerprint.fit["overall"]
             notes += f"; chi-squared {overall['chi_squared']:.1f} at {overall['degrees_of_freedom']:.0f} degrees of freedom"
         fingerprints[f"{job.case}: {job.structure.name}"] = fingerprint
-        rows.append(
-            row_of(
-                fingerprint,
-                table="7.1",
-                case=job.case,
-                way=job.way,
-                structure=job.structure.name,
-                notes=notes,
-                # The thesis reports what the search returns; ours reports what the data determine.
-                optimum=job.way == "thesis",
-            )
-        )
+        rows.append(row_of(fingerprint, "7.1", job.case, job.way, notes))
         if progress is not None:
-            progress(done + 1, len(jobs))
+            progress(done, len(jobs))
     extended = extended_structure().name
     drawn = {name: fingerprints[f"{name}: {extended}"] for name in (WEIGHTED, WITH_PRIOR)}
-    rows += _counts(fingerprints[f"{WEIGHTED}: {extended}"])
+    rows += _counts(drawn[WEIGHTED])
     rows += cross_validation(thesis_structure(), drawn[WEIGHTED])
     rows += cross_checks(vessel, drawn)
     verdict = fullscale_verdict.of(rows, fingerprints, drawn)
@@ -216,5 +186,5 @@ def _counts(fingerprint: Fingerprint) -> list[Row]:
                 for frequency, count in zip(usable.frequency_hz, counts, strict=True)
             }
             case = f"{'speed' if signal == 'n_e' else 'torque'}, {part}"
-            rows.append(Row("E.1", case, "ours", "", columns, {}, COUNTS))
+            rows.append(Row("E.1", case, "ours", "", columns, COUNTS))
     return rows

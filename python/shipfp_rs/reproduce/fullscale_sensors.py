@@ -1,4 +1,4 @@
-"""Painters of the figures of section 6.3: what the loggers' channels look like, and their faults, on the simulated tug."""
+"""Figures of section 6.3: what the loggers' channels look like, and their faults, on the simulated tug."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from shipfp_rs.inspection.spectrum import amplitude_spectrum
 from shipfp_rs.logs.log import Log
 from shipfp_rs.plot import style
 from shipfp_rs.reproduce.fullscale_trial import VESSEL, excitation
+from shipfp_rs.reproduce.pictures import Picture, Stretch, figure_of, line
 from shipfp_rs.signals import steps
 from shipfp_rs.simulation.raw_log import Truth, simulate_raw_log
 from shipfp_rs.simulation.sensors import EQUATION_6_7, TABLE_6_6, Kind, Sensors
@@ -20,6 +21,7 @@ from shipfp_rs.tacho import pulse_times, reflector_angles, speed_from_pulses
 from shipfp_rs.vessel.vessel import Vessel
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 
@@ -62,26 +64,25 @@ def _repaired_speed(log: Log, channel: str, pulses: int, gear: float) -> tuple[A
     return found.time_s, 60.0 * gear * found.speed_rps
 
 
-def two_trains(material: Any, figure: Figure) -> str:
-    """Figure 6.11."""
+def _shown(
+    ax: Axes, time: Array, samples: Array, stretch: Stretch, ylabel: str, color: str = style.BLUE, **how: Any
+) -> None:
+    """Draw a stretch of a channel or of a speed without a legend."""
+    inside = (time > stretch[0]) & (time < stretch[1])
+    line(ax, time[inside], samples[inside], color, **how)
+    ax.set_xlabel("time [s]")
+    style.dress(ax, ylabel, legend=False)
+
+
+def _two_trains(material: Any, figure: Figure) -> str:
     ax = figure.subplots()
     log, _ = _log(())
-    gear = Vessel.load(VESSEL).gearbox.ratio
-    for channel, pulses, color, line in (("PTM_1", 1, style.BLUE, "-"), ("PTM_4", 4, style.ORANGE, "--")):
-        at, speed = _simple_speed(*_volts(log, channel), pulses, gear)
-        shown = (at > 20.0) & (at < 22.0)
-        ax.step(at[shown], speed[shown], where="pre", color=color, ls=line, label=f"{pulses} a turn")
-    at, speed = _repaired_speed(log, "PTM_4", 4, gear)
-    shown = (at > 20.0) & (at < 22.0)
-    ax.plot(
-        at[shown],
-        speed[shown],
-        ".-",
-        color=style.GREEN,
-        lw=1.0,
-        label="4 a turn, reflectors' angles divided out",
-    )
-    ax.set_xlabel("time [s]")
+    gear, stretch = Vessel.load(VESSEL).gearbox.ratio, (20.0, 22.0)
+    for channel, pulses, color, ls in (("PTM_1", 1, style.BLUE, "-"), ("PTM_4", 4, style.ORANGE, "--")):
+        found = _simple_speed(*_volts(log, channel), pulses, gear)
+        _shown(ax, *found, stretch, "", color, ls=ls, label=f"{pulses} a turn", drawstyle="steps-pre")
+    found, label = _repaired_speed(log, "PTM_4", 4, gear), "4 a turn, reflectors' angles divided out"
+    _shown(ax, *found, stretch, "", style.GREEN, marker=".", label=label)
     style.dress(ax, "engine speed [rpm]")
     return (
         "Misplaced reflectors make every fourth interval differ by the same share; their angles, found from steady running, "
@@ -89,19 +90,13 @@ def two_trains(material: Any, figure: Figure) -> str:
     )
 
 
-def steady_torque(material: Any, figure: Figure) -> str:
-    """Figure 6.13."""
-    ax = figure.subplots()
+def _steady_torque(material: Any, figure: Figure) -> str:
     time, volts = _volts(_log(())[0], "U_torque")
-    shown = (time > 20.0) & (time < 21.5)
-    ax.plot(time[shown], TABLE_6_6(volts[shown]), color=style.GREEN, lw=0.8)
-    ax.set_xlabel("time [s]")
-    style.dress(ax, "shaft torque [Nm]", legend=False)
+    _shown(figure.subplots(), time, TABLE_6_6(volts), (20.0, 21.5), "shaft torque [Nm]", style.GREEN, lw=0.8)
     return f"Constant set point. {SIMULATED}"
 
 
-def spectrum(material: Any, figure: Figure) -> str:
-    """Figure 6.14."""
+def _spectrum(material: Any, figure: Figure) -> str:
     ax = figure.subplots()
     time, volts = _volts(_log(())[0], "U_torque")
     frequency, amplitude = amplitude_spectrum(TABLE_6_6(volts[time < STEADY_S]), Sensors().rate_hz)
@@ -125,96 +120,86 @@ def spectrum(material: Any, figure: Figure) -> str:
     return f"Dashed: the peaks of Table 6.9, measured on board. Heights were printed in a figure only. {SIMULATED}"
 
 
-def _fault_on_pulses(figure: Figure, kind: Kind, around_s: float) -> None:
+def _fault_on_pulses(figure: Figure, kind: Kind) -> None:
     upper, lower = figure.subplots(2, 1, sharex=True)
     log, truth = _log((kind,))
     gear = Vessel.load(VESSEL).gearbox.ratio
     at = float(truth.faults[kind]["PTM_4"][1, 0])
-    start, stop = at - around_s, at + around_s
+    stretch = (at - 0.25, at + 0.25)
     time, volts = _volts(log, "PTM_4")
-    for ax, (when, speed), color, label in (
-        (upper, _simple_speed(time, volts, 4, gear), style.RED, "every rise through 2 V"),
-        (upper, _repaired_speed(log, "PTM_4", 4, gear), style.GREEN, "hysteresis and repair"),
-    ):
-        shown = (when > start) & (when < stop)
-        ax.plot(when[shown], speed[shown], "o-", ms=3, lw=1.0, color=color, label=label)
-    shown = (time > start) & (time < stop)
-    lower.plot(time[shown], volts[shown], ".-", ms=3, lw=0.8, color=style.BLUE)
+    dots: dict[str, Any] = {"marker": "o", "ms": 3}
+    simple, repaired = _simple_speed(time, volts, 4, gear), _repaired_speed(log, "PTM_4", 4, gear)
+    _shown(upper, *simple, stretch, "", style.RED, label="every rise through 2 V", **dots)
+    _shown(upper, *repaired, stretch, "", style.GREEN, label="hysteresis and repair", **dots)
+    _shown(lower, time, volts, stretch, "pulses PTM_4 [V]", marker=".", ms=3, lw=0.8)
     lower.axhline(THRESHOLD_V, color=style.GREY, lw=0.8, ls="--")
-    lower.set_xlabel("time [s]")
     upper.set_yscale("log")
+    upper.set_xlabel("")
     style.dress(upper, "engine speed [rpm]")
-    style.dress(lower, "pulses PTM_4 [V]", legend=False)
 
 
-def double_crossing(material: Any, figure: Figure) -> str:
-    """Figure 6.15."""
-    _fault_on_pulses(figure, "A", 0.25)
+def _double_crossing(material: Any, figure: Figure) -> str:
+    _fault_on_pulses(figure, "A")
     return (
         "A sample that falls back below 2 V makes a second crossing and a peak of the speed; with one threshold to arm and "
         f"another to fire there is none. {SIMULATED}"
     )
 
 
-def broken_pulses(material: Any, figure: Figure) -> str:
-    """Figure 6.16."""
-    _fault_on_pulses(figure, "B", 0.25)
+def _broken_pulses(material: Any, figure: Figure) -> str:
+    _fault_on_pulses(figure, "B")
     return f"A pulse that fails doubles an interval; it is put back and flagged. {SIMULATED}"
 
 
-def radio(material: Any, figure: Figure) -> str:
-    """Figure 6.17."""
+def _radio(material: Any, figure: Figure) -> str:
     panels = figure.subplots(1, 2, width_ratios=(2, 1))
     log, truth = _log(("C",))
     time, volts = _volts(log, "U_torque")
     start, stop = truth.faults["C"]["U_torque"][1]
-    for ax, first, last in zip(
-        panels, (start - 20.0, start - 0.05), (start + 20.0, stop + 0.05), strict=True
+    for ax, first, last, ylabel in (
+        (panels[0], start - 20.0, start + 20.0, "shaft torque [Nm]"),
+        (panels[1], start - 0.05, stop + 0.05, ""),
     ):
-        shown = (time > first) & (time < last)
-        ax.plot(*style.envelope(time[shown], TABLE_6_6(volts[shown])), color=style.GREEN, lw=0.8)
-        ax.set_xlabel("time [s]")
-        style.dress(ax, "shaft torque [Nm]" if ax is panels[0] else "", legend=False)
+        _shown(ax, time, TABLE_6_6(volts), (first, last), ylabel, style.GREEN, lw=0.8)
     return f"Radio saturates the receiver for some hundredths of a second. {SIMULATED}"
 
 
-def set_point_faults(material: Any, figure: Figure) -> str:
-    """Figure 6.18."""
+def _set_point_faults(material: Any, figure: Figure) -> str:
     upper, lower = figure.subplots(2, 1)
     log, truth = _log(("D1", "D2"), "C23")
     time, volts = _volts(log, "U_setpoint")
     start, stop = truth.faults["D1"]["U_setpoint"][0]
-    shown = (time > start - 0.2) & (time < stop + 0.2)
-    upper.plot(time[shown], volts[shown], color=style.BLUE, lw=0.9)
-    style.dress(upper, "set point [V]", legend=False)
     begin = truth.faults["D2"]["U_setpoint"][0, 0]
-    shown = (time > begin - 0.1) & (time < begin + 0.2)
-    lower.plot(time[shown], volts[shown], color=style.BLUE, lw=0.9)
-    lower.set_xlabel("time [s]")
-    style.dress(lower, "set point [V]", legend=False)
+    _shown(upper, time, volts, (start - 0.2, stop + 0.2), "set point [V]", lw=0.9)
+    _shown(lower, time, volts, (begin - 0.1, begin + 0.2), "set point [V]", lw=0.9)
+    upper.set_xlabel("")
     return (
         "Above a jump of the generator's relay (D1), below the mains' 50 Hz that begins with the sweep mode (D2): five "
         f"periods in 0.1 s. {SIMULATED}"
     )
 
 
-def even_chirp(material: Any, figure: Figure) -> str:
-    """Figure 6.19."""
+def _even_chirp(material: Any, figure: Figure) -> str:
     ax = figure.subplots()
     log, truth = _log(("D3",), "C21")
     time, volts = _volts(log, "U_setpoint")
-    window = truth.windows[0]
-    meant = excitation("C21")
-    ax.plot(*style.envelope(time, EQUATION_6_7(volts)), color=style.BLUE, lw=0.8, label="recorded")
-    centre = float(np.median(EQUATION_6_7(volts)))
-    ax.plot(
-        window.start_s + meant.time,
-        centre + meant.samples,
-        color=style.GREY,
-        lw=1.0,
-        ls="--",
-        label="as planned",
-    )
+    start, meant = truth.windows[0].start_s, excitation("C21")
+    recorded = EQUATION_6_7(volts)
+    line(ax, time, recorded, style.BLUE, "recorded", lw=0.8)
+    planned = float(np.median(recorded)) + meant.samples
+    line(ax, start + meant.time, planned, style.GREY, "as planned", ls="--")
     ax.set_xlabel("time [s]")
     style.dress(ax, "set point [rpm]")
     return f"Planned from 0.001 to 0.02 Hz, the generator kept one frequency. {SIMULATED}"
+
+
+PICTURES: tuple[Picture[Any], ...] = (
+    figure_of("6.11", "one pulse and four pulses a turn", _two_trains),
+    figure_of("6.13", "torque at a constant set point", _steady_torque, 4.0),
+    figure_of("6.14", "its spectrum", _spectrum, 4.6),
+    figure_of("6.15", "fault A, double crossings", _double_crossing),
+    figure_of("6.16", "fault B, broken pulses at high speed", _broken_pulses),
+    figure_of("6.17", "fault C, radio on the torque", _radio, 4.4),
+    figure_of("6.18", "faults D1 and D2 on the set point", _set_point_faults),
+    figure_of("6.19", "fault D3, a chirp that stays", _even_chirp, 4.0),
+)

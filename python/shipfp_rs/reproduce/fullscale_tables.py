@@ -1,19 +1,26 @@
-"""Tables 6.8 to 6.12 and eq. 7.9 of the thesis, recomputed: what the tug's steady running and its drawings tell."""
+"""Tables 6.8 to 7.3 and eq. 7.9 of the thesis, recomputed: what steady running, drawings and other experiments tell."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import asdict
 
 import numpy as np
 from scipy.optimize import curve_fit
 
 from shipfp_rs import published
+from shipfp_rs.assessment.prediction import structure_of
 from shipfp_rs.identification.fingerprint import Fingerprint
+from shipfp_rs.identification.fit_statistics import nrmse_pct
 from shipfp_rs.inspection.checks import static_torque
 from shipfp_rs.inspection.spectrum import rates_of
 from shipfp_rs.reproduce import Row, Way
+from shipfp_rs.reproduce.fullscale_trial import simulated
+from shipfp_rs.reproduce.virtual_data import model_of
 from shipfp_rs.simulation.sensors import EQUATION_6_7
+from shipfp_rs.structures.prediction import simulated_about
+from shipfp_rs.structures.structure import Structure
 from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.calibration import Calibration
 from shipfp_rs.support.quantiles import DEVIATIONS_95
@@ -29,6 +36,9 @@ BEYOND_THE_GAUGE_KG_M2 = 12.0
 """Read by the thesis from its drawing of the inertia along the shaft (Figure 7.22)."""
 
 EQUATION = "eq. 7.9"
+COLUMNS = ("sines", "short chirp", "long chirp", "steps")
+TABLES = {"n_e": "7.2", "M_g": "7.3"}
+SIGNALS = {"shaft_speed": "n_e", "shaft_torque": "M_g"}
 
 
 def before_the_fit(vessel: Vessel) -> list[Row]:
@@ -45,45 +55,29 @@ def cross_checks(vessel: Vessel, fingerprints: Mapping[str, Fingerprint]) -> lis
     per_inertia = 2.0 * math.pi * vessel.nominal_shaft_speed / float(vessel.operating_point.M_s_Nm or 0.0)
     total, water = vessel.shaft.inertia_kg_m2, vessel.entrained_water_inertia()
     beyond = BEYOND_THE_GAUGE_KG_M2
+    drawings = {"tau_n [s]": total * per_inertia, "I_p [kg m2]": total}
+    less = (
+        f"less the {beyond:g} kg m2 that the thesis puts beyond the gauge {(total - beyond) * per_inertia:.2f} s; it "
+        f"expects about 1 s"
+    )
     rows = [
-        Row(EQUATION, "torsional calculation", "printed", "", {"tau_n [s]": 1.17, "I_p [kg m2]": 62.3}, {}),
-        Row(
-            EQUATION,
-            "torsional calculation",
-            "ours",
-            "",
-            {"tau_n [s]": total * per_inertia, "I_p [kg m2]": total},
-            {},
-            f"less the {beyond:g} kg m2 that the thesis puts beyond the gauge {(total - beyond) * per_inertia:.2f} s; it "
-            f"expects about 1 s",
-        ),
+        Row(EQUATION, "torsional calculation", "printed", "", {"tau_n [s]": 1.17, "I_p [kg m2]": 62.3}),
+        Row(EQUATION, "torsional calculation", "ours", "", drawings, less),
     ]
     for name, fingerprint in fingerprints.items():
-        tau_n, tau_prop = fingerprint["tau_n"], fingerprint["tau_prop"]
-        low, high = (bound / per_inertia for bound in tau_prop.ci95 or (math.nan, math.nan))
-        rows.append(
-            Row(
-                EQUATION,
-                name,
-                "ours",
-                str(fingerprint.structure["name"]),
-                {
-                    "tau_n [s]": tau_n.value,
-                    "tau_prop [s]": tau_prop.value,
-                    "J_2 [kg m2]": None if tau_prop.value is None else tau_prop.value / per_inertia,
-                },
-                {},
-                f"J_2, the propeller's side, {low:.1f} to {high:.1f} kg m2 (95 %), {100 * low / total:.0f} to "
-                f"{100 * high / total:.0f} % of the torsional total; {water:.2f} kg m2 of it are entrained water by "
-                "Schwanecke's formula"
-                + ("" if tau_n.value is not None else "; tau_n itself can't be told from these data"),
-                {
-                    key: estimate.ci95
-                    for key, estimate in (("tau_n [s]", tau_n), ("tau_prop [s]", tau_prop))
-                    if estimate.ci95 is not None
-                },
-            )
-        )
+        times = {key: fingerprint[key] for key in ("tau_n", "tau_prop")}
+        values = {f"{key} [s]": estimate.value for key, estimate in times.items()}
+        intervals = {f"{key} [s]": estimate.ci95 for key, estimate in times.items() if estimate.ci95}
+        tau_prop = times["tau_prop"].value
+        values["J_2 [kg m2]"] = None if tau_prop is None else tau_prop / per_inertia
+        low, high = (bound / per_inertia for bound in times["tau_prop"].ci95 or (math.nan, math.nan))
+        notes = (
+            f"J_2, the propeller's side, {low:.1f} to {high:.1f} kg m2 (95 %), {100 * low / total:.0f} to "
+            f"{100 * high / total:.0f} % of the torsional total; {water:.2f} kg m2 of it are entrained water by "
+            "Schwanecke's formula"
+        ) + ("" if times["tau_n"].value is not None else "; tau_n itself can't be told from these data")
+        structure = str(fingerprint.structure["name"])
+        rows.append(Row(EQUATION, name, "ours", structure, values, notes, intervals=intervals))
     return rows
 
 
@@ -91,55 +85,43 @@ def _fitted(
     law: Callable[..., Array], speed: Array, torque: Array, start: Sequence[float]
 ) -> tuple[float, float, float]:
     """Return a law's last parameter, half its 95 % interval, and the root mean square that it leaves [Nm]."""
-    values, covariance = curve_fit(
-        law,
-        speed / speed.mean(),
-        torque,
-        start,
-        sigma=np.full(len(speed), TORQUE_STD_NM),
-        absolute_sigma=True,
-    )
-    left = law(speed / speed.mean(), *values) - torque
+    relative, sigma = speed / speed.mean(), np.full(len(speed), TORQUE_STD_NM)
+    values, covariance = curve_fit(law, relative, torque, start, sigma=sigma, absolute_sigma=True)
+    left = law(relative, *values) - torque
     return float(values[-1]), DEVIATIONS_95 * math.sqrt(covariance[-1, -1]), float(np.sqrt(np.mean(left**2)))
 
 
 def _static_torque(vessel: Vessel) -> list[Row]:
     """Table 6.8 by eq. 6.3 with V_a = 0."""
     points = published.static_torque()
-    labels = [f"{point.engine_speed_rpm:g} rpm" for point in points]
     speed = np.array([point.engine_speed_rpm for point in points])
     measured = np.array([point.measured_torque_nm for point in points])
+    printed = np.array([point.calculated_torque_nm for point in points])
     calculated = static_torque(vessel, speed, TORQUE_COEFFICIENT)
     error = 100.0 * (calculated - measured) / calculated
     power = _fitted(lambda n, c, p: c * n**p, speed, measured, (1700.0, 2.0))
     square = _fitted(lambda n, c, zero: c * n**2 + zero, speed, measured, (1700.0, 0.0))
-
-    def columns(values: Array) -> dict[str, float | None]:
-        return dict(zip(labels, (float(value) for value in values), strict=True))
-
-    printed = np.array([point.calculated_torque_nm for point in points])
     K_Q = TORQUE_COEFFICIENT * (0.7 * math.pi) ** 2 * math.pi / 8.0
+
+    def row(case: str, way: Way, values: Iterable[float], notes: str = "") -> Row:
+        columns = {f"{rpm:g} rpm": float(value) for rpm, value in zip(speed, values, strict=True)}
+        return Row("6.8", case, way, "eq. 6.3" if way == "ours" else "", columns, notes)
+
     return [
-        Row("6.8", "measured [Nm]", "printed", "", columns(measured), {}),
-        Row("6.8", "calculated [Nm]", "printed", "", columns(printed), {}),
-        Row(
-            "6.8",
+        row("measured [Nm]", "printed", measured),
+        row("calculated [Nm]", "printed", printed),
+        row(
             "calculated [Nm]",
             "ours",
-            "eq. 6.3",
-            columns(calculated),
-            {},
+            calculated,
             f"one C_Q* = {TORQUE_COEFFICIENT} (K_Q = {K_Q:.4f}) gives all five to "
             f"{np.abs(calculated - printed).max():.1f} Nm",
         ),
-        Row("6.8", "error [%]", "printed", "", columns(np.array([point.error_pct for point in points])), {}),
-        Row(
-            "6.8",
+        row("error [%]", "printed", (point.error_pct for point in points)),
+        row(
             "error [%]",
             "ours",
-            "eq. 6.3",
-            columns(error),
-            {},
+            error,
             f"of the calculated torque; at 1184 rpm {error[2]:.2f}, printed 0.99. Measured torque goes with n^p, p = "
             "{:.3f} +- {:.3f} ({:.0f} Nm left); ".format(*power)
             + "the square alone needs a gauge zero of {:.0f} +- {:.0f} Nm ({:.0f} Nm left)".format(*square),
@@ -149,21 +131,16 @@ def _static_torque(vessel: Vessel) -> list[Row]:
 
 def _peaks(vessel: Vessel) -> list[Row]:
     """Table 6.9 by eq. 6.4 to 6.6."""
-    peaks = published.torque_spectrum_peaks()
     rates = rates_of(vessel, SPECTRUM_RPM)
-    printed = dict(zip(rates, (peak.frequency_hz for peak in peaks), strict=True))
-    implied = [SPECTRUM_RPM * printed[name] / rate for name, rate in rates.items()]
+    peaks = (peak.frequency_hz for peak in published.torque_spectrum_peaks())
+    printed = dict(zip(rates, peaks, strict=True))
+    told = [SPECTRUM_RPM * printed[name] / rate for name, rate in rates.items()]
+    notes = (
+        f"at {SPECTRUM_RPM:g} rpm; the peaks tell {np.mean(told):.1f} rpm, {min(told):.1f} to {max(told):.1f}"
+    )
     return [
-        Row("6.9", "peak [Hz]", "printed", "", {**printed}, {}),
-        Row(
-            "6.9",
-            "rate [Hz]",
-            "ours",
-            "eq. 6.4 to 6.6",
-            {**rates},
-            {},
-            f"at {SPECTRUM_RPM:g} rpm; the peaks tell {np.mean(implied):.1f} rpm, {min(implied):.1f} to {max(implied):.1f}",
-        ),
+        Row("6.9", "peak [Hz]", "printed", "", printed),
+        Row("6.9", "rate [Hz]", "ours", "eq. 6.4 to 6.6", rates, notes),
     ]
 
 
@@ -178,36 +155,58 @@ def _set_point_line() -> list[Row]:
 
     def row(case: str, way: Way, line: Calibration, notes: str = "") -> Row:
         left = dict(zip(labels, (line(volts) - speed).tolist(), strict=True))
-        return Row("6.11", case, way, "", {"rpm/V": line.scale, "rpm at 0 V": line.offset, **left}, {}, notes)
+        return Row("6.11", case, way, "", {"rpm/V": line.scale, "rpm at 0 V": line.offset, **left}, notes)
 
-    return [
-        row("eq. 6.7", "printed", EQUATION_6_7),
-        row(
-            "least squares",
-            "ours",
-            line,
-            f"line less measured speed [rpm]; slope +- {DEVIATIONS_95 * slope_std:.2f} rpm/V",
-        ),
-    ]
+    told = f"line less measured speed [rpm]; slope +- {DEVIATIONS_95 * slope_std:.2f} rpm/V"
+    return [row("eq. 6.7", "printed", EQUATION_6_7), row("least squares", "ours", line, told)]
 
 
 def _normalisation_points() -> list[Row]:
     """Table 6.12 beside the offsets of the sine fits, each a mean over minutes."""
     fits = [fit for fit in published.sine_fits() if fit.input_frequency_hz < 3.0]
-    offsets = {
-        name: np.array([fit.offset for fit in fits if fit.signal == signal])
-        for name, signal in (("n_0", "shaft_speed"), ("M_s0", "shaft_torque"))
-    }
-    low, high = offsets["M_s0"].min(), offsets["M_s0"].max()
+    speed, torque = (
+        np.array([fit.offset for fit in fits if fit.signal == signal])
+        for signal in ("shaft_speed", "shaft_torque")
+    )
+    notes = f"rpm, Nm; the torque's run from {torque.min():.0f} to {torque.max():.0f} Nm: normalise each record by its own"
+    means = {"n_0": float(speed.mean()), "M_s0": float(torque.mean())}
     return [
-        Row("6.12", "steady at -5 V", "printed", "", {"n_0": 1183.8, "M_s0": 1725.0}, {}, "rpm, Nm"),
-        Row(
-            "6.12",
-            "means of S2 to S13",
-            "ours",
-            "",
-            {name: float(values.mean()) for name, values in offsets.items()},
-            {},
-            f"rpm, Nm; the torque's run from {low:.0f} to {high:.0f} Nm: normalise each record by its own",
-        ),
+        Row("6.12", "steady at -5 V", "printed", "", {"n_0": 1183.8, "M_s0": 1725.0}, "rpm, Nm"),
+        Row("6.12", "means of S2 to S13", "ours", "", means, notes),
     ]
+
+
+def cross_validation(structure: Structure, best: Fingerprint) -> list[Row]:
+    """Return the printed fits [%] beside those of the same parameters to the trial on the simulated tug.
+
+    Parameters
+    ----------
+    structure
+        The thesis's.
+    best
+        Fingerprint of the best supported structure, fitted to the published sine fits: what it makes of the
+        simulated trial comes last.
+    """
+    rows = []
+    for printed in published.full_scale_cross_validation():
+        fits = (printed.multisine_pct, printed.short_chirp_pct, printed.long_chirp_pct, printed.steps_pct)
+        table, values = TABLES[SIGNALS[printed.output]], dict(zip(COLUMNS, fits, strict=True))
+        rows.append(Row(table, printed.case, "printed", "thesis", values))
+    for case, parameters in printed_parameters().items():
+        rows += _rows(case, structure, parameters, "the printed parameters on the simulated tug")
+    return rows + _rows("ii, weighted", structure_of(best), best.optimum, "the same experiments")
+
+
+def printed_parameters() -> dict[str, dict[str, float]]:
+    """Return the parameters of Table 7.1, case to values of the thesis's structure; v is 1, only products matter."""
+    return {result.case: asdict(model_of(result.parameters)) for result in published.full_scale_results()}
+
+
+def _rows(case: str, structure: Structure, values: Mapping[str, float], notes: str) -> list[Row]:
+    fits: dict[str, dict[str, float | None]] = {signal: {} for signal in TABLES}
+    for column in COLUMNS:
+        experiment = simulated(column)
+        for signal, model in simulated_about(structure, values, experiment).items():
+            measured = experiment.normalised(signal)
+            fits[signal][column] = nrmse_pct(measured, measured - model)
+    return [Row(TABLES[signal], case, "ours", structure.name, fits[signal], notes) for signal in TABLES]

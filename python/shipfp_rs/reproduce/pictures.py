@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 import numpy as np
 
+from shipfp_rs import plot
 from shipfp_rs.experiments.experiment import Experiment
+from shipfp_rs.frequency import FrequencyResponse
 from shipfp_rs.plot import style
+from shipfp_rs.support.arrays import Array
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -19,7 +23,10 @@ if TYPE_CHECKING:
 
 Material = TypeVar("Material")
 """What the painters of a chapter draw from."""
-Painter = Callable[[Material, "Figure"], str]
+Painter = Callable[..., str]
+"""(material, figure, what is painted) to the caption."""
+Stretch = tuple[float, float]
+"""Part of a record on a panel of its own: from when to when [s]."""
 
 DPI = 130
 CAPTION_COLUMNS = 140
@@ -30,24 +37,25 @@ NAMES = {
     "M_g": "gauge torque",
     "E_n": "integrated error",
 }
+DEVIATIONS = {"n_e": r"$\delta n^*$ [-]", "M_b": r"$\delta M_s^*$ [-]", "E_n": r"$\delta E_n^*$ [s]"}
+DEVIATIONS["M_g"] = r"$\delta M^*$ [-]"
 
 
 @dataclass(frozen=True)
 class Picture(Generic[Material]):
-    """A figure: its file, its size, what it shows, and what paints it and returns the caption."""
+    """A figure: its file, its title, what paints it and returns the caption, its height."""
 
     file: str
     title: str
-    paint: Painter[Material]
+    paint: Painter
     height: float = 5.0
 
 
-@dataclass(frozen=True)
-class Stretch:
-    """Part of a record on a panel of its own [s]."""
-
-    start_s: float
-    stop_s: float
+def figure_of(number: str, shows: str, paint: Painter, height: float = 5.0, **what: Any) -> Picture[Any]:
+    """Return a numbered figure of the thesis; its painter is told `what`."""
+    chapter, place = number.split(".")
+    file = f"fig_{chapter}_{int(place):02}.png"
+    return Picture(file, f"Figure {number}: {shows}", partial(paint, **what), height)
 
 
 def save(
@@ -57,10 +65,10 @@ def save(
     progress: Callable[[int, int], None] | None = None,
 ) -> None:
     """Write every picture into a folder as PNG; `progress` gets (figures done, figures in all)."""
-    for done, picture in enumerate(pictures):
+    for done, picture in enumerate(pictures, 1):
         painted(picture, material).savefig(folder / picture.file, dpi=DPI)
         if progress is not None:
-            progress(done + 1, len(pictures))
+            progress(done, len(pictures))
 
 
 def painted(picture: Picture[Material], material: Material) -> Figure:
@@ -74,28 +82,76 @@ def painted(picture: Picture[Material], material: Material) -> Figure:
     return figure
 
 
-def stretches_of(
-    experiment: Experiment,
+def record(
+    material: Any,
     figure: Figure,
+    *,
+    of: str,
     signals: Sequence[str],
     stretches: Sequence[Stretch],
-    points: Sequence[tuple[float, float, str]] = (),
-) -> None:
-    """Draw stretches of a record, each on a panel of its own, with single points (time, deviation, label)."""
+    caption: str,
+    points: Sequence[tuple[float, float]] = (),
+) -> str:
+    """Draw stretches of a record, each on a panel of its own, with single points (time, deviation) of the text."""
+    experiment = material.experiment(of)
     panels = figure.subplots(len(stretches), 1, squeeze=False)[:, 0]
-    for ax, stretch in zip(panels, stretches, strict=True):
-        part = experiment.window(stretch.start_s, min(stretch.stop_s, experiment.duration))
-        time = stretch.start_s + part.time
+    for ax, (start, stop) in zip(panels, stretches, strict=True):
+        part = experiment.window(start, min(stop, experiment.duration))
         # The larger signal first, so that it does not hide the smaller one.
-        order = sorted(signals, key=lambda name: -float(np.ptp(part.normalised(name))))
-        for name in order:
-            color = style.COLOURS[name]
-            ax.plot(*style.envelope(time, part.normalised(name)), color=color, lw=1.0, label=NAMES[name])
-        for at, value, label in points:
-            ax.plot(at, value, "o", color=style.RED, label=label)
+        for name in sorted(signals, key=lambda name: -float(np.ptp(part.normalised(name)))):
+            line(ax, start + part.time, part.normalised(name), style.COLOURS[name], NAMES[name])
+        for at, value in points:
+            ax.plot(at, value, "o", color=style.RED, label="section 5.1.2")
         style.dress(ax, "deviation [-]", legend=ax is panels[0])
         ax.margins(x=0.01)
     panels[-1].set_xlabel("time [s]")
+    return caption
+
+
+def line(ax: Axes, time: Array, samples: Array, color: str, label: str | None = None, **how: Any) -> None:
+    """Draw samples against time, thinned to what a picture shows."""
+    ax.plot(*style.envelope(time, samples), color=color, label=label, **{"lw": 1.0, **how})
+
+
+def against(
+    ax: Axes,
+    data: Experiment,
+    models: Mapping[str, Array],
+    signal: str,
+    stretch: Stretch,
+    *,
+    ship: str = "plant",
+    difference: bool = False,
+) -> None:
+    """Draw a stretch of a signal's deviations and what models make of it, or how far these are from it."""
+    inside = (data.time >= stretch[0]) & (data.time < stretch[1])
+    time, measured = data.time[inside], data.normalised(signal)[inside]
+    base = measured if difference else 0.0
+    line(ax, time, measured - base, style.GREY, ship, lw=3.0)
+    for (label, samples), color in zip(models.items(), style.COMPARED, strict=False):
+        line(ax, time, samples[inside] - base, color, label)
+    style.dress(ax, DEVIATIONS[signal], legend=False)
+
+
+def bode_of_sets(
+    figure: Figure,
+    panels: Sequence[Axes],
+    curves: Mapping[str, FrequencyResponse],
+    signal: str,
+    points: FrequencyResponse,
+) -> None:
+    """Draw responses of several sets of parameters and measured points, of which only known phases are drawn."""
+    plot.responses(curves, signal, panels)
+    expected = next(iter(curves.values()))
+    phase = np.degrees(np.unwrap(np.angle(expected.response[signal])))
+    angle = np.degrees(np.angle(points.response[signal]))
+    turns = np.round((np.interp(points.frequency_hz, expected.frequency_hz, phase) - angle) / 360.0)
+    angle = np.where(points.phase_std[signal] < 1.0, angle + 360.0 * turns, np.nan)
+    panels[0].plot(points.frequency_hz, np.abs(points.response[signal]), "k.", ms=6, label="sine fits")
+    panels[1].plot(points.frequency_hz, angle, "k.", ms=6)
+    if (legend := panels[0].get_legend()) is not None:
+        legend.remove()
+    legend_above(figure, panels[0])
 
 
 def legend_above(figure: Figure, ax: Axes) -> None:

@@ -16,7 +16,7 @@ import numpy as np
 from shipfp_rs.assessment.ship_parameters import with_parameters
 from shipfp_rs.errors import IdentificationError, InputError
 from shipfp_rs.identification.fingerprint import Estimate, Fingerprint
-from shipfp_rs.identification.fit_statistics import fit_pct
+from shipfp_rs.identification.fit_statistics import nrmse_pct
 from shipfp_rs.identification.identify import identify
 from shipfp_rs.reproduce import Reproduction, Row, Way, row_of
 from shipfp_rs.reproduce.fullscale import thesis_structure
@@ -138,27 +138,16 @@ def scores(found: Sequence[Outcome], part: str) -> dict[str, Score]:
 def _score(found: Sequence[Outcome], part: str, name: str) -> Score:
     rows = []
     for outcome in found:
-        if part not in outcome.told:
-            continue
-        fingerprint, truth = outcome.told[part], outcome.truth[name]
-        estimate = fingerprint.parameters[name]
-        if estimate.value is None or estimate.std is None or estimate.ci95 is None:
-            continue
-        low, high = estimate.ci95
-        rows.append(
-            (
-                low <= truth <= high,
-                abs(estimate.value / truth - 1.0),
-                estimate.std / abs(truth),
-            )
-        )
+        if part in outcome.told:
+            estimate, truth = outcome.told[part].parameters[name], outcome.truth[name]
+            if estimate.value is not None and estimate.std is not None and estimate.ci95 is not None:
+                low, high = estimate.ci95
+                rows.append(
+                    (low <= truth <= high, abs(estimate.value / truth - 1.0), estimate.std / abs(truth))
+                )
     inside, error, std = np.array(rows, dtype=np.float64).reshape(-1, 3).T
-    return Score(
-        len(rows),
-        float(inside.mean()),
-        100.0 * float(np.median(error)),
-        100.0 * float(np.median(std)),
-    )
+    error_pct, std_pct = (100.0 * float(np.median(part)) for part in (error, std))
+    return Score(len(rows), float(inside.mean()), error_pct, std_pct)
 
 
 def standing(found: Sequence[Outcome], part: str) -> float:
@@ -166,44 +155,25 @@ def standing(found: Sequence[Outcome], part: str) -> float:
     return float(np.mean([outcome.told[part].model_adequate is True for outcome in found if outcome.told]))
 
 
-def agreement(fingerprints: Mapping[str, Fingerprint]) -> dict[str, float]:
-    """Return, for each free parameter, the largest difference of two parts' estimates in their joint deviations."""
-    return {
-        name: max(
-            (
-                _distance(one.parameters[name], other.parameters[name])
-                for one, other in combinations(fingerprints.values(), 2)
-            ),
-            default=math.nan,
-        )
-        for name in FREE
-    }
+def agreement(told: Mapping[str, Fingerprint], name: str) -> list[float]:
+    """Return the differences of each two parts' estimates of a parameter in their joint deviations."""
+    pairs = combinations((told[part].parameters[name] for part in PARTS), 2)
+    return [_distance(one, other) for one, other in pairs]
 
 
 def agreements(found: Sequence[Outcome]) -> dict[str, float]:
     """Return, for each free parameter, the share of pairs of parts whose estimates agree at 95 %."""
+    told = [outcome.told for outcome in found if outcome.told]
     return {
-        name: float(
-            np.mean(
-                [
-                    _distance(outcome.told[one].parameters[name], outcome.told[other].parameters[name])
-                    < DEVIATIONS_95
-                    for outcome in found
-                    if outcome.told
-                    for one, other in combinations(PARTS, 2)
-                ]
-            )
-        )
+        name: float(np.mean([apart < DEVIATIONS_95 for each in told for apart in agreement(each, name)]))
         for name in FREE
     }
 
 
 def agreement_table(found: Sequence[Outcome]) -> list[str]:
     """Return lines of text: the share of pairs of parts that agree."""
-    return [
-        "Pairs of sines, short and long chirps whose estimates agree at 95 %: "
-        + ", ".join(f"{name} {share:.1%}" for name, share in agreements(found).items())
-    ]
+    shares = ", ".join(f"{name} {share:.1%}" for name, share in agreements(found).items())
+    return [f"Pairs of sines, short and long chirps whose estimates agree at 95 %: {shares}"]
 
 
 def _distance(one: Estimate, other: Estimate) -> float:
@@ -223,11 +193,8 @@ def fit_to_steps(twin: Twin, told: Fingerprint) -> dict[str, dict[str, float]]:
         model = replay(ship, record, at_the_shaft=True)
         found[record.name] = {}
         for signal in ("n_e", "M_g"):
-            measured, simulated = record.normalised(signal), model.normalised(signal)
-            valid = np.isfinite(measured)
-            error = measured[valid] - simulated[valid]
-            spread = measured[valid] - measured[valid].mean()
-            found[record.name][signal] = fit_pct(float(error @ error), float(spread @ spread))
+            measured = record.normalised(signal)
+            found[record.name][signal] = nrmse_pct(measured, measured - model.normalised(signal))
     return found
 
 
@@ -244,18 +211,12 @@ def reproduce(draws: int = 1, progress: Callable[[int, int], None] | None = None
 
     tug = Twin.of(0, EVERYTHING)
     step()
-    rows = [Row("twin", "truth", "truth", "ship", {name: tug.truth[name] for name in SHOWN}, {})]
+    rows = [Row("twin", "truth", "truth", "ship", {name: tug.truth[name] for name in SHOWN})]
     fingerprints: dict[str, Fingerprint] = {}
 
     def add(way: Way, part: str, fingerprint: Fingerprint) -> None:
         fingerprints[f"{way}, {part}"] = fingerprint
-        structure = str(fingerprint.structure["name"])
-        optimum = way == "thesis"
-        rows.append(
-            row_of(
-                fingerprint, table="twin", case=part, way=way, structure=structure, notes="", optimum=optimum
-            )
-        )
+        rows.append(row_of(fingerprint, "twin", part, way))
         step()
 
     for part in PARTS:
@@ -295,9 +256,8 @@ def _verdict(
         outside = _missed(fingerprint, truth)
         alone = f"the truth is outside of {', '.join(outside)}" if outside else "all intervals hold the truth"
         yield f"{part}: {alone}"
-    apart = agreement({part: ours[part] for part in PARTS})
     yield "Largest difference between the parts, in joint standard deviations: " + ", ".join(
-        f"{name} {value:.1f}" for name, value in apart.items()
+        f"{name} {max(agreement(ours, name), default=math.nan):.1f}" for name in FREE
     )
     for part in PARTS:
         thesis = fingerprints[f"thesis, {part}"]

@@ -15,6 +15,7 @@ from shipfp_rs.frequency import FrequencyResponse
 from shipfp_rs.identification.fit_statistics import nrmse_pct
 from shipfp_rs.signals import Excitation
 from shipfp_rs.simulation.simulate import Method, simulate
+from shipfp_rs.structures.ship import ShipEquations
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.support.arrays import Array, ComplexArray
 from shipfp_rs.vessel.linear_model import LinearModel, linearise
@@ -50,6 +51,8 @@ ACCURATE_RATE_HZ = 50.0
 """Of accurate data, whose steps are as fine as they must be: plant and model get the same straight lines in between."""
 SAMPLES_A_PERIOD = 400
 """Of accurate data: straight lines between them lessen a sine by 2e-5."""
+SUBSTEPS = 30
+"""Steps a sample of the plant that is fitted: data without noise show what the kernel's own step of 4 ms leaves."""
 SETTLED = 22.0
 """Time constants of the slowest pole until a sine counts as settled: what is left of the start is e^-22 = 3e-10."""
 
@@ -115,7 +118,8 @@ def settled_response(vessel: Vessel, method: Method = "rk4", *, limits: bool = T
     sequence = signals.published_sine_sequence()
     frequency = np.array([segment.frequency_hz for segment in sequence.segments])
     settling_s = SETTLED / np.abs(linearise(vessel).poles).min()
-    lines: list[dict[str, complex]] = []
+    names = ("n_set", "n_e", "M_b", "E_n")
+    lines: list[list[complex]] = []
     for value in frequency:
         # Of Euler the step is given, and the periods of Table 5.1 are whole numbers of it.
         samples = round(1.0 / (value * STEP_S)) if method == "euler" else SAMPLES_A_PERIOD
@@ -123,15 +127,9 @@ def settled_response(vessel: Vessel, method: Method = "rk4", *, limits: bool = T
         sine = signals.sine_sequence([value], periods, SMALL_RPM, rate_hz=samples * value)
         experiment = run(vessel, sine, method, limits=limits)
         # Over one whole period a sine fit is a line of the spectrum.
-        lines.append(
-            {
-                name: np.fft.rfft(experiment.normalised(name)[-samples:])[1]
-                for name in ("n_set", "n_e", "M_b", "E_n")
-            }
-        )
-    response = {
-        name: np.array([line[name] / line["n_set"] for line in lines]) for name in ("n_e", "M_b", "E_n")
-    }
+        lines.append([np.fft.rfft(experiment.normalised(name)[-samples:])[1] for name in names])
+    set_point, *answers = np.array(lines).T
+    response = {name: answer / set_point for name, answer in zip(names[1:], answers, strict=True)}
     deviation = {
         name: POINT_STD * np.sqrt(np.mean(np.abs(points) ** 2)) / np.abs(points)
         for name, points in response.items()
@@ -162,12 +160,23 @@ def sampled_structure(discretisation: Discretisation) -> Structure:
         return np.asarray((sampled.C @ states + sampled.D)[:, :, 0].T, dtype=np.complex128)
 
     name = {"zoh": "linear, sampled exactly", "euler": "linear, sampled by Euler"}[discretisation]
+    outputs = {"dn": "n_e", "dM": "M_b"}
     return Structure.from_function(
-        linear.equations.simulate,
-        linear.parameters,
-        {"dn": "n_e", "dM": "M_b"},
-        name=name,
-        response=response,
+        linear.equations.simulate, linear.parameters, outputs, name=name, response=response
+    )
+
+
+def plant_structure(vessel: Vessel) -> Structure:
+    """Return the nonlinear plant below a vessel's torque envelope in the linear structure's parameters (eq. 3.1 to 3.11)."""
+    ship = Structure.ship(name="plant").with_fixed(p=2.0)
+    assert isinstance(ship.equations, ShipEquations)
+    speed, torque = vessel.envelope()
+    points = np.stack([speed / vessel.nominal_engine_speed, torque / vessel.nominal_brake_torque], axis=1)
+    envelope = tuple((n, M) for n, M in points.tolist())
+    return replace(
+        ship,
+        equations=replace(ship.equations, envelope=envelope, substeps=SUBSTEPS),
+        settings={"kind": "plant"},
     )
 
 
@@ -179,16 +188,8 @@ def shown(values: Mapping[str, float]) -> dict[str, float]:
 
 def model_of(figures: Mapping[str, float | None]) -> LinearModel:
     """Return the linear model of the four figures of Table 5.2, with v = 1: only its products with the gains matter."""
-    q = {name: value for name, value in figures.items() if value is not None}
-    return LinearModel(
-        tau_n=q["tau_n"],
-        g=q["g"],
-        v=1.0,
-        K_p=q["vK_p"],
-        K_i=q["vK_p"] / q["K_p/K_i"],
-        p=2.0,
-        tau_prop=0.0,
-    )
+    tau_n, g, vK_p, ratio = (float(figures[name] or 0.0) for name in ("tau_n", "g", "vK_p", "K_p/K_i"))
+    return LinearModel(tau_n=tau_n, g=g, v=1.0, K_p=vK_p, K_i=vK_p / ratio, p=2.0, tau_prop=0.0)
 
 
 def fit_pct(structure: Structure, values: Mapping[str, float], experiment: Experiment) -> dict[str, float]:

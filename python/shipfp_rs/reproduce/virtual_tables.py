@@ -11,7 +11,7 @@ from shipfp_rs.frequency import FrequencyResponse
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.identification.identify import identify
 from shipfp_rs.identification.wording import rank
-from shipfp_rs.reproduce import Row
+from shipfp_rs.reproduce import Row, Way
 from shipfp_rs.reproduce.virtual_data import launch, searched_as_printed
 from shipfp_rs.signals import published_sine_sequence
 from shipfp_rs.structures.structure import Structure
@@ -68,32 +68,21 @@ def relations_of(values: LinearModel) -> dict[str, tuple[float, float]]:
 
 def _gains() -> list[Row]:
     """Table 3.4, with the parameters of eq. 5.1 where it is printed as a formula."""
-    model = linearise(launch())
-    structure = "linear, eq. 3.31, 3.35, 3.38"
+    model, structure = linearise(launch()), "linear, eq. 3.31, 3.35, 3.38"
+    printed = {"dn(0)": 1.0, "dE(0)": 2.583 / 1.583, "dM(0)": 2.0, "dM(inf)": 15.83}
+    found = [
+        model.dc_gain("dn"),
+        model.dc_gain("dE"),
+        model.dc_gain("dM_b"),
+        model.high_frequency_gain("dM_b"),
+    ]
+    gains = (
+        "gains of n*, E_n*, M_s* to a slow set point, and of M_s* to a fast one (eq. 3.32, 3.36, 3.39, 3.40)"
+    )
+    ours = dict(zip(printed, found, strict=True))
     return [
-        Row(
-            "3.4",
-            "gains",
-            "printed",
-            structure,
-            {"dn(0)": 1.0, "dE(0)": 2.583 / 1.583, "dM(0)": 2.0, "dM(inf)": 15.83},
-            {},
-            "gains of n*, E_n*, M_s* to a slow set point, and of M_s* to a fast one (eq. 3.32, 3.36, 3.39, 3.40)",
-        ),
-        Row(
-            "3.4",
-            "gains",
-            "ours",
-            structure,
-            {
-                "dn(0)": model.dc_gain("dn"),
-                "dE(0)": model.dc_gain("dE"),
-                "dM(0)": model.dc_gain("dM_b"),
-                "dM(inf)": model.high_frequency_gain("dM_b"),
-            },
-            {},
-            "gain of E_n* in s, the others without unit",
-        ),
+        Row("3.4", "gains", "printed", structure, printed, gains),
+        Row("3.4", "gains", "ours", structure, ours, "gain of E_n* in s, the others without unit"),
     ]
 
 
@@ -103,103 +92,66 @@ def _printed_point() -> dict[str, float]:
 
 def _operating_point() -> list[Row]:
     point, printed = steady_state(launch()), _printed_point()
-    ours = {
-        "n_0": point.n_e,
-        "X_0": point.X_f,
-        "M_b0": point.M_b,
-        "M_s0": point.M_s,
-        "n_s0": point.n_s,
-        "P_b0": point.brake_power / 1e3,
-    }
+    values = (point.n_e, point.X_f, point.M_b, point.M_s, point.n_s, point.brake_power / 1e3)
+    ours = dict(zip(("n_0", "X_0", "M_b0", "M_s0", "n_s0", "P_b0"), values, strict=True))
+    shown = {name: printed[name] for name in ours}
     ratio = printed["M_s0"] / printed["M_b0"]
+    notes = (
+        f"n_0 is 1300/60 = {point.n_e:.3f} rev/s, printed {printed['n_0']} with its last digits wrong; the "
+        f"printed torques are {ratio:.4f} apart, 3 x 0.95 is 2.85: M_b0 or M_s0 is off by {100 * (ratio / 2.85 - 1):.2f} %"
+    )
     return [
-        Row(
-            "3.5",
-            "1300 rpm",
-            "printed",
-            "plant",
-            {name: printed[name] for name in ours},
-            {},
-            "rev/s, mm, Nm, Nm, rev/s, kW",
-        ),
-        Row(
-            "3.5",
-            "1300 rpm",
-            "ours",
-            "plant",
-            ours,
-            {},
-            f"n_0 is 1300/60 = {point.n_e:.3f} rev/s, printed {printed['n_0']} with its last digits wrong; the "
-            f"printed torques are {ratio:.4f} apart, 3 x 0.95 is 2.85: M_b0 or M_s0 is off by "
-            f"{100 * (ratio / 2.85 - 1):.2f} %",
-        ),
+        Row("3.5", "1300 rpm", "printed", "plant", shown, "rev/s, mm, Nm, Nm, rev/s, kW"),
+        Row("3.5", "1300 rpm", "ours", "plant", ours, notes),
     ]
 
 
 def _normalised() -> list[Row]:
     vessel, printed = launch(), _printed_point()
-    names = ("v", "g", "K_p", "K_i", "tau_n")
-    exact, numerical = linearise(vessel), linearise_numerically(vessel)
+    exact, numerical = (
+        {name: getattr(model, name) for name in ("v", "g", "K_p", "K_i", "tau_n")}
+        for model in (linearise(vessel), linearise_numerically(vessel))
+    )
+    shown = {name: printed[name] for name in exact}
     per_torque = 2.0 * math.pi * vessel.shaft.inertia_kg_m2 * vessel.nominal_shaft_speed
-    lossless = per_torque / (vessel.gearbox.ratio * printed["M_b0"])
-    return [
-        Row("3.6", "1300 rpm", "printed", "linear", {name: printed[name] for name in names}, {}),
-        Row(
-            "3.6",
-            "1300 rpm",
+    lossless = {**shown, "tau_n": per_torque / (vessel.gearbox.ratio * printed["M_b0"])}
+    rows: tuple[tuple[str, Way, dict[str, float], str], ...] = (
+        ("", "printed", shown, ""),
+        (
+            "",
             "thesis",
-            "linear",
-            {name: printed[name] for name in names[:-1]} | {"tau_n": lossless},
-            {},
+            lossless,
             "eq. 3.23 with M_s0 = 3 x 222.93 Nm, no loss in the gearbox; eq. 5.1 has 1.442 s",
         ),
-        Row(
-            "3.6",
-            "1300 rpm",
+        (
+            "",
             "ours",
-            "linear",
-            {name: getattr(exact, name) for name in names},
-            {},
+            exact,
             f"eq. 3.23 with M_s0 = 2.85 x 222.93 Nm; with the printed M_s0 {printed['M_s0']} Nm "
             f"{per_torque / printed['M_s0']:.4f} s",
         ),
-        Row(
-            "3.6",
-            "1300 rpm, central differences",
+        (
+            ", central differences",
             "ours",
-            "linear",
-            {name: getattr(numerical, name) for name in names},
-            {},
+            numerical,
             "from the plant's own right-hand side, in place of the Linearisation Tool",
         ),
-    ]
+    )
+    return [Row("3.6", f"1300 rpm{by}", way, "linear", values, notes) for by, way, values, notes in rows]
 
 
 def _internal_relations() -> tuple[list[Row], dict[str, Fingerprint]]:
     """Table 4.2: what each set of signals tells of five unknowns, as the rank of the sensitivities."""
     model = linearise(launch())
-    known = {"tau_n": model.tau_n, "g": model.g, "vK_p": model.v * model.K_p, "vK_i": model.v * model.K_i}
-    open_ = dict.fromkeys(("v", "K_p", "K_i"))
+    known: dict[str, float | None] = {"tau_n": model.tau_n, "g": model.g}
+    known |= {"vK_p": model.v * model.K_p, "vK_i": model.v * model.K_i}
+    known |= dict.fromkeys(("v", "K_p", "K_i"))
     worst = max(abs(left - right) for left, right in relations_of(model).values())
+    printed = "tau_n, g, vK_p, vK_i from c, e, b, f; values of ours"
+    corrected = f"{CORRECTIONS}; corrected, every line holds to {worst:.0e}"
     found = [
-        Row(
-            "4.2",
-            "n, M_b",
-            "printed",
-            "linear",
-            {**known, **open_},
-            {},
-            "tau_n, g, vK_p, vK_i from c, e, b, f; values of ours",
-        ),
-        Row(
-            "4.2",
-            "n, M_b",
-            "thesis",
-            "linear",
-            {**known, **open_},
-            {},
-            f"{CORRECTIONS}; corrected, every line holds to {worst:.0e}",
-        ),
+        Row("4.2", "n, M_b", "printed", "linear", known, printed),
+        Row("4.2", "n, M_b", "thesis", "linear", known, corrected),
     ]
     frequency = np.array([segment.frequency_hz for segment in published_sine_sequence().segments])
     exact = model.response(frequency, ("dn", "dE", "dM_b", "dX"))
@@ -207,48 +159,23 @@ def _internal_relations() -> tuple[list[Row], dict[str, Fingerprint]]:
     fingerprints = {}
     for case, outputs in MEASURED.items():
         structure = searched_as_printed(Structure.linear(outputs=outputs, name="linear"))
-        fingerprint = identify(response, structure, noise="white")
-        fingerprints[f"4.2 {case}"] = fingerprint
-        estimates = {**fingerprint.parameters, **fingerprint.derived}
-        closing = fingerprint.identifiability.closes_gap
+        fingerprint = fingerprints[f"4.2 {case}"] = identify(response, structure, noise="white")
         notes = str(rank(fingerprint.identifiability))
-        if closing:
+        if closing := fingerprint.identifiability.closes_gap:
             notes += f" One known from elsewhere would settle the rest: {', '.join(closing)}."
-        found.append(
-            Row(
-                "4.2",
-                case,
-                "ours",
-                "linear",
-                {name: estimate.value for name, estimate in estimates.items()},
-                {},
-                notes,
-            )
-        )
+        estimates = {**fingerprint.parameters, **fingerprint.derived}
+        values = {name: estimate.value for name, estimate in estimates.items()}
+        found.append(Row("4.2", case, "ours", "linear", values, notes))
     return found, fingerprints
 
 
 def _schedule() -> list[Row]:
     """Table 5.1: the frequencies that the printed times imply."""
     rows = published.virtual_schedule()
-    labels = [f"{row.begin_s:g} s" for row in rows]
-    exact = [4.0 / (row.end_s - row.begin_s) for row in rows]
+    printed = {f"{row.begin_s:g} s": row.frequency_hz for row in rows}
+    exact = {f"{row.begin_s:g} s": 4.0 / (row.end_s - row.begin_s) for row in rows}
+    notes = "four periods between the printed times, each of whole hundredths of a second"
     return [
-        Row(
-            "5.1",
-            "frequency [Hz]",
-            "printed",
-            "",
-            {label: row.frequency_hz for label, row in zip(labels, rows, strict=True)},
-            {},
-        ),
-        Row(
-            "5.1",
-            "frequency [Hz]",
-            "ours",
-            "",
-            dict(zip(labels, exact, strict=True)),
-            {},
-            "four periods between the printed times, each of whole hundredths of a second",
-        ),
+        Row("5.1", "frequency [Hz]", "printed", "", printed),
+        Row("5.1", "frequency [Hz]", "ours", "", exact, notes),
     ]

@@ -11,7 +11,7 @@ from scipy import sparse
 from scipy.interpolate import BSpline
 from scipy.linalg import cho_solve_banded, cholesky_banded
 
-Array = npt.NDArray[np.float64]
+from shipfp_rs.support.arrays import Array
 
 _DEGREE = 4
 """Degree of the angle's spline; its slope, the speed, is a cubic one."""
@@ -169,11 +169,7 @@ def fit_angle_spline(
     offsets = covariance @ (coupling.T @ alone - member.T @ (weight * angle))
     coefficients = alone + shift @ offsets
     return AngleSpline(
-        BSpline(knots, coefficients, _DEGREE),
-        factor,
-        shift,
-        np.append(0.0, offsets),
-        covariance,
+        BSpline(knots, coefficients, _DEGREE), factor, shift, np.append(0.0, offsets), covariance
     )
 
 

@@ -8,9 +8,8 @@ import numpy as np
 import numpy.typing as npt
 
 from shipfp_rs.support.arguments import checked
+from shipfp_rs.support.arrays import Array
 from shipfp_rs.tacho.tracks import PulseFlag, Track, checked_times, cut_tracks
-
-Array = npt.NDArray[np.float64]
 
 _STEADY = 0.02
 """Reflectors are measured where the speed changes by less than this part of itself in a turn."""

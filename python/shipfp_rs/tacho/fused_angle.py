@@ -8,10 +8,10 @@ import numpy as np
 import numpy.typing as npt
 
 from shipfp_rs.errors import InputError
+from shipfp_rs.support.arrays import Array
+from shipfp_rs.support.spans import runs
 from shipfp_rs.tacho.angle_spline import AnglePieces, fit_angle_pieces
 from shipfp_rs.tacho.passages import Passages
-
-Array = npt.NDArray[np.float64]
 
 _SPACING = 1.0 / 3.0
 """Distance of the knots over the period of the bandwidth. At the bandwidth the spline's gain is 0.1 % low."""
@@ -143,8 +143,7 @@ class FusedAngle:
         jump = np.zeros(len(residual))
         jump[_NEARBY : len(level)] = np.abs(level[_NEARBY:] - level[:-_NEARBY])
         moved = jump > _SLIP * own.pitch
-        edges = np.flatnonzero(np.diff(moved, prepend=False, append=False)).reshape(-1, 2)
-        peaks = np.array([first + np.argmax(jump[first:last]) for first, last in edges], dtype=np.intp)
+        peaks = np.array([first + np.argmax(jump[first:last]) for first, last in runs(moved)], dtype=np.intp)
         # From one stretch to the next the offset may change without a slip.
         return np.asarray(peaks[own.stretch[peaks] == own.stretch[peaks - 1]])
 
@@ -153,10 +152,10 @@ class FusedAngle:
         k = list(self.passages).index(name)
         own, mine = self.passages[name], self.train == k
         spread = own.std * np.clip(self.scatter[k], 1.0, _UNEXPLAINED)
-        runs = self._runs(own.time_s, own.stretch)
-        slope, slope_std = _slope(self.fit.angle(own.time_s), own.turned, spread, runs)
+        run = self._runs(own.time_s, own.stretch)
+        slope, slope_std = _slope(self.fit.angle(own.time_s), own.turned, spread, run)
         apart = np.abs(self.residual[mine]) > _APART * spread
-        edges = np.flatnonzero(np.diff(apart, prepend=False, append=False)).reshape(-1, 2)
+        edges = runs(apart)
         ratio, ratio_std = self.ratios[name]
         return TrainReport(
             ratio=ratio,

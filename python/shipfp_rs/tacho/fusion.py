@@ -6,15 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.support.arguments import checked
+from shipfp_rs.support.arrays import Array
 from shipfp_rs.tacho.fused_angle import FusedAngle, TrainReport
 from shipfp_rs.tacho.passages import Train, passages_of
 from shipfp_rs.tacho.tracks import require_positive
-
-Array = npt.NDArray[np.float64]
 
 _PULSES_PER_HZ, _LEAST_PULSES_PER_HZ = 6.0, 4.5
 """Pulses a second needed for each Hz of bandwidth, as a rule and at least: 2 and 1.5 for each spline coefficient."""

@@ -11,15 +11,15 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy.interpolate import make_lsq_spline
+from scipy.interpolate import make_interp_spline, make_lsq_spline
 
 from shipfp_rs._core import PulseCrossings
 from shipfp_rs.errors import InputError
 from shipfp_rs.support.arguments import checked
+from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.checks import at_most
 from shipfp_rs.tacho.tracks import require_positive
 
-Array = npt.NDArray[np.float64]
 Polarity = Literal["positive", "negative"]
 FitType = Literal["smooth", "linear"]
 
@@ -218,21 +218,16 @@ def tachorpm(
     speeds, middles = 60.0 / (pulsesperrev * np.diff(centres)), 0.5 * (centres[1:] + centres[:-1])
     at_most("outputfs", (len(values) - 1) / fs * rate)
     time = np.arange(int((len(values) - 1) / fs * rate + 1e-9) + 1) / rate
-    if fittype == "smooth":
-        breaks = np.linspace(middles[0], middles[-1], fitpoints)
-        knots = np.concatenate([[breaks[0]] * 3, breaks, [breaks[-1]] * 3])
-        try:
-            rpm = make_lsq_spline(middles, speeds, knots)(time)
-        except (ValueError, np.linalg.LinAlgError):
-            raise InputError(
-                f"fitpoints: found {fitpoints}, too many for the {len(centres)} pulses as they lie; take fewer"
-            ) from None
-    else:
-        rpm = np.interp(time, middles, speeds)
-        for outside, (k, j) in ((time < middles[0], (0, 1)), (time > middles[-1], (-1, -2))):
-            slope = (speeds[j] - speeds[k]) / (middles[j] - middles[k])
-            rpm[outside] = speeds[k] + slope * (time[outside] - middles[k])
-    return TachoRpm(np.asarray(rpm), time, centres)
+    breaks = np.linspace(middles[0], middles[-1], fitpoints)
+    knots = np.concatenate([[breaks[0]] * 3, breaks, [breaks[-1]] * 3])
+    try:
+        smooth = fittype == "smooth"
+        curve = make_lsq_spline(middles, speeds, knots) if smooth else make_interp_spline(middles, speeds, 1)
+    except (ValueError, np.linalg.LinAlgError):
+        raise InputError(
+            f"fitpoints: found {fitpoints}, too many for the {len(centres)} pulses as they lie; take fewer"
+        ) from None
+    return TachoRpm(np.asarray(curve(time)), time, centres)
 
 
 def _waveform(x: npt.ArrayLike) -> Array:

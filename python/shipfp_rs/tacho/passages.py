@@ -8,10 +8,9 @@ import numpy as np
 import numpy.typing as npt
 
 from shipfp_rs.errors import InputError
+from shipfp_rs.support.arrays import Array
 from shipfp_rs.tacho.speed import IntervalSpeed, unbroken
 from shipfp_rs.tacho.tracks import PulseFlag, require_positive
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)

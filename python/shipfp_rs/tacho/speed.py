@@ -11,12 +11,11 @@ from scipy.interpolate import CubicSpline
 from shipfp_rs._core import interval_speeds, slope_at_even_times
 from shipfp_rs.errors import InputError
 from shipfp_rs.support.arguments import checked
+from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.checks import at_most
 from shipfp_rs.tacho.angles import ReflectorAngles, align_angles
 from shipfp_rs.tacho.crossings import PulseTimes
 from shipfp_rs.tacho.tracks import Track, checked_times, cut_tracks, require_positive
-
-Array = npt.NDArray[np.float64]
 
 _TYPICAL = 21
 

@@ -10,8 +10,7 @@ import numpy.typing as npt
 
 from shipfp_rs._core import pulses_are_even, running_median
 from shipfp_rs.errors import InputError
-
-Array = npt.NDArray[np.float64]
+from shipfp_rs.support.arrays import Array
 
 _MEDIAN_WINDOW = 21
 """Periods in the running median against which missed and extra pulses show."""

@@ -132,10 +132,7 @@ def _names() -> list[Layout]:
             within_s=1e-5,
         ),
         Layout("units in Latin-1 mis-coded", table("time [s],M [Nm],n [rpm]", seconds()).encode()),
-        Layout(
-            "slashed units",
-            table("t / s;M / Nm;n / U/min", seconds(","), sep=";", decimal=",").encode(),
-        ),
+        Layout("slashed units", table("t / s;M / Nm;n / U/min", seconds(","), sep=";", decimal=",").encode()),
         Layout(
             "n in 1/min", table("Zeit in s;M in Nm;n in 1/min", seconds(","), sep=";", decimal=",").encode()
         ),

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
+from shipfp_rs.support.arrays import Array
 
 LEAST_HALVES = 3
 """Fewest half periods that can show a change of frequency."""

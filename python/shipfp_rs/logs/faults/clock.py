@@ -11,9 +11,9 @@ import numpy.typing as npt
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.logs.faults.record import Fault
+from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.sentences import Sentence
 
-Array = npt.NDArray[np.float64]
 Samples = npt.NDArray[Any]
 
 FIRST = 1024

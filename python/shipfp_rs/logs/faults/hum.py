@@ -8,9 +8,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy import signal
 
+from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.spans import Spans, joined, marks, runs
-
-Array = npt.NDArray[np.float64]
 
 CYCLES = 10
 """Cycles of the mains in a block: 0.2 s at 50 Hz, the resolution in time."""

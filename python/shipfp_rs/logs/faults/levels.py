@@ -9,9 +9,9 @@ import numpy as np
 import numpy.typing as npt
 
 from shipfp_rs.logs.faults.extremes import BlockExtremes
+from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.spans import Spans, apart_from, joined, runs
 
-Array = npt.NDArray[np.float64]
 Read = Callable[[int, int], Array]
 """(first, stop) to samples on a channel's own index."""
 

@@ -12,6 +12,7 @@ from shipfp_rs.logs.faults.extremes import BlockExtremes
 from shipfp_rs.logs.faults.hum import HumScan
 from shipfp_rs.logs.faults.levels import LevelLimits, find_level_faults, is_rough
 from shipfp_rs.logs.faults.repeats import repeated_rows
+from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.spans import Spans
 
 if TYPE_CHECKING:
@@ -19,7 +20,6 @@ if TYPE_CHECKING:
     from shipfp_rs.logs.channel_reader import Rows
     from shipfp_rs.logs.log import Log
 
-Array = npt.NDArray[np.float64]
 
 PIECE = 1 << 18
 """Samples that are read at once for a second look, and kept for the next one."""

@@ -6,11 +6,9 @@ from collections.abc import Mapping, Sequence
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 
+from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.spans import Spans, runs
-
-Array = npt.NDArray[np.float64]
 
 LOSSES: tuple[Literal["gap", "dropout", "stuck"], ...] = ("gap", "dropout", "stuck")
 

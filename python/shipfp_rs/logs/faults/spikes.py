@@ -49,11 +49,7 @@ def spikes_between(
     return joined(
         start
         + find_spikes(
-            filled[start:stop],
-            rate_hz,
-            longest_s=longest_s,
-            threshold=limits.threshold,
-            least=limits.least,
+            filled[start:stop], rate_hz, longest_s=longest_s, threshold=limits.threshold, least=limits.least
         )
         for start, stop in runs(~absent)
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from datetime import UTC, datetime, timedelta
+from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any
 
@@ -13,9 +13,10 @@ import numpy as np
 import numpy.typing as npt
 
 from shipfp_rs.errors import InputError
-from shipfp_rs.logs.channel import Blocks, Channel, Samples
+from shipfp_rs.logs.channel import Blocks, Channel, Samples, blocks_of
 from shipfp_rs.logs.faults.record import Fault
 from shipfp_rs.logs.log import Log
+from shipfp_rs.logs.readers.time_cells import EPOCH
 from shipfp_rs.logs.readers.timed_series import own_axis
 from shipfp_rs.logs.time_axis import TimeAxis
 
@@ -214,7 +215,7 @@ def log_of_frames(path: Path, frames: Frames, names: str | None, zero: datetime 
     )
     first = float(frames.time_s[0])
     if zero is None and first > EPOCH_S:
-        zero = datetime(1970, 1, 1, tzinfo=UTC) + timedelta(microseconds=round(first * 1e6))
+        zero = EPOCH + timedelta(microseconds=round(first * 1e6))
     time = frames.time_s - first if first > EPOCH_S else frames.time_s
     found = list(_found(messages, frames))
     if not found:
@@ -243,7 +244,7 @@ def log_of_frames(path: Path, frames: Frames, names: str | None, zero: datetime 
             channels.append(
                 Channel(name, signal.unit, axis.rate_hz, axis.samples, axis.start_s, abs(signal.scale))
             )
-            held[name] = (axis, axis.on_grid(_blocks(samples)))
+            held[name] = (axis, axis.on_grid(blocks_of({name: samples})))
     if not channels:
         raise InputError(
             f"{path}: {', '.join(m.name for m, _, _ in found)} hold no values but 'not available'"
@@ -307,11 +308,3 @@ def _nothing(frames: Frames, names: str | None) -> str:
             f"none of its {len(seen)} messages ({shown}) is known without a DBC; give one (--names FILE.dbc)"
         )
     return f"none of its {len(seen)} messages ({shown}) stands in {Path(names).name}; give the DBC of this bus (--names)"
-
-
-def _blocks(samples: npt.NDArray[np.float64]) -> Blocks:
-    def read(name: str, first: int, size: int) -> Iterator[Samples]:
-        for start in range(first, len(samples), size):
-            yield samples[start : start + size]
-
-    return read

@@ -36,12 +36,7 @@ class Child:
             "OPENBLAS_NUM_THREADS": "1",
         }  # each thread's buffers would count as memory used
         self._process = subprocess.Popen(
-            [
-                sys.executable,
-                "-c",
-                START,
-                json.dumps(sys.path),
-            ],
+            [sys.executable, "-c", START, json.dumps(sys.path)],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import posixpath
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,27 +12,27 @@ import numpy as np
 import numpy.typing as npt
 
 from shipfp_rs.errors import InputError
-from shipfp_rs.logs.channel import Blocks
-from shipfp_rs.logs.readers.time_base import stated_rate
-from shipfp_rs.logs.readers.time_column import find_time
-from shipfp_rs.logs.readers.time_numbers import Column
-from shipfp_rs.logs.readers.time_plan import TimePlan
-from shipfp_rs.logs.readers.time_words import is_time, split_bracketed
+from shipfp_rs.logs.channel import BLOCK, Blocks, in_blocks
+from shipfp_rs.logs.readers.time_cells import TimePlan
+from shipfp_rs.logs.readers.time_column import SAMPLE_ROWS, Column, find_time
+from shipfp_rs.logs.readers.time_words import is_time, split_bracketed, stated_rate
 from shipfp_rs.logs.time_axis import TimeAxis, time_axis
 
 VALUES = ("data", "values", "value", "y", "signal", "samples")
 """Names of the field that holds the samples in a struct of one channel."""
-LABELS = (
-    "names",
-    "labels",
-    "channels",
-    "headers",
-    "header",
-    "columns",
-    "colheaders",
-    "channel_names",
-    "channelnames",
-    "signals",
+LABELS = frozenset(
+    [
+        "names",
+        "labels",
+        "channels",
+        "headers",
+        "header",
+        "columns",
+        "colheaders",
+        "channel_names",
+        "channelnames",
+        "signals",
+    ]
 )
 """Names of the variable that holds the names of a matrix's columns."""
 MOST_COLUMNS = 256
@@ -98,29 +98,25 @@ def _last(key: str) -> str:
     return posixpath.basename(key)
 
 
-def axis_of(path: Path, key: str, row: Row) -> tuple[TimeAxis, TimePlan]:
-    """Return the grid of a row of times, and how it counts."""
+def axis_of(path: Path, key: str, row: Row, *, trusted: bool = False) -> tuple[TimeAxis, TimePlan]:
+    """Return the grid of a row of times, and how it counts; `trusted` numbers without a unit are seconds."""
     import pyarrow as pa
 
-    def cells(_: str) -> Any:
-        return iter([pa.array(np.asarray(row.read(0, row.length)))])
+    def cells(_: str) -> Iterator[Any]:
+        for start in range(0, row.length, BLOCK):
+            values = np.asarray(row.read(start, min(start + BLOCK, row.length)))
+            yield pa.array(values.astype("M8[ns]") if values.dtype.kind == "M" else values)
 
     name, unit = split_bracketed(_last(key))
-    column = Column(name, row.unit or unit, key, next(cells(key))[:2000])
-    plans = find_time(path, [column], {name: key}, wish=name)
-    plan = plans[0]
+    column = Column(name, row.unit or unit, key, next(cells(key))[:SAMPLE_ROWS])
+    wish = f"{name} [{column.unit or 's'}]" if trusted else name
+    (plan,) = find_time(path, [column], {name: key}, wish=wish)
     return time_axis(path, key, lambda: plan.seconds(path, cells)), plan
 
 
-def blocks_of(rows: Mapping[str, Row]) -> Blocks:
+def blocks_of_rows(rows: Mapping[str, Row]) -> Blocks:
     """Return a function that yields rows in blocks."""
-
-    def read(name: str, first: int, size: int) -> Any:
-        row = rows[name]
-        for start in range(first, row.length, size):
-            yield row.read(start, min(start + size, row.length))
-
-    return read
+    return in_blocks(lambda name: rows[name].length, lambda name, first, stop: rows[name].read(first, stop))
 
 
 def no_time(path: Path, row: Row) -> InputError:

@@ -10,9 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from shipfp_rs.errors import InputError
-from shipfp_rs.logs.readers.text_time import looks_like_time
-from shipfp_rs.logs.readers.time_base import stated_rate
-from shipfp_rs.logs.readers.time_words import is_date, is_time, split_unit
+from shipfp_rs.logs.readers.time_cells import looks_like_time
+from shipfp_rs.logs.readers.time_words import is_date, is_time, split_unit, stated_rate
 from shipfp_rs.support import units
 
 SAMPLE = 1 << 16

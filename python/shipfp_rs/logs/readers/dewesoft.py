@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterator
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-from shipfp_rs.errors import InputError, LogWarning
+from shipfp_rs.errors import InputError
 from shipfp_rs.logs.channel import Channel, Samples
 from shipfp_rs.logs.log import Log, register_reader
+from shipfp_rs.logs.readers.found_channels import Found, log_of_found, tell_left_out
 from shipfp_rs.logs.readers.isolation import in_child
-from shipfp_rs.logs.time_axis import TimeAxis, time_axis
+from shipfp_rs.logs.time_axis import time_axis
 
 
 @register_reader(".d7d", ".dxd")
@@ -22,9 +23,8 @@ def open_dewesoft(path: Path, rate_hz: float | None) -> Log:
     """Open a DEWESoft file; the library gives scaled float64. Channels it can't decode are left out, with a warning."""
     import dwdatareader
 
-    channels: list[Channel] = []
+    found: list[Found] = []
     skipped: list[str] = []
-    axes: dict[str, TimeAxis] = {}
     with dwdatareader.DWFile(str(path)) as file:
         start_utc = file.info.start_store_time
         for name, channel in file.items():
@@ -32,26 +32,22 @@ def open_dewesoft(path: Path, rate_hz: float | None) -> Log:
                 rate = float(channel.sample_rate)
                 if rate > 0.0:
                     start_s = float(channel.scaled(count=1)[0][0])  # raises where the library can't decode it
+                    each = Found(Channel(name, channel.unit, rate, channel.number_of_samples, start_s))
                 else:
                     times = np.asarray(channel.scaled()[0])
                     axis = time_axis(path, name, partial(iter, [times]), rate_hz=rate_hz)
-                    start_s, rate = axis.start_s, axis.rate_hz
+                    each = Found.on(axis, name, channel.unit)
             except (dwdatareader.DWError, InputError, IndexError):
-                rate = np.nan
-            if channel.array_size != 1 or not (0.0 < rate < np.inf and np.isfinite(start_s)):
                 skipped.append(name)
                 continue
-            count = channel.number_of_samples
-            if not float(channel.sample_rate) > 0.0:
-                axis.tell(path)
-                axes[name], count = axis, axis.samples
-            channels.append(Channel(name, channel.unit, rate, count, start_s))
-    if skipped:
-        warnings.warn(
-            f"{path}: left out, not decoded or without a uniform rate: {', '.join(skipped)}",
-            LogWarning,
-            stacklevel=2,
-        )
+            about = each.channel
+            if channel.array_size != 1 or not (about.rate_hz < np.inf and np.isfinite(about.start_s)):
+                skipped.append(name)
+                continue
+            if each.axis is not None:
+                each.axis.tell(path)
+            found.append(replace(each, start_utc=start_utc))
+    tell_left_out(path, "not decoded or without a uniform rate", skipped, all_of_them=not found)
 
     def rows(name: str, first: int, size: int) -> Iterator[Samples]:
         with dwdatareader.DWFile(str(path)) as file:
@@ -65,9 +61,4 @@ def open_dewesoft(path: Path, rate_hz: float | None) -> Log:
                 else:
                     yield whole[start : start + size]
 
-    readers = {name: axis.on_grid(rows) for name, axis in axes.items()}
-
-    def blocks(name: str, first: int, size: int) -> Iterator[Samples]:
-        return readers.get(name, rows)(name, first, size)
-
-    return Log(str(path), channels, blocks, start_utc)
+    return log_of_found(path, found, rows)

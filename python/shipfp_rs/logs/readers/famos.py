@@ -15,9 +15,9 @@ from typing import Any, Literal
 import numpy as np
 
 from shipfp_rs.errors import InputError, LogWarning
-from shipfp_rs.logs.channel import BLOCK, Blocks, Channel, Samples
+from shipfp_rs.logs.channel import BLOCK, Channel, Samples, blocks_of
 from shipfp_rs.logs.log import Log, register_reader
-from shipfp_rs.logs.readers.found_channels import Found
+from shipfp_rs.logs.readers.found_channels import Found, log_of_found, tell_left_out
 from shipfp_rs.logs.readers.isolation import in_child
 from shipfp_rs.logs.time_axis import TimeAxis, time_axis
 
@@ -44,42 +44,38 @@ def open_famos(path: Path, rate_hz: float | None) -> Log:
     found = [channel for channel in file.get_channels_metadata() if channel.kind == "numeric"]
     first = min((channel.absolute_trigger_time for channel in found), default=0.0)
     left = _sample_bytes(path)
-    channels: list[Channel] = []
+    channels: list[Found] = []
     keys: dict[str, tuple[str, Literal["raw", "scaled"]]] = {}
-    paired: dict[str, Blocks] = {}
+    pairs: dict[str, Samples] = {}
     skipped: list[str] = []
     for channel in found:
+        later_s = channel.absolute_trigger_time - first
         if channel.dimension != 1:
-            pair = _pair(path, file, channel, channel.absolute_trigger_time - first)
-            if isinstance(pair, str):
-                skipped.append(f"{channel.name} ({pair})")
+            axis, samples = _pair(path, file, channel, later_s)
+            if isinstance(axis, str):
+                skipped.append(f"{channel.name} ({axis})")
             else:
-                axis, read = pair
                 axis.tell(path)
-                paired[channel.name] = axis.on_grid(read)
-                channels.append(Found.on(axis, channel.name, _unit(channel)).channel)
+                pairs[channel.name] = samples
+                channels.append(Found.on(axis, channel.name, _unit(channel)))
             continue
         if channel.name in keys:
             raise InputError(f"{path}: channel {channel.name!r} appears twice; give each its own name")
         scaled = channel.y_factor != 1.0 or channel.y_offset != 0.0
         keys[channel.name] = (channel.uuid, "scaled" if scaled else "raw")
-        even = _even(path, channel, channel.absolute_trigger_time - first, rate_hz)
+        even = _even(path, channel, later_s, rate_hz)
         width = _sample_width(file, channel)
         held, left = left // max(width, 1), left - even.samples * width
         if left < 0:
             even = replace(even, samples=_cut(path, channel.name, even.samples, held, alone=len(found) == 1))
-        channels.append(even)
-    if skipped and not channels:
-        raise InputError(
-            f"{path}: nothing but pairs of x and y: {', '.join(skipped)}; resample them in FAMOS"
-        )
-    if skipped:
-        warnings.warn(f"{path}: pairs of x and y left out: {', '.join(skipped)}", LogWarning, stacklevel=2)
-    counts = {channel.name: channel.samples for channel in channels}
+        channels.append(Found(even))
+    tell_left_out(path, "pairs of x and y, to be resampled in FAMOS", skipped, all_of_them=not channels)
+    counts = {each.channel.name: each.channel.samples for each in channels}
+    paired = blocks_of(pairs)
 
-    def blocks(name: str, first: int, size: int) -> Iterator[Samples]:
-        if name in paired:
-            yield from paired[name](name, first, size)
+    def rows(name: str, first: int, size: int) -> Iterator[Samples]:
+        if name in pairs:
+            yield from paired(name, first, size)
             return
         uuid, mode = keys[name]
         left = counts[name] - first
@@ -91,7 +87,8 @@ def open_famos(path: Path, rate_hz: float | None) -> Log:
             yield chunk["y"][:left]
             left -= len(chunk["y"])
 
-    return Log(str(path), channels, blocks, EPOCH + timedelta(seconds=first) if first else None)
+    start_utc = EPOCH + timedelta(seconds=first) if first else None
+    return log_of_found(path, [replace(each, start_utc=start_utc) for each in channels], rows)
 
 
 def _unit(channel: Any) -> str:
@@ -115,27 +112,20 @@ def _even(path: Path, channel: Any, later_s: float, rate_hz: float | None) -> Ch
     return Channel(channel.name, _unit(channel), rate_hz or 1.0 / step, int(channel.sample_count), start_s)
 
 
-def _pair(path: Path, file: Any, channel: Any, later_s: float) -> tuple[TimeAxis, Blocks] | str:
+def _pair(path: Path, file: Any, channel: Any, later_s: float) -> tuple[TimeAxis | str, Samples]:
     """Return the grid and the samples of (x, y) pairs whose x is an increasing time; else why they are left out."""
-    if channel.x_unit.strip().strip('"').lower() not in ("s", "ms", "sec", ""):
-        return f"x is in {channel.x_unit!r}, no time"
+    factor = {"s": 1.0, "sec": 1.0, "ms": 1e-3, "": 1.0}.get(channel.x_unit.strip().strip('"').lower())
+    if factor is None:
+        return f"x is in {channel.x_unit!r}, no time", np.empty(0)
     parts = list(file.iter_channel_numpy(channel.uuid, include_x=True, chunk_rows=BLOCK, mode="scaled"))
-    factor = 1e-3 if channel.x_unit.strip().strip('"') == "ms" else 1.0
-    x = (
-        np.concatenate([np.empty(0), *(np.asarray(part["x"], dtype=np.float64) for part in parts)]) * factor
-        + later_s
+    x, y = (
+        np.concatenate([np.empty(0), *(np.asarray(part[side], dtype=np.float64) for part in parts)])
+        for side in "xy"
     )
-    y = np.concatenate([np.empty(0), *(np.asarray(part["y"], dtype=np.float64) for part in parts)])
     try:
-        axis = time_axis(path, channel.name, lambda: [x])
+        return time_axis(path, channel.name, lambda: [x * factor + later_s]), y
     except InputError as error:
-        return str(error).removeprefix(f"{path}: ")
-
-    def read(name: str, first: int, size: int) -> Iterator[Samples]:
-        for start in range(first, len(y), size):
-            yield y[start : start + size]
-
-    return axis, read
+        return str(error).removeprefix(f"{path}: "), y
 
 
 def _sample_bytes(path: Path) -> int:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
 
+from shipfp_rs.errors import InputError, LogWarning
 from shipfp_rs.logs.channel import Blocks, Channel, Samples
 from shipfp_rs.logs.log import Log
 from shipfp_rs.logs.time_axis import TimeAxis
@@ -41,3 +43,11 @@ def log_of_found(path: Path, found: Sequence[Found], rows: Blocks, notes: Sequen
         return readers.get(name, rows)(name, first, size)
 
     return Log(str(path), channels, blocks, zero, notes=tuple(notes))
+
+
+def tell_left_out(path: Path, why: str, names: Sequence[str], *, all_of_them: bool) -> None:
+    """Warn of channels that are left out, or raise where nothing else is in the file."""
+    if names and all_of_them:
+        raise InputError(f"{path}: {why}: {', '.join(names)}; expected at least one channel of numbers")
+    if names:
+        warnings.warn(f"{path}: left out, {why}: {', '.join(names)}", LogWarning, stacklevel=3)

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import posixpath
 import re
-import warnings
-from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -13,15 +11,14 @@ from typing import Any
 
 import numpy as np
 
-from shipfp_rs.errors import InputError, LogWarning
-from shipfp_rs.logs.channel import BLOCK, Channel, Samples
+from shipfp_rs.errors import InputError
+from shipfp_rs.logs.channel import Channel, Samples, in_blocks
 from shipfp_rs.logs.log import Log, register_reader
-from shipfp_rs.logs.readers.columns import column_names, is_table
-from shipfp_rs.logs.readers.found_channels import Found, log_of_found
+from shipfp_rs.logs.readers.columns import Row, axis_of, column_names, is_table, no_time, time_of
+from shipfp_rs.logs.readers.found_channels import Found, log_of_found, tell_left_out
 from shipfp_rs.logs.readers.isolation import in_child
-from shipfp_rs.logs.readers.time_base import seconds_per, stated_rate
-from shipfp_rs.logs.readers.time_words import is_time, split_bracketed
-from shipfp_rs.logs.time_axis import TimeAxis, time_axis
+from shipfp_rs.logs.readers.time_words import is_time, split_bracketed, stated_rate
+from shipfp_rs.logs.time_axis import TimeAxis
 
 START_NAMES = ("start_utc", "start_time", "wf_start_time")
 OWN = "expected all within its own; have it written as one file"
@@ -49,6 +46,7 @@ def open_hdf5(path: Path, rate_hz: float | None) -> Log:
     rows, skipped = _find_rows(file)
     scalars = [(posixpath.basename(key), row.dataset[()]) for key, row in rows.items() if row.length == 1]
     times = {key: row for key, row in rows.items() if is_time(split_bracketed(posixpath.basename(key))[0])}
+    bases = {key: Row(key, "", row.length, row.read) for key, row in times.items()}
     clocks: dict[str, tuple[TimeAxis, datetime | None]] = {}
     found: dict[str, tuple[_Row, Found]] = {}
     for key, row in rows.items():
@@ -62,7 +60,10 @@ def open_hdf5(path: Path, rate_hz: float | None) -> Log:
         start_utc = None if stamp is None else _instant(path, stamp)
         rate = rate_hz or stated_rate(facts.items()) or stated_rate(scalars)
         if rate is None:
-            time = _time_of(path, key, row.length, times)
+            own = Row(key, "", row.length, row.read)
+            time, _ = time_of(path, own, bases, (), None)
+            if not time:
+                raise no_time(path, own)
             if time not in clocks:
                 clocks[time] = _clock(path, time, times[time])
                 clocks[time][0].tell(path)
@@ -71,19 +72,10 @@ def open_hdf5(path: Path, rate_hz: float | None) -> Log:
         else:
             channel = Channel(name, unit, rate, row.length, start_s)
             found[name] = (row, Found(channel, start_utc=start_utc))
-    if skipped and not found:
-        raise InputError(f"{path}: no numbers along one axis in {', '.join(skipped)}")
-    if skipped:
-        warnings.warn(
-            f"{path}: no numbers along one axis in {', '.join(skipped)}; left out", LogWarning, stacklevel=2
-        )
-
-    def rows_of(name: str, first: int, size: int) -> Iterator[Samples]:
-        row = found[name][0]
-        for start in range(first, row.length, size):
-            yield row.read(start, min(start + size, row.length))
-
-    return log_of_found(path, [each for _, each in found.values()], rows_of)
+    tell_left_out(path, "no numbers along one axis", skipped, all_of_them=not found)
+    channels = {name: row for name, (row, _) in found.items()}
+    blocks = in_blocks(lambda name: channels[name].length, lambda name, *ends: channels[name].read(*ends))
+    return log_of_found(path, [each for _, each in found.values()], blocks)
 
 
 @dataclass(frozen=True)
@@ -135,28 +127,16 @@ def _find_rows(file: Any) -> tuple[dict[str, _Row], list[str]]:
         for field in names:
             kind = item.dtype[field] if field else item.dtype
             key = f"{name}/{field}" if field else name
-            scalar = item.ndim == 0 and item.size == 1
-            if (
-                kind.kind in "biuf"
-                and kind.itemsize <= 8
-                and (one_axis or scalar)
-                and matlab not in ("char", "cell")
-            ):
+            number = kind.kind in "biuf" and kind.itemsize <= 8 and matlab not in ("char", "cell")
+            if number and (one_axis or (item.ndim == 0 and item.size == 1)):
                 rows[key] = _Row(item, item.size, field)
-            elif (
-                field is None
-                and kind.kind in "biuf"
-                and kind.itemsize <= 8
-                and item.ndim == 2
-                and matlab not in ("char", "cell")
-            ):
+            elif number and field is None and item.ndim == 2:
                 if not is_table(item.shape):
                     skipped.append(key)
                     return
                 above = posixpath.dirname(name)
-                for k, column in enumerate(
-                    column_names(min(item.shape), _words(item), posixpath.basename(name))
-                ):
+                names_of = column_names(min(item.shape), _words(item), posixpath.basename(name))
+                for k, column in enumerate(names_of):
                     rows[posixpath.join(above, column)] = _Row(item, max(item.shape), None, k)
             else:
                 skipped.append(key)
@@ -228,33 +208,14 @@ def _attributes(dataset: Any) -> dict[str, Any]:
         item = item.parent
 
 
-def _time_of(path: Path, key: str, length: int, times: dict[str, _Row]) -> str:
-    """Path of the time that belongs to a row: the nearest of its length."""
-    above = posixpath.dirname(key)
-    while True:
-        for time, row in times.items():
-            if posixpath.dirname(time) == above and row.length == length:
-                return time
-        if not above:
-            raise InputError(
-                f"{path}: no time base for {key!r}: neither an attribute rate_hz nor a dataset time of its "
-                f"{length} samples; add one or give rate_hz (--rate)"
-            )
-        above = posixpath.dirname(above)
-
-
 def _clock(path: Path, key: str, row: _Row) -> tuple[TimeAxis, datetime | None]:
     """Return the even grid of a dataset of times, and the date of its time zero where its unit tells one."""
     facts = row.dataset.attrs
-    unit = _text(facts.get("units", facts.get("unit", split_bracketed(key)[1])))
+    unit = _text(facts.get("units", facts.get("unit", "")))
     since = SINCE.fullmatch(unit)
-    zero = _instant(path, since[2]) if since else None
-    factor = seconds_per(path, since[1] if since else unit)
-
-    def times() -> Iterator[Any]:
-        return (row.read(k, min(k + BLOCK, row.length)) * factor for k in range(0, row.length, BLOCK))
-
-    return time_axis(path, key, times), zero
+    plain = Row(key, since[1] if since else unit, row.length, row.read)
+    axis, plan = axis_of(path, key, plain, trusted=True)
+    return axis, _instant(path, since[2]) if since else plan.zero
 
 
 def _instant(path: Path, value: Any) -> datetime:

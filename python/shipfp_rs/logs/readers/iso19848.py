@@ -6,7 +6,8 @@ import csv
 import json
 import re
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from itertools import chain, repeat
 from pathlib import Path
 from typing import Any
 
@@ -27,17 +28,11 @@ def open_iso19848(path: Path, rate_hz: float | None, names: str | None = None) -
     text = begin.lstrip()
     if '"DataChannelList"' in text[:2000] and '"TimeSeriesData"' not in text:
         raise InputError(f"{path}: a data channel list, expected time series; give it with --names")
-    values = (
-        _of_json(path, text)
-        if text.startswith("{")
-        else _of_xml(path, text)
-        if text.startswith("<")
-        else _of_csv(path, text)
-    )
+    of = {"{": _of_json, "<": _of_xml}.get(text[:1], _of_csv)
     listed = _listed(path, names)
     found: dict[str, Series] = {}
     bad = words = 0
-    for channel, stamp, value, quality in values:
+    for channel, stamp, value, quality in of(path, text):
         name, unit = listed.get(channel, (channel, ""))
         series = found.setdefault(name, Series(unit))
         try:
@@ -61,6 +56,12 @@ def open_iso19848(path: Path, rate_hz: float | None, names: str | None = None) -
     return log_of_series(path, found, notes)
 
 
+def _row(channels: Sequence[str], stamp: str, values: Sequence[str], qualities: Sequence[str]) -> Values:
+    """Values of one time stamp; those without a quality are good."""
+    for channel, value, quality in zip(channels, values, chain(qualities, repeat("")), strict=False):
+        yield channel, stamp, value, quality
+
+
 def _items(value: Any) -> list[Any]:
     return value if isinstance(value, list) else [] if value is None else [value]
 
@@ -77,18 +78,13 @@ def _of_json(path: Path, text: str) -> Values:
         for table in _items(part.get("TabularData")):
             channels = [str(channel) for channel in _items(table.get("DataChannelID"))]
             for row in _items(table.get("DataSet")):
-                values, qualities = _items(row.get("Value")), _items(row.get("Quality"))
+                values = [str(value) for value in _items(row.get("Value"))]
                 if len(values) != len(channels):
                     raise InputError(
                         f"{path}: {len(values)} values at {row.get('TimeStamp')}, expected {len(channels)}, one a channel"
                     )
-                for k, (channel, value) in enumerate(zip(channels, values, strict=True)):
-                    yield (
-                        channel,
-                        str(row["TimeStamp"]),
-                        str(value),
-                        str(qualities[k]) if k < len(qualities) else "",
-                    )
+                qualities = [str(quality) for quality in _items(row.get("Quality"))]
+                yield from _row(channels, str(row["TimeStamp"]), values, qualities)
         for row in _items((part.get("EventData") or {}).get("DataSet")):
             quality = str(row.get("Quality", ""))
             yield str(row["DataChannelID"]), str(row["TimeStamp"]), str(row["Value"]), quality
@@ -119,9 +115,7 @@ def _of_xml(path: Path, text: str) -> Values:
             if _local(row) != "DataSet":
                 continue
             stamp = row.get("timeStamp") or next(iter(_texts(row, "TimeStamp")), "")
-            values, qualities = _texts(row, "Value"), _texts(row, "Quality")
-            for k, (channel, value) in enumerate(zip(channels, values, strict=False)):
-                yield channel, stamp, value, qualities[k] if k < len(qualities) else ""
+            yield from _row(channels, stamp, _texts(row, "Value"), _texts(row, "Quality"))
     for event in events:
         for row in event:
             if _local(row) == "DataSet":
@@ -146,12 +140,8 @@ def _of_csv(path: Path, text: str) -> Values:
         elif channels and cells and re.match(r"\d{4}-\d\d-\d\dT", cells[0]):
             for k, (channel, value) in enumerate(zip(channels[1:], cells[1:], strict=False), 1):
                 if k not in quality_of.values() and value:
-                    yield (
-                        channel,
-                        cells[0],
-                        value,
-                        cells[quality_of[k]] if k in quality_of and quality_of[k] < len(cells) else "",
-                    )
+                    place = quality_of.get(k, len(cells))
+                    yield channel, cells[0], value, "".join(cells[place : place + 1])
     if not channels:
         raise InputError(
             f"{path}: no row that begins with TimeStamp and names the channels; expected CSV of ISO 19848"
@@ -183,12 +173,9 @@ def _listed_json(text: str) -> Iterator[tuple[str, str, str, str]]:
     for channel in _items(json.loads(text)["Package"]["DataChannelList"]["DataChannel"]):
         identity, about = channel["DataChannelID"], channel.get("Property", {})
         unit = (about.get("Unit") or {}).get("UnitSymbol", "")
-        yield (
-            str(identity.get("ShortID", "")),
-            str(identity.get("LocalID", "")),
-            str(about.get("Name") or ""),
-            str(unit),
-        )
+        told = (identity.get("ShortID", ""), identity.get("LocalID", ""), about.get("Name") or "", unit)
+        short, local, name, unit = map(str, told)
+        yield short, local, name, unit
 
 
 def _listed_xml(text: str) -> Iterator[tuple[str, str, str, str]]:
@@ -198,9 +185,5 @@ def _listed_xml(text: str) -> Iterator[tuple[str, str, str, str]]:
         if _local(channel) != "DataChannel":
             continue
         told = {_local(item): (item.text or "").strip() for item in channel.iter()}
-        yield (
-            told.get("ShortID", ""),
-            told.get("LocalID", ""),
-            told.get("Name", ""),
-            told.get("UnitSymbol", ""),
-        )
+        short, local, name, unit = (told.get(key, "") for key in ("ShortID", "LocalID", "Name", "UnitSymbol"))
+        yield short, local, name, unit

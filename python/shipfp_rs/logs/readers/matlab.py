@@ -17,16 +17,16 @@ from shipfp_rs.logs.readers.columns import (
     VALUES,
     Row,
     axis_of,
-    blocks_of,
+    blocks_of_rows,
     column_names,
     is_table,
     no_time,
     time_of,
 )
-from shipfp_rs.logs.readers.found_channels import Found, log_of_found
+from shipfp_rs.logs.readers.found_channels import Found, log_of_found, tell_left_out
 from shipfp_rs.logs.readers.hdf5 import open_hdf5
 from shipfp_rs.logs.readers.isolation import in_child
-from shipfp_rs.logs.readers.time_plan import TimePlan
+from shipfp_rs.logs.readers.time_cells import TimePlan
 from shipfp_rs.logs.readers.time_words import is_time, split_bracketed, split_unit
 from shipfp_rs.logs.time_axis import TimeAxis
 
@@ -67,16 +67,13 @@ def open_matlab_5(path: Path, rate_hz: float | None) -> Log:
             clocks[key][0].tell(path)
         axis, plan = clocks[key]
         found.append(Found.on(axis, name, row.unit, plan.zero))
-    opaque, skipped = tree.opaque, [*tree.skipped, *tree.opaque]
-    hint = "; save tables and timeseries as structs (table2struct(T, 'ToScalar', true))" if opaque else ""
-    if skipped and not found:
-        raise InputError(f"{path}: no vectors of numbers among {', '.join(skipped)}{hint}")
-    if skipped:
-        warnings.warn(
-            f"{path}: no vectors of numbers: {', '.join(skipped)}; left out{hint}", LogWarning, stacklevel=2
-        )
+    hint = (
+        "; save tables and timeseries as structs (table2struct(T, 'ToScalar', true))" if tree.opaque else ""
+    )
+    skipped = [*tree.skipped, *tree.opaque]
+    tell_left_out(path, f"no vectors of numbers{hint}", skipped, all_of_them=not found)
     notes = [plan.note for _, plan in clocks.values() if plan.note]
-    return log_of_found(path, found, blocks_of(rows), notes)
+    return log_of_found(path, found, blocks_of_rows(rows), notes)
 
 
 def _tree(path: Path) -> _Tree:

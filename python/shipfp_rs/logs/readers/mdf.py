@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections import Counter
 from collections.abc import Iterator
 from datetime import UTC, datetime
@@ -11,11 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from shipfp_rs.errors import InputError, LogWarning
+from shipfp_rs.errors import InputError
 from shipfp_rs.logs.channel import BLOCK, Samples
 from shipfp_rs.logs.log import Log, register_reader
 from shipfp_rs.logs.readers.can_signals import Frames, log_of_frames
-from shipfp_rs.logs.readers.found_channels import Found, log_of_found
+from shipfp_rs.logs.readers.found_channels import Found, log_of_found, tell_left_out
 from shipfp_rs.logs.readers.isolation import in_child
 from shipfp_rs.logs.time_axis import TimeAxis, time_axis
 
@@ -47,13 +46,8 @@ def open_mdf(path: Path, rate_hz: float | None, names: str | None = None) -> Log
     found, keys, skipped, reasons = _found(path, file, start_utc, rate_hz)
     if not found and reasons:
         raise InputError(reasons[0])
-    if skipped:
-        why = f" ({reasons[0].removeprefix(f'{path}: ')})" if reasons else ""
-        warnings.warn(
-            f"{path}: left out, no numbers or no uniform time base{why}: {', '.join(skipped)}",
-            LogWarning,
-            stacklevel=2,
-        )
+    why = f" ({reasons[0].removeprefix(f'{path}: ')})" if reasons else ""
+    tell_left_out(path, f"no numbers or no uniform time base{why}", skipped, all_of_them=not found)
 
     def rows(name: str, first: int, size: int) -> Iterator[Samples]:
         number, index, raw = keys[name]

@@ -151,28 +151,16 @@ def _of_json(text: str) -> Iterator[Field]:
     told = json.loads(text)
     fields = told["fields"]
     time = seconds_since_1970(told["timestamp"])
-    instance = next(
-        (_number(fields[key]) for key in ("Instance", "instance", "Engine Instance") if key in fields), None
-    )
-    words = next(
-        (str(fields[key]) for key in ("Instance", "Engine Instance", "instance") if key in fields), ""
-    )
-    which = int(instance) if instance is not None else int("starboard" in words.lower())
+    place = next((fields[key] for key in ("Instance", "instance", "Engine Instance") if key in fields), "")
+    instance = _number(place)
+    which = int("starboard" in str(place).lower()) if instance is None else int(instance)
     for name, value in fields.items():
         number = _number(value)
         if number is None or "instance" in name.lower() or name == "SID":
             continue
         own = JSON_NAMES.get(re.sub(r"[\s_]", "", name).lower(), name) if told["pgn"] == 127488 else name
-        known = UNITS.get(own.lower())
-        yield (
-            known.name if known else own,
-            known.unit if known else "",
-            known.scale if known else 0.0,
-            which,
-            int(told.get("src", 0)),
-            time,
-            number,
-        )
+        known = UNITS.get(own.lower(), Signal(own, "", 0, 0, 0.0))
+        yield known.name, known.unit, known.scale, which, int(told.get("src", 0)), time, number
 
 
 def _number(value: Any) -> float | None:

@@ -19,12 +19,9 @@ from shipfp_rs.errors import InputError, LogWarning
 from shipfp_rs.logs.channel import BLOCK, Blocks, Channel, Samples
 from shipfp_rs.logs.formats import one_line_errors
 from shipfp_rs.logs.log import Log
-from shipfp_rs.logs.readers.text_time import looks_like_time
-from shipfp_rs.logs.readers.time_base import stated_rate
-from shipfp_rs.logs.readers.time_column import SAMPLE_ROWS, Wish, find_time
-from shipfp_rs.logs.readers.time_numbers import Column
-from shipfp_rs.logs.readers.time_plan import TimePlan
-from shipfp_rs.logs.readers.time_words import is_date, is_time, split_unit
+from shipfp_rs.logs.readers.time_cells import TimePlan, looks_like_time
+from shipfp_rs.logs.readers.time_column import SAMPLE_ROWS, Column, Wish, find_time
+from shipfp_rs.logs.readers.time_words import is_date, is_time, split_unit, stated_rate
 from shipfp_rs.logs.time_axis import TimeAxis, time_axis
 
 # Arrow imports pandas at its first conversion, and takes an interrupt then for its absence.
@@ -204,11 +201,7 @@ def _first(batches: Iterator[pa.Array]) -> list[pa.Array]:
 
 
 def _axis(
-    path: Path,
-    plan: TimePlan,
-    batches: Batches,
-    rate_hz: float | None,
-    same: Callable[[int, int, int], bool],
+    path: Path, plan: TimePlan, batches: Batches, rate_hz: float | None, same: Callable[[int, int, int], bool]
 ) -> TimeAxis:
     def cells(key: str) -> Iterator[pa.Array]:
         return batches(key, 0, BLOCK)

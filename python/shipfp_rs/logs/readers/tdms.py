@@ -6,22 +6,22 @@ import math
 import warnings
 from collections import Counter
 from collections.abc import Iterator
-from datetime import UTC, datetime
+from datetime import UTC
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyarrow as pa
 
 from shipfp_rs.errors import InputError, LogWarning
 from shipfp_rs.logs.channel import BLOCK, Channel, Samples
 from shipfp_rs.logs.log import Log, register_reader
-from shipfp_rs.logs.readers.found_channels import Found, log_of_found
+from shipfp_rs.logs.readers.columns import Row, axis_of
+from shipfp_rs.logs.readers.found_channels import Found, log_of_found, tell_left_out
 from shipfp_rs.logs.readers.isolation import in_child
-from shipfp_rs.logs.readers.time_column import find_time
-from shipfp_rs.logs.readers.time_numbers import Column
+from shipfp_rs.logs.readers.time_cells import TimePlan
 from shipfp_rs.logs.readers.time_words import is_time, split_bracketed
-from shipfp_rs.logs.time_axis import TimeAxis, time_axis
+from shipfp_rs.logs.time_axis import TimeAxis
 
 
 @register_reader(".tdms")
@@ -43,7 +43,7 @@ def open_tdms(path: Path, rate_hz: float | None) -> Log:
     ]
     by_name = dict(named)
     times = {(channel.group_name, len(channel)): channel for channel in reversed(every) if _is_time(channel)}
-    axes: dict[str, tuple[TimeAxis, datetime | None]] = {}
+    axes: dict[str, tuple[TimeAxis, TimePlan]] = {}
     found: list[Found] = []
     skipped: list[str] = []
     for name, channel in named:
@@ -63,15 +63,13 @@ def open_tdms(path: Path, rate_hz: float | None) -> Log:
                 "rate_hz (--rate)"
             )
         if own.path not in axes:
-            axes[own.path] = _axis(path, own)
+            row = Row(own.name, _unit(own), len(own), partial(_cells, own))
+            axes[own.path] = axis_of(path, own.name, row)
             axes[own.path][0].tell(path)
-        axis, zero = axes[own.path]
-        found.append(Found.on(axis, name, _unit(channel), zero))
+        axis, plan = axes[own.path]
+        found.append(Found.on(axis, name, _unit(channel), plan.zero))
     _tell_cut(path, file.file_status)
-    if skipped and not found:
-        raise InputError(f"{path}: no numbers in {', '.join(skipped)}; expected at least one channel of them")
-    if skipped:
-        warnings.warn(f"{path}: no numbers in {', '.join(skipped)}; left out", LogWarning, stacklevel=2)
+    tell_left_out(path, "no numbers", skipped, all_of_them=not found)
 
     def rows(name: str, first: int, size: int) -> Iterator[Samples]:
         channel = by_name[name]
@@ -123,11 +121,5 @@ def _is_time(channel: Any) -> bool:
     )
 
 
-def _axis(path: Path, channel: Any) -> tuple[TimeAxis, datetime | None]:
-    """Return the grid of a channel of times, and when it began."""
-    name, unit = split_bracketed(channel.name)
-    values = np.asarray(channel[:])
-    cells = pa.array(values.astype("M8[ns]") if values.dtype.kind == "M" else values)
-    column = Column(name, str(channel.properties.get("unit_string", unit)), channel.name, cells)
-    (plan,) = find_time(path, [column], {name: channel.name}, wish=name)
-    return time_axis(path, channel.name, lambda: plan.seconds(path, lambda _: iter([cells]))), plan.zero
+def _cells(channel: Any, first: int, stop: int) -> Samples:
+    return np.asarray(channel[first:stop])

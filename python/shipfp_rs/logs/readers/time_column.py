@@ -6,31 +6,128 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
+from typing import NamedTuple
 
 import numpy as np
 import pyarrow as pa
 
 from shipfp_rs.errors import InputError
-from shipfp_rs.logs.readers import text_time, time_words
-from shipfp_rs.logs.readers.text_time import MISSING, TextTime
-from shipfp_rs.logs.readers.time_numbers import (
-    LONGEST_STEP_S,
-    Column,
-    fits_time,
-    is_number,
-    numbers_of,
-    plan_of_numbers,
-)
-from shipfp_rs.logs.readers.time_plan import TimePlan, stamps_ns
+from shipfp_rs.logs.readers import time_words
+from shipfp_rs.logs.readers.time_cells import EPOCH, MISSING, Order, TextTime, TimePlan, find_text_time
+from shipfp_rs.support.arrays import Array
 
 SAMPLE_ROWS = 2000
 """Rows from which the time is found."""
+EPOCHS: tuple[tuple[float, float, float, datetime, str], ...] = (
+    (9.4e8, 2.2e9, 1.0, EPOCH, "s since 1970"),
+    (9.4e11, 2.2e12, 1e-3, EPOCH, "ms since 1970"),
+    (9.4e14, 2.2e15, 1e-6, EPOCH, "us since 1970"),
+    (9.4e17, 2.2e18, 1e-9, EPOCH, "ns since 1970"),
+    (3.02e9, 4.3e9, 1.0, datetime(1904, 1, 1, tzinfo=UTC), "s since 1904 (LabVIEW)"),
+    (1.25e17, 1.4e17, 1e-7, datetime(1601, 1, 1, tzinfo=UTC), "100 ns since 1601 (Windows)"),
+    (6.3e17, 6.5e17, 1e-7, datetime(1, 1, 1, tzinfo=UTC), "100 ns since year 1 (.NET)"),
+)
+"""Ranges of what counts from a year, the first years of this century to 2039 about, in which they do not overlap."""
+DAYS = (
+    (3.6e4, 5.1e4, 25569.0, "days since 1900 (Excel)"),
+    (7.3e5, 7.46e5, 719529.0, "days since year 0 (MATLAB)"),
+)
+"""Ranges of what counts days, in the same years, and where 1970 began."""
+DAY_STEP = 1e-4
+"""Days: above it a step is longer than eight seconds; as seconds it would be a rate above ten kilohertz."""
+LONGEST_STEP_S = 5.0
+"""A column without a unit whose steps would be longer, taken as seconds, is not taken for them."""
+CENTURIES_S = 6.3e9
 AMBIGUOUS = frozenset(
     ["x", "xvalue", "xvalues", "xdata", "xaxis", "tempo", "clock", "data", "ora", "hora", "saat", "instant"]
 )
 """Words of time that mean other things as well."""
 WORDS = {"d": "day first", "m": "month first", "y": "year first", "": ""}
-ORDERS: dict[str, text_time.Order] = {"d": "d", "t": "d", "j": "d", "m": "m", "y": "y", "a": "y"}
+ORDERS: dict[str, Order] = {"d": "d", "t": "d", "j": "d", "m": "m", "y": "y", "a": "y"}
+
+
+class Column(NamedTuple):
+    """A column that may be time: its name without the unit, its unit, its field in the table, cells of its first rows."""
+
+    name: str
+    unit: str
+    key: str
+    cells: pa.Array
+
+
+def is_number(column: Column) -> bool:
+    """Whether a column holds numbers, and neither text nor timestamps."""
+    kind = column.cells.type
+    return bool(pa.types.is_integer(kind) or pa.types.is_floating(kind))
+
+
+def fits_time(column: Column) -> bool:
+    """Whether the unit of a column that is called like a time is one of time: T [°C] is not."""
+    return column.unit.lower() in time_words.SECONDS or column.unit == "UTC"
+
+
+def numbers_of(column: Column) -> Array:
+    """Return the finite numbers of a column's first rows."""
+    values = column.cells.to_numpy(zero_copy_only=False).astype(np.float64)
+    return np.asarray(values[np.isfinite(values)])
+
+
+def plan_of_numbers(path: object, column: Column, *, trusted: bool = False) -> TimePlan | None:
+    """Tell seconds from other units and from what counts from a year."""
+    values = numbers_of(column)
+    plan = TimePlan((column.key,), column.name)
+    if len(values) < 2:
+        return plan
+    first, step = float(values[0]), float(np.median(np.diff(values)))
+    unit = column.unit.lower() if column.unit != "UTC" else ""
+    factor = time_words.SECONDS.get(unit, 1.0)
+    for low, high, scale, year, text in EPOCHS:
+        stated = unit and abs(scale / factor - 1.0) < 0.5
+        if not low < first < high or (unit and not stated and first * factor < CENTURIES_S):
+            continue
+        if not unit and step * scale > LONGEST_STEP_S:
+            raise InputError(
+                f"{path}: time column {column.name!r} starts at {first:.10g} in steps of {step:g}: {text}, or another unit? "
+                f"say which, such as --time '{column.name} [us]'"
+            )
+        offset = float(np.floor(first)) if scale == 1.0 else first
+        zero = year + timedelta(microseconds=round(offset * scale * 1e6))
+        contradicts = f", not {column.unit} as its heading says" if unit and not stated else ""
+        # The first row is zero: seconds of a day keep their last digits, those since a year do not.
+        return replace(
+            plan,
+            factor=scale,
+            offset=offset,
+            zero=zero,
+            note=f"time from {column.name!r}, {text}{contradicts}",
+        )
+    if not unit and _is_packed(values):
+        return replace(
+            plan, packed=True, note=f"time from {column.name!r}, hours, minutes and seconds as one number"
+        )
+    for low, high, at_1970, text in DAYS:
+        if low < first < high and not unit and 0.0 < step < DAY_STEP:
+            offset = float(np.floor(first))
+            zero = EPOCH + timedelta(days=offset - at_1970)
+            return replace(
+                plan, factor=86400.0, offset=offset, zero=zero, note=f"time from {column.name!r}, {text}"
+            )
+    if not unit and not trusted and step > LONGEST_STEP_S:
+        raise InputError(
+            f"{path}: time column {column.name!r} tells no unit and rises by {step:g} a row; say which, such as "
+            f"--time '{column.name} [ms]'"
+        )
+    note = f"time from {column.name!r}, taken as seconds" if not unit else ""
+    return replace(plan, factor=factor, note=note)
+
+
+def _is_packed(values: Array) -> bool:
+    """Whether numbers are times of day such as 100059.5 (hhmmss.s), which jump from 59.9 to 100.0."""
+    inside = (values >= 0.0) & (values < 240000.0) & (values % 100 < 60) & (values // 100 % 100 < 60)
+    steps = np.diff(values)
+    step = float(np.median(steps))
+    jumps = np.abs(steps - step - 40.0) < 0.5 * max(step, 0.0)
+    return bool(inside.all() and jumps.any() and (steps >= 0.0).all())
 
 
 @dataclass(frozen=True)
@@ -43,10 +140,9 @@ class Wish:
     @classmethod
     def of(cls, text: str) -> Wish:
         """Read "COLUMN", "COLUMN [ms]", "COLUMN [d.m.y]" or "DATE + CLOCK"."""
-        found = [re.fullmatch(r"(.*\S)\s*\[([^\]]*)\]\s*", part) for part in re.split(r"\s\+\s", text)]
-        names = [
-            match[1] if match else part for match, part in zip(found, re.split(r"\s\+\s", text), strict=True)
-        ]
+        parts = re.split(r"\s\+\s", text)
+        found = [re.fullmatch(r"(.*\S)\s*\[([^\]]*)\]\s*", part) for part in parts]
+        names = (match[1] if match else part for match, part in zip(found, parts, strict=True))
         told = next((match[2].strip() for match in found if match), "")
         return cls(tuple(name.strip() for name in names), told)
 
@@ -195,12 +291,12 @@ def _texts(path: object, columns: Sequence[Column], european: bool) -> list[Time
 def _how(column: Column, european: bool) -> TextTime | None:
     if pa.types.is_integer(column.cells.type) and time_words.is_date(column.name):
         cells = [str(cell) for cell in column.cells.to_pylist() if cell is not None]
-        found = text_time.find_text_time(cells)
+        found = find_text_time(cells)
         return found if found and found.pattern == "compact" else None
     if not pa.types.is_string(column.cells.type):
         return None
     cells = [cell for cell in column.cells.to_pylist() if cell]
-    found = text_time.find_text_time(cells, european=european)
+    found = find_text_time(cells, european=european)
     if found is not None and found.pattern.startswith("two") and not found.sure:
         told = column.unit[:1].lower()
         if told in ("d", "t", "j", "m") and re.search("y|j|a", column.unit.lower()):
@@ -222,53 +318,24 @@ def _text_plan(path: object, columns: Sequence[Column], european: bool) -> TimeP
     if dated is None:
         note += ", time of day without a date"
     else:
-        note += f", {WORDS[dated.order]}" + (
-            "" if dated.sure else f" by custom; else say --time '{name} [{_other(dated)}]'"
-        )
+        other = "m/d/y" if dated.order == "d" else "d/m/y"
+        note += f", {WORDS[dated.order]}"
+        note += "" if dated.sure else f" by custom; else say --time '{name} [{other}]'"
     return _with_zero(path, TimePlan(keys, name, tuple(how), note=note), columns)
-
-
-def _other(how: TextTime) -> str:
-    return "m/d/y" if how.order == "d" else "d/m/y"
 
 
 def _with_zero(path: object, plan: TimePlan, columns: Sequence[Column]) -> TimePlan:
     """Count from the first row of a plan whose cells have dates."""
-    zero = _zero_of(path, plan, columns)
-    return replace(plan, zero=zero)
+    return replace(plan, zero=_zero_of(path, plan, columns))
 
 
 def _zero_of(path: object, plan: TimePlan, columns: Sequence[Column]) -> datetime | None:
-    if plan.zero is not None and plan.how == (None,) and plan.offset:
+    if plan.offset:  # of numbers that count from a year
         return plan.zero
-    by_key = {column.key: column for column in columns}
-    first = by_key[plan.keys[0]].cells
-    if plan.how[0] is None:
-        if not pa.types.is_timestamp(first.type):
-            return None
-    elif not any(how and how.has_date for how in plan.how):
-        return None
-    bare = replace(plan, zero=None)
-    for seconds in bare.seconds(path, lambda key: iter([by_key[key].cells[:SAMPLE_ROWS]])):
-        known = seconds[np.isfinite(seconds)]
-        if len(known):
-            if plan.how[0] is None:
-                told = stamps_ns(first)
-                ns = int(told[told != MISSING][0])
-            else:
-                ns = _first_ns(plan, by_key)
-            return datetime(1970, 1, 1, tzinfo=UTC) + timedelta(microseconds=ns // 1000)
-    return None
-
-
-def _first_ns(plan: TimePlan, columns: Mapping[str, Column]) -> int:
-    told = [
-        text_time.nanoseconds(columns[key].cells.cast(pa.string()), how)
-        for key, how in zip(plan.keys, plan.how, strict=True)
-        if how
-    ]
-    known = np.logical_and.reduce([part != MISSING for part in told])
-    return int(sum(int(part[known][0]) for part in told))
+    by_key = {column.key: column.cells for column in columns}
+    told = plan.stamps(path, [by_key[key] for key in plan.keys])
+    known = [] if told is None or not plan.dated else told[told != MISSING].tolist()
+    return EPOCH + timedelta(microseconds=known[0] // 1000) if known else None
 
 
 def _score(path: object, plan: TimePlan, columns: Sequence[Column]) -> tuple[float, ...]:

@@ -1,9 +1,12 @@
-"""What loggers call time, a date, a clock and a unit of time, in ten languages and more."""
+"""What loggers call time, a date, a clock, a unit of time and a sample rate, in ten languages and more."""
 
 from __future__ import annotations
 
 import re
 import unicodedata
+from collections.abc import Iterable
+
+import numpy as np
 
 from shipfp_rs.support import units
 
@@ -42,6 +45,22 @@ UNITS_TEXT = {
 }
 SECONDS = {"": 1.0} | {word: factor for factor, text in UNITS_TEXT.items() for word in text.split()}
 """Seconds in a unit of time, in lower case."""
+RATES_TEXT = """
+rate_hz fs sample_rate samplerate sampling_rate sample_frequency sampling_frequency sampling
+samples_per_second sps scan_rate logging_rate log_rate abtastrate abtastfrequenz messrate
+samplefrequentie bemonsteringsfrequentie fréquence_d'échantillonnage fréquence_échantillonnage
+samplingsfrekvens samplingsfrekvensen punktavläsningsfrekvens frecuencia_de_muestreo
+frequência_de_amostragem frequenza_di_campionamento częstotliwość_próbkowania näytteenottotaajuus
+örnekleme_frekansı частота_дискретизации
+"""
+RATE_NAMES = frozenset(RATES_TEXT.split())
+INTERVALS_TEXT = """
+dt ts delta_x deltax sample_interval sampling_interval sample_period sampling_period sample_time
+interval wf_increment abtastintervall abtastzeit abtastperiode periode_d'échantillonnage
+período_de_muestreo
+"""
+INTERVAL_NAMES = frozenset(INTERVALS_TEXT.split())
+"""What a sample rate [Hz] or the time between two samples [s] may be called, in lower case with underscores."""
 
 BRACKETED = re.compile(r"(.*\S)\s*(?:\[([^\]]*)\]|\(([^)]*)\)|\{([^}]*)\}|<([^>]*)>)\s*")
 TAILS = tuple(
@@ -110,3 +129,20 @@ def is_time(name: str) -> bool:
 def is_date(name: str) -> bool:
     """Whether a column's name says that it holds dates."""
     return plain(name) in DATES
+
+
+def stated_rate(facts: Iterable[tuple[str, object]]) -> float | None:
+    """Return the sample rate [Hz] that one of these named values states, or None."""
+    for name, value in facts:
+        key = re.sub(r"[\s-]+", "_", name.strip().lower())
+        number = np.asarray(value)
+        if number.size != 1 or number.dtype.kind not in "iuf":
+            continue
+        known = float(number.reshape(-1)[0])
+        if not 0.0 < known < np.inf:
+            continue
+        if key in RATE_NAMES or key.removesuffix("_hz") in RATE_NAMES:
+            return known
+        if key in INTERVAL_NAMES:
+            return 1.0 / known
+    return None

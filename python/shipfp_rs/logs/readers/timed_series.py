@@ -12,9 +12,10 @@ import numpy as np
 import numpy.typing as npt
 
 from shipfp_rs.errors import InputError
-from shipfp_rs.logs.channel import Blocks, Channel, Samples
+from shipfp_rs.logs.channel import Blocks, Channel, Samples, blocks_of
 from shipfp_rs.logs.faults.record import Fault
 from shipfp_rs.logs.log import Log
+from shipfp_rs.logs.readers.time_cells import EPOCH
 from shipfp_rs.logs.time_axis import TimeAxis, time_axis
 
 
@@ -53,7 +54,7 @@ def log_of_series(path: Path, series: Mapping[str, Series], notes: Sequence[str]
         if axis is None:
             continue
         channels.append(Channel(name, each.unit, axis.rate_hz, axis.samples, axis.start_s, each.resolution))
-        held[name] = axis.on_grid(_blocks(samples))
+        held[name] = axis.on_grid(blocks_of({name: samples}))
     if not channels:
         why = told[-1] if len(told) > len(notes) else "no name has two values or more"
         raise InputError(f"{path}: no series of numbers in it ({why}); is it the right file?")
@@ -61,7 +62,7 @@ def log_of_series(path: Path, series: Mapping[str, Series], notes: Sequence[str]
     def blocks(name: str, first: int, size: int) -> Iterator[Samples]:
         return held[name](name, first, size)
 
-    start = datetime(1970, 1, 1, tzinfo=UTC) + timedelta(microseconds=round(zero * 1e6))
+    start = EPOCH + timedelta(microseconds=round(zero * 1e6))
     return Log(str(path), channels, blocks, start if zero else None, tuple(faults), tuple(told))
 
 
@@ -79,14 +80,6 @@ def own_axis(
     return axis
 
 
-def _blocks(samples: npt.NDArray[np.float64]) -> Blocks:
-    def read(name: str, first: int, size: int) -> Iterator[Samples]:
-        for start in range(first, len(samples), size):
-            yield samples[start : start + size]
-
-    return read
-
-
 def seconds_since_1970(text: str) -> float:
     """Return an instant in ISO 8601, or with the dash of canboat before the clock; without a zone it is UTC."""
     text = text.strip()
@@ -94,4 +87,4 @@ def seconds_since_1970(text: str) -> float:
         text = f"{text[:10]}T{text[11:]}"
     instant = datetime.fromisoformat(text)
     instant = instant.replace(tzinfo=UTC) if instant.tzinfo is None else instant
-    return (instant - datetime(1970, 1, 1, tzinfo=UTC)) / timedelta(seconds=1)
+    return (instant - EPOCH) / timedelta(seconds=1)

@@ -1,11 +1,11 @@
-"""Dates and times of day written as text, in any of the orders of the world, to nanoseconds since 1970."""
+"""Cells of a time column to seconds: numbers, stamps, and dates and times of day in any of the orders of the world."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from datetime import date
+from datetime import UTC, date, datetime, timedelta
 from typing import Literal
 
 import numpy as np
@@ -13,10 +13,14 @@ import numpy.typing as npt
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from shipfp_rs.errors import InputError
+from shipfp_rs.support.arrays import Array
+
 Order = Literal["y", "d", "m", ""]
 """What a date begins with: year, day or month; empty where it is not known yet, or there is no date."""
 Nanoseconds = npt.NDArray[np.int64]
 
+EPOCH = datetime.fromtimestamp(0, UTC)
 DAY_NS = 86_400_000_000_000
 MISSING = np.iinfo(np.int64).min
 """Stands for a cell that is empty."""
@@ -230,6 +234,121 @@ def _day(part: dict[str, str], order: Order) -> int:
         one, two = int(part["a"]), int(part["b"])
         month, day = (one, two) if order == "m" else (two, one)
     try:
-        return date(year, month, day).toordinal() - date(1970, 1, 1).toordinal()
+        return date(year, month, day).toordinal() - EPOCH.toordinal()
     except ValueError:
         return int(MISSING)
+
+
+Cells = Callable[[str], Iterator[pa.Array]]
+"""Column to its cells, block by block, all columns in blocks of the same lengths."""
+
+
+@dataclass(frozen=True)
+class TimePlan:
+    """How the time of a table is read.
+
+    Parameters
+    ----------
+    keys
+        Fields of the table: one, or a date and a time of day.
+    name
+        What they are called in messages.
+    how
+        How each is written, None for numbers and for timestamps.
+    factor, offset
+        Seconds per unit and what is taken off before, of numbers.
+    zero
+        Where the seconds count from, where the file tells.
+    note
+        What was found, one line.
+    """
+
+    keys: tuple[str, ...]
+    name: str
+    how: tuple[TextTime | None, ...] = (None,)
+    factor: float = 1.0
+    offset: float = 0.0
+    zero: datetime | None = None
+    note: str = ""
+    packed: bool = False
+    """Whether a number is hours, minutes and seconds: 100059.5."""
+
+    @property
+    def dated(self) -> bool:
+        """Whether cells that are no numbers tell the day."""
+        return self.how[0] is None or any(how and how.has_date for how in self.how)
+
+    def seconds(self, path: object, cells: Cells) -> Iterator[Array]:
+        """Yield the times of all rows [s] from `zero` on; NaN for an empty cell."""
+        state = _Rollover()
+        row = 0
+        for parts in zip(*(cells(key) for key in self.keys), strict=True):
+            told = self.stamps(path, parts, row)
+            if told is None:
+                yield self._numbers(parts[0], state)
+            elif self.dated:
+                base = 0 if self.zero is None else (self.zero - EPOCH) // timedelta(microseconds=1) * 1000
+                yield np.where(told == MISSING, np.nan, (told - base) * 1e-9)
+            else:
+                yield state.unrolled(told)
+            row += len(parts[0])
+
+    def stamps(self, path: object, parts: Sequence[pa.Array], row: int = 0) -> Nanoseconds | None:
+        """Return cells as nanoseconds since 1970, or midnight without a date, `MISSING` for empty ones; None of numbers."""
+        if self.how[0] is None:
+            kind = parts[0].type
+            if not pa.types.is_timestamp(kind):
+                return None
+            whole = parts[0].cast(pa.timestamp("ns", tz=kind.tz), safe=False).cast(pa.int64())
+            return np.asarray(whole.fill_null(int(MISSING)).to_numpy(zero_copy_only=False))
+        try:
+            told = [
+                nanoseconds(part.cast(pa.string()), how)
+                for part, how in zip(parts, self.how, strict=True)
+                if how
+            ]
+        except ValueError as error:
+            if len(error.args) != 2:
+                raise
+            at, cell = error.args
+            raise InputError(
+                f"{path}: time column {self.name!r}: record {row + int(at) + 1} holds {cell!r}, expected a time like "
+                "those before it"
+            ) from None
+        missing = np.logical_or.reduce([part == MISSING for part in told])
+        return np.where(missing, MISSING, np.sum(told, axis=0))
+
+    def _numbers(self, values: pa.Array, state: _Rollover) -> Array:
+        if self.packed:
+            seconds = np.asarray(values.cast(pa.float64()).to_numpy(zero_copy_only=False))
+            known = np.where(np.isfinite(seconds), seconds, 0.0)
+            told = np.rint(((known // 1e4) * 3600 + (known // 100 % 100) * 60 + known % 100) * 1e9)
+            return state.unrolled(np.where(np.isfinite(seconds), told.astype(np.int64), MISSING))
+        if pa.types.is_integer(values.type) and self.offset:
+            zero = int(self.offset)
+            whole = values.cast(pa.int64()).fill_null(zero).to_numpy(zero_copy_only=False)
+            seconds = (whole - zero) * self.factor
+            if values.null_count:
+                seconds[values.is_null().to_numpy(zero_copy_only=False)] = np.nan
+            return np.asarray(seconds)
+        numbers = values.to_numpy(zero_copy_only=False).astype(np.float64)
+        return np.asarray((numbers - self.offset) * self.factor if self.offset else numbers * self.factor)
+
+
+@dataclass
+class _Rollover:
+    """Times of day that pass midnight, in stretches."""
+
+    last: int = MISSING
+    days: int = 0
+
+    def unrolled(self, told: npt.NDArray[np.int64]) -> Array:
+        known = told[told != MISSING]
+        if not len(known):
+            return np.full(len(told), np.nan)
+        before = np.append(self.last if self.last != MISSING else known[0], known[:-1])
+        passed = self.days + np.cumsum(known - before < -DAY_NS // 2)
+        self.last, self.days = int(known[-1]), int(passed[-1])
+        out = np.full(len(told), np.nan)
+        out[told != MISSING] = (known + passed * DAY_NS) * 1e-9
+        return out
