@@ -169,10 +169,11 @@ def test_margins_tell_a_stable_loop_from_an_unstable_one():
 
 
 @pytest.mark.parametrize(
-    "family", ["tug", *(pytest.param(one, marks=pytest.mark.slow) for one in FAMILIES if one != "tug")]
+    ("family", "draws"),
+    [("lab_drive", 5), *(pytest.param(one, 16, marks=pytest.mark.slow) for one in FAMILIES)],
 )
-def test_draws_are_seeded_and_keep_their_ranges(family):
-    some = [draw(family, seed, longest_s=240.0) for seed in range(16)]
+def test_draws_are_seeded_and_keep_their_ranges(family, draws):
+    some = [draw(family, seed, longest_s=240.0) for seed in range(draws)]
     again = draw(family, 3, longest_s=240.0)
     assert again.truth() == some[3].truth()
     on = np.zeros(len(ELEMENTS))
@@ -190,7 +191,7 @@ def test_draws_are_seeded_and_keep_their_ranges(family):
         assert has_margins({name: 0.0 if value is None else value for name, value in values.items()})
         on += [name in one.on for name in ELEMENTS]
     # Most are on with probability 1/2; a twist keeps its margins more rarely.
-    assert ((on > 0) & (on < len(some))).all()
+    assert draws < 16 or ((on > 0) & (on < len(some))).all()
 
 
 @pytest.mark.parametrize(
@@ -294,7 +295,9 @@ def test_faults_of_pulses_come_at_their_rate():
     assert 0.03 < 1.0 - count(broken=0.05) / whole < 0.08
 
 
-@pytest.mark.parametrize("family", ["tug", "genset", "lab_drive"])
+@pytest.mark.parametrize(
+    "family", ["genset", *(pytest.param(one, marks=pytest.mark.slow) for one in ("tug", "lab_drive"))]
+)
 def test_raw_logs_hold_the_trial(family, tmp_path):
     """Pulses count the turns, volts and their line give the set point, and nothing of the truth is in the files."""
     one = draw(family, 6, longest_s=200.0, load=False)
@@ -347,6 +350,7 @@ def test_the_weight_of_white_noise_is_one_a_degree_of_freedom():
     assert np.mean(parts[1:] ** 2) == pytest.approx(1.0, abs=0.03)
 
 
+@pytest.mark.slow  # small steps on drawn elements agree above
 def test_launch_agrees_with_small_steps_on_a_draw():
     one = next(
         d
@@ -374,7 +378,7 @@ def test_wrong_data_are_wrong_in_the_way_they_say(seed):
         assert np.corrcoef(signals[torque], signals["n_e"])[0, 1] < 0.0
 
 
-@pytest.mark.parametrize("some", [{"T_d", "T_set"}, {"T_d"}], ids=lambda some: "+".join(sorted(some)))
+@pytest.mark.parametrize("some", [{"T_d", "T_set"}, pytest.param({"T_d"}, marks=pytest.mark.slow)])
 def test_a_third_simulation_finds_the_truth_in_an_experiment(some):
     """The rival's ship, at the truth and on the set point at 50 Hz, leaves far less than the noise.
 

@@ -40,6 +40,7 @@ def peak_mib(turns: int) -> float:
         tracemalloc.stop()
 
 
+@pytest.mark.slow
 def test_memory_does_not_grow_with_a_log_that_repeats_itself(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(inspection, "STRETCH_BYTES", 1 << 22)
     # Read side by side, two channels have more or fewer stretches in memory at once, as chance has it.
