@@ -377,7 +377,7 @@ class TestRun:
         assert self.seeds == [7, 0]
 
     def test_a_failure_leaves_nothing_half_written(self, trial, tmp_path, monkeypatch, capsys) -> None:
-        monkeypatch.setattr("shipfp_rs.runs.run.write_report", raising(ZeroDivisionError("in the report")))
+        monkeypatch.setattr("shipfp_rs.report.write_report", raising(ZeroDivisionError("in the report")))
         assert cli.main(["run", str(trial), "--out", str(tmp_path / "result")]) == 1
         assert "internal error" in one_line(capsys.readouterr().err)
         assert [file.name for file in tmp_path.iterdir()] == ["TRIAL.toml"]
