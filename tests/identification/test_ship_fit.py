@@ -14,6 +14,7 @@ from shipfp_rs.identification.question import question_of
 from shipfp_rs.identification.record import Record
 from shipfp_rs.identification.ship_fit import fit_ship, smooth_ship
 from shipfp_rs.identification.ship_found import DEFAULTS
+from shipfp_rs.structures.elements import ELEMENTS
 from tests.families.draw import draw
 
 LAUNCH = fp.Vessel.load("stan-launch-804")
@@ -242,3 +243,8 @@ def test_points_of_another_figure_do_not_move_the_ends_of_an_interval():
         width = expected.high - expected.low
         assert found.low == pytest.approx(expected.low, abs=0.1 * width), name
         assert found.high == pytest.approx(expected.high, abs=0.1 * width), name
+
+
+def test_every_element_of_the_ship_has_a_place_to_begin_its_search():
+    parameters = [parameter for element in ELEMENTS.values() for parameter in element.parameters]
+    assert {parameter.name for parameter in parameters} <= set(DEFAULTS)

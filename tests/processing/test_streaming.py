@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from shipfp_rs.logs.formats import TEXTS
 from shipfp_rs.logs.log import Log
 from shipfp_rs.logs.readers import delimited
 from shipfp_rs.logs.readers.child_process import end_idle, idle_process
@@ -29,7 +30,7 @@ def test_reading_through_a_channel_holds_a_fraction_of_it(
             pytest.importorskip(package)
     monkeypatch.setattr(delimited, "PART", 1 << 16)
     suffix, write = WRITERS[kind]
-    noise = np.random.default_rng(1).standard_normal(SAMPLES // 30 if kind == "CSV" else SAMPLES).round(6)
+    noise = np.random.default_rng(1).standard_normal(SAMPLES // 30 if suffix in TEXTS else SAMPLES).round(6)
     samples = len(noise)
     end_idle()
     # What a package takes for itself, once, is not of the log.

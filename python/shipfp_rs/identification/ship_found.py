@@ -11,6 +11,7 @@ from shipfp_rs.identification.basins import Basin
 from shipfp_rs.identification.likelihood import Likelihood
 from shipfp_rs.identification.question import TRIED, Question
 from shipfp_rs.identification.record import STEP_S, Between
+from shipfp_rs.structures.elements import ELEMENTS
 
 ROUGH_STEP_S = 0.04
 """Longest step of descents from many starts [s]."""
@@ -23,11 +24,12 @@ BELIEVED = 25.0
 """Fall of the deviance from which an element that is tried is called on. Chance gives 14 once in 1,000 with two parameters;
 what the model leaves out elsewhere gives as much again."""
 DEFAULTS: Mapping[str, float] = {
+    **{parameter.name: parameter.start for element in ELEMENTS.values() for parameter in element.parameters},
     "tau_n": 1.2, "g": -0.5, "vK_p": 5.0, "vK_i": 5.0, "p": 2.0, "tau_prop": 0.4,
     "vK_d": 0.01, "damping": 0.0, "T_M": 1e-3, "T_n": 1e-3, "v": 1.2, "k_L": 1.0,
     "M_max": 1.2, "M_soft": 5e-3, "hold": 0.5, "rate": 1.0, "tau_twist": 2e-3, "zeta_twist": 0.5,
 }  # fmt: skip
-"""Where a parameter begins that no regression tells."""
+"""Where a parameter begins that no regression tells: an element's at its own start but for those named here."""
 
 
 @dataclass(frozen=True)
