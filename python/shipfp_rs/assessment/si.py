@@ -90,8 +90,8 @@ def doubts(fingerprint: Fingerprint, vessel: Vessel) -> list[str]:
         return []
     return [
         Sentence(
-            "The torque {signal} is {torque} Nm at {speed} rpm, where the vessel's file makes {expected} Nm: look at its "
-            "scale; inertias and gains in SI units are wrong by the same factor.",
+            "The torque {signal} is {torque} Nm at {speed} rpm, but {expected} Nm by the vessel file: look at the"
+            " scale of the torque channel. Inertias and gains in SI units are wrong by the same factor.",
             signal=signal,
             torque=f"{abs(torque):.4g}",
             speed=f"{abs(engine_rpm):.4g}",

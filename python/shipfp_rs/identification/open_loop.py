@@ -16,8 +16,8 @@ from shipfp_rs.structures.structure import Structure
 from shipfp_rs.support.sentences import Sentence
 
 TAKEN_FOR_TORQUE = Sentence(
-    "The command is taken for the drive's torque (v = 1, g = 0), since no torque was measured: of another command tau_n and "
-    "p are told over v only, p as p - g."
+    "The command is taken as the drive's torque (v = 1, g = 0), since no torque was measured. Of any other "
+    "command only tau_n / v and (p - g) / v are known."
 )
 
 

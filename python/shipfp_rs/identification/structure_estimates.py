@@ -178,7 +178,7 @@ class StructureEstimates:
         low, high = max(found.low, parameter.lower), min(found.high, parameter.upper)
         if high - low > UNTOLD * (parameter.upper - parameter.lower) or not np.isfinite(high - low):
             reason = Sentence(
-                "the data allow everything between its bounds {low} and {high}",
+                "the data allow any value between its bounds {low} and {high}",
                 low=f"{parameter.lower:g}",
                 high=f"{parameter.upper:g}",
             )

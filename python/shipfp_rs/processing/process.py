@@ -303,7 +303,7 @@ class _Recording:
             if is_torque and np.nansum(cleaned.samples) < 0.0:
                 rows = np.array([self._within(self._rows(sensor), label)])
                 kept = Sentence(
-                    "kept: negative on average; normalised with a negative mean it tells the same"
+                    "kept: negative on average, which makes no difference once it is normalised by its mean"
                 )
                 faults = [*faults, Fault("sign", sensor.column, kept, rows, excluded=False)]
         require_sense(label, signals, self.vessel)
