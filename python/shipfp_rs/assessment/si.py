@@ -116,7 +116,7 @@ def operating_point(fingerprint: Fingerprint) -> tuple[float, float, str] | None
     speeds, torques, signal = [], [], ""
     for record in fingerprint.data:
         point: Mapping[str, float] = record.get("operating_point", {})
-        # Of a torque command, which no torque was measured beside, the operating point holds it as the engine's.
+        # Where only a torque command was recorded, the operating point holds that command as the engine's torque.
         signal = str(record.get("signals", {}).get("dM", ENGINE_SIDE))
         if "n_e" in point and signal in point:
             speeds.append(float(point["n_e"]))

@@ -179,7 +179,7 @@ def _require_own_rack(experiment: Experiment) -> None:
         both = np.isfinite(rack) & np.isfinite(torque)
         if both.sum() > LEAST_SAMPLES // 2 and _apart(rack[both], torque[both]) < SAME_RACK:
             raise InputError(
-                f"{experiment.name!r}: X_f is {name} by another scale, noise included, expected the rack's own channel; "
+                f"{experiment.name!r}: X_f is a scaled copy of {name}, noise included, expected the rack's own channel; "
                 "leave X_f out or give the column of the rack"
             )
 

@@ -118,7 +118,8 @@ class StructureEstimates:
 
     @cached_property
     def held(self) -> Mask:
-        """Which parameters the data press against their bound: without it the deviance would fall by the quantile."""
+        """Which parameters the data press against their bound: beyond it the deviance would fall by more than the
+        quantile."""
         now = self.fit.best.products or self.fit.likelihood.products(self.fit.best.vector)
         count = len(self.inward)
         held = np.zeros(count, dtype=bool)

@@ -57,7 +57,7 @@ def answer(
     pictures: Pictures,
     say: Say,
 ) -> Iterable[str]:
-    """Yield the verdict's first sentence, the ship and its loop beside the pictures, and what can't be told.
+    """Yield the verdict's first sentence, the ship and its loop beside the pictures, and what is not determined.
 
     `step` is the picture of the loop's answer to a step.
     """
@@ -150,7 +150,7 @@ def interval(row: Row, estimate: Estimate, say: Say, *, with_end: bool = True) -
 
 
 def at_an_end(estimate: Estimate, say: Say) -> str:
-    """Say that an estimate lies at an end of its interval, which looks like a mistake to who is not told."""
+    """Say that an estimate lies at an end of its interval, since a reader may take that for a mistake."""
     if estimate.value is None or estimate.ci95 is None:
         return ""
     low, high = estimate.ci95
@@ -296,7 +296,7 @@ def open_questions(fingerprint: Fingerprint, say: Say) -> list[str]:
 
 
 def _sharpened(fingerprint: Fingerprint, names: Sequence[str], say: Say) -> str:
-    """Say which of the parameters, known from elsewhere, would sharpen the others; nothing where none goes with another."""
+    """Say which parameters, if known from elsewhere, would sharpen the others; nothing if no two are correlated."""
     related = fingerprint.correlations
     linked = [
         name

@@ -66,7 +66,7 @@ def parameters(
     assert isinstance(text, str)
     yield link(say("These figures as CSV"), "fingerprint.csv", "text/csv", text.encode())
     drawn = [e for e in (*fingerprint.parameters.values(), *fingerprint.derived.values()) if e.ci95]
-    # Intervals of a model that is not to be used would be taken for results.
+    # A reader would take the intervals of an unusable model for results.
     if drawn and not failed:
         reference = say("the truth that the log was simulated with") if truth else say("the estimate")
         caption = say("Estimates with their 95 % intervals, in per cent of {reference}.", reference=reference)

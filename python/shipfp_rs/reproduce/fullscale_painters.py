@@ -136,7 +136,7 @@ def measured_bode(material: Material, figure: Figure, *, signal: str) -> str:
     model = predict_response(material.best, material.measured)
     plot.bode(points, FrequencyResponse("", model.frequency_hz, {signal: model.response[signal]}), panels)
     return (
-        "Points: sine fits of Tables E.1 to E.3 with two standard deviations; phases above 0.085 Hz are lost, since each "
+        "Points: sine fits of Tables E.1 to E.3 with two standard deviations; phases above 0.085 Hz are void, since each "
         "channel was fitted with a frequency of its own. Line: extended structure with both dead times, fitted to "
         "the points up to 1.637 Hz."
     )

@@ -106,7 +106,7 @@ def plan_of_numbers(path: object, column: Column, *, trusted: bool = False) -> T
             )
     if not unit and not trusted and step > LONGEST_STEP_S:
         raise InputError(
-            f"{path}: time column {column.name!r} tells no unit and rises by {step:g} a row; say which, such as "
+            f"{path}: time column {column.name!r} has no unit and rises by {step:g} a row; say which, such as "
             f"--time '{column.name} [ms]'"
         )
     note = f"time from {column.name!r}, taken as seconds" if not unit else ""
