@@ -300,7 +300,7 @@ CLASSES: dict[str, Callable[..., Damaged]] = {
     "decimal comma in a line": _text(_comma, r"line {line}"),
     "truncated file": _truncated,
     "wrong unit": _wrong_unit,
-    "torque of the other sign": _sign,
+    "torque of the opposite sign": _sign,
     "set point scaled": _scaled("U_setpoint", 1.15, 10.0),
     "torque scaled beyond its rating": _scaled("U_torque", 600.0, 5000.0),
     "torque scaled by up to 2": _scaled("U_torque", 1.05, 2.0),

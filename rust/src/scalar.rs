@@ -151,7 +151,7 @@ impl<S: Simd, const N: usize> Dual<S, N> {
         Self { value, slopes: Lanes(slopes), ..self }
     }
 
-    /// The derivatives times `own`, plus the other's times `others`, about a value.
+    /// A number with this value, whose derivatives are `own` times these plus `others` times the other's.
     #[inline(always)]
     fn combined(mut self, own: f64, other: &Self, others: f64, value: f64) -> Self {
         let (own, others) = (self.simd.splat_f64s(own), self.simd.splat_f64s(others));

@@ -94,7 +94,7 @@ def test_a_dead_time_gives_the_margins_of_python_control(launch: Fingerprint) ->
     found = closed_loop(late)
     for name, truth in margins(0.05).items():
         assert found[name].value == pytest.approx(truth, rel=1e-5)
-    # Of all gains so much larger the loop swings: a pair of poles on the axis, with that period.
+    # Of all gains so much larger the loop oscillates: a pair of poles on the axis, with that period.
     grown = {name: exact[name] * found["gain margin"].value for name in ("vK_p", "vK_i")}
     assert found["ultimate gain"].value == pytest.approx(grown["vK_p"])
     known = {**exact, **grown, "p": 2.0, "T_d": 0.05}
@@ -135,7 +135,7 @@ def test_what_the_data_leave_open_has_no_value() -> None:
     found = closed_loop(speed_only)
     assert speed_only["vK_p"].value is None
     assert found["dM_b(inf)"].value is None
-    assert "changes along what the data leave open" in found["dM_b(inf)"].reason
+    assert "changes along a direction that the data do not determine" in found["dM_b(inf)"].reason
     assert found["crossover"].std < 0.1 * found["crossover"].value
 
 

@@ -173,7 +173,7 @@ def test_a_torque_limit_that_is_never_reached_stays_unknown():
     fingerprint = identify(small, near, starts=1)
     limit = fingerprint["M_max"]
     assert (limit.value, limit.status) == (None, "unidentifiable")
-    assert limit.reason.startswith("the data come near no limit")
+    assert limit.reason.startswith("no limit was reached in the data")
     assert " 0." not in limit.reason
     assert fingerprint["tau_n"].value == pytest.approx(1.514, rel=0.01)
 

@@ -43,7 +43,12 @@ LABELS = (
         "95 % of samples",
         "autocorrelation",
     ),
-    *("with the set point", "residual after the set point", "residual after the set point [samples]", "lag"),
+    *(
+        "with the set point",
+        "lag of the residual behind the set point",
+        "lag of the residual behind the set point [samples]",
+        "lag",
+    ),
     *("lag [samples]", "within", "outside", "measured", "model", "set point", "masked", "time", "frequency"),
     *("amplitude ratio", "phase"),
 )

@@ -193,7 +193,15 @@ def test_an_interval_that_begins_on_a_bound_has_one_end(fingerprint) -> None:
     page = render(replace(fingerprint, parameters=on_bounds), [])
     told = [re.findall(r"<td[^>]*>([^<>]*)</td>", row_of(name, page)) for name in on_bounds]
     assert [cells[1] for cells in told] == ["at most 0.0213", "50", "1"]
-    assert [cells[3] for cells in told] == ["may be none", "≥ 43.2", ""]
+    assert [cells[3] for cells in told] == ["may be zero", "≥ 43.2", ""]
+
+
+def test_a_fit_without_correlation_tests_says_what_its_model_misses(fingerprint) -> None:
+    fit = {"dn": {"nrmse_pct": 97.5}, "overall": {"deviance": 483.0}}
+    adequate = {"stands": True, "misses_pct": {"dn": 0.0, "dM": 0.088}, "dispersion": 1.0}
+    page = render(replace(fingerprint, fit=fit, residuals={}, adequate=adequate), [])
+    assert "only for given structures" in page
+    assert "Missed share of the response to the set point: 0 % of the speed, 0.088 % of the torque." in page
 
 
 def recorded(experiment: Experiment) -> Experiment:
@@ -272,7 +280,7 @@ def test_a_chart_of_a_short_record_holds_every_sample_and_its_masks(page, experi
     np.testing.assert_allclose(unpacked(speed["series"][1]), measured, atol=np.ptp(measured) / 65534)
     assert np.isnan(unpacked(torque["series"][0])[1000:1200]).all()
     assert torque["marks"][0]["spans"] == [[10.0, 12.0]]
-    assert "less the model" in residual["series"][0]["label"]
+    assert "minus the model" in residual["series"][0]["label"]
 
 
 def long_record(hours: float = 8.0, rate_hz: float = 100.0) -> Experiment:

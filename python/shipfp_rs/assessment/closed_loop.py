@@ -22,7 +22,7 @@ from shipfp_rs.support.quantiles import DEVIATIONS_95
 from shipfp_rs.support.sentences import Sentence
 
 TOLD = 1e-4
-"""Part of a figure's own size by which it may change along a direction that the data leave open."""
+"""Part of a figure's own size by which it may change along a direction that the data do not determine."""
 PADE = 5
 SLOWEST = 5
 """Roots of the approximation that are led to exact ones: two, their conjugates, and one to spare."""
@@ -35,11 +35,11 @@ LONGEST = 8.0
 """Time constants of the slowest pole after which a step is over."""
 INSTANTS = 4000
 LARGEST = 2.0
-"""Deviation over the value above which a figure is not told: by its logarithm to a factor of 50."""
+"""Deviation over the value above which a figure is not determined: by its logarithm to a factor of 50."""
 STRAIGHT = 0.2
 """Deviation over the value below which a figure follows its slopes; beyond, what profiles found possible tells its ends."""
 LEAST = {"phase margin": -np.inf, "overshoot": 0.0, "dM_b(0)": -np.inf, "dM_g(0)": -np.inf}
-"""Figures that may be none or turn their sign, and their least values; all others keep it: their logarithm is even."""
+"""Figures that may be zero or change sign, with their least values; of all others the logarithm is even."""
 ENDLESS = ("gain margin", "ultimate gain")
 """Figures that are without limit where they have no value."""
 SAME = {"dM_b(inf)": "vK_p", "dM_b(0)": "p", "dM_g(0)": "p"}
@@ -67,12 +67,12 @@ def closed_loop(fingerprint: Fingerprint, structure: Structure | None = None) ->
         by its logarithm, joined with the figures of all ships that profiles found possible: real and
         imaginary part of the two slowest poles, of pairs the upper one [rad/s], with a dead time in the loop exactly;
         crossover [Hz], phase margin [deg], gain margin [-], and the proportional gain vK_p [-] and the period [s] at which
-        the loop would swing if all gains grew together, K_u and P_u of tuning rules; bandwidth of the speed, where its
+        the loop would oscillate if all gains grew together, K_u and P_u of tuning rules; bandwidth of the speed, where its
         gain has fallen by 3 dB [Hz]; time after a step of the set point from which on the speed stays within 5 % of it
         [s], and by how much it shoots over [-]; slow and fast gain of the torque [-] (eq. 3.39, 3.40), the fast one
         before any lag or twist.
-        What the data do not tell has no value. Nor has a gain margin of a loop that never swings; its interval then
-        begins where an element that was not found would let it swing.
+        A figure that the data do not determine has no value. Nor has the gain margin of a loop that never oscillates;
+        its interval then begins where an element that was not found would let it oscillate.
 
     Raises
     ------
@@ -195,22 +195,22 @@ def _phase_margin(structure: Structure, crossing: Figure, values: Values) -> flo
 
 
 def _turning(structure: Structure, values: Values) -> float:
-    """Frequency at which a loop of enough gain swings [Hz]; NaN where none does."""
+    """Frequency at which a loop of enough gain oscillates [Hz]; NaN where none does."""
     return _passed(lambda frequency: _turned(structure, values, frequency) + 180.0)
 
 
 def _ultimate_gain(structure: Structure, turning: Figure, values: Values) -> float:
-    """Proportional gain vK_p at which the loop swings, all gains in their present proportion."""
+    """Proportional gain vK_p at which the loop oscillates, with all gains in their present proportion."""
     return _gain_margin(structure, turning, values) * _proportional(loop_of(structure, values)[1])
 
 
 def _proportional(known: Values) -> float:
-    """Proportional gain of the loop, which data tell where they tell neither of its factors."""
+    """Proportional gain of the loop, which data determine even where they determine neither of its factors."""
     return known.get("vK_p", known.get("v", 1.0) * known.get("K_p", 0.0))
 
 
 def _gain_margin(structure: Structure, turning: Figure, values: Values) -> float:
-    """What the gain may grow by before the loop swings; NaN where it may grow without end."""
+    """Factor by which the gain may grow before the loop oscillates; NaN where no gain makes it oscillate."""
     frequency = turning(values)
     if not np.isfinite(frequency):
         return float("nan")
@@ -299,7 +299,8 @@ def estimated(
         )
         if abs(change) > TOLD * max(abs(value), 1e-9):
             along = Sentence(
-                "changes along what the data leave open: {direction}", direction=entry["combination"]
+                "changes along a direction that the data do not determine: {direction}",
+                direction=entry["combination"],
             )
             return unknown(reason=along)
     names = list(fingerprint.covariance["names"])
@@ -310,7 +311,7 @@ def estimated(
     std = float(np.sqrt(max(widened * gradient @ matrix @ gradient, 0.0)))
     possible = _possible(fingerprint, figure)
     if not possible and std > LARGEST * max(abs(value), 1e-6):
-        return unknown(reason=Sentence("changes entirely within what the data leave open"))
+        return unknown(reason=Sentence("changes only along directions that the data do not determine"))
     low, high = min([value, *possible]), max([value, *possible])
     if not possible or std < STRAIGHT * abs(value):
         ends = _first_order(value, std, least)

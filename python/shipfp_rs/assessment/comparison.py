@@ -28,8 +28,8 @@ SAME_DIRECTION = 1e-8
 class Change:
     """One parameter or combination in both fingerprints: values, difference with its 95 % interval, p, verdict.
 
-    `p` is two-sided; `significant` holds it against the level shared out over all quantities (Holm's method), so
-    that without any change all together raise a false alarm as seldom as the level says.
+    `p` is two-sided. `significant` compares it with a level that is corrected for the number of quantities (Holm's
+    method): without any change, the chance of one or more false alarms is at most that level.
     """
 
     name: str
@@ -44,7 +44,7 @@ class Change:
 
 
 class Joint(NamedTuple):
-    """Wald test of all quantities together: statistic, degrees of freedom, p, and the two that show most of it."""
+    """Wald test of all quantities together: statistic, degrees of freedom, p, and the two that contribute most."""
 
     statistic: float
     freedom: int
@@ -333,6 +333,6 @@ def _verdict(changes: Sequence[Change], joint: Joint, level: float) -> tuple[str
         )
         seen = 50.0 * (least.ci95[1] - least.ci95[0]) / max(abs(least.before), 1e-300)
         lines.append(
-            f"A change of {least.name} by less than {seen:.2g} % could not have been told from chance."
+            f"A change of {least.name} by less than {seen:.2g} % could not have been distinguished from chance."
         )
     return tuple(lines)

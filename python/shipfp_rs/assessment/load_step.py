@@ -21,7 +21,7 @@ STEP_PCT = 10.0
 which no log tells; of ten per cent limits and curved laws are still far off."""
 INSTANTS = 1500
 WHOLE_PCT = 100.0
-"""Largest step that is told: beyond the operating torque itself the model says nothing."""
+"""Largest step that is stated: the model does not hold beyond the operating torque itself."""
 
 State = Literal["pass", "fail", "open"]
 

@@ -90,8 +90,8 @@ def doubts(fingerprint: Fingerprint, vessel: Vessel) -> list[str]:
         return []
     return [
         Sentence(
-            "The torque {signal} is {torque} Nm at {speed} rpm, where the vessel's file makes {expected} Nm: look at its "
-            "scale; inertias and gains in SI units are wrong by the same factor.",
+            "The torque {signal} is {torque} Nm at {speed} rpm, but {expected} Nm by the vessel file: look at the"
+            " scale of the torque channel. Inertias and gains in SI units are wrong by the same factor.",
             signal=signal,
             torque=f"{abs(torque):.4g}",
             speed=f"{abs(engine_rpm):.4g}",
@@ -116,7 +116,7 @@ def operating_point(fingerprint: Fingerprint) -> tuple[float, float, str] | None
     speeds, torques, signal = [], [], ""
     for record in fingerprint.data:
         point: Mapping[str, float] = record.get("operating_point", {})
-        # Of a torque command, which no torque was measured beside, the operating point holds it as the engine's.
+        # Where only a torque command was recorded, the operating point holds that command as the engine's torque.
         signal = str(record.get("signals", {}).get("dM", ENGINE_SIDE))
         if "n_e" in point and signal in point:
             speeds.append(float(point["n_e"]))

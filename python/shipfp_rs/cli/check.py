@@ -47,7 +47,7 @@ def _print(found: Check) -> None:
     if found.tried:
         print_text(f"Would be tried beside it: {', '.join(found.tried)}.")
     told = {**found.expected.parameters, **found.expected.derived}
-    print_estimates("What the data are expected to tell, at a first look", told)
+    print_estimates("What the data are expected to determine, at a first look", told)
     print_text(*(f"{name}: {one.reason}." for name, one in told.items() if one.status == "unidentifiable"))
     if found.missing:
         print_text("Missing:", *(f"- {line}" for line in found.missing))

@@ -141,5 +141,5 @@ Names = Annotated[
 ]
 Rate = Annotated[
     float | None,
-    typer.Option("--rate", metavar="HZ", parser=positive, help="Sample rate, where the log tells none."),
+    typer.Option("--rate", metavar="HZ", parser=positive, help="Sample rate, where the log holds none."),
 ]

@@ -241,11 +241,11 @@ def _notes(
     told = {**prediction.parameters, **prediction.derived}
     unknown = [name for name, row in told.items() if row.status == "unidentifiable"]
     if unknown:
-        notes.append(f"The record will not tell {', '.join(unknown)} by themselves.")
+        notes.append(f"The record will not determine {', '.join(unknown)} by themselves.")
     bent = [one for one in subject.free if one not in designed_for and one not in unknown]
     if bent:
         notes.append(
-            f"Small motions tell only {', '.join(designed_for)}, and the design is for these. {', '.join(bent)} follow from "
+            f"Small motions determine only {', '.join(designed_for)}, for which the design is. {', '.join(bent)} follow from "
             "the curvature of the propeller's law alone: a larger amplitude helps, more time hardly."
         )
     weak = [
@@ -255,7 +255,7 @@ def _notes(
     ]
     if weak:
         notes.append(
-            f"Hardly told, with the standard deviation over the value: {', '.join(weak)}; intervals will be skewed."
+            f"Hardly determined, with the standard deviation over the value: {', '.join(weak)}; intervals will be skewed."
         )
     if limits.longest_samples is not None and limits.highest_hz is None and rate_hz < 10.0 * TOP_HZ:
         notes.append(

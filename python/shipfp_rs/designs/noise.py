@@ -87,7 +87,7 @@ edges between samples at 2 kHz scatter by some tenths of a percent; a telemetry 
 
 
 def sensors_of(given: Mapping[str, Noise] | None, signals: Mapping[str, str]) -> dict[str, Noise]:
-    """Noise of the signal that stands for each output, by output.
+    """Return the noise of the sensor behind each output, by name of the output.
 
     Raises
     ------

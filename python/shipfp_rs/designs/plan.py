@@ -213,7 +213,7 @@ def needed_for(
 ) -> Needed:
     """Estimate the time for an accuracy of all `names` from the standard deviations [%] after a duration and after twice it.
 
-    Variances have a part that falls with the time, and one that stays: what gauges and calibration leave open.
+    A variance is the sum of a part that falls with time and a part that stays, from errors of gauges and calibration.
     """
     limiting = max(names, key=lambda name: now[name])
     first, second = now[limiting] ** 2, later.get(limiting, now[limiting]) ** 2

@@ -204,7 +204,7 @@ class Experiment(Tabular, EvenlySampled):
         value = self.operating_point[name]
         if name == "M_load":
             torque = _torque_point(self.signals, self.operating_point)
-            # A load that is told as negative rises as it falls.
+            # A load with a negative sign grows as its signal falls.
             scale = (
                 value
                 if torque is None
@@ -306,7 +306,8 @@ def _require_sense(label: str, signals: Mapping[str, Array], operating_point: Ma
                     f"experiment {label!r}: signal {name!r} is {mean:.4g} on average, its operating point {value:g}, "
                     f"expected both in {UNITS[name]}; is the {what} in {hint[2:]}"
                 )
-        # A gauge may tell swings alone, a load may be switched on and off; a ship's speed stays about where it runs.
+        # A gauge may measure changes only and a load may be switched off, so their means may be zero; a ship's speed
+        # stays near its mean.
         # A signal that never moves only stands in for one.
         is_speed, size = UNITS[name] in ("rpm", "rev/s"), abs(value)
         low, high = (0.4, 2.5) if is_speed else (0.0, 10.0)

@@ -60,7 +60,7 @@ def to_response(
     provenance: Mapping[str, Any],
 ) -> FrequencyResponse:
     """Gather points; the amplitude's and the phase's deviations are those of the quadratures."""
-    # Exact data leave only rounding. Standard deviations of zero would give infinite weights.
+    # Exact data have residuals of rounding only; standard deviations of zero would give infinite weights.
     std = {key: np.maximum(deviation, np.finfo(np.float64).eps) for key, (_, deviation, _) in points.items()}
     return FrequencyResponse(
         name=name,

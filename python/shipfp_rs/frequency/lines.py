@@ -197,7 +197,7 @@ def _windowed(samples: npt.ArrayLike, rate_hz: float, frequencies: Array) -> tup
     if close.size:
         k = int(close[0])
         raise InputError(
-            f"frequencies_hz: {ordered[k]:.6g} and {ordered[k + 1]:.6g} Hz can't be told apart in a window of "
+            f"frequencies_hz: {ordered[k]:.6g} and {ordered[k + 1]:.6g} Hz can't be distinguished in a window of "
             f"{1.0 / bin_hz:.4g} s, expected {0.5 * bin_hz:.3g} Hz between them"
         )
     middle = 0.5 * (len(values) - 1) / rate_hz

@@ -46,7 +46,7 @@ def stepped_sine_response(
     harmonics
         Harmonics fitted along; what they amount to is in the provenance.
     disturbances_hz
-        Known lines fitted along where they lie apart from the sine and below half the rate, such as shaft and blade
+        Known lines fitted along where they are away from the sine and below half the rate, such as shaft and blade
         passage [Hz].
     settle_periods
         Periods at the start of each sine that are left out, for the ship to settle.
@@ -233,7 +233,7 @@ def _excited(window: Experiment, period_s: float) -> Array:
     """Multiples of 1/period at which the set point has power."""
     highest = int(0.5 * window.rate_hz * period_s - 1e-9)
     periods = round(window.duration / period_s)
-    # A Hann window as long as the record keeps a period that is no whole number of samples from leaking.
+    # A period that is no whole number of samples would leak; a Hann window over the record prevents it.
     values = window.normalised("n_set")
     spectrum = np.abs(np.fft.rfft((values - values.mean()) * np.hanning(len(values))))
     lines = np.arange(1, highest + 1)

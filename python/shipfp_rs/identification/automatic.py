@@ -252,9 +252,11 @@ def _estimate(fit: ShipFit, name: str, interval: Interval) -> Estimate:
     if name in LIMITS and (flat or ends[1] >= high):
         # Far above all that was reached no profile finds where it would begin to act.
         reason = (
-            Sentence("the data come near no limit")
+            Sentence("no limit was reached in the data")
             if flat
-            else Sentence("the data come near no limit: any above {low} will do", low=f"{ends[0]:.4g}")
+            else Sentence(
+                "no limit was reached in the data: any value above {low} fits as well", low=f"{ends[0]:.4g}"
+            )
         )
         return Estimate(None, unit=unit, status="unidentifiable", reason=reason)
     if flat:
@@ -263,7 +265,7 @@ def _estimate(fit: ShipFit, name: str, interval: Interval) -> Estimate:
         )
     if width > UNTOLD:
         reason = Sentence(
-            "the data allow everything between {low} and {high}", low=f"{ends[0]:.3g}", high=f"{ends[1]:.3g}"
+            "the data allow any value between {low} and {high}", low=f"{ends[0]:.3g}", high=f"{ends[1]:.3g}"
         )
         return Estimate(None, unit=unit, status="unidentifiable", reason=reason)
     prior = name in fit.question.priors or name in PRIORS
@@ -288,7 +290,7 @@ def _without_torque(parameters: Mapping[str, Estimate], question: Question) -> d
     found = dict(parameters)
     if question.loaded or "tau_n" in (question.priors or {}):
         return found
-    reason = Sentence("the speed tells only ratios to tau_n; measure a torque or give the inertia")
+    reason = Sentence("the speed determines only ratios to tau_n; measure a torque or give the inertia")
     for name in ("tau_n", "g", "vK_p", "vK_i", "p"):
         if name in found:
             found[name] = Estimate(None, unit=found[name].unit, status="unidentifiable", reason=reason)

@@ -139,7 +139,7 @@ def descend(
 def _computed(
     likelihood: Likelihood, penalty: Penalty | None, vector: Array, tangent: Tangent | None
 ) -> tuple[Products, Products]:
-    """What is computed at a vector, without and with a penalty."""
+    """Return deviance, gradient and curvature at a vector, without and with a penalty."""
     found = likelihood.products(vector, tangent)
     if penalty is None:
         return found, found

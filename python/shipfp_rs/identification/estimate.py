@@ -71,7 +71,7 @@ class Estimate:
 
 
 ROUGH, OPEN = 0.25, 2.0
-"""Half of an interval over its value above which a parameter is told only roughly, and above which not at all."""
+"""Half of an interval over its value above which a parameter is known only roughly, and above which not at all."""
 SMALL: Mapping[str, float] = {"s": 0.05, "-": 0.5, "1/s": 0.5}
 """What is small for a ship's parameter of that unit: an interval is not measured by less."""
 

@@ -60,7 +60,7 @@ def guesses_from(parts: Sequence[LoopSpectra], gauge: bool) -> list[dict[str, fl
     rows.sort(key=lambda row: row[0])
     kept: list[tuple[float, float, float, float, Array]] = []
     told = [row for row in rows if row[4][0] > LEAST_SLOPE * row[4][1] and row[4][2] > LEAST_INTEGRAL]
-    # Loops whose parts are told come first; where none is, those of which only the ratio is told.
+    # Loops whose parts are identifiable come first; where none is, those of which only the ratio is.
     for row in (*told, *rows) if len(told) < KEPT else told:
         if all(
             sum(abs(a - b) for a, b in zip(row[1:4], other[1:4], strict=True)) > APART_S for other in kept
@@ -74,7 +74,7 @@ def guesses_from(parts: Sequence[LoopSpectra], gauge: bool) -> list[dict[str, fl
             tau = float(np.clip(tau, 0.05, 15.0))
             own, holding = float(slope), float(integral)
             if own < LEAST_SLOPE * gain or holding < LEAST_INTEGRAL:
-                # The governor's zero cancels the plant's pole: both are told only together.
+                # The governor's zero cancels the plant's pole: only their combination is identifiable.
                 own = (law["p"] + 0.5) / tau
                 holding = own * gain
             guesses.append(

@@ -84,7 +84,7 @@ def _load_mean(experiment: Experiment) -> float:
 
 
 def set_point_moves(experiments: Sequence[Experiment]) -> bool:
-    """Whether the set point moves in one of the experiments, so that its dead time is told."""
+    """Whether the set point moves in one of the experiments, so that its dead time is identifiable."""
     return max(float(np.std(one.dn_set)) for one in experiments) >= LEAST_SWING
 
 
@@ -179,21 +179,21 @@ def _require_own_rack(experiment: Experiment) -> None:
         both = np.isfinite(rack) & np.isfinite(torque)
         if both.sum() > LEAST_SAMPLES // 2 and _apart(rack[both], torque[both]) < SAME_RACK:
             raise InputError(
-                f"{experiment.name!r}: X_f is {name} by another scale, noise included, expected the rack's own channel; "
+                f"{experiment.name!r}: X_f is a scaled copy of {name}, noise included, expected the rack's own channel; "
                 "leave X_f out or give the column of the rack"
             )
 
 
 def doubts(experiments: Sequence[Experiment]) -> list[Sentence]:
-    """Return a sentence for each experiment whose set point and speed lie apart at the operating point."""
+    """Return a sentence for each experiment whose set point and speed differ at the operating point."""
     lines = []
     for experiment in experiments:
         asked, speed = (experiment.operating_point.get(name, np.nan) for name in ("n_set", "n_e"))
         if abs(asked / speed - 1.0) > APART:
             lines.append(
                 Sentence(
-                    "Set point and speed lie apart at the operating point of {name}, {asked} and {speed} rpm: a governor "
-                    "with an integral part leaves no difference; look at the set point's calibration.",
+                    "Set point and speed differ at the operating point of {name}, {asked} and {speed} rpm. A "
+                    "governor with an integral part leaves no difference; look at the set point's calibration.",
                     name=repr(experiment.name),
                     asked=f"{asked:.4g}",
                     speed=f"{speed:.4g}",

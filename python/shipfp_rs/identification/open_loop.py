@@ -16,8 +16,8 @@ from shipfp_rs.structures.structure import Structure
 from shipfp_rs.support.sentences import Sentence
 
 TAKEN_FOR_TORQUE = Sentence(
-    "The command is taken for the drive's torque (v = 1, g = 0), since no torque was measured: of another command tau_n and "
-    "p are told over v only, p as p - g."
+    "The command is taken as the drive's torque (v = 1, g = 0), since no torque was measured. Of any other "
+    "command only tau_n / v and (p - g) / v are known."
 )
 
 
@@ -59,7 +59,8 @@ def structure_in_open_loop(
 ) -> Structure:
     """Return the structure of a drive in open loop with the outputs that all experiments measured; arguments of `identify`.
 
-    Without a torque tau_n and p - g are told over v only: v is 1 and g 0 then, as of a torque or current that the drive
+    Without a torque only tau_n / v and (p - g) / v are identifiable: v is 1 and g is 0 then, as of a torque or current
+    that the drive
     follows, unless they are given; v is free where the inertia is known.
 
     Raises

@@ -323,4 +323,6 @@ def _require_outputs(outputs: Sequence[str], signals: Mapping[str, str], common:
         if signals[output] not in common:
             raise InputError(f"outputs: {output!r} was not measured in every experiment")
     if "dn" not in outputs:
-        raise InputError("outputs: no 'dn', expected the speed among them: the loop is told by it")
+        raise InputError(
+            "outputs: no 'dn', expected the speed among them: the loop cannot be identified without it"
+        )

@@ -28,7 +28,7 @@ BAND_HZ = 4.0
 EXCITED = 0.99
 """Part of the inputs' power times frequency that lies below the band's end: above it the data are noise."""
 LEAST_HZ, LEAST_PERIODS = 0.5, 40
-"""Least end of a band [Hz], and least number of the record's own frequencies in it: the noise is told from them."""
+"""Least end of a band [Hz], and least number of the record's own frequencies in it, from which the noise is estimated."""
 EDGE_S = 2.0
 """Over which a record fades in and out [s], so that its ends leave nothing in the band."""
 SHORTEST_S = 10.0 * EDGE_S
@@ -305,5 +305,5 @@ def _interpolated(values: Array, factor: int) -> Array:
 
 
 def _sharpened(values: Array) -> Array:
-    """Samples whose straight lines have the band-limited signal's amplitudes."""
+    """Return samples which, joined by straight lines, have the amplitudes of the band-limited signal."""
     return np.convolve(np.pad(values, 1, mode="edge"), SHARPENED, "valid") if len(values) else values

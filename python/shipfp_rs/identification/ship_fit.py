@@ -140,9 +140,9 @@ def _begun(
 
 
 def with_other_delays(fit: ShipFit, until: float | None = None) -> ShipFit:
-    """Return the fit with minima whose delays are parted otherwise among dead times, lag and hold.
+    """Return the fit, searched again with the sum of the delays divided otherwise among dead times, lag and hold.
 
-    Their sum is told long before each of them, so that a search may end with the right sum in the wrong places.
+    The data determine their sum more closely than each of them, so a search may find the right sum but the wrong parts.
     """
     for _ in range(REDIVIDED):
         c = fit.likelihood.coordinates

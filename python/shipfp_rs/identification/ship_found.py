@@ -84,7 +84,7 @@ def likelihood_at(
 
 
 def rough_likelihood(fit: ShipFit, elements: Sequence[str]) -> Likelihood:
-    """Return the likelihood with these elements for first descents, under the noise of a fit."""
+    """Return the likelihood of a ship with these elements, for first descents at a coarse step; its noise is a fit's."""
     step_s = step_for(fit.values, ROUGH_PART, ROUGH_STEP_S)
     return fit.question.likelihood(elements, step_s, fit.between).with_noise_of(fit.likelihood)
 

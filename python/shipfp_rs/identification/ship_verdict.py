@@ -18,13 +18,13 @@ from shipfp_rs.structures.elements import ELEMENTS
 from shipfp_rs.support.sentences import Sentence, joined, listed
 
 OFF_S = 1e-3
-"""A delay whose interval begins below this may be none [s]."""
+"""A delay whose interval begins below this may be zero [s]."""
 SHORT_S = 0.02
-"""A delay that may be none and is at most this is called off [s]."""
+"""A delay that may be zero and is at most this is called off [s]."""
 
 BENT = Sentence(
-    "Usable for simulation and comparison, but its intervals hold for the model, not for the drive train: they agree only "
-    "if the channels are wrong by more than a calibration leaves open."
+    "Usable for simulation and comparison, but its intervals hold for the model, not for the drive train: model "
+    "and data agree only if the channels are wrong by more than a calibration allows."
 )
 JAGGED = Sentence(
     "Usable for simulation and comparison, but its intervals are too narrow: the rate of the fuel rack is limited, and the "
@@ -113,7 +113,7 @@ def with_verdict(fingerprint: Fingerprint, strain: float = 0.0) -> Fingerprint:
     ended = [name for name, one in fingerprint.parameters.items() if _is_on_bound(name, one)]
     if ended and found.state != "not usable":
         sentence = Sentence(
-            "Not usable, because the search ended where {names} can't go further; the ship is another one than the model.",
+            "Not usable, because the search ended at a bound of {names}; the model does not describe this ship.",
             names=listed(ended),
         )
         found = Usability("not usable", sentence, "misfit")

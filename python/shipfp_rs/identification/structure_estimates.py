@@ -118,7 +118,7 @@ class StructureEstimates:
 
     @cached_property
     def held(self) -> Mask:
-        """Which parameters the data press against their bound: without it the deviance would fall by the quantile."""
+        """Which parameters the data press against a bound, beyond which the deviance would fall by the quantile."""
         now = self.fit.best.products or self.fit.likelihood.products(self.fit.best.vector)
         count = len(self.inward)
         held = np.zeros(count, dtype=bool)
@@ -178,7 +178,7 @@ class StructureEstimates:
         low, high = max(found.low, parameter.lower), min(found.high, parameter.upper)
         if high - low > UNTOLD * (parameter.upper - parameter.lower) or not np.isfinite(high - low):
             reason = Sentence(
-                "the data allow everything between its bounds {low} and {high}",
+                "the data allow any value between its bounds {low} and {high}",
                 low=f"{parameter.lower:g}",
                 high=f"{parameter.upper:g}",
             )

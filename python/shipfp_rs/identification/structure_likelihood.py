@@ -205,7 +205,7 @@ class StructureLikelihood(Likelihood):
 
     @property
     def untold(self) -> bool:
-        """Whether there are too few numbers to tell any noise from."""
+        """Whether there are too few samples to estimate any noise."""
         return all(map(_is_white, self.records)) and self.freedom <= 0
 
     def under(self, residuals: Sequence[Numbers]) -> float:

@@ -145,5 +145,5 @@ def _why_not(fingerprint: Fingerprint) -> Usability | None:
 
 
 def _known_from_one_side(estimate: Estimate) -> bool:
-    """Whether an estimate stands on a bound from which the data allow it to go only so far, as a delay that may be none."""
+    """Whether an estimate stands on a bound from which the data allow it to go only so far, as a delay that may be zero."""
     return estimate.status == "at_bound" and estimate.ci95 is not None

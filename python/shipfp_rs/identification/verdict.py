@@ -78,14 +78,15 @@ def _unknown(parameters: Mapping[str, Estimate]) -> Iterator[str]:
     pressed = [_because(name, e) for name, e in on_bound.items() if e.ci95 is None]
     if pressed:
         yield Sentence(
-            "On a bound, so no estimate but a sign that the structure or the bounds do not suit the data: {names}. The "
-            "other intervals hold only if they are there.",
+            "At a bound, so not an estimate: {names}. The structure or the bounds do not suit the data. The other"
+            " intervals hold only if these parameters have the values of their bounds.",
             names=joined(pressed),
         )
     limited = [_because(name, e) for name, e in on_bound.items() if e.ci95 is not None]
     if limited:
         yield Sentence(
-            "On a bound that the data do not contradict, known from one side: {names}.", names=joined(limited)
+            "At a bound that agrees with the data, so limited from one side only: {names}.",
+            names=joined(limited),
         )
 
 
@@ -102,7 +103,8 @@ def _gaps(identifiability: Identifiability) -> Iterator[str]:
     """Yield what the data can't tell apart, and what would settle it."""
     if identifiability.rank < identifiability.free:
         yield Sentence(
-            "The data distinguish {rank} of {free} free parameters; the response stays the same along: {directions}.",
+            "The data determine {rank} independent combinations of the {free} free parameters. The response does "
+            "not change along: {directions}.",
             rank=identifiability.rank,
             free=identifiability.free,
             directions=joined([entry["combination"] for entry in identifiability.null_space], " / "),
@@ -155,7 +157,7 @@ def _contradictions(fit: Mapping[str, Mapping[str, float | None]], structure: St
     rows = {output: row for output, row in fit.items() if output in structure.outputs}
     followed = [
         Sentence(
-            "{output} ({chance}, it explains {share} % of what was left)",
+            "{output} ({chance}, it explains {share} % of the residuals)",
             output=output,
             chance=_chance(p),
             share=f"{row['input_explained_pct']:.2g}",

@@ -28,15 +28,32 @@ FAULTS: Mapping[str, str] = {
 
 
 def rank(found: Identifiability) -> Sentence:
-    """Say how many of the free parameters the data distinguish."""
-    if found.rank == found.free and math.isfinite(found.condition):
+    """Say how many directions of the free parameters are identifiable."""
+    if found.rank < found.free:
         return Sentence(
-            "The data distinguish all {free} free parameters (condition number of the scaled sensitivities {condition}).",
+            "The data determine {rank} independent combinations of the {free} free parameters.",
+            rank=found.rank,
             free=found.free,
-            condition=f"{found.condition:.3g}",
         )
+    if not math.isfinite(found.condition):
+        return Sentence("All {free} free parameters are identifiable.", free=found.free)
     return Sentence(
-        "The data distinguish {rank} of {free} free parameters.", rank=found.rank, free=found.free
+        "All {free} free parameters are identifiable (condition number of the scaled sensitivities {condition}).",
+        free=found.free,
+        condition=f"{found.condition:.3g}",
+    )
+
+
+def missed(adequate: Mapping[str, Any]) -> Sentence:
+    """Say which share of each output's response the model misses; empty where none is known."""
+    return joined(
+        [
+            Sentence(
+                "{share} % of the {output}", share=f"{value:.2g}", output=Sentence(OUTPUTS.get(name, name))
+            )
+            for name, value in adequate.get("misses_pct", {}).items()
+            if value is not None
+        ]
     )
 
 
@@ -44,17 +61,14 @@ def something_missing(adequate: Mapping[str, Any]) -> str:
     """Say what a model that is not quite the ship's misses of each output; empty where nothing is missed."""
     if adequate.get("dispersion", 1.0) <= 1.0:
         return ""
-    missed = [
-        Sentence("{share} % of the {output}", share=f"{value:.2g}", output=Sentence(OUTPUTS.get(name, name)))
-        for name, value in adequate["misses_pct"].items()
-    ]
     said = (
         Sentence(
-            "The residuals show that something small is missing ({outputs}); every interval is widened by what that can do."
+            "The residuals show that something small is missing ({outputs}); every interval is widened to allow "
+            "for it."
         )
         if adequate["stands"]
         else Sentence(
-            "The residuals show that something is missing ({outputs}); every interval is widened by what that can do."
+            "The residuals show that something is missing ({outputs}); every interval is widened to allow for it."
         )
     )
-    return Sentence(said, outputs=joined(missed))
+    return Sentence(said, outputs=missed(adequate))

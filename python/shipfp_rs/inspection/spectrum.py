@@ -15,7 +15,7 @@ from shipfp_rs.support.spikes import bridge, find_spikes
 from shipfp_rs.vessel.vessel import Vessel
 
 SEGMENT_S = 20.0
-"""Length of a segment of the averaged spectrum: lines 0.25 Hz apart are told from one another."""
+"""Length of a segment of the averaged spectrum: lines 0.25 Hz apart are resolved."""
 LEAST_SAMPLES = 64
 """Fewest samples of a segment, and of a channel that gets a spectrum."""
 ABOVE_FLOOR = 4.0

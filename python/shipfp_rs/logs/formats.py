@@ -94,4 +94,4 @@ def require_size(path: Path, samples: int) -> None:
     """Refuse a file that tells of more samples than its bytes can hold, however packed: to read them would not end."""
     size = path.stat().st_size
     if samples > max(MOST_PACKED * size, MANY_SAMPLES):
-        raise InputError(f"{path}: tells of {samples:.3g} samples in {size} bytes; is the file damaged?")
+        raise InputError(f"{path}: announces {samples:.3g} samples in {size} bytes; is the file damaged?")

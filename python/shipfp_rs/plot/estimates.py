@@ -138,7 +138,7 @@ def correlogram(fingerprint: Fingerprint, output: str, axes: Sequence[Axes] | No
         Where the fingerprint holds no residuals of the output.
     """
     if output not in fingerprint.residuals:
-        known = ", ".join(fingerprint.residuals) or "none: what was fitted has no order in time"
+        known = ", ".join(fingerprint.residuals) or "none; fit a given structure to an experiment"
         raise InputError(f"residuals of {output!r} are not in the fingerprint, found {known}")
     tests = fingerprint.residuals[output]
     panels = panels_of(axes, len(tests))
@@ -162,7 +162,7 @@ def correlogram(fingerprint: Fingerprint, output: str, axes: Sequence[Axes] | No
     panels[-1].set_xscale("symlog", linthresh=step, linscale=0.5)
     panels[-1].set_xlim(-0.5 * step, 1.2 * max(lags[-1], step))
     panels[-1].xaxis.set_major_formatter("{x:g}")
-    panels[-1].set_xlabel(f"residual after the set point [{unit}]")
+    panels[-1].set_xlabel(f"lag of the residual behind the set point [{unit}]")
     return panels
 
 

@@ -61,7 +61,7 @@ class Cleaner:
     Raises
     ------
     InputError
-        Where the set point, or the load, is lost for longer than may be bridged.
+        Where the set point, or the load, is missing for longer than may be bridged.
     """
 
     def __init__(
@@ -163,7 +163,7 @@ class Cleaner:
         return clipped_to(spans, self.first, self.last)
 
     def _require_short(self, longest_s: float) -> None:
-        """Refuse a channel that drives the model and is lost for too long to be guessed."""
+        """Refuse a channel that drives the model but is missing for too long to be bridged."""
         for kind, found in self._found.items():
             spans = self._within(found)
             long = spans[spans[:, 1] - spans[:, 0] > longest_s * self.channel.rate_hz]

@@ -101,13 +101,13 @@ def detrended(experiment: Experiment, degree: int = 1) -> Experiment:
     Raises
     ------
     InputError
-        For another degree, or where the set point itself runs along such a polynomial: its answer can't be told from drift.
+        For another degree, or where the set point itself runs along such a polynomial: its answer looks like drift.
     """
     if not 1 <= degree <= MOST_DEGREE:
         raise InputError(f"degree: found {degree}, expected 1 to {MOST_DEGREE}")
     if set_point_is_trend(experiment, degree):
         raise InputError(
-            f"experiment {experiment.name!r}: the set point itself is a trend; its answer can't be told from drift, "
+            f"experiment {experiment.name!r}: the set point itself is a trend; its answer looks like drift, "
             "leave the signals as they are"
         )
     polynomials = _polynomials(experiment, degree)
@@ -129,7 +129,7 @@ def detrended(experiment: Experiment, degree: int = 1) -> Experiment:
 
 
 def set_point_is_trend(experiment: Experiment, degree: int = 1) -> bool:
-    """Whether the set point runs along a polynomial of time, so that its answer can't be told from drift."""
+    """Whether the set point runs along a polynomial of time, so that its answer can't be distinguished from drift."""
     set_point = experiment.signals[experiment.driver] - experiment.signals[experiment.driver].mean()
     basis = np.column_stack([np.ones(len(experiment)), _polynomials(experiment, degree)])
     left = set_point - basis @ np.linalg.lstsq(basis, set_point)[0]

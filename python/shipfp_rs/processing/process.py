@@ -303,7 +303,7 @@ class _Recording:
             if is_torque and np.nansum(cleaned.samples) < 0.0:
                 rows = np.array([self._within(self._rows(sensor), label)])
                 kept = Sentence(
-                    "kept: negative on average; normalised with a negative mean it tells the same"
+                    "kept: negative on average, which makes no difference once it is normalised by its mean"
                 )
                 faults = [*faults, Fault("sign", sensor.column, kept, rows, excluded=False)]
         require_sense(label, signals, self.vessel)
@@ -362,7 +362,7 @@ class _Recording:
                 signals[name] = np.where(marks(touched, 0, grid.count), np.nan, signals[name])
 
     def _faults_of_the_file(self, label: str) -> list[Fault]:
-        """Return what is wrong with the file's clock or end in a stretch; its channels share one index."""
+        """Return the faults of the file's clock, and of its end, within a stretch; all channels share these."""
         cut = [
             dataclasses.replace(fault, spans=clipped_to(fault.spans, *self._within(self._base, label)))
             for fault in self.log.faults

@@ -135,7 +135,7 @@ class PulseTrain:
             fault("A", Sentence("second crossings removed"), begins[extra[:, 0]], ends[extra[:, 1] - 1]),
             fault(
                 "B",
-                Sentence("lost pulses put in at equal shares"),
+                Sentence("lost pulses inserted at equal spacing"),
                 begins[missed[:, 0]],
                 ends[missed[:, 1] - 1],
             ),

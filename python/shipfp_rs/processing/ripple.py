@@ -37,7 +37,7 @@ ROUNDED = 2e-4
 FINER_LINES = 4
 """Frequencies for one of the record's own at which a line is looked for."""
 SHORTEST_S = 20.0
-"""Shortest record in which lines are told from what the set point does."""
+"""Shortest record in which lines can be separated from the response to the set point."""
 TURNS = 24
 """Multiples of the engine's and of the shaft's turns that are looked at: two harmonics of any propeller's blades."""
 MOST = 12

@@ -137,5 +137,5 @@ def _crossings(deviation: Array) -> Array:
     side[np.abs(deviation) > JUMPED * amplitude] = 0.0
     known = np.flatnonzero(side)
     turns = np.flatnonzero(np.diff(side[known]))
-    # Between leaving one side and reaching the other.
+    # A crossing lies midway between the last sample on one side and the first on the other.
     return np.asarray(0.5 * (known[turns] + known[turns + 1]), dtype=np.float64)

@@ -36,14 +36,14 @@ SHOWN_S = (8.0, 30.0)
 TONES: Mapping[str, str] = {"usable": "good", "usable except": "warn", "not usable": "bad"}
 """What colour the first sentence has."""
 RELATED = 0.9
-"""Correlation above which parameters are told roughly because of each other."""
+"""Correlation above which parameters are known only roughly because of each other."""
 AT_AN_END = 0.05
 """Part of an interval within which an estimate is at its end."""
 CHANNELS = ("T_M", "T_n", "T_0")
 """Parameters of the measurement, no part of the ship."""
 WORTH = ("bandwidth", "phase margin", "gain margin", "recovery time")
 DELAYS = ("T_d", "T_set", "tau_act", "T_s")
-"""Parameters that may be none: what the data tell is how long they are at most."""
+"""Parameters that may be zero, of which the data give only an upper limit."""
 NONE = 0.02
 """Part of a delay's greatest value below which its least one is none."""
 
@@ -57,7 +57,7 @@ def answer(
     pictures: Pictures,
     say: Say,
 ) -> Iterable[str]:
-    """Yield the verdict's first sentence, the ship and its loop beside the pictures, and what can't be told.
+    """Yield the verdict's first sentence, the ship and its loop beside the pictures, and what is not determined.
 
     `step` is the picture of the loop's answer to a step.
     """
@@ -150,7 +150,7 @@ def interval(row: Row, estimate: Estimate, say: Say, *, with_end: bool = True) -
 
 
 def at_an_end(estimate: Estimate, say: Say) -> str:
-    """Say that an estimate lies at an end of its interval, which looks like a mistake to who is not told."""
+    """Say that an estimate lies at an end of its interval, since a reader may take that for a mistake."""
     if estimate.value is None or estimate.ci95 is None:
         return ""
     low, high = estimate.ci95
@@ -182,7 +182,7 @@ def ship_rows(fingerprint: Fingerprint, say: Say) -> list[tuple[str, str, str, s
         if row.name in ("tau_n", "tau_prop"):
             inertia = say("{inertia}, seen from the propeller shaft", inertia=short_name(row.name, say))
         # Where it lies in its interval is said once, of the interval in SI units.
-        none = may_be_none(row, known[row.name])
+        none = may_be_zero(row, known[row.name])
         alone = told if none else interval(row, known[row.name], say, with_end=False)
         normalised = f"{say('normalised')}: {row.name} {value if none else f'= {value}'}"
         normalised += f" ({alone})" if alone else ""
@@ -202,17 +202,17 @@ def _in_si(estimate: Estimate, quantity: Mapping[str, Any], say: Say) -> tuple[s
 
 
 def _value_and_interval(row: Row, estimate: Estimate, gap: str, say: Say) -> tuple[str, str]:
-    """Return a value with its unit and its interval; of what may be none how much it is at most."""
+    """Return a value with its unit and its interval; of a value that may be zero its upper limit."""
     unit = unit_shown(row.unit).replace(" ", "\u00a0")
     if not row.value:
         return say(row.status), ""
-    if may_be_none(row, estimate):
-        return f"{say('at most {high}', high=row.high)}{gap}{unit}".strip(), say("may be none")
+    if may_be_zero(row, estimate):
+        return f"{say('at most {high}', high=row.high)}{gap}{unit}".strip(), say("may be zero")
     return f"{say.number(row.value)}{gap}{unit}".strip(), interval(row, estimate, say) or say(row.status)
 
 
-def may_be_none(row: Row, estimate: Estimate) -> bool:
-    """Whether the data only limit a parameter from above: a delay that may be none, or a value that rounds to zero."""
+def may_be_zero(row: Row, estimate: Estimate) -> bool:
+    """Whether the data only limit a parameter from above: a delay that may be zero, or a value that rounds to zero."""
     if estimate.ci95 is None or not 0.0 < estimate.ci95[1] < np.inf:
         return False
     low, high = estimate.ci95
@@ -231,9 +231,9 @@ def loop_rows(loop: Mapping[str, Estimate], say: Say) -> list[tuple[str, str, st
     meanings = {
         "bandwidth": say("up to this frequency the speed follows the set point"),
         "phase margin": _damped(loop["phase margin"].value, say),
-        "gain margin": say("growth of the gains at which the loop begins to swing")
+        "gain margin": say("factor on the gains at which the loop begins to oscillate")
         if loop["gain margin"].value is not None
-        else say("no gain was found at which the loop swings"),
+        else say("no gain was found at which the loop oscillates"),
         "recovery time": say("after a step of the set point, until the speed stays within 5 % of it"),
     }
     rows = []
@@ -257,7 +257,7 @@ def _damped(margin: float | None, say: Say) -> str:
         return ""
     if margin >= 60.0:
         return say("well damped")
-    return say("lively") if margin >= 30.0 else say("close to swinging")
+    return say("lively") if margin >= 30.0 else say("close to oscillation")
 
 
 def open_questions(fingerprint: Fingerprint, say: Say) -> list[str]:
@@ -296,7 +296,7 @@ def open_questions(fingerprint: Fingerprint, say: Say) -> list[str]:
 
 
 def _sharpened(fingerprint: Fingerprint, names: Sequence[str], say: Say) -> str:
-    """Say which of the parameters, known from elsewhere, would sharpen the others; nothing where none goes with another."""
+    """Say which parameters, if known from elsewhere, would sharpen the others; nothing if no two are correlated."""
     related = fingerprint.correlations
     linked = [
         name

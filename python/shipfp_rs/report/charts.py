@@ -89,7 +89,7 @@ def _chart(experiment: Experiment, model: Mapping[str, Array], width: int, say: 
             if name in model:
                 fitted = model[name]
                 series.append(_series(say("model of {name}", name=name), MODEL, fitted, width))
-                less = say("{name} less the model", name=name)
+                less = say("{name} minus the model", name=name)
                 rest = _series(less, style.COLOURS[name], samples - fitted, width)
                 left.append(_panel(say("{name} − model [{unit}]", name=name, unit=unit), [rest]))
         marks = [_mark(fault, experiment, say) for fault in marked if UNITS.get(fault.signal) == unit]
@@ -98,7 +98,7 @@ def _chart(experiment: Experiment, model: Mapping[str, Array], width: int, say: 
         panels += [_panel(say.label(style.QUANTITIES[unit]), series, marks), *left]
     content = {"seconds": experiment.duration, "step": width / experiment.rate_hz, "panels": panels}
     content["words"] = {text: said for text in BUTTONS if (said := say(text)) != text}
-    about = say("{name}: signals, model, and what the model leaves over, against time", name=experiment.name)
+    about = say("{name}: signals, model and residuals over time", name=experiment.name)
     detail = say("every sample is in the page")
     if width > 1:
         detail = say(

@@ -227,9 +227,9 @@ def log_quality(experiments: Sequence[Experiment], say: Say) -> Iterable[str]:
             "experiment",
             "pulse train",
             "pulses a turn",
-            "shows speed up to [Hz]",
-            "trains apart by [%]",
-            "reflectors off even places by [%]",
+            "bandwidth of the speed [Hz]",
+            "difference between trains [%]",
+            "largest deviation of reflectors from even spacing [%]",
             "",
         )
         yield table(say("pulse trains that the speed was taken from"), head, rows)

@@ -12,7 +12,7 @@ from shipfp_rs.assessment.si import operating_point
 from shipfp_rs.identification import wording
 from shipfp_rs.identification.estimate import Estimate, rounded_rows
 from shipfp_rs.identification.fingerprint import ALARM, Fingerprint
-from shipfp_rs.report.answer import at_an_end, interval, may_be_none, unit_shown
+from shipfp_rs.report.answer import at_an_end, interval, may_be_zero, unit_shown
 from shipfp_rs.report.language import Say
 from shipfp_rs.report.markup import Cell, Row, bullets, link, number, paragraph, piece, table
 from shipfp_rs.report.pictures import NARROW, Pictures
@@ -30,7 +30,7 @@ FIGURES: Mapping[str, str] = {
     "bic": "Bayesian criterion (BIC)",
     "caic": "consistent Akaike criterion (CAIC)",
     "structure_p": "probability of such residuals, were the structure right (p)",
-    "structure_misses_pct": "explained by the set point of what was left [%]",
+    "structure_misses_pct": "share of the residuals that the set point explains [%]",
     "chi_squared": "chi-squared",
     "degrees_of_freedom": "degrees of freedom",
 }
@@ -66,7 +66,7 @@ def parameters(
     assert isinstance(text, str)
     yield link(say("These figures as CSV"), "fingerprint.csv", "text/csv", text.encode())
     drawn = [e for e in (*fingerprint.parameters.values(), *fingerprint.derived.values()) if e.ci95]
-    # Intervals of a model that is not to be used would be taken for results.
+    # A reader would take the intervals of an unusable model for results.
     if drawn and not failed:
         reference = say("the truth that the log was simulated with") if truth else say("the estimate")
         caption = say("Estimates with their 95 % intervals, in per cent of {reference}.", reference=reference)
@@ -160,14 +160,14 @@ def _estimates(
     rows: list[Row] = []
     for row in rounded_rows(estimates, truth):
         estimate = estimates[row.name]
-        none = may_be_none(row, estimate)
+        none = may_be_zero(row, estimate)
         cells: list[Cell | str] = [
             Cell(row.name, code=True),
             say.name(row.name),
             number(say("at most {high}", high=row.high) if none else row.value, key=estimate.value),
             number("" if none else row.std, key=estimate.std),
             number(
-                say("may be none") if none else interval(row, estimate, say, with_end=False),
+                say("may be zero") if none else interval(row, estimate, say, with_end=False),
                 key=estimate.ci95 and estimate.ci95[1] - estimate.ci95[0],
             ),
             unit_shown(row.unit),
@@ -195,8 +195,8 @@ def elements(fingerprint: Fingerprint, say: Say) -> Iterable[str]:
     yield from not_to_be_used(fingerprint, say)
     yield paragraph(
         say(
-            "An element is a part of the model that may act or not, such as a dead time. It acts where its interval leaves "
-            "no room for none, and is undecided where the interval reaches from none to something that would matter."
+            "An element is a part of the model that may act or not, such as a dead time. It acts if its interval "
+            "excludes zero. It is undecided if its interval holds both zero and values that would matter."
         )
     )
     head = say.each("element", "found", "change of the deviance", "limit at 95 %")
@@ -239,7 +239,7 @@ def statistics(fingerprint: Fingerprint, pictures: Pictures, say: Say) -> Iterab
         yield bullets(say(line) for line in fingerprint.verdict)
     yield piece("heading", say("How well the model follows"))
     yield from _fits(fingerprint, say)
-    yield piece("heading", say("What the data distinguish"))
+    yield piece("heading", say("Identifiable parameters"))
     yield from _rank(fingerprint, say)
     yield piece("heading", say("What the residuals say"))
     yield from _residual_tests(fingerprint, pictures, say)
@@ -302,15 +302,21 @@ def _residual_tests(fingerprint: Fingerprint, pictures: Pictures, say: Say) -> I
         if "whiteness_p" in row or "input_correlation_p" in row
     }
     if not tested:
-        yield paragraph(say("No residual test: what was fitted has no order in time."))
+        yield paragraph(
+            say(
+                "No correlation tests: they are made only for given structures that are fitted to experiments."
+            )
+        )
+        if missed := wording.missed(fingerprint.adequate):
+            yield paragraph(say("Missed share of the response to the set point: {outputs}.", outputs=missed))
         return
     threshold = ALARM / len(tested)
     yield paragraph(
         say(
-            "What a right model leaves over is noise: unlike the set point, or a dynamic part is missing, and, once "
-            "whitened, unlike its own past, or the intervals may be too narrow (Ljung 1999, section 16.6). A test fails "
-            "below p = {threshold}; on long records it finds parts that do not matter: the column of what is explained "
-            "says how much.",
+            "The residuals of a right model are noise. Residuals that follow the set point show that a dynamic "
+            "part is missing. Whitened residuals that follow their own past show that the intervals may be too "
+            "narrow (Ljung 1999, section 16.6). A test fails below p = {threshold}. On long records it also finds"
+            " parts too small to matter: the share explained says how large they are.",
             threshold=f"{threshold:.2g}",
         )
     )
@@ -320,7 +326,7 @@ def _residual_tests(fingerprint: Fingerprint, pictures: Pictures, say: Say) -> I
             *_tested(
                 row.get("input_correlation_p"),
                 threshold,
-                say("free of the set point"),
+                say("independent of the set point"),
                 say("follows the set point"),
             ),
             number(_two(row.get("input_explained_pct"))),
@@ -329,7 +335,7 @@ def _residual_tests(fingerprint: Fingerprint, pictures: Pictures, say: Say) -> I
         for output, row in tested.items()
     ]
     head = say.each(
-        "output", "set point, p", "verdict", "explains of what was left [%]", "whiteness, p", "verdict"
+        "output", "set point, p", "verdict", "share of the residuals explained [%]", "whiteness, p", "verdict"
     )
     yield table(say("residual tests of each output"), head, rows)
     for output in fingerprint.residuals:
@@ -341,12 +347,12 @@ def _correlogram(fingerprint: Fingerprint, output: str, pictures: Pictures, say:
     said = (
         Sentence(
             "Whitened residuals of the {output}: correlation with their own past, {own}, and with the set point, "
-            "{by_set_point}. Of noise one lag in twenty is outside."
+            "{by_set_point}. With noise alone one lag in twenty is outside the band."
         )
         if "autocorrelation" in correlations
         else Sentence(
-            "Whitened residuals of the {output}: correlation with the set point, {by_set_point}. Of noise one lag in twenty "
-            "is outside."
+            "Whitened residuals of the {output}: correlation with the set point, {by_set_point}. With noise alone"
+            " one lag in twenty is outside the band."
         )
     )
     own = _outside(correlations["autocorrelation"], say) if "autocorrelation" in correlations else ""

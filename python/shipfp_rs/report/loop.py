@@ -82,9 +82,10 @@ def classes(
         return
     yield paragraph(
         say(
-            "A load step by {step} % of the operating torque, small enough for the linearised model; which step ISO 8528-5 "
-            "asks of an engine follows from its mean effective pressure, which no log tells. The last column says up to "
-            "which step the class is met where no limit of torque or rate acts.",
+            "A load step of {step} % of the operating torque is small enough for the linearised model. The step "
+            "that ISO 8528-5 asks of an engine follows from its mean effective pressure, which is not in a log. "
+            "The last column gives the largest step for which the class is met, if no limit of torque or rate "
+            "acts.",
             step=f"{STEP_PCT:g}",
         )
     )

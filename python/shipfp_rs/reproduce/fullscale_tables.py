@@ -75,7 +75,7 @@ def cross_checks(vessel: Vessel, fingerprints: Mapping[str, Fingerprint]) -> lis
             f"J_2, the propeller's side, {low:.1f} to {high:.1f} kg m2 (95 %), {100 * low / total:.0f} to "
             f"{100 * high / total:.0f} % of the torsional total; {water:.2f} kg m2 of it are entrained water by "
             "Schwanecke's formula"
-        ) + ("" if times["tau_n"].value is not None else "; tau_n itself can't be told from these data")
+        ) + ("" if times["tau_n"].value is not None else "; these data do not determine tau_n itself")
         structure = str(fingerprint.structure["name"])
         rows.append(Row(EQUATION, name, "ours", structure, values, notes, intervals=intervals))
     return rows

@@ -70,7 +70,7 @@ class ShipEquations(Equations):
         return [_core.SHIP_OUTPUTS.index(names.get(output, output)) for output in self.outputs]
 
     def vector(self, values: Values) -> Array:
-        """Return the kernel's parameters (34,) for values by name; what has none is off."""
+        """Return the kernel's parameters, shape (34,), for values by name; an element without a value is off."""
         vector = np.array(_core.SHIP_OFF)
         vector[INDEX["v"]] = 1.0
         for name, value in values.items():

@@ -157,8 +157,8 @@ class Structure(Editable):
 
         Notes
         -----
-        Each experiment has four unknowns of its own: its speed and its fuel's torque at the first sample, and by which
-        part its set point and its torque are read wrong. Equations 3.1 to 3.11 divided by the operating point; the
+        Each experiment has four unknowns of its own: speed and fuel torque at its first sample, and the relative errors
+        of its set point and its torque. Equations 3.1 to 3.11 divided by the operating point; the
         exponent p is free, 2 in the thesis.
 
         Examples

@@ -21,7 +21,7 @@ def tell(what: str, share: float) -> None:
 
 @contextlib.contextmanager
 def heard_by(listener: Listener) -> Iterator[None]:
-    """Let a function hear what is told in the block, in its thread.
+    """Call a function on each report of progress (`tell`) in the block, in the same thread.
 
     Examples
     --------
@@ -38,7 +38,7 @@ def heard_by(listener: Listener) -> Iterator[None]:
 
 @contextlib.contextmanager
 def part(first: float, last: float) -> Iterator[None]:
-    """Let what is told in the block be that part of the work, from one share of it to another."""
+    """Scale progress that is reported in the block to a part of the work, from one share of it to another."""
     outer = _LISTENER.get()
     if outer is None:
         yield

@@ -47,7 +47,7 @@ def place(
 def _block(design: str, factors: int, rows: int, seed: int, block: int) -> Array:
     if not factors:
         return np.empty((rows, 0))
-    # A key of two numbers, which no draw has.
+    # A key of two numbers can't collide with a draw's, which has one.
     generator = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(block, 1)))
     if design == "random":
         return np.asarray(generator.random((rows, factors)))

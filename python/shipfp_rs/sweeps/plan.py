@@ -333,7 +333,7 @@ _SECTIONS: Mapping[str, type[BaseModel]] = {
 
 
 def _keys_of(section: str) -> tuple[str, ...] | None:
-    """Return the keys of a table that a sweep may vary; None where it may vary all, or the table is unknown."""
+    """Return the keys of a table that a sweep may vary; None means all keys, or an unknown table."""
     if section == "identify":
         return HOW  # the others would change which columns the table has
     return tuple(_SECTIONS[section].model_fields) if section in _SECTIONS else None

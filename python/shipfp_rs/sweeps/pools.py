@@ -99,7 +99,7 @@ def _processes(count: int) -> ProcessPoolExecutor:
 
 
 def _end_at_once(executor: Executor) -> None:
-    """End the workers; what they were at is done anew when the sweep is gone on with."""
+    """End the workers; a sweep that is continued repeats what they had not finished."""
     processes = list((getattr(executor, "_processes", None) or {}).values())
     executor.shutdown(wait=False, cancel_futures=True)
     for process in processes:

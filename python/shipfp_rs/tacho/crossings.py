@@ -112,7 +112,7 @@ def pulse_times(
     A crossing counts when the train was low before and gets high after, so that saw-tooth edges and noise at the level
     make no second one. Levels that are not given follow the train, through the turning points of nine pulses at a
     time before and after: the amplitude of a variable-reluctance pick-up goes with speed, that of an optical one fades.
-    How high a pulse must be is told from the noise. Where pulses can't be told from it, nor from the hum of a shaft
+    The noise decides how high a pulse must be. Where pulses can't be distinguished from it, nor from the hum of a shaft
     at rest, no times are given, and the stretch is one of `gaps_s`.
 
     The gap of a wheel with missing teeth is no such stretch; `speed_from_pulses` puts the teeth in that are missing.

@@ -246,8 +246,8 @@ def linearise(vessel: Vessel, n_e_rpm: float | None = None) -> LinearModel:
 
     Notes
     -----
-    Of a vessel with more than the plant of eq. 3.1-3.11, small and slow motions are meant. Its T_d holds whatever comes
-    between speed and torque at its mean delay: the dead time, the lag, half a period of a governor that samples, half
+    Of a vessel with more than the plant of eq. 3.1-3.11, small and slow motions are meant. Its T_d is the sum of the
+    mean delays between speed and torque: the dead time, the lag, half a period of a governor that samples, half
     the stroke of a firing. A drag that grows with the speed goes into v and g, since the structure's torque is the
     shaft's. Limits, ramps, the derivative gain, the shaft's twist and the ship's own acceleration are not in it.
 

@@ -68,7 +68,7 @@ impl PulseCrossings {
     }
 
     /// Stretches of missing samples, each from its first to past its last; one that is still open ends at [`Self::seen`].
-    /// Of more than 65,536 the nearest ones are told as one.
+    /// If there are more than 65,536, the nearest ones are merged.
     pub fn gaps(&self) -> impl Iterator<Item = (u64, u64)> {
         let open = self.cursor.gap_start.map(|start| (start, self.cursor.seen));
         self.gaps.spans().chain(open)

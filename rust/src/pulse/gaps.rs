@@ -1,6 +1,6 @@
 //! Stretches of missing samples of a train without end, in memory that has one.
 
-/// Stretches kept; of more the nearest ones are told as one.
+/// Number of stretches kept; if there are more, the nearest ones are merged.
 const KEPT: usize = 1 << 16;
 
 /// Stretches of missing samples in order, each from its first to past its last.

@@ -10,7 +10,7 @@ const DENSE_STRETCHES: usize = 8;
 const LEAST: usize = 16;
 /// Median of the magnitude of a standard normal number.
 const MEDIAN: f64 = 0.674_489_750_196_081_7;
-/// Part of white noise's standard deviation that is found, by simulation, since the least of several medians counts.
+/// Ratio of the estimate to the standard deviation of white noise, by simulation: the least of several medians is too low.
 const FOUND: f64 = 0.91;
 /// Gains of white noise in differences of order p = 2, 4 and 6: roots of the binomials (2p over p).
 const GAINS: [f64; 3] = [2.449_489_742_783_178, 8.366_600_265_340_756, 30.397_368_307_141_326];

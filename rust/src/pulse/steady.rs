@@ -20,9 +20,9 @@ const LANES: usize = 16;
 /// By how much the extremes of a part may differ from the usual ones, in standard deviations of the noise and as a share of the
 /// train's height: extremes of a thousand normal numbers scatter by a third of their standard deviation.
 const PART_LIKE: (f64, f64) = (3.0, 0.05);
-/// By how much their medians over a window may; levels closer than half the noise are taken for equal everywhere.
+/// By how much the medians of a window may differ from the usual ones; levels closer than half the noise count as equal.
 const WINDOW_LIKE: (f64, f64) = (0.5, 0.002);
-/// Ratio of the longest period to the shortest one, and of samples more, of a train none of whose pulses is lost or doubled.
+/// In a train without lost or doubled pulses the longest period is at most this times the shortest one, plus a sample.
 const EVEN: f64 = 1.5;
 
 /// A train whose levels hold: what its next window is compared with.

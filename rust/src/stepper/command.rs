@@ -89,7 +89,7 @@ impl<T: Scalar> DeadTime<T> {
         }
     }
 
-    /// Part of a command at a step's end that has arrived by then.
+    /// Share of a command, given at a step's end, that acts at that same instant.
     pub fn at_once(&self) -> T {
         let first = self.reader.at_once();
         self.second.as_ref().map_or(first, |second| (first + second.at_once()) * 0.5)

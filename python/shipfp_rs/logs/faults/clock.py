@@ -216,12 +216,12 @@ class ClockScan:
                 segments.append(Segment(skipped_to, stop - skipped_to, at))
         end = segments[-1].sample + segments[-1].count
         faults = [
-            Fault("time_gap", column, Sentence("masked: missing rows put in"), np.array(gaps)),
+            Fault("time_gap", column, Sentence("masked: missing rows inserted"), np.array(gaps)),
             Fault("repeated", column, Sentence("second copies left out"), np.array(twice), excluded=False),
             Fault(
                 "time_back",
                 column,
-                Sentence("counted on from sample to sample; the file's own times are behind here"),
+                Sentence("times continued at the sampling rate, since the file's own times are late here"),
                 np.array([(start, end if stop < 0 else stop) for start, stop in back]),
                 excluded=False,
             ),

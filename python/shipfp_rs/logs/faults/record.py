@@ -16,7 +16,7 @@ KINDS: Mapping[str, str] = MappingProxyType(
     {
         "A": "double crossings",
         "B": "lost pulses",
-        "faint": "pulses that can't be told from noise",
+        "faint": "pulses not distinguishable from noise",
         "C": "torque spikes",
         "D1": "set-point jumps",
         "D2": "mains hum on the set point",
@@ -26,7 +26,7 @@ KINDS: Mapping[str, str] = MappingProxyType(
         "dropout": "dropouts to zero",
         "stuck": "stuck channel",
         "clipped": "clipped",
-        "sign": "torque of the other sign",
+        "sign": "torque of the opposite sign",
         "repeated": "rows recorded twice",
         "time_gap": "jump of the clock, rows missing",
         "time_back": "clock set back",

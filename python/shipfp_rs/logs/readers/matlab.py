@@ -45,7 +45,8 @@ def open_matlab_5(path: Path, rate_hz: float | None) -> Log:
     """Open a MATLAB file up to version 7: vectors, columns of matrices, and both within structs are channels.
 
     A vector `time` or `t` is the time base of those of its length in the same struct or in one within it; a scalar `fs`,
-    `rate_hz` or `dt` does as well. Columns of a matrix are named by a cell of as many words beside it. SciPy reads a
+    `rate_hz` or `dt` does as well. Names of a matrix's columns come from a cell array of as many words in the same
+    struct. SciPy reads a
     variable whole, at most 2 GB in these versions; larger logs are saved with -v7.3.
     """
     tree = _tree(path)

@@ -59,7 +59,7 @@ def open_tdms(path: Path, rate_hz: float | None) -> Log:
         own = times.get((channel.group_name, len(channel)))
         if own is None:
             raise InputError(
-                f"{path}: channel {name!r} tells no wf_increment above 0, and no channel of times is beside it; give "
+                f"{path}: channel {name!r} has no wf_increment above 0, and no channel of times belongs to it; give "
                 "rate_hz (--rate)"
             )
         if own.path not in axes:

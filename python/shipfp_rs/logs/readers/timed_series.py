@@ -30,7 +30,7 @@ class Series:
 
 
 def log_of_series(path: Path, series: Mapping[str, Series], notes: Sequence[str] = ()) -> Log:
-    """Return a log of series, each on an even grid of its own; those that can't be are told of in the notes.
+    """Return a log of series, each on an even grid of its own; the notes name those that can't be.
 
     Raises
     ------
