@@ -85,8 +85,10 @@ def extras_exist(wanted: str) -> None:
 def _python(arguments: list[str]) -> None:
     assert arguments[0] == "-m"
     module, options = arguments[1], arguments[2:]
-    if module == "pytest":
+    if module == "pytest" and options[0] == "-m":
         _study(options)
+    elif module == "pytest":
+        assert all((ROOT / option).is_file() for option in options), options
     elif module == "sphinx":
         assert f"-m sphinx {options[0]}" in CI  # CI builds the site
     else:

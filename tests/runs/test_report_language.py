@@ -23,7 +23,7 @@ def test_the_command_line_stands_above_the_trial(options, asked, written, monkey
 
     def pretend(*_, **given):
         told.update(given)
-        return SimpleNamespace(fingerprint=None)
+        return SimpleNamespace(fingerprint=SimpleNamespace(to_dict=dict))
 
     monkeypatch.setattr(run, "run", pretend)
     monkeypatch.setattr(sys.modules["shipfp_rs.cli.run"], "print_fingerprint", lambda *_: None)

@@ -69,5 +69,5 @@ def test_strings_among_the_channels_are_left_out(tmp_path: Path) -> None:
     write_tdms(path, {"a": np.arange(5.0)})
     with tdms.TdmsWriter(path, "a") as writer:
         writer.write_segment([tdms.ChannelObject("a", "note", ["x", "y"], {"wf_increment": 1.0})])
-    with pytest.warns(UserWarning, match="no numbers in note; left out"):
+    with pytest.warns(UserWarning, match="left out.*note"):
         assert list(Log.open(path).channels) == ["a"]

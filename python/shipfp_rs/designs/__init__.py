@@ -245,8 +245,8 @@ def _notes(
     bent = [one for one in subject.free if one not in designed_for and one not in unknown]
     if bent:
         notes.append(
-            f"Small motions determine only {', '.join(designed_for)}, for which the design is. {', '.join(bent)} follow from "
-            "the curvature of the propeller's law alone: a larger amplitude helps, more time hardly."
+            f"Small motions determine only {', '.join(designed_for)}, for which the design is. "
+            f"{', '.join(bent)} follow from the curvature of the propeller's law alone: a larger amplitude helps, more time hardly."
         )
     weak = [
         f"{name} ({value:.0f} %)"
