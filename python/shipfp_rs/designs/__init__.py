@@ -246,7 +246,8 @@ def _notes(
     if bent:
         notes.append(
             f"Small motions determine only {', '.join(designed_for)}, for which the design is. "
-            f"{', '.join(bent)} follow from the curvature of the propeller's law alone: a larger amplitude helps, more time hardly."
+            f"{', '.join(bent)} follow from the curvature of the propeller's law alone: a larger amplitude helps, more "
+            "time hardly."
         )
     weak = [
         f"{name} ({value:.0f} %)"
