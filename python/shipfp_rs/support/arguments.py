@@ -121,8 +121,15 @@ def _plain(value: Any) -> Any:
 
 
 def check_fields(made: Any, label: str) -> None:
-    """Refuse values of a dataclass that its annotations exclude; `label` says in errors which object it is."""
+    """Refuse values of a dataclass that its annotations exclude; `label` says in errors which object it is.
+
+    A number of NumPy's, also as an array without axes, becomes Python's own: files take no other.
+    """
     given = {field.name: getattr(made, field.name) for field in fields(made)}
+    for name, value in given.items():
+        if isinstance(value, np.generic | np.ndarray) and value.ndim == 0 and value.dtype.kind in "iuf":
+            given[name] = value.item()
+            object.__setattr__(made, name, given[name])
     for name, value in given.items():
         if isinstance(value, str) and not is_one_line(value):
             raise InputError(f"{label}: {name} is {told(value)}, expected a text without control characters")
