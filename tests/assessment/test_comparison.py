@@ -119,7 +119,7 @@ def test_nothing_changed_is_said_with_what_could_have_been_seen(pair):
     same = compare(*pair)
     assert not any(change.significant for change in same.changes)
     assert "No change beyond" in same.verdict[0]
-    assert "could not have been told from chance" in same.verdict[1]
+    assert "could not have been distinguished from chance" in same.verdict[1]
     # Combinations that repeat each other count once: five directions, not six quantities.
     assert same.joint.freedom == 5 < len(same.changes)
 

@@ -99,7 +99,7 @@ def _endless(h5py, path: Path) -> None:
         pytest.param(_virtual_dataset, "in another file", id="d5-virtual-dataset"),
         pytest.param(_external_link, "leads into another file", id="d5-external-link"),
         pytest.param(_external_group, "leads into another file", id="d5-external-link-to-a-group"),
-        pytest.param(_endless, "tells of 1e+13 samples", id="d6-more-samples-than-bytes-can-hold"),
+        pytest.param(_endless, "announces 1e+13 samples", id="d6-more-samples-than-bytes-can-hold"),
     ],
 )
 def test_an_hdf5_file_shows_its_own_bytes_only(

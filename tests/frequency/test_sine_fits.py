@@ -155,7 +155,7 @@ def test_the_noise_at_a_line_is_read_off_a_sloping_spectrum(power):
         (lambda: fit_lines(sine(), 0.0, 1.0), "rate_hz is 0.0"),
         (lambda: fit_lines(sine(), RATE, [30.0]), r"found \[30.0\], expected .* between 0 and 25 Hz"),
         (lambda: fit_lines(sine(), RATE, []), "frequencies_hz: found"),
-        (lambda: fit_lines(sine(), RATE, [1.0, 1.001]), "can't be told apart in a window of 40 s"),
+        (lambda: fit_lines(sine(), RATE, [1.0, 1.001]), "can't be distinguished in a window of 40 s"),
         (lambda: fit_lines(sine(), RATE, 0.01), "0.01 Hz has 0.4 periods"),
         (lambda: fit_lines(np.full(50, np.nan), RATE, 2.0), "found 0 present, expected 4"),
         (lambda: fit_lines(sine()[:6], RATE, [9.0, 12.0, 15.0]), "found 6 present, expected more than the 7"),

@@ -47,7 +47,7 @@ def test_a_set_point_that_is_the_measured_speed_is_refused_a13(made, noise_rpm):
 def test_a_rack_that_is_the_torque_is_refused_a13(made):
     """In volts or per cent, it has the torque's very noise."""
     rack = 3.0 + made.signals["M_b"] / 40.0
-    with pytest.raises(fp.InputError, match="X_f is M_b by another scale"):
+    with pytest.raises(fp.InputError, match="X_f is a scaled copy of M_b"):
         fp.identify(with_signal(made, "X_f", rack, 3.0 + made.operating_point["M_b"] / 40.0))
 
 
