@@ -79,7 +79,7 @@ def test_low_frequency_torque_over_speed_is_the_propeller_exponent():
 def test_the_verdict_names_what_can_not_be_identified(reproduction):
     text = "\n".join(reproduction.verdict)
     assert "Not identifiable from these data: tau_n (only known together with" in text
-    assert "known from one side: K_p (on its lower bound 0.01; the data allow up to" in text
+    assert "one side only: K_p (on its lower bound 0.01; the data allow up to" in text
     assert "K_i (on its upper bound 10; the data allow down to" in text
 
 
