@@ -44,6 +44,18 @@ def test_set_point_calibration_may_be_a_table(tmp_path: Path) -> None:
     assert line.scale == pytest.approx(-251.57, abs=0.005)
 
 
+@pytest.mark.parametrize(("reference", "first"), [("log.parquet", "speed"), ("b/log.parquet", "load")])
+def test_loggers_may_write_files_of_one_name(tmp_path: Path, reference: str, first: str) -> None:
+    for folder, channel in (("a", "speed"), ("b", "load")):
+        (tmp_path / folder).mkdir()
+        log = fp.Log.from_arrays({channel: np.arange(50.0)}, rate_hz=10.0)
+        log.write(tmp_path / folder / "log.parquet")
+    text = template("TRIAL").replace('log = "run.parquet"  ', 'log = ["a/log.parquet", "b/log.parquet"]  ', 1)
+    trial = load(tmp_path, f'{text}\n[align]\nreference = "{reference}"\n')
+    (merged,) = trial.logs()
+    assert list(merged.channels) == sorted(["speed", "load"], key=first.__ne__)
+
+
 RESTING = "[channels.set_point]\nrpm = 1500.0\n\n"
 LOAD = '[channels.load]\ncolumn = "P"\nunit = "kW"\nquantity = "power"\n\n'
 

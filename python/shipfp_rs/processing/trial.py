@@ -208,8 +208,11 @@ class Trial(Section):
             return [self.completed(log) for log in logs]
         from shipfp_rs.processing.alignment import merged  # SciPy takes long to load
 
-        name = Path(self.align.reference).name
-        (reference,) = [log for log in logs if Path(log.name).name == name]
+        wanted = Path(self.align.reference)
+        named = [log for log in logs if Path(log.name).name == wanted.name]
+        # Files of one name in several folders are told apart by as much of the path as is given.
+        ends = (log for log in named if Path(log.name).parts[-len(wanted.parts) :] == wanted.parts)
+        reference = next(ends, named[0])
         others = [log for log in logs if log is not reference]
         if self.align.common is None:
             return [self.completed(Log.merge(reference, *others, name=reference.name))]
