@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from shipfp_rs.errors import InputError
 from shipfp_rs.support.arrays import attributes
 
 Samples = npt.NDArray[Any]
@@ -66,15 +67,45 @@ def with_nan(block: Samples) -> Samples:
     return np.where(block.mask, np.nan, block.data) if np.ma.is_masked(block) else block.data
 
 
-def in_blocks(length: Callable[[str], int], read: Callable[[str, int, int], Samples]) -> Blocks:
-    """Return a function that yields channels in blocks; `read` gives rows [first, stop) of one."""
+def in_blocks(
+    length: Callable[[str], int], read: Callable[[str, int, int], Samples], path: object = "log"
+) -> Blocks:
+    """Return a function that yields channels in blocks; `read` gives rows [first, stop) of one, all of them.
+
+    `InputError` where a block has another length: what comes after it would stand at wrong times. `path` is told there.
+    """
 
     def blocks(name: str, first: int, size: int) -> Iterator[Samples]:
         count = length(name)
         for start in range(first, count, size):
-            yield read(name, start, min(start + size, count))
+            stop = min(start + size, count)
+            block = read(name, start, stop)
+            _require_length(path, name, start, len(block), stop - start)
+            yield block
 
     return blocks
+
+
+def whole(path: object, channels: Mapping[str, Channel], blocks: Blocks) -> Blocks:
+    """Return a function that yields what `blocks` does, with `InputError` where a channel ends before its last sample."""
+
+    def read(name: str, first: int, size: int) -> Iterator[Samples]:
+        count = 0
+        for block in blocks(name, first, size):
+            count += len(block)
+            yield block
+        expected = channels[name].samples - first
+        _require_length(path, name, first, min(count, expected), expected)
+
+    return read
+
+
+def _require_length(path: object, name: str, first: int, found: int, expected: int) -> None:
+    if found != expected:
+        raise InputError(
+            f"{path}: channel {name!r} gives {found} samples from sample {first} on, expected {expected}; is the file "
+            "damaged or cut short?"
+        )
 
 
 def blocks_of(arrays: Mapping[str, Samples]) -> Blocks:

@@ -10,6 +10,7 @@ from operator import itemgetter
 
 import numpy as np
 
+from shipfp_rs.errors import InputError
 from shipfp_rs.logs.channel import BLOCK, Samples
 from shipfp_rs.logs.log import Log
 
@@ -95,7 +96,12 @@ class Rows:
         """Read the next chunk into memory, and drop the oldest ones."""
         if self._stopped.is_set():
             raise Stopped
-        chunk = next(self._chunks)
+        chunk = next(self._chunks, None)
+        if chunk is None:
+            channel = self.channel
+            raise InputError(
+                f"{self.log.name}: channel {channel.name!r} ends at sample {self._at} of {channel.samples}; is it damaged?"
+            )
         self._held.append((self._at, chunk))
         kept_from = self._at - max(KEPT, self._kept_bytes // chunk.itemsize)
         self._at += len(chunk)

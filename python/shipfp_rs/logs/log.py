@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from shipfp_rs.errors import InputError, LogWarning
-from shipfp_rs.logs.channel import BLOCK, Blocks, Channel, Samples, blocks_of, with_nan
+from shipfp_rs.logs.channel import BLOCK, Blocks, Channel, Samples, blocks_of, whole, with_nan
 from shipfp_rs.logs.faults.record import Fault
 from shipfp_rs.logs.formats import HINTS, MODULES, TEXTS, of_text, one_line_errors, require_file, require_size
 from shipfp_rs.support import hints, units
@@ -68,7 +68,7 @@ class Log:
         self.channels: Mapping[str, Channel] = MappingProxyType(
             {channel.name: replace(channel, unit=units.told(channel.unit)) for channel in channels}
         )
-        self._blocks = blocks
+        self._blocks = whole(name, self.channels, blocks)
 
     def __repr__(self) -> str:
         shown = ", ".join(f"{c.name} [{c.unit}] {c.rate_hz:g} Hz" for c in self.channels.values())

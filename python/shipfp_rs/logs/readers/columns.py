@@ -114,9 +114,9 @@ def axis_of(path: Path, key: str, row: Row, *, trusted: bool = False) -> tuple[T
     return time_axis(path, key, lambda: plan.seconds(path, cells)), plan
 
 
-def blocks_of_rows(rows: Mapping[str, Row]) -> Blocks:
+def blocks_of_rows(path: Path, rows: Mapping[str, Row]) -> Blocks:
     """Return a function that yields rows in blocks."""
-    return in_blocks(lambda name: rows[name].length, lambda name, first, stop: rows[name].read(first, stop))
+    return in_blocks(lambda name: rows[name].length, lambda name, *ends: rows[name].read(*ends), path)
 
 
 def no_time(path: Path, row: Row) -> InputError:

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from shipfp_rs.errors import InputError
-from shipfp_rs.logs.channel import Channel, Samples
+from shipfp_rs.logs.channel import Channel, Samples, in_blocks
 from shipfp_rs.logs.log import Log, register_reader
 from shipfp_rs.logs.readers.found_channels import Found, log_of_found, tell_left_out
 from shipfp_rs.logs.readers.isolation import in_child
@@ -55,10 +55,12 @@ def open_dewesoft(path: Path, rate_hz: float | None) -> Log:
             rate, count = channel.sample_rate, channel.number_of_samples
             # Channels without a clock of their own are read whole: the library can't cut them.
             whole = None if rate > 0.0 else channel.scaled()[1]
-            for start in range(first, count, size):
-                if whole is None:
-                    yield channel.scaled(T1=(start + 0.5) / rate, count=size)[1]
-                else:
-                    yield whole[start : start + size]
+
+            def part(_: str, start: int, stop: int) -> Samples:
+                if whole is not None:
+                    return np.asarray(whole[start:stop])
+                return np.asarray(channel.scaled(T1=(start + 0.5) / rate, count=stop - start)[1])
+
+            yield from in_blocks(lambda _: count, part, path)(name, first, size)
 
     return log_of_found(path, found, rows)

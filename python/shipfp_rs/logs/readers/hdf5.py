@@ -74,7 +74,9 @@ def open_hdf5(path: Path, rate_hz: float | None) -> Log:
             found[name] = (row, Found(channel, start_utc=start_utc))
     tell_left_out(path, "no numbers along one axis", skipped, all_of_them=not found)
     channels = {name: row for name, (row, _) in found.items()}
-    blocks = in_blocks(lambda name: channels[name].length, lambda name, *ends: channels[name].read(*ends))
+    blocks = in_blocks(
+        lambda name: channels[name].length, lambda name, *ends: channels[name].read(*ends), path
+    )
     return log_of_found(path, [each for _, each in found.values()], blocks)
 
 

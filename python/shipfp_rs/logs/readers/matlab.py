@@ -74,7 +74,7 @@ def open_matlab_5(path: Path, rate_hz: float | None) -> Log:
     skipped = [*tree.skipped, *tree.opaque]
     tell_left_out(path, f"no vectors of numbers{hint}", skipped, all_of_them=not found)
     notes = [plan.note for _, plan in clocks.values() if plan.note]
-    return log_of_found(path, found, blocks_of_rows(rows), notes)
+    return log_of_found(path, found, blocks_of_rows(path, rows), notes)
 
 
 def _tree(path: Path) -> _Tree:

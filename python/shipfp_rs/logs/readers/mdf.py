@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from shipfp_rs.errors import InputError
-from shipfp_rs.logs.channel import BLOCK, Samples
+from shipfp_rs.logs.channel import BLOCK, Samples, in_blocks
 from shipfp_rs.logs.log import Log, register_reader
 from shipfp_rs.logs.readers.can_signals import Frames, log_of_frames
 from shipfp_rs.logs.readers.found_channels import Found, log_of_found, tell_left_out
@@ -49,13 +49,13 @@ def open_mdf(path: Path, rate_hz: float | None, names: str | None = None) -> Log
     why = f" ({reasons[0].removeprefix(f'{path}: ')})" if reasons else ""
     tell_left_out(path, f"no numbers or no uniform time base{why}", skipped, all_of_them=not found)
 
-    def rows(name: str, first: int, size: int) -> Iterator[Samples]:
-        number, index, raw = keys[name]
-        count = file.groups[number].channel_group.cycles_nr
-        for start in range(first, count, size):
-            yield _values(file, number, index, raw, start, min(size, count - start))
+    def length(name: str) -> int:
+        return int(file.groups[keys[name][0]].channel_group.cycles_nr)
 
-    return log_of_found(path, found, rows)
+    def rows(name: str, first: int, stop: int) -> Samples:
+        return _values(file, *keys[name], first, stop - first)
+
+    return log_of_found(path, found, in_blocks(length, rows, path))
 
 
 def _found(
@@ -99,9 +99,11 @@ def _frames(file: Any) -> Frames | None:
 
         def read(name: str, number: int = number, by_name: dict[str, int] = by_name) -> Any:
             index = by_name.get(f"CAN_DataFrame.{name}")
-            return (
-                None if index is None else file.get(group=number, index=index, raw=True, samples_only=True)[0]
-            )
+            if index is None:
+                return None
+            return file.get(
+                group=number, index=index, raw=True, samples_only=True, ignore_invalidation_bits=True
+            )[0]
 
         identifier, data, kind = read("ID"), read("DataBytes"), read("IDE")
         identifier = np.asarray(identifier, dtype=np.uint64)
@@ -150,7 +152,13 @@ def _must_be_raw(file: Any, number: int, index: int) -> bool | None:
 
 def _values(file: Any, number: int, index: int, raw: bool, start: int, count: int) -> Samples:
     samples, invalid = file.get(
-        group=number, index=index, raw=raw, samples_only=True, record_offset=start, record_count=count
+        group=number,
+        index=index,
+        raw=raw,
+        samples_only=True,
+        ignore_invalidation_bits=True,  # else samples that are not valid are dropped, and later ones move up
+        record_offset=start,
+        record_count=count,
     )
     if samples.ndim != 1:
         return np.empty(0, object)

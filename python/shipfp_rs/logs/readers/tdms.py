@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from shipfp_rs.errors import InputError, LogWarning
-from shipfp_rs.logs.channel import BLOCK, Channel, Samples
+from shipfp_rs.logs.channel import BLOCK, Channel, Samples, in_blocks
 from shipfp_rs.logs.log import Log, register_reader
 from shipfp_rs.logs.readers.columns import Row, axis_of
 from shipfp_rs.logs.readers.found_channels import Found, log_of_found, tell_left_out
@@ -74,8 +74,10 @@ def open_tdms(path: Path, rate_hz: float | None) -> Log:
     def rows(name: str, first: int, size: int) -> Iterator[Samples]:
         channel = by_name[name]
         step = max(size, BLOCK // size * size)  # each piece of the file is read anew for every part of it
-        for start in range(first, len(channel), step):
-            part = channel.read_data(start, min(step, len(channel) - start))
+        parts = in_blocks(
+            lambda _: len(channel), lambda _, start, stop: channel.read_data(start, stop - start), path
+        )
+        for part in parts(name, first, step):
             for offset in range(0, len(part), size):
                 yield part[offset : offset + size]
 
