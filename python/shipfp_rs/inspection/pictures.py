@@ -80,7 +80,9 @@ def _spectrum(inspection: Inspection, channel: str) -> Figure:
     figure = _figure()
     axes = figure.add_subplot()
     shown = frequency > 0.2
-    axes.loglog(frequency[shown], amplitude[shown], color="#1d3557", linewidth=0.7)
+    # A channel of zeros has nothing to show on a logarithmic axis.
+    plot = axes.loglog if (amplitude[shown] > 0.0).any() else axes.semilogx
+    plot(frequency[shown], amplitude[shown], color="#1d3557", linewidth=0.7)
     for peak in inspection.peaks[channel]:
         label = f"{peak.name or ''} {peak.frequency_hz:.2f} Hz".strip()
         axes.annotate(

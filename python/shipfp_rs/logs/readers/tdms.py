@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import warnings
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Iterator
+from dataclasses import replace
 from datetime import UTC
 from functools import partial
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +18,8 @@ import numpy as np
 
 from shipfp_rs.errors import InputError, LogWarning
 from shipfp_rs.logs.channel import BLOCK, Channel, Samples, in_blocks
+from shipfp_rs.logs.faults.clock import LONGEST_GAP, Segment, spliced
+from shipfp_rs.logs.faults.record import Fault
 from shipfp_rs.logs.log import Log, register_reader
 from shipfp_rs.logs.readers.columns import Row, axis_of
 from shipfp_rs.logs.readers.found_channels import Found, log_of_found, tell_left_out
@@ -22,6 +27,7 @@ from shipfp_rs.logs.readers.isolation import in_child
 from shipfp_rs.logs.readers.time_cells import TimePlan
 from shipfp_rs.logs.readers.time_words import is_time, split_bracketed
 from shipfp_rs.logs.time_axis import TimeAxis
+from shipfp_rs.support.sentences import Sentence
 
 
 @register_reader(".tdms")
@@ -30,7 +36,7 @@ def open_tdms(path: Path, rate_hz: float | None) -> Log:
     """Open a TDMS file; a channel carries its group's name in front where another has the same name.
 
     npTDMS reads a channel in pieces no smaller than the logger wrote: a file defragmented into one piece needs
-    the memory of a whole channel.
+    the memory of a whole channel. Segments that begin later than the one before ended keep their own times, with a gap.
     """
     import nptdms
 
@@ -44,6 +50,8 @@ def open_tdms(path: Path, rate_hz: float | None) -> Log:
     by_name = dict(named)
     times = {(channel.group_name, len(channel)): channel for channel in reversed(every) if _is_time(channel)}
     axes: dict[str, tuple[TimeAxis, TimePlan]] = {}
+    begins = {} if rate_hz else _begins(path)
+    told: set[tuple[Segment, ...]] = set()
     found: list[Found] = []
     skipped: list[str] = []
     for name, channel in named:
@@ -54,7 +62,14 @@ def open_tdms(path: Path, rate_hz: float | None) -> Log:
             continue
         step = float(channel.properties.get("wf_increment", math.nan))
         if rate_hz is not None or 0.0 < step < math.inf:
-            found.append(_stepped(path, name, channel, rate_hz or 1.0 / step))
+            each = _stepped(path, name, channel, rate_hz or 1.0 / step)
+            segments = _segments(path, each.channel, begins.get(channel.path, []))
+            if len(segments) > 1:
+                each = _placed(each, segments)
+                if each.axis and segments not in told:
+                    told.add(segments)
+                    each.axis.tell(path)
+            found.append(each)
             continue
         own = times.get((channel.group_name, len(channel)))
         if own is None:
@@ -92,6 +107,65 @@ def _stepped(path: Path, name: str, channel: Any, rate_hz: float) -> Found:
     start = channel.properties.get("wf_start_time")
     start_utc = None if start is None else start.astype("M8[us]").item().replace(tzinfo=UTC)
     return Found(Channel(name, _unit(channel), rate_hz, len(channel), offset), start_utc=start_utc)
+
+
+def _begins(path: Path) -> dict[str, list[tuple[int, int]]]:
+    """Return the rows from which on channels begin anew, by path, and when they do [us].
+
+    npTDMS keeps the last value of a property alone, so its reader is asked for those of each segment.
+    """
+    from nptdms.reader import TdmsReader
+
+    begins: dict[str, list[tuple[int, int]]] = defaultdict(list)
+    with contextlib.closing(TdmsReader(str(path))) as reader:
+        count, segments = reader._update_object_metadata, list[Any]()
+
+        def take(properties: dict[str, Any] | None) -> None:
+            for key, facts in (properties or {}).items():
+                start = dict(facts).get("wf_start_time")
+                if start is not None:
+                    known = reader.object_metadata.get(key)
+                    at = int(start.as_datetime64("us").astype(np.int64))
+                    begins[key].append((0 if known is None else known.num_values, at))
+            count(segments.pop())
+
+        reader._update_object_metadata, reader._update_object_properties = segments.append, take
+        reader.read_metadata()
+    return begins
+
+
+def _segments(path: Path, channel: Channel, begins: list[tuple[int, int]]) -> tuple[Segment, ...]:
+    """Return which rows are which samples: a segment that begins late leaves a gap, one that begins early goes on."""
+    segments = [Segment(0, channel.samples, 0)]
+    for row, start in begins[1:]:
+        last = segments[-1]
+        end = last.sample + row - last.row
+        at = round((start - begins[0][1]) * 1e-6 * channel.rate_hz)
+        if at - end > LONGEST_GAP * channel.samples:
+            raise InputError(
+                f"{path}: channel {channel.name!r} pauses for {(at - end) / channel.rate_hz:g} s at row {row + 1}; cut the "
+                "file there, or give rate_hz (--rate) to join the rows"
+            )
+        if at > end + 1 and row < channel.samples:
+            segments[-1] = Segment(last.row, row - last.row, last.sample)
+            segments.append(Segment(row, channel.samples - row, at))
+    return tuple(segment for segment in segments if segment.count)
+
+
+def _placed(found: Found, segments: tuple[Segment, ...]) -> Found:
+    """Return a channel whose segments stand at their own times, NaN between them."""
+    channel = replace(found.channel, samples=segments[-1].sample + segments[-1].count)
+    gaps = np.array([(one.sample + one.count, two.sample) for one, two in pairwise(segments)])
+    fault = Fault("time_gap", channel.name, Sentence("masked: between segments of the file"), gaps)
+    axis = TimeAxis(
+        channel.start_s,
+        channel.rate_hz,
+        channel.samples,
+        (fault,),
+        "",
+        lambda blocks: spliced(blocks, segments),
+    )
+    return Found(channel, axis, found.start_utc)
 
 
 def _unit(channel: Any) -> str:
