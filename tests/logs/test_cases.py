@@ -55,3 +55,65 @@ def test_cases_a_channel_of_zeros_is_drawn_without_a_warning(tmp_path: Path) -> 
     inspection = inspect_log(log)
     assert "Sync" in inspection.spectra
     assert len(draw(inspection, log, tmp_path)) == 2
+
+
+@pytest.mark.parametrize(
+    ("name", "expected", "rate_hz"),
+    [
+        ("units_min.csv", {"SecL": "sec", "RPM": "rpm", "MAP": "kPa"}, 14.925),
+        ("units_min2.csv", {"Engine speed": "rpm", "Shaft torque": "kNm", "Fuel": "g/s"}, 10.0),
+        ("ts.msl", {"SecL": "sec", "RPM": "rpm", "MAP": "kPa", "Engine": ""}, 14.925),
+    ],
+)
+def test_cases_names_stand_above_units_whatever_these_are(
+    name: str, expected: dict[str, str], rate_hz: float
+) -> None:
+    log = Log.open(CASES / name)
+    assert {channel.name: channel.unit for channel in log.channels.values()} == expected
+    assert {channel.start_s for channel in log.channels.values()} == {0.0}
+    np.testing.assert_allclose([channel.rate_hz for channel in log.channels.values()], rate_hz, rtol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("heading", "expected"),
+    [
+        ("x-axis,1,2\nsecond,Volt,Volt", {"1": "V", "2": "V"}),
+        ("Time,A,B\ns,AFR,lambda", {"A": "AFR", "B": "lambda"}),
+        ("Time,A,B\nsec,Volts,knots", {"A": "V", "B": "kn"}),
+        ("Time,A,B\n-,Percent,psig", {"A": "%", "B": "psig"}),
+        ("Run,7,x\nTime,RPM,Fuel", {"RPM": "", "Fuel": ""}),
+    ],
+)
+def test_cases_unknown_units_are_kept_as_text(tmp_path: Path, heading: str, expected: dict[str, str]) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text(heading + "\n" + "".join(f"{0.01 * k:.2f},{k % 7},{k % 5}\n" for k in range(40)))
+    log = Log.open(path)
+    assert {channel.name: channel.unit for channel in log.channels.values()} == expected
+
+
+def test_cases_a_time_base_beside_the_headings_is_found() -> None:
+    log = Log.open(CASES / "rigol_min.csv")
+    assert dict(log.channels) == {name: Channel(name, "V", 50_000.0, 40, -0.002) for name in ("CH1", "CH2")}
+    np.testing.assert_allclose(log.read("CH2")[:4], [0.0, 0.1, 0.2, 0.3])
+
+
+@pytest.mark.parametrize(
+    "heading",
+    [
+        "Model,TDS,,\nSample Interval,2e-5,,\nXzero,-0.002,,\n\nCH1,CH2",
+        "XIncrement,2e-5,s,,\nXOrigin,-0.002,s,,\nCH1,CH2",
+        "CH1,CH2,t0 =-2.0e-03s, tInc = 2.0e-05s,",
+        "X,CH1,CH2,Start,Increment\nSequence,Volt,Volt,-0.002,2e-5",
+    ],
+)
+def test_cases_a_time_base_in_wider_lines_is_found(tmp_path: Path, heading: str) -> None:
+    path = tmp_path / "log.csv"
+    counted = heading.startswith("X,")
+    path.write_text(
+        heading
+        + "\n"
+        + "".join(f"{f'{k},' if counted else ''}{0.1 * (k % 7):.1f},{k % 5}\n" for k in range(40))
+    )
+    log = Log.open(path)
+    assert list(log.channels) == ["CH1", "CH2"]
+    assert {(round(c.rate_hz, 6), c.start_s) for c in log.channels.values()} == {(50_000.0, -0.002)}

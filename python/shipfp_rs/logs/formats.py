@@ -16,7 +16,7 @@ MANY_SAMPLES = 1_000_000_000
 SUFFIXES = {
     "parquet": ".parquet .pq",
     "arrow_ipc": ".feather .arrow .arrows",
-    "delimited": ".csv .txt .tsv .tab .prn .lvm .log .asc",
+    "delimited": ".csv .txt .tsv .tab .prn .lvm .log .asc .msl",
     "famos": ".raw .dat",
     "tdms": ".tdms",
     "dewesoft": ".d7d .dxd",

@@ -56,6 +56,12 @@ NAMED: Mapping[str, str] = {
     "grad": "°",
     "degrees": "deg",
     "degree": "deg",
+    "volt": "V",
+    "volts": "V",
+    "knot": "kn",
+    "knots": "kn",
+    "percent": "%",
+    "kpa": "kPa",
 }
 """Other spellings of a unit, in lower case and without spaces."""
 
@@ -95,7 +101,7 @@ PLAIN = re.compile(
     r"-|%|‰|°|°?[CFK]|deg[CF]?|[num kMGµμ]?(s|V|A|m|g|N|Nm|N m|N\*m|N·m|N\.m|Hz|W|Pa|bar|rad)"
     r"|[num kMGµμ]?(l|L|Ohm|Ω|eps|strain|mol|VA|var)"
     r"|rev|rev/s|[um]?sec|seconds?|millisec(?:onds?)?|min|minutes?|h|Std|Sek|sek|seg|1/s|rad/s|deg/s|rad/s2|rad/s²|kn|kts?|[µu]m/m"
-    r"|[kcm]?m/(s|h|s2|s\^2|s²)|[kt]?g/h|g/kWh|l/h|L/h|m3/h|m³/h|m²|m³"
+    r"|[kcm]?m/(s|h|s2|s\^2|s²)|[kt]?g/(?:h|s|min)|g/kWh|l/h|L/h|m3/h|m³/h|m²|m³"
     r"|ticks?|counts?|cts|inc|mV/V|bits?|hPa|mbar|psi|ft|lbf?ft|ft-?lb|hp|PS|none|n/a|[a-z]?V AC"
 )
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import warnings
 from collections.abc import Iterator
@@ -17,13 +18,13 @@ import pyarrow.csv
 from shipfp_rs.errors import InputError, LogWarning
 from shipfp_rs.logs.log import Log, register_reader
 from shipfp_rs.logs.readers.delimited_layout import GROUPED, NUMBER, Layout, find_layout
-from shipfp_rs.logs.readers.table import Options, log_of_table
+from shipfp_rs.logs.readers.table import METADATA_KEY, Options, log_of_table
 
 PART = 1 << 22
 """Bytes of text parsed at once."""
 
 
-@register_reader(".csv", ".txt", ".tsv", ".tab", ".prn", ".lvm", ".log", ".asc", takes=("time",))
+@register_reader(".csv", ".txt", ".tsv", ".tab", ".prn", ".lvm", ".log", ".asc", ".msl", takes=("time",))
 def open_delimited(path: Path, rate_hz: float | None, time: str | None = None) -> Log:
     """Open a delimited file: delimiter, decimal mark, headings, units, time and rate are found in its first lines.
 
@@ -47,11 +48,14 @@ def open_delimited(path: Path, rate_hz: float | None, time: str | None = None) -
         k
         for k in range(len(layout.headings))
         if not (index.kinds[k] == pa.null() and not layout.named_column(k))
+        and not (k == 0 and layout.counted and not time)
     ]
+    began = {METADATA_KEY: json.dumps({"start_s": layout.start_s}).encode()} if layout.start_s else None
     schema = pa.schema(
         pa.field(
             f"{layout.headings[k]} [{layout.units[k]}]" if layout.units[k] else layout.headings[k],
             index.kinds[k],
+            metadata=began,
         )
         for k in kept
     )

@@ -7,11 +7,12 @@ import re
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.logs.readers.time_cells import looks_like_time
-from shipfp_rs.logs.readers.time_words import is_date, is_time, split_unit, stated_rate
+from shipfp_rs.logs.readers.time_words import SECONDS, is_date, is_time, split_unit, stated_rate, stated_start
 from shipfp_rs.support import units
 
 SAMPLE = 1 << 16
@@ -52,6 +53,7 @@ RATE = re.compile(
     r"(?P<name>[^\W\d][^\W\d_' .-]*(?:[' _.-]+[^\W\d][^\W\d_' .-]*)*)\s*[\[(]?(?P<unit>k?Hz|m?s|S/s)?[\])]?\s*[:=;,\t ]\s*"
     r"(?P<value>\d[\d.,eE+-]*)\s*(?P<after>k?Hz|m?s|S/s)?\b"
 )
+INLINE = re.compile(r"(?P<name>\w+)\s*=\s*(?P<value>[+-]?\d[\d.]*(?:[eE][+-]?\d+)?)\s*s?")
 SCALES = {"kHz": 1e3, "ms": 1e-3}
 COMMENT = "#%!/"
 
@@ -78,7 +80,11 @@ class Layout:
     """Whether the file has headings."""
     footer: tuple[str, ...]
     rate_hz: float | None
-    """Sample rate, where a line above the headings states one [Hz]."""
+    """Sample rate, where the lines above the records state one [Hz]."""
+    start_s: float
+    """Time of the first record, where they state a rate and it [s]."""
+    counted: bool
+    """Whether the first column counts the records, and the rate tells their times."""
 
     def named_column(self, place: int) -> bool:
         """Whether a column has a name of its own; one without, and without a number, is the end of a line."""
@@ -122,8 +128,10 @@ def find_layout(path: Path) -> Layout:
         raise InputError(
             f"{path}: empty or without rows of numbers; expected a header line with channel names and lines of numbers"
         )
-    headings, own, named = _headings([_uncommented(line, delimiter) for line in lines[:first]], width)
     full = [row for row in rows[first:] if len(row) == width]
+    above = [_uncommented(line, delimiter) for line in lines[:first]]
+    beside = _taken_facts(above, [any(row[k] for row in full) for k in range(width)], decimal)
+    headings, own, named = _headings(above, width)
 
     def most(k: int, what: str) -> bool:
         cells = [row[k] for row in full if row[k]]
@@ -137,6 +145,18 @@ def find_layout(path: Path) -> Layout:
     )
     before = mark + sum(len((line + "\n").encode(encoding)) for line in whole.split("\n")[:first])
     end, footer = _footer(path, encoding, delimiter, decimal, before)
+    rate = stated_rate([*beside, *(fact for line in lines[:first] for fact in _facts(line, decimal))])
+    across = [
+        (name, _number(cell, decimal))
+        for row in above
+        for name, cell in pairwise(row)
+        if is_number(cell, decimal) and not looks_like_time(cell)
+    ]
+    start = stated_start([*beside, *across]) if rate else 0.0
+    counted = bool(rate) and is_time(headings[0]) and (not own[0] or own[0].lower() not in SECONDS)
+    counted = counted and _is_count([row[0] for row in full], decimal)
+    if rate and counted:
+        start += _number(full[0][0], decimal) / rate
     return Layout(
         encoding,
         delimiter,
@@ -150,7 +170,9 @@ def find_layout(path: Path) -> Layout:
         timelike,
         named,
         footer,
-        stated_rate(fact for line in lines[:first] for fact in _facts(line, decimal)),
+        rate,
+        start,
+        counted,
     )
 
 
@@ -227,13 +249,19 @@ def _headings(above: list[list[str]], width: int) -> tuple[tuple[str, ...], tupl
             break
         full.insert(0, [*row, *[""] * short])
     own = [""] * width
-    at = next((k for k in reversed(range(len(full))) if _are_units(full[k])), None)
+    places = range(len(full) - 1, -1, -1)
+    at = next((k for k in places if _are_units(full[k])), None)
+    if at is None:
+        at = next((k for k in places if k and _are_under_names(full[k - 1], full[k])), None)
     if at is not None and (len(full) > 1 or _is_bracketed(full[at])):
-        own = [cell.strip("[](){}<>") for cell in full[at]]
+        own = [_bare(cell) for cell in full[at]]
         full = full[:at] or full[at + 1 :]
     names = full[-1] if full else [""] * width
     split = [split_unit(name or f"column {k + 1}") for k, name in enumerate(names)]
-    both = [unit or inner for unit, (_, inner) in zip(own, split, strict=True)]
+    both = [
+        "" if unit == "-" and is_time(name) else unit or inner
+        for unit, (name, inner) in zip(own, split, strict=True)
+    ]
     return tuple(_unique([name for name, _ in split])), tuple(map(units.told, both)), any(names)
 
 
@@ -244,8 +272,29 @@ def _is_bracketed(row: Sequence[str]) -> bool:
 def _are_units(row: Sequence[str]) -> bool:
     filled = [cell for cell in row if cell]
     return bool(filled) and (
-        _is_bracketed(row) or all(units.is_unit(cell.strip("[](){}<>")) or cell in "[]" for cell in filled)
+        _is_bracketed(row) or all(units.is_unit(_bare(cell)) or cell in "[]" for cell in filled)
     )
+
+
+def _are_under_names(names: Sequence[str], row: Sequence[str]) -> bool:
+    """Whether a row under one of names tells units, known or not: it has none of time under a time, or some twice."""
+    filled = [cell for cell in row if cell]
+    given = [name for name in names if name and not is_time(name)]
+    below = list(zip(names, row, strict=True))
+    if any(cell and not name for name, cell in below) or any(map(looks_like_time, names)):
+        return False
+    timed = any(is_time(split_unit(name)[0]) for name in names) and all(
+        not is_time(cell) or (is_time(split_unit(name)[0]) and _bare(cell).lower() in SECONDS)
+        for name, cell in below
+    )
+    known = sum(units.is_unit(_bare(cell)) for cell in filled)
+    others = [cell for cell in filled if not is_time(cell)]
+    told = timed or 2 * known >= len(filled) or len(set(others)) < len(others)
+    return bool(filled) and len(set(given)) == len(given) and told
+
+
+def _bare(unit: str) -> str:
+    return unit.strip("[](){}<>")
 
 
 def _unique(names: list[str]) -> list[str]:
@@ -257,6 +306,38 @@ def _unique(names: list[str]) -> list[str]:
         again = seen[name] > 1 and (is_time(name) or is_date(name))
         found.append(f"{name} ({seen[name]})" if again else name)
     return found
+
+
+def _number(cell: str, decimal: str) -> float:
+    return float("".join(re.findall(r"[0-9eE+\-" + decimal + "]", cell)).replace(decimal, ".") or "nan")
+
+
+def _is_count(cells: list[str], decimal: str) -> bool:
+    """Whether cells rise by one from cell to cell."""
+    numbers = [_number(cell, decimal) for cell in cells if is_number(cell, decimal)]
+    return len(numbers) == len(cells) > 1 and all(b - a == 1.0 for a, b in pairwise(numbers))
+
+
+def _taken_facts(above: list[list[str]], holds: Sequence[bool], decimal: str) -> list[tuple[str, float]]:
+    """Take what is stated beside the headings, where records hold nothing, out of their rows: names and values [s].
+
+    Either the value stands under its name, or both in one cell: "tInc = 2e-6 s".
+    """
+    facts: list[tuple[str, float]] = []
+    for upper, lower in pairwise([*above, []]):
+        for k, cell in enumerate(upper):
+            if k < len(holds) and holds[k]:
+                continue
+            inline = INLINE.fullmatch(cell)
+            if inline:
+                facts.append((inline["name"], float(inline["value"].replace(decimal, "."))))
+                upper[k] = ""
+            elif cell and k < len(lower) and is_number(lower[k], decimal) and not is_number(cell, decimal):
+                facts.append((cell, _number(lower[k], decimal)))
+                upper[k] = lower[k] = ""
+        while len(upper) > len(holds) and not upper[-1]:
+            upper.pop()
+    return facts
 
 
 def _facts(line: str, decimal: str) -> list[tuple[str, float]]:

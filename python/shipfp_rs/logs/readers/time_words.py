@@ -57,7 +57,7 @@ RATE_NAMES = frozenset(RATES_TEXT.split())
 INTERVALS_TEXT = """
 dt ts delta_x deltax sample_interval sampling_interval sample_period sampling_period sample_time
 interval wf_increment abtastintervall abtastzeit abtastperiode periode_d'échantillonnage
-período_de_muestreo
+período_de_muestreo tinc increment xincrement x_increment xinc
 """
 INTERVAL_NAMES = frozenset(INTERVALS_TEXT.split())
 """What a sample rate [Hz] or the time between two samples [s] may be called, in lower case with underscores."""
@@ -131,10 +131,25 @@ def is_date(name: str) -> bool:
     return plain(name) in DATES
 
 
+START_NAMES = frozenset(
+    ["start", "xstart", "x_start", "t0", "x0", "xorigin", "x_origin", "xorg", "xzero", "x_zero"]
+)
+"""What the time of the first sample [s] may be called, in lower case with underscores."""
+
+
+def stated_start(facts: Iterable[tuple[str, float]]) -> float:
+    """Return the time of the first sample [s] that one of these named values states, else 0."""
+    return next((value for name, value in facts if _key(name) in START_NAMES), 0.0)
+
+
+def _key(name: str) -> str:
+    return re.sub(r"[\s-]+", "_", name.strip().lower())
+
+
 def stated_rate(facts: Iterable[tuple[str, object]]) -> float | None:
     """Return the sample rate [Hz] that one of these named values states, or None."""
     for name, value in facts:
-        key = re.sub(r"[\s-]+", "_", name.strip().lower())
+        key = _key(name)
         number = np.asarray(value)
         if number.size != 1 or number.dtype.kind not in "iuf":
             continue
@@ -144,5 +159,5 @@ def stated_rate(facts: Iterable[tuple[str, object]]) -> float | None:
         if key in RATE_NAMES or key.removesuffix("_hz") in RATE_NAMES:
             return known
         if key in INTERVAL_NAMES:
-            return 1.0 / known
+            return float(f"{1.0 / known:.12g}")
     return None
