@@ -42,6 +42,18 @@ FORMATS: tuple[tuple[re.Pattern[bytes], str], ...] = (
     (re.compile(rb"(?:\xef\xbb\xbf)?\s*\"?ShipID\"?\s*[,;]", re.IGNORECASE), "iso19848"),
 )
 """What the first bytes of a text format say in files of any suffix, and the module that reads it."""
+SIGNATURES = (
+    (b"MDF     ", "mdf"),
+    (b"UnFinMF ", "mdf"),
+    (b"TDSm", "tdms"),
+    (b"PAR1", "parquet"),
+    (b"ARROW1", "arrow_ipc"),
+    (b"\x89HDF", "hdf5"),
+    (b"MATLAB 5.0", "matlab"),
+    (b"MATLAB 7.3", "matlab"),
+    (b"LOGG", "can_file"),
+)
+"""First bytes of other formats, and the module that reads them, under a suffix that texts and formats share."""
 TEXTS = frozenset(f"{SUFFIXES['delimited']} .raw .dat .json .jsonl .xml .trc".split())
 HINTS = {
     **dict.fromkeys(
@@ -55,6 +67,9 @@ HINTS = {
 def of_text(suffix: str, begin: bytes) -> tuple[str, str]:
     """Return module and suffix that read a text, whose suffix several formats share, by its first bytes."""
     module = MODULES[suffix]
+    signed = next((name for mark, name in SIGNATURES if begin.startswith(mark)), None)
+    if signed is not None:
+        return signed, SUFFIXES[signed].split()[0]
     found = next((name for pattern, name in FORMATS if pattern.match(begin)), None)
     if found is not None:
         return found, {"can_file": ".trc", "nmea2000": ".jsonl", "iso19848": ".json"}[found]
