@@ -1,5 +1,7 @@
 """Logs after troubles that people report in public are read with every sample at its own time."""
 
+import shutil
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -117,3 +119,54 @@ def test_cases_a_time_base_in_wider_lines_is_found(tmp_path: Path, heading: str)
     log = Log.open(path)
     assert list(log.channels) == ["CH1", "CH2"]
     assert {(round(c.rate_hz, 6), c.start_s) for c in log.channels.values()} == {(50_000.0, -0.002)}
+
+
+@pytest.mark.parametrize("suffix", [".dat", ".raw", ".log", ".txt"])
+@pytest.mark.parametrize("name", ["inval.mf4", "sl_one.mat"])
+def test_cases_first_bytes_decide_under_a_suffix_of_other_formats(
+    tmp_path: Path, name: str, suffix: str
+) -> None:
+    if name.endswith("mf4"):
+        pytest.importorskip("asammdf")
+    other = (tmp_path / "log").with_suffix(suffix)
+    shutil.copyfile(CASES / name, other)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", LogWarning)
+        assert Log.open(other).channels == Log.open(CASES / name).channels
+
+
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    [
+        (
+            "sl_one.mat",
+            {"ScopeData/signals/values 1": (1000, 100.0), "ScopeData/signals/values 2": (1000, 100.0)},
+        ),
+        ("sl_3d.mat", {"out/signals": (1000, 100.0)}),
+        ("robometry.mat", {"robot/shaft_speed": (1000, 100.0), "robot/shaft_torque": (1000, 100.0)}),
+        (
+            "pu.mat",
+            {"N15_M07_F10_K001_1/Y/speed": (250, 25.0), "N15_M07_F10_K001_1/Y/vibration_1": (1000, 100.0)},
+        ),
+    ],
+)
+def test_cases_vectors_that_are_no_channels_are_left_out_of_matlab(
+    name: str, expected: dict[str, tuple[int, float]]
+) -> None:
+    with pytest.warns(LogWarning, match="left out"):
+        log = Log.open(CASES / name)
+    found = {key: (channel.samples, round(channel.rate_hz, 3)) for key, channel in log.channels.items()}
+    assert found == expected
+    first = log.read(next(iter(expected)))
+    np.testing.assert_allclose(first[0], 900.0)
+
+
+def test_cases_a_time_of_another_run_is_not_taken(tmp_path: Path) -> None:
+    h5py = pytest.importorskip("h5py")
+    with h5py.File(tmp_path / "log.h5", "w") as file:
+        file["one/time"] = np.arange(50) * 0.1
+        file["one/n"] = np.arange(50.0)
+        file["two/n"] = np.arange(50.0)
+    with pytest.warns(LogWarning, match="left out, no time base: two/n"):
+        log = Log.open(tmp_path / "log.h5")
+    assert list(log.channels) == ["one/n"]

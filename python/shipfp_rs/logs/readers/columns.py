@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.logs.channel import BLOCK, Blocks, in_blocks
+from shipfp_rs.logs.readers.found_channels import tell_left_out
 from shipfp_rs.logs.readers.time_cells import TimePlan
 from shipfp_rs.logs.readers.time_column import SAMPLE_ROWS, Column, find_time
 from shipfp_rs.logs.readers.time_words import is_time, split_bracketed, stated_rate
@@ -73,17 +74,19 @@ def time_of(
 ) -> tuple[str, float | None]:
     """Return the key of the row of times that belongs to a row, "" for none, and a rate that stands beside it.
 
-    The nearest counts: in its own struct, then in the one around it.
+    The nearest counts: in its own struct, in one beside it that holds times alone, then in the one around it. Times that
+    fit equally well are none.
     """
+    times = {key for key in rows if is_time(split_bracketed(_last(key))[0])}
+    plain = {posixpath.dirname(key) for key in rows if key not in times}
     above = row.name  # first look among the fields of the row itself, if it is a struct of one channel
     while True:
-        for key, other in rows.items():
-            if (
-                posixpath.dirname(key) == above
-                and other.length == row.length
-                and is_time(split_bracketed(_last(key))[0])
-            ):
-                return key, None
+        fitting = [key for key in rows if key in times and rows[key].length == row.length]
+        own = next((key for key in fitting if posixpath.dirname(key) == above), "")
+        holders = [(key, posixpath.dirname(key)) for key in fitting]
+        beside = [key for key, at in holders if at and posixpath.dirname(at) == above and at not in plain]
+        if own or len(beside) == 1:
+            return own or beside[0], None
         rate = stated_rate(
             (_last(name), value) for name, value in scalars if posixpath.dirname(name) == above
         )
@@ -117,6 +120,13 @@ def axis_of(path: Path, key: str, row: Row, *, trusted: bool = False) -> tuple[T
 def blocks_of_rows(path: Path, rows: Mapping[str, Row]) -> Blocks:
     """Return a function that yields rows in blocks."""
     return in_blocks(lambda name: rows[name].length, lambda name, *ends: rows[name].read(*ends), path)
+
+
+def tell_no_time(path: Path, rows: Sequence[Row], *, all_of_them: bool) -> None:
+    """Warn of rows without a time, which are no channels, or raise where nothing else is in the file."""
+    if rows and all_of_them:
+        raise no_time(path, rows[0])
+    tell_left_out(path, "no time base", [row.name for row in rows], all_of_them=False)
 
 
 def no_time(path: Path, row: Row) -> InputError:

@@ -14,7 +14,7 @@ import numpy as np
 from shipfp_rs.errors import InputError
 from shipfp_rs.logs.channel import Channel, Samples, in_blocks
 from shipfp_rs.logs.log import Log, register_reader
-from shipfp_rs.logs.readers.columns import Row, axis_of, column_names, is_table, no_time, time_of
+from shipfp_rs.logs.readers.columns import Row, axis_of, column_names, is_table, tell_no_time, time_of
 from shipfp_rs.logs.readers.found_channels import Found, log_of_found, tell_left_out
 from shipfp_rs.logs.readers.isolation import in_child
 from shipfp_rs.logs.readers.time_words import is_time, split_bracketed, stated_rate
@@ -46,8 +46,9 @@ def open_hdf5(path: Path, rate_hz: float | None) -> Log:
     rows, skipped = _find_rows(file)
     scalars = [(posixpath.basename(key), row.dataset[()]) for key, row in rows.items() if row.length == 1]
     times = {key: row for key, row in rows.items() if is_time(split_bracketed(posixpath.basename(key))[0])}
-    bases = {key: Row(key, "", row.length, row.read) for key, row in times.items()}
+    bases = {key: Row(key, "", row.length, row.read) for key, row in rows.items()}
     clocks: dict[str, tuple[TimeAxis, datetime | None]] = {}
+    timeless: list[Row] = []
     found: dict[str, tuple[_Row, Found]] = {}
     for key, row in rows.items():
         if key in times or (row.length == 1 and len(rows) > 1):
@@ -63,7 +64,8 @@ def open_hdf5(path: Path, rate_hz: float | None) -> Log:
             own = Row(key, "", row.length, row.read)
             time, _ = time_of(path, own, bases, (), None)
             if not time:
-                raise no_time(path, own)
+                timeless.append(own)
+                continue
             if time not in clocks:
                 clocks[time] = _clock(path, time, times[time])
                 clocks[time][0].tell(path)
@@ -72,6 +74,7 @@ def open_hdf5(path: Path, rate_hz: float | None) -> Log:
         else:
             channel = Channel(name, unit, rate, row.length, start_s)
             found[name] = (row, Found(channel, start_utc=start_utc))
+    tell_no_time(path, timeless, all_of_them=not found)
     tell_left_out(path, "no numbers along one axis", skipped, all_of_them=not found)
     channels = {name: row for name, (row, _) in found.items()}
     blocks = in_blocks(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import posixpath
 import warnings
+from collections import Counter
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,7 @@ from shipfp_rs.logs.readers.columns import (
     blocks_of_rows,
     column_names,
     is_table,
-    no_time,
+    tell_no_time,
     time_of,
 )
 from shipfp_rs.logs.readers.found_channels import Found, log_of_found, tell_left_out
@@ -53,13 +54,15 @@ def open_matlab_5(path: Path, rate_hz: float | None) -> Log:
     rows, plain = tree.rows(), tree.scalars
     clocks: dict[str, tuple[TimeAxis, TimePlan]] = {}
     found: list[Found] = []
+    timeless: list[Row] = []
     for name, row in rows.items():
         if is_time(split_bracketed(posixpath.basename(name))[0]) and (row.length > 1 and len(rows) > 1):
             continue
         key, beside = time_of(path, row, rows, plain, None)
         rate = rate_hz or beside
         if rate is None and not key:
-            raise no_time(path, row)
+            timeless.append(row)
+            continue
         if rate is not None:
             found.append(Found(Channel(name, row.unit, rate, row.length)))
             continue
@@ -71,6 +74,7 @@ def open_matlab_5(path: Path, rate_hz: float | None) -> Log:
     hint = (
         "; save tables and timeseries as structs (table2struct(T, 'ToScalar', true))" if tree.opaque else ""
     )
+    tell_no_time(path, timeless, all_of_them=not found)
     skipped = [*tree.skipped, *tree.opaque]
     tell_left_out(path, f"no vectors of numbers{hint}", skipped, all_of_them=not found)
     notes = [plan.note for _, plan in clocks.values() if plan.note]
@@ -132,6 +136,7 @@ class _Tree:
                 self.add(f"{name}/{field}", getattr(content, field))
             return
         if array.dtype == object and array.size and hasattr(array.flat[0], "_fieldnames"):
+            seen: Counter[str] = Counter()
             for k, item in enumerate(array.flat):
                 label = next(
                     (
@@ -141,9 +146,13 @@ class _Tree:
                     ),
                     "",
                 )
+                seen[label] += 1
+                label += f" {seen[label]}" if label and seen[label] > 1 else ""
                 inner = name if array.size == 1 else f"{name}/{label or k + 1}"
                 self.add(inner, item)
             return
+        if array.ndim > 2 and array.dtype.kind in "biuf":  # axes of length one, as Simulink writes them
+            array = np.atleast_2d(np.squeeze(array))
         text = _word(content)
         if text:
             base = posixpath.dirname(name)
@@ -203,7 +212,9 @@ class _Tree:
         only = [
             key
             for key in self.held
-            if posixpath.dirname(key) == above and not is_time(posixpath.basename(key))
+            if posixpath.dirname(key) == above
+            and not is_time(posixpath.basename(key))
+            and self.held[key].size == self.held[name].size
         ]
         return above if above and last.lower() in VALUES and len(only) == 1 else name
 
