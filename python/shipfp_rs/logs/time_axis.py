@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from shipfp_rs.errors import InputError, LogWarning
-from shipfp_rs.logs.channel import Blocks, Samples
+from shipfp_rs.logs.channel import BLOCK, Blocks, Samples
 from shipfp_rs.logs.faults.clock import Clock, ClockScan, spliced
 from shipfp_rs.logs.faults.record import Fault
 from shipfp_rs.support.arrays import Array
@@ -73,8 +73,8 @@ def time_axis(
     Times are even where they keep within half a step of a straight line; single jumps are gaps, rows written twice or a
     clock set back. A clock coarser than the rows, seconds for instance, tells an even rate by its changes. Anything else
     is resampled at the rate of its shortest steps (one in twenty is shorter) by straight lines between samples, so
-    that nothing is aliased; where the grid would hold more than eight samples for each recorded one it is coarser, and
-    what is denser than the grid is averaged over its cells. Steps of
+    that nothing is aliased; a channel of two states is held from row to row. Where the grid would hold more than eight
+    samples for each recorded one it is coarser, and what is denser than the grid is averaged over its cells. Steps of
     more than three times what nine in ten keep to stay gaps.
 
     Parameters
@@ -202,7 +202,7 @@ def _resampled(path: Path | str, column: str, times: Array, steps: Array) -> Tim
     )
     note = (
         f"time column {column!r} is not uniform, steps of {short:.3g} to {long:.3g} s: resampled at {rate:.6g} Hz by "
-        "straight lines, means where samples are denser; give rate_hz (--rate) to take the rows as even"
+        "straight lines, means where samples are denser, two states held; give rate_hz (--rate) to take the rows as even"
     )
     grid = _Grid(times, float(times[0]), rate, samples, spans)
     return TimeAxis(grid.start_s, rate, samples, (fault,) if len(spans) else (), note, grid.on_grid)
@@ -219,26 +219,27 @@ class _Grid:
     gaps: npt.NDArray[np.int64]
 
     def on_grid(self, blocks: Blocks) -> Blocks:
+        held: dict[str, bool] = {}
+
         def read(channel: str, first: int, size: int) -> Iterator[Samples]:
+            if channel not in held:
+                held[channel] = _has_two_states(blocks, channel)
             for start in range(first, self.samples, size):
-                yield self._block(blocks, channel, start, min(start + size, self.samples))
+                yield self._block(blocks, channel, start, min(start + size, self.samples), held[channel])
 
         return read
 
-    def _block(self, blocks: Blocks, channel: str, first: int, stop: int) -> Array:
+    def _block(self, blocks: Blocks, channel: str, first: int, stop: int, held: bool) -> Array:
         half = 0.5 / self.rate_hz
         at = self.start_s + np.arange(first, stop) / self.rate_hz
         low = max(int(np.searchsorted(self.times, at[0] - half, side="right")) - 1, 0)
         high = min(int(np.searchsorted(self.times, at[-1] + half)) + 1, len(self.times))
         values = _rows(blocks, channel, low, high)
-        time, index = np.unique(self.times[low:high], return_inverse=True)
-        if len(time) < len(values):  # rows of one time: their mean
-            values = np.bincount(index, values) / np.bincount(index)
-        sampled = np.interp(at, time, values)
-        inside = np.searchsorted(time, at + half) - np.searchsorted(time, at - half)
-        dense = np.flatnonzero(inside > 1)
-        if dense.size:
-            sampled[dense] = _means(time, values, at[dense] - half, at[dense] + half)
+        if held:
+            last = np.searchsorted(self.times[low:high], at + 1e-6 / self.rate_hz, side="right") - 1
+            sampled = values[np.maximum(last, 0)]
+        else:
+            sampled = _on_lines(self.times[low:high], values, at, half)
         for start, end in self.gaps - first:
             sampled[max(start, 0) : max(end, 0)] = np.nan
         return sampled
@@ -254,6 +255,29 @@ def _rows(blocks: Blocks, channel: str, first: int, stop: int) -> Array:
         if left <= 0:
             break
     return np.concatenate([np.empty(0), *parts, np.full(max(left, 0), np.nan)])
+
+
+def _has_two_states(blocks: Blocks, channel: str) -> bool:
+    """Whether a channel holds no more than two different numbers."""
+    seen: set[float] = set()
+    for block in blocks(channel, 0, BLOCK):
+        for part in (block[:1000], block[1000:]):  # most channels are told by their first rows
+            seen.update(np.unique(np.ma.compressed(np.ma.masked_invalid(part)).astype(np.float64)).tolist())
+            if len(seen) > 2:
+                return False
+    return True
+
+
+def _on_lines(times: Array, values: Array, at: Array, half: float) -> Array:
+    """Samples on the straight lines between rows, and means where a cell of the grid holds several."""
+    time, index = np.unique(times, return_inverse=True)
+    if len(time) < len(values):  # rows of one time: their mean
+        values = np.bincount(index, values) / np.bincount(index)
+    sampled = np.interp(at, time, values)
+    dense = np.flatnonzero(np.searchsorted(time, at + half) - np.searchsorted(time, at - half) > 1)
+    if dense.size:
+        sampled[dense] = _means(time, values, at[dense] - half, at[dense] + half)
+    return sampled
 
 
 def _means(time: Array, values: Array, begins: Array, ends: Array) -> Array:
