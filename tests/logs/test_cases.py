@@ -5,6 +5,9 @@ import warnings
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.csv
+import pyarrow.parquet
 import pytest
 
 from shipfp_rs.errors import InputError, LogWarning
@@ -170,3 +173,27 @@ def test_cases_a_time_of_another_run_is_not_taken(tmp_path: Path) -> None:
     with pytest.warns(LogWarning, match="left out, no time base: two/n"):
         log = Log.open(tmp_path / "log.h5")
     assert list(log.channels) == ["one/n"]
+
+
+@pytest.mark.filterwarnings("ignore::shipfp_rs.errors.LogWarning")
+def test_cases_two_states_are_held_between_rows() -> None:
+    log = Log.open(CASES / "pv5.csv")
+    assert log.channels["CH_A"] == Channel("CH_A", "", 1.0, 8, 1.0)
+    np.testing.assert_array_equal(log.read("CH_A"), [0, 1, 0, 1, 1, 0, 1, 0])
+    np.testing.assert_array_equal(np.concatenate(list(log.chunks("CH_A", 3))), log.read("CH_A"))
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".parquet"])
+def test_cases_channels_with_rows_of_their_own_go_by_these(tmp_path: Path, suffix: str) -> None:
+    path = CASES / "sparse_min.csv"
+    if suffix == ".parquet":
+        pa.parquet.write_table(pa.csv.read_csv(path), path := tmp_path / "log.parquet")
+    log = Log.open(path)
+    told = {name: (c.start_s, round(c.rate_hz, 6), c.unit) for name, c in log.channels.items()}
+    assert told == {
+        "Set point": (0.003, 10.0, "rpm"),
+        "Torque": (0.007, 50.0, "Nm"),
+        "Speed": (0.0, 50.0, "rpm"),
+    }
+    np.testing.assert_array_equal(log.read("Torque")[:4], [200, 201, 202, 200])
+    np.testing.assert_array_equal(np.concatenate(list(log.chunks("Speed", 7))), log.read("Speed"))

@@ -78,7 +78,8 @@ def open_delimited(path: Path, rate_hz: float | None, time: str | None = None) -
                 yield part_of.combine_chunks() if isinstance(part_of, pa.ChunkedArray) else part_of
             skip = max(skip - len(values), 0)
 
-    options = Options(time, european=layout.decimal == ",", nameless=not layout.named)
+    blank = frozenset(name for name, k in places.items() if k in index.blank)
+    options = Options(time, european=layout.decimal == ",", nameless=not layout.named, blank=blank)
     notes = () if layout.named else ("no headings: columns are counted",)
     return log_of_table(
         path,
@@ -158,6 +159,8 @@ class _Index:
         self._end = self.layout.bytes_before
         self.grouped: set[int] = set()
         """Columns of numbers with marks between thousands."""
+        self.blank: set[int] = set()
+        """Columns with empty cells."""
 
     def add(self, offset: int, text: bytes, length: int) -> None:
         texts = {k: pa.string() for k, timelike in enumerate(self.layout.timelike) if timelike}
@@ -174,6 +177,8 @@ class _Index:
                 kind = self._unsigned(text, k) or kind
             if kind == pa.int64():
                 self._least[k] = min(self._least[k], pc.min(values).as_py())
+            if values.null_count:
+                self.blank.add(k)
             self.kinds[k] = _wider(self.kinds[k], kind, self._least[k] < 0)
         self.offsets.append(offset)
         self._end = offset + length

@@ -8,6 +8,7 @@ import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,7 @@ from shipfp_rs.errors import InputError, LogWarning
 from shipfp_rs.logs.channel import BLOCK, Blocks, Channel, Samples
 from shipfp_rs.logs.formats import one_line_errors
 from shipfp_rs.logs.log import Log
+from shipfp_rs.logs.readers.found_channels import tell_left_out
 from shipfp_rs.logs.readers.time_cells import TimePlan, looks_like_time
 from shipfp_rs.logs.readers.time_column import SAMPLE_ROWS, Column, Wish, find_time
 from shipfp_rs.logs.readers.time_words import is_date, is_time, split_unit, stated_rate
@@ -28,6 +30,8 @@ from shipfp_rs.logs.time_axis import TimeAxis, time_axis
 with contextlib.suppress(ImportError):
     import pandas  # noqa: F401
 
+LEAST_SCATTERED = 8
+"""Fewest numbers, among the first rows, of a column that has rows of its own."""
 METADATA_KEY = b"shipfp"
 """Key under which a field carries unit, rate, start and length of its channel, as JSON."""
 
@@ -42,6 +46,8 @@ class Options:
     time: str | None = None
     european: bool = False
     nameless: bool = False
+    blank: frozenset[str] | None = None
+    """Columns that have empty cells, where the reader knows."""
 
 
 def log_of_table(
@@ -60,7 +66,11 @@ def log_of_table(
     times = {key for plan in plans for key in plan.keys}
     fields = {name: entry for name, entry in fields.items() if entry[0].name not in times}
     same = _same_rows(batches, [field.name for field, _ in fields.values() if _is_number(field.type)])
-    axes = [_axis(path, plan, batches, rate_hz, same) for plan in plans]
+    apart: dict[str, tuple[TimeAxis, Blocks] | None] = {}
+    if len(plans) == 1 and rate_hz is None:
+        apart = _rows_apart(path, fields, plans[0], batches, options)
+    shared = [name for name, (field, _) in fields.items() if _is_number(field.type) and name not in apart]
+    axes = [_axis(path, plan, batches, rate_hz, same) for plan in plans] if shared or not apart else []
     zero = min((plan.zero for plan in plans if plan.zero), default=None)
     without = [name for name, (field, _) in fields.items() if not _is_number(field.type)]
     if without and len(without) == len(fields):
@@ -84,7 +94,14 @@ def log_of_table(
         if name in without:
             continue
         rate: float | None
-        if axes and "rate_hz" not in facts:  # a column with a rate of its own does not go by a time column
+        if name in apart:
+            own_axis = apart[name]
+            if own_axis is None:
+                continue
+            axis, readers[name] = own_axis
+            rate, begin, count = axis.rate_hz, axis.start_s, axis.samples
+            axes.append(axis)
+        elif axes and "rate_hz" not in facts:  # a column with a rate of its own does not go by a time column
             place = _time_before(field.name, plans, schema.names)
             axis, own = axes[place], plans[place].zero
             readers[name] = axis.on_grid(blocks)
@@ -124,6 +141,67 @@ def _named_fields(path: Path, schema: pa.Schema, rows: int) -> dict[str, tuple[p
         name = field.name if name in fields else name
         fields[name] = (field, {"unit": unit, "samples": rows, **_facts(path, field)})
     return fields
+
+
+def _rows_apart(
+    path: Path,
+    fields: Mapping[str, tuple[pa.Field, dict[str, Any]]],
+    plan: TimePlan,
+    batches: Batches,
+    options: Options,
+) -> dict[str, tuple[TimeAxis, Blocks] | None]:
+    """Return channels that have rows of their own, as one signal a row or several rates in one table give them.
+
+    Each goes by the rows where it has a number; None, and a warning, where these are no time base.
+    """
+    columns = {
+        name: field.name
+        for name, (field, facts) in fields.items()
+        if _is_number(field.type)
+        and "rate_hz" not in facts
+        and (options.blank is None or field.name in options.blank)
+    }
+    sample = {
+        name: np.concatenate([np.empty(0, bool), *map(_known, _first(batches(key, 0, SAMPLE_ROWS)))])
+        for name, key in columns.items()
+    }
+    if not any(map(_is_scattered, sample.values())):
+        return {}
+    with one_line_errors(path):
+        times = np.concatenate(list(plan.seconds(path, lambda key: batches(key, 0, BLOCK))))
+    apart: dict[str, tuple[TimeAxis, Blocks] | None] = {}
+    for name, key in columns.items():
+        if sample[name].all():
+            continue
+        rows = np.flatnonzero(np.concatenate([_known(batch) for batch in batches(key, 0, BLOCK)]))
+
+        def blocks(_: str, first: int, size: int, key: str = key, rows: Any = rows) -> Iterator[Samples]:
+            with one_line_errors(path):
+                for batch in batches(key, int(rows[first]), size):
+                    yield _samples(batch.filter(pa.array(_known(batch))))
+
+        try:
+            axis = time_axis(path, f"{plan.name} of {name}", partial(iter, (times[rows],)))
+            apart[name] = (axis, axis.on_grid(blocks))
+        except InputError:
+            apart[name] = None
+    tell_left_out(
+        path,
+        "no time base in rows of their own",
+        [n for n, own in apart.items() if not own],
+        all_of_them=False,
+    )
+    return apart
+
+
+def _known(values: pa.Array) -> npt.NDArray[np.bool_]:
+    return ~np.asarray(values.is_null(nan_is_null=True).to_numpy(zero_copy_only=False))
+
+
+def _is_scattered(known: npt.NDArray[np.bool_]) -> bool:
+    """Whether a column has numbers in rows that mostly stand alone, rather than gaps."""
+    alone = np.count_nonzero(known & ~np.concatenate([[False], known[:-1]]))
+    return bool(not known.all() and known.sum() >= LEAST_SCATTERED and 2 * alone >= known.sum())
 
 
 def _same_rows(batches: Batches, columns: Sequence[str]) -> Callable[[int, int, int], bool]:
