@@ -2,6 +2,7 @@
 
 import shutil
 import warnings
+from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
@@ -47,6 +48,7 @@ def test_cases_segments_of_tdms_keep_their_own_times() -> None:
     pytest.importorskip("nptdms")
     with pytest.warns(LogWarning, match="between segments of the file"):
         log = Log.open(CASES / "restart.tdms")
+    assert log.start_utc == datetime(2015, 11, 20, 20, 13, 43, 596313, UTC)
     torque = log.read("Torque")
     assert len(torque) == 20_300
     known = np.flatnonzero(np.isfinite(torque))

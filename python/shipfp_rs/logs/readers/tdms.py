@@ -8,7 +8,7 @@ import warnings
 from collections import Counter, defaultdict
 from collections.abc import Iterator
 from dataclasses import replace
-from datetime import UTC
+from datetime import timedelta
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
@@ -24,7 +24,7 @@ from shipfp_rs.logs.log import Log, register_reader
 from shipfp_rs.logs.readers.columns import Row, axis_of
 from shipfp_rs.logs.readers.found_channels import Found, log_of_found, tell_left_out
 from shipfp_rs.logs.readers.isolation import in_child
-from shipfp_rs.logs.readers.time_cells import TimePlan
+from shipfp_rs.logs.readers.time_cells import EPOCH, TimePlan
 from shipfp_rs.logs.readers.time_words import is_time, split_bracketed
 from shipfp_rs.logs.time_axis import TimeAxis
 from shipfp_rs.support.sentences import Sentence
@@ -50,7 +50,7 @@ def open_tdms(path: Path, rate_hz: float | None) -> Log:
     by_name = dict(named)
     times = {(channel.group_name, len(channel)): channel for channel in reversed(every) if _is_time(channel)}
     axes: dict[str, tuple[TimeAxis, TimePlan]] = {}
-    begins = {} if rate_hz else _begins(path)
+    begins = _begins(path)
     told: set[tuple[Segment, ...]] = set()
     found: list[Found] = []
     skipped: list[str] = []
@@ -62,9 +62,10 @@ def open_tdms(path: Path, rate_hz: float | None) -> Log:
             continue
         step = float(channel.properties.get("wf_increment", math.nan))
         if rate_hz is not None or 0.0 < step < math.inf:
-            each = _stepped(path, name, channel, rate_hz or 1.0 / step)
-            segments = _segments(path, each.channel, begins.get(channel.path, []))
-            if len(segments) > 1:
+            begun = begins.get(channel.path, [])
+            each = _stepped(path, name, channel, rate_hz or 1.0 / step, begun)
+            segments = _segments(path, each.channel, begun)
+            if len(segments) > 1 and rate_hz is None:
                 each = _placed(each, segments)
                 if each.axis and segments not in told:
                     told.add(segments)
@@ -99,13 +100,12 @@ def open_tdms(path: Path, rate_hz: float | None) -> Log:
     return log_of_found(path, found, rows)
 
 
-def _stepped(path: Path, name: str, channel: Any, rate_hz: float) -> Found:
+def _stepped(path: Path, name: str, channel: Any, rate_hz: float, begins: list[tuple[int, int]]) -> Found:
     """Return a channel that tells its own step and start."""
     offset = float(channel.properties.get("wf_start_offset", 0.0))
     if not math.isfinite(offset):
         raise InputError(f"{path}: channel {name!r} starts at {offset} s; is the file damaged?")
-    start = channel.properties.get("wf_start_time")
-    start_utc = None if start is None else start.astype("M8[us]").item().replace(tzinfo=UTC)
+    start_utc = EPOCH + timedelta(microseconds=begins[0][1]) if begins else None
     return Found(Channel(name, _unit(channel), rate_hz, len(channel), offset), start_utc=start_utc)
 
 
