@@ -89,6 +89,10 @@ def test_cases_names_stand_above_units_whatever_these_are(
         ("Time,A,B\nsec,Volts,knots", {"A": "V", "B": "kn"}),
         ("Time,A,B\n-,Percent,psig", {"A": "%", "B": "psig"}),
         ("Run,7,x\nTime,RPM,Fuel", {"RPM": "", "Fuel": ""}),
+        (
+            "Ship,Start,t0,Day,Ok\nTug,true,10:00:00,2024-03-05,true\nTime,A,B\ns,V,psig",
+            {"A": "V", "B": "psig"},
+        ),
     ],
 )
 def test_cases_unknown_units_are_kept_as_text(tmp_path: Path, heading: str, expected: dict[str, str]) -> None:

@@ -10,6 +10,8 @@ from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 
+import numpy as np
+
 from shipfp_rs.errors import InputError
 from shipfp_rs.logs.readers.time_cells import looks_like_time
 from shipfp_rs.logs.readers.time_words import SECONDS, is_date, is_time, split_unit, stated_rate, stated_start
@@ -309,7 +311,10 @@ def _unique(names: list[str]) -> list[str]:
 
 
 def _number(cell: str, decimal: str) -> float:
-    return float("".join(re.findall(r"[0-9eE+\-" + decimal + "]", cell)).replace(decimal, ".") or "nan")
+    try:
+        return float("".join(re.findall(r"[0-9eE+\-" + decimal + "]", cell)).replace(decimal, "."))
+    except ValueError:  # a date, or a word such as true
+        return np.nan
 
 
 def _is_count(cells: list[str], decimal: str) -> bool:

@@ -139,7 +139,7 @@ START_NAMES = frozenset(
 
 def stated_start(facts: Iterable[tuple[str, float]]) -> float:
     """Return the time of the first sample [s] that one of these named values states, else 0."""
-    return next((value for name, value in facts if _key(name) in START_NAMES), 0.0)
+    return next((value for name, value in facts if _key(name) in START_NAMES and np.isfinite(value)), 0.0)
 
 
 def _key(name: str) -> str:
