@@ -16,6 +16,7 @@ from shipfp_rs.structures.prediction import simulated_about
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.support.arguments import Whole, checked
 from shipfp_rs.support.arrays import Array, Brief, Mask
+from shipfp_rs.support.threads import with_one_blas_thread
 
 FEWEST_DRAWS = 20
 MOST_DRAWS = 1_000_000
@@ -106,6 +107,7 @@ class Bootstrap(Brief):
 
 
 @checked
+@with_one_blas_thread
 def bootstrap(
     experiments: Experiment | Sequence[Experiment],
     structure: Structure,

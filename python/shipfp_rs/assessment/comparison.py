@@ -19,6 +19,7 @@ from shipfp_rs.structures.ties import declared
 from shipfp_rs.support.arguments import checked
 from shipfp_rs.support.arrays import Array, Brief
 from shipfp_rs.support.quantiles import DEVIATIONS_95
+from shipfp_rs.support.threads import with_one_blas_thread
 
 SAME_DIRECTION = 1e-8
 """Part of the strongest direction of the correlations below which a quantity repeats the others."""
@@ -82,6 +83,7 @@ class Comparison(Brief):
 
 
 @checked
+@with_one_blas_thread
 def compare(
     before: Fingerprint,
     after: Fingerprint,
@@ -131,6 +133,7 @@ def compare(
 
 
 @checked
+@with_one_blas_thread
 def trend(
     fingerprints: Mapping[float, Fingerprint],
     name: str,

@@ -21,6 +21,7 @@ from shipfp_rs.structures.structure import Parameter, Structure
 from shipfp_rs.support import hints
 from shipfp_rs.support.arguments import checked
 from shipfp_rs.support.arrays import Array, Brief
+from shipfp_rs.support.threads import with_one_blas_thread
 
 Kind = Literal["bounded", "one-sided", "flat"]
 Drawn = tuple[Array, Array, Array]
@@ -105,6 +106,7 @@ class Likelihood(Brief):
 
 
 @checked
+@with_one_blas_thread
 def profile_likelihood(
     data: Data | Sequence[Data],
     structure: Structure,

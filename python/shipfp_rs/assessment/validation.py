@@ -15,6 +15,7 @@ from shipfp_rs.identification.fit_statistics import nrmse_pct
 from shipfp_rs.identification.identify import identify
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.support.arguments import checked
+from shipfp_rs.support.threads import with_one_blas_thread
 
 
 @checked
@@ -98,6 +99,7 @@ class CrossValidation:
 
 
 @checked
+@with_one_blas_thread
 def cross_validation(
     experiments: Sequence[Experiment],
     structure: Structure,

@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from threadpoolctl import threadpool_limits
-
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.identification.automatic import answered
 from shipfp_rs.identification.basins import Basin
@@ -22,11 +20,13 @@ from shipfp_rs.identification.structure_answer import fitted, of_structure
 from shipfp_rs.identification.structure_fit import StructureFit, likelihood_of
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.support.arrays import Array
+from shipfp_rs.support.threads import with_one_blas_thread
 
 ABSENT = {"T_d": 0.0, "T_set": 0.0, "tau_act": 0.0, "c_2": 0.0}
 """Values without effect of what the full ship always has."""
 
 
+@with_one_blas_thread
 def foresee(
     experiments: Sequence[Experiment],
     structure: Structure | None = None,
@@ -58,19 +58,16 @@ def foresee(
         Where a fit would be refused.
     """
     require_excited(experiments)
-    with threadpool_limits(limits=1):
-        if structure is None and in_open_loop(experiments):
-            return _of_structure(experiments, structure_in_open_loop(experiments, **choice), values)
-        if structure is None:
-            question = question_of(experiments, **choice)
-        else:
-            given = (
-                question_of_ship(experiments, structure) if structure.free and not structure.ties else None
-            )
-            if given is None:
-                return _of_structure(experiments, structure, values)
-            question = given
-        return answered(first_look(question) if values is None else _at(question, values), "symmetric")
+    if structure is None and in_open_loop(experiments):
+        return _of_structure(experiments, structure_in_open_loop(experiments, **choice), values)
+    if structure is None:
+        question = question_of(experiments, **choice)
+    else:
+        given = question_of_ship(experiments, structure) if structure.free and not structure.ties else None
+        if given is None:
+            return _of_structure(experiments, structure, values)
+        question = given
+    return answered(first_look(question) if values is None else _at(question, values), "symmetric")
 
 
 def _at(question: Question, values: Mapping[str, float]) -> ShipFit:

@@ -6,8 +6,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from threadpoolctl import threadpool_limits
-
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.frequency import FrequencyResponse
@@ -28,6 +26,7 @@ from shipfp_rs.structures.outputs import Torque
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.support import hints
 from shipfp_rs.support.arguments import Count, Positive, Whole, checked
+from shipfp_rs.support.threads import with_one_blas_thread
 
 OF_A_CALL = ("vessel", "elements", "torque", "outputs", "fixed", "priors")
 """Arguments of `identify` that are no options of a search."""
@@ -36,6 +35,7 @@ ONLY_WITH_A_STRUCTURE = ("noise", "starts")
 
 
 @checked
+@with_one_blas_thread
 def identify(
     data: Data | Sequence[Data],
     structure: Structure | None = None,
@@ -189,16 +189,15 @@ def _given_ship(
 
 
 def _answered(question: Question, options: Options, vessel: str | None) -> Fingerprint:
-    with threadpool_limits(limits=1):
-        found = identified(
-            question.experiments,
-            question,
-            intervals=options.intervals,
-            starts=options.starts or 1,
-            seed=options.seed,
-            vessel=vessel,
-            time_limit_s=options.time_limit_s,
-        )
+    found = identified(
+        question.experiments,
+        question,
+        intervals=options.intervals,
+        starts=options.starts or 1,
+        seed=options.seed,
+        vessel=vessel,
+        time_limit_s=options.time_limit_s,
+    )
     return _with(found, question.experiments)
 
 

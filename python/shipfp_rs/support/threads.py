@@ -1,18 +1,84 @@
-"""Jobs that run side by side on threads: kernels and readers leave the interpreter to the others."""
+"""Jobs that run side by side on threads, which kernels and readers leave the interpreter to, and one thread of BLAS."""
 
 from __future__ import annotations
 
+import contextlib
+import functools
 import multiprocessing
 import os
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import CancelledError, ThreadPoolExecutor
-from typing import TypeVar
+from typing import Any, TypeVar
+
+from threadpoolctl import threadpool_limits
 
 T = TypeVar("T")
+F = TypeVar("F", bound=Callable[..., Any])
+
+ONE_BLAS_THREAD: Mapping[str, str] = dict.fromkeys(
+    ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS"), "1"
+)
+"""Environment of a process in which BLAS has one thread from the start."""
 
 _own = threading.local()
 """Of a thread that runs one of several jobs: what tells it to end."""
+
+
+class _Held:
+    """How many callers hold BLAS to one thread; the first one sets the limit, the last one lifts it."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._callers = 0
+        self._limit: threadpool_limits | None = None
+
+    def enter(self) -> None:
+        with self._lock:
+            if self._callers == 0:
+                self._limit = threadpool_limits(limits=1)
+            self._callers += 1
+
+    def leave(self) -> None:
+        with self._lock:
+            self._callers -= 1
+            if self._callers == 0 and self._limit is not None:
+                self._limit.restore_original_limits()
+                self._limit = None
+
+
+_held = _Held()
+
+
+@contextlib.contextmanager
+def one_blas_thread() -> Iterator[None]:
+    """Hold BLAS to one thread: a fit's matrices are small, and its sums must not depend on the number of threads.
+
+    The limit is the process's. It lasts until the last of the threads that ask for it is through, so that none of them
+    lifts it from another one.
+    """
+    _held.enter()
+    try:
+        yield
+    finally:
+        _held.leave()
+
+
+def with_one_blas_thread(function: F) -> F:
+    """Return a function during whose calls BLAS has one thread."""
+
+    @functools.wraps(function)
+    def call(*args: Any, **kwargs: Any) -> Any:
+        with one_blas_thread():
+            return function(*args, **kwargs)
+
+    call.__kwdefaults__ = function.__kwdefaults__  # type: ignore[attr-defined]
+    return call  # type: ignore[return-value]
+
+
+def hold_blas_for_good() -> None:
+    """Hold BLAS to one thread until this process ends."""
+    _held.enter()
 
 
 def available_workers() -> int:

@@ -9,13 +9,13 @@ from pathlib import Path
 from typing import Any
 
 import pyarrow as pa
-from threadpoolctl import threadpool_limits
 
 from shipfp_rs.errors import InputError, ShipfpError
 from shipfp_rs.support.arguments import Positive, checked
 from shipfp_rs.support.checks import accuracy
 from shipfp_rs.support.files import write_text_atomically
 from shipfp_rs.support.json_files import json_text
+from shipfp_rs.support.threads import one_blas_thread
 from shipfp_rs.sweeps.analysis import ACCURACY_PCT, summarise
 from shipfp_rs.sweeps.dispatch import run_parts
 from shipfp_rs.sweeps.draw import schema_of
@@ -161,7 +161,7 @@ def _run(
 
     tell()
     try:
-        with threadpool_limits(limits=1), pool_of(executor, workers, address) as pool:
+        with one_blas_thread(), pool_of(executor, workers, address) as pool:
             run_parts(plan, store, pool, arrived)
     except (BrokenExecutor, CancelledError) as error:
         raise ShipfpError(

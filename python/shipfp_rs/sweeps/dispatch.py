@@ -8,9 +8,10 @@ from concurrent.futures import FIRST_COMPLETED, Future, wait
 
 import pyarrow as pa
 
+from shipfp_rs.support.threads import one_blas_thread
 from shipfp_rs.sweeps.draw import lost_row, run_draws
 from shipfp_rs.sweeps.plan import Plan
-from shipfp_rs.sweeps.pools import AHEAD, Pool, hold_linear_algebra
+from shipfp_rs.sweeps.pools import AHEAD, Pool
 from shipfp_rs.sweeps.store import Store
 
 ATTEMPTS = 3
@@ -19,8 +20,8 @@ ATTEMPTS = 3
 
 def run_task(plan: Plan, indices: Sequence[int]) -> pa.RecordBatch:
     """Make some draws, in whatever process this is."""
-    hold_linear_algebra()
-    return run_draws(plan, indices)
+    with one_blas_thread():
+        return run_draws(plan, indices)
 
 
 def run_parts(plan: Plan, store: Store, pool: Pool, arrived: Callable[[pa.RecordBatch], None]) -> None:

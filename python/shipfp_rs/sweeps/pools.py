@@ -16,10 +16,8 @@ from dataclasses import dataclass
 from multiprocessing.process import BaseProcess
 from typing import Any, Literal
 
-from threadpoolctl import threadpool_limits
-
 from shipfp_rs.errors import InputError
-from shipfp_rs.support.threads import available_workers
+from shipfp_rs.support.threads import available_workers, hold_blas_for_good
 from shipfp_rs.sweeps.time_limit import raise_in
 
 Where = Literal["processes", "threads", "dask"]
@@ -71,12 +69,6 @@ class Pool:
             self.executor = self.new()
 
 
-@functools.cache
-def hold_linear_algebra() -> None:
-    """Hold BLAS to one thread in this process: matrices of a draw are small, and sums must not depend on threads."""
-    threadpool_limits(limits=1)
-
-
 def begin_process() -> None:
     """Set up a process of a pool: Ctrl-C is its parent's to answer, and it ends when its parent does."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -84,7 +76,7 @@ def begin_process() -> None:
     if parent is not None:
         # A parent that was killed can't tell; its children would wait for work for ever.
         threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
-    hold_linear_algebra()
+    hold_blas_for_good()
 
 
 def _end_with(parent: BaseProcess) -> None:

@@ -17,6 +17,7 @@ from typing import IO, Any
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.support.arrays import attributes
+from shipfp_rs.support.threads import ONE_BLAS_THREAD
 
 AT_ONCE = 2
 """Jobs under way at most: each takes all cores."""
@@ -89,6 +90,7 @@ class Jobs:
                 stdout=subprocess.PIPE,
                 stderr=subprocess.DEVNULL,
                 start_new_session=True,
+                env={**ONE_BLAS_THREAD, **os.environ},
             )
             job = Job(len(self._jobs), kind, folder, process)
             self._jobs[job.id] = job
