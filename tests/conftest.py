@@ -1,8 +1,14 @@
 """Shared by the tests: what is slow to make is made once."""
 
+# ruff: noqa: E402
 from __future__ import annotations
 
 import os
+
+# Before NumPy is loaded: each of the workers beside each other would take all cores, and so would what they start.
+for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS"):
+    os.environ.setdefault(_name, "1")
+
 import shutil
 import signal
 import sys
@@ -24,8 +30,7 @@ def fullscale() -> Reproduction:
     return reproduce()
 
 
-# A method of a class has a new object for each instruction set; it keeps nothing between them. How long a machine takes
-# that others use, too, says nothing.
+# How long a machine takes that others use, too, says nothing. A method has a new object for each parameter of its class.
 settings.register_profile(
     "shared", deadline=None, suppress_health_check=[HealthCheck.differing_executors, HealthCheck.too_slow]
 )
@@ -36,40 +41,17 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
-KERNEL_MODULES = ("_kernel", ".test_long_records", ".test_events")
-"""Ends of the names of modules whose tests run with every instruction set that this machine has."""
-OWN_CHOICE = ("test_pulse_kernel",)
-"""Of kernels that choose their instruction set themselves."""
 WIDEST = os.environ.get("SHIPFP_INSTRUCTION_SET")
-"""Instruction set of a machine that the tests are to take this one for; by default all that it has."""
+"""Widest instruction set that the tests are to use; by default the widest that this machine has.
 
-
-def _instruction_sets() -> list[str]:
-    """Names of the sets up to the widest one asked for."""
-    found = list(_core._instruction_sets())
-    return found if WIDEST is None else found[: found.index(WIDEST) + 1]
-
-
-def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
-    """Run the tests of kernels with each instruction set."""
-    name = metafunc.module.__name__
-    if name.endswith(KERNEL_MODULES) and not name.endswith(OWN_CHOICE):
-        metafunc.fixturenames.append("instruction_set")
-        metafunc.parametrize("instruction_set", _instruction_sets(), indirect=True, scope="module")
-
-
-@pytest.fixture(scope="module")
-def instruction_set(request: pytest.FixtureRequest) -> Iterator[str]:
-    """Let the kernels use an instruction set, and the widest one again afterwards."""
-    _core._set_instruction_set(request.param)
-    yield request.param
-    _core._set_instruction_set(WIDEST)
+tests/kernels/test_instruction_sets.py compares the others with it.
+"""
 
 
 @pytest.fixture(autouse=True)
-def _no_wider_instruction_set(request: pytest.FixtureRequest) -> None:
+def _no_wider_instruction_set() -> None:
     """Let the kernels of this process use no wider set than asked for, whatever the test before has chosen."""
-    if WIDEST is not None and "instruction_set" not in request.fixturenames:
+    if WIDEST is not None:
         _core._set_instruction_set(WIDEST)
 
 

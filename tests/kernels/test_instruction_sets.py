@@ -1,15 +1,25 @@
-"""Which results are the same bits with every instruction set, and how far the others may be apart."""
+"""Every kernel with every instruction set: what is the same bits with all of them, and how far the rest may be apart.
+
+The other tests of the kernels use the widest set alone.
+"""
+
+import functools
+import os
 
 import numpy as np
 import pytest
 
 from shipfp_rs import _core
 from shipfp_rs.errors import InputError
+from tests.kernels.test_plant_kernel import ENVELOPES, METHODS
+from tests.kernels.test_ship_kernel import SHIPS, acting, places, record
 from tests.twins import ship
 from tests.twins.drive_train import detail
 from tests.twins.plant import N_E
 
-SETS = _core._instruction_sets()
+WIDEST = os.environ.get("SHIPFP_INSTRUCTION_SET")
+FOUND = _core._instruction_sets()
+SETS = FOUND if WIDEST is None else FOUND[: FOUND.index(WIDEST) + 1]
 RATE_HZ = 100.0
 RNG = np.random.default_rng(1205)
 SAMPLES = 5000
@@ -30,6 +40,8 @@ SHIP = (
     ship.vector(T_d=0.0413, T_set=0.0111, tau_act=0.05, M_max=1.03, load_gain=0.3),
     *(1.0 + DN_SET, DN_SET, 1.0 / RATE_HZ, 2, "first"),
 )
+MOST = 24
+"""Derivatives of a call, at most."""
 SHIP_WRT = [0, 1, 2, 3, 4, 6, 8, 9, 12]
 
 
@@ -52,42 +64,143 @@ def repeats():
     return scan.candidates()
 
 
+def tacho():
+    """A train of pulses with noise, a stop and a gap."""
+    wave = 2.5 + 2.0 * np.sin(2.0 * np.pi * np.arange(20_000) / 23.7) + 0.05 * RNG_OF_TRAIN
+    wave[9000:9700] = 0.4
+    wave[15_000:15_010] = np.nan
+    return wave
+
+
+RNG_OF_TRAIN = np.random.default_rng(804).normal(size=20_000)
+TACHO = tacho()
+
+
+def flat(parts):
+    """All numbers that a kernel returns, in one row."""
+    if isinstance(parts, tuple | list):
+        return np.concatenate([flat(part) for part in parts])
+    return np.zeros(0) if parts is None else np.ravel(parts)
+
+
+def crossings():
+    kernel = _core.PulseCrossings(2.0, 3.0, 2.5)
+    return flat([kernel.feed(TACHO[:7001]), kernel.feed(TACHO[7001:]), kernel.gaps])
+
+
+def tracked():
+    kernel = _core.PulseTracker()
+    found = []
+    for window in (TACHO[:7001], TACHO[7001:]):
+        kernel.look(window)
+        found.append(kernel.cross(window))
+    return flat([*found, _core.PulseTracker().follow(TACHO, 4096), kernel.gaps])
+
+
+def extremes():
+    kernel = _core.Extremes(7)
+    return flat([kernel.feed(TACHO[:7001]), kernel.feed(TACHO[7001:]), kernel.finish(), kernel.gaps])
+
+
+def speeds():
+    times = np.cumsum(1.0 + 0.01 * RNG_OF_TRAIN[:4000])
+    four, one = np.full(4, 0.25), np.array([0.3])
+    return flat(
+        _core.interval_speeds(times, np.ones(3999, dtype=np.int64), four, 0.01 * four, one, 0.1 * one, 0.1)
+    )
+
+
+def of_ship(name, compute):
+    """What a call of a ship with some elements gives, with both holds."""
+    u, load = record(200)
+    return flat([compute(ship.vector(**SHIPS[name]), u, load, 0.05, 3, hold) for hold in ("first", "zero")])
+
+
+def ship_by(method, envelope):
+    speeds_at, torques = ENVELOPES[envelope]
+    start, limit = np.array([1.0, 0.0]), np.array([speeds_at / N_E, torques / torques.max(initial=1.0) * 1.2])
+    return _core.simulate_ship_by(
+        ship.vector(), 1.0 + 0.2 * DN_SET, 0.01, 2, method, "first", start, [0, 1, 2, 3, 4], limit
+    )
+
+
+def observed(name):
+    masked = np.zeros((200, 2), dtype=bool)
+    masked[50:60, 1] = True
+    wrt = places(*acting(SHIPS[name])[:MOST])
+
+    def compute(*common):
+        return _core.ship_observed(*common, 1, [0, 2], wrt, masked, np.hanning(9)[1:-1] / 4.0, 2)
+
+    return of_ship(name, compute)
+
+
+def sensitivities(name):
+    wrt = places(*acting(SHIPS[name])[:MOST])
+    return of_ship(name, lambda *common: _core.ship_sensitivities(*common, [0, 2, 3], wrt)[1])
+
+
+MATRICES = (np.array([[-2.0, 1.0], [-1.0, -0.5]]), np.ones(2), np.eye(2), np.zeros(2))
+FREQUENCIES = np.linspace(0.0, 20.0, 99)
 EXACT = {
-    "decimator": decimated,
-    "repeats": repeats,
-    "slopes of a spline": lambda: _core.slope_at_even_times(EDGES, CUBICS, 0.0, 1000.0, 8000)[1],
-    "spikes": lambda: _core.find_spikes(N_SET, 20, 7, 51, 6.0, 1e-6),
-    "running median": lambda: _core.running_median(N_SET, 31),
-    "whole drive train": lambda: _core.simulate_detailed_ship(
+    "Decimator": decimated,
+    "RepeatScan": repeats,
+    "slope_at_even_times": lambda: _core.slope_at_even_times(EDGES, CUBICS, 0.0, 1000.0, 8000)[1],
+    "find_spikes": lambda: _core.find_spikes(N_SET, 20, 7, 51, 6.0, 1e-6),
+    "running_median": lambda: _core.running_median(N_SET, 31),
+    "PulseCrossings": crossings,
+    "PulseTracker": tracked,
+    "pulse_levels": lambda: _core.pulse_levels(TACHO),
+    "pulses_are_even": lambda: _core.pulses_are_even(np.cumsum(1.0 + 0.01 * RNG_OF_TRAIN), 0.9, 1.1),
+    "interval_speeds": speeds,
+    "Extremes": extremes,
+    "coarser_extremes": lambda: _core.coarser_extremes(np.column_stack([N_SET, N_SET + 1.0]), 3),
+    "simulate_detailed_ship": lambda: _core.simulate_detailed_ship(
         *TRAIN, 1.0 + DN_SET, 0.01, 2, "first", [0, 1, 2, 3, 4]
     ),
-    "ship by Heun": lambda: _core.simulate_ship_by(
+    "simulate_ship_by": lambda: _core.simulate_ship_by(
         ship.vector(), 1.0 + DN_SET, 0.01, 2, "heun", "first", np.array([1.0, 0.0]), [0, 1, 2, 3, 4]
     ),
-    "ship": lambda: _core.simulate_ship(*SHIP, [0, 1, 2, 3, 4]),
-    "frequency response": lambda: _core.linear_response(LINEAR, np.linspace(0.0, 20.0, 99), [0, 2]),
-    "state space": lambda: _core.simulate_statespace(
-        np.array([[-2.0, 1.0], [-1.0, -0.5]]), np.ones(2), np.eye(2), np.zeros(2), *COMMON
+    **{
+        f"simulate_ship_by: {method}, {envelope}": functools.partial(ship_by, method, envelope)
+        for method in METHODS
+        for envelope in ENVELOPES
+    },
+    "simulate_ship": lambda: _core.simulate_ship(*SHIP, [0, 1, 2, 3, 4]),
+    **{
+        f"simulate_ship: {name}": functools.partial(
+            of_ship, name, lambda *common: _core.simulate_ship(*common, [0, 1, 2, 3, 4])
+        )
+        for name in SHIPS
+    },
+    "linear_response": lambda: _core.linear_response(LINEAR, FREQUENCIES, [0, 2]),
+    "linear_response_sensitivities": lambda: flat(
+        _core.linear_response_sensitivities(LINEAR, FREQUENCIES, [0, 2], WRT[:-2])
     ),
+    "simulate_statespace": lambda: _core.simulate_statespace(*MATRICES, *COMMON),
+    "statespace_response": lambda: _core.statespace_response(*MATRICES, FREQUENCIES),
 }
-"""The same bits on every machine."""
+"""The same bits on every machine: calls by the kernel's name, and what is special about them."""
 
 FUSED = {
-    "linear sensitivities": lambda: np.concatenate(
-        [part.ravel() for part in _core.linear_sensitivities(LINEAR, *COMMON, [0, 1, 2, 3, 4], WRT)]
+    "simulate_linear": lambda: _core.simulate_linear(LINEAR, *COMMON, [0, 1, 2, 3, 4]),
+    "linear_sensitivities": lambda: flat(_core.linear_sensitivities(LINEAR, *COMMON, [0, 1, 2, 3, 4], WRT)),
+    "linear_sensitivities: without a dead time": lambda: flat(
+        _core.linear_sensitivities(without_dead_time(), *COMMON, [0, 2], [0, 1, 3, 4])
     ),
-    "linear sensitivities without a dead time": lambda: np.concatenate(
-        [
-            part.ravel()
-            for part in _core.linear_sensitivities(without_dead_time(), *COMMON, [0, 2], [0, 1, 3, 4])
-        ]
-    ),
-    "sensitivities of the ship": lambda: _core.ship_sensitivities(*SHIP, [0, 2, 3], SHIP_WRT)[1],
-    "ship as a record shows it": lambda: _core.ship_observed(
+    "ship_sensitivities": lambda: _core.ship_sensitivities(*SHIP, [0, 2, 3], SHIP_WRT)[1],
+    **{f"ship_sensitivities: {name}": functools.partial(sensitivities, name) for name in SHIPS},
+    "ship_observed": lambda: _core.ship_observed(
         *SHIP, 1, [0, 2], SHIP_WRT, np.zeros((SAMPLES, 2), dtype=bool), np.full(9, 0.1), 2
     ),
+    **{f"ship_observed: {name}": functools.partial(observed, name) for name in SHIPS},
 }
 """The same bits wherever multiply-adds are fused, within rounding of them elsewhere."""
+
+
+def test_every_kernel_is_compared():
+    kernels = {name for name in dir(_core) if not name.startswith("_") and callable(getattr(_core, name))}
+    assert {name.partition(":")[0] for name in EXACT | FUSED} == kernels
 
 
 def results(compute):
@@ -98,7 +211,7 @@ def results(compute):
             _core._set_instruction_set(name)
             found[name] = np.asarray(compute())
     finally:
-        _core._set_instruction_set(None)
+        _core._set_instruction_set(WIDEST)
     return found
 
 
@@ -129,7 +242,7 @@ def test_breakage_b7_without_fused_multiply_adds_results_are_within_rounding(ker
 
 @pytest.mark.skipif(len(SETS) < 2, reason="a machine with one instruction set")
 def test_breakage_b7_the_choice_is_followed():
-    found = results(FUSED["linear sensitivities"])
+    found = results(FUSED["linear_sensitivities"])
     assert not np.array_equal(found["scalar"], found[SETS[-1]])
 
 

@@ -1,6 +1,5 @@
 """The ship's steps against an exact twin, differences of themselves, the ship without an element, and NumPy."""
 
-import functools
 import math
 import time
 
@@ -104,9 +103,8 @@ def simulated(values, hold, substeps, samples=SAMPLES):
     return _core.simulate_ship(vector(**values), u, load, DT, substeps, hold, ALL)
 
 
-@functools.cache
 def solution(ship, hold):
-    """The twin's outputs, once for all instruction sets."""
+    """The twin's outputs."""
     u, load = record()
     return twin.simulate(SHIPS[ship], u, load, DT, hold, OUTPUTS)
 
