@@ -108,7 +108,7 @@ def answered(
         structure=structure.to_dict(),
         vessel=vessel,
         data=tuple(_record(fit, index, row) for index, row in enumerate(rows)),
-        settings=_settings(fit, intervals) | {"possible": _named(possible, structure)},
+        settings=_settings(fit, intervals) | {"possible": [_named(fit, structure, one) for one in possible]},
         seed=seed,
         versions={
             "shipfp_rs": __version__,
@@ -211,16 +211,16 @@ def structure_of(fit: ShipFit) -> Structure:
     return structure.with_fixed(**given) if given else structure
 
 
-def _named(possible: Sequence[Mapping[str, float]], structure: Structure) -> list[dict[str, float]]:
-    """Return ships by the structure's parameters, each within its bounds."""
-    return [
-        {
-            name: float(np.clip(values[name], *BOUNDS.get(name, (-np.inf, np.inf))))
-            for name in structure.names
-            if name in values
-        }
-        for values in possible
-    ]
+def _named(fit: ShipFit, structure: Structure, values: Mapping[str, float]) -> dict[str, float]:
+    """Return a ship by the structure's parameters: those searched within their bounds, those given as they were given."""
+    found = {}
+    for one in structure.parameters:
+        if one.fixed:
+            found[one.name] = float(one.start)
+        elif one.name in values:
+            bounds = fit.question.bounds.get(one.name, BOUNDS.get(one.name, (-np.inf, np.inf)))
+            found[one.name] = float(np.clip(values[one.name], *bounds))
+    return found
 
 
 def _applies(name: str, values: Mapping[str, float]) -> bool:
@@ -356,18 +356,12 @@ def _record(fit: ShipFit, index: int, row: Sequence[float]) -> dict[str, Any]:
 
 def _settings(fit: ShipFit, intervals: str) -> dict[str, Any]:
     c = fit.likelihood.coordinates
-    values = {**c.given, **fit.values}
-    names = structure_of(fit).names
     return {
         "structure": FULL_SHIP if fit.question.structure is None else fit.question.structure.name,
         "intervals": intervals,
         "set_point": fit.between or "band-limited",
         "band_hz": max(record.band_hz for record in fit.likelihood.records),
-        "optimum": {
-            name: float(np.clip(values[name], *BOUNDS.get(name, (-np.inf, np.inf))))
-            for name in names
-            if name in values
-        },
+        "optimum": _named(fit, structure_of(fit), {**c.given, **fit.values}),
         "criterion": fit.best.cost,
         "converged": fit.best.settled,
         "message": "settled" if fit.best.settled else "the search was ended before it settled",

@@ -9,6 +9,7 @@ from typing import Any, get_args
 
 from shipfp_rs.identification.estimate import Usable, WhyNot
 from shipfp_rs.identification.options import Intervals, NoiseModel
+from shipfp_rs.identification.record import Between
 from shipfp_rs.structures.stored import ROW, expect_row
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.support.arguments import Count, Positive, Whole, fits
@@ -35,7 +36,7 @@ STATES = ("on", "off", "open")
 WORDS: Mapping[str, tuple[str, ...]] = {
     "noise": get_args(NoiseModel),
     "intervals": get_args(Intervals),
-    "set_point": ("band-limited", "straight lines"),
+    "set_point": (*get_args(Between), "straight lines"),
     "set_point_noise": ("left out", "taken for signal"),
 }
 """Settings that are one of some words."""
