@@ -42,7 +42,7 @@ stop_s = 39.0
 
 [identify]
 products = true
-starts = 1
+starts = 2
 fixed = { tau_n = 1.17 }
 """
 SWEEP = """

@@ -390,7 +390,7 @@ class TestRun:
             ('unit = "V"', 'unit = "mV"', "mV"),
             ("seed = 0", "starts = 0", "starts"),
             ("seed = 0", "product = true", "product"),
-            ("seed = 0", "products = true\nfixed = { tau = 1.2 }", "tau"),
+            ("seed = 0", "products = false\nfixed = { tau = 1.2 }", "tau"),
             ("scale = 1059.0", "scale = 1.059", "torque"),
             ("pulses_per_rev = 4", "pulses_per_rev = 3", "pulses_per_rev"),
             ("steady_s = [0.0, ", "steady_s = [-9.0, ", "-9"),

@@ -10,6 +10,7 @@ import pytest
 import shipfp_rs as fp
 from shipfp_rs.errors import InputError
 from shipfp_rs.processing.trial import Trial
+from shipfp_rs.processing.trial_tables import Identify
 from shipfp_rs.runs.run import NO_TORQUE, run
 from shipfp_rs.support.toml import template, validated
 from tests.cli.small_trial import SMALL, write_small_trial
@@ -159,12 +160,12 @@ def test_a_missing_trial_is_one_line(tmp_path: Path) -> None:
     ("slip", "said"),
     [
         (
-            ("starts = 1", 'torque = "brake"'),
+            ("starts = 2", 'torque = "brake"'),
             "identify.torque: found 'brake' beside channels.torque.location = 'gauge', expected 'gauge'",
         ),
         (
             (
-                "starts = 1",
+                "starts = 2",
                 'torque = "gauge"',
                 "[channels.torque]",
                 "[channels.load]",
@@ -175,7 +176,7 @@ def test_a_missing_trial_is_one_line(tmp_path: Path) -> None:
         ),
         (
             (
-                "starts = 1",
+                "starts = 2",
                 'outputs = ["dn", "dM"]',
                 "[channels.torque]",
                 "[channels.load]",
@@ -354,3 +355,20 @@ def test_what_no_unit_tells_is_asked_for_by_the_channel_s_name(tmp_path, old, ne
     with pytest.raises(InputError, match=re.escape(words)) as raised:
         load(tmp_path, KNOWN.replace(old, new))
     assert "\n" not in str(raised.value)
+
+
+@pytest.mark.parametrize(
+    "written",
+    [{"products": True}, {"starts": 1}, {"noise": "coloured"}, {"tied": {}}, {"seed": 0}],
+    ids=lambda written: next(iter(written)),
+)
+def test_a_default_that_is_written_out_declares_no_structure(written):
+    assert Identify.model_validate(written).chooses
+    assert Identify.model_validate({"elements": {"twist": False}, **written}).chooses
+
+
+@pytest.mark.parametrize(
+    "written", [{"products": False}, {"starts": 2}, {"noise": "white"}, {"tied": {"vK_i": ["vK_p", 0.1]}}]
+)
+def test_what_the_full_ship_has_not_declares_the_structure(written):
+    assert not Identify.model_validate(written).chooses

@@ -190,7 +190,7 @@ def test_a_trial_file_says_it_too():
 
 def test_a_trial_file_declares_the_ship_with_the_elements_that_act():
     elements = {"sampling": True, "actuator_lag": True, "twist": False}
-    options = Identify.model_validate({"elements": elements, "starts": 1, "fixed": {"T_s": 0.1}})
+    options = Identify.model_validate({"elements": elements, "starts": 2, "fixed": {"T_s": 0.1}})
     structure = structure_from(options, "gauge")
     assert not options.chooses
     assert (structure["T_s"].start, structure["T_s"].fixed) == (0.1, True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
@@ -156,6 +157,13 @@ HOW = ("noise", "starts")
 """Keys of [identify] that are options of `identify` under the same name."""
 NARROWING = frozenset(("elements", "torque", "outputs", "fixed", "priors", "seed"))
 """Keys of [identify] that narrow the choice that the data make; any other key declares the structure."""
+OF_THE_FULL_SHIP: Mapping[str, tuple[Any, ...]] = {
+    "products": (True,),
+    "tied": ({},),
+    "noise": (None, "coloured"),
+    "starts": (None, 1),
+}
+"""Values of the other keys with which the full ship is fitted anyway, so that they declare nothing."""
 
 
 def _a_language(word: str) -> str:
@@ -173,7 +181,8 @@ class Report(Section):
 class Identify(Section):
     """The structure to fit and how; names of elements and parameters are checked by the structure itself.
 
-    Without a key beyond `NARROWING` the data choose the elements of the ship; with one those act that are said to.
+    Without a key beyond `NARROWING` the data choose the elements of the ship; with one those act that are said to. A default
+    that is written out changes nothing.
     """
 
     elements: dict[str, bool] = Field(default_factory=dict)
@@ -201,7 +210,7 @@ class Identify(Section):
     @property
     def chooses(self) -> bool:
         """Whether the data choose the structure."""
-        return not self.model_fields_set - NARROWING
+        return all(getattr(self, name) in values for name, values in OF_THE_FULL_SHIP.items())
 
     @property
     def acting(self) -> tuple[str, ...]:
