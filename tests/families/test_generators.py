@@ -30,6 +30,14 @@ ALL = {
 }
 
 
+def nightly(cases, *always):
+    """Return cases of which those named, or at these places, are always run, and the others at night."""
+    return [
+        case if place in always or case in always else pytest.param(case, marks=pytest.mark.slow)
+        for place, case in enumerate(cases)
+    ]
+
+
 def chirp(swing=0.06, seconds=20.0, low=0.05, high=3.0):
     growth = np.log(high / low) / seconds
     return excitations.Excitation("chirp", 1.0, 1.0 + seconds, np.array([[low, growth, swing]]))
@@ -50,17 +58,20 @@ def relative_outputs(relative, excitation, step_s=2.5e-4, water=None):
 
 @pytest.mark.parametrize(
     "elements",
-    [
-        {},
-        {"T_d": 0.07, "T_set": 0.3},
-        {"T_s": 0.02, "T_0": 0.003},
-        {"T_s": 0.03, "T_0": 0.013, "T_d": 0.05, "T_set": 0.1, "update": 1.0},
-        {"tau_act": 0.1, "T_d": 0.03},
-        {"tau_act": 0.1, "rate": 0.4, "c_2": 0.45},
-        {"M_max": 1.08},
-        {"tau_twist": 0.004, "zeta_twist": 0.5},
+    nightly(
+        [
+            {},
+            {"T_d": 0.07, "T_set": 0.3},
+            {"T_s": 0.02, "T_0": 0.003},
+            {"T_s": 0.03, "T_0": 0.013, "T_d": 0.05, "T_set": 0.1, "update": 1.0},
+            {"tau_act": 0.1, "T_d": 0.03},
+            {"tau_act": 0.1, "rate": 0.4, "c_2": 0.45},
+            {"M_max": 1.08},
+            {"tau_twist": 0.004, "zeta_twist": 0.5},
+            ALL,
+        ],
         ALL,
-    ],
+    ),
     ids=lambda elements: "+".join(elements) or "none",
 )
 def test_two_integrators_agree(elements):
@@ -74,7 +85,7 @@ def test_two_integrators_agree(elements):
         assert 0.01 < np.mean(other[2] > elements["M_max"] - 1e-9) < 0.7
 
 
-@pytest.mark.parametrize("kind", excitations.KINDS)
+@pytest.mark.parametrize("kind", nightly(excitations.KINDS, "steps"))
 def test_integrators_agree_on_every_excitation(kind):
     drawn = excitations.drawn(np.random.default_rng(5), kind)
     excitation = excitations.Excitation(kind, 1.0, 16.0, drawn.table)
@@ -100,16 +111,19 @@ def test_a_step_of_the_load_slows_the_set_as_in_closed_form():
 
 @pytest.mark.parametrize(
     "elements",
-    [
-        {},
-        {"T_d": 0.07, "T_set": 0.3},
-        {"tau_act": 0.1, "T_d": 0.03},
-        {"tau_twist": 0.004, "zeta_twist": 0.5},
-        {"damping": 0.8, "p": 0.0, "c_2": 0.5},
-    ],
+    nightly(
+        [
+            {},
+            {"T_d": 0.07, "T_set": 0.3},
+            {"tau_act": 0.1, "T_d": 0.03},
+            {"tau_twist": 0.004, "zeta_twist": 0.5},
+            {"damping": 0.8, "p": 0.0, "c_2": 0.5},
+        ],
+        1,
+    ),
     ids=lambda elements: "+".join(elements) or "none",
 )
-@pytest.mark.parametrize("frequency", [0.1, 1.0, 3.0])
+@pytest.mark.parametrize("frequency", nightly([0.1, 1.0, 3.0], 1.0))
 def test_small_motion_is_the_linear_model(elements, frequency):
     """n*/n_set* = L / (tau_n s + p - g + L), M_b* = (p + tau_n s) n*, M_g* = (p + tau_prop s) n*.
 
@@ -136,7 +150,7 @@ def test_small_motion_is_the_linear_model(elements, frequency):
     assert found[2] == pytest.approx(behind, rel=2e-3)
 
 
-@pytest.mark.parametrize("update", [0.0, 1.0])
+@pytest.mark.parametrize("update", nightly([0.0, 1.0], 1.0))
 def test_a_sampling_governor_is_late_by_half_its_period(update):
     """With a sum updated before use it is also stronger by vK_i T_s / 2, after use weaker."""
     period, excitation = 0.04, chirp(swing=0.01, high=0.5)
@@ -363,7 +377,7 @@ def test_launch_agrees_with_small_steps_on_a_draw():
     assert np.abs(apart).mean() < 2e-6 * one.plant.engine_speed
 
 
-@pytest.mark.parametrize("seed", range(len(wrong.KINDS)))
+@pytest.mark.parametrize("seed", nightly(range(len(wrong.KINDS)), 0))
 def test_wrong_data_are_wrong_in_the_way_they_say(seed):
     made = wrong.wrong(seed)
     signals, point = made.experiment["signals"], made.experiment["operating_point"]

@@ -1,6 +1,8 @@
 """`python -m tests.kernels.long_kernels NAME` runs a kernel with much to do, in little memory, until it is stopped.
 
 `python -m tests.kernels.long_kernels NAME STOPS` stops it so often, and prints the longest processor time to its end.
+
+`python -m tests.kernels.long_kernels all STOPS` does so with each kernel, soon after it has begun, a line a kernel.
 """
 
 from __future__ import annotations
@@ -107,6 +109,8 @@ SAME = {
     "linear_response": "linear_response_sensitivities",
 }
 """Kernels that are another one without derivatives."""
+SOON_S = 0.3
+"""Longest processor time after which a kernel is stopped, where all of them are."""
 
 
 @cache
@@ -148,6 +152,10 @@ def longest_end(kernel: str, stops: int, within_s: float = 1.0) -> float:
 def main() -> None:
     """Run the kernel that is named, again and again: a fast machine may be through with it in less than a second."""
     print("ready", flush=True)
+    if sys.argv[1] == "all":
+        for kernel in (kernel for kernel in KERNELS if kernel != "spin"):  # which sleeps
+            print(kernel, longest_end(kernel, int(sys.argv[2]), SOON_S), flush=True)
+        return
     if len(sys.argv) > 2:
         print(longest_end(sys.argv[1], int(sys.argv[2])))
         return

@@ -47,6 +47,24 @@ def test_every_kernel_is_among_those_that_are_stopped():
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no SIGPROF")
+def test_every_kernel_ends_within_little_work():
+    """`-s` shows how much, of two stops of each soon after it has begun."""
+    done = subprocess.run(
+        [sys.executable, "-m", "tests.kernels.long_kernels", "all", "2"],
+        capture_output=True,
+        text=True,
+        timeout=300.0,
+        check=True,
+    )
+    lines = [line.split() for line in done.stdout.splitlines()[1:]]
+    longest = {kernel: float(took) for kernel, took in lines}
+    print(longest)
+    assert longest.keys() == KERNELS.keys() - {"spin"}
+    assert {kernel: took for kernel, took in longest.items() if took >= ENDS_WITHIN_S} == {}
+
+
+@pytest.mark.slow  # all kernels are stopped above, soon after they have begun
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no SIGPROF")
 @pytest.mark.parametrize("kernel", [kernel for kernel in KERNELS if kernel != "spin"])
 def test_a_kernel_ends_within_little_work(kernel):
     """`-s` shows how much, of two stops; `python -m benches.bench_looks` prints that of all kernels and more stops."""
