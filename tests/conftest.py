@@ -9,25 +9,42 @@ import os
 for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS"):
     os.environ.setdefault(_name, "1")
 
+import pickle
 import shutil
 import signal
 import sys
-from collections.abc import Iterator
-from typing import Any
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any, TypeVar
 
 import pytest
+from filelock import FileLock
 from hypothesis import HealthCheck, settings
 
 from shipfp_rs import _core
 from shipfp_rs.reproduce import Reproduction
 
+T = TypeVar("T")
+
+
+def made_once(temporary: Path, name: str, make: Callable[[], T]) -> T:
+    """Return what the first worker that needs it makes; the others wait, and read its file."""
+    if "PYTEST_XDIST_WORKER" not in os.environ:
+        return make()
+    file = temporary.parent / f"{name}.pickle"
+    with FileLock(f"{file}.lock"):
+        if not file.exists():
+            file.write_bytes(pickle.dumps(make()))
+    found: T = pickle.loads(file.read_bytes())
+    return found
+
 
 @pytest.fixture(scope="session")
-def fullscale() -> Reproduction:
+def fullscale(tmp_path_factory: pytest.TempPathFactory) -> Reproduction:
     """Table 7.1, refitted."""
     from shipfp_rs.reproduce.fullscale import reproduce
 
-    return reproduce()
+    return made_once(tmp_path_factory.getbasetemp(), "fullscale", reproduce)
 
 
 # How long a machine takes that others use, too, says nothing. A method has a new object for each parameter of its class.

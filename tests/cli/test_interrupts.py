@@ -48,7 +48,10 @@ COMMANDS = {
     "reproduce virtual": ("--out", "out"),
     "reproduce twin": ("--draws", "50", "--out", "out"),
 }
-"""Commands with enough to do; a sweep has tests of its own, a comparison is done at once."""
+"""Commands with enough to do; a sweep has tests of its own, a comparison is done at once.
+
+Every other one is ended by Ctrl-C, the rest by SIGTERM; at night each is ended by both.
+"""
 
 
 @pytest.fixture(scope="module")
@@ -102,8 +105,14 @@ def remove(path: Path) -> None:
 @pytest.mark.skipif(
     not Path("/proc/self/stat").exists(), reason="no processor seconds of another process are told"
 )
-@pytest.mark.parametrize(("number", "status"), ENDS)
-@pytest.mark.parametrize("command", COMMANDS)
+@pytest.mark.parametrize(
+    ("command", "number", "status"),
+    [
+        pytest.param(command, *end, marks=() if (place + way) % 2 == 0 else pytest.mark.slow)
+        for place, command in enumerate(COMMANDS)
+        for way, end in enumerate(ENDS)
+    ],
+)
 def test_a_command_ends_at_once_and_leaves_nothing(folder, command, number, status):
     before = {path.name for path in folder.iterdir()}
     shared = set(Path("/dev/shm").iterdir()) if Path("/dev/shm").is_dir() else set()

@@ -46,8 +46,16 @@ def ended(process: subprocess.Popen[str], number: signal.Signals) -> tuple[float
     raise AssertionError("processes are left")
 
 
-@pytest.mark.parametrize(("number", "status"), ENDS)
-@pytest.mark.parametrize("executor", ["processes", "threads"])
+# One end of each executor; the other one of each comes at night.
+@pytest.mark.parametrize(
+    ("executor", "number", "status"),
+    [
+        ("processes", *ENDS[0]),
+        ("threads", *ENDS[1]),
+        pytest.param("processes", *ENDS[1], marks=pytest.mark.slow),
+        pytest.param("threads", *ENDS[0], marks=pytest.mark.slow),
+    ],
+)
 def test_breakage_d5_a_sweep_does_not_wait_for_its_draws(tmp_path, executor, number, status):
     (tmp_path / "SWEEP.toml").write_text(LONG_DRAWS)
     # A task of 10,000 draws takes a quarter of an hour; ten seconds are those of a machine with much else to do.
