@@ -11,8 +11,11 @@ import time
 from pathlib import Path
 
 import pytest
+from threadpoolctl import threadpool_info, threadpool_limits
 
 from shipfp_rs.sweeps import Progress, dispatch, sweep
+from shipfp_rs.sweeps.draw import run_draws
+from shipfp_rs.sweeps.pools import pool_of
 from tests.sweep_folders import DEADLY, DeadlyPlan, cheap_plan, results, rows
 
 DRAWS = 8
@@ -44,6 +47,28 @@ def test_a_process_that_is_killed_costs_nothing(whole: Path, tmp_path: Path) -> 
     sweep(cheap_plan(DRAWS), tmp_path, workers=2, draws_per_task=1, progress=kill)
     assert kill.killed
     assert results(tmp_path) == results(whole)
+
+
+def blas_threads() -> set[int]:
+    """Return how many threads each BLAS of this process has."""
+    return {row["num_threads"] for row in threadpool_info() if row["user_api"] == "blas"}
+
+
+@pytest.mark.parametrize("kind", ["processes", "threads"])
+def test_a_draw_has_one_blas_thread_whatever_the_environment_says(kind, monkeypatch, tmp_path) -> None:
+    monkeypatch.setenv("OPENBLAS_NUM_THREADS", "2")
+    with threadpool_limits(limits=2):
+        if kind == "processes":
+            with pool_of("processes", 1, None) as pool:
+                assert pool.submit(blas_threads).result() == {1}
+        else:
+            seen = set()
+            plan = cheap_plan(1)
+            monkeypatch.setattr(
+                dispatch, "run_draws", lambda *given: seen.update(blas_threads()) or run_draws(*given)
+            )
+            sweep(plan, tmp_path, executor="threads", workers=1)
+            assert seen == {1}
 
 
 def test_a_draw_that_kills_its_process_is_one_failed_row(whole: Path, tmp_path: Path, monkeypatch) -> None:

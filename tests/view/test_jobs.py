@@ -17,6 +17,7 @@ import pytest
 
 from shipfp_rs.logs.log import Log
 from shipfp_rs.view.draft import Draft, written
+from shipfp_rs.view.jobs import Jobs
 from shipfp_rs.view.pyramid import stored
 from tests.view.logs import write_csv
 from tests.view.serving import served
@@ -151,3 +152,21 @@ def test_killed_while_it_reads_a_log_it_leaves_no_half_overview(tmp_path, wait_s
     left = {path.name for path in tmp_path.iterdir()} - {"l.parquet"}
     assert left <= {"l.parquet.shipfp-pyramid"}
     assert not left or stored(tmp_path / "l.parquet") is not None
+
+
+@pytest.mark.parametrize(("given", "threads"), [(None, "1"), ("3", "3")])
+def test_a_job_has_one_blas_thread_unless_the_environment_says_how_many(folder, monkeypatch, given, threads):
+    if given is None:
+        monkeypatch.delenv("OPENBLAS_NUM_THREADS", raising=False)
+    else:
+        monkeypatch.setenv("OPENBLAS_NUM_THREADS", given)
+    begun = []
+
+    def popen(*_, env, **__):
+        begun.append(env)
+        raise OSError("not begun")
+
+    monkeypatch.setattr(subprocess, "Popen", popen)
+    with pytest.raises(OSError, match="not begun"):
+        Jobs().begin("check", folder / "TRIAL.toml")
+    assert begun[0]["OPENBLAS_NUM_THREADS"] == threads
