@@ -85,6 +85,42 @@ SHIP_OUTPUTS: tuple[str, ...]
 SHIP_OFF: tuple[float, ...]
 SHIP_DETAIL: tuple[str, ...]
 
+EQUATION_PARAMETERS: tuple[str, ...]
+EQUATION_SIGNALS: tuple[str, ...]
+EQUATION_OUTPUTS: tuple[str, ...]
+EQUATION_ORDERS: int
+EQUATION_BLOCK: int
+
+def equation_residuals(
+    parameters: NDArray[np.float64],
+    signals: NDArray[np.float64],
+    spacing: float,
+    late_speed: NDArray[np.float64],
+    speed_rest: float,
+    late_set_point: NDArray[np.float64],
+    set_point_rest: float,
+    outputs: Sequence[int],
+    gauge: bool,
+    open_loop: bool,
+    wrt: Sequence[int],
+) -> NDArray[np.float64]: ...
+def equation_products(
+    parameters: NDArray[np.float64],
+    signals: NDArray[np.float64],
+    spacing: float,
+    late_speed: NDArray[np.float64],
+    speed_rest: float,
+    late_set_point: NDArray[np.float64],
+    set_point_rest: float,
+    outputs: Sequence[int],
+    gauge: bool,
+    open_loop: bool,
+    wrt: Sequence[int],
+    root: NDArray[np.float64],
+    shapes: NDArray[np.float64],
+    hats: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]: ...
+def loop_is_stable(parameters: NDArray[np.float64], open_loop: bool) -> bool: ...
 def simulate_ship(
     parameters: NDArray[np.float64],
     u: NDArray[np.float64],

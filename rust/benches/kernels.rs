@@ -12,6 +12,7 @@ use _core::power::power;
 use _core::pulse::PulseCrossings;
 use _core::stepper::{self, parameters::at};
 use _core::stop::Stop;
+use _core::two_equations::{Equations, Late, Noise, Spectra, products};
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 
 /// The virtual launch about its operating point.
@@ -174,9 +175,41 @@ fn signals(criterion: &mut Criterion) -> Result<(), Error> {
     Ok(())
 }
 
+fn equations(criterion: &mut Criterion) -> Result<(), Error> {
+    const COUNT: usize = 2016;
+    let mut group = criterion.benchmark_group("two equations, 2016 frequencies");
+    let values = wander(0.1, 7 * 8 * COUNT);
+    let spectra = Spectra { values: &values, count: COUNT, spacing: 0.01 };
+    let late = |rest| Late { values: &values[..8 * COUNT], rest };
+    let (square, hats) = (wander(1.0, 8 * COUNT), wander(1.0, 2 * COUNT));
+    let noise = Noise { root: &square, shapes: &square, hats: &hats };
+    let mut vector = [0.0; 22];
+    for (place, value) in [(0, 1.5), (1, -0.6), (2, 6.3), (3, 1.6), (5, 2.17), (6, 0.6), (9, 0.3), (10, 0.12)]
+    {
+        vector[place] = value;
+    }
+    for (place, value) in
+        [(11, 0.035), (13, 0.06), (14, 0.03), (15, 0.02), (18, 1.0), (19, 0.002), (20, 1.03)]
+    {
+        vector[place] = value;
+    }
+    let all = [0, 1, 2, 3, 5, 6, 7, 8, 9, 10, 11, 13, 14, 15, 19, 20, 21];
+    for (name, wrt) in [("products of residuals", &all[..0]), ("with seventeen derivatives", &all[..])] {
+        Equations::new(&vector, &[0, 1], false, false, wrt)?;
+        group.bench_function(name, |bencher| {
+            bencher.iter(|| {
+                let equations = Equations::new(black_box(&vector), &[0, 1], false, false, wrt)?;
+                products(&equations, spectra, late(0.02), late(0.005), noise, &Stop::new())
+            });
+        });
+    }
+    group.finish();
+    Ok(())
+}
+
 fn all(criterion: &mut Criterion) {
     powers(criterion);
-    for bench in [ship, linear, signals] {
+    for bench in [ship, linear, signals, equations] {
         bench(criterion).expect("inputs as the kernels want them");
     }
 }

@@ -18,6 +18,9 @@ pub enum Error {
         /// The signal that left the range.
         what: &'static str,
     },
+    /// The loop about the operating point runs away.
+    #[error("the loop is unstable at these parameters")]
+    Unstable,
     /// The system has no room for what an argument asks for.
     #[error("no memory for {bytes} bytes; use fewer samples, outputs or directions")]
     Memory {

@@ -16,6 +16,7 @@ pub mod statespace;
 pub mod stepper;
 pub mod stop;
 mod subnormal;
+pub mod two_equations;
 
 #[cfg(feature = "python")]
 mod python;

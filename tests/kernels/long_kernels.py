@@ -80,6 +80,14 @@ KERNELS: dict[str, Callable[[], object]] = {
     "statespace_response": lambda: _core.statespace_response(
         -np.eye(200), np.ones(200), np.ones((1, 200)), np.zeros(1), np.linspace(0.01, 9.0, 100_000)
     ),
+    "equation_products": lambda: _core.equation_products(
+        np.array(
+            [float(name in ("tau_n", "vK_p", "vK_i", "p", "v", "s_M")) for name in _core.EQUATION_PARAMETERS]
+        ),
+        *(np.zeros((7, 4, 2, 64_000)), 0.01, np.zeros((4, 2, 64_000)), 0.0, np.zeros((4, 2, 64_000)), 0.0),
+        *([0, 1], False, False, list(range(16)) * 30),
+        *(np.zeros((2, 2, 2, 64_000)), np.zeros((0, 0, 2, 0)), np.zeros((0, 64_000))),
+    ),
     "running_median": lambda: _core.running_median(_noise(), 2_000_001),
     "find_spikes": lambda: _core.find_spikes(_noise(), 100_000, 4, 501, 6.0, 0.05),
     "Decimator": lambda: _core.Decimator(np.ones(100_001) / 100_001.0, 1, 2).feed(np.zeros(5_000_000)),
@@ -107,8 +115,10 @@ KERNELS: dict[str, Callable[[], object]] = {
 SAME = {
     "simulate_linear": "linear_sensitivities",
     "linear_response": "linear_response_sensitivities",
+    "equation_residuals": "equation_products",
+    "loop_is_stable": "equation_products",
 }
-"""Kernels that are another one without derivatives."""
+"""Kernels that are another one without derivatives, or that it calls."""
 SOON_S = 0.3
 """Longest processor time after which a kernel is stopped, where all of them are."""
 

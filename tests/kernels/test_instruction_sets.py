@@ -11,6 +11,7 @@ import pytest
 
 from shipfp_rs import _core
 from shipfp_rs.errors import InputError
+from tests.kernels import test_two_equations_kernel as two_equations
 from tests.kernels.test_plant_kernel import ENVELOPES, METHODS
 from tests.kernels.test_ship_kernel import SHIPS, acting, places, record
 from tests.twins import ship
@@ -148,6 +149,7 @@ EXACT = {
     "slope_at_even_times": lambda: _core.slope_at_even_times(EDGES, CUBICS, 0.0, 1000.0, 8000)[1],
     "find_spikes": lambda: _core.find_spikes(N_SET, 20, 7, 51, 6.0, 1e-6),
     "running_median": lambda: _core.running_median(N_SET, 31),
+    "loop_is_stable": lambda: np.array([float(_core.loop_is_stable(EQUATIONS[0], False))]),
     "PulseCrossings": crossings,
     "PulseTracker": tracked,
     "pulse_levels": lambda: _core.pulse_levels(TACHO),
@@ -197,10 +199,19 @@ FUSED = {
 }
 """The same bits wherever multiply-adds are fused, within rounding of them elsewhere."""
 
+EQUATIONS = two_equations.arguments(two_equations.SHIP, two_equations.record(count=128), [0, 1])
+ROUNDED = {
+    "equation_residuals": lambda: _core.equation_residuals(*EQUATIONS, two_equations.MOVING),
+    "equation_products": lambda: np.concatenate(
+        _core.equation_products(*EQUATIONS, two_equations.MOVING, *two_equations.noise(2, 128))
+    ),
+}
+"""Within rounding: delays turn by the width of a vector at a time, and sums have a part for each lane."""
+
 
 def test_every_kernel_is_compared():
     kernels = {name for name in dir(_core) if not name.startswith("_") and callable(getattr(_core, name))}
-    assert {name.partition(":")[0] for name in EXACT | FUSED} == kernels
+    assert {name.partition(":")[0] for name in EXACT | FUSED | ROUNDED} == kernels
 
 
 def results(compute):
@@ -231,9 +242,9 @@ def test_breakage_b7_the_same_bits_wherever_multiply_adds_are_fused(kernel):
         np.testing.assert_array_equal(other, fused[0])
 
 
-@pytest.mark.parametrize("kernel", FUSED)
+@pytest.mark.parametrize("kernel", [*FUSED, *ROUNDED])
 def test_breakage_b7_without_fused_multiply_adds_results_are_within_rounding(kernel):
-    scalar, *others = results(FUSED[kernel]).values()
+    scalar, *others = results((FUSED | ROUNDED)[kernel]).values()
     # A record's rounding adds up over its samples: in units of the last place of the largest value.
     bound = 2000.0 * np.finfo(float).eps * np.abs(scalar).max()
     for other in others:

@@ -23,7 +23,7 @@ impl From<Error> for PyErr {
     fn from(error: Error) -> Self {
         match error {
             Error::Invalid(message) => package_error("InputError", message),
-            Error::Diverged { .. } => package_error("SimulationError", error.to_string()),
+            Error::Diverged { .. } | Error::Unstable => package_error("SimulationError", error.to_string()),
             Error::Memory { .. } => PyMemoryError::new_err(error.to_string()),
             Error::Stopped => PyKeyboardInterrupt::new_err(()),
             Error::Internal(_) => package_error("InternalError", error.to_string()),

@@ -16,6 +16,7 @@ mod pyramid;
 mod statespace;
 mod stepper;
 mod streaming;
+mod two_equations;
 
 use pyo3::prelude::*;
 
@@ -32,5 +33,6 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     pyramid::register(module)?;
     statespace::register(module)?;
     stepper::register(module)?;
+    two_equations::register(module)?;
     Ok(())
 }

@@ -1,0 +1,381 @@
+//! Both equations as polynomials in s on measured signals, with their derivatives by every parameter.
+//!
+//! The engine's equation is multiplied by what stands in its denominators (the integrator, the lag), the load's by
+//! the damped twist's, so that only polynomials and delays are left.
+
+use pulp::Scalar;
+
+use crate::error::{Result, require};
+use crate::scalar::{Dual, Scalar as _, Tangent};
+
+/// Names of the parameters: `u_0` set point offset, `s_M` torque scale, `x_0` offset of the rack or the fuel.
+pub const PARAMETERS: [&str; 22] = [
+    "tau_n",
+    "g",
+    "vK_p",
+    "vK_i",
+    "vK_d",
+    "p",
+    "tau_prop",
+    "damping",
+    "c_2",
+    "k_L",
+    "T_d",
+    "T_set",
+    "hold",
+    "tau_act",
+    "T_M",
+    "T_n",
+    "tau_twist",
+    "zeta_twist",
+    "v",
+    "u_0",
+    "s_M",
+    "x_0",
+];
+pub const COUNT: usize = PARAMETERS.len();
+/// Directions of the derivatives, padded to whole vectors.
+const PADDED: usize = 24;
+
+pub mod at {
+    pub const TAU_N: usize = 0;
+    pub const G: usize = 1;
+    pub const VK_P: usize = 2;
+    pub const VK_I: usize = 3;
+    pub const VK_D: usize = 4;
+    pub const P: usize = 5;
+    pub const TAU_PROP: usize = 6;
+    pub const DAMPING: usize = 7;
+    pub const C_2: usize = 8;
+    pub const K_L: usize = 9;
+    pub const T_D: usize = 10;
+    pub const T_SET: usize = 11;
+    pub const HOLD: usize = 12;
+    pub const TAU_ACT: usize = 13;
+    pub const T_M: usize = 14;
+    pub const T_N: usize = 15;
+    pub const TAU_TWIST: usize = 16;
+    pub const ZETA_TWIST: usize = 17;
+    pub const V: usize = 18;
+    pub const U_0: usize = 19;
+    pub const S_M: usize = 20;
+    pub const X_0: usize = 21;
+}
+
+/// Signals that a record holds, deviations from the operating point: speed, torque, rack, load, the speed's square and cube, and one.
+pub const SIGNALS: [&str; 7] = ["N", "M", "X", "load", "N2", "N3", "one"];
+/// Orders of the taper's derivatives that count, the taper itself included.
+pub const ORDERS: usize = 4;
+
+/// Signals of the equations: those of a record, then delayed ones; "apart" are those with sinh for cosh of a hold.
+pub mod signal {
+    pub const N: usize = 0;
+    pub const M: usize = 1;
+    pub const X: usize = 2;
+    pub const LOAD: usize = 3;
+    pub const N2: usize = 4;
+    pub const N3: usize = 5;
+    pub const ONE: usize = 6;
+    pub const LATE_N: usize = 7;
+    pub const LATE_U: usize = 8;
+    pub const APART_N: usize = 9;
+    pub const APART_U: usize = 10;
+    pub const COUNT: usize = 11;
+}
+
+/// What can be measured and compared.
+pub const OUTPUTS: [&str; 3] = ["dn", "dM", "dX"];
+/// An output by its place in [`OUTPUTS`].
+pub type Output = usize;
+
+/// Coefficients that a polynomial can have.
+pub const DEGREES: usize = 7;
+
+type Number = Dual<Scalar, PADDED>;
+
+/// A polynomial in s on a signal of an equation.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Term {
+    pub equation: usize,
+    pub signal: usize,
+    pub coefficients: [f64; DEGREES],
+    /// Coefficients up to the last that is not zero.
+    pub length: usize,
+}
+
+/// The equations at some parameters: as many as there are outputs.
+#[derive(Debug)]
+pub struct Equations {
+    /// The parameters, by [`PARAMETERS`].
+    pub values: [f64; COUNT],
+    /// Places of the outputs in [`OUTPUTS`], in the caller's order.
+    pub outputs: Vec<Output>,
+    /// Their terms.
+    pub terms: Vec<Term>,
+    /// By each parameter asked for, its derivative's terms.
+    pub slopes: Vec<(usize, Vec<Term>)>,
+}
+
+/// A polynomial whose coefficients carry derivatives.
+#[derive(Debug, Clone)]
+struct Polynomial(Vec<Number>);
+
+impl Polynomial {
+    fn times(&self, other: &Self) -> Self {
+        let zero = self.0[0].constant(0.0);
+        let mut product = vec![zero; self.0.len() + other.0.len() - 1];
+        for (i, a) in self.0.iter().enumerate() {
+            for (j, b) in other.0.iter().enumerate() {
+                product[i + j] = product[i + j].plus_product(*a, *b);
+            }
+        }
+        Self(product)
+    }
+
+    fn plus(mut self, other: &Self, factor: f64) -> Self {
+        let zero = self.0[0].constant(0.0);
+        self.0.resize(self.0.len().max(other.0.len()), zero);
+        for (mine, theirs) in self.0.iter_mut().zip(&other.0) {
+            *mine = mine.plus(*theirs, factor);
+        }
+        self
+    }
+
+    fn negative(&self) -> Self {
+        Self(self.0.iter().map(|number| *number * -1.0).collect())
+    }
+}
+
+/// One equation: a polynomial for each signal that it has.
+#[derive(Debug, Clone, Default)]
+struct Equation(Vec<(usize, Polynomial)>);
+
+impl Equation {
+    fn add(&mut self, signal: usize, polynomial: &Polynomial) {
+        if let Some((_, mine)) = self.0.iter_mut().find(|(known, _)| *known == signal) {
+            *mine = mine.clone().plus(polynomial, 1.0);
+        } else {
+            self.0.push((signal, polynomial.clone()));
+        }
+    }
+
+    /// Add another equation, multiplied.
+    fn add_all(&mut self, other: &Self, factor: &Polynomial) {
+        for (signal, polynomial) in &other.0 {
+            self.add(*signal, &polynomial.times(factor));
+        }
+    }
+
+    /// Put in for the torque what another equation, in which it stands alone, says of it.
+    fn without_torque(mut self, load: &Self) -> Self {
+        let Some(place) = self.0.iter().position(|(signal, _)| *signal == signal::M) else { return self };
+        let factor = self.0.remove(place).1.negative();
+        for (signal, polynomial) in load.0.iter().filter(|(signal, _)| *signal != signal::M) {
+            self.add(*signal, &polynomial.times(&factor));
+        }
+        self
+    }
+}
+
+impl Equations {
+    /// The equations of a ship for measured outputs, with derivatives by the parameters of index `wrt`.
+    ///
+    /// # Errors
+    /// [`crate::error::Error::Invalid`] for outputs without the speed, a parameter that is none, or one that is not finite.
+    pub fn new(
+        values: &[f64],
+        outputs: &[Output],
+        gauge: bool,
+        open_loop: bool,
+        wrt: &[usize],
+    ) -> Result<Self> {
+        require(values.len() == COUNT, || {
+            format!("parameters: found {} numbers, expected {COUNT}", values.len())
+        })?;
+        if let Some(bad) = values.iter().position(|value| !value.is_finite()) {
+            require(false, || {
+                format!("parameters: {} is {}, expected a number", PARAMETERS[bad], values[bad])
+            })?;
+        }
+        let distinct = outputs.iter().enumerate().all(|(i, output)| !outputs[..i].contains(output));
+        require(distinct && outputs.contains(&0) && outputs.iter().all(|&output| output < 3), || {
+            format!("outputs: found {outputs:?}, expected the speed 0 and no, one or both of 1 and 2")
+        })?;
+        require(wrt.iter().all(|&by| by < COUNT), || {
+            format!("wrt: found {wrt:?}, expected indices below {COUNT}")
+        })?;
+        let mut own = [0.0; COUNT];
+        own.copy_from_slice(values);
+        require(own[at::S_M] != 0.0, || "parameters: s_M is 0, expected a scale other than 0".to_owned())?;
+        let torque = outputs.contains(&1);
+        require(torque || own[at::TAU_TWIST] == 0.0, || {
+            "tau_twist: a shaft that twists needs a measured torque, expected 0".to_owned()
+        })?;
+        let equations = written(&own, torque, outputs.contains(&2), gauge, open_loop);
+        let terms = equations
+            .iter()
+            .enumerate()
+            .flat_map(|(equation, one)| {
+                one.0
+                    .iter()
+                    .filter_map(move |(signal, p)| term(equation, *signal, p.0.iter().map(|c| c.value)))
+            })
+            .collect::<Vec<_>>();
+        let slopes = wrt.iter().map(|&by| (by, slope_terms(&equations, &terms, &own, by))).collect();
+        Ok(Self { values: own, outputs: outputs.to_vec(), terms, slopes })
+    }
+
+    /// All its polynomials, derivatives included.
+    pub fn every(&self) -> impl Iterator<Item = &Term> {
+        self.terms.iter().chain(self.slopes.iter().flat_map(|(_, terms)| terms))
+    }
+
+    /// Half of the time between the two commands that stand for a hold [s].
+    #[must_use]
+    pub fn apart(&self) -> f64 {
+        self.values[at::HOLD] * self.values[at::T_D] / 3.0_f64.sqrt()
+    }
+}
+
+/// A term, unless all its coefficients are zero.
+fn term(equation: usize, signal: usize, from: impl Iterator<Item = f64>) -> Option<Term> {
+    let mut coefficients = [0.0; DEGREES];
+    for (mine, value) in coefficients.iter_mut().zip(from) {
+        *mine = value;
+    }
+    let length = DEGREES - coefficients.iter().rev().take_while(|value| **value == 0.0).count();
+    (length > 0).then_some(Term { equation, signal, coefficients, length })
+}
+
+/// The equations: of the load where a torque is measured, of the engine, of the governor where the rack is.
+#[allow(clippy::fn_params_excessive_bools)]
+fn written(values: &[f64; COUNT], torque: bool, rack: bool, gauge: bool, open_loop: bool) -> Vec<Equation> {
+    // long: the equations one after the other, as they stand on paper
+    let simd = Scalar::new();
+    let number = |value: f64| Dual::new(simd, Tangent { value, slopes: [0.0; PADDED] });
+    let q = |place: usize| number(0.0).along(values[place], place);
+    let poly = |numbers: &[Number]| Polynomial(numbers.to_vec());
+    let (zero, one) = (number(0.0), number(1.0));
+    let twists = values[at::TAU_TWIST] != 0.0;
+
+    let (p, ahead) = (q(at::P), q(at::TAU_N) - q(at::TAU_PROP));
+    let second = p * (p + -1.0) * 0.5 + q(at::C_2);
+    let third = p * (p + -1.0) * (p + -2.0) * (1.0 / 6.0);
+    let law = poly(&[p + q(at::DAMPING), q(at::TAU_PROP)]);
+    let inertia = poly(&[zero, ahead]);
+    let damped = if twists { poly(&[one, q(at::ZETA_TWIST) * q(at::TAU_TWIST)]) } else { poly(&[one]) };
+
+    // The gauge's torque is the brake's less what speeds up the engine's side.
+    let mut load = Equation::default();
+    let by_torque = if twists {
+        damped.clone().plus(&law.times(&poly(&[zero, q(at::TAU_TWIST)])), 1.0)
+    } else {
+        poly(&[one])
+    };
+    load.add(signal::M, &by_torque);
+    load.add(signal::N, &damped.times(&law).negative());
+    if !gauge {
+        load.add(signal::N, &inertia.times(&by_torque).negative());
+    }
+    load.add(signal::N2, &damped.times(&poly(&[second])).negative());
+    load.add(signal::N3, &damped.times(&poly(&[third])).negative());
+    load.add(signal::LOAD, &damped.times(&poly(&[q(at::K_L)])).negative());
+
+    let mut engine = Equation::default();
+    engine.add(signal::M, &poly(&[one]));
+    engine.add(signal::N, &poly(&[q(at::G)]).negative());
+    if gauge {
+        engine.add(signal::N, &inertia);
+    }
+    if !torque {
+        engine = engine.without_torque(&load);
+    }
+
+    let lag = poly(&[one, q(at::TAU_ACT)]);
+    let mut fed = Equation::default();
+    let cleared = if open_loop {
+        fed.add(signal::LATE_U, &poly(&[q(at::V)]).negative());
+        lag
+    } else {
+        let asked = poly(&[q(at::VK_I), q(at::VK_P)]);
+        fed.add(signal::LATE_U, &asked.negative());
+        fed.add(signal::LATE_N, &asked.plus(&poly(&[zero, zero, q(at::VK_D)]), 1.0));
+        poly(&[zero, one]).times(&lag)
+    };
+    let mut equations = if torque { vec![load] } else { vec![] };
+    if rack {
+        engine.add(signal::X, &poly(&[q(at::V)]).negative());
+        engine.add(signal::ONE, &poly(&[q(at::X_0)]).negative());
+        fed.add(signal::X, &cleared.times(&poly(&[q(at::V)])));
+        equations.extend([engine, fed]);
+    } else {
+        if open_loop {
+            engine.add(signal::ONE, &poly(&[q(at::X_0)]).negative());
+        }
+        fed.add_all(&engine, &cleared);
+        equations.push(fed);
+    }
+    equations
+}
+
+/// Terms of the derivative by a parameter: of coefficients, and of the delays and scales of signals.
+fn slope_terms(equations: &[Equation], terms: &[Term], values: &[f64; COUNT], by: usize) -> Vec<Term> {
+    let mut found: Vec<Term> = Vec::new();
+    let mut add = |equation: usize, signal: usize, coefficients: [f64; DEGREES]| {
+        if let Some(mine) = found.iter_mut().find(|mine| mine.equation == equation && mine.signal == signal) {
+            for (mine, more) in mine.coefficients.iter_mut().zip(coefficients) {
+                *mine += more;
+            }
+            mine.length = DEGREES;
+        } else if let Some(new) = term(equation, signal, coefficients.into_iter()) {
+            found.push(new);
+        }
+    };
+    for (equation, one) in equations.iter().enumerate() {
+        for (signal, polynomial) in &one.0 {
+            let mut coefficients = [0.0; DEGREES];
+            for (mine, number) in coefficients.iter_mut().zip(&polynomial.0) {
+                *mine = number.tangent().slopes[by];
+            }
+            add(equation, *signal, coefficients);
+        }
+    }
+    let share = 1.0 / 3.0_f64.sqrt();
+    for one in terms {
+        let mut risen = [0.0; DEGREES];
+        risen[1..].copy_from_slice(&one.coefficients[..DEGREES - 1]);
+        let apart = match one.signal {
+            signal::LATE_N => signal::APART_N,
+            _ => signal::APART_U,
+        };
+        let (delayed, set) =
+            (matches!(one.signal, signal::LATE_N | signal::LATE_U), one.signal == signal::LATE_U);
+        let speed = matches!(one.signal, signal::N | signal::N2 | signal::N3 | signal::LATE_N);
+        match by {
+            at::T_D if delayed => {
+                add(one.equation, one.signal, risen.map(|c| -c));
+                if values[at::HOLD] != 0.0 {
+                    add(one.equation, apart, risen.map(|c| c * share * values[at::HOLD]));
+                }
+            }
+            at::HOLD if delayed && values[at::HOLD] != 0.0 => {
+                add(one.equation, apart, risen.map(|c| c * share * values[at::T_D]));
+            }
+            at::T_SET if set => add(one.equation, one.signal, risen.map(|c| -c)),
+            at::T_M if one.signal == signal::M => add(one.equation, one.signal, risen),
+            at::T_N if speed => add(one.equation, one.signal, risen),
+            at::U_0 if set => add(one.equation, signal::ONE, one.coefficients),
+            at::S_M if one.signal == signal::M => {
+                let scaled = one.coefficients.map(|c| -c / values[at::S_M]);
+                add(one.equation, signal::M, scaled);
+                add(one.equation, signal::ONE, scaled);
+            }
+            _ => {}
+        }
+    }
+    for mine in &mut found {
+        mine.length = DEGREES - mine.coefficients.iter().rev().take_while(|value| **value == 0.0).count();
+    }
+    found.retain(|mine| mine.length > 0);
+    found
+}

@@ -1,0 +1,212 @@
+//! Powers of s on the signals of the equations, delayed and tapered.
+
+use pulp::Simd;
+
+use super::complex::{Complex, Rotation, negative};
+use super::equations::{DEGREES, ORDERS, at, signal};
+use super::plan::{Plan, store};
+
+/// Rotations by the delays of a record.
+pub struct Turns<S: Simd> {
+    pub speed: Rotation<S>,
+    pub torque: Rotation<S>,
+    pub late: [Rotation<S>; 2],
+    pub dead: Rotation<S>,
+    pub apart: Rotation<S>,
+}
+
+impl<S: Simd> Turns<S> {
+    #[inline(always)]
+    pub fn new<const O: usize>(simd: S, plan: &Plan<'_, O>) -> Self {
+        let (q, spacing) = (plan.q, plan.spectra.spacing);
+        Self {
+            speed: Rotation::new(simd, spacing, -q[at::T_N]),
+            torque: Rotation::new(simd, spacing, -q[at::T_M]),
+            late: [
+                Rotation::new(simd, spacing, plan.late[0].rest - q[at::T_N]),
+                Rotation::new(simd, spacing, plan.late[1].rest),
+            ],
+            dead: Rotation::new(simd, spacing, q[at::T_D]),
+            apart: Rotation::new(simd, spacing, plan.apart),
+        }
+    }
+
+    #[inline(always)]
+    pub fn advance(&mut self, simd: S) {
+        self.speed.advance(simd);
+        self.torque.advance(simd);
+        self.late[0].advance(simd);
+        self.late[1].advance(simd);
+        self.dead.advance(simd);
+        self.apart.advance(simd);
+    }
+
+    /// cos and sin of the half distance of a hold's two commands.
+    #[inline(always)]
+    pub fn hold(&self, simd: S) -> [S::f64s; 2] {
+        [self.apart.now.re, negative(simd, self.apart.now.im)]
+    }
+}
+
+/// The first orders of a signal at some frequencies.
+#[inline(always)]
+fn read<S: Simd>(simd: S, values: &[f64], count: usize, orders: usize, place: usize) -> [Complex<S>; ORDERS] {
+    let mut found = [Complex::zero(simd); ORDERS];
+    for order in 0..ORDERS {
+        if order < orders {
+            let start = 2 * order * count;
+            found[order] = Complex {
+                re: S::as_simd_f64s(&values[start..start + count]).0[place],
+                im: S::as_simd_f64s(&values[start + count..start + 2 * count]).0[place],
+            };
+        }
+    }
+    found
+}
+
+/// Powers of s on all signals that the equations have.
+#[inline(always)]
+pub fn lay_out<S: Simd, const O: usize>(
+    simd: S,
+    plan: &Plan<'_, O>,
+    turns: &Turns<S>,
+    omega: S::f64s,
+    place: usize,
+    powers: &mut [f64],
+    inner: usize,
+) {
+    let (q, count, lengths) = (plan.q, plan.spectra.count, &plan.lengths);
+    let (size, values) = (ORDERS * 2 * count, plan.spectra.values);
+    let late = q[at::T_N];
+    for known in [signal::X, signal::LOAD, signal::ONE, signal::N, signal::N2, signal::N3] {
+        if lengths[known] == 0 {
+            continue;
+        }
+        let is_late = late != 0.0 && matches!(known, signal::N | signal::N2 | signal::N3);
+        let needed = if is_late { ORDERS } else { lengths[known] };
+        let mut orders = read(simd, &values[known * size..], count, needed, place);
+        if is_late {
+            orders = delayed(simd, orders, turns.speed.now, -late);
+        }
+        raise(simd, plan, omega, orders, known, powers, inner);
+    }
+    let one = read(simd, &values[signal::ONE * size..], count, ORDERS, place);
+    if lengths[signal::M] > 0 {
+        let mut orders = read(simd, &values[signal::M * size..], count, ORDERS, place);
+        if q[at::T_M] != 0.0 {
+            orders = delayed(simd, orders, turns.torque.now, -q[at::T_M]);
+        }
+        // (M + 1) / s_M - 1, of which the constants are not late.
+        let scale = 1.0 / q[at::S_M];
+        let (scale, rest) = (simd.splat_f64s(scale), simd.splat_f64s(scale - 1.0));
+        for order in 0..ORDERS {
+            orders[order] = orders[order].scaled(simd, scale).plus_scaled(simd, one[order], rest);
+        }
+        raise(simd, plan, omega, orders, signal::M, powers, inner);
+    }
+    for (index, known, beside) in [(0, signal::LATE_N, signal::APART_N), (1, signal::LATE_U, signal::APART_U)]
+    {
+        if lengths[known] == 0 {
+            continue;
+        }
+        let rest = plan.late[index].rest - if index == 0 { late } else { 0.0 };
+        let orders = read(simd, plan.late[index].values, count, ORDERS, place);
+        let mut near = delayed(simd, orders, turns.late[index].now, rest);
+        if plan.apart != 0.0 {
+            let far;
+            (near, far) = parted(simd, near, turns.hold(simd), plan.apart);
+            if lengths[beside] > 0 {
+                raise(simd, plan, omega, far, beside, powers, inner);
+            }
+        }
+        if index == 1 {
+            let offset = simd.splat_f64s(q[at::U_0]);
+            for order in 0..ORDERS {
+                near[order] = near[order].plus_scaled(simd, one[order], offset);
+            }
+        }
+        raise(simd, plan, omega, near, known, powers, inner);
+    }
+}
+
+/// s^k on a signal, for all k below its length.
+#[inline(always)]
+fn raise<S: Simd, const O: usize>(
+    simd: S,
+    plan: &Plan<'_, O>,
+    omega: S::f64s,
+    orders: [Complex<S>; ORDERS],
+    known: usize,
+    powers: &mut [f64],
+    inner: usize,
+) {
+    let slot = plan.slots[known];
+    match plan.lengths[known] {
+        1 => raised::<S, 1>(simd, omega, orders, slot, powers, inner),
+        2 => raised::<S, 2>(simd, omega, orders, slot, powers, inner),
+        3 => raised::<S, 3>(simd, omega, orders, slot, powers, inner),
+        4 => raised::<S, 4>(simd, omega, orders, slot, powers, inner),
+        5 => raised::<S, 5>(simd, omega, orders, slot, powers, inner),
+        6 => raised::<S, 6>(simd, omega, orders, slot, powers, inner),
+        _ => raised::<S, DEGREES>(simd, omega, orders, slot, powers, inner),
+    }
+}
+
+#[inline(always)]
+fn raised<S: Simd, const LENGTH: usize>(
+    simd: S,
+    omega: S::f64s,
+    mut orders: [Complex<S>; ORDERS],
+    slot: usize,
+    powers: &mut [f64],
+    inner: usize,
+) {
+    let zero = Complex::zero(simd);
+    store(orders[0], powers, slot, inner);
+    for power in 1..LENGTH {
+        for order in 0..ORDERS.min(LENGTH - power) {
+            let next = if order + 1 < ORDERS { orders[order + 1] } else { zero };
+            orders[order] = orders[order].risen(simd, omega, next);
+        }
+        store(orders[0], powers, slot + power, inner);
+    }
+}
+
+/// The orders of a signal that is late by t, exp(-s t) given.
+#[inline(always)]
+fn delayed<S: Simd>(simd: S, orders: [Complex<S>; ORDERS], turn: Complex<S>, t: f64) -> [Complex<S>; ORDERS] {
+    let steps = [1.0, -t, 0.5 * t * t, -t * t * t / 6.0];
+    let mut found = orders;
+    for k in 0..ORDERS {
+        let mut sum = orders[k];
+        for j in 1..ORDERS - k {
+            sum = sum.plus_scaled(simd, orders[k + j], simd.splat_f64s(steps[j]));
+        }
+        found[k] = sum.times(simd, turn);
+    }
+    found
+}
+
+/// cosh(s t) and sinh(s t) on a signal, s = j omega: the mean of two commands 2 t apart, and half their difference.
+#[inline(always)]
+fn parted<S: Simd>(
+    simd: S,
+    orders: [Complex<S>; ORDERS],
+    [cosine, sine]: [S::f64s; 2],
+    t: f64,
+) -> ([Complex<S>; ORDERS], [Complex<S>; ORDERS]) {
+    let steps = [1.0, t, 0.5 * t * t, t * t * t / 6.0];
+    let zero = Complex::zero(simd);
+    let mut found = [[zero; ORDERS]; 2];
+    for k in 0..ORDERS {
+        for j in 0..ORDERS - k {
+            let value = orders[k + j].scaled(simd, simd.splat_f64s(steps[j]));
+            let turned = Complex { re: negative(simd, value.im), im: value.re };
+            let (even, odd) = (value.scaled(simd, cosine), turned.scaled(simd, sine));
+            let (first, second) = if j % 2 == 0 { (even, odd) } else { (odd, even) };
+            found[0][k] = found[0][k].plus(simd, first);
+            found[1][k] = found[1][k].plus(simd, second);
+        }
+    }
+    (found[0], found[1])
+}

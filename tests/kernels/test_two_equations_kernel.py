@@ -1,0 +1,350 @@
+"""The two equations' kernel against its NumPy reference, known answers and its own symmetries."""
+
+from math import comb
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+from shipfp_rs import _core
+from shipfp_rs.errors import InputError, SimulationError
+from tests.twins import ship
+from tests.twins import two_equations as twin
+
+NAMES = _core.EQUATION_PARAMETERS
+INDEX = {name: index for index, name in enumerate(NAMES)}
+OFF = {"v": 1.0, "s_M": 1.0}
+LOOP = {
+    "tau_n": 1.5,
+    "g": -0.583,
+    "vK_p": 6.3,
+    "vK_i": 1.6,
+    "p": 2.17,
+    "tau_prop": 0.6,
+    "c_2": 0.1,
+    "damping": 0.05,
+}
+LATE = {"T_d": 0.12, "T_set": 0.035, "tau_act": 0.06, "T_M": 0.03, "T_n": 0.02, "u_0": 0.002, "s_M": 1.03}
+RATE_HZ, SAMPLES = 8.0, 512
+SPACING = 2.0 * np.pi * RATE_HZ / SAMPLES
+
+
+def vector(**values):
+    found = np.zeros(len(NAMES))
+    for name, value in {**OFF, **values}.items():
+        found[INDEX[name]] = value
+    return found
+
+
+SIN_8 = [(k - 4, comb(8, k) * (-1) ** k / 256.0) for k in range(9)]
+"""Harmonics of the taper sin^8 and their weights."""
+
+
+def tapers(samples=SAMPLES, rate_hz=RATE_HZ):
+    """The taper and its time derivatives, exactly."""
+    turn, at = 2.0 * np.pi * rate_hz / samples, 2.0 * np.pi * np.arange(samples) / samples
+    return np.array(
+        [
+            sum(weight * ((1j * turn * k) ** order * np.exp(1j * k * at)).real for k, weight in SIN_8)
+            for order in range(twin.ORDERS)
+        ]
+    )
+
+
+def spectra(signal, count, late=0.0):
+    """A signal late by a time, as the kernel takes it, (ORDERS, 2, count)."""
+    samples = len(signal)
+    frequency = np.fft.rfftfreq(samples, 1.0 / RATE_HZ)
+    moved = np.fft.irfft(np.fft.rfft(signal) * np.exp(-2j * np.pi * frequency * late), samples)
+    signs = (-1.0) ** np.arange(twin.ORDERS)[:, None]
+    found = (np.fft.rfft(moved * tapers(samples), axis=-1) * signs)[:, :count] / np.sqrt(0.5 * samples)
+    return np.ascontiguousarray(np.stack([found.real, found.imag], axis=1))
+
+
+def record(seed=0, count=64, samples=SAMPLES):
+    """Signals without a law between them, and the late ones at delays of a grid."""
+    rng = np.random.default_rng(seed)
+    speed, torque, rack, load, set_point = (
+        0.05 * np.convolve(rng.normal(size=samples), np.hanning(9) / 4.0, "same") for _ in range(5)
+    )
+    rows = [speed, torque, rack, load, speed**2, speed**3, np.ones(samples)]
+    signals = np.array([spectra(row, count) for row in rows])
+    return signals, spectra(speed, count, 0.1), spectra(set_point, count, 0.15)
+
+
+def arguments(parameters, data, outputs, gauge=False, open_loop=False):
+    signals, speed, set_point = data
+    dead, both = parameters[INDEX["T_d"]], parameters[INDEX["T_d"]] + parameters[INDEX["T_set"]]
+    return (
+        parameters,
+        signals,
+        SPACING,
+        speed,
+        dead - 0.1,
+        set_point,
+        both - 0.15,
+        outputs,
+        gauge,
+        open_loop,
+    )
+
+
+def noise(outputs, count, knots=5, seed=1):
+    """A noise's root, shapes and hats."""
+    rng = np.random.default_rng(seed)
+    lower = np.tril(np.ones((outputs, outputs)))[:, :, None, None]
+    root = rng.normal(size=(outputs, outputs, 2, count)) * lower
+    shapes = rng.normal(size=(outputs, outputs, 2, count)) * lower
+    at = np.linspace(0.0, knots - 1.0, count)
+    hats = np.maximum(0.0, 1.0 - np.abs(at - np.arange(knots)[:, None]))
+    return root, shapes, hats
+
+
+def whole(found):
+    return found[..., 0, :] + 1j * found[..., 1, :]
+
+
+def told(parameters):
+    """Parameters that have a derivative at these: an element that is off has a kink there."""
+    off = [name for name in ("tau_twist", "zeta_twist") if parameters[INDEX[name]] == 0.0]
+    return [index for index, name in enumerate(NAMES) if name not in off]
+
+
+def compare(found, expected, tolerance=1e-7):
+    scale = np.abs(expected).max(axis=(1, 2)) + 1e-4 * np.abs(expected).max()
+    assert (np.abs(found - expected).max(axis=(1, 2)) / scale).max() < tolerance
+
+
+TWIST = {"tau_twist": 0.02, "zeta_twist": 0.7}
+CASES = {
+    "speed": ([0], {}),
+    "speed and torque": ([0, 1], {}),
+    "torque and speed": ([1, 0], {}),
+    "speed and rack": ([0, 2], {}),
+    "speed, torque, rack": ([0, 1, 2], {}),
+    "rack, speed, torque": ([2, 0, 1], {}),
+    "hold": ([0, 1], {"hold": 0.8}),
+    "derivative": ([0, 1], {"vK_d": 0.2}),
+    "derivative and rack": ([0, 1, 2], {"vK_d": 0.2, "hold": 0.5}),
+    "twist": ([0, 1], TWIST),
+    "twist and all": ([1, 2, 0], {**TWIST, "vK_d": 0.2, "hold": 0.8, "k_L": 0.4, "x_0": 0.01}),
+    "measured load": ([0, 1], {"k_L": 0.4}),
+    "measured load, speed alone": ([0], {"k_L": 0.4}),
+}
+
+
+@pytest.mark.parametrize("late", [False, True])
+@pytest.mark.parametrize("gauge", [False, True])
+@pytest.mark.parametrize("open_loop", [False, True])
+@pytest.mark.parametrize("case", CASES)
+class TestAgainstTheTwin:
+    def test_residuals_and_derivatives(self, case, open_loop, gauge, late):
+        outputs, values = CASES[case]
+        parameters = vector(**LOOP, **(LATE if late else {}), **values)
+        asked = arguments(parameters, record(), outputs, gauge, open_loop)
+        wrt = told(parameters)
+        found = whole(_core.equation_residuals(*asked, wrt))
+        compare(found, twin.rows(*asked, wrt))
+
+    def test_products(self, case, open_loop, gauge, late):
+        outputs, values = CASES[case]
+        parameters = vector(**LOOP, **(LATE if late else {}), **values)
+        data = record()
+        asked = arguments(parameters, data, outputs, gauge, open_loop)
+        units = noise(len(outputs), data[0].shape[3])
+        wrt = told(parameters)[::2]
+        rows = whole(_core.equation_residuals(*asked, wrt))
+        for found, expected in zip(
+            _core.equation_products(*asked, wrt, *units), twin.products(rows, *units), strict=True
+        ):
+            np.testing.assert_allclose(found, expected, rtol=1e-10, atol=1e-11 * np.abs(expected).max())
+
+
+SHIP = vector(**LOOP, **LATE, k_L=0.3)
+MOVING = [
+    INDEX[name] for name in ("tau_n", "g", "vK_p", "p", "k_L", "T_d", "T_set", "tau_act", "T_M", "u_0", "s_M")
+]
+
+
+class TestSymmetries:
+    @settings(max_examples=30, deadline=None)
+    @given(
+        seed=st.integers(0, 2**32 - 1),
+        outputs=st.sampled_from([[0], [0, 1], [1, 0], [0, 2], [2, 0, 1]]),
+        wrt=st.lists(st.integers(0, len(NAMES) - 1), max_size=24),
+        knots=st.integers(2, 9),
+        bent=st.booleans(),
+    )
+    def test_products_are_those_of_whitened_rows(self, seed, outputs, wrt, knots, bent):
+        data = record(seed)
+        asked = arguments(SHIP, data, outputs)
+        root, shapes, hats = noise(len(outputs), data[0].shape[3], knots, seed)
+        units = root, shapes if bent else np.zeros((0, 0, 2, 0)), hats
+        rows = whole(_core.equation_residuals(*asked, wrt))
+        for found, expected in zip(
+            _core.equation_products(*asked, wrt, *units), twin.products(rows, *units), strict=True
+        ):
+            assert found.shape == expected.shape
+            scale = np.abs(expected).max(initial=1e-300)
+            np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-10 * scale)
+
+    @settings(max_examples=20, deadline=None)
+    @given(seed=st.integers(0, 2**32 - 1), order=st.permutations([0, 1, 2]))
+    def test_the_order_of_outputs_is_that_of_rows(self, seed, order):
+        data = record(seed)
+        found, other = (
+            _core.equation_residuals(*arguments(SHIP, data, outputs), MOVING)
+            for outputs in ([0, 1, 2], order)
+        )
+        np.testing.assert_array_equal(found[:, order], other)
+
+    def test_columns_stand_alone(self):
+        asked = arguments(SHIP, record(), [0, 1])
+        found = _core.equation_residuals(*asked, MOVING)
+        for place, by in enumerate(MOVING):
+            np.testing.assert_array_equal(_core.equation_residuals(*asked, [by])[1], found[1 + place])
+        np.testing.assert_array_equal(_core.equation_residuals(*asked, []), found[:1])
+
+    def test_an_absent_signal_has_no_derivative(self):
+        data = record()
+        data[0][_core.EQUATION_SIGNALS.index("load")] = 0.0
+        asked = arguments(SHIP, data, [0, 1])
+        wrt = [INDEX[name] for name in ("k_L", "x_0", "hold", "tau_twist", "tau_n")]
+        found = _core.equation_residuals(*asked, wrt)
+        assert not found[1:5].any()
+        assert found[5].any()
+
+    def test_any_number_of_blocks_gives_the_same_rows(self):
+        long = record(count=160)
+        short = tuple(np.ascontiguousarray(part[..., :32]) for part in long)
+        found, other = (
+            _core.equation_residuals(*arguments(SHIP, part, [0, 1]), MOVING) for part in (long, short)
+        )
+        np.testing.assert_array_equal(found[..., :32], other)
+
+
+@pytest.mark.parametrize("gauge", [False, True])
+def test_residuals_of_a_simulated_ship_vanish(gauge):
+    """A ship by the stepper: what is left is the speed's fourth power, and the set point between its samples."""
+    rate_hz, count, before, grid = 100.0, 6000, 600, 10
+    time = np.arange(-before, count) / rate_hz
+    set_point = 0.02 * np.sin(0.9 * time) + 0.01 * np.sin(2.3 * time + 1.0)
+    told = {
+        "tau_n": 1.5,
+        "g": -0.583,
+        "p": 2.17,
+        "tau_prop": 0.6,
+        "T_d": 0.12,
+        "T_set": 0.035,
+        "tau_act": 0.06,
+    }
+    parameters = ship.vector(**told, K_p=6.3, K_i=1.6, v=1.0)
+    outputs = [_core.SHIP_OUTPUTS.index(name) for name in ("dn", "dM_g" if gauge else "dM_b", "dX")]
+    rows = _core.simulate_ship(parameters, 1.0 + set_point, np.empty(0), 1.0 / rate_hz, 4, "first", outputs)
+
+    def seen(signal, late=0):
+        part = signal[before - late : before - late + count]
+        found = np.fft.rfft(part * tapers(count, rate_hz), axis=-1)[:, :64] * (-1.0) ** np.arange(4)[:, None]
+        return np.ascontiguousarray(np.stack([found.real, found.imag], axis=1))
+
+    speed, torque, rack = rows
+    signals = [speed, torque, rack, 0.0 * speed, speed**2, speed**3, np.ones(len(speed))]
+    kernel = vector(**told, vK_p=6.3, vK_i=1.6)
+    late = seen(speed, grid), 0.12 - grid / rate_hz, seen(set_point, grid), 0.155 - grid / rate_hz
+    spectra_ = np.array([seen(row) for row in signals])
+    found = _core.equation_residuals(
+        kernel, spectra_, 2.0 * np.pi * rate_hz / count, *late, [0, 1, 2], gauge, False, []
+    )
+    size = np.abs(whole(spectra_[:3, 0])).max(axis=1)
+    assert (np.abs(whole(found[0])).max(axis=1) < 3e-4 * size).all()
+
+
+class TestStability:
+    @settings(max_examples=400, deadline=None)
+    @given(
+        own=st.floats(-4.0, 4.0),
+        vK_p=st.floats(0.02, 12.0),
+        vK_i=st.floats(0.02, 12.0),
+        tau_n=st.floats(0.2, 5.0),
+        vK_d=st.one_of(st.just(0.0), st.floats(0.02, 5.0)),
+        tau_act=st.one_of(st.just(0.0), st.floats(0.01, 1.0)),
+        T_d=st.one_of(st.just(0.0), st.floats(0.01, 0.8)),
+        hold=st.one_of(st.just(0.0), st.floats(0.1, 1.0)),
+    )
+    def test_agrees_with_the_roots(self, own, **values):
+        parameters = vector(p=2.0, g=2.0 - own, **values)
+        # At high frequencies a late derivative has the loop's gain vK_d / tau_n: near one and above it has no end.
+        assume(values["tau_act"] or not values["T_d"] or values["vK_d"] < 0.8 * values["tau_n"])
+        roots = twin.loop_roots(parameters)
+        worst = (roots.real / np.abs(roots)).max()
+        # At the margin neither tells, and the approximated delay holds as far as its order.
+        assume(abs(worst) > 0.03)
+        assert _core.loop_is_stable(parameters, False) == (worst < 0.0)
+
+    def test_an_open_loop_has_its_own_pole(self):
+        assert _core.loop_is_stable(vector(p=2.0, g=1.5), True)
+        assert not _core.loop_is_stable(vector(p=2.0, g=2.5), True)
+
+    def test_a_loop_that_grows_in_the_stepper_is_unstable(self):
+        told = {"tau_n": 1.5, "g": -0.5, "p": 2.0, "tau_act": 0.05}
+        for dead, runs_away in ((0.15, False), (0.6, True)):
+            parameters = ship.vector(**told, tau_prop=0.0, K_p=6.0, K_i=2.0, v=1.0, T_d=dead)
+            u = 1.0 + 1e-9 * (np.arange(4000) < 10)
+            speed = _core.simulate_ship(parameters, u, np.empty(0), 0.01, 4, "zero", [0])[0]
+            grows = np.abs(speed[-500:]).max() > np.abs(speed[500:1000]).max()
+            assert grows == runs_away
+            assert _core.loop_is_stable(vector(**told, vK_p=6.0, vK_i=2.0, T_d=dead), False) != runs_away
+
+    def test_products_of_an_unstable_loop_are_refused(self):
+        asked = arguments(vector(**LOOP, T_d=2.0), record(), [0])
+        with pytest.raises(SimulationError, match="the loop is unstable at these parameters"):
+            _core.equation_products(*asked, [], *noise(1, 64))
+
+
+GOOD = dict(
+    zip(
+        ("parameters", "signals", "spacing", "late_speed", "speed_rest", "late_set_point", "set_point_rest"),
+        arguments(SHIP, record(), [0, 1])[:7],
+        strict=True,
+    ),
+    outputs=[0, 1],
+    gauge=False,
+    open_loop=False,
+    wrt=[0],
+)
+UNITS = dict(zip(("root", "shapes", "hats"), noise(2, 64), strict=True))
+BAD = [
+    ({"parameters": SHIP[1:]}, "parameters: found 21 numbers, expected 22"),
+    ({"parameters": vector(**LOOP, T_d=np.nan)}, "parameters: T_d is NaN, expected a number"),
+    ({"parameters": vector(s_M=0.0)}, "parameters: s_M is 0, expected"),
+    ({"parameters": vector(**LOOP, **TWIST), "outputs": [0]}, "tau_twist: .* needs a measured torque"),
+    ({"signals": np.zeros((6, 4, 2, 64))}, r"signals: found an array of shape \[6, 4, 2, 64\]"),
+    ({"signals": np.zeros((7, 4, 2, 40))}, "expected"),
+    ({"spacing": 0.0}, "spacing: found 0, expected more than 0"),
+    ({"late_speed": np.zeros((4, 2, 32))}, r"late_speed: found an array of shape \[4, 2, 32\]"),
+    ({"late_set_point": np.zeros((3, 2, 64))}, r"late_set_point: found an array of shape \[3, 2, 64\]"),
+    ({"speed_rest": np.inf}, "late signals: .* rest inf"),
+    ({"outputs": [1]}, r"outputs: found \[1\], expected the speed 0"),
+    ({"outputs": [0, 0]}, r"outputs: found \[0, 0\]"),
+    ({"outputs": [0, 3]}, r"outputs: found \[0, 3\]"),
+    ({"wrt": [22]}, r"wrt: found \[22\], expected indices below 22"),
+]
+BAD_UNITS = [
+    ({"root": np.zeros((1, 1, 2, 64))}, r"root: found an array of shape \[1, 1, 2, 64\]"),
+    ({"shapes": np.zeros((2, 2, 2, 32))}, r"shapes: found an array of shape \[2, 2, 2, 32\]"),
+    ({"hats": np.zeros((3, 32))}, r"hats: found an array of shape \[3, 32\]"),
+]
+
+
+@pytest.mark.parametrize(("changes", "message"), BAD)
+def test_arguments_are_checked(changes, message):
+    with pytest.raises(InputError, match=message) as raised:
+        _core.equation_residuals(*(GOOD | changes).values())
+    assert "\n" not in str(raised.value)
+
+
+@pytest.mark.parametrize(("changes", "message"), [*BAD, *BAD_UNITS])
+def test_arguments_of_products_are_checked(changes, message):
+    with pytest.raises(InputError, match=message):
+        _core.equation_products(*(GOOD | UNITS | changes).values())

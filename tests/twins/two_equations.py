@@ -1,0 +1,193 @@
+"""NumPy reference of the two equations in tapered spectra, written from the equations.
+
+With D for the step to the next derivative of the taper, an operator H(s) acts on the spectra of a signal as H(s + D). So an
+operator is the list of its Taylor coefficients in s, [4, F]. Parameters may be complex: derivatives are Cauchy's integrals.
+"""
+
+from math import comb, factorial
+
+import numpy as np
+from numpy.polynomial import Polynomial as P
+
+from shipfp_rs import _core
+
+NAMES = _core.EQUATION_PARAMETERS
+ORDERS = 4
+POINTS, RADIUS = 8, 0.01
+
+
+def times(a, b):
+    """The product of two operators."""
+    return np.array([sum(a[j] * b[k - j] for j in range(k + 1)) for k in range(ORDERS)])
+
+
+def product(*operators):
+    found = operators[0]
+    for one in operators[1:]:
+        found = times(found, one)
+    return found
+
+
+def polynomial(s, *coefficients):
+    whole = P(coefficients)
+    return np.array([whole.deriv(k)(s) / factorial(k) * np.ones_like(s) for k in range(ORDERS)])
+
+
+def delay(s, t):
+    return np.exp(-s * t) * np.array([1.0, -t, t**2 / 2, -(t**3) / 6])[:, None]
+
+
+def acting(operator, orders):
+    """All orders of a signal behind an operator."""
+    found = np.zeros(orders.shape, complex)
+    for k in range(ORDERS):
+        for j in range(ORDERS - k):
+            found[k] += operator[j] * orders[k + j]
+    return found
+
+
+def residuals(
+    parameters, signals, spacing, late_speed, speed_grid, late_set, set_grid, outputs, gauge, open_loop
+):
+    """Residuals (O, F) of measured outputs; a grid is the delay that a late signal already has."""
+    q = dict(zip(NAMES, parameters, strict=True))
+    spectra = dict(zip(_core.EQUATION_SIGNALS, signals[:, :, 0] + 1j * signals[:, :, 1], strict=True))
+    late_n, late_u = (part[:, 0] + 1j * part[:, 1] for part in (late_speed, late_set))
+    s = 1j * spacing * np.arange(signals.shape[3])
+    one = polynomial(s, 1.0)
+    zero = 0.0 * one
+
+    # The channels: late themselves, the torque of another scale.
+    early = delay(s, -q["T_n"])
+    N, N2, N3 = (acting(early, spectra[name]) for name in ("N", "N2", "N3"))
+    M = (acting(delay(s, -q["T_M"]), spectra["M"]) + spectra["one"]) / q["s_M"] - spectra["one"]
+    apart = q["hold"] * q["T_d"] / np.sqrt(3.0)
+    held = 0.5 * (delay(s, apart) + delay(s, -apart))
+    fed_n = acting(product(delay(s, q["T_d"] - speed_grid), early, held), late_n)
+    asked = acting(times(delay(s, q["T_d"] + q["T_set"] - set_grid), held), late_u)
+    asked = asked + q["u_0"] * spectra["one"]
+
+    # The load's side: shaft torque of speed and load, a shaft that twists in between.
+    s_of = polynomial(s, 0.0, 1.0)
+    law = polynomial(s, q["p"] + q["damping"], q["tau_prop"])
+    ahead = (q["tau_n"] - q["tau_prop"]) * s_of
+    twists = q["tau_twist"] != 0.0
+    damped = one + q["zeta_twist"] * q["tau_twist"] * s_of if twists else one
+    stiff = damped + q["tau_twist"] * times(s_of, law) if twists else one
+    p = q["p"]
+    bent = (p * (p - 1) / 2 + q["c_2"]) * N2 + p * (p - 1) * (p - 2) / 6 * N3 + q["k_L"] * spectra["load"]
+    load_n = times(damped, law) + (0.0 * one if gauge else times(ahead, stiff))
+    load_rest = acting(damped, bent)
+    # The engine's side: brake torque less its own slope is what the fuel makes.
+    engine_n = (ahead if gauge else zero) - q["g"] * one
+
+    lag = polynomial(s, 1.0, q["tau_act"])
+    if open_loop:
+        cleared, on_n, on_u = lag, zero, q["v"] * one
+    else:
+        cleared = times(s_of, lag)
+        on_u = polynomial(s, q["vK_i"], q["vK_p"])
+        on_n = on_u + polynomial(s, 0.0, 0.0, q["vK_d"])
+
+    columns = sorted(outputs)
+    dead = times(delay(s, q["T_d"]), held)[0]
+    left, matrix = [], []
+    if 1 in outputs:
+        left.append(acting(stiff, M) - acting(load_n, N) - load_rest)
+        matrix.append({0: -load_n[0], 1: stiff[0]})
+        engine, engine_row = M + acting(engine_n, N), {0: engine_n, 1: one}
+    else:
+        engine, engine_row = acting(load_n + engine_n, N) + load_rest, {0: load_n + engine_n}
+    fuel = acting(on_u, asked) - acting(on_n, fed_n)
+    if 2 in outputs:
+        X = spectra["X"]
+        left += [engine - q["v"] * X - q["x_0"] * spectra["one"], acting(q["v"] * cleared, X) - fuel]
+        matrix.append({**{k: row[0] for k, row in engine_row.items()}, 2: -q["v"] * one[0]})
+        matrix.append({0: on_n[0] * dead, 2: q["v"] * cleared[0]})
+    else:
+        if open_loop:
+            engine = engine - q["x_0"] * spectra["one"]
+        left.append(acting(cleared, engine) - fuel)
+        row = {k: times(cleared, operator)[0] for k, operator in engine_row.items()}
+        row[0] = row[0] + on_n[0] * dead
+        matrix.append(row)
+
+    own = {0: np.exp(-s * q["T_n"]), 1: q["s_M"] * np.exp(-s * q["T_M"]), 2: np.ones_like(s)}
+    A = np.array([[row.get(c, 0.0 * s) for c in columns] for row in matrix]).transpose(2, 0, 1)
+    found = np.linalg.solve(A, np.array([one_left[0] for one_left in left]).T[..., None])[..., 0].T
+    for index, output in enumerate(columns):
+        found[index] *= own[output]
+    return found[[columns.index(output) for output in outputs]]
+
+
+def rows(
+    parameters,
+    signals,
+    spacing,
+    late_speed,
+    speed_rest,
+    late_set,
+    set_rest,
+    outputs,
+    gauge,
+    open_loop,
+    wrt,
+):
+    """Residuals and derivatives of the model (1 + W, O, F), as the kernel's arguments ask for."""
+    at = dict(zip(NAMES, parameters, strict=True))
+    grids = at["T_d"] - speed_rest, at["T_d"] + at["T_set"] - set_rest
+
+    def of(values):
+        return residuals(
+            values, signals, spacing, late_speed, grids[0], late_set, grids[1], outputs, gauge, open_loop
+        )
+
+    found = [of(np.array(parameters, dtype=complex))]
+    turns = np.exp(2j * np.pi * np.arange(POINTS) / POINTS)
+    for by in wrt:
+        radius = RADIUS * max(abs(parameters[by]), 0.1)
+        total = 0.0
+        for turn in turns:
+            moved = np.array(parameters, dtype=complex)
+            moved[by] += radius * turn
+            total = total + of(moved) / (radius * turn)
+        found.append(-total / POINTS)
+    return np.array(found)
+
+
+def products(found, root, shapes, hats):
+    """Products of rows (1 + W, O, F) in units of the noise, and of smooth errors with them."""
+    turn, bent = (part[:, :, 0] + 1j * part[:, :, 1] for part in (root, shapes))
+    columns, outputs, frequencies = found.shape
+    white = np.zeros_like(found)
+    for f in range(frequencies):
+        for c in range(columns):
+            white[c, :, f] = turn[:, :, f] @ found[c, :, f]
+    gram = np.einsum("caf,daf->cd", white.conj(), white).real
+    if not bent.size:
+        return gram, np.zeros((0, columns))
+    along = np.einsum("abf,caf->cbf", bent.conj(), white)
+    errors = np.zeros((outputs, 2, len(hats), columns))
+    for c in range(columns):
+        for b in range(outputs):
+            errors[b, 0, :, c] = hats @ along[c, b].real
+            errors[b, 1, :, c] = hats @ along[c, b].imag
+    return gram, errors.reshape(-1, columns)
+
+
+def pade(t, order=7):
+    """Return numerator and denominator of a delay's Pade approximant (Golub, Van Loan, "Matrix Computations", 9.3.1)."""
+    c = [comb(order, k) * factorial(2 * order - k) / factorial(2 * order) for k in range(order + 1)]
+    weights = np.array([value * t**k for k, value in enumerate(c)])
+    return (P(weights * (-1.0) ** np.arange(order + 1)), P(weights)) if t else (P([1.0]), P([1.0]))
+
+
+def loop_roots(parameters):
+    """Roots of the closed loop about the operating point, exact without a dead time."""
+    q = dict(zip(NAMES, parameters, strict=True))
+    plant = P([q["p"] + q["damping"] - q["g"], q["tau_n"]]) * P([1.0, q["tau_act"]]) * P([0.0, 1.0])
+    governor = P([q["vK_i"], q["vK_p"], q["vK_d"]])
+    apart = q["hold"] * q["T_d"] / np.sqrt(3.0)
+    (first, under), (second, below) = pade(q["T_d"] - apart), pade(q["T_d"] + apart)
+    whole = plant * under * below + 0.5 * governor * (first * below + second * under)
+    return whole.trim(1e-300).roots()
