@@ -1,4 +1,4 @@
-"""Checks sizes: no file of Python or Rust over 400 lines, no function body over 60 without a reason.
+"""Checks sizes: no file of Python or Rust over 700 lines (the habit is 400), no function body over 60 without a reason.
 
 The body of a function is what follows its signature and docstring; in Rust what stands between its braces. A longer
 function has a comment "long: why" on one of its lines, a longer file among its first 25. Rust's tests at the end of a
@@ -14,7 +14,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
-FILE_LINES = 400
+FILE_LINES = 700
 BODY_LINES = 60
 HEAD_LINES = 25
 REASON = re.compile(r"(#|//) long: \S+")

@@ -111,27 +111,14 @@ def find_layout(path: Path) -> Layout:
     delimiter, decimal = max(DIALECTS, key=lambda dialect: _score(lines[:SCORED], *dialect))
     rows = [cells_of(line, delimiter) for line in lines]
     width = _width(rows, decimal)
-    holds_number = [any(is_number(cell, decimal) for cell in row) for row in rows]
-    filled = [k for k, row in enumerate(rows) if any(row)]
-    # Lines like "Sample rate;2000" look like records, but the headings come soon after them.
-    first = next(
-        (
-            k
-            for place, k in enumerate(filled)
-            if _is_record(rows[k], width, decimal)
-            and all(
-                holds_number[j] or (j > filled[-1] - PREAMBLE and not _is_record(rows[j], width, decimal))
-                for j in filled[place : place + PREAMBLE]
-            )
-        ),
-        None,
-    )
+    first = _first_record(rows, width, decimal)
     if first is None:
         raise InputError(
             f"{path}: empty or without rows of numbers; expected a header line with channel names and lines of numbers"
         )
     full = [row for row in rows[first:] if len(row) == width]
     above = [_uncommented(line, delimiter) for line in lines[:first]]
+    # long: what the lines above the records say, one thing after the other
     beside = _taken_facts(above, [any(row[k] for row in full) for k in range(width)], decimal)
     headings, own, named = _headings(above, width)
 
@@ -175,6 +162,25 @@ def find_layout(path: Path) -> Layout:
         rate,
         start,
         counted,
+    )
+
+
+def _first_record(rows: Sequence[list[str]], width: int, decimal: str) -> int | None:
+    """Return the index of the first line of records; None where no line is one."""
+    holds_number = [any(is_number(cell, decimal) for cell in row) for row in rows]
+    filled = [k for k, row in enumerate(rows) if any(row)]
+    # Lines like "Sample rate;2000" look like records, but the headings come soon after them.
+    return next(
+        (
+            k
+            for place, k in enumerate(filled)
+            if _is_record(rows[k], width, decimal)
+            and all(
+                holds_number[j] or (j > filled[-1] - PREAMBLE and not _is_record(rows[j], width, decimal))
+                for j in filled[place : place + PREAMBLE]
+            )
+        ),
+        None,
     )
 
 

@@ -88,6 +88,7 @@ def log_of_table(
                 yield _samples(batch[:left])
                 left -= len(batch)
 
+    # long: one loop over the columns, whose three kinds of time end in the same lists
     channels: list[Channel] = []
     readers: dict[str, Blocks] = {}
     for name, (field, facts) in fields.items():
