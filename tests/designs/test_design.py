@@ -143,7 +143,7 @@ class TestPlan:
                 TUG,
                 amplitude_rpm=76.0,
                 accuracy_pct=1.0,
-                parameters=["vK_p/tau_n"],
+                parameters=["p"],
                 sensors={name: Noise(0.001, 10.0, accuracy=0.1) for name in ("n_e", "M_g")},
             )
 

@@ -21,9 +21,10 @@ import tempfile
 import time
 from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
+from itertools import count, islice
 from pathlib import Path
 
-from tests.families.draw import FAMILIES
+from tests.families.draw import FAMILIES, draw
 from tests.families.late_windows import LATE_S, agreement
 from tests.families.score import is_known, score, summary, table
 from tests.families.wrong import KINDS
@@ -59,6 +60,9 @@ def main() -> None:
         "--windows", action="store_true", help=f"windows begun {LATE_S} s into the excitation"
     )
     parser.add_argument("--no-matters", action="store_true", help="take every element that is on to matter")
+    parser.add_argument(
+        "--only", choices=["smooth", "limits"], help="ships without a limit of torque or rate, or with one"
+    )
     parser.add_argument("--longest", type=float, help="longest excitation [s], at least 200")
     parser.add_argument("--processes", type=int, default=2)
     parser.add_argument("--limit", type=float, default=600.0, help="seconds a draw")
@@ -66,8 +70,12 @@ def main() -> None:
     options = parser.parse_args()
     families = FAMILIES if options.family == "all" else (options.family,)
     late = LATE_S if options.windows and options.family != "wrong" else (None,)
-    seeds = range(options.seed, options.seed + options.draws)
-    tasks = [(family, seed, late_s) for family in families for seed in seeds for late_s in late]
+    tasks = [
+        (family, seed, late_s)
+        for family in families
+        for seed in chosen(family, options.seed, options.draws, options.only)
+        for late_s in late
+    ]
     began = time.perf_counter()
     out = options.out or ROOT / "target" / "families" / f"{options.family}-{options.mode}-{options.structure}"
     out.mkdir(parents=True, exist_ok=True)
@@ -80,6 +88,16 @@ def main() -> None:
     if options.windows:
         print(agreement(results))
     print(f"\n{len(results)} draws in {time.perf_counter() - began:.0f} s; wrote {out}")
+
+
+def chosen(family, first, draws, only) -> list[int]:
+    """Return the first seeds of a family from one on whose ships are of a kind."""
+    if only is None or family == "wrong":
+        return list(range(first, first + draws))
+    limited = (
+        (seed, bool({"M_max", "rate"} & set(draw(family, seed).truth()["on"]))) for seed in count(first)
+    )
+    return list(islice((seed for seed, has in limited if has == (only == "limits")), draws))
 
 
 def kept(family, seed, late_s, options, out) -> dict:

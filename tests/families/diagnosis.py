@@ -93,17 +93,18 @@ def true_values(truth) -> dict[str, float]:
 def at_truth(fit, truth, elements):
     """Return the likelihood whose parameters are held at the truth, but for nuisances, and its best vector."""
     from shipfp_rs.identification.basins import descend
+    from shipfp_rs.identification.ship_found import likelihood_of
 
     values = true_values(truth)
-    free = replace(fit.question, fixed={}).likelihood(elements, _step_s(fit), fit.between)
+    free = likelihood_of(replace(fit, question=replace(fit.question, fixed={})), elements, "fine")
     held = {name: values[name] for name in free.coordinates.names if name in values and name not in NUISANCES}
     c = replace(
         free.coordinates,
         free={name: free.coordinates.free[name] for name in free.coordinates.names if name not in held},
         given={**free.coordinates.given, **held},
     )
-    likelihood = replace(free, coordinates=c).with_noise_of(fit.likelihood)
-    states = [fit.best.vector[fit.likelihood.coordinates.states(record)] for record in range(c.records)]
+    likelihood = replace(free, coordinates=c)
+    states = fit.likelihood.coordinates.states_at(fit.best.vector)
     end = descend(likelihood, c.vector(values, states))
     if set(elements) & {"torque_limit", "rack_rate"}:
         for _ in range(2):
@@ -115,20 +116,14 @@ def at_truth(fit, truth, elements):
 def begun(fit, truth, elements):
     """Return the likelihood of all that acts, and where a descent from the truth ends."""
     from shipfp_rs.identification.basins import descend
+    from shipfp_rs.identification.ship_found import likelihood_of
 
     held, vector = at_truth(fit, truth, elements)
-    likelihood = replace(fit.question, fixed={}).likelihood(elements, _step_s(fit), fit.between)
+    likelihood = likelihood_of(replace(fit, question=replace(fit.question, fixed={})), elements, "fine")
     likelihood = likelihood.with_noise_of(held)
-    states = [vector[held.coordinates.states(record)] for record in range(held.coordinates.records)]
+    states = held.coordinates.states_at(vector)
     start = likelihood.coordinates.vector(held.coordinates.values(vector), states)
     return likelihood, descend(likelihood, start)
-
-
-def _step_s(fit) -> float:
-    from shipfp_rs.identification.record import STEP_S
-    from shipfp_rs.identification.ship_found import FINE_PART, step_for
-
-    return min(STEP_S, step_for(fit.values, FINE_PART))
 
 
 if __name__ == "__main__":

@@ -6,7 +6,7 @@ import pytest
 import shipfp_rs as fp
 from shipfp_rs.identification.likelihood import ACCURACY, noise_root
 from shipfp_rs.identification.question import question_of
-from shipfp_rs.identification.record import BAND_HZ, LEAST_HZ, _interpolated
+from shipfp_rs.identification.record import BAND_HZ, LEAST_HZ, interpolated
 
 RATE_HZ = 50.0
 
@@ -23,7 +23,7 @@ def recorded(deviation, **provenance):
 
 
 def band_of(deviation):
-    (record,) = question_of([recorded(deviation)]).likelihood((), 0.01, "band-limited").records
+    (record,) = question_of([recorded(deviation)]).likelihood("band-limited").records
     return record.band_hz
 
 
@@ -56,14 +56,14 @@ def test_noise_that_falls_with_the_frequency_is_told_down_to_the_lowest():
 
 def test_the_accuracy_of_a_gauge_comes_with_the_experiment():
     said = recorded(0.01 * np.sin(np.arange(2000.0)), gauge_accuracy={"M_b": 0.01})
-    usual, worse = question_of([said]).likelihood((), 0.01, "band-limited").accuracy
+    usual, worse = question_of([said]).likelihood("band-limited").accuracy
     assert (usual, worse) == (ACCURACY, 0.01)
 
 
 @pytest.mark.parametrize("part", [0.02, 0.1, 0.3, 0.42])
 def test_an_interpolation_keeps_every_sine_of_the_band(part):
     at = np.arange(1000)
-    fine = _interpolated(np.sin(2.0 * np.pi * part * at), 4)
+    fine = interpolated(np.sin(2.0 * np.pi * part * at), 4)
     inside = slice(4 * 100, -4 * 100)
     wanted = np.sin(2.0 * np.pi * part * np.arange(len(fine)) / 4.0)
     assert np.abs(fine - wanted)[inside].max() < 3e-5

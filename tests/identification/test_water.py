@@ -59,7 +59,9 @@ def measured(water, place):
 
 def likelihood_of(water, place, *, limited=True):
     elements = {"torque_limit": limited}
-    likelihood = question_of([measured(water, place)], elements=elements).likelihood((), 0.005, "straight")
+    likelihood = question_of([measured(water, place)], elements=elements).simulated_likelihood(
+        (), 0.005, "straight"
+    )
     c = likelihood.coordinates
     return likelihood, c, c.vector({**OFF, **TRUE})
 

@@ -19,10 +19,11 @@ from shipfp_rs.identification.basins import Basin, descend
 from shipfp_rs.identification.estimate import ALONG, KNOWN, Estimate, Identifiability
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.identification.input_checks import doubts, require_excited
-from shipfp_rs.identification.profiles import NEAR, RISE, TRIES, Figure, Interval, Profiles, figures_of
+from shipfp_rs.identification.likelihood import Figure
+from shipfp_rs.identification.profiles import NEAR, RISE, TRIES, Interval, Profiles, figures_of
 from shipfp_rs.identification.question import BOUNDS, PRIORS, Question
 from shipfp_rs.identification.ship_fit import fit_ship, refined
-from shipfp_rs.identification.ship_found import ShipFit, likelihood_at
+from shipfp_rs.identification.ship_found import ShipFit, likelihood_of
 from shipfp_rs.identification.ship_likelihood import LIMITS
 from shipfp_rs.identification.ship_verdict import element_rows, with_verdict
 from shipfp_rs.identification.usability import SMALL_MISS_PCT
@@ -141,8 +142,7 @@ def intervals_of(
         return fit, {name: fine.symmetric(figure) for name, figure in figures.items()}, []
     possible: list[Array] = []
     for left in reversed(range(RESTARTS + 1)):
-        coarse = likelihood_at(fit.question, fit.elements, fit.values, fit.between)
-        coarse = coarse.with_noise_of(fit.likelihood)
+        coarse = likelihood_of(fit, fit.elements)
         basins = [descend(coarse, one.vector) for one in fit.basins]
         if not np.isfinite([one.cost for one in basins]).all():  # too quick a ship for that step
             coarse, basins = fit.likelihood, list(fit.basins)

@@ -8,7 +8,6 @@ from dataclasses import dataclass, field
 from functools import partial
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
 
 from shipfp_rs.errors import SimulationError
 from shipfp_rs.identification.likelihood import Likelihood, Products, Tangent
@@ -21,14 +20,17 @@ thousandth."""
 MOST_STEPS = 60
 LEAST = 1e-14
 """Damping that keeps a matrix that nothing tells a part of from being singular by rounding."""
-DAMPED, LESS, MORE = 1e-4, 0.15, 8.0
-"""Damping of a descent to begin with, and its factors after a good step and a bad one (Marquardt 1963)."""
+DAMPED, EXACT, LESS, MORE = 1e-4, 1e-6, 0.15, 8.0
+"""Damping of a descent to begin with, the same where derivatives are always exact, and its factors after a good step and a
+bad one (Marquardt 1963)."""
 KEEPS = 0.5
 """Derivatives are kept where a step lowers the deviance by this part of what they promised."""
 MOST_DAMPED = 1e4
 """Damping with which a descent ends: steps a ten-thousandth as long as the gradient's own lead nowhere lower."""
-ROUGH, MIDDLE, FINE = (8, 50.0), (30, 1.0), (MOST_STEPS, SETTLED)
+FIRST, ROUGH, MIDDLE, FINE = (3, 50.0), (8, 50.0), (30, 1.0), (MOST_STEPS, SETTLED)
 """Most steps and least decrease of the descents, from many starts to few minima."""
+FOLLOWED = 8
+"""Starts that are followed after their first steps."""
 MOST_BASINS = 5
 SAME = 4.0
 """Two ends are one minimum where the deviance's curvature puts them less than this apart, two deviations."""
@@ -89,7 +91,8 @@ def descend(
         plain, now = at(x, near)
     except SimulationError:
         return Basin(np.inf, x, False)
-    exact, left, damping = near is None, steps - (near is None), DAMPED
+    exact = near is None or now.tangent is None
+    left, damping = steps - exact, DAMPED if now.tangent is not None else EXACT
     while damping < MOST_DAMPED:
         require_going()
         if until is not None and time.monotonic() > until:
@@ -117,6 +120,11 @@ def descend(
                 if not (done and exact):
                     then = then[0].learnt(plain, went), then[1].learnt(plain, went)
                 x, (plain, now) = x + went, then
+                if now.tangent is None and not done:
+                    left -= 1
+                    if left < 1:
+                        break
+                    continue
                 if good > KEEPS and not (done and exact):
                     exact = False
                     if not done:
@@ -155,14 +163,19 @@ def _computed(
 def _step(now: Products, x: Array, low: Array, high: Array, damping: float) -> Array:
     """Damped Gauss-Newton step within the bounds: what it would push out is held, and the rest solved again."""
     # In units of each entry's own curvature: entries may differ by many orders of magnitude.
-    scale = np.sqrt(np.maximum(np.diag(now.matrix), 1e-30))
-    damped = now.matrix / np.outer(scale, scale) + (damping + LEAST) * np.eye(len(x))
+    scale = np.sqrt(np.maximum(now.matrix.diagonal(), 1e-30))
+    damped = now.matrix / (scale[:, None] * scale)
+    damped.flat[:: len(x) + 1] += damping + LEAST
     downhill = now.downhill / scale
-    step = np.zeros(len(x))
-    free = ~(((x <= low) & (now.downhill < 0.0)) | ((x >= high) & (now.downhill > 0.0)))
+    held = ((x <= low) & (now.downhill < 0.0)) | ((x >= high) & (now.downhill > 0.0))
+    if not held.any():
+        step = np.linalg.solve(damped, downhill) / scale
+        if ((x + step >= low) & (x + step <= high)).all():
+            return step
+    step, free = np.zeros(len(x)), ~held
     for _ in range(4):
-        rest = downhill[free] - damped[np.ix_(free, ~free)] @ (step * scale)[~free]
-        step[free] = cho_solve(cho_factor(damped[np.ix_(free, free)]), rest) / scale[free]
+        rest = downhill[free] - damped[free][:, ~free] @ (step * scale)[~free]
+        step[free] = np.linalg.solve(damped[np.ix_(free, free)], rest) / scale[free]
         out = free & ((x + step < low) | (x + step > high))
         if not out.any():
             break
@@ -186,7 +199,8 @@ def best_basins(
     SimulationError
         Where no start leads to a ship that can be simulated.
     """
-    ends = each(likelihood, starts, until, *ROUGH)
+    ends = each(likelihood, starts, until, *FIRST)[:FOLLOWED]
+    ends = each(likelihood, [end.vector for end in ends], until, *ROUGH)
     if not ends or not np.isfinite(ends[0].cost):
         raise SimulationError("no start leads to a ship that can be simulated")
     ends = distinct(likelihood, ends)[:MOST_BASINS]

@@ -6,6 +6,7 @@ Divided by tau_n the ship's equations are linear in 1 / tau_n, (p - g) / tau_n, 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -13,6 +14,7 @@ from functools import cached_property
 import numpy as np
 
 from shipfp_rs import _core
+from shipfp_rs.identification.likelihood import SMALL, Figure
 from shipfp_rs.structures.ship import INDEX, KERNEL
 from shipfp_rs.support.arrays import Array
 
@@ -33,6 +35,8 @@ SQUARES = ("hold",)
 """Parameters that act by their square, and are searched by it: about zero they would have no slope."""
 RATIOS = ("vK_p", "vK_i")
 """Parameters that are searched over tau_n."""
+MOST_BEHIND, WALL = 0.95, 0.01
+"""Largest part of the inertia that may lie behind a gauge, and how steep the wall at it is."""
 SMALLEST = 1e-3
 """Least of what has a logarithm and a lower bound of none."""
 
@@ -52,12 +56,15 @@ class Coordinates:
     given
         Name to value of what is not searched.
     records
-        Number of records, each with states of its own.
+        Number of records, each with unknowns of its own.
+    unknowns
+        Names of these.
     """
 
     free: Mapping[str, tuple[float, float]]
     given: Mapping[str, float]
     records: int
+    unknowns: tuple[str, ...] = tuple(STATES)
 
     @property
     def state_deviation(self) -> float:
@@ -72,7 +79,7 @@ class Coordinates:
     @cached_property
     def size(self) -> int:
         """Length of a vector."""
-        return len(self.free) + self.records * len(STATES)
+        return len(self.free) + self.records * len(self.unknowns)
 
     def place(self, name: str) -> int:
         """Place of a parameter in a vector."""
@@ -80,14 +87,14 @@ class Coordinates:
 
     def states(self, record: int) -> slice:
         """Places of a record's states."""
-        first = len(self.free) + record * len(STATES)
-        return slice(first, first + len(STATES))
+        first = len(self.free) + record * len(self.unknowns)
+        return slice(first, first + len(self.unknowns))
 
     @cached_property
     def bounds(self) -> tuple[Array, Array]:
         """Bounds of a vector; what is searched as a ratio has wide ones, its own are looked after by the intervals."""
         rows = [self._bounds(name, *self.free[name]) for name in self.free]
-        rows += [(-STATE_REACH, STATE_REACH)] * (self.records * len(STATES))
+        rows += [(-STATE_REACH, STATE_REACH)] * (self.records * len(self.unknowns))
         low, high = np.array(rows).T
         return low, high
 
@@ -103,7 +110,7 @@ class Coordinates:
     def values(self, vector: Array) -> dict[str, float]:
         """Return the parameters in their own units, those given included."""
         values = dict(self.given)
-        for name, x in zip(self.names, vector, strict=False):
+        for name, x in zip(self.names, vector.tolist(), strict=False):
             values[name] = _own(name, x)
         tau = values["tau_n"]
         for name in RATIOS:
@@ -111,12 +118,23 @@ class Coordinates:
                 values[name] *= tau
         if "g" in self.free:
             values["g"] = values["p"] - values["g"] * tau
+        return self.completed(values)
+
+    def completed(self, values: dict[str, float]) -> dict[str, float]:
+        """Return values with the gains that follow from them, where the rack's torque is searched."""
         if "v" in self.free:
             values |= {gain[1:]: values[gain] / values["v"] for gain in RATIOS}
         return values
 
-    def vector(self, values: Mapping[str, float], states: Sequence[Array] = ()) -> Array:
-        """Return the vector of values within the bounds; states are zero unless given."""
+    def states_at(self, vector: Array) -> list[dict[str, float]]:
+        """Return each record's unknowns by name."""
+        return [
+            dict(zip(self.unknowns, vector[self.states(record)].tolist(), strict=True))
+            for record in range(self.records)
+        ]
+
+    def vector(self, values: Mapping[str, float], states: Sequence[Mapping[str, float]] = ()) -> Array:
+        """Return the vector of values within the bounds; a record's unknowns are zero unless given."""
         known = {**self.given, **values}
         tau = known["tau_n"]
         vector = np.zeros(self.size)
@@ -129,7 +147,7 @@ class Coordinates:
             else:
                 vector[place] = value**2 if name in SQUARES else value
         for record, row in enumerate(states):
-            vector[self.states(record)] = row
+            vector[self.states(record)] = [row.get(name, 0.0) for name in self.unknowns]
         return np.clip(vector, *self.bounds)
 
     def slopes(self, values: Mapping[str, float]) -> dict[str, dict[int, float]]:
@@ -146,6 +164,20 @@ class Coordinates:
                 found[name] = {place: -tau} | {at: -slope * tau * one for at, one in by_tau.items()}
                 if "p" in self.free:
                     found[name][self.place("p")] = 1.0
+        return found
+
+    def gradient(self, figure: Figure, vector: Array) -> Array:
+        """Derivative of a figure by a vector, shape (P,)."""
+        found = np.zeros(self.size)
+        values = self.values(vector)
+        for name, by in self.slopes(values).items():
+            step = SMALL * max(1.0, abs(values[name]))
+            up, down = (
+                figure(self.completed({**values, name: values[name] + sign * step})) for sign in (1, -1)
+            )
+            if up != down:
+                for place, slope in by.items():
+                    found[place] += (up - down) / (2.0 * step) * slope
         return found
 
     def kernel(self, values: Mapping[str, float], states: Array) -> Array:
@@ -165,6 +197,22 @@ class Coordinates:
         return vector
 
 
+def wall_row(c: Coordinates, vector: Array) -> Array | None:
+    """Residual and derivatives (1 + P,) of a wall at the largest inertia behind the gauge; None away from it."""
+    values = c.values(vector)
+    behind, whole = values.get("tau_prop", 0.0), values["tau_n"]
+    if behind <= MOST_BEHIND * whole or "tau_prop" not in c.free:
+        return None
+    slopes = c.slopes(values)
+    row = np.zeros(c.size + 1)
+    row[0] = (MOST_BEHIND - behind / whole) / WALL
+    for place, slope in slopes["tau_prop"].items():
+        row[1 + place] += slope / (whole * WALL)
+    for place, slope in slopes.get("tau_n", {}).items():
+        row[1 + place] -= behind * slope / (whole**2 * WALL)
+    return row
+
+
 def _own(name: str, x: float) -> float:
     """A parameter in its own unit, of its entry in a vector."""
-    return float(np.exp(x) if name in LOGARITHMS else np.sqrt(x) if name in SQUARES else x)
+    return math.exp(x) if name in LOGARITHMS else math.sqrt(x) if name in SQUARES else x

@@ -13,6 +13,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from shipfp_rs.identification.record import Record
+from shipfp_rs.identification.spectra import Spectra
 from shipfp_rs.support.arrays import Array, ComplexArray
 
 LOOP_DEAD_TIMES_S = (0.0, 0.02, 0.04, 0.06, 0.08, 0.1, 0.13, 0.16, 0.2, 0.25, 0.3, 0.4)
@@ -21,6 +22,8 @@ LAGS_S = (0.0, 0.03, 0.08, 0.15, 0.3)
 """The grid: as fine as a basin of a 2 Hz loop is wide."""
 LOW_PASS_HZ = 3.0
 """Only slower motions are looked at: that widens the basins (Ha and Welsh 2017)."""
+STRONGEST = 400
+"""Frequencies that a regression takes at most: those at which inputs move most."""
 CORNER = 3.0
 """The equation is divided by jw + this [rad/s], so that noise of fast motions weighs little."""
 APART_S = 0.07
@@ -37,7 +40,9 @@ SHARES = (0.3, 0.6)
 """Parts of the inertia that may lie behind a gauge, tau_prop / tau_n."""
 
 
-def first_guesses(records: Sequence[Record], outputs: Sequence[str], gauge: bool) -> list[dict[str, float]]:
+def first_guesses(
+    records: Sequence[Record | Spectra], outputs: Sequence[str], gauge: bool
+) -> list[dict[str, float]]:
     """Return distinct parameter values to begin with, the best first."""
     return guesses_from([LoopSpectra.of(record, outputs) for record in records], gauge)
 
@@ -124,8 +129,10 @@ class LoopSpectra:
         self.s, self.set_point, self.by_name, self.load = s, set_point, by_name, load
 
     @classmethod
-    def of(cls, record: Record, outputs: Sequence[str]) -> LoopSpectra:
+    def of(cls, record: Record | Spectra, outputs: Sequence[str]) -> LoopSpectra:
         """Return those of a record."""
+        if isinstance(record, Spectra):
+            return cls.of_spectra(record, outputs)
         every = record.stride * record.down
         count = record.decimated.shape[1]
         inputs = [record.u - 1.0, *([record.load] if len(record.load) else [])]
@@ -146,6 +153,20 @@ class LoopSpectra:
         sinc = np.sinc(record.frequency_hz[kept] * every / record.rate_hz)
         seen = np.asarray(divided * seen / sinc)
         return cls(np.asarray(s, dtype=complex), seen[0], data, seen[1] if len(seen) > 1 else None)
+
+    @classmethod
+    def of_spectra(cls, record: Spectra, outputs: Sequence[str]) -> LoopSpectra:
+        """Return those of spectra, at the frequencies at which inputs move most."""
+        inputs = record.inputs()
+        power = np.sum([np.abs(record.frequency_hz * row) for row in inputs if row is not None], axis=0)
+        allowed = (record.frequency_hz > 0.0) & (record.frequency_hz <= LOW_PASS_HZ)
+        kept = np.sort(np.argsort(np.where(allowed, -power, np.inf))[: min(STRONGEST, allowed.sum())])
+        s = np.asarray(2j * np.pi * record.frequency_hz[kept])
+        divided = 1.0 / (s + CORNER)
+        data = {name: divided * row[kept] for name, row in zip(outputs, record.spectrum, strict=True)}
+        set_point, load = (None if row is None else divided * row[kept] for row in inputs)
+        assert set_point is not None
+        return cls(s, set_point, data, load)
 
     @classmethod
     def of_response(cls, frequency_hz: Array, responses: Mapping[str, ComplexArray]) -> LoopSpectra:

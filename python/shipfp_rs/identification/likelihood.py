@@ -7,7 +7,7 @@ errors of each output's response, amplitude and phase, an octave wide, of the si
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple, Protocol, Self
@@ -29,6 +29,13 @@ FLOOR = 1e-3
 """Least of that matrix, over its median."""
 WHITE = 1e-3
 """Noise over the operating point before any was estimated."""
+SMALL = 1e-6
+"""Step of a difference, over a value or one."""
+
+Slopes = Mapping[str, Mapping[int, float]]
+"""Derivatives of the parameters by the places of a vector: {parameter: {place: slope}}."""
+Figure = Callable[[Mapping[str, float]], float]
+"""What follows from the parameters."""
 
 
 class Tangent(NamedTuple):
@@ -47,12 +54,15 @@ class Products(NamedTuple):
     cost: float
     downhill: Array
     matrix: Array
-    tangent: Tangent
-    left: tuple[Array, Array]
+    tangent: Tangent | None = None
+    """None: exact at each vector, and as quick as the deviance alone."""
+    left: tuple[Array, Array] = (np.empty(0), np.empty(0))
     """Residuals in units of the noise (R,), and the same with smooth errors taken out."""
 
     def learnt(self, before: Products, step: Array) -> Products:
         """Return them with derivatives that agree with the step that led here (Broyden 1965, doi:10.2307/2003941)."""
+        if self.tangent is None:
+            return self
         rows, matrix = self.tangent
         moved = [was - now for was, now in zip(before.left, self.left, strict=True)]
         scale = np.maximum(np.diag(matrix), 1e-30)
@@ -109,11 +119,17 @@ class Space(Protocol):
     def values(self, vector: Array) -> dict[str, float]:
         """Return the parameters in their own units, those given included."""
 
-    def vector(self, values: Mapping[str, float], states: Sequence[Array] = ()) -> Array:
+    def states_at(self, vector: Array) -> list[dict[str, float]]:
+        """Return each record's own unknowns by name."""
+
+    def vector(self, values: Mapping[str, float], states: Sequence[Mapping[str, float]] = ()) -> Array:
         """Return the vector of values within the bounds."""
 
     def slopes(self, values: Mapping[str, float]) -> dict[str, dict[int, float]]:
         """Derivatives of the parameters by the places of a vector."""
+
+    def gradient(self, figure: Figure, vector: Array) -> Array:
+        """Derivative of a figure by a vector, shape (P,)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -263,27 +279,25 @@ class Likelihood:
         assert self.roots is not None
         return sum(map(spread_of, self.roots))
 
-    def prior_rows(self, vector: Array) -> Array:
-        """Residuals and derivatives of the priors, in units of their deviations, shape (K, 1 + P)."""
-        values = self.coordinates.values(vector)
-        slopes = self.coordinates.slopes(values)
-        rows = []
-        for name, (mean, deviation) in self.priors.items():
-            found = {place: slope / deviation for place, slope in slopes.get(name, {}).items()}
-            rows.append(self._row((mean - values[name]) / deviation, found))
-        deviation = self.coordinates.state_deviation
-        rows += [
-            self._row(-vector[place] / deviation, {place: 1.0 / deviation})
-            for place in range(len(self.coordinates.free), len(vector))
-        ]
-        return np.array(rows).reshape(-1, len(vector) + 1)
+    def prior_rows(
+        self, vector: Array, values: Mapping[str, float] | None = None, slopes: Slopes | None = None
+    ) -> Array:
+        """Residuals and derivatives of the priors, in units of their deviations, shape (K, 1 + P).
 
-    def _row(self, residual: float, by: Mapping[int, float]) -> Array:
-        row = np.zeros(self.coordinates.size + 1)
-        row[0] = residual
-        for place, slope in by.items():
-            row[1 + place] = slope
-        return row
+        Parameters and their derivatives may be given where they are known.
+        """
+        c = self.coordinates
+        values = c.values(vector) if values is None else values
+        slopes = c.slopes(values) if slopes is None else slopes
+        first, own = len(self.priors), len(c.free)
+        rows = np.zeros((first + len(vector) - own, len(vector) + 1))
+        for row, (name, (mean, deviation)) in zip(rows, self.priors.items(), strict=False):
+            row[0] = (mean - values[name]) / deviation
+            for place, slope in slopes.get(name, {}).items():
+                row[1 + place] = slope / deviation
+        rows[first:, 0] = -vector[own:] / c.state_deviation
+        rows[first:, 1 + own :][np.diag_indices(len(vector) - own)] = 1.0 / c.state_deviation
+        return rows
 
     def root(self, record: int) -> Numbers:
         """Root of the inverse spectral matrix of a record's noise; a guess before any was estimated."""
@@ -292,6 +306,10 @@ class Likelihood:
     def _white(self, spectra: Numbers, record: int) -> Array:
         """Spectra (W, O, F) in units of the noise, as rows of real numbers (W, R)."""
         return real_rows(turned(self.root(record), spectra))
+
+    def in_units_of_noise(self, spectra: Numbers, record: int) -> Array:
+        """Spectra (O, F) of a record in units of its noise, as real numbers (R,)."""
+        return np.asarray(self._white(spectra[None], record)[0])
 
     def with_noise(self, vector: Array) -> Self:
         """Return the likelihood whose noise is that of the residuals at a vector, water's part included."""
@@ -308,16 +326,23 @@ class Likelihood:
         """Return the likelihood with the noise of another one of the same records."""
         return replace(self, roots=other.roots, responses=other.responses)
 
+    def knots(self) -> Array:
+        """Octaves at which smooth errors have sizes of their own, (K,)."""
+        least = min(record.frequency_hz[1] for record in self.records)
+        most = max(record.frequency_hz[-1] for record in self.records)
+        return np.arange(np.log2(least), np.log2(most) + OCTAVE, OCTAVE)
+
+    def hats(self, frequency_hz: Array) -> Array:
+        """Weights by which sizes at the knots make the error at each frequency, (K, F)."""
+        octaves = np.log2(np.maximum(frequency_hz, 1e-9))
+        return np.asarray(np.maximum(1.0 - np.abs(octaves - self.knots()[:, None]) / OCTAVE, 0.0))
+
     @cached_property
     def _shapes(self) -> tuple[Numbers, ...]:
         """For each record the shapes of the smooth errors in units of their prior deviation, (E, O, F)."""
-        least = min(record.frequency_hz[1] for record in self.records)
-        most = max(record.frequency_hz[-1] for record in self.records)
-        knots = np.arange(np.log2(least), np.log2(most) + OCTAVE, OCTAVE)
-        found = []
+        knots, found = self.knots(), []
         for record, response in zip(self.records, self.responses, strict=True):
-            octaves = np.log2(np.maximum(record.frequency_hz, 1e-9))
-            hats = np.maximum(1.0 - np.abs(octaves - knots[:, None]) / OCTAVE, 0.0)
+            hats = self.hats(record.frequency_hz)
             shapes = np.zeros((len(self.accuracy), 2, len(knots), *response.shape), complex)
             for output, accuracy in enumerate(self.accuracy):
                 shapes[output, 0, :, output] = accuracy * hats * response[output]
@@ -380,4 +405,30 @@ def noise_root(residual: Numbers, unsure: Numbers | float = 0.0) -> Numbers:
     matrix = 0.5 * np.moveaxis(smooth * shape[:, None] * shape[None], -1, 0)
     diagonal = np.arange(outputs)
     matrix[:, diagonal, diagonal] += FLOOR * np.median(matrix[:, diagonal, diagonal].real, axis=0) + 1e-18
-    return np.asarray(np.linalg.inv(np.linalg.cholesky(matrix)))
+    return _inverse_root(matrix)
+
+
+def _inverse_root(matrix: Numbers) -> Numbers:
+    """Inverse of the Cholesky factor of matrices (F, O, O), a lower triangle.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        Where one is not positive definite.
+    """
+    size = matrix.shape[1]
+    root, found = np.zeros_like(matrix), np.zeros_like(matrix)
+    for a in range(size):
+        for b in range(a + 1):
+            rest = matrix[:, a, b] - np.sum(root[:, a, :b] * root[:, b, :b].conj(), axis=1)
+            if a == b:
+                if not (rest.real > 0.0).all():
+                    raise np.linalg.LinAlgError("a spectral matrix is not positive definite")
+                root[:, a, a] = np.sqrt(rest.real)
+            else:
+                root[:, a, b] = rest / root[:, b, b]
+        found[:, a, a] = 1.0 / root[:, a, a]
+        for b in range(a):
+            along = np.sum(root[:, a, b:a] * found[:, b:a, b], axis=1)
+            found[:, a, b] = -along * found[:, a, a]
+    return found

@@ -6,7 +6,7 @@ where the deviance has risen by the quantile. Profiles start from every basin th
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from operator import itemgetter
@@ -15,7 +15,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from shipfp_rs.identification.basins import Basin, descend
-from shipfp_rs.identification.likelihood import Likelihood, Tangent
+from shipfp_rs.identification.likelihood import Figure, Likelihood, Tangent
 from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.threads import where_alone
 
@@ -32,11 +32,8 @@ SHRINK, SHRUNK = 0.15, 0.01
 """Where bounds hold a figure back its scale is reduced by the one, to no less than the other."""
 FURTHER = 1.3
 """Most that an end is led beyond the last point inside, over that point's distance."""
-SMALL = 1e-6
 ROUNDING, STRAIGHT = 1e-13, 1e-9
 """Least curvature of a direction over the entries' own: what rounding leaves, and what a profile goes straight along."""
-
-Figure = Callable[[Mapping[str, float]], float]
 
 
 @dataclass(frozen=True)
@@ -92,16 +89,7 @@ class Profiles:
 
     def gradient(self, figure: Figure, vector: Array) -> Array:
         """Derivative of a figure by a vector, shape (P,)."""
-        c = self.likelihood.coordinates
-        low, high = c.bounds
-        found = np.zeros(c.size)
-        for place in range(len(c.free)):
-            step = SMALL * max(1.0, abs(vector[place]))
-            up, down = vector.copy(), vector.copy()
-            up[place] = min(vector[place] + step, high[place])
-            down[place] = max(vector[place] - step, low[place])
-            found[place] = (figure(c.values(up)) - figure(c.values(down))) / (up[place] - down[place])
-        return found
+        return self.likelihood.coordinates.gradient(figure, vector)
 
     def covariance(self, basin: Basin, moving: Array | None = None, least: float = ROUNDING) -> Array:
         """Covariance about a point whose entries on bounds that press are held, but for those that move, shape (P, P).
@@ -211,7 +199,7 @@ class Profiles:
         scale: float,
         x: Array,
         way: Array,
-        near: Tangent,
+        near: Tangent | None,
         visited: Sequence[Basin],
     ) -> Basin:
         """The least deviance with a figure at a target, from x, and from another point visited where that is high."""
@@ -243,7 +231,9 @@ class Profiles:
         spread = float(slope @ covariance @ slope)
         return covariance @ slope / spread if spread > 0.0 else otherwise
 
-    def _held(self, start: Array, figure: Figure, target: float, deviation: float, near: Tangent) -> Basin:
+    def _held(
+        self, start: Array, figure: Figure, target: float, deviation: float, near: Tangent | None
+    ) -> Basin:
         stiffness = STIFF / deviation
 
         def penalty(vector: Array) -> tuple[float, Array]:

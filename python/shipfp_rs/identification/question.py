@@ -3,22 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Container, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from shipfp_rs import _core
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment
-from shipfp_rs.identification.coordinates import Coordinates
+from shipfp_rs.identification.coordinates import STATES, Coordinates
+from shipfp_rs.identification.equation_likelihood import UNKNOWNS, EquationLikelihood
 from shipfp_rs.identification.input_checks import is_loaded, set_point_moves
-from shipfp_rs.identification.likelihood import ACCURACY, Likelihood
+from shipfp_rs.identification.likelihood import ACCURACY
 from shipfp_rs.identification.record import Between, Record
-from shipfp_rs.identification.ship_likelihood import ShipLikelihood
+from shipfp_rs.identification.ship_likelihood import LIMITS, ShipLikelihood
+from shipfp_rs.identification.spectra import Spectra
 from shipfp_rs.structures.elements import ELEMENTS
 from shipfp_rs.structures.outputs import Torque
 from shipfp_rs.structures.ship import ShipEquations
 from shipfp_rs.structures.structure import Structure
+from shipfp_rs.support.arrays import Array
 
 LAW_DEVIATION = 0.25
 """Prior deviation of c_2, the second-order coefficient of the load's law beside N^p: a fifth of what N^2.2 has itself, as
@@ -70,6 +73,8 @@ OF_SIGNALS: Mapping[str, str] = {
     "E_n": "dE",
 }
 """Outputs that may be asked for by the names of their signals."""
+RACK_OFFSET = "rack offset"
+"""A record's unknown that only a measured rack has."""
 KERNEL_OUTPUTS = {"dn": "dn", "dX": "dX", "dE": "dE"}
 TRIED: Mapping[str, tuple[str, ...]] = {
     "torque_limit": ("M_max", "M_soft"),
@@ -139,8 +144,21 @@ class Question:
         said = [one.gauge_accuracy.get(self.signal_in(one, output), ACCURACY) for one in self.experiments]
         return self.accuracy.get(output, max(said))
 
-    def likelihood(self, elements: Sequence[str], step_s: float, between: Between | None) -> Likelihood:
-        """Return the likelihood of the ship with some of the elements tried."""
+    @property
+    def is_smooth(self) -> bool:
+        """Whether the ship has two equations in measured signals: no limit acts, and the speed is the engine's."""
+        names = {*self.always, *(name for name, value in self.fixed.items() if value)}
+        own = self.structure is not None and self.structure.settings["propeller_speed"]
+        twisted = "tau_twist" in names and "dM" not in self.outputs
+        return not (own or twisted or names & LIMITS or set(self.outputs) - set(_core.EQUATION_OUTPUTS))
+
+    def _measured(self, experiment: Experiment) -> Array:
+        return np.array(
+            [experiment.normalised(self.signal_in(experiment, output)) for output in self.outputs]
+        )
+
+    def coordinates(self, elements: Sequence[str], unknowns: tuple[str, ...]) -> Coordinates:
+        """Return the coordinates of the ship with some of the elements tried, and a record's own unknowns."""
         names = [*self.always, *(name for element in elements for name in TRIED[element])]
         if "tau_twist" in names and "tau_prop" not in names:
             names.append("tau_prop")
@@ -148,29 +166,50 @@ class Question:
         given = {"c_2": 0.0, "p": 2.0, "T_d": 0.0, "T_set": 0.0, "tau_act": 0.0, "tau_prop": 0.0} | dict(
             self.fixed
         )
-        records = tuple(
-            Record.of(
-                one,
-                np.array([one.normalised(self.signal_in(one, output)) for output in self.outputs]),
-                load=self.loaded,
-                between=between,
-                step_s=step_s,
-            )
-            for one in self.experiments
+        given = {name: value for name, value in given.items() if name not in free}
+        return Coordinates(free, given, len(self.experiments), unknowns)
+
+    def _priors(self, free: Container[str]) -> dict[str, tuple[float, float]]:
+        every = {**PRIORS, **WIDE, **self.priors}
+        return {name: prior for name, prior in every.items() if name in free or name == "g"}
+
+    def likelihood(self, between: Between | None) -> EquationLikelihood:
+        """Return the likelihood of the smooth ship, whose set points run so between their samples."""
+        unknowns = tuple(name for name in UNKNOWNS if name != RACK_OFFSET or "dX" in self.outputs)
+        coordinates = self.coordinates((), unknowns)
+        return EquationLikelihood(
+            records=tuple(
+                Spectra.of(one, self.outputs, self._measured(one), load=self.loaded, between=between)
+                for one in self.experiments
+            ),
+            coordinates=coordinates,
+            gauge=self.gauge,
+            accuracy=np.array([self._accuracy(output) for output in self.outputs]),
+            priors=self._priors(coordinates.free),
         )
+
+    def with_elements(self, likelihood: EquationLikelihood, elements: Sequence[str]) -> EquationLikelihood:
+        """Return the likelihood of the same records with some of the elements tried."""
+        coordinates = self.coordinates(elements, likelihood.coordinates.unknowns)
+        return replace(likelihood, coordinates=coordinates, priors=self._priors(coordinates.free))
+
+    def simulated_likelihood(
+        self, elements: Sequence[str], step_s: float, between: Between | None
+    ) -> ShipLikelihood:
+        """Return the likelihood of the ship with some of the elements tried, limits among them, by simulation."""
+        coordinates = self.coordinates(elements, tuple(STATES))
         kernel = {**KERNEL_OUTPUTS, "dM": "dM_g" if self.gauge else "dM_b"}
         if self.structure is not None and self.structure.settings["propeller_speed"]:
             kernel["dn"] = "dn_prop"
         return ShipLikelihood(
-            records=records,
-            coordinates=Coordinates(free, {n: v for n, v in given.items() if n not in free}, len(records)),
+            records=tuple(
+                Record.of(one, self._measured(one), load=self.loaded, between=between, step_s=step_s)
+                for one in self.experiments
+            ),
+            coordinates=coordinates,
             outputs=tuple(_core.SHIP_OUTPUTS.index(kernel[output]) for output in self.outputs),
             accuracy=np.array([self._accuracy(output) for output in self.outputs]),
-            priors={
-                name: prior
-                for name, prior in {**PRIORS, **WIDE, **self.priors}.items()
-                if name in free or name in ("g",)
-            },
+            priors=self._priors(coordinates.free),
         )
 
 
@@ -233,7 +272,8 @@ def question_of(
             always += [parameter.name for parameter in element.parameters if parameter.name not in always]
     if known.get("T_d") == 0.0:
         known.setdefault("hold", 0.0)  # a share of nothing
-    tried = tuple(name for name in TRIED if name not in elements)
+    # A twist shows between speed and torque.
+    tried = tuple(name for name in TRIED if name not in elements and (name != "twist" or "dM" in outputs))
     if "tau_twist" in always and "tau_prop" not in always:
         always.append("tau_prop")
     return Question(

@@ -111,11 +111,11 @@ class Record:
         rate_hz = experiment.rate_hz
         u, loads = 1.0 + experiment.dn_set, experiment.normalised("M_load") if load else np.empty(0)
         seen_hz = min(band_hz, 0.4 * rate_hz)
-        excited_hz = _excited_hz([u, loads], rate_hz, seen_hz)
+        top_hz = excited_hz([u, loads], rate_hz, seen_hz)
         held = between == "held" or experiment.hold == "zero"
         smooth = experiment.is_low_passed if between is None else between == "band-limited"
         # Samples that a step leaves out, but none of those that the decimated data keep.
-        down = _down(rate_hz, seen_hz)
+        down = down_of(rate_hz, seen_hz)
         # A step keeps its instant.
         thin = (
             1
@@ -132,7 +132,7 @@ class Record:
         stride, substeps = 1, fine
         if smooth and not held:
             # Straight lines between fine samples are near what a low-pass leaves between coarse ones.
-            u, loads = (_sharpened(_interpolated(values, fine)) for values in (u, loads))
+            u, loads = (_sharpened(interpolated(values, fine)) for values in (u, loads))
             stride, substeps = fine, 1
         if experiment.duration < SHORTEST_S:
             raise InputError(
@@ -150,13 +150,13 @@ class Record:
             measured=measured,
             data_hz=rate_hz,
             seen_hz=seen_hz,
-            band_hz=excited_hz,
+            band_hz=top_hz,
         )
 
     @cached_property
     def down(self) -> int:
         """Samples of the data between two that are kept."""
-        return _down(self.data_hz, self.seen_hz)
+        return down_of(self.data_hz, self.seen_hz)
 
     @cached_property
     def taps(self) -> Array:
@@ -226,7 +226,7 @@ class Record:
 
     def driven_by(self, water: Array) -> Record:
         """Return the record with what moving water adds to the load's torque, at the decimated data's rate, shape (K,)."""
-        fine = _interpolated(water, self.stride * self.down)
+        fine = interpolated(water, self.stride * self.down)
         count = len(self.u)
         fine = np.pad(fine, (0, max(count - len(fine), 0)), mode="edge")[:count]
         return replace(self, load=np.ascontiguousarray(fine + self.load if self.load.size else fine))
@@ -256,7 +256,7 @@ class Record:
         return seen[..., : len(self._kept[2])]
 
 
-def _down(rate_hz: float, seen_hz: float) -> int:
+def down_of(rate_hz: float, seen_hz: float) -> int:
     """Samples of data at a rate between two that are kept: three or more a period of the highest frequency seen."""
     return max(1, int(rate_hz / (3.0 * seen_hz) + 1e-9))
 
@@ -274,7 +274,7 @@ def _thinned(values: Array, factor: int) -> Array:
     return np.where(torn, np.nan, found)
 
 
-def _excited_hz(inputs: Sequence[Array], rate_hz: float, most_hz: float) -> float:
+def excited_hz(inputs: Sequence[Array], rate_hz: float, most_hz: float) -> float:
     """Return the frequency [Hz] up to which the inputs have `EXCITED` of their power times frequency, at most `most_hz`."""
     found = LEAST_HZ
     for one in inputs:
@@ -293,7 +293,7 @@ def _excited_hz(inputs: Sequence[Array], rate_hz: float, most_hz: float) -> floa
     return min(found, most_hz)
 
 
-def _interpolated(values: Array, factor: int) -> Array:
+def interpolated(values: Array, factor: int) -> Array:
     """Samples of a band-limited signal at `factor` times its rate, at its ends as they were."""
     if factor == 1 or not len(values):
         return values

@@ -14,6 +14,7 @@ import numpy as np
 
 from shipfp_rs.errors import IdentificationError, SimulationError
 from shipfp_rs.identification.basins import ALIKE, LIKELY, best_basins, descend, distinct, each, settle
+from shipfp_rs.identification.equation_likelihood import EquationLikelihood
 from shipfp_rs.identification.first_guesses import first_guesses
 from shipfp_rs.identification.likelihood import Likelihood
 from shipfp_rs.identification.question import Question
@@ -24,15 +25,17 @@ from shipfp_rs.identification.ship_found import (
     ROUGH_PART,
     ROUGH_STEP_S,
     ShipFit,
-    likelihood_at,
-    rough_likelihood,
+    likelihood_of,
     step_for,
 )
+from shipfp_rs.identification.ship_likelihood import ShipLikelihood
 from shipfp_rs.identification.trials import with_elements
 from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.progress import part, tell
 
 DELAYS = {"T_d", "T_set", "tau_act"}
+WAYS: tuple[Between, ...] = ("band-limited", "straight", "held")
+"""Courses of a set point between its samples, where processing did not low-pass it."""
 REDIVIDED, MORE = 3, 2
 """How often delays are parted otherwise at most, and how many new ends go down to their minima each time."""
 
@@ -92,25 +95,27 @@ def smooth_ship(
     undecided = any(one.hold == "first" and not one.is_low_passed for one in question.experiments)
     fit = first_look(question, "band-limited" if undecided else None, starts=starts, seed=seed, until=until)
     tell("searching the smooth ship", 0.3)
-    found = _at_the_step_of_the_search(fit, fit.between, until)
-    ways: tuple[Between, ...] = ("straight", "held") if undecided else ()
-    for place, way in enumerate(ways):
-        tell(f"trying a set point that runs {way} between its samples", 0.5 + 0.25 * place)
-        other = _at_the_step_of_the_search(replace(fit, basins=fit.basins[:1]), way, until)
-        if other.best.cost < found.best.cost - 1.0:
-            found = _at_the_step_of_the_search(fit, way, until)
-    return found
+    if not undecided:
+        return _corrected(fit, fit.between, until)
+    totals: dict[Between | None, float] = {}
+    for place, way in enumerate(WAYS):
+        tell(f"trying a set point that runs {way} between its samples", 0.3 + 0.2 * place)
+        end = _corrected(replace(fit, basins=fit.basins[:1]), way, until)
+        totals[way] = end.likelihood.total(end.best.vector)
+    return _corrected(fit, min(WAYS, key=lambda way: totals[way]), until)
 
 
-def _at_the_step_of_the_search(fit: ShipFit, between: Between | None, until: float | None) -> ShipFit:
-    """Go down to the minima once more, the set point run so between its samples.
+def _corrected(fit: ShipFit, between: Between | None, until: float | None) -> ShipFit:
+    """Go down to the minima once more: set points run so between their samples, gaps filled and images taken off.
 
     Raises
     ------
     IdentificationError
         Where none can be simulated.
     """
-    likelihood = likelihood_at(fit.question, (), fit.values, between).with_noise_of(fit.likelihood)
+    likelihood = likelihood_of(fit, (), between=between)
+    if isinstance(likelihood, EquationLikelihood) and between == fit.between:
+        likelihood = likelihood.corrected(fit.best.vector)
     basins = distinct(likelihood, [descend(likelihood, one.vector, until=until) for one in fit.basins])
     if not basins:
         raise IdentificationError("identify: the ship found can't be simulated at a fine step")
@@ -121,7 +126,11 @@ def _begun(
     question: Question, between: Between | None, starts: int, seed: int | None
 ) -> tuple[Likelihood, list[Array]]:
     """Return the likelihood of first descents and the vectors that they begin at."""
-    likelihood = question.likelihood((), COARSE_STEP_S, between)
+    likelihood: EquationLikelihood | ShipLikelihood
+    if question.is_smooth:
+        likelihood = question.likelihood(between)
+    else:
+        likelihood = question.simulated_likelihood((), COARSE_STEP_S, between)
     guesses = first_guesses(likelihood.records, question.outputs, question.gauge)
     drawn: list[dict[str, float]] = []
     if question.structure is not None:
@@ -131,9 +140,9 @@ def _begun(
             {one.name: one.start if one.fixed else one.drawn(random) for one in own}
             for _ in range(starts - 1)
         ]
-    # A loop that is drawn may be too quick for any step.
-    step_s = min(step_for(guess, ROUGH_PART, ROUGH_STEP_S) for guess in guesses)
-    likelihood = question.likelihood((), step_s, between)
+    if not question.is_smooth:  # a loop that is drawn may be too quick for any step
+        step_s = min(step_for(guess, ROUGH_PART, ROUGH_STEP_S) for guess in guesses)
+        likelihood = question.simulated_likelihood((), step_s, between)
     return likelihood, [
         likelihood.coordinates.vector({"c_2": 0.0, **DEFAULTS, **guess}) for guess in (*guesses, *drawn)
     ]
@@ -148,8 +157,8 @@ def with_other_delays(fit: ShipFit, until: float | None = None) -> ShipFit:
         c = fit.likelihood.coordinates
         if len(DELAYS & set(c.free)) < 2:
             break
-        best, rough = fit.best, rough_likelihood(fit, fit.elements)
-        states = [best.vector[c.states(record)] for record in range(c.records)]
+        best, rough = fit.best, likelihood_of(fit, fit.elements, "rough")
+        states = c.states_at(best.vector)
         starts = [c.vector({**fit.values, **parts}, states) for parts in _redivided(fit.values)]
         known = each(rough, [one.vector for one in fit.basins], until, 3, 1.0)
         ends = distinct(rough, [*known, *each(rough, starts, until, 10, 5.0)])
@@ -180,8 +189,7 @@ def _redivided(values: Mapping[str, float]) -> list[dict[str, float]]:
 
 def refined(fit: ShipFit, until: float | None = None) -> ShipFit:
     """Go down once more at the fine step, with the noise of the end."""
-    likelihood = likelihood_at(fit.question, fit.elements, fit.values, fit.between, fine=True)
-    likelihood = likelihood.with_noise_of(fit.likelihood)
+    likelihood = likelihood_of(fit, fit.elements, "fine")
     ends = distinct(likelihood, [descend(likelihood, one.vector, until=until) for one in fit.basins])
     if not ends:
         raise IdentificationError("identify: the ship found can't be simulated at a fine step")

@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 
 from shipfp_rs.identification.basins import Basin
+from shipfp_rs.identification.equation_likelihood import EquationLikelihood
 from shipfp_rs.identification.likelihood import Likelihood
 from shipfp_rs.identification.question import TRIED, Question
 from shipfp_rs.identification.record import STEP_S, Between
 from shipfp_rs.structures.elements import ELEMENTS
 
+Grade = Literal["rough", "search", "fine"]
+LIMITED = {"torque_limit", "rack_rate"}
+"""Elements that have no closed form: a ship with one is simulated."""
 ROUGH_STEP_S = 0.04
 """Longest step of descents from many starts [s]."""
 COARSE_STEP_S = 0.01
@@ -54,6 +59,11 @@ class ShipFit:
         return self.basins[0]
 
     @property
+    def is_smooth(self) -> bool:
+        """Whether the likelihood is that of the two equations."""
+        return isinstance(self.likelihood, EquationLikelihood)
+
+    @property
     def values(self) -> dict[str, float]:
         """Parameters at the best minimum."""
         return self.likelihood.coordinates.values(self.best.vector)
@@ -70,23 +80,38 @@ class ShipFit:
         return frozenset(names - set(self.question.always))
 
 
-def likelihood_at(
-    question: Question,
+def likelihood_of(
+    fit: ShipFit,
     elements: Sequence[str],
-    values: Mapping[str, float],
-    between: Between | None,
-    *,
-    fine: bool = False,
+    grade: Grade = "search",
+    between: Between | Literal["same"] | None = "same",
 ) -> Likelihood:
-    """Return the likelihood of a ship whose loop is about as quick as that of these values; fine: of the last descent."""
-    step_s = min(STEP_S, step_for(values, FINE_PART)) if fine else step_for(values, PART)
-    return question.likelihood(elements, step_s, between)
+    """Return the likelihood of a fit's ship with some of the elements tried, under the fit's noise.
 
-
-def rough_likelihood(fit: ShipFit, elements: Sequence[str]) -> Likelihood:
-    """Return the likelihood of a ship with these elements, for first descents at a coarse step; its noise is a fit's."""
-    step_s = step_for(fit.values, ROUGH_PART, ROUGH_STEP_S)
-    return fit.question.likelihood(elements, step_s, fit.between).with_noise_of(fit.likelihood)
+    Parameters
+    ----------
+    fit, elements
+        What was found, and the elements that act.
+    grade
+        Of what is simulated the step: "rough" for first descents, "search", or "fine" for the last descent.
+    between
+        How the set points run between their samples; "same": as in the fit.
+    """
+    way = fit.between if between == "same" else between
+    question, likelihood = fit.question, fit.likelihood
+    if isinstance(likelihood, EquationLikelihood) and not LIMITED & set(elements):
+        if way != fit.between:
+            assert way is not None
+            records = tuple(record.running(way) for record in likelihood.records)
+            likelihood = replace(likelihood, records=records).corrected(fit.best.vector)
+        return question.with_elements(likelihood, elements)
+    part, longest_s = {
+        "rough": (ROUGH_PART, ROUGH_STEP_S),
+        "search": (PART, COARSE_STEP_S),
+        "fine": (FINE_PART, STEP_S),
+    }[grade]
+    found = question.simulated_likelihood(elements, step_for(fit.values, part, longest_s), way)
+    return found if isinstance(likelihood, EquationLikelihood) else found.with_noise_of(likelihood)
 
 
 def step_for(values: Mapping[str, float], part: float, longest_s: float = COARSE_STEP_S) -> float:

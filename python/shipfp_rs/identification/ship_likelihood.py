@@ -11,15 +11,13 @@ import numpy as np
 
 from shipfp_rs import _core
 from shipfp_rs.errors import SimulationError
-from shipfp_rs.identification.coordinates import STATES, Coordinates
-from shipfp_rs.identification.likelihood import Likelihood, noise_root, spread_of
+from shipfp_rs.identification.coordinates import STATES, Coordinates, wall_row
+from shipfp_rs.identification.likelihood import Likelihood, Slopes, noise_root, spread_of
 from shipfp_rs.identification.record import Record
 from shipfp_rs.identification.water import beyond_the_law, moving_water
 from shipfp_rs.structures.ship import INDEX, KERNEL
 from shipfp_rs.support.arrays import Array, ComplexArray
 
-MOST_BEHIND, WALL = 0.95, 0.01
-"""Largest part of the inertia that may lie behind a gauge, and how steep the wall at it is."""
 TORQUES = ("dM_b", "dM_g")
 """The kernel's torques."""
 TORQUE_PLACES = [_core.SHIP_OUTPUTS.index(name) for name in TORQUES]
@@ -134,18 +132,13 @@ class ShipLikelihood(Likelihood):
             )
         return found
 
-    def prior_rows(self, vector: Array) -> Array:
+    def prior_rows(
+        self, vector: Array, values: Mapping[str, float] | None = None, slopes: Slopes | None = None
+    ) -> Array:
         """Those of all models, and a wall: the inertia behind the gauge is a part of the whole."""
-        rows = super().prior_rows(vector)
-        values = self.coordinates.values(vector)
-        behind, whole = values.get("tau_prop", 0.0), values["tau_n"]
-        if behind <= MOST_BEHIND * whole or "tau_prop" not in self.coordinates.free:
-            return rows
-        slopes = self.coordinates.slopes(values)
-        by = {place: slope / (whole * WALL) for place, slope in slopes["tau_prop"].items()}
-        for place, slope in slopes.get("tau_n", {}).items():
-            by[place] = by.get(place, 0.0) - behind * slope / (whole**2 * WALL)
-        return np.vstack([rows, self._row((MOST_BEHIND - behind / whole) / WALL, by)])
+        rows = super().prior_rows(vector, values, slopes)
+        wall = wall_row(self.coordinates, vector)
+        return rows if wall is None else np.vstack([rows, wall])
 
     def with_noise_of(self, other: Likelihood) -> Self:
         """Return the likelihood with the noise and the water of another one of the same records."""

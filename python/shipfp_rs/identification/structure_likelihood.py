@@ -11,7 +11,15 @@ import numpy as np
 from scipy.stats import t as student
 
 from shipfp_rs.errors import SimulationError
-from shipfp_rs.identification.likelihood import ACCURACY, Likelihood, noise_root, real_rows, spread_of
+from shipfp_rs.identification.likelihood import (
+    ACCURACY,
+    SMALL,
+    Figure,
+    Likelihood,
+    noise_root,
+    real_rows,
+    spread_of,
+)
 from shipfp_rs.identification.structure_records import Evaluated, Response, Seen, Spectra
 from shipfp_rs.structures.structure import Parameter, Structure
 from shipfp_rs.support.arrays import Array, Numbers
@@ -100,14 +108,21 @@ class StructureCoordinates:
             found[name] = float(np.clip(np.exp(x), low, high)) if name in self.logarithmic else float(x)
         return self.structure.complete(found)
 
-    def vector(self, values: Mapping[str, float], states: Sequence[Array] = ()) -> Array:
+    def states_at(self, vector: Array) -> list[dict[str, float]]:
+        """Return each record's unknowns by name."""
+        return [
+            dict(zip(names, vector[self.states(record)].tolist(), strict=True))
+            for record, names in enumerate(self.unknowns)
+        ]
+
+    def vector(self, values: Mapping[str, float], states: Sequence[Mapping[str, float]] = ()) -> Array:
         """Return the vector of values within the bounds; records' unknowns are zero unless given."""
         vector = np.zeros(self.size)
         for place, name in enumerate(self.names):
             value = values[name]
             vector[place] = np.log(max(value, self.free[name][0])) if name in self.logarithmic else value
         for record, row in enumerate(states):
-            vector[self.states(record)] = row
+            vector[self.states(record)] = [row.get(name, 0.0) for name in self.unknowns[record]]
         return np.clip(vector, *self.bounds)
 
     def slopes(self, values: Mapping[str, float]) -> dict[str, dict[int, float]]:
@@ -116,6 +131,18 @@ class StructureCoordinates:
             name: {place: values[name] if name in self.logarithmic else 1.0}
             for place, name in enumerate(self.names)
         }
+
+    def gradient(self, figure: Figure, vector: Array) -> Array:
+        """Derivative of a figure by a vector, tied parameters included, shape (P,)."""
+        low, high = self.bounds
+        found = np.zeros(self.size)
+        for place in range(len(self.free)):
+            step = SMALL * max(1.0, abs(vector[place]))
+            up, down = vector.copy(), vector.copy()
+            up[place] = min(vector[place] + step, high[place])
+            down[place] = max(vector[place] - step, low[place])
+            found[place] = (figure(self.values(up)) - figure(self.values(down))) / (up[place] - down[place])
+        return found
 
 
 @dataclass(frozen=True, eq=False)

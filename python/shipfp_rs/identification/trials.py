@@ -13,10 +13,18 @@ import numpy as np
 
 from shipfp_rs.identification.basins import LIKELY, Basin, descend, distinct, each, settle
 from shipfp_rs.identification.likelihood import Likelihood
+from shipfp_rs.identification.limits import falls_by_limits
 from shipfp_rs.identification.question import TRIED
-from shipfp_rs.identification.ship_found import BELIEVED, DEFAULTS, ShipFit, likelihood_at, rough_likelihood
+from shipfp_rs.identification.ship_found import (
+    BELIEVED,
+    DEFAULTS,
+    LIMITED,
+    PART,
+    ShipFit,
+    likelihood_of,
+    step_for,
+)
 from shipfp_rs.structures.elements import ELEMENTS
-from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.progress import tell
 
 CHANCE = 6.0
@@ -34,8 +42,13 @@ taken for too small."""
 
 def with_elements(fit: ShipFit, until: float | None) -> ShipFit:
     """Return the fit with the limits that the data ask for, one after the other, and a twist unless it ends off."""
-    gains: dict[str, float] = {}
-    limits = [element for element in fit.question.tried if element != "twist"]
+    smooth, gains = fit, dict[str, float]()
+    limits = [element for element in fit.question.tried if element in LIMITED]
+    if limits and fit.is_smooth:
+        tell("looking for limits", 0.0)
+        gains = falls_by_limits(fit)
+        limits = [element for element in limits if gains[element] > LEAST_FALL[element]]
+        fit = _simulated(fit, until) if limits else fit
     if limits:
         likelihood, best = settle(fit.likelihood, fit.best, until)
         others = [descend(likelihood, one.vector, until=until) for one in fit.basins[1:]]
@@ -59,6 +72,8 @@ def with_elements(fit: ShipFit, until: float | None) -> ShipFit:
             break
         fit = taken
         limits.remove(element)
+    if smooth.is_smooth and not fit.elements:
+        fit = smooth
     if "twist" in fit.question.tried:
         tell(f"trying {ELEMENTS['twist'].words}", 0.8)
         found = _trial(fit, fit.likelihood, "twist", until)
@@ -67,6 +82,19 @@ def with_elements(fit: ShipFit, until: float | None) -> ShipFit:
             if gains["twist"] > CHANCE:
                 fit = replace(_taken(fit, "twist", *found, until), stiff=fit)
     return replace(fit, gains=gains)
+
+
+def _simulated(fit: ShipFit, until: float | None) -> ShipFit:
+    """Return the fit of a smooth ship by simulation, as limits need it."""
+    c = fit.likelihood.coordinates
+    step_s = step_for(fit.values, PART)
+    likelihood = fit.question.simulated_likelihood((), step_s, fit.between)
+    starts = [
+        likelihood.coordinates.vector(c.values(one.vector), c.states_at(one.vector)) for one in fit.basins[:2]
+    ]
+    likelihood = likelihood.with_noise(starts[0])
+    basins = distinct(likelihood, [descend(likelihood, start, until=until) for start in starts])
+    return replace(fit, likelihood=likelihood, basins=tuple(basins)) if basins else fit
 
 
 def _taken(fit: ShipFit, element: str, likelihood: Likelihood, end: Basin, until: float | None) -> ShipFit:
@@ -86,16 +114,16 @@ def _trial(
     if not starts:
         return None
     elements = (*fit.elements, element)
-    rough = rough_likelihood(fit, elements).with_noise_of(before)
+    rough = likelihood_of(fit, elements, "rough").with_noise_of(before)
     c = rough.coordinates
     vectors = [c.vector({**DEFAULTS, **values}, states) for values, states in starts]
     ends = each(rough, sorted(vectors, key=rough.cost)[:KEPT], until, 8, 10.0)
-    bare = rough_likelihood(fit, fit.elements).with_noise_of(before)
+    bare = likelihood_of(fit, fit.elements, "rough").with_noise_of(before)
     without = descend(bare, fit.best.vector, steps=3, until=until)
     ends = [end for end in ends[:2] if end.cost < without.cost + LIKELY]
     if not ends:
         return None
-    likelihood = likelihood_at(fit.question, elements, fit.values, fit.between).with_noise_of(before)
+    likelihood = likelihood_of(fit, elements).with_noise_of(before)
     best = each(likelihood, [end.vector for end in ends], until, 40, 0.1)[0]
     low, high = c.bounds
     place = c.place(TRIED[element][0])
@@ -103,11 +131,13 @@ def _trial(
     return (likelihood, best) if np.isfinite(best.cost) and not stands_in else None
 
 
-def _starts(fit: ShipFit, element: str, basin: Basin) -> list[tuple[dict[str, float], list[Array]]]:
+def _starts(
+    fit: ShipFit, element: str, basin: Basin
+) -> list[tuple[dict[str, float], list[dict[str, float]]]]:
     """Values to begin with: from the record's own plateaus and steepest slopes."""
     c = fit.likelihood.coordinates
     values = c.values(basin.vector)
-    states = [basin.vector[c.states(record)] for record in range(c.records)]
+    states = c.states_at(basin.vector)
     if element == "twist":
         behind = values["tau_prop"] if fit.question.gauge else max(values["tau_prop"], 0.3 * values["tau_n"])
         return [

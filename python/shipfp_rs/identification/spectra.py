@@ -1,0 +1,329 @@
+"""Spectra of a record: all that the two equations of a ship need of an experiment, computed once.
+
+A taper w and an operator H do not commute: F[w (H x)] = sum_k (-1)^k / k! H^(k)(s) F[w^(k) x]. So each signal has a spectrum
+with the taper and with each of its first three derivatives, which are exact.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+from scipy.fft import irfft, prev_fast_len, rfft
+from scipy.signal import firwin, upfirdn
+
+from shipfp_rs import _core
+from shipfp_rs.errors import InputError
+from shipfp_rs.experiments.experiment import Experiment
+from shipfp_rs.identification.record import BAND_HZ, SHORTEST_S, Between, down_of, excited_hz
+from shipfp_rs.structures.transfer import TransferFunctions
+from shipfp_rs.support.arrays import Array, ComplexArray
+
+ORDERS: int = _core.EQUATION_ORDERS
+"""Orders of the taper's derivatives that count, the taper itself included."""
+EDGE_S, BEFORE_S = 3.0, 2.0
+"""Time over which a record fades in and out [s], and time before it that is left out: dead times carry into it what went
+on before the record began."""
+GRID_S = 0.05
+"""Distance of the delays that a signal is moved by before it is tapered [s]; a series does the rest."""
+TAPS_A_SAMPLE, PASSED, WINDOW_80_DB = 24, 0.43, ("kaiser", 9.0)
+"""Length and end of the low-pass before a decimation, over the decimated interval and rate."""
+RISE = np.polynomial.Polynomial([0, 0, 0, 0, 35, -84, 70, -20])
+"""Edge of the taper: from 0 to 1 with three continuous derivatives."""
+PAD_S = 6.0
+"""Stretch before and behind a signal that is moved by a delay [s]."""
+IMAGES = {"held": 24, "straight": 4}
+"""Multiples of the sample rate on either side about which images of a set point count."""
+
+AT_ONCE = 1e4
+"""Frequency over the sample rate at which a response is that to a jump at once."""
+
+
+@dataclass(frozen=True, eq=False)
+class Spectra:
+    """Signals of an experiment as tapered spectra.
+
+    Parameters
+    ----------
+    name, outputs
+        The experiment's name; its outputs, "dn", "dM" or "dX".
+    set_point, load
+        Deviation of the set point (N,) and of a measured load (N,) or (0,).
+    measured
+        Normalised deviations of the outputs (O, N), NaN where masked.
+    data_hz, seen_hz, band_hz
+        Rate of the data, highest frequency that the low-pass keeps and highest that is compared [Hz].
+    between
+        How the set point runs between its samples.
+    model
+        Model's outputs (O, N) in place of masked samples; None: lines between their neighbours.
+    images
+        What the outputs (O, N) show of the set point's images about multiples of the sample rate; None: not known yet.
+    """
+
+    name: str
+    outputs: tuple[str, ...]
+    set_point: Array
+    load: Array
+    measured: Array
+    data_hz: float
+    seen_hz: float
+    band_hz: float
+    between: Between
+    model: Array | None = None
+    images: Array | None = None
+    _delayed: dict[tuple[str, float], Array] = field(default_factory=dict, repr=False)
+    _low_passed: dict[str, Array] = field(default_factory=dict, repr=False)
+
+    @classmethod
+    def of(
+        cls,
+        experiment: Experiment,
+        outputs: tuple[str, ...],
+        measured: Array,
+        *,
+        load: bool = False,
+        between: Between | None = None,
+    ) -> Spectra:
+        """Make an experiment ready; see `Spectra` and `record.Record.of`.
+
+        Raises
+        ------
+        InputError
+            Where the record is too short for a spectrum.
+        """
+        if experiment.duration < SHORTEST_S:
+            raise InputError(
+                f"experiment {experiment.name!r}: {experiment.duration:.3g} s, expected {SHORTEST_S:g} s or more; "
+                "take a longer window, or give a structure and noise='white'"
+            )
+        set_point = np.asarray(experiment.dn_set, dtype=float)
+        loads = experiment.normalised("M_load") if load else np.empty(0)
+        seen_hz = min(BAND_HZ, 0.4 * experiment.rate_hz)
+        if between is None:
+            held = experiment.hold == "zero"
+            between = "band-limited" if experiment.is_low_passed else "held" if held else "straight"
+        return cls(
+            name=experiment.name,
+            outputs=outputs,
+            set_point=set_point,
+            load=loads,
+            measured=measured,
+            data_hz=experiment.rate_hz,
+            seen_hz=seen_hz,
+            band_hz=excited_hz([set_point, loads], experiment.rate_hz, seen_hz),
+            between=between,
+        )
+
+    @cached_property
+    def down(self) -> int:
+        """Samples of the data between two that are kept."""
+        return down_of(self.data_hz, self.seen_hz)
+
+    @property
+    def rate_hz(self) -> float:
+        """Rate of the decimated data [Hz]."""
+        return self.data_hz / self.down
+
+    @cached_property
+    def count(self) -> int:
+        """Decimated samples; the transform is quick at this number."""
+        return int(prev_fast_len(-(-self.measured.shape[1] // self.down), real=True))
+
+    @cached_property
+    def frequency_hz(self) -> Array:
+        """Frequencies that are compared [Hz], from the mean at 0 on, shape (F,)."""
+        frequency = np.fft.rfftfreq(self.count, 1.0 / self.rate_hz)
+        return np.asarray(frequency[: np.searchsorted(frequency, self.band_hz, side="right")])
+
+    @property
+    def spacing(self) -> float:
+        """Distance of the frequencies [rad/s]."""
+        return 2.0 * np.pi * self.rate_hz / self.count
+
+    @cached_property
+    def padded(self) -> int:
+        """Number of frequencies, padded to whole blocks of the kernel."""
+        block = _core.EQUATION_BLOCK
+        return -(-len(self.frequency_hz) // block) * block
+
+    @cached_property
+    def masked(self) -> npt.NDArray[np.bool_]:
+        """What the data have not, shape (N, O)."""
+        return np.ascontiguousarray(np.isnan(self.measured).T)
+
+    @cached_property
+    def tapers(self) -> Array:
+        """The taper and its time derivatives, shape (ORDERS, K)."""
+        at = np.arange(self.count) / self.rate_hz
+        up, down = (at - BEFORE_S) / EDGE_S, (at[-1] - at) / EDGE_S
+        rows = [RISE(np.clip(np.minimum(up, down), 0.0, 1.0))]
+        for order in range(1, ORDERS):
+            slope = RISE.deriv(order)
+            rising, falling = (np.where((x > 0.0) & (x < 1.0), slope(x), 0.0) for x in (up, down))
+            rows.append((rising + (-1.0) ** order * falling) / EDGE_S**order)
+        return np.array(rows)
+
+    def tapered(self, signal: Array, orders: int = ORDERS) -> ComplexArray:
+        """Return spectra of a decimated signal (K,) with each order of the taper, shape (orders, F)."""
+        found = rfft(signal * self.tapers[:orders], axis=-1)[:, : len(self.frequency_hz)]
+        found /= np.sqrt(0.5 * self.count)
+        # The mean is a real number, with twice the variance of either part of the others.
+        found[:, 0] *= np.sqrt(0.5)
+        return np.asarray(found)
+
+    def low_passed(self, signals: Array) -> Array:
+        """Low-pass and decimate signals (..., N), shape (..., K)."""
+        if self.down == 1:
+            return signals[..., : self.count]
+        taps = firwin(
+            TAPS_A_SAMPLE * self.down + 1, PASSED * self.rate_hz, window=WINDOW_80_DB, fs=self.data_hz
+        )
+        half = len(taps) // 2
+        wide = np.pad(signals, [(0, 0)] * (signals.ndim - 1) + [(half, half + self.down)], mode="edge")
+        return np.asarray(upfirdn(taps, wide, axis=-1)[..., 2 * half :: self.down][..., : self.count])
+
+    @cached_property
+    def whole(self) -> Array:
+        """The data (O, N) without images; masked samples are the model's, led to the data on both sides, or on lines."""
+        measured = self.measured if self.images is None else self.measured - self.images
+        if not self.masked.any():
+            return measured
+        base = np.zeros_like(self.measured) if self.model is None else self.model
+        samples, rows = np.arange(measured.shape[1]), []
+        for row, model, gaps in zip(measured, base, self.masked.T, strict=True):
+            rows.append(np.interp(samples, samples[~gaps], (row - model)[~gaps]) + model)
+        return np.array(rows)
+
+    @cached_property
+    def decimated(self) -> Array:
+        """The data behind the low-pass, without images, shape (O, K)."""
+        if self.masked.any():
+            return self.low_passed(self.whole)
+        low = self._once("measured", self.measured)
+        return low if self.images is None else low - self.images[:, :: self.down][:, : self.count]
+
+    def _once(self, name: str, signals: Array) -> Array:
+        """Signals behind the low-pass, computed once for all records of the same data."""
+        if name not in self._low_passed:
+            self._low_passed[name] = self.low_passed(signals)
+        return self._low_passed[name]
+
+    @cached_property
+    def spectrum(self) -> ComplexArray:
+        """Spectra of the data, shape (O, F)."""
+        return np.array([self.tapered(row, 1)[0] for row in self.decimated])
+
+    def in_time(self, spectra: ComplexArray) -> Array:
+        """Return tapered signals of spectra (..., F) at the decimated rate, shape (..., K)."""
+        spectra = spectra * np.sqrt(0.5 * self.count)
+        spectra[..., 0] *= np.sqrt(2.0)
+        return np.asarray(irfft(spectra, self.count, axis=-1))
+
+    @cached_property
+    def _set_point_low(self) -> Array:
+        return self._once("set point", self.set_point)
+
+    @property
+    def _speed_low(self) -> Array:
+        return np.asarray(self.decimated[self.outputs.index("dn")])
+
+    @cached_property
+    def signals(self) -> Array:
+        """Spectra as the kernel takes them, shape (7, ORDERS, 2, padded)."""
+        named = dict(zip(self.outputs, self.decimated, strict=True))
+        speed = named["dn"]
+        rows = {
+            "N": speed,
+            "M": named.get("dM"),
+            "X": named.get("dX"),
+            "load": self.low_passed(self.load) if len(self.load) else None,
+            "N2": speed**2,
+            "N3": speed**3,
+            "one": np.ones_like(speed),
+        }
+        found = np.zeros((len(_core.EQUATION_SIGNALS), ORDERS, 2, self.padded))
+        for index, name in enumerate(_core.EQUATION_SIGNALS):
+            if rows[name] is not None:
+                found[index] = self._laid_out(self.tapered(rows[name]))
+        return found
+
+    def _laid_out(self, spectra: ComplexArray) -> Array:
+        """Spectra (ORDERS, F) as real and imaginary parts, signs of the orders included, (ORDERS, 2, padded)."""
+        found = np.zeros((ORDERS, 2, self.padded))
+        signed = spectra * (-1.0) ** np.arange(ORDERS)[:, None]
+        found[:, 0, : spectra.shape[1]], found[:, 1, : spectra.shape[1]] = signed.real, signed.imag
+        return found
+
+    def delayed(self, signal: Literal["speed", "set point"], delay_s: float) -> tuple[Array, float]:
+        """Return a signal late by a delay of the grid, (ORDERS, 2, padded), and the rest of the delay [s]."""
+        steps = round(delay_s / GRID_S)
+        if (signal, steps) not in self._delayed:
+            row = self._speed_low if signal == "speed" else self._set_point_low
+            pad = int(PAD_S * self.rate_hz)
+            wide = np.pad(row, pad, mode="edge")
+            line = np.linspace(wide[0], wide[-1], len(wide))
+            frequency, moved = np.fft.rfftfreq(len(wide), 1.0 / self.rate_hz), steps * GRID_S
+            turned = rfft(wide - line) * np.exp(-2j * np.pi * frequency * moved)
+            per_second = (wide[-1] - wide[0]) / (len(wide) - 1) * self.rate_hz
+            late = irfft(turned, len(wide)) + line - per_second * moved
+            spectra = self.tapered(late[pad : pad + len(row)])
+            if signal == "set point":
+                spectra = spectra * self._between_samples(self.frequency_hz)
+            self._delayed[signal, steps] = self._laid_out(spectra)
+        return self._delayed[signal, steps], delay_s - steps * GRID_S
+
+    def inputs(self) -> tuple[ComplexArray, ComplexArray | None]:
+        """Return the spectra (F,) of the set point, and of the load where one was measured."""
+        set_point = self.tapered(self._set_point_low, 1)[0] * self._between_samples(self.frequency_hz)
+        return set_point, self.tapered(self.low_passed(self.load), 1)[0] if len(self.load) else None
+
+    def _between_samples(self, frequency_hz: Array) -> ComplexArray:
+        """What the course of the set point between its samples makes of their spectrum, (F,)."""
+        at = frequency_hz / self.data_hz
+        if self.between == "held":
+            return np.asarray(np.sinc(at) * np.exp(-1j * np.pi * at))
+        return np.asarray((np.sinc(at) ** 2 if self.between == "straight" else np.ones_like(at)) + 0j)
+
+    def corrected(self, values: Mapping[str, float], gauge: bool, model: Array | None) -> Spectra:
+        """Return the record without the set point's images, a model's outputs (O, N) in place of masked samples.
+
+        A set point that is held or runs straight between its samples has images about multiples of the sample rate. They
+        come back through the closed loop and, where the data are not low-passed, fold into the band.
+        """
+        images = None if self.between == "band-limited" else self._images(values, gauge)
+        return replace(self, model=model, images=images, _delayed={})
+
+    def running(self, between: Between) -> Spectra:
+        """Return the record whose set point runs otherwise between its samples, without corrections."""
+        return replace(self, between=between, model=None, images=None, _delayed={})
+
+    def _images(self, values: Mapping[str, float], gauge: bool) -> Array:
+        """What the outputs show of the set point's images, (O, N)."""
+        pad = int(PAD_S * self.data_hz)
+        wide = np.pad(self.set_point, pad, mode="edge")
+        frequency = np.fft.rfftfreq(len(wide), 1.0 / self.data_hz)
+        loop = TransferFunctions(self.outputs, gauge, "engine")
+        known = {**values, "p": values["p"] + values.get("damping", 0.0)}
+        answer = np.zeros((len(self.outputs), len(frequency)), complex)
+        kept = frequency <= 1.25 * self.band_hz
+        most = IMAGES[self.between]
+        for multiple in (*range(-most, 0), *range(1, most + 1)):
+            about = frequency[kept] + multiple * self.data_hz
+            one = loop.response(known, np.abs(about), ())[0]
+            answer[:, kept] += (one if multiple > 0 else one.conj()) * self._between_samples(about)
+        # At multiples themselves the images of the mean have no power.
+        answer[:, 0] = 0.0
+        found = irfft(answer * rfft(wide), len(wide), axis=-1)
+        found = found[:, pad : pad + len(self.set_point)]
+        late_s = sum(values.get(name, 0.0) for name in ("T_d", "T_set", "tau_act"))
+        if self.between == "held" and late_s < 0.5 / (most * self.data_hz):
+            # A sample at a jump shows what comes after it, a Fourier sum the mean of both.
+            at_once = {**known, "T_d": 0.0, "T_set": 0.0, "tau_act": 0.0}
+            jump = loop.response(at_once, np.array([AT_ONCE * self.data_hz]), ())[0].real
+            found = found + 0.5 * jump * np.diff(self.set_point, prepend=self.set_point[0])
+        return np.asarray(found)

@@ -1,0 +1,172 @@
+"""The two equations beside the stepper, at the truth and without noise.
+
+    python -m tests.identification.parity
+
+For each ship and set point: what is left of speed and torque, over the signal. Images are taken off records that are not
+low-passed, and gaps are filled by the model.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+import shipfp_rs as fp
+from shipfp_rs import _core
+from shipfp_rs.identification.question import question_of
+from shipfp_rs.identification.ship_found import DEFAULTS
+from shipfp_rs.structures.ship import INDEX, KERNEL
+
+SHIP = {
+    "tau_n": 1.2,
+    "g": -0.5,
+    "vK_p": 4.5,
+    "vK_i": 10.0,
+    "p": 2.15,
+    "tau_prop": 0.38,
+    "T_d": 0.07,
+    "T_set": 0.3,
+}
+FINE_HZ = 1000.0
+BARE = {"tau_act": 0.0, "c_2": 0.0, "T_M": 0.0, "hold": 0.0, "T_d": 0.0, "T_set": 0.0}
+
+
+@dataclass(frozen=True)
+class Case:
+    """A ship, what it is driven by, and how it is recorded."""
+
+    amplitude: float = 0.06
+    own: Mapping[str, float] = field(default_factory=dict)
+    seconds: float = 300.0
+    rate_hz: float = 50.0
+    between: str = "band-limited"
+    gap_s: float = 0.0
+    gauge: bool = True
+    excitation: str = "chirp"
+
+
+CASES = {
+    **{f"amplitude {a:g}": Case(a) for a in (0.03, 0.06, 0.1, 0.15)},
+    "brake": Case(gauge=False),
+    "lag": Case(own={"tau_act": 0.1}),
+    "hold": Case(own={"hold": 1.0, "T_d": 0.15}),
+    "curvature": Case(own={"c_2": 0.4}),
+    "damping": Case(own={"damping": 0.5}),
+    "derivative": Case(own={"vK_d": 0.2}),
+    "late torque": Case(own={"T_M": 0.02}),
+    "late speed": Case(own={"T_n": 0.02}),
+    "twist": Case(own={"tau_twist": 0.004, "zeta_twist": 0.5}),
+    "dead times at their bounds": Case(own={"T_d": 0.6, "T_set": 2.0, "vK_p": 1.5, "vK_i": 1.0}),
+    "24 s": Case(seconds=24.0),
+    "steps": Case(excitation="steps"),
+    "straight, 50 Hz": Case(between="straight"),
+    "straight, 50 Hz, lag": Case(between="straight", own={"tau_act": 0.05}),
+    "held, 50 Hz": Case(between="held"),
+    "held, 50 Hz, lag": Case(between="held", own={"tau_act": 0.05}),
+    "straight, 20 Hz": Case(between="straight", rate_hz=20.0),
+    "straight, 20 Hz, lag": Case(between="straight", rate_hz=20.0, own={"tau_act": 0.05}),
+    "held, 20 Hz": Case(between="held", rate_hz=20.0),
+    "held, 20 Hz, lag 0.02 s": Case(between="held", rate_hz=20.0, own={"tau_act": 0.02}),
+    "held, 20 Hz, lag 0.1 s": Case(between="held", rate_hz=20.0, own={"tau_act": 0.1}),
+    "held, 20 Hz, brake": Case(between="held", rate_hz=20.0, gauge=False),
+    **{f"gaps of {gap:g} s": Case(gap_s=gap) for gap in (0.02, 0.2, 2.0)},
+}
+
+
+def excitation(case: Case, t: np.ndarray) -> np.ndarray:
+    """Deviation of the set point."""
+    if case.excitation == "steps":
+        return case.amplitude * np.sign(np.sin(2 * np.pi * t / 24.0))
+    first, last = max(0.004, 1.0 / case.seconds), 4.0
+    growth = np.log(last / first) / case.seconds
+    return case.amplitude * np.sin(2 * np.pi * first * np.expm1(growth * t) / growth)
+
+
+def simulated(case: Case) -> tuple[dict[str, float], fp.Experiment]:
+    """Return truth and record of a case."""
+    truth = {**SHIP, **case.own}
+    every = round(FINE_HZ / case.rate_hz)
+    count = round(case.seconds * case.rate_hz)
+    fine = np.arange(count * every) / FINE_HZ
+    coarse = excitation(case, np.arange(count) / case.rate_hz)
+    if case.between == "band-limited":
+        u = excitation(case, fine)
+    elif case.between == "straight":
+        u = np.interp(fine, np.arange(count) / case.rate_hz, coarse)
+    else:
+        u = np.repeat(coarse, every)
+    hold = "zero" if case.between == "held" else "first"
+    parameters = np.array(_core.SHIP_OFF)
+    parameters[INDEX["v"]] = 1.0
+    for name, value in truth.items():
+        parameters[INDEX[KERNEL.get(name, name)]] = value
+    torque = "dM_g" if case.gauge else "dM_b"
+    outputs = [_core.SHIP_OUTPUTS.index(name) for name in ("dn", torque)]
+    y = _core.simulate_ship(parameters, 1.0 + u, np.empty(0), 1.0 / FINE_HZ, 2, hold, outputs)
+    if case.between == "band-limited" and case.excitation != "chirp":
+        taps = fp_low_pass(case.rate_hz)
+        u, *y = (np.convolve(np.pad(row, len(taps) // 2, mode="edge"), taps, "valid") for row in (u, *y))
+        coarse = np.asarray(u)[::every]
+    speed, moment = (1.0 + np.asarray(row)[::every] for row in y)
+    if case.gap_s:
+        length = max(1, round(case.gap_s * case.rate_hz))
+        for start in np.linspace(0.1, 0.9, 8) * count:
+            moment[int(start) : int(start) + length] = np.nan
+            speed[int(start + count / 20) : int(start + count / 20) + length] = np.nan
+    name = "M_g" if case.gauge else "M_b"
+    signals = {"n_set": (1.0 + coarse) * 1000.0, "n_e": speed * 1000.0, name: moment * 1000.0}
+    point = {"n_set": 1000.0, "n_e": 1000.0, name: 1000.0}
+    return truth, fp.Experiment("parity", case.rate_hz, signals, operating_point=point, hold=hold)
+
+
+def fp_low_pass(rate_hz: float) -> np.ndarray:
+    """Low-pass of a record whose set point jumps."""
+    from scipy.signal import firwin
+
+    return np.asarray(firwin(1001, 0.4 * rate_hz, window=("kaiser", 9.0), fs=FINE_HZ))
+
+
+def left(case: Case) -> dict[str, float]:
+    """Return what the two equations leave of each output at the truth, over its signal."""
+    truth, experiment = simulated(case)
+    fixed = {"damping": truth["damping"]} if "damping" in truth else {}
+    question = question_of(
+        [experiment],
+        torque="gauge" if case.gauge else "brake",
+        elements={
+            name: True
+            for name in ("derivative", "damping", "late_speed", "twist")
+            if ELEMENT[name] & set(case.own)
+        },
+        fixed=fixed,
+    )
+    likelihood = question.likelihood(case.between)
+    vector = likelihood.coordinates.vector({**DEFAULTS, **BARE, "vK_d": 0.0, "T_n": 0.0, **truth})
+    likelihood = likelihood.corrected(vector)
+    record, residual = likelihood.records[0], likelihood.residuals(vector)[0]
+    return {
+        output: float(np.linalg.norm(row) / np.linalg.norm(record.spectrum[index, 1:]))
+        for index, (output, row) in enumerate(zip(record.outputs, residual, strict=True))
+    }
+
+
+ELEMENT = {
+    "derivative": {"vK_d"},
+    "damping": {"damping"},
+    "late_speed": {"T_n"},
+    "twist": {"tau_twist"},
+}
+
+
+def main() -> None:
+    """Print the table."""
+    print(f"{'case':30} {'speed':>9} {'torque':>9}")
+    for name, case in CASES.items():
+        row = left(case)
+        print(f"{name:30} {row['dn']:9.1e} {row['dM']:9.1e}", flush=True)
+
+
+if __name__ == "__main__":
+    main()
