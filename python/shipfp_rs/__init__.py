@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from shipfp_rs.frequency import FrequencyResponse as FrequencyResponse
     from shipfp_rs.identification.fingerprint import Fingerprint as Fingerprint
     from shipfp_rs.identification.identify import identify as identify
+    from shipfp_rs.identification.load_side import load_side as load_side
     from shipfp_rs.logs.log import Log as Log
     from shipfp_rs.processing.process import process as process
     from shipfp_rs.processing.trial import Trial as Trial
@@ -63,6 +64,7 @@ _WHERE = {
     "design": "designs",
     "identify": "identification.identify",
     "linearise": "vessel.linear_model",
+    "load_side": "identification.load_side",
     "process": "processing.process",
     "read_experiments": "experiments.parquet",
     "simulate": "simulation.simulate",

@@ -69,6 +69,19 @@ def require_excited(experiments: Sequence[Experiment]) -> None:
         _require_torque_sign(experiment)
 
 
+def require_plausible(experiments: Sequence[Experiment]) -> None:
+    """Refuse experiments whose channels can't be what they are called, whether or not the speed follows its set point.
+
+    Raises
+    ------
+    InputError
+        One line for the first finding: an operating point that is off, or a torque that stands still.
+    """
+    for experiment in experiments:
+        _require_operating_point(experiment)
+        _require_moving_torque(experiment)
+
+
 def _swing(experiment: Experiment) -> float:
     return max(float(np.std(experiment.dn_set)), _load_swing(experiment))
 
