@@ -16,7 +16,7 @@ import numpy as np
 from shipfp_rs import _core
 from shipfp_rs.identification.likelihood import SMALL, Figure
 from shipfp_rs.structures.ship import INDEX, KERNEL
-from shipfp_rs.support.arrays import Array
+from shipfp_rs.support.arrays import Array, Values
 
 STATES = {
     "initial dn": "initial_N",
@@ -195,6 +195,15 @@ class Coordinates:
         for (name, kernel), value in zip(STATES.items(), states, strict=True):
             vector[INDEX[kernel]] = value + (name in ("initial dn", "torque scale"))
         return vector
+
+
+def loop_of(values: Values) -> dict[str, float]:
+    """Return parameters as transfer functions take them: damping as part of p, gains not times v where that is known."""
+    found = {**values, "p": values["p"] + values.get("damping", 0.0)}
+    for gain in ("vK_p", "vK_i", "vK_d"):
+        if "v" in found and gain in found:
+            found[gain[1:]] = found.pop(gain) / found["v"]
+    return found
 
 
 def wall_row(c: Coordinates, vector: Array) -> Array | None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from shipfp_rs.identification.coordinates import loop_of
 from shipfp_rs.identification.equation_likelihood import EquationLikelihood
 from shipfp_rs.identification.ship_found import LIMITED, ShipFit
 from shipfp_rs.identification.spectra import Spectra
@@ -81,7 +82,7 @@ def _rate_limited(signal: Array, most: float) -> Array:
 def _answer(values: Values, record: Spectra, fit: ShipFit, torque: Array) -> ComplexArray:
     """How the outputs (O, F) of a record answer to a torque on the engine's side (K,)."""
     s = 1j * np.maximum(2.0 * np.pi * record.frequency_hz, SLOWEST)
-    known = {**values, "p": values["p"] + values.get("damping", 0.0), "tau_twist": 0.0}
+    known = {**loop_of(values), "tau_twist": 0.0}
     loop = TransferFunctions(record.outputs, fit.question.gauge, "engine")
     speed = record.tapered(torque, 1)[0] * s / loop.characteristic(known, s)
     behind = known.get("tau_prop", 0.0) if fit.question.gauge else known["tau_n"]

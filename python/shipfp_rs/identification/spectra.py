@@ -19,6 +19,7 @@ from scipy.signal import firwin, upfirdn
 from shipfp_rs import _core
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment
+from shipfp_rs.identification.coordinates import loop_of
 from shipfp_rs.identification.record import BAND_HZ, SHORTEST_S, Between, down_of, excited_hz
 from shipfp_rs.structures.transfer import TransferFunctions
 from shipfp_rs.support.arrays import Array, ComplexArray
@@ -41,6 +42,12 @@ IMAGES = {"held": 24, "straight": 4}
 
 AT_ONCE = 1e4
 """Frequency over the sample rate at which a response is that to a jump at once."""
+SLOW_PACE, QUICK_PACE = 5.0, 16.0
+"""Paces of loops [rad/s]: above the first a record may be shorter than `SHORTEST_S`, above the second the band is wider."""
+WHOLE_EDGES_S = 24.0
+"""Length from which on edges are whole; those of a shorter record are shorter in proportion [s]."""
+PACES, DEAD_TIMES_S, STRONGEST = np.geomspace(1.0, 400.0, 32), np.arange(0.0, 0.6, 0.02), 300
+"""First-order loops [rad/s] behind dead times that a speed's answer is held against, at so many frequencies."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,14 +103,16 @@ class Spectra:
         InputError
             Where the record is too short for a spectrum.
         """
-        if experiment.duration < SHORTEST_S:
-            raise InputError(
-                f"experiment {experiment.name!r}: {experiment.duration:.3g} s, expected {SHORTEST_S:g} s or more; "
-                "take a longer window, or give a structure and noise='white'"
-            )
         set_point = np.asarray(experiment.dn_set, dtype=float)
         loads = experiment.normalised("M_load") if load else np.empty(0)
-        seen_hz = min(BAND_HZ, 0.4 * experiment.rate_hz)
+        pace = _pace(set_point, measured[outputs.index("dn")], experiment.rate_hz)
+        least_s = SHORTEST_S * min(SLOW_PACE / max(pace, SLOW_PACE), 1.0)
+        if experiment.duration < least_s:
+            raise InputError(
+                f"experiment {experiment.name!r}: {experiment.duration:.3g} s, expected {least_s:.2g} s or more of a "
+                "drive of this pace; take a longer window, or give a structure and noise='white'"
+            )
+        seen_hz = min(BAND_HZ * max(pace / QUICK_PACE, 1.0), 0.4 * experiment.rate_hz)
         if between is None:
             held = experiment.hold == "zero"
             between = "band-limited" if experiment.is_low_passed else "held" if held else "straight"
@@ -160,12 +169,14 @@ class Spectra:
     def tapers(self) -> Array:
         """The taper and its time derivatives, shape (ORDERS, K)."""
         at = np.arange(self.count) / self.rate_hz
-        up, down = (at - BEFORE_S) / EDGE_S, (at[-1] - at) / EDGE_S
+        shorter = min(at[-1] / WHOLE_EDGES_S, 1.0)
+        edge_s = EDGE_S * shorter
+        up, down = (at - BEFORE_S * shorter) / edge_s, (at[-1] - at) / edge_s
         rows = [RISE(np.clip(np.minimum(up, down), 0.0, 1.0))]
         for order in range(1, ORDERS):
             slope = RISE.deriv(order)
             rising, falling = (np.where((x > 0.0) & (x < 1.0), slope(x), 0.0) for x in (up, down))
-            rows.append((rising + (-1.0) ** order * falling) / EDGE_S**order)
+            rows.append((rising + (-1.0) ** order * falling) / edge_s**order)
         return np.array(rows)
 
     def tapered(self, signal: Array, orders: int = ORDERS) -> ComplexArray:
@@ -308,7 +319,7 @@ class Spectra:
         wide = np.pad(self.set_point, pad, mode="edge")
         frequency = np.fft.rfftfreq(len(wide), 1.0 / self.data_hz)
         loop = TransferFunctions(self.outputs, gauge, "engine")
-        known = {**values, "p": values["p"] + values.get("damping", 0.0)}
+        known = loop_of(values)
         answer = np.zeros((len(self.outputs), len(frequency)), complex)
         kept = frequency <= 1.25 * self.band_hz
         most = IMAGES[self.between]
@@ -316,14 +327,33 @@ class Spectra:
             about = frequency[kept] + multiple * self.data_hz
             one = loop.response(known, np.abs(about), ())[0]
             answer[:, kept] += (one if multiple > 0 else one.conj()) * self._between_samples(about)
-        # At multiples themselves the images of the mean have no power.
-        answer[:, 0] = 0.0
-        found = irfft(answer * rfft(wide), len(wide), axis=-1)
-        found = found[:, pad : pad + len(self.set_point)]
         late_s = sum(values.get(name, 0.0) for name in ("T_d", "T_set", "tau_act"))
         if self.between == "held" and late_s < 0.5 / (most * self.data_hz):
             # A sample at a jump shows what comes after it, a Fourier sum the mean of both.
             at_once = {**known, "T_d": 0.0, "T_set": 0.0, "tau_act": 0.0}
             jump = loop.response(at_once, np.array([AT_ONCE * self.data_hz]), ())[0].real
-            found = found + 0.5 * jump * np.diff(self.set_point, prepend=self.set_point[0])
-        return np.asarray(found)
+            answer[:, kept] -= 0.5 * jump * np.expm1(-2j * np.pi * frequency[kept] / self.data_hz)
+        # At multiples themselves the images of the mean have no power.
+        answer[:, 0] = 0.0
+        found = irfft(answer * rfft(wide), len(wide), axis=-1)
+        return np.asarray(found[:, pad : pad + len(self.set_point)])
+
+
+def _pace(set_point: Array, speed: Array, rate_hz: float) -> float:
+    """Return the pace [rad/s] of the first-order loop behind a dead time that explains most of a speed; 0 where none does."""
+    kept, at = np.isfinite(speed), np.arange(len(speed))
+    taper = np.hanning(len(speed))
+    driver, answer = (
+        rfft((row - row.mean()) * taper) for row in (set_point, np.interp(at, at[kept], speed[kept]))
+    )
+    frequency = np.fft.rfftfreq(len(speed), 1.0 / rate_hz)
+    power = np.where(frequency <= 0.4 * rate_hz, np.abs(frequency * driver), 0.0)
+    strong = np.argsort(power)[-STRONGEST:]
+    if not power[strong].any():
+        return 0.0
+    s, driver, answer = 2j * np.pi * frequency[strong], driver[strong], answer[strong]
+    # Slopes weigh all frequencies of a step alike.
+    shapes = s * driver / (1.0 + s / PACES[:, None])
+    along = ((shapes.conj() * s * answer) @ np.exp(s * DEAD_TIMES_S[:, None]).T).real
+    told = np.where(along > 0.0, along**2, 0.0).max(axis=1) / np.sum(np.abs(shapes) ** 2, axis=1)
+    return float(PACES[np.argmax(told)])
