@@ -71,10 +71,7 @@ def main() -> None:
     families = FAMILIES if options.family == "all" else (options.family,)
     late = LATE_S if options.windows and options.family != "wrong" else (None,)
     tasks = [
-        (family, seed, late_s)
-        for family in families
-        for seed in chosen(family, options.seed, options.draws, options.only)
-        for late_s in late
+        (family, seed, late_s) for family in families for seed in chosen(family, options) for late_s in late
     ]
     began = time.perf_counter()
     out = options.out or ROOT / "target" / "families" / f"{options.family}-{options.mode}-{options.structure}"
@@ -90,14 +87,14 @@ def main() -> None:
     print(f"\n{len(results)} draws in {time.perf_counter() - began:.0f} s; wrote {out}")
 
 
-def chosen(family, first, draws, only) -> list[int]:
+def chosen(family, options) -> list[int]:
     """Return the first seeds of a family from one on whose ships are of a kind."""
-    if only is None or family == "wrong":
+    first, draws = options.seed, options.draws
+    if options.only is None or family == "wrong":
         return list(range(first, first + draws))
-    limited = (
-        (seed, bool({"M_max", "rate"} & set(draw(family, seed).truth()["on"]))) for seed in count(first)
-    )
-    return list(islice((seed for seed, has in limited if has == (only == "limits")), draws))
+    ships = ((seed, draw(family, seed, load=bool(options.load)).truth()["on"]) for seed in count(first))
+    limited = ((seed, bool({"M_max", "rate"} & set(on))) for seed, on in ships)
+    return list(islice((seed for seed, has in limited if has == (options.only == "limits")), draws))
 
 
 def kept(family, seed, late_s, options, out) -> dict:

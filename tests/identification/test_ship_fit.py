@@ -92,7 +92,7 @@ def test_a_short_record_is_refused_in_one_line():
     short = trial(seconds=15.0)
     with pytest.raises(fp.InputError, match="expected 20 s or more"):
         Record.of(short, np.array([short.normalised("n_e")]))
-    with pytest.raises(fp.InputError, match="6 s, expected .* s or more of a drive of this pace"):
+    with pytest.raises(fp.InputError, match=r"6 s, expected .* s or more of a drive of this pace"):
         fp.identify(trial(seconds=6.0))
 
 

@@ -14,6 +14,7 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 from scipy.fft import irfft, prev_fast_len, rfft
+from scipy.ndimage import uniform_filter1d
 from scipy.signal import firwin, upfirdn
 
 from shipfp_rs import _core
@@ -40,6 +41,8 @@ PAD_S = 6.0
 IMAGES = {"held": 24, "straight": 4}
 """Multiples of the sample rate on either side about which images of a set point count."""
 
+LED_S = 0.3
+"""Stretch beside a gap by whose mean the model is led to the data [s]."""
 AT_ONCE = 1e4
 """Frequency over the sample rate at which a response is that to a jump at once."""
 SLOW_PACE, QUICK_PACE = 5.0, 16.0
@@ -204,10 +207,15 @@ class Spectra:
         measured = self.measured if self.images is None else self.measured - self.images
         if not self.masked.any():
             return measured
-        base = np.zeros_like(self.measured) if self.model is None else self.model
         samples, rows = np.arange(measured.shape[1]), []
-        for row, model, gaps in zip(measured, base, self.masked.T, strict=True):
-            rows.append(np.interp(samples, samples[~gaps], (row - model)[~gaps]) + model)
+        for output, (row, gaps) in enumerate(zip(measured, self.masked.T, strict=True)):
+            if self.model is None:
+                rows.append(np.interp(samples, samples[~gaps], row[~gaps]))
+                continue
+            # What fast motions leave at the last sample before a gap is none of the gap's.
+            apart = uniform_filter1d((row - self.model[output])[~gaps], max(1, round(LED_S * self.data_hz)))
+            filled = np.interp(samples, samples[~gaps], apart) + self.model[output]
+            rows.append(np.where(gaps, filled, row))
         return np.array(rows)
 
     @cached_property
@@ -340,7 +348,7 @@ class Spectra:
 
 
 def _pace(set_point: Array, speed: Array, rate_hz: float) -> float:
-    """Return the pace [rad/s] of the first-order loop behind a dead time that explains most of a speed; 0 where none does."""
+    """Return the pace [rad/s] of the first-order loop, behind a dead time, that explains most of a speed; 0: none."""
     kept, at = np.isfinite(speed), np.arange(len(speed))
     taper = np.hanning(len(speed))
     driver, answer = (

@@ -78,9 +78,11 @@ def with_elements(fit: ShipFit, until: float | None) -> ShipFit:
         tell(f"trying {ELEMENTS['twist'].words}", 0.8)
         found = _trial(fit, fit.likelihood, "twist", until)
         if found is not None:
-            gains["twist"] = fit.best.cost - found[1].cost
+            taken = _taken(fit, "twist", *found, until)
+            likelihood, best = settle(fit.likelihood, fit.best, until)
+            gains["twist"] = likelihood.total(best.vector) - taken.likelihood.total(taken.best.vector)
             if gains["twist"] > CHANCE:
-                fit = replace(_taken(fit, "twist", *found, until), stiff=fit)
+                fit = replace(taken, stiff=fit)
     return replace(fit, gains=gains)
 
 
