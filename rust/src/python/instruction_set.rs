@@ -19,6 +19,10 @@ fn _set_instruction_set(name: Option<&str>) -> PyResult<()> {
 }
 
 pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    // Child processes, too, compute as a machine without the wider sets would.
+    if let Ok(name) = std::env::var("SHIPFP_INSTRUCTION_SET") {
+        instruction_set::choose(Some(&name))?;
+    }
     module.add_function(wrap_pyfunction!(_instruction_sets, module)?)?;
     module.add_function(wrap_pyfunction!(_set_instruction_set, module)?)?;
     Ok(())
