@@ -7,6 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 __all__ = [
+    "EQUATION_BLOCK",
+    "EQUATION_ORDERS",
+    "EQUATION_OUTPUTS",
+    "EQUATION_PARAMETERS",
+    "EQUATION_SIGNALS",
     "LINEAR_OUTPUTS",
     "LINEAR_PARAMETERS",
     "SHIP_DETAIL",
@@ -24,11 +29,14 @@ __all__ = [
     "_set_instruction_set",
     "_spin_for_test",
     "coarser_extremes",
+    "equation_products",
+    "equation_residuals",
     "find_spikes",
     "interval_speeds",
     "linear_response",
     "linear_response_sensitivities",
     "linear_sensitivities",
+    "loop_is_stable",
     "pulse_levels",
     "pulses_are_even",
     "running_median",
