@@ -76,14 +76,37 @@ def with_elements(fit: ShipFit, until: float | None) -> ShipFit:
         fit = smooth
     if "twist" in fit.question.tried:
         tell(f"trying {ELEMENTS['twist'].words}", 0.8)
-        found = _trial(fit, fit.likelihood, "twist", until)
-        if found is not None:
-            taken = _taken(fit, "twist", *found, until)
-            likelihood, best = settle(fit.likelihood, fit.best, until)
-            gains["twist"] = likelihood.total(best.vector) - taken.likelihood.total(taken.best.vector)
-            if gains["twist"] > CHANCE:
-                fit = replace(taken, stiff=fit)
+        fit, gains["twist"] = _with_twist(fit, until)
     return replace(fit, gains=gains)
+
+
+def _with_twist(fit: ShipFit, until: float | None) -> tuple[ShipFit, float]:
+    """Return the fit with a shaft that twists where the data ask for it, and by how much the deviance falls.
+
+    The two equations take squares of the propeller's speed from the engine's, which is good enough to see a twist and not to
+    fit it: that is done by simulation.
+    """
+    found = _trial(fit, fit.likelihood, "twist", until)
+    if found is None:
+        return fit, 0.0
+    gain = fit.best.cost - found[1].cost
+    if fit.is_smooth:
+        taken = _taken(fit, "twist", *found, until)
+        likelihood, best = settle(fit.likelihood, fit.best, until)
+        gain = likelihood.total(best.vector) - taken.likelihood.total(taken.best.vector)
+        if gain <= CHANCE:
+            return fit, gain
+        stiff = _simulated(fit, until)
+        found = _trial(stiff, stiff.likelihood, "twist", until)
+        if found is None:
+            return fit, 0.0
+        gain = stiff.best.cost - found[1].cost
+        return (
+            (replace(_taken(stiff, "twist", *found, until), stiff=stiff), gain)
+            if gain > CHANCE
+            else (fit, gain)
+        )
+    return (replace(_taken(fit, "twist", *found, until), stiff=fit), gain) if gain > CHANCE else (fit, gain)
 
 
 def _simulated(fit: ShipFit, until: float | None) -> ShipFit:
