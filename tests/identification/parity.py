@@ -58,6 +58,7 @@ CASES = {
     "late torque": Case(own={"T_M": 0.02}),
     "late speed": Case(own={"T_n": 0.02}),
     "twist": Case(own={"tau_twist": 0.004, "zeta_twist": 0.5}),
+    "twist, brake": Case(own={"tau_twist": 0.02, "zeta_twist": 2.0}, gauge=False),
     "dead times at their bounds": Case(own={"T_d": 0.6, "T_set": 2.0, "vK_p": 1.5, "vK_i": 1.0}),
     "24 s": Case(seconds=24.0),
     "steps": Case(excitation="steps"),

@@ -283,6 +283,11 @@ class EquationLikelihood(Likelihood):
         dt = 1.0 / (data.data_hz * fine)
         return _core.simulate_ship(parameters, set_point, load, dt, 0, hold, outputs)[:, ::fine]
 
+    @property
+    def is_corrected_by_model(self) -> bool:
+        """Whether the records follow from the model, too: gaps that it fills, and squares of a propeller's speed."""
+        return "tau_twist" in self.coordinates.free or any(one.masked.any() for one in self.records)
+
     def corrected(self, vector: Array) -> Self:
         """Return the likelihood of the records corrected by the model at a vector; see `Spectra.corrected`."""
         values = self.coordinates.values(vector)

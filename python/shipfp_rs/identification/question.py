@@ -146,12 +146,10 @@ class Question:
 
     @property
     def is_smooth(self) -> bool:
-        """Whether the ship has two equations in measured signals: no limit or twist acts, and the speed is the engine's."""
+        """Whether the ship has two equations in measured signals: no limit acts, and the speed is the engine's."""
         names = {*self.always, *(name for name, value in self.fixed.items() if value)}
         own = self.structure is not None and self.structure.settings["propeller_speed"]
-        # The two equations show a twist, and are not good enough to fit one.
-        simulated = names & {*LIMITS, "tau_twist"}
-        return not (own or simulated or set(self.outputs) - set(_core.EQUATION_OUTPUTS))
+        return not (own or names & LIMITS or set(self.outputs) - set(_core.EQUATION_OUTPUTS))
 
     def _measured(self, experiment: Experiment) -> Array:
         return np.array(

@@ -26,6 +26,7 @@ from shipfp_rs.identification.ship_found import (
     ROUGH_STEP_S,
     ShipFit,
     likelihood_of,
+    recorrected,
     step_for,
 )
 from shipfp_rs.identification.ship_likelihood import ShipLikelihood
@@ -36,8 +37,6 @@ from shipfp_rs.support.progress import part, tell
 DELAYS = {"T_d", "T_set", "tau_act"}
 WAYS: tuple[Between, ...] = ("band-limited", "straight", "held")
 """Courses of a set point between its samples, where processing did not low-pass it."""
-REFILLED, STILL = 8, 0.1
-"""How often gaps are filled anew at most, and the square of a move, in deviations, that ends it."""
 REDIVIDED, MORE = 3, 2
 """How often delays are parted otherwise at most, and how many new ends go down to their minima each time."""
 
@@ -59,7 +58,7 @@ def fit_ship(
         fit = smooth_ship(question, starts=starts, seed=seed, until=until)
     with part(0.4, 0.7):
         fit = with_elements(fit, until)
-        fit = _filled(fit, until) if fit.elements else fit
+        fit = recorrected(fit, until) if fit.elements else fit
     tell("parting the delays otherwise", 0.7)
     fit = with_other_delays(fit, until)
     tell("ending at a fine step", 0.8)
@@ -123,28 +122,7 @@ def _corrected(fit: ShipFit, between: Between | None, until: float | None) -> Sh
     if not basins:
         raise IdentificationError("identify: the ship found can't be simulated at a fine step")
     fit = replace(fit, likelihood=likelihood, basins=tuple(basins), between=between)
-    return _filled(fit, until)
-
-
-def _filled(fit: ShipFit, until: float | None) -> ShipFit:
-    """Fill gaps by each end's model in turn, until it moves no further: what is filled holds the next end back."""
-    likelihood, best = fit.likelihood, fit.best
-    if not (
-        isinstance(likelihood, EquationLikelihood) and any(one.masked.any() for one in likelihood.records)
-    ):
-        return fit
-    for _ in range(REFILLED):
-        try:
-            following = likelihood.corrected(best.vector).with_noise(best.vector)
-        except (SimulationError, np.linalg.LinAlgError):
-            break
-        end = descend(following, best.vector, until=until)
-        moved = end.vector - best.vector
-        likelihood, best = following, end
-        if end.products is None or moved @ end.products.matrix @ moved < STILL:
-            break
-    ends = [descend(likelihood, one.vector, until=until) for one in fit.basins[1:]]
-    return replace(fit, likelihood=likelihood, basins=tuple(distinct(likelihood, [best, *ends])))
+    return recorrected(fit, until)
 
 
 def _begun(

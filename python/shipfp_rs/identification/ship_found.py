@@ -8,7 +8,8 @@ from typing import Literal
 
 import numpy as np
 
-from shipfp_rs.identification.basins import Basin
+from shipfp_rs.errors import SimulationError
+from shipfp_rs.identification.basins import Basin, descend, distinct
 from shipfp_rs.identification.equation_likelihood import EquationLikelihood
 from shipfp_rs.identification.likelihood import Likelihood
 from shipfp_rs.identification.question import TRIED, Question
@@ -28,6 +29,8 @@ FINE_PART, PART, ROUGH_PART = 0.15, 0.4, 0.8
 BELIEVED = 25.0
 """Fall of the deviance from which an element that is tried is called on. Chance gives 14 once in 1,000 with two parameters;
 what the model leaves out elsewhere gives as much again."""
+RECORRECTED, STILL = 8, 0.1
+"""How often records are corrected by the model at most, and the square of a move, in deviations, that ends it."""
 DEFAULTS: Mapping[str, float] = {
     **{parameter.name: parameter.start for element in ELEMENTS.values() for parameter in element.parameters},
     "tau_n": 1.2, "g": -0.5, "vK_p": 5.0, "vK_i": 5.0, "p": 2.0, "tau_prop": 0.4,
@@ -118,3 +121,22 @@ def step_for(values: Mapping[str, float], part: float, longest_s: float = COARSE
     """Return the step for a loop [s]: a part of its quickest time constant."""
     quickest = (abs(values.get("p", 2.0) - values["g"]) + values["vK_p"]) / values["tau_n"]
     return float(np.clip(part / max(quickest, 1e-9), LEAST_STEP_S, longest_s))
+
+
+def recorrected(fit: ShipFit, until: float | None) -> ShipFit:
+    """Correct gaps and squares of the propeller's speed by each end's model in turn, until it moves no further."""
+    likelihood, best = fit.likelihood, fit.best
+    if not (isinstance(likelihood, EquationLikelihood) and likelihood.is_corrected_by_model):
+        return fit
+    for _ in range(RECORRECTED):
+        try:
+            following = likelihood.corrected(best.vector).with_noise(best.vector)
+        except (SimulationError, np.linalg.LinAlgError):
+            break
+        end = descend(following, best.vector, until=until)
+        moved = end.vector - best.vector
+        likelihood, best = following, end
+        if end.products is None or moved @ end.products.matrix @ moved < STILL:
+            break
+    ends = [descend(likelihood, one.vector, until=until) for one in fit.basins[1:]]
+    return replace(fit, likelihood=likelihood, basins=tuple(distinct(likelihood, [best, *ends])))

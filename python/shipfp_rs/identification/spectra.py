@@ -6,7 +6,7 @@ with the taper and with each of its first three derivatives, which are exact.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Literal
@@ -73,6 +73,8 @@ class Spectra:
         Model's outputs (O, N) in place of masked samples; None: lines between their neighbours.
     images
         What the outputs (O, N) show of the set point's images about multiples of the sample rate; None: not known yet.
+    slip
+        Speed of the engine's end of a shaft that twists over the propeller's, decimated (K,); None: a stiff one.
     """
 
     name: str
@@ -86,6 +88,7 @@ class Spectra:
     between: Between
     model: Array | None = None
     images: Array | None = None
+    slip: Array | None = None
     _delayed: dict[tuple[str, float], Array] = field(default_factory=dict, repr=False)
     _low_passed: dict[str, Array] = field(default_factory=dict, repr=False)
 
@@ -256,13 +259,14 @@ class Spectra:
         """Spectra as the kernel takes them, shape (7, ORDERS, 2, padded)."""
         named = dict(zip(self.outputs, self.decimated, strict=True))
         speed = named["dn"]
+        propeller = speed if self.slip is None else speed - self.slip
         rows = {
             "N": speed,
             "M": named.get("dM"),
             "X": named.get("dX"),
             "load": self.low_passed(self.load) if len(self.load) else None,
-            "N2": speed**2,
-            "N3": speed**3,
+            "N2": propeller**2,
+            "N3": propeller**3,
             "one": np.ones_like(speed),
         }
         found = np.zeros((len(_core.EQUATION_SIGNALS), ORDERS, 2, self.padded))
@@ -283,18 +287,26 @@ class Spectra:
         steps = round(delay_s / GRID_S)
         if (signal, steps) not in self._delayed:
             row = self._speed_low if signal == "speed" else self._set_point_low
-            pad = int(PAD_S * self.rate_hz)
-            wide = np.pad(row, pad, mode="edge")
-            line = np.linspace(wide[0], wide[-1], len(wide))
-            frequency, moved = np.fft.rfftfreq(len(wide), 1.0 / self.rate_hz), steps * GRID_S
-            turned = rfft(wide - line) * np.exp(-2j * np.pi * frequency * moved)
-            per_second = (wide[-1] - wide[0]) / (len(wide) - 1) * self.rate_hz
-            late = irfft(turned, len(wide)) + line - per_second * moved
-            spectra = self.tapered(late[pad : pad + len(row)])
+            moved = steps * GRID_S
+            late = self._through(row, lambda s: np.exp(-s * moved), 1.0, -moved)
+            spectra = self.tapered(late)
             if signal == "set point":
                 spectra = spectra * self._between_samples(self.frequency_hz)
             self._delayed[signal, steps] = self._laid_out(spectra)
         return self._delayed[signal, steps], delay_s - steps * GRID_S
+
+    def _through(
+        self, row: Array, transfer: Callable[[ComplexArray], ComplexArray], gain: float, slope: float
+    ) -> Array:
+        """A decimated signal (K,) through a transfer function of s; at zero it is `gain`, and its slope `slope`."""
+        pad = int(PAD_S * self.rate_hz)
+        wide = np.pad(row, pad, mode="edge")
+        line = np.linspace(wide[0], wide[-1], len(wide))
+        s = np.asarray(2j * np.pi * np.fft.rfftfreq(len(wide), 1.0 / self.rate_hz), dtype=complex)
+        turned = rfft(wide - line) * transfer(s)
+        per_second = (wide[-1] - wide[0]) / (len(wide) - 1) * self.rate_hz
+        found = irfft(turned, len(wide)) + gain * line + slope * per_second
+        return np.asarray(found[pad : pad + len(row)])
 
     def inputs(self) -> tuple[ComplexArray, ComplexArray | None]:
         """Return the spectra (F,) of the set point, and of the load where one was measured."""
@@ -311,15 +323,30 @@ class Spectra:
     def corrected(self, values: Mapping[str, float], gauge: bool, model: Array | None) -> Spectra:
         """Return the record without the set point's images, a model's outputs (O, N) in place of masked samples.
 
+        Where the shaft twists, the squares in the load's law are of the propeller's speed.
+
         A set point that is held or runs straight between its samples has images about multiples of the sample rate. They
         come back through the closed loop and, where the data are not low-passed, fold into the band.
         """
         images = None if self.between == "band-limited" else self._images(values, gauge)
-        return replace(self, model=model, images=images, _delayed={})
+        found = replace(self, model=model, images=images, slip=None, _delayed={})
+        return replace(found, slip=found._slip(values, gauge)) if values.get("tau_twist") else found
+
+    def _slip(self, values: Mapping[str, float], gauge: bool) -> Array:
+        """Speed that the shaft's torque makes by twisting it, (K,)."""
+        twist, damping = values["tau_twist"], values.get("zeta_twist", 0.0)
+        named = dict(zip(self.outputs, self.decimated, strict=True))
+        found = self._through(named["dM"], lambda s: twist * s / (1.0 + damping * twist * s), 0.0, twist)
+        if not gauge:
+            ahead = values["tau_n"] - values["tau_prop"]
+            found -= self._through(
+                named["dn"], lambda s: ahead * twist * s**2 / (1.0 + damping * twist * s), 0.0, 0.0
+            )
+        return found
 
     def running(self, between: Between) -> Spectra:
         """Return the record whose set point runs otherwise between its samples, without corrections."""
-        return replace(self, between=between, model=None, images=None, _delayed={})
+        return replace(self, between=between, model=None, images=None, slip=None, _delayed={})
 
     def _images(self, values: Mapping[str, float], gauge: bool) -> Array:
         """What the outputs show of the set point's images, (O, N)."""

@@ -22,6 +22,7 @@ from shipfp_rs.identification.ship_found import (
     PART,
     ShipFit,
     likelihood_of,
+    recorrected,
     step_for,
 )
 from shipfp_rs.structures.elements import ELEMENTS
@@ -81,32 +82,15 @@ def with_elements(fit: ShipFit, until: float | None) -> ShipFit:
 
 
 def _with_twist(fit: ShipFit, until: float | None) -> tuple[ShipFit, float]:
-    """Return the fit with a shaft that twists where the data ask for it, and by how much the deviance falls.
-
-    The two equations take squares of the propeller's speed from the engine's, which is good enough to see a twist and not to
-    fit it: that is done by simulation.
-    """
+    """Return the fit with a shaft that twists where the data ask for it, and by how much the deviance falls."""
     found = _trial(fit, fit.likelihood, "twist", until)
     if found is None:
         return fit, 0.0
     gain = fit.best.cost - found[1].cost
-    if fit.is_smooth:
-        taken = _taken(fit, "twist", *found, until)
-        likelihood, best = settle(fit.likelihood, fit.best, until)
-        gain = likelihood.total(best.vector) - taken.likelihood.total(taken.best.vector)
-        if gain <= CHANCE:
-            return fit, gain
-        stiff = _simulated(fit, until)
-        found = _trial(stiff, stiff.likelihood, "twist", until)
-        if found is None:
-            return fit, 0.0
-        gain = stiff.best.cost - found[1].cost
-        return (
-            (replace(_taken(stiff, "twist", *found, until), stiff=stiff), gain)
-            if gain > CHANCE
-            else (fit, gain)
-        )
-    return (replace(_taken(fit, "twist", *found, until), stiff=fit), gain) if gain > CHANCE else (fit, gain)
+    if gain <= CHANCE:
+        return fit, gain
+    taken = replace(_taken(fit, "twist", *found, until), stiff=fit)
+    return recorrected(taken, until), gain
 
 
 def _simulated(fit: ShipFit, until: float | None) -> ShipFit:
