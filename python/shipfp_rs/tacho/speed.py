@@ -311,6 +311,13 @@ def _track_speed(
         timing.sample_s,
     )
     flags = track.flags
+    if track.doubt is not None and track.doubt.any():
+        doubt = np.repeat(track.doubt, track.count) * columns[1]
+        columns[2], columns[5] = np.hypot(columns[2], doubt), np.hypot(columns[5], doubt)
+    if len(track.count) > 1 and (track.count > 1).any():
+        # The mean over missed pulses is as good as any; that all of them have it is not.
+        mean = columns[1, np.cumsum(track.count) - 1]
+        columns[2] = np.hypot(columns[2], np.repeat(np.abs(np.gradient(mean)) * (track.count > 1), track.count))
     if not track.usable.all() or columns.shape[1] > len(flags):
         usable = np.repeat(track.usable, track.count)
         columns, flags = columns[:, usable], np.repeat(flags, track.count)[usable]

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntFlag
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -23,6 +24,10 @@ the second fits better by this part of a period. Uneven reflectors and changing 
 _MISSED_FROM = 1.6
 _MOST_MISSED = 4
 """More missed pulses in a row are a stopped shaft or a dead pick-up, and are left out rather than filled in."""
+_END_ZONE = _MEDIAN_WINDOW // 2
+"""Intervals at a track's end whose median looks past it, and so knows no slope."""
+_TREND = 4
+"""Intervals whose speeds give the trend, a straight line over time as under a constant torque, that the next must follow."""
 
 
 class PulseFlag(IntFlag):
@@ -43,6 +48,8 @@ class Track:
     count: npt.NDArray[np.int64]
     flags: npt.NDArray[np.uint8]
     usable: npt.NDArray[np.bool_]
+    doubt: Array | None = None
+    """Relative deviation of each interval's speed because what it holds is not certain; None: it is."""
 
 
 def require_positive(name: str, value: float) -> None:
@@ -124,7 +131,89 @@ def cut_tracks(times: Array, gaps: Array) -> list[Track]:
     for first, last in zip(np.append(0, cuts + 1), np.append(cuts, len(periods)), strict=True):
         if last > first:
             span = slice(first, last)
-            tracks.append(
-                Track(times[first : last + 1], count[span], flags[span].astype(np.uint8), ~over_gap[span])
-            )
+            track = Track(times[first : last + 1], count[span], flags[span].astype(np.uint8), ~over_gap[span])
+            tracks.append(_judged_by_trend(track))
     return tracks
+
+
+def _judged_by_trend(track: Track) -> Track:
+    """Judge intervals anew where the median knows no slope: at both ends, and where the shaft nearly comes to rest."""
+    size = len(track.count)
+    zone = min(_END_ZONE, size // 2)
+    if size <= _TREND:
+        return replace(track, doubt=np.where(track.count > 1, 1.0 - 1.0 / track.count, 0.0))
+    whole = replace(track, doubt=np.zeros(size))
+    long = np.flatnonzero(np.diff(np.concatenate([[False], track.count > 1, [False]]).astype(np.int8)))
+    # From the last on, since crossings that are removed move those behind them.
+    for first, last in reversed(long.reshape(-1, 2).tolist()):
+        if last - first > 1 and zone <= first and last <= size - zone:
+            slowest = first + int(np.argmax(np.diff(whole.edges_s[first : last + 1])))
+            whole = _turned(_outwards(_turned(whole), size - last, size - slowest - 1, alone=False))
+            whole = _outwards(whole, first, slowest + 1, alone=False)
+            size = len(whole.count)
+    whole = _outwards(whole, size - zone, size)
+    size = len(whole.count)
+    return _turned(_outwards(_turned(whole), size - min(zone, size // 2), size))
+
+
+def _turned(track: Track) -> Track:
+    """Return a track with time running backwards."""
+    return Track(*(column[::-1].copy() for column in (-track.edges_s, *_columns(track))))
+
+
+def _columns(track: Track) -> tuple[npt.NDArray[Any], ...]:
+    doubt = np.zeros(len(track.count)) if track.doubt is None else track.doubt
+    return track.count, track.flags, track.usable, doubt
+
+
+def _outwards(track: Track, start: int, stop: int, *, alone: bool = True) -> Track:
+    """Judge intervals from `start` up to `stop` one by one against the line through the speeds of those before each.
+
+    Where `alone`, none follow that could confirm the last ones: missed pulses there may as well be a shaft that stops.
+    """
+    if not _TREND <= start < stop or not track.usable[start - _TREND : stop].all():
+        return track
+    edges = track.edges_s[start - _TREND : stop + 1].tolist()
+    median_count, merged = track.count[start:stop].tolist(), track.flags[start:stop].tolist()
+    known = [
+        ((one + two) / 2, count / (two - one))
+        for one, two, count in zip(edges, edges[1:], track.count[start - _TREND : start].tolist(), strict=False)
+    ]
+    edges, kept, rows, place = edges[_TREND:], [], [], 0
+    while place < stop - start:
+        end = place + 1
+        seen = _pulses_by_trend(known, edges[place], edges[end])
+        while seen < _EXTRA_BELOW and end < stop - start:
+            longer = _pulses_by_trend(known, edges[place], edges[end + 1])
+            if abs(longer - 1.0) >= abs(seen - 1.0):
+                break
+            seen, end = longer, end + 1
+        count = 1 if seen < _MISSED_FROM else round(seen)
+        extra = end > place + 1 or any(flag & PulseFlag.EXTRA for flag in merged[place:end])
+        flag = (PulseFlag.MISSED if count > 1 else 0) | (PulseFlag.EXTRA if extra else 0)
+        unsure = flag or any(count != other for other in median_count[place:end])
+        kept.append(edges[place])
+        rows.append((count, int(flag), True, abs(seen / count - 1.0) if unsure else 0.0))
+        known.append(((edges[place] + edges[end]) / 2, count / (edges[end] - edges[place])))
+        place = end
+    for back in range(len(rows) - 1, -1 if alone else len(rows) - 1, -1):
+        if rows[back][0] == 1:
+            break
+        rows[back] = (*rows[back][:3], max(rows[back][3], 1.0 - 1.0 / rows[back][0]))
+    return Track(
+        np.concatenate([track.edges_s[:start], kept, track.edges_s[stop:]]),
+        *(
+            np.concatenate([column[:start], np.array(new, dtype=column.dtype), column[stop:]])
+            for column, new in zip(_columns(track), zip(*rows, strict=True), strict=True)
+        ),
+    )
+
+
+def _pulses_by_trend(known: list[tuple[float, float]], first_s: float, last_s: float) -> float:
+    """Pulses between two times by the line through the latest speeds; none or fewer where it has come to rest by then."""
+    latest = known[-_TREND:]
+    time = sum(at for at, _ in latest) / _TREND
+    speed = sum(value for _, value in latest) / _TREND
+    spread = sum((at - time) ** 2 for at, _ in latest)
+    slope = sum((at - time) * (value - speed) for at, value in latest) / spread
+    return (speed + slope * ((first_s + last_s) / 2 - time)) * (last_s - first_s)
