@@ -123,8 +123,10 @@ def speed_from_pulses(
     """Mean speed over each interval between pulses, assigned to its middle; missed and extra pulses repaired.
 
     Against a running median of the periods, one that is too short ends at an extra pulse, which is removed, and one
-    near a multiple has missed pulses, which are put in. Both are flagged. Intervals over a gap, and such as miss more
-    than four pulses, are left out.
+    near a multiple has missed pulses, which are put in. Both are flagged. Next to breaks, and where a shaft nearly
+    stops, the trend of the speeds before and behind decides, so that a shaft may slow down to rest or run up from it;
+    what only one side tells has a deviation that allows for the other reading. Intervals over a gap, and such as miss
+    more than four pulses, are left out.
 
     Of pulses from `pulse_times` the standard deviations hold from three samples a pulse up, as well as the noise is
     known, some 4 % of itself. Where a steady speed has a whole number of samples between pulses, or nearly so, the
@@ -317,7 +319,9 @@ def _track_speed(
     if len(track.count) > 1 and (track.count > 1).any():
         # The mean over missed pulses is as good as any; that all of them have it is not.
         mean = columns[1, np.cumsum(track.count) - 1]
-        columns[2] = np.hypot(columns[2], np.repeat(np.abs(np.gradient(mean)) * (track.count > 1), track.count))
+        columns[2] = np.hypot(
+            columns[2], np.repeat(np.abs(np.gradient(mean)) * (track.count > 1), track.count)
+        )
     if not track.usable.all() or columns.shape[1] > len(flags):
         usable = np.repeat(track.usable, track.count)
         columns, flags = columns[:, usable], np.repeat(flags, track.count)[usable]

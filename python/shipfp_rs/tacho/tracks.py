@@ -28,6 +28,7 @@ _END_ZONE = _MEDIAN_WINDOW // 2
 """Intervals at a track's end whose median looks past it, and so knows no slope."""
 _TREND = 4
 """Intervals whose speeds give the trend, a straight line over time as under a constant torque, that the next must follow."""
+_PART_OF_A_PULSE = 0.1
 
 
 class PulseFlag(IntFlag):
@@ -62,7 +63,7 @@ def checked_times(
     times_s: npt.ArrayLike, pulses_per_rev: int, gaps: npt.ArrayLike | None
 ) -> tuple[Array, Array]:
     """Return times and gaps as arrays, or say what is wrong with them."""
-    times = np.asarray(times_s, dtype=np.float64)
+    times = np.asarray(times_s, dtype=np.float64, order="C")
     if times.ndim != 1:
         raise InputError(f"times_s: found shape {times.shape}, expected one axis")
     if pulses_per_rev < 1:
@@ -132,28 +133,51 @@ def cut_tracks(times: Array, gaps: Array) -> list[Track]:
         if last > first:
             span = slice(first, last)
             track = Track(times[first : last + 1], count[span], flags[span].astype(np.uint8), ~over_gap[span])
-            tracks.append(_judged_by_trend(track))
+            tracks.append(_judged_by_trend(track, ratio[span]))
     return tracks
 
 
-def _judged_by_trend(track: Track) -> Track:
+def _judged_by_trend(track: Track, ratio: Array) -> Track:
     """Judge intervals anew where the median knows no slope: at both ends, and where the shaft nearly comes to rest."""
-    size = len(track.count)
-    zone = min(_END_ZONE, size // 2)
-    if size <= _TREND:
-        return replace(track, doubt=np.where(track.count > 1, 1.0 - 1.0 / track.count, 0.0))
-    whole = replace(track, doubt=np.zeros(size))
-    long = np.flatnonzero(np.diff(np.concatenate([[False], track.count > 1, [False]]).astype(np.int8)))
-    # From the last on, since crossings that are removed move those behind them.
-    for first, last in reversed(long.reshape(-1, 2).tolist()):
-        if last - first > 1 and zone <= first and last <= size - zone:
-            slowest = first + int(np.argmax(np.diff(whole.edges_s[first : last + 1])))
-            whole = _turned(_outwards(_turned(whole), size - last, size - slowest - 1, alone=False))
-            whole = _outwards(whole, first, slowest + 1, alone=False)
-            size = len(whole.count)
-    whole = _outwards(whole, size - zone, size)
-    size = len(whole.count)
-    return _turned(_outwards(_turned(whole), size - min(zone, size // 2), size))
+    if len(track.count) <= _TREND:
+        return replace(track, doubt=1.0 - 1.0 / track.count)
+    whole = _near_rest(track, ratio)
+    for _ in range(2):
+        size = len(whole.count)
+        whole = _turned(_outwards(whole, size - min(_END_ZONE, size // 2), size))
+    return whole
+
+
+def _near_rest(track: Track, ratio: Array) -> Track:
+    """Judge long intervals in a row from both sides up to the longest, as a shaft has them that turns round."""
+    edge = np.diff(np.concatenate([[False], track.count > 1, [False]]).astype(np.int8))
+    runs = np.flatnonzero(edge).reshape(-1, 2)
+    # Missed pulses are whole ones.
+    strange = np.append(0, np.cumsum(np.abs(ratio - track.count) > _PART_OF_A_PULSE))
+    runs = runs[np.diff(strange[runs])[:, 0] > 0]
+    parts, done = [], 0
+    for first, last in runs.tolist():
+        begin, end = first - _TREND, last + _TREND
+        if done <= begin and end <= len(track.count):
+            slowest = int(np.argmax(np.diff(track.edges_s[first : last + 1])))
+            part = _outwards(_part(track, begin, end), _TREND, _TREND + slowest + 1, alone=False)
+            part = _turned(_outwards(_turned(part), _TREND, _TREND + last - first - slowest - 1, alone=False))
+            parts += [_part(track, done, begin), part]
+            done = end
+    return _joined([*parts, _part(track, done, len(track.count))]) if parts else track
+
+
+def _part(track: Track, first: int, last: int) -> Track:
+    return Track(track.edges_s[first : last + 1], *(column[first:last] for column in _columns(track)))
+
+
+def _joined(parts: list[Track]) -> Track:
+    """Return tracks that follow each other as one."""
+    edges = [part.edges_s[:-1] for part in parts]
+    columns = zip(*(_columns(part) for part in parts), strict=True)
+    return Track(
+        np.concatenate([*edges, parts[-1].edges_s[-1:]]), *(np.concatenate(column) for column in columns)
+    )
 
 
 def _turned(track: Track) -> Track:
@@ -177,7 +201,9 @@ def _outwards(track: Track, start: int, stop: int, *, alone: bool = True) -> Tra
     median_count, merged = track.count[start:stop].tolist(), track.flags[start:stop].tolist()
     known = [
         ((one + two) / 2, count / (two - one))
-        for one, two, count in zip(edges, edges[1:], track.count[start - _TREND : start].tolist(), strict=False)
+        for one, two, count in zip(
+            edges, edges[1:], track.count[start - _TREND : start].tolist(), strict=False
+        )
     ]
     edges, kept, rows, place = edges[_TREND:], [], [], 0
     while place < stop - start:
@@ -200,13 +226,9 @@ def _outwards(track: Track, start: int, stop: int, *, alone: bool = True) -> Tra
         if rows[back][0] == 1:
             break
         rows[back] = (*rows[back][:3], max(rows[back][3], 1.0 - 1.0 / rows[back][0]))
-    return Track(
-        np.concatenate([track.edges_s[:start], kept, track.edges_s[stop:]]),
-        *(
-            np.concatenate([column[:start], np.array(new, dtype=column.dtype), column[stop:]])
-            for column, new in zip(_columns(track), zip(*rows, strict=True), strict=True)
-        ),
-    )
+    counts, flags, usable, doubts = map(np.array, zip(*rows, strict=True))
+    made = Track(np.array([*kept, edges[-1]]), counts, flags.astype(np.uint8), usable, doubts)
+    return _joined([_part(track, 0, start), made, _part(track, stop, len(track.count))])
 
 
 def _pulses_by_trend(known: list[tuple[float, float]], first_s: float, last_s: float) -> float:
