@@ -134,6 +134,16 @@ class Fingerprint(FingerprintTables, SimulationMixin):
         }
         return {**content, "sentences": parts_of(content)}
 
+    def to_json(self) -> str:
+        """Return the text that `save` writes, one JSON document with an end of line; numbers that are not finite are null.
+
+        Examples
+        --------
+        >>> json.loads(fingerprint.to_json())["format"]  # doctest: +SKIP
+        1
+        """
+        return json_text(self.to_dict())
+
     @checked
     def save(self, path: str | Path) -> Path:
         """Write `fingerprint.json`; the file appears whole or not at all.
@@ -143,7 +153,7 @@ class Fingerprint(FingerprintTables, SimulationMixin):
         InputError
             Where the name ends as that of another kind of file, or can't be written.
         """
-        return write_text_atomically(ending_in(path, ".json"), json_text(self.to_dict()))
+        return write_text_atomically(ending_in(path, ".json"), self.to_json())
 
     @checked
     def report(self, path: str | Path, **content: Any) -> Path:

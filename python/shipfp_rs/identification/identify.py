@@ -8,6 +8,7 @@ from typing import Any
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment
+from shipfp_rs.experiments.frames import Frame, of_frames
 from shipfp_rs.frequency import FrequencyResponse
 from shipfp_rs.identification.automatic import identified
 from shipfp_rs.identification.fingerprint import Fingerprint
@@ -37,7 +38,7 @@ ONLY_WITH_A_STRUCTURE = ("noise", "starts")
 @checked
 @with_one_blas_thread
 def identify(
-    data: Data | Sequence[Data],
+    data: Data | Frame | Sequence[Data | Frame],
     structure: Structure | None = None,
     *,
     elements: Mapping[str, bool] | None = None,
@@ -57,7 +58,8 @@ def identify(
     Parameters
     ----------
     data
-        One `Experiment` or `FrequencyResponse`, or several that are fitted together.
+        One `Experiment` or `FrequencyResponse`, or several that are fitted together. A `pandas.DataFrame` is an experiment:
+        its columns are named as signals are (n_set, n_e, M_s, ...), in their units; see `experiments.frames`.
     structure
         The model; its free parameters are searched within their bounds, those with a prior pulled to it. None: the full
         ship of `ship_fit`, whose elements act or not as their intervals say; of experiments with a `command` in place of
@@ -102,6 +104,7 @@ def identify(
     structure has no unknowns of its own for it. Eq. 4.5 put into 4.4 as the thesis prints them would make the cost
     constant.
     """
+    data = of_frames(data)
     options = Options(noise, intervals, starts, seed, time_limit_s)
     if structure is None:
         return _full_ship(

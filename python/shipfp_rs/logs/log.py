@@ -10,6 +10,7 @@ from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 from types import MappingProxyType
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -20,6 +21,10 @@ from shipfp_rs.logs.faults.record import Fault
 from shipfp_rs.logs.formats import HINTS, MODULES, TEXTS, of_text, one_line_errors, require_file, require_size
 from shipfp_rs.support import hints, units
 from shipfp_rs.support.arguments import checked
+from shipfp_rs.support.tables import package
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 LOGGER = logging.getLogger("shipfp_rs")
 
@@ -36,6 +41,10 @@ class Log:
     >>> log = Log.from_arrays({"torque": np.arange(6.0)}, rate_hz=2.0, units={"torque": "V"})
     >>> log.read("torque", start_s=1.0, stop_s=2.0)
     array([2., 3.])
+    >>> log["torque"]
+    array([0., 1., 2., 3., 4., 5.])
+    >>> list(log)
+    ['torque']
     """
 
     def __init__(
@@ -292,6 +301,57 @@ class Log:
         if not parts:
             raise InputError(f"{self.name}: channel {name!r} holds no sample there; read a longer stretch")
         return parts[0] if len(parts) == 1 else np.concatenate(parts)
+
+    def __getitem__(self, name: str) -> Samples:
+        """Return a whole channel as recorded, shape (N,); raises `InputError` as `read` does."""
+        return self.read(name)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.channels)
+
+    def _ipython_key_completions_(self) -> list[str]:
+        return list(self.channels)
+
+    def to_pandas(self, names: Sequence[str] | None = None) -> pd.DataFrame:
+        """Return channels as a `pandas.DataFrame`, a column each, its index `time_s` the log's clock [s].
+
+        Units are in `attrs["units"]`. Channels of different rates or starts have rows at the times of each of them, NaN
+        where one has no sample.
+
+        Parameters
+        ----------
+        names
+            Of the channels; None: all that hold samples.
+
+        Raises
+        ------
+        InputError
+            Where there is no such channel, or pandas is not installed.
+
+        Examples
+        --------
+        >>> log = Log.from_arrays({"u": [1.0, 2.0]}, rate_hz=2.0, units={"u": "V"})
+        >>> log.to_pandas().loc[0.5, "u"]  # doctest: +SKIP
+        np.float64(2.0)
+        """
+        pandas = package("pandas")
+        wanted = (
+            [name for name, channel in self.channels.items() if channel.samples] if names is None else names
+        )
+        columns = []
+        for channel in map(self.channel, wanted):
+            time = channel.start_s + np.arange(channel.samples) / channel.rate_hz
+            columns.append(
+                pandas.Series(self[channel.name], pandas.Index(time, name="time_s"), name=channel.name)
+            )
+        alike = all(column.index.equals(columns[0].index) for column in columns)
+        frame: pd.DataFrame = (
+            pandas.DataFrame({column.name: column for column in columns})
+            if alike
+            else pandas.concat(columns, axis=1, sort=True).rename_axis("time_s")
+        )
+        frame.attrs["units"] = {name: self.channel(name).unit for name in wanted}
+        return frame
 
     @checked
     def write(self, path: str | Path) -> Path:

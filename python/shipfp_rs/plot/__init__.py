@@ -6,7 +6,7 @@ Nothing here shows or saves a figure. Colours are of middle lightness: they read
 from shipfp_rs.plot.estimates import correlogram, intervals, likelihood
 from shipfp_rs.plot.frequency import bode, responses
 from shipfp_rs.plot.pulses import pulse_intervals
-from shipfp_rs.plot.signals import fit, time_series
+from shipfp_rs.plot.signals import fit, log, time_series
 
 __all__ = [
     "bode",
@@ -14,6 +14,7 @@ __all__ = [
     "fit",
     "intervals",
     "likelihood",
+    "log",
     "pulse_intervals",
     "responses",
     "time_series",

@@ -9,7 +9,19 @@ import numpy as np
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import UNITS, Experiment
-from shipfp_rs.plot.style import COLOURS, GREY, LABELS, QUANTITIES, RED, SET_POINT, dress, envelope, panels_of
+from shipfp_rs.logs.log import Log
+from shipfp_rs.plot.style import (
+    BLUE,
+    COLOURS,
+    GREY,
+    LABELS,
+    QUANTITIES,
+    RED,
+    SET_POINT,
+    dress,
+    envelope,
+    panels_of,
+)
 from shipfp_rs.support.arguments import checked
 from shipfp_rs.support.arrays import Mask
 from shipfp_rs.support.quantiles import DEVIATIONS_95
@@ -49,6 +61,53 @@ def time_series(experiment: Experiment, axes: Sequence[Axes] | None = None) -> S
             _mark(ax, experiment, masked)
         dress(ax, QUANTITIES[unit])
     panels[0].set_title(experiment.name, loc="left", parse_math=False)
+    panels[-1].set_xlabel("time [s]")
+    return panels
+
+
+@checked
+def log(
+    log: Log, channels: Sequence[str] | None = None, axes: Sequence[Axes] | None = None
+) -> Sequence[Axes]:
+    """Draw the channels of a log against its clock, one panel each; long ones by the extremes of short stretches.
+
+    Parameters
+    ----------
+    log
+        What to draw.
+    channels
+        Names of those that are drawn; None: all that hold samples.
+    axes
+        One a channel; made where None.
+
+    Returns
+    -------
+    sequence of Axes
+
+    Raises
+    ------
+    InputError
+        Where there is no such channel, or the axes are too few or too many.
+
+    Examples
+    --------
+    >>> log(Log.from_arrays({"u": [1.0, 2.0]}, rate_hz=2.0, units={"u": "V"}))  # doctest: +SKIP
+    """
+    held = [name for name, channel in log.channels.items() if channel.samples]
+    shown = [log.channel(name) for name in (held if channels is None else channels)]
+    panels = panels_of(axes, len(shown), sharex=True)
+    for ax, channel in zip(panels, shown, strict=True):
+        times, rows, first = [], [], 0
+        for chunk in log.chunks(channel.name):
+            time = channel.start_s + (first + np.arange(len(chunk))) / channel.rate_hz
+            drawn = envelope(time, chunk)
+            times.append(drawn[0])
+            rows.append(drawn[1])
+            first += len(chunk)
+        ax.plot(*envelope(np.concatenate(times), np.concatenate(rows)), color=BLUE, lw=1.0)
+        dress(ax, f"{channel.name} [{channel.unit}]" if channel.unit else channel.name, legend=False)
+        ax.yaxis.label.set_parse_math(False)
+    panels[0].set_title(log.name, loc="left", parse_math=False)
     panels[-1].set_xlabel("time [s]")
     return panels
 

@@ -52,7 +52,7 @@ STEADY = 0.02
 
 @checked
 def process(
-    log: Log, trial: Trial, vessel: Vessel | None = None, *, chunk: int | None = None
+    log: Log | Trial, trial: Trial | None = None, vessel: Vessel | None = None, *, chunk: int | None = None
 ) -> list[Experiment]:
     """Cut a log into experiments.
 
@@ -66,7 +66,7 @@ def process(
     Parameters
     ----------
     log
-        The recording.
+        The recording; or the trial alone, whose own logs are opened.
     trial
         Channels, windows, operating point and settings; windows of other logs are left out.
     vessel
@@ -96,7 +96,19 @@ def process(
     A pulse train shows speed up to half its pulses per second, 10 Hz with four reflectors at 5.16 rev/s (section
     6.4); provenance holds that bandwidth, and of a fused speed the standard deviation [rpm], root mean square over the
     window before the low-pass.
+
+    Examples
+    --------
+    >>> experiments = process(Trial.load("TRIAL.toml"))  # doctest: +SKIP
     """
+    if isinstance(log, Trial):
+        if trial is not None:
+            raise InputError("process: log is a Trial beside another one, expected a Log, or one Trial alone")
+        return [one for own in log.logs() for one in process(own, log, vessel, chunk=chunk)]
+    if trial is None:
+        raise InputError(
+            "process: found no trial beside the log, expected one: it tells the channels and windows"
+        )
     if not (windows := trial.windows_of(log.name)):
         raise InputError(f"{log.name}: no window of the trial is cut from this log")
     recording = _Recording(log, trial, vessel or Vessel.load(trial.trial.vessel), chunk)

@@ -28,6 +28,8 @@ __all__ = ["DRAWS_PER_TASK", "Plan", "Progress", "Sweep", "Where", "sweep"]
 DRAWS_PER_TASK = 50
 """Of a large sweep; a small one has at least `SHARES` tasks, so that all workers have some."""
 SHARES = 40
+MOST_ROWS = 8
+"""Of parameters, where a sweep is printed."""
 
 
 @dataclass(frozen=True)
@@ -40,13 +42,30 @@ class Progress:
     failed: int
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Sweep:
     """A sweep's folder and what it tells."""
 
     folder: Path
     plan: Plan
     summary: dict[str, Any]
+
+    def __repr__(self) -> str:
+        """Draws, and errors relative to the truth, in ten lines at most; `summary` and `table` have the rest."""
+        counts = ", ".join(
+            f"{count} {what.replace('_', ' ')}" for what, count in self.summary["draws"].items()
+        )
+        lines = [f"Sweep {self.summary['name']!r} in {self.folder}: {counts}"]
+        lines.append(f"{'':12}{'bias':>10}{'spread':>10}{'95 % below':>12}{'coverage':>10}")
+        rows = list(self.summary["parameters"].items())
+        shown = rows if len(rows) <= MOST_ROWS else rows[: MOST_ROWS - 1]
+        for name, row in shown:
+            figures = (row[key] for key in ("bias", "spread", "error_95", "coverage"))
+            told = ["-" if figure is None else f"{100.0 * figure:.3g} %" for figure in figures]
+            lines.append(f"{name:12}{told[0]:>10}{told[1]:>10}{told[2]:>12}{told[3]:>10}")
+        if len(shown) < len(rows):
+            lines.append(f"... {len(rows) - len(shown)} more in summary")
+        return "\n".join(lines)
 
     def batches(self, columns: list[str] | None = None) -> Iterator[pa.RecordBatch]:
         """Give the rows in pieces, for sweeps that are larger than memory."""
