@@ -9,7 +9,7 @@ import numpy as np
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import TIME, Experiment
-from shipfp_rs.support.arguments import Rule
+from shipfp_rs.support.arguments import Rule, checked
 from shipfp_rs.support.tables import FACTS
 
 TIMES = ("time", TIME)
@@ -33,7 +33,8 @@ def of_frames(data: Any) -> Any:
     return data
 
 
-def experiment_of(frame: Any) -> Experiment:
+@checked
+def experiment_of(frame: Frame) -> Experiment:
     """Return the experiment that a frame holds.
 
     Parameters

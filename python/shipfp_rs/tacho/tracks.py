@@ -205,7 +205,7 @@ def _outwards(track: Track, start: int, stop: int, *, alone: bool = True) -> Tra
             edges, edges[1:], track.count[start - _TREND : start].tolist(), strict=False
         )
     ]
-    edges, kept, rows, place = edges[_TREND:], [], [], 0
+    edges, kept, rows, place, most = edges[_TREND:], [], [], 0, 1 + _MOST_MISSED
     while place < stop - start:
         end = place + 1
         seen = _pulses_by_trend(known, edges[place], edges[end])
@@ -214,15 +214,15 @@ def _outwards(track: Track, start: int, stop: int, *, alone: bool = True) -> Tra
             if abs(longer - 1.0) >= abs(seen - 1.0):
                 break
             seen, end = longer, end + 1
-        count = 1 if seen < _MISSED_FROM else round(seen)
+        count = round(min(seen, most + 1)) if seen >= _MISSED_FROM else 1
         extra = end > place + 1 or any(flag & PulseFlag.EXTRA for flag in merged[place:end])
         flag = (PulseFlag.MISSED if count > 1 else 0) | (PulseFlag.EXTRA if extra else 0)
         unsure = flag or any(count != other for other in median_count[place:end])
         kept.append(edges[place])
-        rows.append((count, int(flag), True, abs(seen / count - 1.0) if unsure else 0.0))
+        rows.append((count, int(flag), count <= most, abs(seen / count - 1.0) if unsure else 0.0))
         known.append(((edges[place] + edges[end]) / 2, count / (edges[end] - edges[place])))
         place = end
-    for back in range(len(rows) - 1, -1 if alone else len(rows) - 1, -1):
+    for back in reversed(range(len(rows))) if alone else ():
         if rows[back][0] == 1:
             break
         rows[back] = (*rows[back][:3], max(rows[back][3], 1.0 - 1.0 / rows[back][0]))
@@ -237,5 +237,5 @@ def _pulses_by_trend(known: list[tuple[float, float]], first_s: float, last_s: f
     time = sum(at for at, _ in latest) / _TREND
     speed = sum(value for _, value in latest) / _TREND
     spread = sum((at - time) ** 2 for at, _ in latest)
-    slope = sum((at - time) * (value - speed) for at, value in latest) / spread
+    slope = sum((at - time) * (value - speed) for at, value in latest) / spread if spread > 0.0 else 0.0
     return (speed + slope * ((first_s + last_s) / 2 - time)) * (last_s - first_s)
