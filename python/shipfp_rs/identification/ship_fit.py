@@ -7,13 +7,22 @@ in a jump, a limit of torque or rate, or off only in a limit, a shaft that twist
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from shipfp_rs.errors import IdentificationError, SimulationError
-from shipfp_rs.identification.basins import ALIKE, LIKELY, best_basins, descend, distinct, each, settle
+from shipfp_rs.identification.basins import (
+    ALIKE,
+    LIKELY,
+    best_basins,
+    by_own_noise,
+    descend,
+    distinct,
+    each,
+    settle,
+)
 from shipfp_rs.identification.equation_likelihood import EquationLikelihood
 from shipfp_rs.identification.first_guesses import first_guesses
 from shipfp_rs.identification.likelihood import Likelihood
@@ -26,7 +35,7 @@ from shipfp_rs.identification.ship_found import (
     ROUGH_STEP_S,
     ShipFit,
     likelihood_of,
-    recorrected,
+    settled,
     step_for,
 )
 from shipfp_rs.identification.ship_likelihood import ShipLikelihood
@@ -37,7 +46,9 @@ from shipfp_rs.support.progress import part, tell
 DELAYS = {"T_d", "T_set", "tau_act"}
 WAYS: tuple[Between, ...] = ("band-limited", "straight", "held")
 """Courses of a set point between its samples, where processing did not low-pass it."""
-REDIVIDED, MORE = 3, 2
+STEPS_ELSEWHERE = 30
+"""Steps at most to where other delays lead, before noise and corrections are their own."""
+REDIVIDED, MORE = 3, 3
 """How often delays are parted otherwise at most, and how many new ends go down to their minima each time."""
 
 
@@ -56,11 +67,14 @@ def fit_ship(
     until = None if time_limit_s is None else time.monotonic() + time_limit_s
     with part(0.0, 0.4):
         fit = smooth_ship(question, starts=starts, seed=seed, until=until)
+        tell("parting the delays otherwise", 0.9)
+        fit = with_other_delays(fit, until)
     with part(0.4, 0.7):
         fit = with_elements(fit, until)
-        fit = recorrected(fit, until) if fit.elements else fit
-    tell("parting the delays otherwise", 0.7)
-    fit = with_other_delays(fit, until)
+        fit = settled(fit, until) if fit.elements else fit
+    if fit.elements:
+        tell("parting the delays otherwise", 0.7)
+        fit = with_other_delays(fit, until)
     tell("ending at a fine step", 0.8)
     try:
         return refined(fit, until)
@@ -122,7 +136,7 @@ def _corrected(fit: ShipFit, between: Between | None, until: float | None) -> Sh
     if not basins:
         raise IdentificationError("identify: the ship found can't be simulated at a fine step")
     fit = replace(fit, likelihood=likelihood, basins=tuple(basins), between=between)
-    return recorrected(fit, until)
+    return settled(fit, until)
 
 
 def _begun(
@@ -157,20 +171,43 @@ def with_other_delays(fit: ShipFit, until: float | None = None) -> ShipFit:
     The data determine their sum more closely than each of them, so a search may find the right sum but the wrong parts.
     """
     for _ in range(REDIVIDED):
-        c = fit.likelihood.coordinates
+        c, before = fit.likelihood.coordinates, fit.best
         if len(DELAYS & set(c.free)) < 2:
             break
-        best, rough = fit.best, likelihood_of(fit, fit.elements, "rough")
-        states = c.states_at(best.vector)
+        states = c.states_at(before.vector)
         starts = [c.vector({**fit.values, **parts}, states) for parts in _redivided(fit.values)]
-        known = each(rough, [one.vector for one in fit.basins], until, 3, 1.0)
-        ends = distinct(rough, [*known, *each(rough, starts, until, 10, 5.0)])
-        new = [one.vector for one in ends if one not in known and one.cost < known[0].cost + LIKELY]
-        ends = distinct(fit.likelihood, [*fit.basins, *each(fit.likelihood, new[:MORE], until)])
-        fit = replace(fit, basins=tuple(one for one in ends if one.cost < ends[0].cost + ALIKE))
-        if fit.best.cost > best.cost - 1.0:
+        fit, fell = (_elsewhere if fit.is_smooth else _elsewhere_simulated)(fit, starts, until)
+        if fell < 1.0:
             break
     return fit
+
+
+def _elsewhere(fit: ShipFit, starts: Sequence[Array], until: float | None) -> tuple[ShipFit, float]:
+    """Return the fit from the likeliest end, each with its own noise and corrections, and by how much the total fell."""
+    ends = [descend(fit.likelihood, one, steps=STEPS_ELSEWHERE, settled=1.0, until=until) for one in starts]
+    others = [one for one in distinct(fit.likelihood, [fit.best, *ends]) if one is not fit.best]
+    own = [by_own_noise(fit.likelihood, one.vector, until=until) for one in (fit.best, *others)]
+    likely = [one for one in own[1:] if one.cost < own[0].cost + LIKELY]
+    likely = sorted(likely, key=lambda one: one.cost)[:MORE]
+    tried = [settled(replace(fit, basins=(one,)), until) for one in (fit.best, *likely)]
+    totals = [one.likelihood.total(one.best.vector) for one in tried]
+    best = tried[int(np.argmin(totals))]
+    near = [descend(best.likelihood, one.vector, until=until) for one in (*fit.basins, *others)]
+    # What is lower under this noise only was tried under its own.
+    near = [one for one in near if best.best.cost <= one.cost < best.best.cost + ALIKE]
+    found = replace(best, basins=tuple(distinct(best.likelihood, [best.best, *near])))
+    return found, totals[0] - min(totals)
+
+
+def _elsewhere_simulated(fit: ShipFit, starts: Sequence[Array], until: float | None) -> tuple[ShipFit, float]:
+    """Return the fit with what rough descents lead to beside, and by how much the deviance fell."""
+    rough = likelihood_of(fit, fit.elements, "rough")
+    known = each(rough, [one.vector for one in fit.basins], until, 3, 1.0)
+    ends = distinct(rough, [*known, *each(rough, starts, until, 10, 5.0)])
+    new = [one.vector for one in ends if one not in known and one.cost < known[0].cost + LIKELY]
+    ends = distinct(fit.likelihood, [*fit.basins, *each(fit.likelihood, new[:MORE], until)])
+    found = replace(fit, basins=tuple(one for one in ends if one.cost < ends[0].cost + ALIKE))
+    return found, fit.best.cost - found.best.cost
 
 
 def _redivided(values: Mapping[str, float]) -> list[dict[str, float]]:

@@ -123,14 +123,20 @@ def step_for(values: Mapping[str, float], part: float, longest_s: float = COARSE
     return float(np.clip(part / max(quickest, 1e-9), LEAST_STEP_S, longest_s))
 
 
-def recorrected(fit: ShipFit, until: float | None) -> ShipFit:
-    """Correct gaps and squares of the propeller's speed by each end's model in turn, until it moves no further."""
+def settled(fit: ShipFit, until: float | None) -> ShipFit:
+    """Return the fit under the noise of each end in turn, until it moves no further.
+
+    Gaps, and squares of a propeller's speed, are each end's, too.
+    """
     likelihood, best = fit.likelihood, fit.best
-    if not (isinstance(likelihood, EquationLikelihood) and likelihood.is_corrected_by_model):
+    if not isinstance(likelihood, EquationLikelihood):
         return fit
     for _ in range(RECORRECTED):
         try:
-            following = likelihood.corrected(best.vector).with_noise(best.vector)
+            if likelihood.is_corrected_by_model:
+                following = likelihood.corrected(best.vector).with_noise(best.vector)
+            else:
+                following = likelihood.with_noise(best.vector)
         except (SimulationError, np.linalg.LinAlgError):
             break
         end = descend(following, best.vector, until=until)

@@ -14,13 +14,13 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 from scipy.fft import irfft, prev_fast_len, rfft
-from scipy.ndimage import uniform_filter1d
 from scipy.signal import firwin, upfirdn
 
 from shipfp_rs import _core
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.identification.coordinates import loop_of
+from shipfp_rs.identification.gaps import kriged
 from shipfp_rs.identification.record import BAND_HZ, SHORTEST_S, Between, down_of, excited_hz
 from shipfp_rs.structures.transfer import TransferFunctions
 from shipfp_rs.support.arrays import Array, ComplexArray
@@ -41,8 +41,8 @@ PAD_S = 6.0
 IMAGES = {"held": 24, "straight": 4}
 """Multiples of the sample rate on either side about which images of a set point count."""
 
-LED_S = 0.3
-"""Stretch beside a gap by whose mean the model is led to the data [s]."""
+KRIGED_S, MOST_KRIGED = 0.6, 100
+"""Stretch on either side of a gap that foretells it [s], and samples of it at most."""
 AT_ONCE = 1e4
 """Frequency over the sample rate at which a response is that to a jump at once."""
 SLOW_PACE, QUICK_PACE = 5.0, 16.0
@@ -206,20 +206,13 @@ class Spectra:
 
     @cached_property
     def whole(self) -> Array:
-        """The data (O, N) without images; masked samples are the model's, led to the data on both sides, or on lines."""
+        """The data (O, N) without images, masked samples in place: the model's and what the rest beside them foretells."""
         measured = self.measured if self.images is None else self.measured - self.images
         if not self.masked.any():
             return measured
-        samples, rows = np.arange(measured.shape[1]), []
-        for output, (row, gaps) in enumerate(zip(measured, self.masked.T, strict=True)):
-            if self.model is None:
-                rows.append(np.interp(samples, samples[~gaps], row[~gaps]))
-                continue
-            # What fast motions leave at the last sample before a gap is none of the gap's.
-            apart = uniform_filter1d((row - self.model[output])[~gaps], max(1, round(LED_S * self.data_hz)))
-            filled = np.interp(samples, samples[~gaps], apart) + self.model[output]
-            rows.append(np.where(gaps, filled, row))
-        return np.array(rows)
+        model = np.zeros_like(measured) if self.model is None else self.model
+        reach = min(round(KRIGED_S * self.data_hz), MOST_KRIGED)
+        return model + kriged(measured - model, self.masked.T, reach)
 
     @cached_property
     def decimated(self) -> Array:

@@ -22,7 +22,7 @@ from shipfp_rs.identification.ship_found import (
     PART,
     ShipFit,
     likelihood_of,
-    recorrected,
+    settled,
     step_for,
 )
 from shipfp_rs.structures.elements import ELEMENTS
@@ -90,7 +90,7 @@ def _with_twist(fit: ShipFit, until: float | None) -> tuple[ShipFit, float]:
     if gain <= CHANCE:
         return fit, gain
     taken = replace(_taken(fit, "twist", *found, until), stiff=fit)
-    return recorrected(taken, until), gain
+    return settled(taken, until), gain
 
 
 def _simulated(fit: ShipFit, until: float | None) -> ShipFit:

@@ -1,0 +1,72 @@
+"""Masked samples of signals, foretold from those beside them by their own auto- and cross-covariances (simple cokriging)."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+from scipy.fft import irfft, next_fast_len, rfft
+
+from shipfp_rs.support.arrays import Array
+
+NUGGET = 1e-4
+"""Part of the variance that no neighbour foretells."""
+
+
+def kriged(values: Array, gaps: npt.NDArray[np.bool_], reach: int) -> Array:
+    """Return signals (O, N) whose samples in gaps (O, N) are the best linear estimate from what was measured around.
+
+    `reach` samples on either side count, of all signals. Far inside a long gap of all of them the estimate is the mean.
+
+    Notes
+    -----
+    Cressie 1993, "Statistics for Spatial Data", section 3.4.5.
+    """
+    mean = np.array(
+        [row[~own].mean() if not own.all() else 0.0 for row, own in zip(values, gaps, strict=True)]
+    )
+    centred = np.where(gaps, 0.0, values - mean[:, None])
+    stretches = [_stretches(row) for row in gaps]
+    longest = max((int(end - first) for rows in stretches for first, end in rows), default=0)
+    covariance = _covariance(centred, gaps, 2 * reach + longest + 1)
+    nugget = NUGGET * covariance[:, :, 0].diagonal()
+    found = centred.copy()
+    for output, rows in enumerate(stretches):
+        for first, end in rows:
+            around = np.arange(max(first - reach, 0), min(end + reach, values.shape[1]))
+            whose, when = np.nonzero(~gaps[:, around])
+            when = around[when]
+            square = _between(covariance, whose, when, whose, when)
+            square.flat[:: len(when) + 1] += nugget[whose]
+            inside = np.arange(first, end)
+            across = _between(covariance, np.full(len(inside), output), inside, whose, when)
+            found[output, inside] = across @ np.linalg.lstsq(square, centred[whose, when], rcond=1e-10)[0]
+    return found + mean[:, None]
+
+
+def _stretches(gaps: npt.NDArray[np.bool_]) -> npt.NDArray[np.intp]:
+    """First sample of each gap and the one behind its last, shape (G, 2)."""
+    return np.flatnonzero(np.diff(np.concatenate([[False], gaps, [False]]))).reshape(-1, 2)
+
+
+def _covariance(centred: Array, gaps: npt.NDArray[np.bool_], lags: int) -> Array:
+    """Covariance of a signal with another one so many samples earlier, outside gaps, shape (O, O, 2 `lags` - 1).
+
+    The lag counts from 0 on, then back from -`lags` + 1, as indices of Python do.
+    """
+    size = next_fast_len(centred.shape[1] + lags, real=True)
+    kept, spectra = rfft((~gaps).astype(float), size), rfft(centred, size)
+    products = irfft(spectra[:, None] * spectra[None].conj(), size)
+    pairs = irfft(kept[:, None] * kept[None].conj(), size)
+    every = np.r_[0:lags, size - lags + 1 : size]
+    return np.asarray(products[:, :, every] / np.maximum(pairs[:, :, every], 1.0))
+
+
+def _between(
+    covariance: Array,
+    a: npt.NDArray[np.intp],
+    at: npt.NDArray[np.intp],
+    b: npt.NDArray[np.intp],
+    then: npt.NDArray[np.intp],
+) -> Array:
+    """Covariances of samples `at` of signals `a` with samples `then` of signals `b`."""
+    return np.asarray(covariance[a[:, None], b, at[:, None] - then])
