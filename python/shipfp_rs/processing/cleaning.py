@@ -22,8 +22,8 @@ from shipfp_rs.support.sentences import Sentence
 from shipfp_rs.support.spans import Spans, clipped_to, joined, marks
 from shipfp_rs.support.spikes import bridge
 
-OF_A_LEVEL = ("stuck", "dropout", "clipped")
-"""Faults that a load's own level looks like."""
+OF_A_LEVEL = {"stuck": "stuck_s", "dropout": "dropout_s", "clipped": "clipped_samples"}
+"""Faults that a load's own level looks like, and the keys of [processing.faults] that say what counts as one."""
 
 
 def spike_rule(sensor: Level | None, processing: Processing) -> tuple[str, Spikes]:
@@ -105,7 +105,10 @@ class Cleaner:
             begin,
             end,
             LevelLimits(
-                stuck_s=settings.stuck_s, dropout_s=settings.dropout_s, spike_s=self.spikes.longest_s
+                stuck_s=settings.stuck_s,
+                dropout_s=settings.dropout_s,
+                clipped_samples=settings.clipped_samples,
+                spike_s=self.spikes.longest_s,
             ),
             mains_hz=self.mains_hz if is_set_point else None,
             least_hum=settings.least_hum,
@@ -170,10 +173,11 @@ class Cleaner:
             if len(long):
                 start, stop = long[0].tolist()
                 at, until = (self.channel.start_s + k / self.channel.rate_hz for k in (start, stop))
+                sound = f"; if it is sound, raise processing.faults.{OF_A_LEVEL[kind]}" if kind in OF_A_LEVEL else ""
                 raise InputError(
                     f"{self.rows.log.name}: {self.what} {self.channel.name!r} has a fault, {KINDS[kind]}, from {at:g} "
                     f"to {until:g} s (samples {start} to {stop - 1}); it drives the model and no more than "
-                    f"{longest_s:g} s are bridged, cut the window there"
+                    f"{longest_s:g} s are bridged (processing.faults.longest_bridge_s), cut the window there{sound}"
                 )
 
     def _without_hum(self, samples: Array, missing: Mask, first: int) -> Array:

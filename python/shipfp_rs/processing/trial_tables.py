@@ -98,6 +98,8 @@ class Faults(Section):
     """Shortest stretch of one and the same value in an otherwise noisy channel [s]."""
     dropout_s: Stretch = 0.01
     """Shortest stretch at zero of a channel that stays away from it [s]."""
+    clipped_samples: Annotated[int, Field(ge=2, le=1_000_000_000)] = 8
+    """Samples at a channel's very extreme from which on it is clipped there."""
     longest_bridge_s: Stretch = 0.25
     """Longest stretch of a lost set point that is bridged by a straight line [s]; the outputs are masked there."""
     mains_hz: Annotated[float, Field(ge=1.0, le=1000.0)] = 50.0

@@ -25,6 +25,9 @@ NEARBY = 128
 """Samples before and after a stretch without change that show whether the channel is otherwise noisy."""
 QUANTA = 3.0
 """Steps of a float's own resolution below which sample-to-sample changes are rounding, not noise."""
+STEPS = 1.5
+"""Likewise in steps of the channel's own resolution. Rounding alone looks rough up to one step, and noise of so many does
+not rest on one value."""
 ROUGH = 0.7
 """A signal is noisy where its second differences are so many times its first ones (root mean square): 1.7 for white
 noise, near 0 for a smooth signal."""
@@ -173,12 +176,14 @@ def is_rough(samples: Array) -> bool:
         return False
     first = np.diff(samples.astype(np.float64))
     size = float(np.sqrt(np.mean(first**2)))
+    # Of what is not rounded the smallest change is far below the usual one.
+    step = float(np.min(np.abs(first), where=first != 0.0, initial=np.inf))
     quantum = (
         float(np.spacing(np.abs(samples).max().astype(np.float32))) if samples.dtype.kind == "f" else 0.0
     )
     return bool(
         np.count_nonzero(first) > 0.5 * len(first)
-        and size > QUANTA * quantum
+        and size > max(QUANTA * quantum, STEPS * step)
         and float(np.sqrt(np.mean(np.diff(first) ** 2))) > ROUGH * size
     )
 
