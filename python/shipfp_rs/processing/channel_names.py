@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from importlib import resources
 
 from shipfp_rs.logs.channel import Channel
-from shipfp_rs.support.units import ELECTRIC, TO_NM, TO_REV, TO_RPM, TO_W, told
+from shipfp_rs.support.units import ELECTRIC, FREQUENCIES, QUANTITIES, told
 
 LEAST_PART = 4
 """Letters from which a word counts as a part of a longer one."""
@@ -20,14 +20,13 @@ LETTERS = str.maketrans({"ø": "o", "æ": "ae", "ß": "ss", "ł": "l", "ı": "i"
 WORD_ENDS = re.compile(r"(?<=[^\W\d_A-Z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])")
 """Where a word of MotorVelocitySet ends."""
 TAIL = re.compile(
-    r"[ _(\[-]+(rpm|rad_?p?s|deg_?p?s|rad[_/]s(?:ec)?|deg[_/]s(?:ec)?|rev_s|rps|hz|k?nm|kw|u_?min|1_?min)[)\]]?$",
-    re.IGNORECASE,
+    r"(?:[ _(\[-]+|(?<=[^\W\d_A-Z])(?=[A-Z]))(?i:"
+    r"(rpm|rad_?p?s|deg_?p?s|rad[_/]s(?:ec)?|deg[_/]s(?:ec)?|rev_s|rps|hz|k?nm|k?w|u_?min|1_?min|1_s|pct|percent|%))[)\]]?$"
 )
 """A unit at the end of a name, where the log has no other place for it."""
 TAILS: Mapping[str, str] = {
     "rads": "rad/s", "radps": "rad/s", "radsec": "rad/s", "degs": "deg/s", "degps": "deg/s", "degsec": "deg/s",
-    "revs": "rev/s", "rps": "rev/s", "rpm": "rpm", "umin": "rpm", "1min": "rpm", "hz": "Hz",
-    "nm": "Nm", "knm": "kNm", "kw": "kW",
+    "revs": "rev/s", "umin": "rpm", "1min": "rpm", "1s": "1/s", "hz": "Hz", "w": "W", "kw": "kW",
 }  # fmt: skip
 
 
@@ -50,7 +49,7 @@ class Named:
     unit
         The channel's, or that at the end of its name; empty where neither tells one.
     quantity
-        "speed", "torque", "power", "angle" or "other"; None where unit and name leave it open.
+        "speed", "frequency", "torque", "power", "angle" or "other"; None where unit and name leave it open.
     tells
         What the words of its name tell, of the table's heads.
     by
@@ -79,11 +78,12 @@ def named(channel: Channel) -> Named:
     >>> named(Channel("feedback_deg_s", "", 100.0, 1)).unit
     'deg/s'
     """
-    name, unit = WORD_ENDS.sub(" ", channel.name), told(channel.unit)
+    name, unit = channel.name, told(channel.unit)
     if not unit and (tail := TAIL.search(name)):
-        unit = TAILS[re.sub("[_/]", "", tail[1].lower())]
+        letters = re.sub("[_/]", "", tail[1].lower())
+        unit = TAILS.get(letters) or told(letters)
         name = name[: tail.start()]
-    tells = _told_by(name)
+    tells = _told_by(WORD_ENDS.sub(" ", name))
     quantity = _of_unit(unit, tells)
     by = f"its unit {unit!r}"
     if quantity is None:
@@ -94,10 +94,10 @@ def named(channel: Channel) -> Named:
 
 def _of_unit(unit: str, tells: frozenset[str]) -> str | None:
     """Return the quantity of a unit; a frequency is a speed only where the name says speed."""
-    if unit == "Hz":
-        return "speed" if tells & {"speed", "wanted"} else "other"
-    for quantity, units in (("speed", TO_RPM), ("torque", TO_NM), ("power", TO_W), ("angle", TO_REV)):
-        if unit in units:
+    if unit in FREQUENCIES:
+        return "speed" if tells & {"speed", "wanted"} else "frequency" if "frequency" in tells else "other"
+    for quantity, known in QUANTITIES.items():
+        if unit in known.factors:
             return quantity
     # An engine tells its torque in per cent of one that is to be given.
     by_name = unit in ELECTRIC or (unit == "%" and "torque" in tells)

@@ -173,7 +173,11 @@ class Cleaner:
             if len(long):
                 start, stop = long[0].tolist()
                 at, until = (self.channel.start_s + k / self.channel.rate_hz for k in (start, stop))
-                sound = f"; if it is sound, raise processing.faults.{OF_A_LEVEL[kind]}" if kind in OF_A_LEVEL else ""
+                sound = (
+                    f"; if it is sound, raise processing.faults.{OF_A_LEVEL[kind]}"
+                    if kind in OF_A_LEVEL
+                    else ""
+                )
                 raise InputError(
                     f"{self.rows.log.name}: {self.what} {self.channel.name!r} has a fault, {KINDS[kind]}, from {at:g} "
                     f"to {until:g} s (samples {start} to {stop - 1}); it drives the model and no more than "

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Mapping
 
 import numpy as np
 
-from shipfp_rs.errors import InputError
+from shipfp_rs.errors import InputError, LogWarning
 from shipfp_rs.logs.log import Log
-from shipfp_rs.processing.trial_channels import Level
+from shipfp_rs.processing.channel_names import named
+from shipfp_rs.processing.trial_channels import Level, Tacho
 from shipfp_rs.support import hints
 from shipfp_rs.support.arrays import Array
-from shipfp_rs.support.units import told
+from shipfp_rs.support.units import FREQUENCIES, QUANTITIES, told
 from shipfp_rs.vessel.vessel import Vessel
 
 CALIBRATED_WITHIN = 0.1
@@ -22,26 +24,67 @@ LEAST_TORQUE, MOST_TORQUE = 0.002, 2.0
 """Shares of the rated torque between which a mean torque makes sense."""
 
 
+def require_size(
+    label: str, key: str, quantity: str, value: float, reading: float | None = None, unit: str = ""
+) -> None:
+    """Refuse the mean size of a channel that no drive train has; warn of an odd one.
+
+    Parameters
+    ----------
+    label, key
+        Stretch of the log, and the channel's table in TRIAL.toml.
+    quantity
+        Of the table of quantities.
+    value
+        Mean of the calibrated channel, in the quantity's unit.
+    reading, unit
+        Mean as recorded, and its unit, of a channel that a calibration leads from. An odd value of a unit that alone makes a
+        usual one comes of the calibration.
+    """
+    known, size = QUANTITIES[quantity], abs(value)
+    found = f"channels.{key}: {size:.4g} {known.unit} on average in {label}"
+    least, most = known.usual
+    if size == 0.0 or least <= size <= most:
+        return
+    factor = known.factors.get(told(unit))
+    alone = 0.0 if reading is None or factor is None else abs(reading) * factor
+    if least <= alone <= most:
+        raise InputError(
+            f"{found}, where its unit {unit!r} alone makes {alone:.4g} {known.unit}; "
+            f"leave channels.{key}.calibration out, or let it lead from {unit} to {known.unit}"
+        )
+    least, most = known.possible
+    if not least <= size <= most:
+        raise InputError(
+            f"{found}, where no drive train has more than {most:g} or less than {least:g}{CHECK}"
+        )
+    warnings.warn(f"{found} is odd for a drive train{CHECK}", LogWarning, stacklevel=2)
+
+
 def require_unit(log: Log, key: str, sensor: Level) -> None:
     """Refuse a calibration for another unit than the log's."""
-    recorded = log.channel(sensor.column).unit
-    if recorded and recorded != told(sensor.unit):
+    channel, given = log.channel(sensor.column), told(sensor.unit)
+    by_name = named(channel).unit
+    # A unit at the end of a name is one where the trial's is another one of the same quantity.
+    same = any({by_name, given} <= known.factors.keys() for known in QUANTITIES.values())
+    recorded = channel.unit or (by_name if same else "")
+    if recorded and recorded != given:
         raise InputError(
             f"{log.name}: channel {sensor.column!r} is in {recorded!r}, channels.{key}.unit says {sensor.unit!r}; "
             "give the log's unit and a calibration for it"
         )
 
 
-def require_sense(label: str, signals: Mapping[str, Array], vessel: Vessel) -> None:
-    """Catch signals without samples, and calibrations wrong by a factor such as the thousand between V and mV."""
-    rated_torque: dict[str, float] = {}
-    if vessel.given("engine.rated_power_kW", "engine.rated_speed_rpm"):
-        rated = vessel.engine.rated_power_kW * 1e3 / (2.0 * math.pi * vessel.engine.rated_speed_rpm / 60.0)
-        rated_torque = {
-            "M_b": rated,
-            "M_s": rated * vessel.gearbox.ratio,
-            "M_g": rated * vessel.gearbox.ratio,
-        }
+def require_sense(
+    label: str,
+    signals: Mapping[str, Array],
+    vessel: Vessel,
+    source: tuple[str, Tacho] | None = None,
+) -> None:
+    """Catch signals without samples, and calibrations wrong by a factor such as the thousand between V and mV.
+
+    `source` is the name and the table of the source of the speed.
+    """
     mean = {}
     for name, values in signals.items():
         if np.isnan(values).all():
@@ -50,24 +93,52 @@ def require_sense(label: str, signals: Mapping[str, Array], vessel: Vessel) -> N
     if "n_set" in mean and abs(mean["n_set"] / mean["n_e"] - 1.0) > CALIBRATED_WITHIN:
         raise InputError(
             f"channels.set_point: {mean['n_set']:.4g} rpm on average in {label}, where the engine turns "
-            f"{mean['n_e']:.4g} rpm{_slip_of_speed(mean['n_set'] / mean['n_e'], vessel.gearbox.ratio)}"
+            f"{mean['n_e']:.4g} rpm{_slip_of_speed(mean['n_set'] / mean['n_e'], vessel.gearbox.ratio, source)}"
         )
-    for name, limit in rated_torque.items():
-        if name in mean and not LEAST_TORQUE * limit < abs(mean[name]) < MOST_TORQUE * limit:
-            hint = hints.likely(abs(mean[name]), LEAST_TORQUE * limit, MOST_TORQUE * limit, hints.TORQUE)
-            raise InputError(
-                f"channels.torque: {mean[name]:.4g} Nm on average in {label}, where the engine's rating makes "
-                f"{limit:.4g} Nm{hint}{CHECK}"
-            )
+    if vessel.given("engine.rated_power_kW", "engine.rated_speed_rpm"):
+        _require_rating(label, mean, signals, vessel)
 
 
-def _slip_of_speed(ratio: float, gear_ratio: float) -> str:
+def _require_rating(
+    label: str, mean: Mapping[str, float], signals: Mapping[str, Array], vessel: Vessel
+) -> None:
+    """Refuse a torque, or a load that is never near, what the engine's rating makes."""
+    rated = vessel.engine.rated_power_kW * 1e3 / (2.0 * math.pi * vessel.engine.rated_speed_rpm / 60.0)
+    for name in signals.keys() & {"M_b", "M_s", "M_g", "M_load"}:
+        limit = rated if name == "M_b" else rated * vessel.gearbox.ratio
+        # A load may be switched off for most of a stretch.
+        largest = name == "M_load"
+        value = float(np.nanmax(np.abs(signals[name]))) if largest else abs(mean[name])
+        if value == 0.0 or LEAST_TORQUE * limit < value < MOST_TORQUE * limit:
+            continue
+        hint = hints.likely(value, LEAST_TORQUE * limit, MOST_TORQUE * limit, hints.TORQUE)
+        raise InputError(
+            f"channels.{'load' if largest else 'torque'}: {value if largest else mean[name]:.4g} Nm "
+            f"{'at most' if largest else 'on average'} in {label}, where the engine's rating makes "
+            f"{limit:.4g} Nm{hint}{CHECK}"
+        )
+
+
+def _slip_of_speed(ratio: float, gear_ratio: float, source: tuple[str, Tacho] | None) -> str:
     """What is likely wrong where the set point is `ratio` times the engine's speed, and not once."""
+    name, kind = ("", "pulses") if source is None else (source[0], source[1].kind)
+    count = (
+        f"channels.{name}.pole_pairs" if source is not None and told(source[1].unit) in FREQUENCIES else ""
+    )
+    if count and ratio < 1.0 and abs(ratio * (times := round(1.0 / ratio)) - 1.0) < CALIBRATED_WITHIN:
+        return f"; a machine of {times} times as many pairs of poles? check {count}"
     if hint := hints.likely_ratio(ratio, hints.SPEED_RPM):
         return f"{hint} check channels.set_point.calibration"
     # A wrong count of pulses is a whole number; a gear ratio may be near one.
     wrong = {"the propeller's shaft for the engine's, or the other way round? check shaft": gear_ratio}
-    wrong |= {f"a number of pulses wrong by {k}? check pulses_per_rev": float(k) for k in range(2, 9)}
+    if kind in ("pulses", "edges"):
+        wrong |= {f"a number of pulses wrong by {k}? check pulses_per_rev": float(k) for k in range(2, 9)}
     off = {what: abs(max(ratio, 1.0 / ratio) / factor - 1.0) for what, factor in wrong.items()}
     nearest = min(off, key=off.__getitem__)
-    return f"; {nearest} of the pulse trains" if off[nearest] < CALIBRATED_WITHIN else CHECK
+    if off[nearest] < CALIBRATED_WITHIN:
+        return f"; {nearest} of the {'pulse trains' if kind in ('pulses', 'edges') else 'source of speed'}"
+    return (
+        CHECK
+        if source is None
+        else f"; check unit and calibration of both, channels.set_point and channels.{name}"
+    )

@@ -27,7 +27,7 @@ from shipfp_rs.processing.engine_speed import EngineSpeed
 from shipfp_rs.processing.governor_clock import LONGEST_S, RATE_HZ, governor_clock, liveliest_of
 from shipfp_rs.processing.grid import Grid
 from shipfp_rs.processing.low_pass import nearest_rate
-from shipfp_rs.processing.plausibility import require_sense, require_unit
+from shipfp_rs.processing.plausibility import require_sense, require_size, require_unit
 from shipfp_rs.processing.pulse_train import PulseTrain
 from shipfp_rs.processing.ripple import Ripple, without_ripple
 from shipfp_rs.processing.speed_sources import require_one_direction, source_of
@@ -318,7 +318,17 @@ class _Recording:
                     "kept: negative on average, which makes no difference once it is normalised by its mean"
                 )
                 faults = [*faults, Fault("sign", sensor.column, kept, rows, excluded=False)]
-        require_sense(label, signals, self.vessel)
+            if (quantity := sensor.quantity if isinstance(sensor, Load) else sensor.a) and np.isfinite(
+                cleaned.samples
+            ).any():
+                value = float(np.nanmean(cleaned.samples))
+                reading = cleaned.calibration.inverse(value)
+                require_size(label, kind, quantity, value, reading, sensor.unit)
+        tacho = self.trial.channels.tachos.get(speed.account["train"])
+        source = None if tacho is None else (speed.account["train"], tacho)
+        if source is not None and np.isfinite(speed.rpm).any():
+            require_size(label, source[0], "speed", float(np.nanmean(speed.rpm)))
+        require_sense(label, signals, self.vessel, source)
         answers = [name for name in signals if name not in DRIVES]
         told_by |= dict.fromkeys(self._drives(), answers)
         self._exclude(signals, label, faults, told_by)

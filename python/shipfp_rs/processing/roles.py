@@ -118,9 +118,24 @@ def named_roles(channels: Sequence[Channel], set_point: str | None = None) -> Ro
         setattr(roles, role, ordered[0] if ordered else None)
         for other in ordered[1:]:
             roles.reasons[other] += f"; not used beside {ordered[0]}"
+    if not (roles.set_point or roles.command or roles.speeds or wanted):
+        _of_a_generator(roles)
     if roles.torque is not None:
         _locate(roles, roles.torque)
     return roles
+
+
+def _of_a_generator(roles: Roles) -> None:
+    """Take the frequency of a generating set for its speed, and the power beside it for its load."""
+    turns = [name for name, told in roles.named.items() if told.quantity == "frequency"]
+    powers = [name for name, told in roles.named.items() if told.quantity == "power"]
+    if len(turns) != 1 or not (roles.load or len(powers) == 1):
+        return
+    roles.speeds[turns[0]] = "engine"
+    roles.reasons[turns[0]] = f"speed of a generator by its name and {roles.named[turns[0]].by}"
+    if roles.load is None:
+        roles.load = powers[0]
+        roles.reasons[powers[0]] = f"load by {roles.named[powers[0]].by}, beside a frequency"
 
 
 def _commands(told: Mapping[str, Named]) -> list[str]:
@@ -141,10 +156,15 @@ def set_points(told: Mapping[str, Named]) -> list[str]:
         for name, one in told.items()
         if "wanted" in one.tells
         and "measured" not in one.tells
-        and (one.quantity == "speed" or (one.quantity is None and one.is_open) or one.unit == "%")
+        and (one.quantity == "speed" or (one.quantity is None and _may_ask(one)) or one.unit == "%")
     }
     sure = [name for name, one in wanted.items() if one.quantity == "speed" and not one.is_open]
     return sure or [name for name, one in wanted.items() if one.quantity == "speed"] or list(wanted)
+
+
+def _may_ask(told: Named) -> bool:
+    """Whether a channel without a unit of speed may ask for one: a current flows in a machine, and asks for none."""
+    return told.is_open and told.unit != "A"
 
 
 def set_point_of(log: Log) -> str:
@@ -187,6 +207,8 @@ def _locate(roles: Roles, torque: str) -> None:
         roles.location, roles.located_by = "brake", "of the engine or motor, by its name"
     elif "gauge" in tells:
         roles.located_by = "of the shaft, by its name"
+    elif roles.named[torque].unit == "%":
+        roles.location, roles.located_by = "brake", "of the engine or motor, which alone tells a share of its rating"
 
 
 def _by_what_it_does(log: Log, roles: Roles) -> None:
@@ -197,7 +219,7 @@ def _by_what_it_does(log: Log, roles: Roles) -> None:
         for name, told in roles.named.items()
         if name not in roles.trains
         and "measured" not in told.tells
-        and (told.quantity == "speed" or (told.quantity is None and told.is_open))
+        and (told.quantity == "speed" or (told.quantity is None and _may_ask(told)))
     ]
     found = {name: _coarse(log, name) for name in log.channels if name not in roles.trains}
     coarse = {name: values for name, values in found.items() if values is not None}

@@ -284,7 +284,7 @@ class SpeedLevel(PulseTrain):
     def _pulses(self, rows: Rows, start_s: float, stop_s: float) -> PulseTimes:
         rows.within(start_s, stop_s)
         channel, tacho = rows.channel, self.tacho
-        factor = TO_RPM[told(tacho.unit)] / 60.0
+        factor = TO_RPM[told(tacho.unit)] / 60.0 / tacho.pole_pairs
         first = max(round((start_s - MARGIN_S - channel.start_s) * channel.rate_hz), 0)
         stop = min(round((stop_s + MARGIN_S - channel.start_s) * channel.rate_hz), channel.samples)
         recorded = rows.read(first, stop).astype(np.float64)

@@ -9,7 +9,7 @@ from pydantic import ConfigDict, Field, model_validator
 
 from shipfp_rs.support.calibration import Calibration
 from shipfp_rs.support.toml import TO_BE_GIVEN, FilePath, Name, Section, unexpected
-from shipfp_rs.support.units import ELECTRIC, TO_NM, TO_REV, TO_RPM, TO_W, told
+from shipfp_rs.support.units import ELECTRIC, FREQUENCIES, QUANTITIES, TO_NM, TO_REV, TO_RPM, TO_W, told
 
 Positive = Annotated[float, Field(gt=0.0)]
 Rate = Annotated[float, Field(gt=0.0, le=1e8)]
@@ -23,7 +23,7 @@ KEYS_OF_KIND: Mapping[str, Set[str]] = {
     "pulses": {"pulses_per_rev", "missing", "quadrature", "threshold", "hysteresis", "unit"},
     "edges": {"file", "level", "time_std_s", "pulses_per_rev", "missing"},
     "angle": {"unit", "counts_per_rev", "calibration", "std"},
-    "speed": {"unit", "calibration", "std", "mean_s"},
+    "speed": {"unit", "calibration", "std", "mean_s", "pole_pairs"},
 }
 """Keys that a source of speed takes beside those of every kind."""
 KEYS_OF_ALL = {"kind", "column", "shaft", "delay_s"}
@@ -65,6 +65,14 @@ def wanted_line(unit: str, to: str) -> str:
     )
 
 
+PolePairs = Annotated[int, Field(ge=1, le=200)]
+"""Pairs of poles of the machine whose electric frequency is recorded: turns a second are so many times less."""
+SCALING: Mapping[str, tuple[Set[str], str]] = {
+    "pole_pairs": ({*FREQUENCIES}, "a whole number, the pairs of poles: 2 where 50 Hz are 1500 rpm"),
+    "rated_torque_Nm": ({"%"}, "the torque at 100 % [Nm]"),
+    "efficiency": ({*TO_W}, "the share of the shaft's power that the channel shows, such as 0.95"),
+}
+"""Keys that lead from a unit to the shaft's quantity, the units that they go with, and what they are."""
 RESTING = "set point at rest"
 """Channel of a set point that no logger recorded."""
 MOST_RPM = 1e6
@@ -73,10 +81,8 @@ MOST_RPM = 1e6
 class Level(Section):
     """A channel of samples that a line calibrates; a unit of what it is needs no line."""
 
-    told_in: ClassVar[Mapping[str, float]] = {}
-    """Units to their factors."""
-    to: ClassVar[str] = ""
-    """Unit of the calibrated values."""
+    a: ClassVar[str] = ""
+    """Its quantity, of the table of quantities, whose units need no line."""
 
     column: Name
     unit: str
@@ -95,11 +101,21 @@ class Level(Section):
         if column == TO_BE_GIVEN:
             raise unexpected("column", repr(column), "the name of a channel of the log")
         line = content.get("calibration", TO_BE_GIVEN)
+        for key in SCALING.keys() & cls.model_fields.keys() & content.keys():
+            _require_use(key, content, told(unit) if isinstance(unit, str) else "")
+            if line != TO_BE_GIVEN:
+                raise unexpected(
+                    key, "calibration as well", "one of the two: a calibration leads all the way"
+                )
         if line != TO_BE_GIVEN or not (isinstance(column, str) and isinstance(unit, str)):
             return content
         factor, to = cls.factor(told(unit), content)
         if factor is not None:
             return {**content, "calibration": {"scale": factor}}
+        if told(unit) == "%" and "rated_torque_Nm" in cls.model_fields and to == "Nm":
+            raise unexpected(
+                "rated_torque_Nm", "nothing", f"{SCALING['rated_torque_Nm'][1]}, of channel {column!r}"
+            )
         raise unexpected(
             "calibration",
             repr(content["calibration"]) if "calibration" in content else "nothing",
@@ -112,15 +128,32 @@ class Level(Section):
 
         `content` is the rest of the channel's table.
         """
-        return cls.told_in.get(unit), cls.to
+        known = QUANTITIES[content["quantity"] if content.get("quantity") in QUANTITIES else cls.a]
+        scaled = {key: content[key] for key in SCALING if isinstance(content.get(key), int | float)}
+        if unit == "%" and known.unit == "Nm" and "rated_torque_Nm" in scaled:
+            return 0.01 * scaled["rated_torque_Nm"], known.unit
+        factor = known.factors.get(unit)
+        if factor is not None:
+            # What is out of range is refused once the keys are looked at.
+            factor /= abs(scaled.get("pole_pairs", 1.0) * scaled.get("efficiency", 1.0)) or 1.0
+        return factor, known.unit
+
+
+def _require_use(key: str, content: Mapping[str, Any], unit: str) -> None:
+    """Refuse a key that is still to be given, or that does nothing with a channel's unit."""
+    units, what = SCALING[key]
+    if content[key] == TO_BE_GIVEN:
+        raise unexpected(key, repr(TO_BE_GIVEN), f"{what}, of channel {content.get('column')!r}")
+    if unit not in units:
+        raise unexpected(key, f"it beside unit = {unit!r}", f"it beside {' or '.join(sorted(units))} only")
 
 
 class SetPoint(Level):
     """The channel of the engine-speed set point, calibrated to rpm; where none was logged, what it rests at."""
 
-    told_in = TO_RPM
-    to = "rpm"
+    a = "speed"
 
+    pole_pairs: PolePairs = 1
     rpm: Annotated[float, Field(gt=0.0, lt=MOST_RPM)] | None = None
     """Of a set point that rests, in place of a channel: a load drives the ship."""
 
@@ -133,6 +166,8 @@ class SetPoint(Level):
     def _may_rest(cls, content: Any) -> Any:
         if not isinstance(content, dict) or "rpm" not in content:
             return content
+        if content["rpm"] == TO_BE_GIVEN:
+            raise unexpected("rpm", repr(TO_BE_GIVEN), "the shaft's speed at rest [rpm]")
         if "column" in content:
             raise unexpected("rpm", "column as well", "one of the two: a set point that rests has no channel")
         return {"unit": "rpm", "calibration": {"scale": 1.0}, **content, "column": RESTING}
@@ -158,9 +193,10 @@ class Command(Level):
 class Torque(Level):
     """The torque channel, calibrated to Nm."""
 
-    told_in = TO_NM
-    to = "Nm"
+    a = "torque"
 
+    rated_torque_Nm: Annotated[float, Field(gt=0.0, lt=1e9)] | None = None
+    """Of a channel in per cent of it."""
     location: Literal["gauge", "brake", "shaft"]
     """"gauge": strain gauge between the inertias (M_g); "brake": engine brake torque (M_b); "shaft": M_s."""
     gauge_accuracy: Accuracy | None = None
@@ -193,12 +229,11 @@ class Load(Level):
 
     quantity: Literal["torque", "power"]
     """Torque [Nm], or power [W], which is divided by the shaft's speed."""
-
-    @classmethod
-    def factor(cls, unit: str, content: Mapping[str, Any]) -> tuple[float | None, str]:
-        """Return the factor of a unit of the load's quantity."""
-        units, to = (TO_W, "W") if content.get("quantity") == "power" else (TO_NM, "Nm")
-        return units.get(unit), to
+    a = "torque"
+    rated_torque_Nm: Annotated[float, Field(gt=0.0, lt=1e9)] | None = None
+    """Of a torque in per cent of it."""
+    efficiency: Annotated[float, Field(ge=0.2, le=1.0)] = 1.0
+    """Of a generator: its electric power over the shaft's."""
 
 
 class Tacho(Section):
@@ -231,7 +266,7 @@ class Tacho(Section):
     time_std_s: Positive | None = None
     """Standard deviation of an edge of a list [s]; from the digits of its times where it isn't given."""
     unit: str = ""
-    """Unit of an angle (deg, rad, rev or counts) or of a speed (rpm, rad/s, rev/s, or Hz for turns a second)."""
+    """Unit of an angle (deg, rad, rev or counts) or of a speed (rpm, rad/s, rev/s, or Hz for turns a second, times `pole_pairs`)."""
     counts_per_rev: Annotated[float, Field(ge=1.0, le=1e9)] | None = None
     calibration: Line | None = None
     """Calibration of an analogue speed or angle, from volts to `unit`."""
@@ -239,6 +274,7 @@ class Tacho(Section):
     """Standard deviation of a sample, in `unit`; from the samples themselves where it isn't given."""
     mean_s: Positive | None = None
     """Time over which a recorded speed is a mean [s]; from one sample to the next where it isn't given."""
+    pole_pairs: PolePairs = 1
 
     @model_validator(mode="before")
     @classmethod
@@ -254,9 +290,11 @@ class Tacho(Section):
         for key, what in wanted.items():
             if content.get(key) == TO_BE_GIVEN:
                 raise unexpected(key, repr(TO_BE_GIVEN), f"{what}, for channel {content.get('column')!r}")
+        unit = told(content["unit"]) if isinstance(content.get("unit"), str) else ""
+        if "pole_pairs" in content:
+            _require_use("pole_pairs", content, unit)
         if "kind" in content:
             return content
-        unit = told(content["unit"]) if isinstance(content.get("unit"), str) else ""
         if "file" in content:
             kind = "edges"
         elif "counts_per_rev" in content or unit in TO_REV or unit == "counts":

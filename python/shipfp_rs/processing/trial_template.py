@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -13,8 +14,9 @@ from shipfp_rs.errors import InputError
 from shipfp_rs.logs.channel import Channel
 from shipfp_rs.logs.log import Log
 from shipfp_rs.processing.roles import Roles
-from shipfp_rs.processing.trial_channels import wanted_line
+from shipfp_rs.processing.trial_channels import SCALING, wanted_line
 from shipfp_rs.processing.trial_tables import Processing
+from shipfp_rs.processing.proposed_windows import proposed
 from shipfp_rs.processing.windows import FoundWindow, find_windows, longest_rest
 from shipfp_rs.support.toml import TO_BE_GIVEN
 from shipfp_rs.support.units import TO_NM, TO_REV, TO_RPM, TO_W
@@ -37,9 +39,14 @@ def windows_toml(windows: Sequence[FoundWindow]) -> str:
             note = f" # {first:.4g} Hz" if window.kind == "sine" else f" # {first:.4g} to {last:.4g} Hz"
         lines.append(
             f'[[windows]]\nname = "{window.name}"\nkind = "{window.kind}"{note}\n'
-            f"start_s = {window.start_s:.1f}\nstop_s = {window.stop_s:.1f}\n"
+            "start_s = {:.1f}\nstop_s = {:.1f}\n".format(*_within(window))
         )
     return "\n".join(lines)
+
+
+def _within(window: FoundWindow) -> tuple[float, float]:
+    """Return start and stop of a window [s] to a tenth of a second, neither of them outside it."""
+    return math.ceil(10.0 * window.start_s - 1e-6) / 10.0, math.floor(10.0 * window.stop_s + 1e-6) / 10.0
 
 
 def moved(log: Log, driver: str | None, load: str | None) -> tuple[str, list[FoundWindow]]:
@@ -53,9 +60,10 @@ def moved(log: Log, driver: str | None, load: str | None) -> tuple[str, list[Fou
     driver = driver or load
     if driver is None:
         raise InputError("no set point found: name its channel in the file, or with --set-point")
-    found = find_windows(log, driver)
+    drives = list(dict.fromkeys([driver, load or driver]))
+    found = proposed(log, drives, driver, find_windows(log, driver))
     if load is not None and all(window.kind == "steady" for window in found):
-        by_load = find_windows(log, load)
+        by_load = proposed(log, drives, load, find_windows(log, load))
         if any(window.kind != "steady" for window in by_load):
             return load, by_load
     return driver, found
@@ -147,7 +155,10 @@ def _channels(log: Log, roles: Roles, windows: Sequence[FoundWindow]) -> list[st
     if roles.load is not None:
         power = roles.named[roles.load].unit in TO_W
         units, to, what = (TO_W, "W", "power") if power else (TO_NM, "Nm", "torque")
-        tables.append(f'{_level("load", log.channel(roles.load), roles, units, to)}\nquantity = "{what}"')
+        table = f'{_level("load", log.channel(roles.load), roles, units, to)}\nquantity = "{what}"'
+        # A generator's power is told where its voltage is, and its losses with it.
+        told = f"\n# efficiency = 0.95  # {SCALING['efficiency'][1]}" if power else ""
+        tables.append(table + told)
     told = {name for name in roles.speeds if roles.named[name].unit in {*TO_RPM, *TO_REV}}
     # What needs an answer is left out where another channel tells the speed without one.
     tables += [_speed(name, roles) for name in roles.speeds if name in told or not (told or roles.pulses)]
@@ -164,13 +175,18 @@ def _resting(log: Log, roles: Roles, windows: Sequence[FoundWindow]) -> str:
     rpm = _mean(log, roles, next(iter(roles.speeds), None), moving if rest is None else [rest], TO_RPM)
     if rpm is None:
         return f'[channels.set_point]\ncolumn = "{TO_BE_GIVEN}"\nunit = ""'
-    return f"[channels.set_point]            # not in the log; the load alone moves\nrpm = {rpm:.6g}  # the speed's mean"
+    told = f"{rpm:.6g}  # the speed's mean"
+    if roles.named[next(iter(roles.speeds))].quantity == "frequency":
+        told = f'"{TO_BE_GIVEN}"  # {rpm:.6g} / pole_pairs, the speed\'s mean'
+    return f"[channels.set_point]            # not in the log; the load alone moves\nrpm = {told}"
 
 
 def _level(key: str, channel: Channel, roles: Roles, factors: Mapping[str, float], to: str) -> str:
     """Return the table of a calibrated channel; one of a known unit needs no calibration."""
     unit = roles.named[channel.name].unit
     table = f"[channels.{key}]\n" + _keys({"column": channel.name, "unit": unit})
+    if unit == "%" and to == "Nm":
+        return f'{table}\nrated_torque_Nm = "{TO_BE_GIVEN}"  # {SCALING["rated_torque_Nm"][1]}'
     return table if unit in factors else f"{table}\n{_asked_line(unit, to)}"
 
 
@@ -184,6 +200,8 @@ def _speed(name: str, roles: Roles) -> str:
     known = unit in TO_RPM or unit in TO_REV
     keys = {"column": name, "unit": unit if known else "rpm", "shaft": roles.speeds[name]}
     table = f"[channels.{_key(name)}]\n{_keys(keys)}"
+    if roles.named[name].quantity == "frequency":
+        return f'{table}\npole_pairs = "{TO_BE_GIVEN}"  # {SCALING["pole_pairs"][1]}'
     return table if known else f"{table}\n{_asked_line(unit, 'rpm')}"
 
 
@@ -202,7 +220,10 @@ def _operating_point(log: Log, roles: Roles, windows: Sequence[FoundWindow], mov
     """Return the table of the operating point: the steady stretch, or means over the windows where nothing rests."""
     rest = operating_rest(windows, by_load=mover is not None and mover == roles.load)
     if rest is not None:
-        return f"[operating_point]               # means over a rest\nsteady_s = [{rest.start_s:.1f}, {rest.stop_s:.1f}]"
+        start_s, stop_s = _within(rest)
+        return (
+            f"[operating_point]               # means over a rest\nsteady_s = [{start_s:.1f}, {stop_s:.1f}]"
+        )
     if roles.command is not None:
         return "[operating_point]               # nothing rests in the log: means over its windows"
     means = {

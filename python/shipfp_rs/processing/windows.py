@@ -125,6 +125,11 @@ def find_windows(
     for (_, stop), (start, _) in itertools.pairwise(borders):
         if (start - stop) * BLOCK_S > STEP_WITHIN_S:
             found.append(trace.excitation(stop, start))
+    return numbered(found)
+
+
+def numbered(found: Iterable[FoundWindow]) -> list[FoundWindow]:
+    """Return windows in order of time, each with its kind's letter and a count."""
     counts = dict.fromkeys(_LETTERS.values(), 0)
     named = []
     for window in sorted(found, key=lambda window: (window.start_s, -window.stop_s)):

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Mapping
+from typing import NamedTuple
 
 TURNS_A_MINUTE = """
 rpm r/min rev/min revs/min u/min 1/min /min min-1 min^-1 min⁻¹ umdr/min upm omw/min o/min o.p.m.
@@ -19,6 +21,10 @@ NAMED: Mapping[str, str] = {
     "rad*s^-1": "rad/s",
     "rad·s-1": "rad/s",
     "1/s": "1/s",
+    "s^-1": "1/s",
+    "s-1": "1/s",
+    "pct": "%",
+    "proz": "%",
     "rps": "rev/s",
     "r/s": "rev/s",
     "u/s": "rev/s",
@@ -70,9 +76,12 @@ TO_RPM: Mapping[str, float] = {
     "rev/s": 60.0,
     "rad/s": 60.0 / 6.283185307179586,
     "Hz": 60.0,
+    "1/s": 60.0,
     "deg/s": 1.0 / 6.0,
 }
-"""Turns a minute in one of each unit of speed; a frequency is taken for turns a second."""
+"""Turns a minute in one of each unit of speed; a frequency is taken for turns a second, of a machine of one pair of poles."""
+FREQUENCIES = ("Hz", "1/s")
+"""Units of speed that may be those of an electric frequency."""
 TO_NM: Mapping[str, float] = {"mNm": 1e-3, "Nm": 1.0, "kNm": 1e3, "MNm": 1e6, "lbf ft": 1.3558179483314004}
 TO_W: Mapping[str, float] = {"W": 1.0, "kW": 1e3, "MW": 1e6}
 TO_REV: Mapping[str, float] = {
@@ -82,6 +91,24 @@ TO_REV: Mapping[str, float] = {
     "rad": 1.0 / 6.283185307179586,
 }
 """Turns in one of each unit of angle."""
+
+
+class Quantity(NamedTuple):
+    """What a unit is of: its SI unit or rpm, factors to it, and the sizes that a drive train's has and may have."""
+
+    unit: str
+    factors: Mapping[str, float]
+    usual: tuple[float, float] = (0.0, math.inf)
+    possible: tuple[float, float] = (0.0, math.inf)
+
+
+QUANTITIES: Mapping[str, Quantity] = {
+    "speed": Quantity("rpm", TO_RPM, (5.0, 20e3), (1e-3, 60e3)),
+    "torque": Quantity("Nm", TO_NM, (1e-2, 2e7), (1e-6, 1e9)),
+    "power": Quantity("W", TO_W, (1e3, 1e9), (1e-6, 1e12)),
+    "angle": Quantity("rev", TO_REV),
+}
+"""From a laboratory's motor to the largest ship's propeller: 90 rpm, 8 MNm, 80 MW; a turbine's shaft turns 20,000 rpm."""
 
 ELECTRIC = frozenset(("", "V", "mV", "µV", "A", "mA", "mV/V", "counts", "bits"))
 """Units of what an amplifier or a converter tells; only a calibration says what it stands for."""
