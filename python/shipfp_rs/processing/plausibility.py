@@ -11,9 +11,10 @@ import numpy as np
 from shipfp_rs.errors import InputError, LogWarning
 from shipfp_rs.logs.log import Log
 from shipfp_rs.processing.channel_names import named
-from shipfp_rs.processing.trial_channels import Level, Tacho
+from shipfp_rs.processing.trial_channels import Level, Load, Tacho, Torque
 from shipfp_rs.support import hints
 from shipfp_rs.support.arrays import Array
+from shipfp_rs.support.calibration import Calibration
 from shipfp_rs.support.units import FREQUENCIES, QUANTITIES, told
 from shipfp_rs.vessel.vessel import Vessel
 
@@ -25,7 +26,11 @@ LEAST_TORQUE, MOST_TORQUE = 0.002, 2.0
 
 
 def require_size(
-    label: str, key: str, quantity: str, value: float, reading: float | None = None, unit: str = ""
+    label: str,
+    key: str,
+    sensor: Torque | Load | Tacho,
+    samples: Array,
+    calibration: Calibration | None = None,
 ) -> None:
     """Refuse the mean size of a channel that no drive train has; warn of an odd one.
 
@@ -33,25 +38,25 @@ def require_size(
     ----------
     label, key
         Stretch of the log, and the channel's table in TRIAL.toml.
-    quantity
-        Of the table of quantities.
-    value
-        Mean of the calibrated channel, in the quantity's unit.
-    reading, unit
-        Mean as recorded, and its unit, of a channel that a calibration leads from. An odd value of a unit that alone makes a
-        usual one comes of the calibration.
+    sensor
+        The table. An odd size, where its unit alone makes a usual one, comes of the calibration.
+    samples
+        Calibrated samples, shape (N,), of a source of speed in rpm.
+    calibration
+        That of the samples.
     """
-    known, size = QUANTITIES[quantity], abs(value)
+    known = QUANTITIES["speed" if isinstance(sensor, Tacho) else getattr(sensor, "quantity", "torque")]
+    size = abs(float(np.nanmean(samples))) if np.isfinite(samples).any() else 0.0
     found = f"channels.{key}: {size:.4g} {known.unit} on average in {label}"
     least, most = known.usual
     if size == 0.0 or least <= size <= most:
         return
-    factor = known.factors.get(told(unit))
-    alone = 0.0 if reading is None or factor is None else abs(reading) * factor
+    factor = known.factors.get(told(sensor.unit), 0.0)
+    alone = 0.0 if calibration is None else factor * abs(float(np.nanmean(calibration.inverse(samples))))
     if least <= alone <= most:
         raise InputError(
-            f"{found}, where its unit {unit!r} alone makes {alone:.4g} {known.unit}; "
-            f"leave channels.{key}.calibration out, or let it lead from {unit} to {known.unit}"
+            f"{found}, where its unit {sensor.unit!r} alone makes {alone:.4g} {known.unit}; leave "
+            f"channels.{key}.calibration out, or let it lead from {sensor.unit} to {known.unit}"
         )
     least, most = known.possible
     if not least <= size <= most:

@@ -318,16 +318,12 @@ class _Recording:
                     "kept: negative on average, which makes no difference once it is normalised by its mean"
                 )
                 faults = [*faults, Fault("sign", sensor.column, kept, rows, excluded=False)]
-            if (quantity := sensor.quantity if isinstance(sensor, Load) else sensor.a) and np.isfinite(
-                cleaned.samples
-            ).any():
-                value = float(np.nanmean(cleaned.samples))
-                reading = cleaned.calibration.inverse(value)
-                require_size(label, kind, quantity, value, reading, sensor.unit)
+            if isinstance(sensor, Torque | Load):
+                require_size(label, kind, sensor, cleaned.samples, cleaned.calibration)
         tacho = self.trial.channels.tachos.get(speed.account["train"])
         source = None if tacho is None else (speed.account["train"], tacho)
-        if source is not None and np.isfinite(speed.rpm).any():
-            require_size(label, source[0], "speed", float(np.nanmean(speed.rpm)))
+        if source is not None:
+            require_size(label, *source, speed.rpm)
         require_sense(label, signals, self.vessel, source)
         answers = [name for name in signals if name not in DRIVES]
         told_by |= dict.fromkeys(self._drives(), answers)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import replace
@@ -16,7 +17,7 @@ from shipfp_rs.support.spans import runs
 from shipfp_rs.support.units import QUANTITIES, told
 
 SHORTEST_S = 20.5
-"""Shortest window [s], a little more than what a fit takes of a slow ship's loop; a log that is shorter is a quick drive's."""
+"""Shortest window [s], a little more than what a fit takes of a slow ship; a shorter log is a quick drive's."""
 LEAST_SWING = 2e-3
 """Standard deviation below which a window of a unit of speed, torque or power is taken for a rest, over its level."""
 
@@ -77,9 +78,7 @@ def _whole(log: Log, drives: Sequence[str]) -> list[tuple[float, float]]:
         spans = channel.start_s + runs(missing) * block / channel.rate_hz
         lost += [(first, last) for first, last in spans.tolist() if last - first > Faults().longest_bridge_s]
     edges = [(start_s, start_s), *sorted(lost), (stop_s, stop_s)]
-    return [
-        (before[1], after[0]) for before, after in zip(edges, edges[1:], strict=False) if after[0] > before[1]
-    ]
+    return [(before[1], after[0]) for before, after in itertools.pairwise(edges) if after[0] > before[1]]
 
 
 def _swings(log: Log, mover: str, window: FoundWindow) -> bool:

@@ -208,7 +208,10 @@ def _locate(roles: Roles, torque: str) -> None:
     elif "gauge" in tells:
         roles.located_by = "of the shaft, by its name"
     elif roles.named[torque].unit == "%":
-        roles.location, roles.located_by = "brake", "of the engine or motor, which alone tells a share of its rating"
+        roles.location, roles.located_by = (
+            "brake",
+            "of the engine or motor, which alone tells a share of its rating",
+        )
 
 
 def _by_what_it_does(log: Log, roles: Roles) -> None:

@@ -266,7 +266,7 @@ class Tacho(Section):
     time_std_s: Positive | None = None
     """Standard deviation of an edge of a list [s]; from the digits of its times where it isn't given."""
     unit: str = ""
-    """Unit of an angle (deg, rad, rev or counts) or of a speed (rpm, rad/s, rev/s, or Hz for turns a second, times `pole_pairs`)."""
+    """Unit of an angle (deg, rad, rev or counts) or of a speed (rpm, rad/s, rev/s, Hz over `pole_pairs`)."""
     counts_per_rev: Annotated[float, Field(ge=1.0, le=1e9)] | None = None
     calibration: Line | None = None
     """Calibration of an analogue speed or angle, from volts to `unit`."""

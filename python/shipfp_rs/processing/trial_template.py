@@ -13,10 +13,10 @@ import tomlkit
 from shipfp_rs.errors import InputError
 from shipfp_rs.logs.channel import Channel
 from shipfp_rs.logs.log import Log
+from shipfp_rs.processing.proposed_windows import proposed
 from shipfp_rs.processing.roles import Roles
 from shipfp_rs.processing.trial_channels import SCALING, wanted_line
 from shipfp_rs.processing.trial_tables import Processing
-from shipfp_rs.processing.proposed_windows import proposed
 from shipfp_rs.processing.windows import FoundWindow, find_windows, longest_rest
 from shipfp_rs.support.toml import TO_BE_GIVEN
 from shipfp_rs.support.units import TO_NM, TO_REV, TO_RPM, TO_W
@@ -157,8 +157,8 @@ def _channels(log: Log, roles: Roles, windows: Sequence[FoundWindow]) -> list[st
         units, to, what = (TO_W, "W", "power") if power else (TO_NM, "Nm", "torque")
         table = f'{_level("load", log.channel(roles.load), roles, units, to)}\nquantity = "{what}"'
         # A generator's power is told where its voltage is, and its losses with it.
-        told = f"\n# efficiency = 0.95  # {SCALING['efficiency'][1]}" if power else ""
-        tables.append(table + told)
+        losses = f"\n# efficiency = 0.95  # {SCALING['efficiency'][1]}" if power else ""
+        tables.append(table + losses)
     told = {name for name in roles.speeds if roles.named[name].unit in {*TO_RPM, *TO_REV}}
     # What needs an answer is left out where another channel tells the speed without one.
     tables += [_speed(name, roles) for name in roles.speeds if name in told or not (told or roles.pulses)]

@@ -79,7 +79,7 @@ TO_RPM: Mapping[str, float] = {
     "1/s": 60.0,
     "deg/s": 1.0 / 6.0,
 }
-"""Turns a minute in one of each unit of speed; a frequency is taken for turns a second, of a machine of one pair of poles."""
+"""Turns a minute in one of each unit of speed; a frequency is that of a machine of one pair of poles."""
 FREQUENCIES = ("Hz", "1/s")
 """Units of speed that may be those of an electric frequency."""
 TO_NM: Mapping[str, float] = {"mNm": 1e-3, "Nm": 1.0, "kNm": 1e3, "MNm": 1e6, "lbf ft": 1.3558179483314004}

@@ -1,0 +1,210 @@
+"""Logs of a power analyser and of a PLC, from `init` to a fingerprint, and what their units may not be."""
+
+from __future__ import annotations
+
+import json
+import math
+import shutil
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from shipfp_rs import Vessel, cli
+from shipfp_rs.errors import InputError, LogWarning
+from shipfp_rs.logs.channel import Channel
+from shipfp_rs.logs.channel_reader import Rows
+from shipfp_rs.logs.faults.scan import scan
+from shipfp_rs.logs.log import Log
+from shipfp_rs.processing.channel_names import named
+from shipfp_rs.processing.cleaning import Cleaner
+from shipfp_rs.processing.plausibility import require_sense, require_size, require_unit
+from shipfp_rs.processing.trial_channels import Load, SetPoint, Tacho, Torque
+from shipfp_rs.processing.trial_tables import Processing
+from shipfp_rs.processing.trial_template import moved, windows_toml
+
+CASES = Path(__file__).parents[1] / "data" / "cases"
+GENSET = {
+    'pole_pairs = "to be given"': "pole_pairs = 2",
+    'rpm = "to be given"': "rpm = 1500.0",
+    "# efficiency = 0.95": "efficiency = 0.955",
+}
+POD = {'rated_torque_Nm = "to be given"': "rated_torque_Nm = 80e3"}
+
+
+def trial(folder: Path, name: str, answers: dict[str, str]) -> Path:
+    """Return the TRIAL.toml that `init` writes for a case, with what it asks for."""
+    shutil.copy(CASES / f"{name}.csv", folder)
+    assert cli.main(["init", str(folder), "--log", str(folder / f"{name}.csv")]) == 0
+    path = folder / "TRIAL.toml"
+    text = path.read_text(encoding="utf-8")
+    for asked, given in answers.items():
+        assert text.count(asked) == 1
+        text = text.replace(asked, given)
+    assert '= "to be given"' not in text
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def found(path: Path) -> dict[str, list[float]]:
+    assert cli.main(["run", str(path), "--out", str(path.parent / "result")]) == 0
+    told = json.loads((path.parent / "result" / "fingerprint.json").read_text(encoding="utf-8"))
+    return {name: one["ci95"] for name, one in told["parameters"].items() if one["ci95"]}
+
+
+def test_cases_power_analyser_of_a_generating_set_runs(tmp_path: Path) -> None:
+    path = trial(tmp_path, "genset_power", GENSET)
+    content = tomllib.loads(path.read_text(encoding="utf-8"))
+    assert {key: table.get("column") for key, table in content["channels"].items()} == {
+        "set_point": None, "load": "P", "f": "f"
+    }  # fmt: skip
+    for window in content["windows"]:
+        assert 0.02 <= window["start_s"] <= window["stop_s"] - 20.0
+        assert window["stop_s"] <= 240.0
+    start_s, stop_s = content["operating_point"]["steady_s"]
+    power_W = np.mean(Log.open(tmp_path / "genset_power.csv").read("P", start_s, stop_s)) * 1e3 / 0.955
+    # tau_n = J omega / M, of J = 24 kg m2, and the gains go with the torque, which is 1666.5 Nm in the truth.
+    torque, omega = power_W / (50.0 * math.pi), 50.0 * math.pi
+    truth = {"tau_n": 24.0 * omega / torque, "vK_i": 7.0 * 1666.54 / torque, "tau_act": 0.06, "T_d": 0.03}
+    intervals = found(path)
+    assert all(low <= truth[name] <= high for name in truth for low, high in [intervals[name]]), intervals
+
+
+def test_cases_clean_chirp_of_a_plc_runs_as_it_is(tmp_path: Path) -> None:
+    intervals = found(trial(tmp_path, "pod_clean_chirp", POD))
+    truth = {"tau_n": 2.571, "p": 2.0, "vK_p": 6.0, "vK_i": 4.0}
+    assert all(low <= truth[name] <= high for name in truth for low, high in [intervals[name]]), intervals
+
+
+def test_cases_clean_chirp_has_no_fault() -> None:
+    log = Log.open(CASES / "pod_clean_chirp.csv")
+    for channel in ("POD1_SPEED_REF_RPM", "POD1_SPEED_ACT_RPM"):
+        assert scan(Rows(log, channel), 0, log.channel(channel).samples) == {}
+
+
+def test_cases_noise_of_two_steps_that_stands_is_stuck() -> None:
+    samples = np.round(1000.0 + np.random.default_rng(3).normal(0.0, 2.0, 6000))
+    samples[2000:2100] = 1001.0
+    ((first, stop),) = scan(Rows(Log.from_arrays({"n": samples}, rate_hz=100.0), "n"), 0, 6000)[
+        "stuck"
+    ].tolist()
+    assert abs(first - 2000) + abs(stop - 2100) <= 4
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("efficiency = 0.955", "calibration = { scale = 1.0471 } #", "channels.load: 208.8 W on average"),
+        ("pole_pairs = 2", "calibration = { scale = 30 }", "channels.f: 9e+04 rpm on average"),
+        ("pole_pairs = 2", "", "turns 3000 rpm; a machine of 2 times as many pairs of poles? check channels.f.pole_pairs"),
+        ("pole_pairs = 2", 'pole_pairs = "to be given"', "channels.f.pole_pairs: found 'to be given', expected a"),
+        ('unit = "Hz"', 'unit = "rpm"', "channels.f.pole_pairs: found it beside unit = 'rpm'"),
+        ("efficiency = 0.955", "efficiency = 95.5", "channels.load.efficiency: found 95.5"),
+        ("efficiency = 0.955", "efficiency = 0.955\ncalibration = { scale = 1e3 }", "load.efficiency: found calibration"),
+        ("rpm = 1500.0", "rpm = 1800.0", "check unit and calibration of both, channels.set_point and channels.f"),
+    ],
+)  # fmt: skip
+def test_cases_units_that_can_t_be_are_refused_by_the_channel_s_key(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], old: str, new: str, said: str
+) -> None:
+    path = trial(tmp_path, "genset_power", GENSET)
+    capsys.readouterr()
+    path.write_text(path.read_text().replace(old, new))
+    assert cli.main(["check", str(path)]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert said in line
+    assert "pulses_per_rev" not in line
+
+
+@pytest.mark.parametrize(
+    ("name", "unit", "quantity"),
+    [
+        ("shaft_torque_kNm", "kNm", "torque"),
+        ("TorqueKNm", "kNm", "torque"),
+        ("load_kW", "kW", "power"),
+        ("P [kW]", "kW", "power"),
+        ("f [Hz]", "Hz", "frequency"),
+        ("Shaft speed 1_s", "1/s", "speed"),
+        ("TORQUE_ACT_PCT", "%", "torque"),
+    ],
+)
+def test_cases_units_at_the_end_of_a_name(name: str, unit: str, quantity: str) -> None:
+    told = named(Channel(name, "", 100.0, 1))
+    assert (told.unit, told.quantity) == (unit, quantity)
+
+
+def test_cases_a_torque_in_knm_by_its_name_is_not_taken_for_nm() -> None:
+    log = Log.from_arrays({"shaft_torque_kNm": np.ones(9)}, rate_hz=1.0)
+    torque = Torque.model_validate({"column": "shaft_torque_kNm", "unit": "Nm", "location": "gauge"})
+    with pytest.raises(InputError, match=r"is in 'kNm', channels\.torque\.unit says 'Nm'"):
+        require_unit(log, "torque", torque)
+
+
+def test_cases_a_load_far_below_the_rating_is_refused_and_an_odd_speed_told() -> None:
+    signals = {"n_e": np.full(9, 1184.0), "M_load": np.full(9, 1.7)}
+    with pytest.raises(
+        InputError, match=r"^channels\.load: 1\.7 Nm at most in C1, where the engine's rating"
+    ):
+        require_sense("C1", signals, Vessel.load("stan-tug-1205"))
+    speed = Tacho.model_validate({"column": "n", "unit": "rpm"})
+    with pytest.warns(LogWarning, match=r"channels\.n: 2\.5e\+04 rpm on average in C1 is odd"):
+        require_size("C1", "n", speed, np.full(9, 25e3))
+
+
+def test_cases_per_cent_and_poles_lead_to_the_shaft() -> None:
+    told = {"column": "M", "unit": "%", "rated_torque_Nm": 500.0}
+    load = Load.model_validate({**told, "quantity": "torque"})
+    asked = SetPoint.model_validate({"column": "f", "unit": "1/s", "pole_pairs": 3})
+    scales = [
+        one.calibration.scale for one in (Torque.model_validate(told | {"location": "brake"}), load, asked)
+    ]
+    assert scales == [5.0, 5.0, 20.0]
+
+
+@pytest.mark.parametrize("kind", ["stuck", "clipped", "dropout"])
+def test_cases_a_refused_fault_names_the_key_that_lets_it_pass(kind: str) -> None:
+    samples = 1000.0 + np.random.default_rng(3).normal(0.0, 2.0, 6000)
+    samples[2000:2100] = {"stuck": 1001.0, "clipped": 1020.0, "dropout": 0.0}[kind]
+    if kind == "clipped":
+        samples = np.clip(samples, 990.0, 1005.0)
+    rows = Rows(Log.from_arrays({"n_set": samples}, rate_hz=100.0), "n_set")
+    sensor = SetPoint.model_validate({"column": "n_set", "unit": "rpm"})
+    raised: list[str] = []
+    while len(raised) < 4:
+        faults = {key: 6000 if key == "clipped_samples" else 60.0 for key in raised}
+        try:
+            Cleaner(rows, sensor, Processing.model_validate({"faults": faults}), 0, 6000)
+            break
+        except InputError as error:
+            _, bridge, keys = str(error).partition("(processing.faults.longest_bridge_s)")
+            raised.append(keys.rpartition("raise processing.faults.")[2] if bridge else "")
+    # A rest at zero or at a limit is one, too.
+    expected = {
+        "stuck": ["stuck_s"],
+        "clipped": ["stuck_s", "clipped_samples"],
+        "dropout": ["dropout_s", "stuck_s", "clipped_samples"],
+    }
+    assert raised == expected[kind]
+
+
+def test_cases_windows_lie_within_the_log_move_are_long_enough_and_span_no_gap() -> None:
+    time = 0.02 + np.arange(0.0, 200.0, 0.02)
+    asked = 1000.0 + 20.0 * np.sin(2.0 * np.pi * 0.3 * time) * ((time < 60.0) | (abs(time - 150.0) < 3.0))
+    asked[(time > 30.0) & (time < 31.0)] = np.nan
+    log = Log.from_arrays({"n_set": asked}, rate_hz=50.0, units={"n_set": "rpm"}, start_s=0.02)
+    _, windows = moved(log, "n_set", None)
+    told = tomllib.loads(windows_toml(windows))["windows"]
+    ends = [(window["start_s"], window["stop_s"]) for window in told]
+    assert len(ends) == 3
+    assert all(start >= 0.02 and stop - start >= 20.0 for start, stop in ends)
+    assert not any(start < 31.0 and stop > 30.1 for start, stop in ends)
+    assert ends[2][0] < 147.0
+    assert ends[2][1] > 153.0
+
+
+def test_cases_no_window_is_where_the_set_point_rests() -> None:
+    time = np.arange(0.0, 100.0, 0.02)
+    creeps = {"n_set": np.round(1000.0 + 0.004 * time, 1)}
+    log = Log.from_arrays(creeps, rate_hz=50.0, units={"n_set": "rpm"})
+    assert {window.kind for window in moved(log, "n_set", None)[1]} == {"steady"}
