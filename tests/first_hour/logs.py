@@ -462,7 +462,7 @@ ROWS = (
         answers={'calibration = "to be given"': "calibration = { scale = 200.0, offset = 0.0 }"}),
     Bus("An engine's bus, its torque in per cent", mdf, launch, multisine, 50.0,
         {"n_set": ("EngRequestedSpeed", "rpm"), "n_e": ("EngSpeed", "rpm"), "M_b": ("ActualEngPercentTorque", "%")},
-        answers={'calibration = "to be given"': "calibration = { scale = 4.0, offset = 0.0 }"}),
+        answers={'rated_torque_Nm = "to be given"': "rated_torque_Nm = 400.0"}),
     Commanded("German torque steps of a laboratory drive in open loop", csv_with_commas, lab_drive, steps, 50.0,
         {"command": ("Motormoment Sollwert", "Nm"), "n_e": ("Motordrehzahl", "1/min"),
          "M_b": ("Motormoment Istwert", "Nm")}),

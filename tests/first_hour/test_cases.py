@@ -150,6 +150,8 @@ def test_cases_a_load_far_below_the_rating_is_refused_and_an_odd_speed_told() ->
     speed = Tacho.model_validate({"column": "n", "unit": "rpm"})
     with pytest.warns(LogWarning, match=r"channels\.n: 2\.5e\+04 rpm on average in C1 is odd"):
         require_size("C1", "n", speed, np.full(9, 25e3))
+    switched_off = Load.model_validate({"column": "P", "unit": "kW", "quantity": "power"})
+    require_size("C1", "load", switched_off, np.full(9, 0.3), switched_off.calibration.calibration("W"))
 
 
 def test_cases_per_cent_and_poles_lead_to_the_shaft() -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -58,12 +58,19 @@ def require_size(
             f"{found}, where its unit {sensor.unit!r} alone makes {alone:.4g} {known.unit}; leave "
             f"channels.{key}.calibration out, or let it lead from {sensor.unit} to {known.unit}"
         )
+    if isinstance(sensor, Load) and size < least:
+        return  # it may be switched off
     least, most = known.possible
     if not least <= size <= most:
         raise InputError(
             f"{found}, where no drive train has more than {most:g} or less than {least:g}{CHECK}"
         )
-    warnings.warn(f"{found} is odd for a drive train{CHECK}", LogWarning, stacklevel=2)
+    # Without the stretch, so that all windows of a trial give one and the same warning.
+    warnings.warn(
+        f"channels.{key}: some {size:.2g} {known.unit} are odd for a drive train{CHECK}",
+        LogWarning,
+        stacklevel=2,
+    )
 
 
 def require_unit(log: Log, key: str, sensor: Level) -> None:
@@ -100,27 +107,30 @@ def require_sense(
             f"channels.set_point: {mean['n_set']:.4g} rpm on average in {label}, where the engine turns "
             f"{mean['n_e']:.4g} rpm{_slip_of_speed(mean['n_set'] / mean['n_e'], vessel.gearbox.ratio, source)}"
         )
-    if vessel.given("engine.rated_power_kW", "engine.rated_speed_rpm"):
-        _require_rating(label, mean, signals, vessel)
+    for name in mean.keys() & {"M_b", "M_s", "M_g"}:
+        _require_rating("torque", f"on average in {label}", mean[name], vessel, by_engine=name == "M_b")
+
+
+def require_load(windows: Sequence[Mapping[str, Array]], vessel: Vessel) -> None:
+    """Refuse a load that in no window is near what the engine's rating makes; it may be switched off in some."""
+    loads = [np.abs(one["M_load"]) for one in windows if "M_load" in one]
+    if largest := max((float(np.nanmax(load)) for load in loads if np.isfinite(load).any()), default=0.0):
+        _require_rating("load", "at most", largest, vessel)
 
 
 def _require_rating(
-    label: str, mean: Mapping[str, float], signals: Mapping[str, Array], vessel: Vessel
+    key: str, where: str, torque_Nm: float, vessel: Vessel, *, by_engine: bool = False
 ) -> None:
-    """Refuse a torque, or a load that is never near, what the engine's rating makes."""
+    """Refuse a torque far from what the engine's rating makes, of the engine or of the shaft behind a gearbox."""
+    if not vessel.given("engine.rated_power_kW", "engine.rated_speed_rpm"):
+        return
     rated = vessel.engine.rated_power_kW * 1e3 / (2.0 * math.pi * vessel.engine.rated_speed_rpm / 60.0)
-    for name in signals.keys() & {"M_b", "M_s", "M_g", "M_load"}:
-        limit = rated if name == "M_b" else rated * vessel.gearbox.ratio
-        # A load may be switched off for most of a stretch.
-        largest = name == "M_load"
-        value = float(np.nanmax(np.abs(signals[name]))) if largest else abs(mean[name])
-        if value == 0.0 or LEAST_TORQUE * limit < value < MOST_TORQUE * limit:
-            continue
-        hint = hints.likely(value, LEAST_TORQUE * limit, MOST_TORQUE * limit, hints.TORQUE)
+    limit = rated if by_engine else rated * vessel.gearbox.ratio
+    least, most = LEAST_TORQUE * limit, MOST_TORQUE * limit
+    if not least < abs(torque_Nm) < most:
+        hint = hints.likely(abs(torque_Nm), least, most, hints.TORQUE)
         raise InputError(
-            f"channels.{'load' if largest else 'torque'}: {value if largest else mean[name]:.4g} Nm "
-            f"{'at most' if largest else 'on average'} in {label}, where the engine's rating makes "
-            f"{limit:.4g} Nm{hint}{CHECK}"
+            f"channels.{key}: {torque_Nm:.4g} Nm {where}, where the engine's rating makes {limit:.4g} Nm{hint}{CHECK}"
         )
 
 

@@ -27,7 +27,7 @@ from shipfp_rs.processing.engine_speed import EngineSpeed
 from shipfp_rs.processing.governor_clock import LONGEST_S, RATE_HZ, governor_clock, liveliest_of
 from shipfp_rs.processing.grid import Grid
 from shipfp_rs.processing.low_pass import nearest_rate
-from shipfp_rs.processing.plausibility import require_sense, require_size, require_unit
+from shipfp_rs.processing.plausibility import require_load, require_sense, require_size, require_unit
 from shipfp_rs.processing.pulse_train import PulseTrain
 from shipfp_rs.processing.ripple import Ripple, without_ripple
 from shipfp_rs.processing.speed_sources import require_one_direction, source_of
@@ -114,6 +114,7 @@ def process(
     recording = _Recording(log, trial, vessel or Vessel.load(trial.trial.vessel), chunk)
     point, clock = recording.operating_point(), recording.governor_clock()
     cut = [recording.signals(_label(window)) for window in windows]
+    require_load([signals for signals, _ in cut], recording.vessel)
     shaft = recording.vessel.torque_ratio if "M_b" in point else 1.0
     point = driven_point(point, [signals for signals, _ in cut], trial.operating_point.M_Nm, shaft)
     if trial.channels.asks_for_torque:
