@@ -20,6 +20,7 @@ from shipfp_rs.logs.log import Log
 from shipfp_rs.processing.channel_names import named
 from shipfp_rs.processing.cleaning import Cleaner
 from shipfp_rs.processing.plausibility import require_load, require_size, require_unit
+from shipfp_rs.processing.roles import guess_roles, named_roles
 from shipfp_rs.processing.trial_channels import Load, SetPoint, Tacho, Torque
 from shipfp_rs.processing.trial_tables import Processing
 from shipfp_rs.processing.trial_template import moved, windows_toml
@@ -209,3 +210,12 @@ def test_cases_no_window_is_where_the_set_point_rests() -> None:
     creeps = {"n_set": np.round(1000.0 + 0.004 * time, 1)}
     log = Log.from_arrays(creeps, rate_hz=50.0, units={"n_set": "rpm"})
     assert {window.kind for window in moved(log, "n_set", None)[1]} == {"steady"}
+
+
+def test_cases_a_current_is_no_set_point() -> None:
+    roles = named_roles([Channel("Current setpoint", "A", 50.0, 9), Channel("Speed", "rpm", 50.0, 9)])
+    assert (roles.set_point, roles.command) == (None, "Current setpoint")
+    time = np.arange(0.0, 60.0, 0.02)
+    leads, follows = (np.sin(0.5 * (time - late)) for late in (0.0, 1.0))
+    log = Log.from_arrays({"I1": leads, "U12": follows}, rate_hz=50.0, units={"I1": "A", "U12": "V"})
+    assert guess_roles(log).set_point is None
