@@ -26,6 +26,8 @@ from shipfp_rs.identification.ship_fit import fit_ship, refined
 from shipfp_rs.identification.ship_found import ShipFit, likelihood_of
 from shipfp_rs.identification.ship_likelihood import LIMITS
 from shipfp_rs.identification.ship_verdict import element_rows, with_verdict
+from shipfp_rs.identification.sides import covariance_of, load_alone, undescribed
+from shipfp_rs.identification.stretches import Stretches
 from shipfp_rs.identification.usability import SMALL_MISS_PCT
 from shipfp_rs.structures.combinations import COMBINATIONS
 from shipfp_rs.structures.elements import ELEMENTS
@@ -85,7 +87,9 @@ def answered(
     figures = figures_of([*names, *gains]) | {
         name: COMBINATIONS[name][1] for name in TOGETHER if _applies(name, values)
     }
-    fit, found, possible = intervals_of(fit, figures, intervals)
+    kind = undescribed(fit)
+    # Intervals of an engine that is not the ship's are not told.
+    fit, found, possible = intervals_of(fit, figures, "symmetric" if kind else intervals)
     if fit.stiff is not None and "tau_twist" in fit.along:
         # Neither is decided: intervals hold what either model allows, where the stiff one can be simulated at all.
         with suppress(IdentificationError):
@@ -99,6 +103,8 @@ def answered(
         parameters = _without_torque(parameters, question)
     together = (*(("vK_p", "vK_i") if gains else ()), *TOGETHER)
     derived = {name: _combined(found[name], COMBINATIONS[name][0]) for name in together if name in found}
+    if kind:
+        parameters, derived = load_alone(parameters, fit.side, kind), {}
     misses = dict(zip(question.outputs, misses_pct(fit.likelihood, fit.best.vector), strict=True))
     rows = explained_pct(fit.likelihood, fit.best.vector)
     fingerprint = Fingerprint(
@@ -117,16 +123,21 @@ def answered(
             "numpy": np.__version__,
             "scipy": scipy.__version__,
         },
-        covariance=_covariance(profiles, fit, parameters),
+        covariance=covariance_of(parameters, fit.side)
+        if kind and fit.side
+        else _covariance(profiles, fit, parameters),
         elements=element_rows(fit, parameters),
         adequate={
             "stands": max(misses.values()) <= SMALL_MISS_PCT,
             "misses_pct": misses,
             "bias": {},
             "dispersion": 1.0,
+            "sides": {"load": fit.side is not None or not kind, "engine": not kind},
+            "engine": {name: score._asdict() for name, score in fit.scores.items()},
         },
+        load_side={} if fit.side is None else fit.side.parameters,
     )
-    fingerprint = with_verdict(fingerprint, strain(fit.likelihood, fit.best.vector))
+    fingerprint = with_verdict(fingerprint, strain(fit.likelihood, fit.best.vector), kind)
     return replace(fingerprint, verdict=(*fingerprint.verdict, *doubts(question.experiments)))
 
 
@@ -170,11 +181,14 @@ def intervals_of(
             break
     most = profiles.best.cost + RISE * (1.0 + NEAR)
     inside = [point.vector for point in profiles.visited if point.cost < most]
+    stretches = Stretches(fit.likelihood, fit.best.vector)
     for name, figure in figures.items():
         one = profiles.widened(figure, found[name])
+        wider = stretches.widening(fit.likelihood.coordinates.gradient(figure, fit.best.vector))
         moved = figure(fit.values) - one.value
         # Along a valley the steps differ by a part of the interval: it holds both.
-        low, high = one.low + min(moved, 0.0), one.high + max(moved, 0.0)
+        low = one.value - wider * (one.value - one.low) + min(moved, 0.0)
+        high = one.value + wider * (one.high - one.value) + max(moved, 0.0)
         least, most = fit.question.bounds.get(name, (-np.inf, np.inf))
         found[name] = Interval(one.value + moved, max(low, least), min(high, most), one.kinds)
     return fit, found, [coarse.coordinates.values(vector) for vector in inside]

@@ -35,6 +35,8 @@ parts in a thousand: set point and speed differ by an offset, the torque is rela
 
 Asked = tuple[Array, Array, float, Array, float, Array, float, list[int], bool, bool]
 """Arguments that the kernel's functions have in common."""
+MOST_TWISTED = 0.98
+"""Largest part of the inertia behind a shaft that twists."""
 FINE_HZ = 200.0
 """Rate from which on straight lines between samples are as good as the band-limited set point [Hz]."""
 
@@ -273,6 +275,9 @@ class EquationLikelihood(Likelihood):
             place = SHIP_INDEX.get(SHIP_NAMES.get(name, name))
             if place is not None and name not in ("v", "K_p", "K_i"):
                 parameters[place] = value / values.get("v", 1.0) if gain else value
+        if values.get("tau_twist"):
+            place = SHIP_INDEX["tau_prop"]
+            parameters[place] = min(parameters[place], MOST_TWISTED * values["tau_n"])
         parameters[SHIP_INDEX["u_0"]] = states["set point offset"]
         parameters[SHIP_INDEX["s_M"]] = 1.0 + states["torque scale"]
         names = {"dn": "dn", "dM": "dM_g" if self.gauge else "dM_b", "dX": "dX"}

@@ -60,7 +60,11 @@ class Fingerprint(FingerprintTables, SimulationMixin):
         empty where the structure was given.
     adequate
         "stands": whether the residuals leave the model unchallenged; "misses_pct": what it misses of each output, in
-        per cent of its spread; "bias": how far that can move each parameter.
+        per cent of its spread; "bias": how far that can move each parameter; "sides": whether the "load" and the "engine"
+        with its governor are described; "engine": what the engine's side shows beyond the model, by kind of shape.
+    load_side
+        What speed and torque alone tell of the load, without a model of engine and governor, see `load_side`; name to
+        estimate, empty where they tell nothing.
     usable
         The verdict's first sentence: what the fingerprint can be used for.
     usability
@@ -90,6 +94,7 @@ class Fingerprint(FingerprintTables, SimulationMixin):
     residuals: Mapping[str, Mapping[str, Mapping[str, Sequence[float]]]] = field(default_factory=dict)
     elements: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     adequate: Mapping[str, Any] = field(default_factory=dict)
+    load_side: Mapping[str, Estimate] = field(default_factory=dict)
     usable: str = ""
     usability: Usable = ""
     why_not: WhyNot = ""
@@ -127,6 +132,7 @@ class Fingerprint(FingerprintTables, SimulationMixin):
             "residuals": {output: dict(tests) for output, tests in self.residuals.items()},
             "elements": {name: dict(row) for name, row in self.elements.items()},
             "adequate": dict(self.adequate),
+            "load_side": {name: estimate.to_dict() for name, estimate in self.load_side.items()},
             "usable": self.usable,
             "usability": self.usability,
             "why_not": self.why_not,
@@ -230,6 +236,7 @@ class Fingerprint(FingerprintTables, SimulationMixin):
             residuals=content.get("residuals", {}),  # older files have none of these
             elements=content.get("elements", {}),
             adequate=content.get("adequate", {}),
+            load_side={name: estimate_of(entry) for name, entry in content.get("load_side", {}).items()},
             usable=content.get("usable", ""),
             usability=content.get("usability", ""),
             why_not=content.get("why_not", ""),

@@ -26,8 +26,8 @@ TABLES = (
     "versions",
     "covariance",
 )
-OPTIONAL_TABLES = ("residuals", "elements", "adequate", "si")
-ROWS = ("parameters", "derived", "fit", "residuals", "elements", "si")
+OPTIONAL_TABLES = ("residuals", "elements", "adequate", "load_side", "si")
+ROWS = ("parameters", "derived", "fit", "residuals", "elements", "load_side", "si")
 """Tables of tables."""
 REBUILT = ("linear", "ship", "commanded", "joint")
 """Kinds of structures that a file tells whole."""
@@ -57,6 +57,8 @@ ADEQUATE: Mapping[str, tuple[Any, str]] = {
     "misses_pct": (Mapping[str, float | None], "a table of percentages of 0 or more"),
     "bias": (Mapping[str, float | None], "a table of numbers"),
     "dispersion": (Positive | None, "null or a positive number"),
+    "sides": (Mapping[str, bool], "a table of true or false"),
+    "engine": (Mapping[str, Mapping[str, float]], "a table of tables of numbers"),
 }
 """What `adequate` tells: an annotation of each value, and its words."""
 RANK: Mapping[str, tuple[Any, str]] = {
@@ -90,6 +92,7 @@ def require_layout(content: Mapping[str, Any]) -> None:
     for key, texts in (
         ("parameters", ("unit", "status", "reason")),
         ("derived", ("unit", "status", "reason")),
+        ("load_side", ("unit", "status", "reason")),
         ("si", ("unit",)),
     ):
         for name, row in content.get(key, {}).items():

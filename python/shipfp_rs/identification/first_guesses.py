@@ -41,15 +41,20 @@ SHARES = (0.3, 0.6)
 
 
 def first_guesses(
-    records: Sequence[Record | Spectra], outputs: Sequence[str], gauge: bool
+    records: Sequence[Record | Spectra],
+    outputs: Sequence[str],
+    gauge: bool,
+    law: Mapping[str, float] | None = None,
 ) -> list[dict[str, float]]:
-    """Return distinct parameter values to begin with, the best first."""
-    return guesses_from([LoopSpectra.of(record, outputs) for record in records], gauge)
+    """Return distinct parameter values to begin with, the best first; `law`: p and the inertia "tau" behind the torque."""
+    return guesses_from([LoopSpectra.of(record, outputs) for record in records], gauge, law)
 
 
-def guesses_from(parts: Sequence[LoopSpectra], gauge: bool) -> list[dict[str, float]]:
+def guesses_from(
+    parts: Sequence[LoopSpectra], gauge: bool, law: Mapping[str, float] | None = None
+) -> list[dict[str, float]]:
     """Return the same from spectra of the loop."""
-    law = _law(parts)
+    law = _law(parts) if law is None else law
     rows = []
     for lag in LAGS_S:
         for dead in LOOP_DEAD_TIMES_S:

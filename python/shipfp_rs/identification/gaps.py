@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 from scipy.fft import irfft, next_fast_len, rfft
+from scipy.linalg import solve
 
 from shipfp_rs.support.arrays import Array
 
@@ -28,7 +29,7 @@ def kriged(values: Array, gaps: npt.NDArray[np.bool_], reach: int) -> Array:
     stretches = [_stretches(row) for row in gaps]
     longest = max((int(end - first) for rows in stretches for first, end in rows), default=0)
     covariance = _covariance(centred, gaps, 2 * reach + longest + 1)
-    nugget = NUGGET * covariance[:, :, 0].diagonal()
+    nugget = np.maximum(NUGGET * covariance[:, :, 0].diagonal(), 1e-30)
     found = centred.copy()
     for output, rows in enumerate(stretches):
         for first, end in rows:
@@ -39,8 +40,8 @@ def kriged(values: Array, gaps: npt.NDArray[np.bool_], reach: int) -> Array:
             square.flat[:: len(when) + 1] += nugget[whose]
             inside = np.arange(first, end)
             across = _between(covariance, np.full(len(inside), output), inside, whose, when)
-            found[output, inside] = across @ np.linalg.lstsq(square, centred[whose, when], rcond=1e-10)[0]
-    return found + mean[:, None]
+            found[output, inside] = across @ solve(square, centred[whose, when], assume_a="pos")
+    return np.where(gaps, found + mean[:, None], values)
 
 
 def _stretches(gaps: npt.NDArray[np.bool_]) -> npt.NDArray[np.intp]:
@@ -54,11 +55,11 @@ def _covariance(centred: Array, gaps: npt.NDArray[np.bool_], lags: int) -> Array
     The lag counts from 0 on, then back from -`lags` + 1, as indices of Python do.
     """
     size = next_fast_len(centred.shape[1] + lags, real=True)
-    kept, spectra = rfft((~gaps).astype(float), size), rfft(centred, size)
-    products = irfft(spectra[:, None] * spectra[None].conj(), size)
-    pairs = irfft(kept[:, None] * kept[None].conj(), size)
-    every = np.r_[0:lags, size - lags + 1 : size]
-    return np.asarray(products[:, :, every] / np.maximum(pairs[:, :, every], 1.0))
+    spectra = rfft(centred, size)
+    counts = np.sqrt((~gaps).sum(axis=1))
+    # Over one number for all lags: so it is a covariance, and its matrix has an inverse.
+    products = irfft(spectra[:, None] * spectra[None].conj(), size) / np.outer(counts, counts)[..., None]
+    return np.asarray(products[:, :, np.r_[0:lags, size - lags + 1 : size]])
 
 
 def _between(

@@ -23,7 +23,7 @@ from shipfp_rs.identification.estimate import Estimate, rounded_rows
 from shipfp_rs.identification.input_checks import LEAST_SWING, is_loaded, require_plausible
 from shipfp_rs.identification.likelihood import ACCURACY
 from shipfp_rs.identification.load_equation import SHARED, Fit, Record
-from shipfp_rs.identification.question import BOUNDS, PRIORS, SIGNALS
+from shipfp_rs.identification.question import BOUNDS, PRIORS, SIGNALS, Question
 from shipfp_rs.identification.spectra import Spectra
 from shipfp_rs.structures.outputs import Torque
 from shipfp_rs.support.arguments import checked
@@ -144,6 +144,16 @@ def load_side(
     )
     si = _si(several, speed, signal, QUANTITIES[inertia], parameters[inertia], vessel)
     return LoadSide(side, parameters, covariance[np.ix_(places, places)], records, si)
+
+
+def load_side_of(question: Question) -> LoadSide | None:
+    """Return what speed and torque of a question's experiments tell of the load by themselves; None: nothing."""
+    if "dM" not in question.outputs:
+        return None
+    try:
+        return load_side(question.experiments, torque="gauge" if question.gauge else "brake")
+    except (InputError, np.linalg.LinAlgError):
+        return None
 
 
 def _signals(experiments: Sequence[Experiment], torque: Torque | None) -> tuple[str, str, Torque]:

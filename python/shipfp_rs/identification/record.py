@@ -211,6 +211,13 @@ class Record:
         seen = upfirdn(self.taps, wide, axis=-1)[..., 2 * half :: self.down]
         return np.asarray(seen[..., : len(self._kept[2])])
 
+    @property
+    def set_point_low(self) -> Array:
+        """Deviation of the set point behind the low-pass, decimated (K,)."""
+        half = len(self.taps) // 2
+        wide = np.pad(self.u[:: self.stride] - 1.0, (half, half + self.down), mode="edge")
+        return np.asarray(upfirdn(self.taps, wide)[2 * half :: self.down][: len(self._kept[2])])
+
     @cached_property
     def spectrum(self) -> ComplexArray:
         """Spectra of the data, shape (O, F)."""
@@ -223,6 +230,10 @@ class Record:
         # The mean is a real number, with twice the variance of either part of the others.
         found[..., 0] *= np.sqrt(0.5)
         return np.asarray(found)
+
+    def seen(self, signal: Array) -> ComplexArray:
+        """Tapered spectrum (F,) of a decimated signal (K,)."""
+        return self.see(signal)
 
     def driven_by(self, water: Array) -> Record:
         """Return the record with what moving water adds to the load's torque, at the decimated data's rate, shape (K,)."""

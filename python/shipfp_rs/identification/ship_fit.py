@@ -26,6 +26,7 @@ from shipfp_rs.identification.basins import (
 from shipfp_rs.identification.equation_likelihood import EquationLikelihood
 from shipfp_rs.identification.first_guesses import first_guesses
 from shipfp_rs.identification.likelihood import Likelihood
+from shipfp_rs.identification.load_side import LoadSide, load_side_of
 from shipfp_rs.identification.question import Question
 from shipfp_rs.identification.record import Between
 from shipfp_rs.identification.ship_found import (
@@ -39,7 +40,7 @@ from shipfp_rs.identification.ship_found import (
     step_for,
 )
 from shipfp_rs.identification.ship_likelihood import ShipLikelihood
-from shipfp_rs.identification.trials import with_elements
+from shipfp_rs.identification.trials import with_limits, with_twist
 from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.progress import part, tell
 
@@ -66,15 +67,14 @@ def fit_ship(
     """
     until = None if time_limit_s is None else time.monotonic() + time_limit_s
     with part(0.0, 0.4):
-        fit = smooth_ship(question, starts=starts, seed=seed, until=until)
+        smooth = smooth_ship(question, starts=starts, seed=seed, until=until)
         tell("parting the delays otherwise", 0.9)
-        fit = with_other_delays(fit, until)
-    with part(0.4, 0.7):
-        fit = with_elements(fit, until)
-        fit = settled(fit, until) if fit.elements else fit
-    if fit.elements:
-        tell("parting the delays otherwise", 0.7)
-        fit = with_other_delays(fit, until)
+        fit = with_other_delays(smooth, until)
+    with part(0.4, 0.8):
+        fit = with_twist(fit, smooth, until)
+        fit = with_other_delays(fit, until) if fit.elements else fit
+        fit = with_limits(fit, until)
+        fit = fit if fit.is_smooth else with_other_delays(fit, until)
     tell("ending at a fine step", 0.8)
     try:
         return refined(fit, until)
@@ -94,12 +94,13 @@ def first_look(
     until: float | None = None,
 ) -> ShipFit:
     """Go down from all starts at a long step, without the elements that are tried; see `fit_ship`."""
-    likelihood, vectors = _begun(question, between, starts, seed)
+    side = load_side_of(question)
+    likelihood, vectors = _begun(question, between, starts, seed, side)
     try:
         likelihood, basins = best_basins(likelihood, vectors, until=until)
     except SimulationError as error:
         raise IdentificationError(f"identify: {error}") from error
-    return ShipFit(question, likelihood, tuple(basins), (), {}, between)
+    return ShipFit(question, likelihood, tuple(basins), (), {}, between, side=side)
 
 
 def smooth_ship(
@@ -139,8 +140,18 @@ def _corrected(fit: ShipFit, between: Between | None, until: float | None) -> Sh
     return settled(fit, until)
 
 
+def _law_of(question: Question, side: LoadSide | None) -> dict[str, float] | None:
+    """The load's law by its own side, to begin with."""
+    if side is None:
+        return None
+    p, tau = (side.parameters[name].value for name in ("p", "tau_prop" if question.gauge else "tau_n"))
+    assert p is not None
+    assert tau is not None
+    return {"p": p, "tau": max(tau, 0.01)}
+
+
 def _begun(
-    question: Question, between: Between | None, starts: int, seed: int | None
+    question: Question, between: Between | None, starts: int, seed: int | None, side: LoadSide | None
 ) -> tuple[Likelihood, list[Array]]:
     """Return the likelihood of first descents and the vectors that they begin at."""
     likelihood: EquationLikelihood | ShipLikelihood
@@ -148,7 +159,7 @@ def _begun(
         likelihood = question.likelihood(between)
     else:
         likelihood = question.simulated_likelihood((), COARSE_STEP_S, between)
-    guesses = first_guesses(likelihood.records, question.outputs, question.gauge)
+    guesses = first_guesses(likelihood.records, question.outputs, question.gauge, _law_of(question, side))
     drawn: list[dict[str, float]] = []
     if question.structure is not None:
         own, random = question.structure.parameters, np.random.default_rng(seed)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -12,8 +12,10 @@ from shipfp_rs.errors import SimulationError
 from shipfp_rs.identification.basins import Basin, descend, distinct
 from shipfp_rs.identification.equation_likelihood import EquationLikelihood
 from shipfp_rs.identification.likelihood import Likelihood
+from shipfp_rs.identification.load_side import LoadSide
 from shipfp_rs.identification.question import TRIED, Question
 from shipfp_rs.identification.record import STEP_S, Between
+from shipfp_rs.identification.stretches import Score
 from shipfp_rs.structures.elements import ELEMENTS
 
 Grade = Literal["rough", "search", "fine"]
@@ -45,7 +47,8 @@ class ShipFit:
     """The end of a search.
 
     `gains` tells of each element tried by how much the deviance fell with it; `elements` those that act in the model;
-    `stiff` is the fit before a twist came in.
+    `stiff` is the fit before a twist came in; `scores` what the engine's side shows beyond the model, by kind;
+    `side` what the load's side tells by itself.
     """
 
     question: Question
@@ -55,6 +58,8 @@ class ShipFit:
     gains: Mapping[str, float]
     between: Between | None
     stiff: ShipFit | None = None
+    scores: Mapping[str, Score] = field(default_factory=dict)
+    side: LoadSide | None = None
 
     @property
     def best(self) -> Basin:

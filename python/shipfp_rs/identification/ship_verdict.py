@@ -12,6 +12,7 @@ from shipfp_rs.identification.estimate import KNOWN, Estimate
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.identification.question import BOUNDS, TRIED
 from shipfp_rs.identification.ship_found import ShipFit
+from shipfp_rs.identification.sides import KINDS
 from shipfp_rs.identification.usability import Usability, usability
 from shipfp_rs.identification.verdict import not_identifiable, shown
 from shipfp_rs.structures.elements import ELEMENTS
@@ -29,6 +30,10 @@ BENT = Sentence(
 JAGGED = Sentence(
     "Usable for simulation and comparison, but its intervals are too narrow: the rate of the fuel rack is limited, and the "
     "deviance of such a ship is not smooth."
+)
+LOAD_ONLY = Sentence(
+    "Usable for simulation and comparison of the load's side only: the governor is not what the model says ({what}), so its "
+    "gains, delays and the engine's slope are not told."
 )
 STATES: Mapping[str, str] = {
     "on": Sentence("Acting elements: {elements}."),
@@ -107,9 +112,14 @@ def _element(row: Mapping[str, Any]) -> Sentence:
     )
 
 
-def with_verdict(fingerprint: Fingerprint, strain: float = 0.0) -> Fingerprint:
-    """Return the fingerprint with what it can be used for, and the sentences about it; strain: of `adequacy`."""
+def with_verdict(fingerprint: Fingerprint, strain: float = 0.0, kind: str | None = None) -> Fingerprint:
+    """Return the fingerprint with what it can be used for, and the sentences about it.
+
+    `strain` is that of `adequacy`, `kind` what contradicts the model's engine and governor, of `sides.KINDS`.
+    """
     found = usability(fingerprint)
+    if kind is not None and found.state != "not usable":
+        found = Usability("usable except", Sentence(LOAD_ONLY, what=KINDS[kind]))
     ended = [name for name, one in fingerprint.parameters.items() if _is_on_bound(name, one)]
     if ended and found.state != "not usable":
         sentence = Sentence(
@@ -117,7 +127,7 @@ def with_verdict(fingerprint: Fingerprint, strain: float = 0.0) -> Fingerprint:
             names=listed(ended),
         )
         found = Usability("not usable", sentence, "misfit")
-    elif strain > 1.0 and found.state == "usable":
+    elif kind is None and strain > 1.0 and found.state == "usable":
         found = replace(found, state="usable except", sentence=BENT)
     elif fingerprint.elements.get("rack_rate", {}).get("state") == "on" and found.state == "usable":
         found = replace(found, state="usable except", sentence=JAGGED)

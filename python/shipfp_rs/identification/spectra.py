@@ -239,8 +239,13 @@ class Spectra:
         spectra[..., 0] *= np.sqrt(2.0)
         return np.asarray(irfft(spectra, self.count, axis=-1))
 
+    def seen(self, signal: Array) -> ComplexArray:
+        """Tapered spectrum (F,) of a decimated signal (K,)."""
+        return np.asarray(self.tapered(signal, 1)[0])
+
     @cached_property
-    def _set_point_low(self) -> Array:
+    def set_point_low(self) -> Array:
+        """Deviation of the set point behind the low-pass, decimated (K,)."""
         return self._once("set point", self.set_point)
 
     @property
@@ -279,7 +284,7 @@ class Spectra:
         """Return a signal late by a delay of the grid, (ORDERS, 2, padded), and the rest of the delay [s]."""
         steps = round(delay_s / GRID_S)
         if (signal, steps) not in self._delayed:
-            row = self._speed_low if signal == "speed" else self._set_point_low
+            row = self._speed_low if signal == "speed" else self.set_point_low
             moved = steps * GRID_S
             late = self._through(row, lambda s: np.exp(-s * moved), 1.0, -moved)
             spectra = self.tapered(late)
@@ -303,7 +308,7 @@ class Spectra:
 
     def inputs(self) -> tuple[ComplexArray, ComplexArray | None]:
         """Return the spectra (F,) of the set point, and of the load where one was measured."""
-        set_point = self.tapered(self._set_point_low, 1)[0] * self._between_samples(self.frequency_hz)
+        set_point = self.tapered(self.set_point_low, 1)[0] * self._between_samples(self.frequency_hz)
         return set_point, self.tapered(self.low_passed(self.load), 1)[0] if len(self.load) else None
 
     def _between_samples(self, frequency_hz: Array) -> ComplexArray:

@@ -12,8 +12,8 @@ from dataclasses import replace
 import numpy as np
 
 from shipfp_rs.identification.basins import LIKELY, Basin, descend, distinct, each, settle
+from shipfp_rs.identification.engine_tests import engine_tests, suspected
 from shipfp_rs.identification.likelihood import Likelihood
-from shipfp_rs.identification.limits import falls_by_limits
 from shipfp_rs.identification.question import TRIED
 from shipfp_rs.identification.ship_found import (
     BELIEVED,
@@ -41,63 +41,59 @@ LEVELS, SLOPES, GAINS = (0.9, 0.97, 0.995), (0.9, 0.99), (1.0, 2.0, 4.0)
 taken for too small."""
 
 
-def with_elements(fit: ShipFit, until: float | None) -> ShipFit:
-    """Return the fit with the limits that the data ask for, one after the other, and a twist unless it ends off."""
-    smooth, gains = fit, dict[str, float]()
-    limits = [element for element in fit.question.tried if element in LIMITED]
-    if limits and fit.is_smooth:
-        tell("looking for limits", 0.0)
-        gains = falls_by_limits(fit)
-        limits = [element for element in limits if gains[element] > LEAST_FALL[element]]
-        fit = _simulated(fit, until) if limits else fit
-    if limits:
-        likelihood, best = settle(fit.likelihood, fit.best, until)
-        others = [descend(likelihood, one.vector, until=until) for one in fit.basins[1:]]
-        fit = replace(fit, likelihood=likelihood, basins=tuple(distinct(likelihood, [best, *others])))
-    while limits:
-        driven = fit.likelihood.with_water(fit.best.vector, always=True)
-        before = driven.total(fit.best.vector)
-        trials: list[tuple[float, str, ShipFit]] = []
-        for place, element in enumerate(limits):
-            tell(f"trying {ELEMENTS[element].words}", (len(gains) + place) / (len(limits) + 2))
-            found = _trial(fit, driven, element, until)
-            if found is not None:
-                likelihood, end = found
-                found_fit = _taken(fit, element, likelihood, end, until)
-                gains[element] = before - found_fit.likelihood.total(found_fit.best.vector)
-                trials.append((gains[element], element, found_fit))
-        if not trials:
-            break
-        gain, element, taken = max(trials, key=lambda trial: trial[0])
-        if gain <= LEAST_FALL[element]:
-            break
-        fit = taken
-        limits.remove(element)
-    if smooth.is_smooth and not fit.elements:
-        fit = smooth
-    if "twist" in fit.question.tried:
-        tell(f"trying {ELEMENTS['twist'].words}", 0.8)
-        fit, gains["twist"] = _with_twist(fit, until)
-    return replace(fit, gains=gains)
+def with_limits(fit: ShipFit, until: float | None) -> ShipFit:
+    """Return the fit with the limits that the data ask for, one after the other, and what its engine's side still shows."""
+    tried, scores = set(fit.question.tried) & LIMITED, engine_tests(fit)
+    falls = {name: scores[name].fall for name in sorted(tried) if name in scores}
+    fit = replace(fit, scores=scores, gains={**fit.gains, **falls})
+    while (suspect := suspected(fit.scores)) in tried:
+        assert suspect is not None
+        tell(f"trying {ELEMENTS[suspect].words}", 0.3 * len(fit.elements))
+        tried.remove(suspect)
+        before = _simulated(fit, until) if fit.is_smooth else fit
+        likelihood, best = settle(before.likelihood, before.best, until)
+        before = replace(before, likelihood=likelihood, basins=(best,))
+        driven = before.likelihood.with_water(best.vector, always=True)
+        found = _trial(before, driven, suspect, until)
+        if found is None:
+            continue
+        taken = _taken(before, suspect, *found, until)
+        gain = driven.total(best.vector) - taken.likelihood.total(taken.best.vector)
+        if gain <= LEAST_FALL[suspect]:
+            continue
+        gains = {**fit.gains, suspect: gain}
+        fit = replace(taken, gains=gains)
+        fit = replace(fit, scores=engine_tests(fit))
+    return fit
 
 
-def _with_twist(fit: ShipFit, until: float | None) -> tuple[ShipFit, float]:
-    """Return the fit with a shaft that twists where the data ask for it, and by how much the deviance falls."""
-    found = _trial(fit, fit.likelihood, "twist", until)
-    if found is None:
-        return fit, 0.0
-    gain = fit.best.cost - found[1].cost
-    if gain <= CHANCE:
-        return fit, gain
-    taken = replace(_taken(fit, "twist", *found, until), stiff=fit)
-    return settled(taken, until), gain
+def with_twist(fit: ShipFit, before: ShipFit, until: float | None) -> ShipFit:
+    """Return the fit with a shaft that twists where the data ask for it.
+
+    `before` is the fit with delays parted otherwise: a twist that is left out leads the search for them astray.
+    """
+    if "twist" not in fit.question.tried:
+        return fit
+    tell(f"trying {ELEMENTS['twist'].words}", 0.0)
+    gain, best = 0.0, fit
+    least = fit.likelihood.total(fit.best.vector)
+    for one in (fit,) if before is fit else (fit, before):
+        found = _trial(one, one.likelihood, "twist", until)
+        if found is None or one.best.cost - found[1].cost <= CHANCE:
+            continue
+        taken = settled(_taken(one, "twist", *found, until), until)
+        total = taken.likelihood.total(taken.best.vector)
+        fell = fit.likelihood.total(fit.best.vector) - total
+        if total < least - CHANCE:
+            gain, best, least = fell, replace(taken, stiff=fit), total
+    return replace(best, gains={**fit.gains, "twist": gain})
 
 
 def _simulated(fit: ShipFit, until: float | None) -> ShipFit:
     """Return the fit of a smooth ship by simulation, as limits need it."""
     c = fit.likelihood.coordinates
     step_s = step_for(fit.values, PART)
-    likelihood = fit.question.simulated_likelihood((), step_s, fit.between)
+    likelihood = fit.question.simulated_likelihood(fit.elements, step_s, fit.between)
     starts = [
         likelihood.coordinates.vector(c.values(one.vector), c.states_at(one.vector)) for one in fit.basins[:2]
     ]

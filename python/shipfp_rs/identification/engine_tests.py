@@ -1,0 +1,120 @@
+"""Whether the engine's side has what the model has not: limits, and a governor whose gain changes, by tests of a score.
+
+What a limiter takes away, or a governor adds, is known from the model's own signals, and acts on speed and torque as any
+disturbance of the engine's torque does. What the residuals show of it is one unknown for each shape, and nothing is fitted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+import numpy as np
+
+from shipfp_rs.identification.coordinates import loop_of
+from shipfp_rs.identification.likelihood import ACCURACY
+from shipfp_rs.identification.record import Record
+from shipfp_rs.identification.ship_found import BELIEVED, ShipFit
+from shipfp_rs.identification.spectra import Spectra
+from shipfp_rs.identification.stretches import Score, Stretches
+from shipfp_rs.structures.transfer import SLOWEST, TransferFunctions
+from shipfp_rs.support.arrays import Array, ComplexArray, Values
+
+LEVELS, SLOPES = (0.8, 0.9, 0.97, 0.995), (0.5, 0.8, 0.95, 0.99)
+"""Quantiles of the torque, and of its slope, at which a limit is tried."""
+BANDS = (0.3, 0.6, 0.85)
+"""Quantiles of the error inside which a governor's gain may be another one."""
+LIMITS = {"torque_limit", "rack_rate"}
+"""Shapes that a limiter takes away: a negative part of them is none."""
+CONSISTENT = 2.7
+"""Least consistency of a shape that is there: chance exceeds it once in twenty, to one side."""
+NEAR = 3.0
+"""What shows more than a limit by less than this may be the limit's own."""
+NONE = Score(0.0, 0.0, 0.0, 0.0)
+
+
+def engine_tests(fit: ShipFit) -> dict[str, Score]:
+    """Return the strongest score of each kind of shape; none where no torque was measured.
+
+    "torque_limit" and "rack_rate" are limits, "gain" is a gain that changes with the error, as beside a dead band,
+    "asymmetry" what goes one way only, as a slower way down.
+    """
+    if "dM" not in fit.question.outputs:
+        return {}
+    likelihood = fit.likelihood
+    shapes = [_shapes(fit, index) for index in range(len(likelihood.records))]
+    kinds = [kind for kind, rows in shapes[0].items() for _ in rows]
+    columns = [np.array([row for rows in one.values() for row in rows]) for one in shapes]
+    found: dict[str, Score] = dict.fromkeys(shapes[0], NONE)
+    for kind, score in zip(kinds, Stretches(likelihood, fit.best.vector, columns).scores(), strict=True):
+        if score.fall > found[kind].fall and not (kind in LIMITS and score.size < 0.0):
+            found[kind] = score
+    return found
+
+
+def _shapes(fit: ShipFit, index: int) -> dict[str, list[ComplexArray]]:
+    """How a record's outputs (O, F) answer to each shape of torque on the engine's side, by kind."""
+    values, record = fit.values, fit.likelihood.records[index]
+    rate_hz = record.data_hz / record.down
+    model = dict(zip(fit.question.outputs, fit.likelihood.modelled(fit.best.vector, index), strict=True))
+    speed, engine = model["dn"], model["dM"]
+    if fit.question.gauge:
+        engine = engine + (values["tau_n"] - values.get("tau_prop", 0.0)) * np.gradient(speed) * rate_hz
+    rack = engine - values["g"] * speed
+    error = record.set_point_low[: len(speed)] - speed
+    inside = np.arange(len(speed)) > 2.0 * rate_hz
+    steps = np.abs(np.diff(rack))
+    shapes = {
+        "torque_limit": [np.minimum(engine, level) - engine for level in np.quantile(engine[inside], LEVELS)],
+        "rack_rate": [_rate_limited(rack, rate) - rack for rate in np.quantile(steps[inside[1:]], SLOPES)],
+        "gain": [np.clip(error, -band, band) for band in np.quantile(np.abs(error[inside]), BANDS)],
+        "asymmetry": [error**2, np.abs(np.gradient(rack)) * rate_hz],
+    }
+    seen = _answers(values, record, fit)
+    return {
+        kind: [
+            seen(row, kind == "gain" or (kind == "asymmetry" and place == 0))
+            for place, row in enumerate(rows)
+        ]
+        for kind, rows in shapes.items()
+    }
+
+
+def _rate_limited(signal: Array, most: float) -> Array:
+    """A signal (K,) that follows another one by `most` a sample at most."""
+    found = signal.copy()
+    for k in range(1, len(found)):
+        found[k] = found[k - 1] + min(max(signal[k] - found[k - 1], -most), most)
+    return found
+
+
+def _answers(values: Values, record: Spectra | Record, fit: ShipFit) -> Callable[[Array, bool], ComplexArray]:
+    """Return how the outputs (O, F) of a record answer to a torque (K,), or to an error that the governor sees."""
+    s = 1j * np.maximum(2.0 * np.pi * record.frequency_hz, SLOWEST)
+    known = {**loop_of(values), "tau_twist": 0.0}
+    outputs = fit.question.outputs
+    loop = TransferFunctions(outputs, fit.question.gauge, "engine")
+    speed = s / loop.characteristic(known, s)
+    behind = known.get("tau_prop", 0.0) if fit.question.gauge else known["tau_n"]
+    rows = {"dn": speed, "dM": (known["p"] + behind * s) * speed, "dX": np.zeros_like(speed)}
+    torque = np.array([rows[output] for output in outputs])
+    torque[:, 0] = 0.0
+    fuel = np.exp(-s * values.get("T_d", 0.0)) / (1.0 + s * values.get("tau_act", 0.0))
+    governor = fuel * (values["vK_p"] + values["vK_i"] / s)
+
+    def answer(row: Array, by_governor: bool) -> ComplexArray:
+        return np.asarray(torque * record.seen(row) * (governor if by_governor else 1.0))
+
+    return answer
+
+
+def suspected(scores: Mapping[str, Score]) -> str | None:
+    """Return the kind of shape that the engine's side shows most, more than chance and a calibration's error; None: none.
+
+    A limit comes first unless another kind shows far more.
+    """
+    sure = {
+        kind: score.fall * (NEAR if kind in LIMITS else 1.0)
+        for kind, score in scores.items()
+        if score.fall > BELIEVED and score.consistency > CONSISTENT and score.share > ACCURACY
+    }
+    return max(sure, key=lambda kind: sure[kind], default=None)

@@ -1,0 +1,88 @@
+"""Both sides of the ship, each by itself: what of a fingerprint stands where the governor is not what the model says.
+
+The load's side needs no governor. Where the engine's side shows what no model explains, or the load's side by itself differs
+from the whole, what the whole says of the engine holds for no ship, and the load's side alone is told (cut inference,
+Plummer 2015, doi:10.1007/s11222-014-9503-z).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from shipfp_rs.identification.engine_tests import suspected
+from shipfp_rs.identification.estimate import Estimate
+from shipfp_rs.identification.load_side import LoadSide
+from shipfp_rs.identification.profiles import Profiles
+from shipfp_rs.identification.ship_found import ShipFit
+from shipfp_rs.identification.stretches import Stretches
+from shipfp_rs.support.quantiles import DEVIATIONS_95
+from shipfp_rs.support.sentences import Sentence
+
+APART = 3.5
+"""Difference of both estimates, over the root of the sum of their variances, from which the sides do not agree. They share
+data, so that the difference varies by less: chance exceeds it less than once in two thousand."""
+KINDS: Mapping[str, Sentence] = {
+    "gain": Sentence("its gain changes with the error, as beside a dead band or in steps"),
+    "asymmetry": Sentence("it acts one way otherwise than the other"),
+    "torque_limit": Sentence(
+        "something limits the engine's torque, and no limit that was tried describes it"
+    ),
+    "rack_rate": Sentence("something limits the rack's rate, and no limit that was tried describes it"),
+    "sides": Sentence("speed and torque alone tell another load than the whole model does"),
+}
+"""What the engine's side looks like, by the kind of shape that it shows."""
+
+
+def undescribed(fit: ShipFit) -> str | None:
+    """Return the kind of what contradicts the model's engine and governor, of `KINDS`; None where nothing does."""
+    if (kind := suspected(fit.scores)) is not None:
+        return kind
+    return None if fit.side is None or _agree(fit, fit.side) else "sides"
+
+
+def _agree(fit: ShipFit, side: LoadSide) -> bool:
+    """Whether p and the inertia behind the torque's place are the same by the load's side and by the whole."""
+    c, vector, values = fit.likelihood.coordinates, fit.best.vector, fit.values
+    profiles = Profiles(fit.likelihood, list(fit.basins))
+    stretches = Stretches(fit.likelihood, vector)
+    for name in ("p", "tau_prop" if fit.question.gauge else "tau_n"):
+        if name not in c.free:
+            continue
+
+        def figure(known: Mapping[str, float], name: str = name) -> float:
+            return known[name] + (known.get("damping", 0.0) if name == "p" else 0.0)
+
+        ends = profiles.symmetric(figure)
+        deviation = (ends.high - ends.low) / (2.0 * DEVIATIONS_95)
+        deviation *= stretches.widening(c.gradient(figure, vector))
+        alone = side.parameters[name]
+        assert alone.value is not None
+        assert alone.std is not None
+        if abs(figure(values) - alone.value) > APART * np.hypot(deviation, alone.std):
+            return False
+    return True
+
+
+def load_alone(parameters: Mapping[str, Estimate], side: LoadSide | None, kind: str) -> dict[str, Estimate]:
+    """Return estimates of which the load's are its side's own, and the engine's and governor's are not told."""
+    reason = Sentence("the governor is not what the model says: {what}", what=KINDS[kind])
+    found = {}
+    for name, one in parameters.items():
+        if one.status == "fixed" and one.reason == "given":
+            found[name] = one
+        elif side is not None and name in side.parameters:
+            found[name] = replace(side.parameters[name], unit=one.unit)
+        else:
+            found[name] = Estimate(None, unit=one.unit, status="unidentifiable", reason=reason)
+    return found
+
+
+def covariance_of(parameters: Mapping[str, Estimate], side: LoadSide) -> dict[str, object]:
+    """Return names and covariances of the load's side among the parameters."""
+    every = list(side.parameters)
+    names = [name for name in every if name in parameters and parameters[name].status in ("free", "prior")]
+    places = [every.index(name) for name in names]
+    return {"names": names, "matrix": side.covariance[np.ix_(places, places)].tolist()}

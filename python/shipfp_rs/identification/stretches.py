@@ -1,0 +1,145 @@
+"""What each stretch of the records says by itself: intervals that allow for a wrong model, tests that one jump can't pass.
+
+A deviance adds up over time. Where the model is right its slopes in stretches of the records scatter by as much as its
+curvature says. Where it is not they scatter by more, and so do estimates (White 1982, doi:10.2307/1912526).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from scipy.fft import irfft
+
+from shipfp_rs.identification.likelihood import Likelihood, turned
+from shipfp_rs.support.arrays import Array, ComplexArray
+
+STRETCH_S = 10.0
+"""Length of a stretch [s]: longer than a loop's memory, so that stretches are independent."""
+
+
+class Score(NamedTuple):
+    """Test of a column that might be missing from the model.
+
+    `fall` is that of the deviance; `consistency` the square of the stretches' sum over the sum of their squares, one by
+    chance; `size` the column's factor; `share` the root mean square of what it explains over the response's, the most of
+    any output.
+    """
+
+    fall: float
+    consistency: float
+    size: float
+    share: float
+
+
+@dataclass(frozen=True, eq=False)
+class Stretches:
+    """Slopes of a deviance at a vector by stretches of the records, smooth errors taken out.
+
+    Parameters
+    ----------
+    likelihood, vector
+        What was lowered, and where it ended.
+    columns
+        For each record spectra of the outputs that might be missing, (C, O, F).
+    """
+
+    likelihood: Likelihood
+    vector: Array
+    columns: Sequence[ComplexArray] = ()
+
+    @cached_property
+    def _white(self) -> list[ComplexArray]:
+        """Residual, derivatives and columns of each record (1 + P + C, O, F) in units of noise, smooth errors taken out."""
+        found, errors = [], []
+        for index in range(len(self.likelihood.records)):
+            residual, jacobian = self.likelihood.spectra(self.vector, index)
+            more = self.columns[index] if self.columns else np.empty((0, *residual.shape), complex)
+            rows = turned(self.likelihood.root(index), np.concatenate([residual[None], jacobian, more]))
+            rows[..., 0] = 0.0
+            shapes = turned(self.likelihood.root(index), self.likelihood._shapes[index])
+            shapes[..., 0] = 0.0
+            found.append(rows)
+            errors.append(shapes)
+        square = np.eye(len(errors[0])) + sum(_products(one, one) for one in errors)
+        sizes = np.linalg.solve(
+            square, sum(_products(one, rows) for one, rows in zip(errors, found, strict=True))
+        )
+        return [rows - np.tensordot(sizes.T, one, 1) for rows, one in zip(found, errors, strict=True)]
+
+    @cached_property
+    def _gram(self) -> Array:
+        """Products of derivatives and columns (P + C, P + C), priors included."""
+        gram = np.array(sum(_products(rows[1:], rows[1:]) for rows in self._white))
+        size = self._priors.shape[1]
+        gram[:size, :size] += self._priors.T @ self._priors
+        return gram
+
+    @cached_property
+    def _priors(self) -> Array:
+        return self.likelihood.prior_rows(self.vector)[:, 1:]
+
+    @cached_property
+    def _slopes(self) -> Array:
+        """Residual times derivatives and columns in each stretch, (P + C, S)."""
+        found = []
+        for record, rows in zip(self.likelihood.records, self._white, strict=True):
+            count = record.decimated.shape[1]
+            in_time = irfft(rows, count, axis=-1)
+            local = 0.5 * count * np.sum(in_time[1:] * in_time[0], axis=1)
+            length = min(max(int(STRETCH_S * record.data_hz / record.down), 1), count)
+            kept = count // length * length
+            found.append(local[:, :kept].reshape(len(local), -1, length).sum(axis=2))
+        return np.concatenate(found, axis=1)
+
+    @cached_property
+    def _inverse(self) -> Array:
+        """Of the curvature by the parameters alone, (P, P)."""
+        size = self._priors.shape[1]
+        square = self._gram[:size, :size]
+        scale = 1.0 / np.sqrt(np.maximum(np.diag(square), 1e-12))
+        inverse = np.linalg.pinv(square * scale[:, None] * scale, rcond=1e-12, hermitian=True)
+        return np.asarray(inverse * scale[:, None] * scale)
+
+    def widening(self, gradient: Array) -> float:
+        """Return a figure's deviation by the scatter of the stretches over that by the curvature, at least 1."""
+        size = self._priors.shape[1]
+        along = self._inverse @ gradient
+        scatter = float(np.sum((along @ self._slopes[:size]) ** 2) + np.sum((self._priors @ along) ** 2))
+        return float(np.sqrt(max(scatter / max(float(gradient @ along), 1e-300), 1.0)))
+
+    def scores(self) -> list[Score]:
+        """Return the test of each column."""
+        size, found = self._priors.shape[1], []
+        spectra = [self.likelihood.spectra(self.vector, index)[1] for index in range(len(self.columns))]
+        response = _power([record.spectrum for record in self.likelihood.records])
+        for place in range(size, len(self._gram)):
+            share = self._inverse @ self._gram[:size, place]
+            local = self._slopes[place] - share @ self._slopes[:size]
+            own = self._gram[place, place] - share @ self._gram[:size, place]
+            if not own > 1e-9 * self._gram[place, place]:
+                found.append(Score(0.0, 0.0, 0.0, 0.0))
+                continue
+            along = float(local.sum())
+            bare = [
+                one[place - size] - np.tensordot(share, jacobian, 1)
+                for one, jacobian in zip(self.columns, spectra, strict=True)
+            ]
+            explained = abs(along / own) * np.sqrt(np.max(_power(bare) / response))
+            consistency = along**2 / max(float(np.sum(local**2)), 1e-300)
+            found.append(Score(along**2 / own, consistency, along / own, float(explained)))
+        return found
+
+
+def _power(spectra: Sequence[ComplexArray]) -> Array:
+    """Power of each output (O,) of spectra (O, F), without the means."""
+    return np.asarray(np.sum([np.sum(np.abs(one[:, 1:]) ** 2, axis=1) for one in spectra], axis=0))
+
+
+def _products(first: ComplexArray, second: ComplexArray) -> Array:
+    """Real products of rows (A, O, F) and (B, O, F), shape (A, B)."""
+    one, other = (rows.reshape(len(rows), -1) for rows in (first, second))
+    return np.asarray((one.conj() @ other.T).real)

@@ -1,0 +1,54 @@
+"""What the engine's side has beyond the model shows in what a smooth fit leaves, before anything more is fitted."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import shipfp_rs as fp
+from shipfp_rs.identification.engine_tests import engine_tests, suspected
+from shipfp_rs.identification.question import question_of
+from shipfp_rs.identification.ship_fit import smooth_ship
+from tests.families import other_governors
+from tests.identification.parity import Case, simulated
+
+
+def noisy(own):
+    _, clean = simulated(Case(own=own, seconds=120.0, gauge=False))
+    random = np.random.default_rng(7)
+    signals = {
+        name: row + (0.0 if name == "n_set" else 1.0) * random.standard_normal(len(row))
+        for name, row in clean.signals.items()
+    }
+    return replace(clean, signals=signals)
+
+
+def scores(experiment, torque="brake"):
+    return engine_tests(smooth_ship(question_of([experiment], torque=torque)))
+
+
+def test_a_smooth_ship_shows_nothing():
+    assert suspected(scores(noisy({}))) is None
+
+
+@pytest.mark.parametrize(
+    ("own", "element"),
+    [
+        ({"M_max": 1.12, "M_soft": 0.003}, "torque_limit"),
+        ({"rate": 0.5, "rate_down": 0.5}, "rack_rate"),
+    ],
+)
+def test_a_limit_that_acts_is_shown(own, element):
+    assert suspected(scores(noisy(own))) == element
+
+
+@pytest.mark.parametrize(("kind", "seed"), [("dead_band", 160100), ("gain", 160100), ("dead_band", 160101)])
+def test_a_gain_that_changes_with_the_error_is_shown(kind, seed):
+    ship = other_governors.draw(kind, seed)
+    assert suspected(scores(fp.Experiment(**ship.experiment()), ship.place)) == "gain"
+
+
+def test_without_a_torque_nothing_is_asked():
+    experiment = noisy({})
+    question = question_of([experiment], outputs=["dn"])
+    assert engine_tests(smooth_ship(question)) == {}
