@@ -1,15 +1,20 @@
-"""Whether fingerprints can be compared at all, with which elements, and what weakens it if they can."""
+"""Whether fingerprints can be compared at all, with which elements, and what weakens it if they can.
+
+Only what somebody gave has to be the same in both. Where the data chose the structure, they chose an element of one ship and
+none of another, and left some parameters where the search ended: that is told, and is no obstacle.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.identification.automatic import FULL_SHIP
-from shipfp_rs.identification.fingerprint import Estimate, Fingerprint
+from shipfp_rs.identification.estimate import ALONG
+from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.identification.identify import identify
 from shipfp_rs.identification.question import TRIED
 from shipfp_rs.structures.elements import ELEMENTS
@@ -17,6 +22,8 @@ from shipfp_rs.structures.ties import declared
 
 SPEED_APART = 0.05
 """Operating speeds that differ by more than this part are two operating points: every parameter depends on it."""
+OF_NO_MATTER = {"dX"}
+"""Outputs beside which the others' parameters mean the same: the rack tells one more of them."""
 TORQUE_APART = 0.05
 """Operating torques that differ by more than this part are worth a word: tau_n is relative to them."""
 
@@ -31,28 +38,25 @@ def with_common_elements(
     fingerprints
         Two or more; those of a given structure are returned as they are.
     data
-        The experiments of each; None: not at hand.
-
-    Raises
-    ------
-    InputError
-        Where one has to be fitted again, and its experiments are not given.
+        The experiments of each; None: those that the fingerprints hold. Without any they are returned as they are, too.
     """
     acting = {
         name for one in fingerprints for name in TRIED if one.elements.get(name, {}).get("state") == "on"
     }
     names = {name for element in acting for name in TRIED[element]}
     lacking = [one for one in fingerprints if not names <= set(one.parameters)]
-    if not lacking or any(one.settings.get("structure") != FULL_SHIP for one in fingerprints):
+    if not lacking or not _chosen(*fingerprints):
         return list(fingerprints), []
     words = " and ".join(ELEMENTS[name].words for name in TRIED if name in acting)
-    if data is None:
-        raise InputError(
-            f"{len(lacking)} of {len(fingerprints)} fingerprints have no {words}, expected the same elements in all; give "
-            "data, the experiments of each, to fit them again with it, or keep experiments.parquet beside fingerprint.json"
-        )
+    data = [one.experiments for one in fingerprints] if data is None else data
     if len(data) != len(fingerprints):
         raise InputError(f"data of {len(data)} fingerprints, expected those of {len(fingerprints)}")
+    if any(not experiments for one, experiments in zip(fingerprints, data, strict=True) if one in lacking):
+        return list(fingerprints), [
+            f"{len(lacking)} of {len(fingerprints)} fingerprints have no {words}, which another one shows, and are compared "
+            "as they are; give data, the experiments of each, to fit them again with it, or keep experiments.parquet beside "
+            "fingerprint.json"
+        ]
     found = [
         one
         if one not in lacking
@@ -61,11 +65,7 @@ def with_common_elements(
             elements={name: name in acting for name in TRIED},
             torque=one.structure["torque"],
             outputs=one.structure["outputs"],
-            fixed={
-                name: estimate.value
-                for name, estimate in one.parameters.items()
-                if estimate.status == "fixed" and estimate.reason == "given" and estimate.value is not None
-            },
+            fixed=_given(one),
             vessel=one.vessel,
             seed=one.seed,
         )
@@ -80,35 +80,44 @@ def require_comparable(before: Fingerprint, after: Fingerprint) -> tuple[str, ..
     """Raise where a difference would mean nothing, return remarks on what weakens it."""
     if before.vessel and after.vessel and before.vessel != after.vessel:
         raise InputError(f"fingerprints of {before.vessel!r} and {after.vessel!r}; expected the same ship")
+    chosen = _chosen(before, after)
     for key in ("kind", "torque", "outputs"):
         one, other = before.structure.get(key), after.structure.get(key)
+        if chosen and key == "outputs":
+            one, other = (sorted({*found} - OF_NO_MATTER) for found in (one or (), other or ()))
         if one != other:
             raise InputError(
                 f"structures differ in {key}, {one!r} and {other!r}, so their parameters mean different things; identify "
                 "both logs with the same structure"
             )
-    if set(before.parameters) != set(after.parameters):
-        apart = ", ".join(sorted(set(before.parameters) ^ set(after.parameters)))
-        raise InputError(f"only one structure has {apart}; identify both logs with the same structure")
+    apart = set(before.parameters) ^ set(after.parameters)
+    if apart and not chosen:
+        raise InputError(
+            f"only one structure has {', '.join(sorted(apart))}; identify both logs with the same structure"
+        )
     for label, fingerprint in (("first", before), ("second", after)):
         if not fingerprint.settings.get("converged", True):
             raise InputError(
                 f"the {label} fingerprint's search ended in no minimum ({fingerprint.settings.get('message')}); identify "
                 "that log again"
             )
-    for name, estimate in before.parameters.items():
-        other = after.parameters[name]
-        if estimate.unit != other.unit:
+    for name in before.parameters.keys() & after.parameters.keys():
+        units = before.parameters[name].unit, after.parameters[name].unit
+        if units[0] != units[1]:
             raise InputError(
-                f"{name} is in {estimate.unit!r} in the first fingerprint and in {other.unit!r} in the second; expected "
-                "the same unit"
+                f"{name} is in {units[0]!r} in the first fingerprint and in {units[1]!r} in the second; expected the same "
+                "unit"
             )
-        if (estimate.status == "fixed") != (other.status == "fixed") or (
-            estimate.status == "fixed" and estimate.value != other.value
-        ):
+    given = _given(before), _given(after)
+    for name in {**given[0], **given[1]}:
+        one, two = (
+            f"given as {of[name]:g}" if name in of else "estimated" if name in found else "left out"
+            for of, found in zip(given, (before, after), strict=True)
+        )
+        if one != two:
             raise InputError(
-                f"{name} was {_given(estimate)} in the first fingerprint and {_given(other)} in the second, and the other "
-                "parameters lean on it; identify both the same way"
+                f"{name} was {one} in the first fingerprint and {two} in the second, and the other parameters lean on it; "
+                "identify both the same way"
             )
     ties = declared(before.structure), declared(after.structure)
     for name in {**ties[0], **ties[1]}:
@@ -117,19 +126,34 @@ def require_comparable(before: Fingerprint, after: Fingerprint) -> tuple[str, ..
             raise InputError(
                 f"{name} was {one} in the first fingerprint and {two} in the second; tie both the same way"
             )
-    remarks = _operating_points(before, after)
-    leaning = [name for name, estimate in before.parameters.items() if estimate.status == "prior"]
+    remarks = [*_operating_points(before, after), *_alone(before, after)]
+    leaning = [name for name, one in before.parameters.items() if one.status == "prior" and name in after]
     if leaning:
         remarks.append(f"{', '.join(leaning)}: both lean on a prior, which hides part of a change")
     return tuple(remarks)
 
 
-def _given(estimate: Estimate) -> str:
-    return (
-        f"given as {estimate.value:g}"
-        if estimate.status == "fixed" and estimate.value is not None
-        else "estimated"
-    )
+def _chosen(*fingerprints: Fingerprint) -> bool:
+    """Whether the data chose the structure of all, within the full ship."""
+    return all(one.settings.get("structure") == FULL_SHIP for one in fingerprints)
+
+
+def _given(fingerprint: Fingerprint) -> dict[str, float]:
+    """Return the values that were given, which are not those that the search fitted along."""
+    return {
+        name: estimate.value
+        for name, estimate in fingerprint.parameters.items()
+        if estimate.status == "fixed" and estimate.reason != ALONG and estimate.value is not None
+    }
+
+
+def _alone(before: Fingerprint, after: Fingerprint) -> Iterator[str]:
+    """Yield what only one of both knows."""
+    for label, one, other in (("first", before, after), ("second", after, before)):
+        known = [name for name, estimate in one.items() if estimate.std]
+        names = [name for name in known if name not in other or other[name].value is None]
+        if names:
+            yield f"known in the {label} fingerprint alone, so not compared: {', '.join(names)}"
 
 
 def _operating_points(before: Fingerprint, after: Fingerprint) -> list[str]:

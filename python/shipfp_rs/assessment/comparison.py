@@ -24,6 +24,8 @@ from shipfp_rs.support.threads import with_one_blas_thread
 SAME_DIRECTION = 1e-8
 """Part of the strongest direction of the correlations below which a quantity repeats the others."""
 
+DAMAGED = "settings.possible of the fingerprint: expected a finite value of every parameter in each"
+
 
 @dataclass(frozen=True)
 class Change:
@@ -96,17 +98,18 @@ def compare(
     Parameters
     ----------
     before, after
-        Fingerprints of the same ship, structure and operating speed, from data of their own. Of the full ship one may
-        show an element, such as a torque limit, that the other lacks; it is then fitted again with that.
+        Fingerprints of the same ship, structure and operating speed, from data of their own. Where the data chose the
+        structure, one may show an element, such as a torque limit, that the other lacks; this is then fitted again with it.
     level
         Probability of a false alarm, for all quantities together, and for the joint test.
     data
-        Experiments of both, needed only for such a fit.
+        Experiments of both, for such a fit; None: those that the fingerprints hold. Without any both are compared as they
+        are, and a remark says so.
 
     Returns
     -------
     Comparison
-        Every parameter and combination that both fingerprints know.
+        Every parameter and combination that both fingerprints know; what only one knows is in its remarks.
 
     Raises
     ------
@@ -118,7 +121,7 @@ def compare(
     -----
     The interval of a difference joins the sides of both intervals that face it (the square-and-add limits of Zou and
     Donner, 10.1002/sim.3095), so that a skewed interval stays one. The joint test weighs the differences by the sum of
-    both covariances, along the directions that it tells apart.
+    both covariances, along the directions that it tells apart, each at least as wide as the ships reach that the data allow.
     """
     if not 0.0 < level < 1.0:
         raise InputError(f"level {level}, expected a probability between 0 and 1")
@@ -149,8 +152,7 @@ def trend(
     name
         Parameter or combination.
     data
-        Time to the experiments of each, needed only where one shows an element of the full ship that others lack, which
-        are then fitted again with it.
+        Time to the experiments of each, for those that are fitted again, as in `compare`.
 
     Returns
     -------
@@ -255,12 +257,34 @@ def _joint(names: Sequence[str], before: Fingerprint, after: Fingerprint) -> Joi
     # A combination that repeats others does so in each fingerprint, a little differently; it counts for nothing.
     told = min(_rank(covariance) for covariance in both)
     size = np.sqrt(np.diag(both[0] + both[1]))
-    strength, direction = np.linalg.eigh((both[0] + both[1]) / np.outer(size, size))
-    along = (direction.T @ (change / size))[-told:] / np.sqrt(strength[-told:])
+    strength, direction = (
+        rows[..., -told:] for rows in np.linalg.eigh((both[0] + both[1]) / np.outer(size, size))
+    )
+    reached = (_reached(one, names) @ (direction / size[:, None]) for one in (before, after))
+    strength = np.maximum(strength, sum(np.max(rows**2, axis=0) for rows in reached) / DEVIATIONS_95**2)
+    along = direction.T @ (change / size) / np.sqrt(strength)
     statistic = float(along @ along)
-    strongest = direction[:, -told:][:, int(np.argmax(np.abs(along)))]
+    strongest = direction[:, int(np.argmax(np.abs(along)))]
     most = tuple(names[place] for place in np.argsort(-np.abs(strongest))[:2])
     return Joint(statistic, told, float(chi2.sf(statistic, told)), most)
+
+
+def _reached(fingerprint: Fingerprint, names: Sequence[str]) -> Array:
+    """Return how far from the estimate the quantities of each ship are that the data allow as well, shape (ships, K).
+
+    A covariance holds a valley of the likelihood for straight. Where it bends, as among delays, these ships lie outside.
+    """
+    try:
+        rows = [
+            [values[name] if name in values else COMBINATIONS[name][1](values) for name in names]
+            for values in (fingerprint.optimum, *fingerprint.settings.get("possible", ()))
+        ]
+        found: Array = np.array(rows, dtype=np.float64) - np.array(rows[0], dtype=np.float64)
+    except (KeyError, TypeError, ValueError, ZeroDivisionError) as error:
+        raise InputError(DAMAGED) from error
+    if not np.isfinite(found).all():
+        raise InputError(DAMAGED)
+    return found
 
 
 def _rank(covariance: Array) -> int:

@@ -43,7 +43,7 @@ def compare(
         new_file(ending_in(out, ".png"), force=force)
     first, second = Fingerprint.load(before), Fingerprint.load(after)
     beside = [path.parent / "experiments.parquet" for path in (before, after)]
-    data = [read_experiments(path) for path in beside] if all(path.is_file() for path in beside) else None
+    data = [read_experiments(path) if path.is_file() else () for path in beside]
     with progress() as notify:
         notify("comparing")
         comparison = compare_fingerprints(first, second, level=level, data=data)

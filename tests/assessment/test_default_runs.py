@@ -1,0 +1,185 @@
+"""Trials of one tug, identified with nothing given: what changed between them, and what the search chose itself."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from itertools import combinations
+
+import pytest
+
+from shipfp_rs import cli, signals
+from shipfp_rs.assessment import comparable
+from shipfp_rs.assessment.comparison import compare, trend
+from shipfp_rs.assessment.validation import validate
+from shipfp_rs.errors import InputError
+from shipfp_rs.experiments.parquet import write_experiments
+from shipfp_rs.identification.estimate import ALONG
+from shipfp_rs.identification.fingerprint import Fingerprint
+from shipfp_rs.identification.identify import identify
+from shipfp_rs.simulation.inflow import Inflow, disturbed
+from shipfp_rs.simulation.simulate import simulate
+from shipfp_rs.vessel.linear_model import linearise
+from shipfp_rs.vessel.vessel import Vessel
+
+TUG = Vessel.load("stan-tug-1205").replace(
+    {
+        "governor.set_point_dead_time_s": 0.15,
+        "actuator.dead_time_s": 0.06,
+        "actuator.lag_s": 0.03,
+    }
+)
+ADDED = 0.28 * TUG.shaft.propeller_side_inertia_kg_m2
+MENDED = TUG.replace(
+    {
+        "shaft.propeller_side_inertia_kg_m2": TUG.shaft.propeller_side_inertia_kg_m2 + ADDED,
+        "shaft.inertia_kg_m2": TUG.shaft.inertia_kg_m2 + ADDED,
+    }
+)
+LIMITED = TUG.replace({"engine.envelope": {"speed_rpm": [600.0, 1800.0], "torque_Nm": [520.0, 520.0]}})
+CHIRP = signals.chirp(0.02, 1.5, 120.0, 40.0, rate_hz=50.0)
+
+
+def trial(seed: int, vessel: Vessel = TUG, *, moving: bool = False, rack: bool = False) -> Fingerprint:
+    """Of one simulated trial with a gauge on the shaft, in still or moving water."""
+    record = simulate(vessel, CHIRP, noise={"n_e": 0.02, "M_g": 0.04}, seed=seed)
+    if moving:
+        record = disturbed(record, linearise(vessel), Inflow(), seed)
+    names = ("n_set", "n_e", "M_g", *(("X_f",) if rack else ()))
+    return identify(replace(record, signals={name: record.signals[name] for name in names}))
+
+
+@pytest.fixture(scope="module")
+def first() -> Fingerprint:
+    return trial(1)
+
+
+@pytest.fixture(scope="module")
+def mended() -> Fingerprint:
+    return trial(3, MENDED)
+
+
+@pytest.fixture(scope="module")
+def limited() -> Fingerprint:
+    return trial(520, LIMITED)
+
+
+@pytest.mark.parametrize("moving", [False, True], ids=["still water", "another sea"])
+def test_the_same_ship_again_shows_no_change(first, moving):
+    again = trial(5, moving=moving)
+    assert first["hold"].value != again["hold"].value
+    same = compare(first, again)
+    assert not any(change.significant for change in same.changes)
+    assert "No change beyond" in same.verdict[0]
+
+
+def test_what_differs_along_a_valley_of_delays_is_no_change():
+    # Lag, dead times and a governor's hold trade for each other: each trial ends elsewhere in one bent valley.
+    found = [trial(seed) for seed in range(102, 109)]
+    alarms = [compare(one, other).joint.p < 0.05 for one, other in combinations(found, 2)]
+    assert sum(alarms) <= 4  # of 21; ten by covariances alone
+
+
+def test_a_heavier_propeller_after_a_repair_is_found(first, mended):
+    changed = compare(first, mended)
+    assert [change.name for change in changed.changes if change.significant] == ["tau_prop"]
+    assert changed["tau_prop"].change_pct == pytest.approx(28.0, abs=2.0)
+    assert changed.joint.p < 1e-6
+
+
+def test_a_trend_through_default_runs(first, mended):
+    slope, std, _ = trend({0.0: first, 1.0: trial(2), 2.0: mended}, "tau_prop")
+    assert 0.0 < slope < 0.14 * first["tau_prop"].value + 3.0 * std
+    still, spread, _ = trend({0.0: first, 1.0: trial(2), 2.0: trial(7)}, "tau_prop")
+    assert abs(still) < 4.0 * spread
+
+
+def test_a_default_run_explains_another_trial_of_the_ship_better_than_one_after_a_repair(first, mended):
+    own, other = (validate(first, one.experiments[0]) for one in (trial(2), mended))
+    for output in ("dn", "dM"):
+        assert own[output] > 95.0
+        assert own[output] > other[output] + 1.0
+
+
+def test_the_command_compares_the_files_of_default_runs(first, mended, tmp_path, capsys):
+    files = [str(one.save(tmp_path / f"{name}.json")) for name, one in (("A", first), ("B", mended))]
+    assert cli.main(["compare", *files]) == 0
+    assert "tau_prop changed by" in capsys.readouterr().out
+    assert cli.main(["compare", *files, "--json"]) == 0
+    changes = json.loads(capsys.readouterr().out)["changes"]
+    assert [change["name"] for change in changes if change["significant"]] == ["tau_prop"]
+
+
+def test_a_limit_that_one_trial_shows_is_told_and_the_rest_compared(first, limited, tmp_path, capsys):
+    assert limited.elements["torque_limit"]["state"] == "on"
+    files = [str(one.save(tmp_path / f"{name}.json")) for name, one in (("A", first), ("B", limited))]
+    assert cli.main(["compare", *files, "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert not any(change["significant"] for change in told["changes"])
+    assert "known in the second fingerprint alone, so not compared: M_max" in told["remarks"]
+    assert any("1 of 2 fingerprints have no upper torque limit" in line for line in told["remarks"])
+
+
+def test_a_limit_that_the_search_left_undecided_is_no_obstacle(first, limited):
+    along = {name: replace(limited[name], status="fixed", reason=ALONG) for name in ("M_max", "M_soft")}
+    undecided = replace(
+        limited,
+        parameters={**limited.parameters, **along},
+        elements={**limited.elements, "torque_limit": {**limited.elements["torque_limit"], "state": "open"}},
+    )
+    for pair in ((first, undecided), (undecided, first)):
+        assert not any(change.significant for change in compare(*pair).changes)
+
+
+def test_a_fingerprint_without_the_limit_is_fitted_again_with_the_experiments_it_holds(
+    first, limited, monkeypatch
+):
+    asked = []
+
+    def again(experiments, **options):
+        asked.append((experiments, options["fixed"]))
+        return limited
+
+    monkeypatch.setattr(comparable, "identify", again)
+    compare(first, limited)
+    assert asked == [(first.experiments, {})]
+
+
+def test_a_rack_that_one_trial_recorded_leaves_the_rest_to_compare(first):
+    found = compare(first, trial(4, rack=True))
+    assert not any(change.significant for change in found.changes)
+    assert any(
+        line.startswith("known in the second fingerprint alone") and " v" in line for line in found.remarks
+    )
+    assert {"tau_prop", "vK_p", "vK_i"} <= {change.name for change in found.changes}
+
+
+def test_what_somebody_gave_is_still_the_same_in_both_or_refused(first):
+    record = first.experiments[0]
+    held = identify(record, fixed={"T_d": 0.05})
+    with pytest.raises(InputError, match=r"T_d was estimated in the first fingerprint and given as 0\.05"):
+        compare(first, held)
+    late = identify(record, elements={"late_speed": True}, fixed={"T_n": 0.01})
+    with pytest.raises(InputError, match=r"T_n was left out in the first fingerprint and given as 0\.01"):
+        compare(first, late)
+
+
+@pytest.mark.parametrize(
+    "damage", [{"tau_n": None}, {"T_d": float("nan")}, None], ids=["lacks", "nan", "null"]
+)
+def test_a_damaged_list_of_possible_ships_is_named(first, damage):
+    ship = damage and ({**first.optimum, **damage} if "T_d" in damage else damage)
+    damaged = replace(first, settings={**first.settings, "possible": [ship]})
+    with pytest.raises(InputError, match=r"settings\.possible of the fingerprint"):
+        compare(first, damaged)
+
+
+def test_the_experiments_beside_the_files_fit_the_limit_again(first, limited, tmp_path, monkeypatch, capsys):
+    files = []
+    for name, one in (("A", first), ("B", limited)):
+        (tmp_path / name).mkdir()
+        files.append(str(one.save(tmp_path / name / "fingerprint.json")))
+        write_experiments(tmp_path / name / "experiments.parquet", one.experiments)
+    monkeypatch.setattr(comparable, "identify", lambda experiments, **options: limited)
+    assert cli.main(["compare", *files, "--json"]) == 0
+    assert any("fitted again" in line for line in json.loads(capsys.readouterr().out)["remarks"])
