@@ -14,6 +14,7 @@ from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.identification.question import question_of
 from shipfp_rs.processing.process import process
 from shipfp_rs.processing.trial import Trial
+from shipfp_rs.runs.run import run
 from tests.families.plant import physical
 from tests.families.small_steps import simulate
 
@@ -198,3 +199,22 @@ def test_two_loggers_on_one_clock_are_one_trial(folder: Path, tmp_path: Path) ->
     (two,), (one,) = process(log, trial), process(alone.logs()[0], alone)
     for name in ("n_set", "n_e", "M_b", "M_load"):
         assert two.signals[name] == pytest.approx(one.signals[name], rel=1e-3), name
+
+
+def test_a_run_on_a_load_without_a_torque_says_what_the_load_determines(folder: Path, tmp_path: Path) -> None:
+    text = (folder / "TRIAL.toml").read_text()
+    torque = next(line for line in text.splitlines() if line.startswith("torque = "))
+    path = folder / "no-torque.toml"
+    path.write_text(text.replace(torque + "\n", "") + "M_Nm = 955.0\n")
+    found = run(path, tmp_path / "out").fingerprint
+    said = " ".join(found.verdict)
+    assert "the measured load determines tau_n and the gains, but of p and g only their difference" in said
+    assert "Assumed, not given: p = 0, k_L = 1." in said
+    assert "ratios" not in said
+    low, high = found["tau_n"].ci95
+    assert low < TRUTH["tau_n"] < high
+    # With the load's own p taken as nothing, g is less by as much.
+    low, high = found["g"].ci95
+    assert low < TRUTH["g"] - TRUTH["p"] < high
+    path.write_text(path.read_text() + "[identify]\nfixed = { p = 0.4 }\n")
+    assert "Assumed, not given: k_L = 1." in run(path, tmp_path / "out").fingerprint.verdict

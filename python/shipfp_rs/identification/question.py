@@ -257,8 +257,8 @@ def question_of(
     if "dM" in outputs:
         elements.setdefault("late_torque", True)
     else:
-        # The speed alone tells ratios to the inertia.
-        known = {"tau_n": 1.0, "p": 2.0, **known} if not loaded else {"k_L": 1.0, "p": 1.0, **known}
+        # The speed alone tells ratios to the inertia; a measured load is all that the shaft drives.
+        known = {"tau_n": 1.0, "p": 2.0, **known} if not loaded else {"k_L": 1.0, "p": 0.0, **known}
         elements.setdefault("curvature", False)
     if loaded:
         elements["load"] = True

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -18,7 +18,7 @@ from shipfp_rs.processing.trial import Trial
 from shipfp_rs.runs.fit import choice, located, structure_from
 from shipfp_rs.support.files import replacing_folder
 from shipfp_rs.support.progress import part, tell
-from shipfp_rs.support.sentences import Sentence
+from shipfp_rs.support.sentences import Sentence, joined
 from shipfp_rs.vessel.vessel import Vessel
 
 MARKER = "fingerprint.json"
@@ -29,6 +29,11 @@ NO_TORQUE = Sentence(
     "No torque was fitted, since the trial has no table [channels.torque]: the speed alone determines only ratios of "
     "tau_n, g and the gains."
 )
+NO_TORQUE_BUT_LOAD = Sentence(
+    "No torque was fitted, since the trial has no table [channels.torque]: the measured load determines tau_n and the "
+    "gains, but of p and g only their difference."
+)
+ASSUMED = Sentence("Assumed, not given: {values}.")
 
 Notify = Callable[[str], None]
 
@@ -113,7 +118,9 @@ def evaluate(
             )
     structure = declared or rebuilt(fingerprint)
     if trial.channels.torque is None and trial.channels.command is None:
-        fingerprint = replace(fingerprint, verdict=(*fingerprint.verdict, NO_TORQUE))
+        fingerprint = replace(
+            fingerprint, verdict=(*fingerprint.verdict, *_without_torque(fingerprint, trial))
+        )
     fingerprint = replace(fingerprint, verdict=(*fingerprint.verdict, *doubts(fingerprint, vessel)))
     if fingerprint.si == {}:
         fingerprint = replace(fingerprint, si=in_si(fingerprint, vessel))
@@ -130,3 +137,18 @@ def evaluate(
         vessel=vessel,
     )
     return Run(fingerprint, tuple(experiments))
+
+
+def _without_torque(fingerprint: Fingerprint, trial: Trial) -> Iterator[Sentence]:
+    """Yield what is determined without a torque: by a load all but a difference, else ratios alone."""
+    if "load" not in fingerprint.structure.get("elements", ()):
+        yield NO_TORQUE
+        return
+    yield NO_TORQUE_BUT_LOAD
+    assumed = [
+        f"{name} = {estimate.value:g}"
+        for name, estimate in fingerprint.parameters.items()
+        if name in ("k_L", "p") and estimate.status == "fixed" and name not in trial.identify.fixed
+    ]
+    if assumed:
+        yield Sentence(ASSUMED, values=joined(assumed))
