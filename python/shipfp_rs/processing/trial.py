@@ -46,6 +46,7 @@ class Trial(Section):
     operating_point: OperatingPoint = OperatingPoint()
     processing: Processing = Processing()
     windows: Annotated[tuple[Window, ...], Field(strict=False, max_length=MOST_WINDOWS)] = ()
+    """Stretches of the logs, one experiment each; one or more."""
     identify: Identify = Identify()
     report: Report = Report()
 

@@ -34,8 +34,11 @@ class Line(Section):
     """A calibration: scale and offset, or a table of readings and values to fit them to."""
 
     scale: float | None = None
+    """What one unit of the reading is in the calibrated unit."""
     offset: float = 0.0
+    """Calibrated value where the reading is 0."""
     table: Annotated[tuple[Pair, ...], Field(strict=False, min_length=2)] | None = None
+    """Pairs of reading and value, through which a line is fitted; in place of `scale`."""
 
     @model_validator(mode="after")
     def _is_one_line(self) -> Self:
@@ -85,7 +88,9 @@ class Level(Section):
     """Its quantity, of the table of quantities, whose units need no line."""
 
     column: Name
+    """Name of the channel in the log."""
     unit: str
+    """Unit of its readings."""
     calibration: Line
     """By the unit's own factor where it is left out."""
     delay_s: Delay = 0.0
@@ -244,6 +249,7 @@ class Tacho(Section):
     """
 
     kind: Literal["pulses", "edges", "angle", "speed"] = "pulses"
+    """Kind of source; it follows from the other keys."""
     column: str = ""
     """Column of the log; in a list of edges the column of the times, by default the first."""
     pulses_per_rev: Annotated[int, Field(ge=1, le=100_000)] = 1
@@ -253,6 +259,7 @@ class Tacho(Section):
     quadrature: Name | None = None
     """Column of the second train of a pair that is a quarter of a pulse apart."""
     shaft: Literal["engine", "propeller"] = "engine"
+    """Shaft that it turns with."""
     threshold: float | None = None
     """Level of a crossing, in the channel's unit; halfway between the two levels where it isn't given."""
     hysteresis: Positive | None = None
@@ -268,6 +275,7 @@ class Tacho(Section):
     unit: str = ""
     """Unit of an angle (deg, rad, rev or counts) or of a speed (rpm, rad/s, rev/s, Hz over `pole_pairs`)."""
     counts_per_rev: Annotated[float, Field(ge=1.0, le=1e9)] | None = None
+    """Counts of an encoder in a turn."""
     calibration: Line | None = None
     """Calibration of an analogue speed or angle, from volts to `unit`."""
     std: Positive | None = None

@@ -34,6 +34,7 @@ class Header(Section):
     """The trial: its name, the ship, the recordings."""
 
     name: Name
+    """What the report calls the trial."""
     vessel: FilePath = "direct-drive"
     """A built-in ship's name or the path of a vessel file; without one there is no gear between engine and speed."""
     log: Annotated[
@@ -66,6 +67,7 @@ class OperatingPoint(Section):
     """The steady state that signals are normalised with: given, or "auto" from a steady stretch."""
 
     n_e_rpm: Auto = None
+    """Engine speed [rpm]."""
     M_Nm: Auto = None
     """Torque at the place of the torque channel [Nm]; that of the load, too, where the load has no steady stretch."""
     X_mm: Auto = None
@@ -141,10 +143,13 @@ class Window(Section):
     """One stretch of a log, one experiment."""
 
     name: Name
+    """What the experiment is called; each name once."""
     kind: Annotated[str, Field(max_length=40), AfterValidator(_no_slip)] = ""
     """What the set point does; any word, which the report repeats."""
     start_s: float
+    """Start on the log's clock [s]."""
     stop_s: float
+    """End on the log's clock [s]."""
     log: FilePath | None = None
     """File name of the log it is cut from; the first one where none is named."""
 
@@ -178,6 +183,7 @@ class Report(Section):
     """What report.html is like."""
 
     language: Annotated[str, AfterValidator(_a_language)] = "en"
+    """Its language: "en", or one that the package has a catalogue of, such as "de"."""
 
 
 class Identify(Section):
@@ -194,15 +200,19 @@ class Identify(Section):
     products: bool = True
     """Fit vK_p and vK_i in place of v, K_p and K_i, which speed and torque never tell apart."""
     outputs: Annotated[tuple[str, ...], Field(strict=False, min_length=1)] = ("dn", "dM")
+    """Outputs that are compared: speed dn, torque dM, rack dX; where the data choose, all that were measured."""
     fixed: dict[str, float] = Field(default_factory=dict)
+    """Parameter to the value that it is known to have."""
     priors: dict[str, Pair] = Field(default_factory=dict)
     """Name to [mean, standard deviation]."""
     tied: dict[str, Relation] = Field(default_factory=dict)
     """Name to [name of another one, factor] or [name, factor, offset]."""
     noise: Literal["coloured", "white"] | None = None
+    """What the residuals are taken for, as in `identify`."""
     starts: Starts | None = None
-    """These two as in `identify`."""
+    """Number of starts of the search, as in `identify`."""
     seed: Seed = 0
+    """Seed of the random starts."""
 
     @property
     def options(self) -> dict[str, Any]:

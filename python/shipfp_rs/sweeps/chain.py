@@ -19,10 +19,15 @@ class Excitation(Section):
     """What is put on the set point, see `signals.standard`."""
 
     kind: Kind = "chirp"
+    """Kind of motion."""
     duration_s: Positive = 120.0
+    """Length [s]."""
     amplitude_rpm: Positive = 40.0
+    """Largest deviation from the operating point [rpm]."""
     start_hz: Positive | None = None
+    """Lowest frequency [Hz]; by the duration where it is not given."""
     stop_hz: Positive | None = None
+    """Highest frequency [Hz]; by the rate where it is not given."""
     rate_hz: Positive = 50.0
     """Sample rate of the experiment; a raw log is sampled at sensors.rate_hz."""
 
@@ -31,11 +36,17 @@ class Noise(Section):
     """Standard deviation of each signal's noise over its operating point, for the chain "experiment"."""
 
     n_e: Share = 0.0
+    """Of the engine speed."""
     n_s: Share = 0.0
+    """Of the shaft speed."""
     M_b: Share = 0.0
+    """Of the brake torque."""
     M_s: Share = 0.0
+    """Of the shaft torque."""
     M_g: Share = 0.0
+    """Of the gauge's torque."""
     X_f: Share = 0.0
+    """Of the fuel rack."""
     level: Annotated[float, Field(ge=0.0, le=1000.0)] = 1.0
     """Multiplies all of them."""
     correlation: Annotated[float, Field(gt=-1.0, lt=1.0)] = 0.0
@@ -46,6 +57,7 @@ class OperatingPoint(Section):
     """Where the ship runs; the ship's own point where nothing is given."""
 
     n_e_rpm: Positive | None = None
+    """Engine speed [rpm]."""
 
 
 def _can_be(name: str) -> Any:
@@ -57,12 +69,19 @@ class Sensors(Section):
     """The measurement chain of a raw log, see `simulation.sensors.Sensors`, which has the usual values."""
 
     rate_hz: float | None = _can_be("rate_hz")
+    """Sample rate of the logger [Hz]."""
     set_point_noise_V: float | None = _can_be("set_point_noise_V")
+    """Standard deviation of the set point's voltage [V]."""
     torque_noise_V: float | None = _can_be("torque_noise_V")
+    """Standard deviation of the torque's voltage [V]."""
     pulse_noise_V: float | None = _can_be("pulse_noise_V")
+    """Standard deviation of the pulses' voltage [V]."""
     telemetry_hz: float | None = _can_be("telemetry_hz")
+    """Bandwidth of the torque's noise [Hz]."""
     receiver_limit_V: float | None = _can_be("receiver_limit_V")
+    """Voltage at which the torque receiver saturates [V]."""
     edge_s: float | None = _can_be("edge_s")
+    """Rise and fall time of the pulses [s]."""
     steady_s: Positive = 60.0
     """Steady stretch before the excitation [s]."""
 
@@ -71,6 +90,10 @@ class Faults(Section):
     """Faults of a raw log, each so many a minute (Table 6.10); zero: none."""
 
     A: Often = 0.0
+    """Second crossings on every pulse train."""
     B: Often = 0.0
+    """Missed pulses of every pulse train."""
     C: Often = 0.0
+    """Telemetry of the torque lost, at the receiver's limit."""
     D1: Often = 0.0
+    """Relay jumps of the set point."""

@@ -51,15 +51,19 @@ class Header(Section):
     """The sweep: its name, the ship, the design of its draws."""
 
     name: Name = "sweep"
+    """What the results call the sweep."""
     vessel: FilePath
     """A built-in ship's name or the path of a vessel file."""
     chain: Literal["experiment", "log"] = "experiment"
     """What each draw goes through: a clean simulation with noise, or a raw log with sensors and faults, processed."""
     design: Design = "latin"
+    """How the draws lie: "latin" and "sobol" spread them evenly, "grid" takes every combination of levels."""
     draws: Draws | None = None
     """Not for a grid, which has `repeats` for each of its cells."""
     repeats: Draws | None = None
+    """Draws for each cell of a grid."""
     seed: Seed = 0
+    """Seed that each draw's own follows from."""
     time_limit_s: Annotated[float, Field(gt=0.0, le=1e6)] | None = None
     """Of one draw; without one, results do not depend on how fast the machine is."""
 
@@ -101,11 +105,17 @@ class Factor(Section):
     """How one value varies: among values, evenly from low to high, or normally."""
 
     values: Annotated[tuple[Value, ...], Field(strict=False, min_length=1)] | None = None
+    """Values to take, each as often."""
     low: float | None = None
+    """Lowest value."""
     high: float | None = None
+    """Highest value."""
     scale: Literal["linear", "log"] = "linear"
+    """Whether values are spread evenly over low to high or over its logarithm."""
     mean: float | None = None
+    """Mean of a normal distribution."""
     std: Positive | None = None
+    """Its standard deviation."""
     points: Annotated[int, Field(ge=1, le=10_000)] | None = None
     """Levels in a grid."""
 

@@ -46,6 +46,7 @@ class Actuator(Section):
     """Actuator: from the governor's command to the fuel rack."""
 
     dead_time_s: Wait = 0.0
+    """Time before the rack follows at all [s]."""
     lag_s: Wait = 0.0
     """Time constant of a first-order lag [s]."""
     rate_mm_s: Annotated[float, Field(ge=1e-3, le=1e6)] | None = None
@@ -62,7 +63,9 @@ class FourQuadrant(Section):
     angle_deg: Annotated[Numbers, Field(min_length=2)]
     """Angles of the flow [deg], ascending, within one turn; the curve is periodic."""
     C_Q: Numbers
+    """Torque coefficient at each angle."""
     C_T: Numbers
+    """Thrust coefficient at each angle."""
     bollard_deg: float = 0.0
     """Angle of the ship's operating point [deg]: 180 for a trial astern, where speeds count positive astern."""
 
@@ -85,8 +88,11 @@ class Ship(Section):
     mass_kg: Annotated[float, Field(ge=1.0, le=1e10)]
     """Mass of the ship and of the water that moves with it [kg]."""
     resistance_N_s2_m2: Annotated[float, Field(ge=1e-9, le=1e9)]
+    """Resistance over the square of the ship's speed [N s2/m2]."""
     propellers: Annotated[int, Field(ge=1, le=20)] = 1
+    """Number of propellers that push it."""
     wake_fraction: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.0
+    """Part of the ship's speed that the water at the propeller lacks."""
 
 
 def later() -> Any:
@@ -138,13 +144,16 @@ class Water(Sparse):
     table: ClassVar[str] = "water"
 
     density_kg_m3: Positive = later()
+    """Density of the water [kg/m3]."""
 
 
 class Envelope(Section):
     """Highest brake torque over engine speed, straight between the points, constant outside (Fig. 3.3)."""
 
     speed_rpm: Table
+    """Engine speeds [rpm], ascending."""
     torque_Nm: Table
+    """Highest brake torque at each of them [Nm]."""
 
     @model_validator(mode="after")
     def _is_a_function_of_speed(self) -> Self:
@@ -164,10 +173,15 @@ class Engine(Sparse):
     table: ClassVar[str] = "engine"
 
     model: str = later()
+    """Maker and type."""
     cylinders: Annotated[int, Field(ge=1, le=100)] = later()
+    """Number of cylinders."""
     strokes: Annotated[int, Field(ge=2, le=4, multiple_of=2)] = later()
+    """Strokes of a working cycle, 2 or 4."""
     rated_power_kW: Positive = later()
+    """Rated power [kW]."""
     rated_speed_rpm: Positive = later()
+    """Speed at the rated power [rpm]."""
     envelope: Envelope | None = None
     """None: unlimited."""
     minimum_torque_Nm: float | None = None
@@ -202,7 +216,9 @@ class Gearbox(Sparse):
     table: ClassVar[str] = "gearbox"
 
     ratio: Annotated[float, Field(ge=0.01, le=1000.0)]
+    """Turns of the engine for one of the shaft; below 1 for a gear that speeds up."""
     efficiency: Fraction = later()
+    """Shaft power over brake power, `drag_Nm` apart."""
     drag_Nm: NotNegative = 0.0
     """Torque lost at the shaft at the operating point, in addition to the efficiency [Nm]."""
     drag_exponent: Annotated[float, Field(ge=0.0, le=4.0)] = 1.0
@@ -215,6 +231,7 @@ class Shaft(Sparse):
     table: ClassVar[str] = "shaft"
 
     inertia_kg_m2: Positive = later()
+    """Moment of inertia of all that turns [kg m2]."""
     propeller_side_inertia_kg_m2: Positive = later()
     """Part of the inertia on the propeller's side of the torque gauge [kg m2]."""
     add_entrained_water: bool = False
@@ -222,6 +239,7 @@ class Shaft(Sparse):
     stiffness_Nm_rad: Annotated[float, Field(ge=1e-3)] | None = None
     """Torsional stiffness between the two inertias [Nm/rad]; None: rigid."""
     damping_Nms_rad: Annotated[float, Field(ge=0.0, le=1e9)] = 0.0
+    """Torsional damping between the two inertias [Nm s/rad]."""
 
     @model_validator(mode="after")
     def _parts_do_not_exceed_the_whole(self) -> Self:
@@ -242,14 +260,21 @@ class Propeller(Sparse):
     table: ClassVar[str] = "propeller"
 
     diameter_m: Positive = later()
+    """Diameter [m]."""
     pitch_ratio: Annotated[float, Field(ge=0.01, le=10.0)] = later()
+    """Pitch over diameter."""
     area_ratio: Annotated[float, Field(ge=0.01, le=10.0)] = later()
+    """Expanded blade area over the disc's."""
     blades: Annotated[int, Field(ge=2, le=20)] = later()
+    """Number of blades."""
     nozzle: str = ""
+    """Type of nozzle; empty: none."""
     torque_exponent: Annotated[float, Field(gt=0.0, le=4.0)] = 2.0
     """p in M_p proportional to n_s |n_s|^(p-1); eq. 3.8 has 2."""
     thrust_deduction: Annotated[float, BeforeValidator(_no_percentage), Field(ge=0.0, lt=1.0)] = 0.0
+    """Part of the thrust that the hull takes back."""
     K_T: Annotated[float, Field(ge=1e-4, le=10.0)] = later()
+    """Thrust coefficient at zero speed of advance."""
     shaft_ripple: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.0
     """Amplitude of the torque once per turn of the shaft, over the mean."""
     blade_ripple: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.0
@@ -264,19 +289,25 @@ class Governor(Sparse):
     table: ClassVar[str] = "governor"
 
     K_p: Annotated[float, Field(ge=1e-4, le=1e4)] = later()
+    """Proportional gain."""
     K_i: Annotated[float, Field(ge=1e-5, le=1e5)] = later()
+    """Integral gain [1/s]."""
     K_d: Annotated[float, Field(ge=0.0, le=1e4)] = 0.0
     """Derivative gain [s], on the filtered speed alone, so that a step of the set point gives no peak."""
     derivative_filter_s: Annotated[float, Field(ge=1e-6, le=60.0)] = 0.05
+    """Time constant of the filter of the derivative [s]."""
     sample_rate_hz: Annotated[float, Field(ge=0.1, le=1e5)] | None = None
     """Rate at which the governor computes [Hz]; None: continuously."""
     once_a_firing: bool = False
     """Whether it computes at each firing instead."""
     computation_delay_s: Wait = 0.0
+    """Time from a sample to the command that follows from it [s]."""
     set_point_dead_time_s: Wait = 0.0
     """Dead time of the set point on its way to the governor, T_set [s]."""
     minimum_rack_mm: float | None = None
+    """Lowest rack that it asks for [mm]; None: no limit."""
     maximum_rack_mm: Annotated[float, Field(gt=0.0, le=1e6)] | None = None
+    """Highest rack that it asks for [mm]; None: no limit."""
     anti_windup: bool = False
     """Whether the integral is held while a limit of the rack or of the torque acts."""
 
@@ -295,8 +326,11 @@ class NominalPoint(Sparse):
     table: ClassVar[str] = "operating_point"
 
     n_e_rpm: Positive = later()
+    """Engine speed [rpm]."""
     X_0_mm: Annotated[float, Field(ge=1e-3, le=1e5)] = later()
+    """Fuel rack [mm]."""
     M_b_Nm: Positive | None = None
+    """Brake torque [Nm]."""
     M_s_Nm: Positive | None = None
     """Give either the brake torque or the shaft torque."""
     v: Annotated[float, Field(ge=0.01, le=100.0)] = later()
@@ -315,7 +349,9 @@ class SetPointLine(Section):
     """Engine-speed set point over the voltage on its line: n_set = rpm_per_V U + rpm_at_0_V (eq. 6.7)."""
 
     rpm_per_V: float
+    """Slope of the line [rpm/V]."""
     rpm_at_0_V: float
+    """Set point at 0 V [rpm]."""
 
     @model_validator(mode="after")
     def _can_be_inverted(self) -> Self:

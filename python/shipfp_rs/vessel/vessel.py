@@ -65,7 +65,9 @@ class Vessel(Sparse):
     """
 
     name: Name
+    """What reports call the ship."""
     description: str = ""
+    """What the ship is, in a few words."""
     water: Water = later()
     engine: Engine = later()
     gearbox: Gearbox
