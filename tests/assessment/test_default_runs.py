@@ -154,6 +154,22 @@ def test_a_rack_that_one_trial_recorded_leaves_the_rest_to_compare(first):
     assert {"tau_prop", "vK_p", "vK_i"} <= {change.name for change in found.changes}
 
 
+def test_gains_of_a_governor_whose_rack_was_recorded_are_compared():
+    # Their correlations with the others are in no fingerprint, so that each is judged alone.
+    found = compare(trial(4, rack=True), trial(6, rack=True))
+    assert not any(change.significant for change in found.changes)
+    assert {"v", "K_p", "K_i", "K_p/K_i"} <= {change.name for change in found.changes}
+    assert found.joint.freedom > 5
+
+
+def test_trials_without_a_torque_are_compared_with_each_other_alone(first):
+    record = first.experiments[0]
+    bare = [identify(one, outputs=["dn"]) for one in (record, trial(2).experiments[0])]
+    assert not any(change.significant for change in compare(*bare).changes)
+    with pytest.raises(InputError, match="identify both logs with the same outputs"):
+        compare(first, bare[0])
+
+
 def test_what_somebody_gave_is_still_the_same_in_both_or_refused(first):
     record = first.experiments[0]
     held = identify(record, fixed={"T_d": 0.05})

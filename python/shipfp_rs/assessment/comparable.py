@@ -81,14 +81,14 @@ def require_comparable(before: Fingerprint, after: Fingerprint) -> tuple[str, ..
     if before.vessel and after.vessel and before.vessel != after.vessel:
         raise InputError(f"fingerprints of {before.vessel!r} and {after.vessel!r}; expected the same ship")
     chosen = _chosen(before, after)
-    for key in ("kind", "torque", "outputs"):
+    for key in ("kind", "outputs", "torque"):
         one, other = before.structure.get(key), after.structure.get(key)
         if chosen and key == "outputs":
             one, other = (sorted({*found} - OF_NO_MATTER) for found in (one or (), other or ()))
         if one != other:
             raise InputError(
                 f"structures differ in {key}, {one!r} and {other!r}, so their parameters mean different things; identify "
-                "both logs with the same structure"
+                f"both logs with the same {'structure' if key == 'kind' else key}"
             )
     apart = set(before.parameters) ^ set(after.parameters)
     if apart and not chosen:

@@ -121,7 +121,8 @@ def compare(
     -----
     The interval of a difference joins the sides of both intervals that face it (the square-and-add limits of Zou and
     Donner, 10.1002/sim.3095), so that a skewed interval stays one. The joint test weighs the differences by the sum of
-    both covariances, along the directions that it tells apart, each at least as wide as the ships reach that the data allow.
+    both covariances, of the quantities that both hold, along the directions that it tells apart, each at least as wide as
+    the ships reach that the data allow.
     """
     if not 0.0 < level < 1.0:
         raise InputError(f"level {level}, expected a probability between 0 and 1")
@@ -131,8 +132,9 @@ def compare(
     alone = [_change(name, before[name], after[name]) for name in names]
     significant = _holm([change.p for change in alone], level)
     changes = tuple(replace(change, significant=s) for change, s in zip(alone, significant, strict=True))
-    joint = _joint(names, before, after)
-    return Comparison(changes, joint, level, remarks, _verdict(changes, joint, level))
+    together = [name for name in names if _is_correlated(before, name) and _is_correlated(after, name)]
+    joint = _joint(together, before, after)
+    return Comparison(changes, joint, level, remarks, _verdict(changes, joint, level, len(together)))
 
 
 @checked
@@ -251,7 +253,22 @@ def _holm(probabilities: Sequence[float], level: float) -> list[bool]:
     return significant
 
 
+def _is_correlated(fingerprint: Fingerprint, name: str) -> bool:
+    """Whether the covariance holds a quantity, or all that a combination is of but what is fixed."""
+    known, values = fingerprint.covariance["names"], fingerprint.optimum
+    if name in known or name not in COMBINATIONS:
+        return name in known
+    try:
+        slopes = gradient_of(COMBINATIONS[name][1], values, [*values], declared(fingerprint.structure))
+    except (KeyError, ZeroDivisionError):
+        return True  # `covariance_of` says what is wrong
+    members = [member for member, slope in zip(values, slopes, strict=True) if slope]
+    return all(one in known or fingerprint[one].status == "fixed" for one in members)
+
+
 def _joint(names: Sequence[str], before: Fingerprint, after: Fingerprint) -> Joint:
+    if not names:
+        return Joint(0.0, 0, 1.0)
     change = np.array([(after[name].value or 0.0) - (before[name].value or 0.0) for name in names])
     both = covariance_of(before, names), covariance_of(after, names)
     # A combination that repeats others does so in each fingerprint, a little differently; it counts for nothing.
@@ -335,14 +352,15 @@ def covariance_of(fingerprint: Fingerprint, names: Sequence[str]) -> Array:
     return np.asarray(linear * np.outer(scale, scale))
 
 
-def _verdict(changes: Sequence[Change], joint: Joint, level: float) -> tuple[str, ...]:
+def _verdict(changes: Sequence[Change], joint: Joint, level: float, count: int) -> tuple[str, ...]:
     found = [change for change in changes if change.significant]
     lines = [
         f"{change.name} changed by {change.change_pct:+.1f} % ({change.before:.4g} to {change.after:.4g}"
         f"{'' if change.unit == '-' else ' ' + change.unit}; p = {change.p:.1g})."
         for change in found
     ]
-    together = f"all {len(changes)} quantities together: chi-squared {joint.statistic:.3g} at {joint.freedom}"
+    together = f"{'all ' if count == len(changes) else ''}{count} quantities together: "
+    together += f"chi-squared {joint.statistic:.3g} at {joint.freedom}"
     together += f", p = {joint.p:.2g}"
     if found:
         lines.append(f"The rest did not change by more than chance ({together}).")
