@@ -24,7 +24,7 @@ def test_a_short_gap_of_a_slow_signal_is_near_what_it_was():
         gaps[0, first : first + 5] = True
     filled = kriged(np.where(gaps, np.nan, whole), gaps, 30)
     assert np.array_equal(filled[~gaps], whole[~gaps])
-    assert np.std((filled - whole)[gaps]) < 0.01 * np.std(whole[0])
+    assert np.std((filled - whole)[gaps]) < 0.05 * np.std(whole[0])
 
 
 def test_another_signal_foretells_a_long_gap():

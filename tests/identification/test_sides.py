@@ -9,7 +9,7 @@ from tests.families.draw import draw
 
 @pytest.fixture(scope="module")
 def undescribed():
-    ship = other_governors.draw("dead_band", 160100)
+    ship = other_governors.draw("dead_band", 150000)
     return ship, fp.identify(fp.Experiment(**ship.experiment()), torque=ship.place)
 
 
@@ -37,7 +37,7 @@ def test_it_is_read_as_it_was_saved(undescribed, tmp_path):
 
 
 def test_a_smooth_ship_has_both_sides_and_they_agree():
-    ship = next(one for one in map(lambda seed: draw("launch", seed), range(160200, 160230)) if smooth(one))
+    ship = next(one for one in (draw("launch", seed) for seed in range(160200, 160230)) if smooth(one))
     found = fp.identify(fp.Experiment(**ship.experiment()))
     assert found.adequate["sides"] == {"load": True, "engine": True}
     alone, whole = found.load_side["p"], found.parameters["p"]

@@ -104,7 +104,7 @@ def answered(
     together = (*(("vK_p", "vK_i") if gains else ()), *TOGETHER)
     derived = {name: _combined(found[name], COMBINATIONS[name][0]) for name in together if name in found}
     if kind:
-        parameters, derived = load_alone(parameters, fit.side, kind), {}
+        parameters, derived = load_alone(parameters, fit.side, kind, question.bounds), {}
     misses = dict(zip(question.outputs, misses_pct(fit.likelihood, fit.best.vector), strict=True))
     rows = explained_pct(fit.likelihood, fit.best.vector)
     fingerprint = Fingerprint(

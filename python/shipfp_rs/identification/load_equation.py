@@ -44,7 +44,7 @@ class Record:
     """An experiment's spectra (F,), what its inputs explain of the speed, and the weight of each frequency."""
 
     def __init__(self, data: Spectra) -> None:
-        speed, torque = data.decimated
+        speed, torque = (data.decimated[data.outputs.index(name)] for name in ("dn", "dM"))
         self.s = 2j * np.pi * data.frequency_hz[data.frequency_hz <= MOST_HZ]
         kept = slice(len(self.s))
         self.N, fading = data.tapered(speed, 2)[:, kept]

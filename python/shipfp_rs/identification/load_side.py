@@ -119,6 +119,19 @@ def load_side(
         Spectra.of(one, ("dn", "dM"), np.array([_measured(one, speed), _measured(one, signal)]), load=loaded)
         for one in several
     ]
+    return _told(several, spectra, speed, signal, side, vessel)
+
+
+def _told(
+    several: Sequence[Experiment],
+    spectra: Sequence[Spectra],
+    speed: str,
+    signal: str,
+    side: Torque,
+    vessel: Vessel | str | Path | None = None,
+) -> LoadSide:
+    """Return what records of experiments tell of the load."""
+    loaded = bool(len(spectra[0].load))
     accuracy = max(one.gauge_accuracy.get(signal, ACCURACY) for one in several)
     fit = Fit([Record(one) for one in spectra], side == "gauge", accuracy)
     x, covariance = fit.found()
@@ -146,12 +159,19 @@ def load_side(
     return LoadSide(side, parameters, covariance[np.ix_(places, places)], records, si)
 
 
-def load_side_of(question: Question) -> LoadSide | None:
-    """Return what speed and torque of a question's experiments tell of the load by themselves; None: nothing."""
+def load_side_of(question: Question, records: Sequence[Spectra] | None = None) -> LoadSide | None:
+    """Return what speed and torque of a question's experiments tell of the load by themselves; None: nothing.
+
+    `records` are theirs, corrected by a model: without images of the set point, gaps filled.
+    """
     if "dM" not in question.outputs:
         return None
+    side: Torque = "gauge" if question.gauge else "brake"
     try:
-        return load_side(question.experiments, torque="gauge" if question.gauge else "brake")
+        if records is None:
+            return load_side(question.experiments, torque=side)
+        speed, signal = (question.signal_in(question.experiments[0], output) for output in ("dn", "dM"))
+        return _told(question.experiments, records, speed, signal, side)
     except (InputError, np.linalg.LinAlgError):
         return None
 

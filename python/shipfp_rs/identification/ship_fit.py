@@ -70,6 +70,8 @@ def fit_ship(
         smooth = smooth_ship(question, starts=starts, seed=seed, until=until)
         tell("parting the delays otherwise", 0.9)
         fit = with_other_delays(smooth, until)
+    if isinstance(fit.likelihood, EquationLikelihood):
+        fit = replace(fit, side=load_side_of(question, fit.likelihood.records))
     with part(0.4, 0.8):
         fit = with_twist(fit, smooth, until)
         fit = with_other_delays(fit, until) if fit.elements else fit

@@ -32,8 +32,8 @@ JAGGED = Sentence(
     "deviance of such a ship is not smooth."
 )
 LOAD_ONLY = Sentence(
-    "Usable for simulation and comparison of the load's side only: the governor is not what the model says ({what}), so its "
-    "gains, delays and the engine's slope are not told."
+    "Usable for simulation and comparison of the load's side only: engine and governor are not described ({what}), so "
+    "gains, delays and the engine's slope are not given."
 )
 STATES: Mapping[str, str] = {
     "on": Sentence("Acting elements: {elements}."),

@@ -1,4 +1,4 @@
-"""Both sides of the ship, each by itself: what of a fingerprint stands where the governor is not what the model says.
+"""Both sides of the ship, each by itself: what of a fingerprint stands where the model does not describe the engine's side.
 
 The load's side needs no governor. Where the engine's side shows what no model explains, or the load's side by itself differs
 from the whole, what the whole says of the engine holds for no ship, and the load's side alone is told (cut inference,
@@ -25,13 +25,13 @@ APART = 3.5
 """Difference of both estimates, over the root of the sum of their variances, from which the sides do not agree. They share
 data, so that the difference varies by less: chance exceeds it less than once in two thousand."""
 KINDS: Mapping[str, Sentence] = {
-    "gain": Sentence("its gain changes with the error, as beside a dead band or in steps"),
-    "asymmetry": Sentence("it acts one way otherwise than the other"),
+    "gain": Sentence("the governor's gain changes with the error: a dead band, or a gain in steps"),
+    "asymmetry": Sentence("the governor is faster in one direction than in the other"),
     "torque_limit": Sentence(
-        "something limits the engine's torque, and no limit that was tried describes it"
+        "the engine's torque is limited, but by no limit that was tried"
     ),
-    "rack_rate": Sentence("something limits the rack's rate, and no limit that was tried describes it"),
-    "sides": Sentence("speed and torque alone tell another load than the whole model does"),
+    "rack_rate": Sentence("the rack's rate is limited, but by no limit that was tried"),
+    "sides": Sentence("speed and torque alone give another load than the whole model"),
 }
 """What the engine's side looks like, by the kind of shape that it shows."""
 
@@ -66,18 +66,30 @@ def _agree(fit: ShipFit, side: LoadSide) -> bool:
     return True
 
 
-def load_alone(parameters: Mapping[str, Estimate], side: LoadSide | None, kind: str) -> dict[str, Estimate]:
-    """Return estimates of which the load's are its side's own, and the engine's and governor's are not told."""
-    reason = Sentence("the governor is not what the model says: {what}", what=KINDS[kind])
+def load_alone(
+    parameters: Mapping[str, Estimate],
+    side: LoadSide | None,
+    kind: str,
+    bounds: Mapping[str, tuple[float, float]],
+) -> dict[str, Estimate]:
+    """Return estimates of which the load's are its side's own, within bounds, and the engine's are not told."""
+    reason = Sentence("engine and governor are not described: {what}", what=KINDS[kind])
     found = {}
     for name, one in parameters.items():
         if one.status == "fixed" and one.reason == "given":
             found[name] = one
         elif side is not None and name in side.parameters:
-            found[name] = replace(side.parameters[name], unit=one.unit)
+            found[name] = _within(side.parameters[name], one.unit, bounds.get(name, (-np.inf, np.inf)))
         else:
             found[name] = Estimate(None, unit=one.unit, status="unidentifiable", reason=reason)
     return found
+
+
+def _within(estimate: Estimate, unit: str, bounds: tuple[float, float]) -> Estimate:
+    assert estimate.value is not None
+    assert estimate.ci95 is not None
+    value, low, high = (float(np.clip(one, *bounds)) for one in (estimate.value, *estimate.ci95))
+    return replace(estimate, value=value, ci95=(low, high), unit=unit)
 
 
 def covariance_of(parameters: Mapping[str, Estimate], side: LoadSide) -> dict[str, object]:

@@ -17,8 +17,8 @@ from scipy.fft import irfft
 from shipfp_rs.identification.likelihood import Likelihood, turned
 from shipfp_rs.support.arrays import Array, ComplexArray
 
-STRETCH_S = 10.0
-"""Length of a stretch [s]: longer than a loop's memory, so that stretches are independent."""
+STRETCH_S = 3.0
+"""Length of a stretch [s]: a whitened residual forgets sooner."""
 
 
 class Score(NamedTuple):
