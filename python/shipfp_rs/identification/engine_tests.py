@@ -6,7 +6,7 @@ disturbance of the engine's torque does. What the residuals show of it is one un
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Container, Mapping
 
 import numpy as np
 
@@ -29,6 +29,8 @@ CONSISTENT = 2.7
 """Least consistency of a shape that is there: chance exceeds it once in twenty, to one side."""
 NEAR = 3.0
 """What shows more than a limit by less than this may be the limit's own."""
+WORTH = 8.0
+"""Fall of the deviance from which a limit is worth a fit."""
 NONE = Score(0.0, 0.0, 0.0, 0.0)
 
 
@@ -108,13 +110,24 @@ def _answers(values: Values, record: Spectra | Record, fit: ShipFit) -> Callable
 
 
 def suspected(scores: Mapping[str, Score]) -> str | None:
-    """Return the kind of shape that the engine's side shows most, more than chance and a calibration's error; None: none.
-
-    A limit comes first unless another kind shows far more.
-    """
+    """Return the kind of shape that the engine's side shows most, more than chance and a calibration's error; None: none."""
     sure = {
         kind: score.fall * (NEAR if kind in LIMITS else 1.0)
         for kind, score in scores.items()
         if score.fall > BELIEVED and score.consistency > CONSISTENT and score.share > ACCURACY
     }
     return max(sure, key=lambda kind: sure[kind], default=None)
+
+
+def limit_to_try(scores: Mapping[str, Score], among: Container[str]) -> str | None:
+    """Return the limit that is worth a fit: a smooth loop takes much of it over, so that little shows; None: none."""
+    most = max((score.fall for score in scores.values()), default=0.0)
+    worth = {
+        kind: scores[kind].fall
+        for kind in scores
+        if kind in LIMITS
+        and kind in among
+        and scores[kind].consistency > CONSISTENT
+        and scores[kind].fall > max(WORTH, most / NEAR)
+    }
+    return max(worth, key=lambda kind: worth[kind], default=None)

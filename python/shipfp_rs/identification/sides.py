@@ -27,9 +27,7 @@ data, so that the difference varies by less: chance exceeds it less than once in
 KINDS: Mapping[str, Sentence] = {
     "gain": Sentence("the governor's gain changes with the error: a dead band, or a gain in steps"),
     "asymmetry": Sentence("the governor is faster in one direction than in the other"),
-    "torque_limit": Sentence(
-        "the engine's torque is limited, but by no limit that was tried"
-    ),
+    "torque_limit": Sentence("the engine's torque is limited, but by no limit that was tried"),
     "rack_rate": Sentence("the rack's rate is limited, but by no limit that was tried"),
     "sides": Sentence("speed and torque alone give another load than the whole model"),
 }

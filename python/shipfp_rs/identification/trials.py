@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from shipfp_rs.identification.basins import LIKELY, Basin, descend, distinct, each, settle
-from shipfp_rs.identification.engine_tests import engine_tests, suspected
+from shipfp_rs.identification.engine_tests import engine_tests, limit_to_try
 from shipfp_rs.identification.likelihood import Likelihood
 from shipfp_rs.identification.question import TRIED
 from shipfp_rs.identification.ship_found import (
@@ -46,8 +46,7 @@ def with_limits(fit: ShipFit, until: float | None) -> ShipFit:
     tried, scores = set(fit.question.tried) & LIMITED, engine_tests(fit)
     falls = {name: scores[name].fall for name in sorted(tried) if name in scores}
     fit = replace(fit, scores=scores, gains={**fit.gains, **falls})
-    while (suspect := suspected(fit.scores)) in tried:
-        assert suspect is not None
+    while (suspect := limit_to_try(fit.scores, tried)) is not None:
         tell(f"trying {ELEMENTS[suspect].words}", 0.3 * len(fit.elements))
         tried.remove(suspect)
         before = _simulated(fit, until) if fit.is_smooth else fit
