@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from functools import partial
 
 import numpy as np
+from scipy.linalg.lapack import dgesv
 
 from shipfp_rs.errors import SimulationError
 from shipfp_rs.identification.likelihood import Likelihood, Products, Tangent
@@ -106,20 +107,20 @@ def descend(
         if promised < 0.0:  # bounds cut off what would have made up for the rest
             damping *= MORE
             continue
-        done, fell = bool(promised < 0.1 * settled), 0.0
+        done, fell, there = bool(promised < 0.1 * settled), 0.0, np.minimum(np.maximum(x + step, low), high)
         if not done:
             try:
-                then = at(np.clip(x + step, low, high), now.tangent)
+                then = at(there, now.tangent)
                 fell = now.cost - then[1].cost
             except SimulationError:
                 fell = -np.inf
             good = fell / promised
             if fell > 0.0:
                 damping *= LESS if good > 0.7 else 1.0 if good > 0.25 else 4.0
-                went, done = np.clip(x + step, low, high) - x, bool(fell < settled)
+                went, done = there - x, bool(fell < settled)
                 if not (done and exact):
                     then = then[0].learnt(plain, went), then[1].learnt(plain, went)
-                x, (plain, now) = x + went, then
+                x, (plain, now) = there, then
                 if now.tangent is None and not done:
                     left -= 1
                     if left < 1:
@@ -166,24 +167,40 @@ def _step(now: Products, x: Array, low: Array, high: Array, damping: float) -> A
     scale = np.sqrt(np.maximum(now.matrix.diagonal(), 1e-30))
     damped = now.matrix / (scale[:, None] * scale)
     damped.flat[:: len(x) + 1] += damping + LEAST
-    downhill = now.downhill / scale
-    held = ((x <= low) & (now.downhill < 0.0)) | ((x >= high) & (now.downhill > 0.0))
+    downhill, low, high = now.downhill / scale, low - x, high - x
+    held = ((low >= 0.0) & (now.downhill < 0.0)) | ((high <= 0.0) & (now.downhill > 0.0))
     if not held.any():
-        step = np.linalg.solve(damped, downhill) / scale
-        if ((x + step >= low) & (x + step <= high)).all():
+        step = _solved(damped, downhill) / scale
+        if not ((step < low) | (step > high)).any():
             return step
     step, free = np.zeros(len(x)), ~held
     for _ in range(4):
-        rest = downhill[free] - damped[free][:, ~free] @ (step * scale)[~free]
-        step[free] = np.linalg.solve(damped[np.ix_(free, free)], rest) / scale[free]
-        out = free & ((x + step < low) | (x + step > high))
+        places = free.nonzero()[0]
+        rows = damped[places]
+        rest = downhill[places] - rows @ np.where(free, 0.0, step * scale)
+        step[places] = _solved(rows[:, places], rest) / scale[places]
+        out = free & ((step < low) | (step > high))
         if not out.any():
             break
-        step[out] = np.clip(x + step, low, high)[out] - x[out]
+        step[out] = np.minimum(np.maximum(step, low), high)[out]
         free &= ~out
         if not free.any():
             break
-    return np.clip(step, low - x, high - x)
+    return np.minimum(np.maximum(step, low), high)
+
+
+def _solved(matrix: Array, right: Array) -> Array:
+    """Solution of a symmetric system, by LAPACK at once: `numpy.linalg.solve` takes longer to check than to solve.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        Where the matrix is singular.
+    """
+    *_, found, singular = dgesv(matrix.T, right)
+    if singular:
+        raise np.linalg.LinAlgError("a singular matrix")
+    return np.asarray(found)
 
 
 def best_basins(

@@ -7,7 +7,7 @@ Divided by tau_n the ship's equations are linear in 1 / tau_n, (p - g) / tau_n, 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -81,6 +81,17 @@ class Coordinates:
         """Length of a vector."""
         return len(self.free) + self.records * len(self.unknowns)
 
+    @cached_property
+    def _own(self) -> tuple[Callable[[float], float], ...]:
+        """What makes a parameter in its own unit of its entry in a vector."""
+        return tuple(
+            math.exp if name in LOGARITHMS else math.sqrt if name in SQUARES else float for name in self.names
+        )
+
+    @cached_property
+    def _ratios(self) -> tuple[str, ...]:
+        return tuple(name for name in RATIOS if name in self.free)
+
     def place(self, name: str) -> int:
         """Place of a parameter in a vector."""
         return self.names.index(name)
@@ -110,12 +121,11 @@ class Coordinates:
     def values(self, vector: Array) -> dict[str, float]:
         """Return the parameters in their own units, those given included."""
         values = dict(self.given)
-        for name, x in zip(self.names, vector.tolist(), strict=False):
-            values[name] = _own(name, x)
+        for name, own, x in zip(self.names, self._own, vector.tolist(), strict=False):
+            values[name] = own(x)
         tau = values["tau_n"]
-        for name in RATIOS:
-            if name in self.free:
-                values[name] *= tau
+        for name in self._ratios:
+            values[name] *= tau
         if "g" in self.free:
             values["g"] = values["p"] - values["g"] * tau
         return self.completed(values)
@@ -152,32 +162,47 @@ class Coordinates:
 
     def slopes(self, values: Mapping[str, float]) -> dict[str, dict[int, float]]:
         """Derivatives of the parameters by the places of a vector: {parameter: {place: slope}}."""
-        tau, found = values["tau_n"], {}
-        by_tau = {self.place("tau_n"): 1.0} if "tau_n" in self.free else {}
-        for place, name in enumerate(self.names):
-            own = values[name] if name in LOGARITHMS else 0.5 / values[name] if name in SQUARES else 1.0
-            found[name] = {place: own}
-            if name in RATIOS:
-                found[name] |= {at: values[name] * one for at, one in by_tau.items()}
-            if name == "g":
-                slope = (values["p"] - values["g"]) / tau
-                found[name] = {place: -tau} | {at: -slope * tau * one for at, one in by_tau.items()}
-                if "p" in self.free:
-                    found[name][self.place("p")] = 1.0
+        rows = self.jacobian(values).tolist()
+        return {
+            name: {place: slope for place, slope in enumerate(row) if slope}
+            for name, row in zip(self.names, rows, strict=True)
+        }
+
+    def jacobian(self, values: Mapping[str, float]) -> Array:
+        """Derivatives of the free parameters by their places in a vector, (W, W)."""
+        own = [
+            values[name] if way is math.exp else 0.5 / values[name] if way is math.sqrt else 1.0
+            for name, way in zip(self.names, self._own, strict=True)
+        ]
+        found = np.diag(own)
+        if "tau_n" in self.free:
+            for name in self._ratios:
+                found[self.place(name), self.place("tau_n")] = values[name]
+        if "g" in self.free:
+            place, tau = self.place("g"), values["tau_n"]
+            found[place, place] = -tau
+            if "tau_n" in self.free:
+                found[place, self.place("tau_n")] = values["g"] - values["p"]
+            if "p" in self.free:
+                found[place, self.place("p")] = 1.0
         return found
 
     def gradient(self, figure: Figure, vector: Array) -> Array:
         """Derivative of a figure by a vector, shape (P,)."""
-        found = np.zeros(self.size)
-        values = self.values(vector)
-        for name, by in self.slopes(values).items():
-            step = SMALL * max(1.0, abs(values[name]))
-            up, down = (
-                figure(self.completed({**values, name: values[name] + sign * step})) for sign in (1, -1)
-            )
+        values, slopes = self.values(vector), np.zeros(len(self.names))
+        moved = dict(values)
+        for place, name in enumerate(self.names):
+            value = values[name]
+            step = SMALL * max(1.0, abs(value))
+            moved[name] = value + step
+            up = figure(self.completed(moved))
+            moved[name] = value - step
+            down = figure(self.completed(moved))
+            moved[name] = value
             if up != down:
-                for place, slope in by.items():
-                    found[place] += (up - down) / (2.0 * step) * slope
+                slopes[place] = (up - down) / (2.0 * step)
+        found = np.zeros(self.size)
+        found[: len(slopes)] = slopes @ self.jacobian(values)
         return found
 
     def kernel(self, values: Mapping[str, float], states: Array) -> Array:
@@ -206,22 +231,16 @@ def loop_of(values: Values) -> dict[str, float]:
     return found
 
 
-def wall_row(c: Coordinates, vector: Array) -> Array | None:
+def wall_row(c: Coordinates, vector: Array, values: Mapping[str, float] | None = None) -> Array | None:
     """Residual and derivatives (1 + P,) of a wall at the largest inertia behind the gauge; None away from it."""
-    values = c.values(vector)
+    values = c.values(vector) if values is None else values
     behind, whole = values.get("tau_prop", 0.0), values["tau_n"]
     if behind <= MOST_BEHIND * whole or "tau_prop" not in c.free:
         return None
-    slopes = c.slopes(values)
+    by = c.jacobian(values)
     row = np.zeros(c.size + 1)
     row[0] = (MOST_BEHIND - behind / whole) / WALL
-    for place, slope in slopes["tau_prop"].items():
-        row[1 + place] += slope / (whole * WALL)
-    for place, slope in slopes.get("tau_n", {}).items():
-        row[1 + place] -= behind * slope / (whole**2 * WALL)
+    row[1 : 1 + len(by)] = by[c.place("tau_prop")] / (whole * WALL)
+    if "tau_n" in c.free:
+        row[1 : 1 + len(by)] -= behind * by[c.place("tau_n")] / (whole**2 * WALL)
     return row
-
-
-def _own(name: str, x: float) -> float:
-    """A parameter in its own unit, of its entry in a vector."""
-    return math.exp(x) if name in LOGARITHMS else math.sqrt(x) if name in SQUARES else x

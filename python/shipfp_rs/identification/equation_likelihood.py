@@ -12,6 +12,7 @@ from functools import cached_property
 from typing import Self
 
 import numpy as np
+import numpy.typing as npt
 
 from shipfp_rs import _core
 from shipfp_rs.errors import SimulationError
@@ -61,15 +62,23 @@ class EquationLikelihood(Likelihood):
 
     def _asked(self, values: Mapping[str, float], vector: Array, record: int) -> Asked:
         """Return the kernel's parameters, and what its functions take behind them up to what moves."""
-        data, c = self.records[record], self.coordinates
+        data = self.records[record]
         parameters = OFF.copy()
-        for name, value in values.items():
-            if name in INDEX:
-                parameters[INDEX[name]] = value
-        parameters[self._unknowns] += vector[c.states(record)]
-        dead, both = values.get("T_d", 0.0), values.get("T_d", 0.0) + values.get("T_set", 0.0)
-        speed, set_point = data.delayed("speed", dead), data.delayed("set point", both)
+        for name, place in self._known:
+            parameters[place] = values[name]
+        parameters[self._unknowns] += vector[self.coordinates.states(record)]
+        dead = values.get("T_d", 0.0)
+        speed, set_point = (
+            data.delayed("speed", dead),
+            data.delayed("set point", dead + values.get("T_set", 0.0)),
+        )
         return (parameters, data.signals, data.spacing, *speed, *set_point, self._outputs, self.gauge, False)
+
+    @cached_property
+    def _known(self) -> list[tuple[str, int]]:
+        """Parameters that the kernel takes, and their places."""
+        c = self.coordinates
+        return [(name, INDEX[name]) for name in dict.fromkeys((*c.given, *c.names)) if name in INDEX]
 
     @cached_property
     def _unknowns(self) -> list[int]:
@@ -81,17 +90,17 @@ class EquationLikelihood(Likelihood):
         """The kernel's parameters that move."""
         return [*(INDEX[name] for name in self.coordinates.names), *self._unknowns]
 
-    def _turn(self, slopes: Slopes, record: int) -> Array:
-        """Return the columns' change of coordinates, (1 + W, 1 + P)."""
+    def _places(self, record: int) -> npt.NDArray[np.intp]:
+        """Places in a vector of the free parameters and a record's own unknowns."""
         c = self.coordinates
-        turn = np.zeros((1 + len(self._moving), 1 + c.size))
-        turn[0, 0] = 1.0
-        for row, name in enumerate(c.names, 1):
-            for place, slope in slopes[name].items():
-                turn[row, 1 + place] = slope
-        first, columns = 1 + len(c.names), 1 + c.states(record).start
-        for unknown in range(len(self._unknowns)):
-            turn[first + unknown, columns + unknown] = 1.0
+        states = c.states(record)
+        return np.r_[: len(c.names), states]
+
+    def _turn(self, jacobian: Array) -> Array:
+        """Return the columns' change of coordinates: residual, free parameters and a record's own unknowns."""
+        own = 1 + len(jacobian)
+        turn = np.eye(own + len(self._unknowns))
+        turn[1:own, 1:own] = jacobian
         return turn
 
     def products(self, vector: Array, tangent: Tangent | None = None) -> Products:
@@ -115,25 +124,28 @@ class EquationLikelihood(Likelihood):
 
     def _gram(self, vector: Array, *, derivatives: bool) -> Array:
         size = 1 + self.coordinates.size if derivatives else 1
-        gram, errors = np.zeros((size, size)), np.zeros((1, size))
+        gram, errors = np.zeros((size, size)), np.zeros((len(self._errors_inverse), size))
         values = self.coordinates.values(vector)
-        slopes = self.coordinates.slopes(values)
-        for index, (root, shapes, hats) in enumerate(self._laid_out):
-            asked = self._asked(values, vector, index)
-            moving = self._moving if derivatives else []
-            products, crossed = _core.equation_products(*asked, moving, root, shapes, hats)
-            if derivatives:
-                turn = self._turn(slopes, index)
-                products, crossed = turn.T @ products @ turn, crossed @ turn
-            gram += products
-            errors = errors + crossed if len(crossed) else errors
+        jacobian = self.coordinates.jacobian(values)
+        moving, turn = (self._moving, self._turn(jacobian)) if derivatives else ([], np.eye(1))
+        for index, (units, places) in enumerate(zip(self._laid_out, self._columns, strict=True)):
+            products, crossed = _core.equation_products(*self._asked(values, vector, index), moving, *units)
+            columns = places[: len(turn)]
+            gram[columns[:, None], columns] += turn.T @ products @ turn
+            if self.bends:
+                errors[:, columns] += crossed @ turn
         if self.bends:
             gram -= errors.T @ self._errors_inverse @ errors
-        priors = self.prior_rows(vector, values, slopes)[:, :size]
+        priors = self._priors(vector, values, jacobian)[:, :size]
         gram += priors.T @ priors
         if not np.isfinite(gram).all():
             raise SimulationError("the deviance is not finite")
         return gram
+
+    @cached_property
+    def _columns(self) -> list[npt.NDArray[np.intp]]:
+        """For each record the columns that it moves: the residual and its `_places`."""
+        return [np.append(0, 1 + self._places(record)) for record in range(len(self.records))]
 
     @cached_property
     def _laid_out(self) -> list[tuple[Array, Array, Array]]:
@@ -148,76 +160,80 @@ class EquationLikelihood(Likelihood):
             shapes, hats = np.zeros((0, 0, 2, 0)), np.zeros((0, record.padded))
             if self.bends:
                 shapes = _parts(root * (self.accuracy[:, None] * self.responses[index])[None], record.padded)
-                hats = np.zeros((len(self._knots), record.padded))
+                hats = np.zeros((len(self._hats[index]), record.padded))
                 hats[:, : len(record.frequency_hz)] = self._hats[index]
             found.append((_parts(root, record.padded), shapes, hats))
         return found
-
-    @cached_property
-    def _knots(self) -> Array:
-        return self.knots()
 
     @cached_property
     def _hats(self) -> list[Array]:
         return [self.hats(record.frequency_hz) for record in self.records]
 
     @cached_property
+    def _bands(self) -> list[Array]:
+        """Products of each hat with itself and with the next one, (2 K - 1, F): others do not overlap."""
+        return [np.concatenate([hats**2, hats[:-1] * hats[1:]]) for hats in self._hats]
+
+    @cached_property
     def _errors_inverse(self) -> Array:
         """What the sizes of the smooth errors vary by, (E, E), E over outputs, amplitude and phase, and knots."""
-        outputs, knots = len(self.accuracy), len(self._knots)
-        total = np.zeros((outputs, 2, knots, outputs, 2, knots))
-        for (_, shapes, _), hats in zip(self._laid_out, self._hats, strict=True):
-            whole = shapes[:, :, 0, : hats.shape[1]] + 1j * shapes[:, :, 1, : hats.shape[1]]
-            for a in range(outputs):
-                for b in range(outputs):
-                    weight = np.sum(whole[:, a].conj() * whole[:, b], axis=0)
-                    real, imaginary = ((hats * part) @ hats.T for part in (weight.real, weight.imag))
-                    total[a, 0, :, b, 0] += real
-                    total[a, 1, :, b, 1] += real
-                    total[a, 0, :, b, 1] -= imaginary
-                    total[a, 1, :, b, 0] += imaginary
-        square = total.reshape(2 * outputs * knots, -1)
+        if not self.bends:
+            return np.zeros((0, 0))
+        outputs, knots = len(self.accuracy), len(self._hats[0])
+        total = np.zeros((outputs, 2, outputs, 2, knots, knots))
+        at = np.arange(knots)
+        for (_, shapes, _), bands in zip(self._laid_out, self._bands, strict=True):
+            whole = _whole(shapes, bands.shape[1])
+            weight = np.sum(whole.conj()[:, :, None] * whole[:, None], axis=0)
+            for part, places in ((weight.real, [(0, 0, 1.0), (1, 1, 1.0)]), (weight.imag, [(0, 1, -1.0), (1, 0, 1.0)])):
+                summed = part @ bands.T
+                for a, b, sign in places:
+                    block = total[:, a, :, b]
+                    block[..., at, at] += sign * summed[..., :knots]
+                    block[..., at[1:], at[:-1]] += sign * summed[..., knots:]
+                    block[..., at[:-1], at[1:]] += sign * summed[..., knots:]
+        square = np.moveaxis(total, 4, 2).reshape(2 * outputs * knots, -1)
         return np.asarray(np.linalg.inv(square + np.eye(len(square))))
 
     def smooth_errors(self, residuals: Sequence[Numbers]) -> tuple[Array, Array]:
         """Sizes of the smooth errors that residuals show, in prior deviations (E,), and what these are unsure by (E, E)."""
-        crossed = np.zeros((len(self.accuracy), 2, len(self._knots)))
         if not self.bends:
-            return crossed.ravel(), np.eye(crossed.size)
+            size = 2 * len(self.accuracy) * len(self._hats[0])
+            return np.zeros(size), np.eye(size)
+        crossed = np.zeros((len(self.accuracy), 2, len(self._hats[0])))
         for (root, shapes, _), hats, residual in zip(self._laid_out, self._hats, residuals, strict=True):
-            count = hats.shape[1]
-            turn = (root[:, :, 0] + 1j * root[:, :, 1])[..., :count]
-            whole = (shapes[:, :, 0] + 1j * shapes[:, :, 1])[..., :count]
-            along = np.einsum("abf,af->bf", whole.conj(), np.einsum("abf,bf->af", turn, residual))
-            crossed[:, 0] += along.real @ hats.T
-            crossed[:, 1] += along.imag @ hats.T
+            white = np.sum(_whole(root, hats.shape[1]) * residual, axis=1)
+            along = np.sum(_whole(shapes, hats.shape[1]).conj() * white[:, None], axis=0)
+            crossed += np.stack([along.real, along.imag], axis=1) @ hats.T
         return self._errors_inverse @ crossed.ravel(), self._errors_inverse
 
     def _left(self, residuals: Sequence[Numbers]) -> tuple[list[Numbers], list[Numbers]]:
         if not self.bends:
             return super()._left(residuals)
-        outputs, knots = len(self.accuracy), len(self._knots)
+        outputs, knots = len(self.accuracy), len(self._hats[0])
         sizes, inverse = self.smooth_errors(residuals)
         sizes = sizes.reshape(outputs, 2, knots)
         inverse = inverse.reshape(outputs, 2, knots, outputs, 2, knots)
+        both = inverse[:, 0, :, :, 0] + inverse[:, 1, :, :, 1] + 1j * (inverse[:, 1, :, :, 0] - inverse[:, 0, :, :, 1])
+        both = np.moveaxis(both, 1, 2)
+        # Of hats that overlap: each with itself and with the next one.
+        next_ones = both.diagonal(1, 2, 3) + both.diagonal(-1, 2, 3)
+        along = np.concatenate([both.diagonal(0, 2, 3), next_ones], axis=2)
         left, unsure = [], []
-        for residual, hats, response in zip(residuals, self._hats, self.responses, strict=True):
+        for residual, hats, bands, response in zip(residuals, self._hats, self._bands, self.responses, strict=True):
             scaled = self.accuracy[:, None] * response
-            left.append(residual - scaled * ((sizes[:, 0] + 1j * sizes[:, 1]) @ hats))
-            spread = np.zeros((outputs, outputs, hats.shape[1]), complex)
-            for a in range(outputs):
-                for b in range(outputs):
-                    block = inverse[a, :, :, b]
-                    both = (block[0, :, 0] + block[1, :, 1]) + 1j * (block[1, :, 0] - block[0, :, 1])
-                    spread[a, b] = np.sum(hats * (both @ hats), axis=0) * scaled[a] * scaled[b].conj()
-            unsure.append(spread)
+            left.append(residual - scaled * (sizes[:, 0] @ hats + 1j * (sizes[:, 1] @ hats)))
+            spread = along.real @ bands + 1j * (along.imag @ bands)
+            unsure.append(spread * scaled[:, None] * scaled.conj())
         return left, unsure
 
     def spectra(self, vector: Array, record: int) -> tuple[ComplexArray, ComplexArray]:
         """Residuals (O, F) of a record and the model's derivatives by the whole vector (P, O, F)."""
-        slopes = self.coordinates.slopes(self.coordinates.values(vector))
+        turn = self._turn(self.coordinates.jacobian(self.coordinates.values(vector)))
         rows = self._residuals(vector, record, self._moving)
-        return rows[0], np.tensordot(self._turn(slopes, record)[1:, 1:].T, rows[1:], 1)
+        jacobian = np.zeros((self.coordinates.size, *rows.shape[1:]), complex)
+        jacobian[self._places(record)] = np.tensordot(turn[1:, 1:].T, rows[1:], 1)
+        return rows[0], jacobian
 
     def _residuals(self, vector: Array, record: int, moving: list[int]) -> ComplexArray:
         asked = self._asked(self.coordinates.values(vector), vector, record)
@@ -225,7 +241,7 @@ class EquationLikelihood(Likelihood):
             raise SimulationError("the loop is unstable")
         found = _core.equation_residuals(*asked, moving)
         count = len(self.records[record].frequency_hz)
-        rows = found[:, :, 0, :count] + 1j * found[:, :, 1, :count]
+        rows = _whole(found, count)
         rows[..., 0] = 0.0  # the means belong to the offsets alone
         return np.asarray(rows)
 
@@ -248,10 +264,9 @@ class EquationLikelihood(Likelihood):
         gram, errors = np.zeros(()), np.zeros(())
         for index, more in enumerate(columns):
             (root, shapes, _), hats = self._laid_out[index], self._hats[index]
-            count = len(self.records[index].frequency_hz)
             residual, jacobian = self.spectra(vector, index)
             rows = np.concatenate([residual[None], jacobian, more])
-            turn, whole = (part[:, :, 0, :count] + 1j * part[:, :, 1, :count] for part in (root, shapes))
+            turn, whole = (_whole(part, hats.shape[1]) for part in (root, shapes))
             white = np.einsum("abf,cbf->caf", turn, rows)
             along = np.einsum("abf,caf->cbf", whole.conj(), white)
             flat = real_rows(white)
@@ -308,13 +323,43 @@ class EquationLikelihood(Likelihood):
         self, vector: Array, values: Mapping[str, float] | None = None, slopes: Slopes | None = None
     ) -> Array:
         """Those of all models, and a wall: the inertia behind the gauge is a part of the whole."""
-        rows = super().prior_rows(vector, values, slopes)
-        wall = wall_row(self.coordinates, vector)
+        del slopes
+        values = self.coordinates.values(vector) if values is None else values
+        return self._priors(vector, values, self.coordinates.jacobian(values))
+
+    def _priors(self, vector: Array, values: Mapping[str, float], jacobian: Array) -> Array:
+        c = self.coordinates
+        begun, moving, places, by = self._begun
+        first, own, rows = len(self.priors), len(jacobian), begun.copy()
+        rows[:first, 0] = [
+            (mean - values[name]) / deviation for name, (mean, deviation) in self.priors.items()
+        ]
+        rows[moving, 1 : 1 + own] = jacobian[places] / by
+        rows[first:, 0] = vector[own:] / -c.state_deviation
+        wall = wall_row(c, vector, values)
         return rows if wall is None else np.vstack([rows, wall])
 
+    @cached_property
+    def _begun(self) -> tuple[Array, list[int], list[int], Array]:
+        """Rows of the priors with what never changes, and those that move: which, of which parameters, in what units."""
+        c, first = self.coordinates, len(self.priors)
+        own = c.size - len(c.names)
+        rows = np.zeros((first + own, 1 + c.size))
+        rows[first:, 1 + len(c.names) :] = np.eye(own) / c.state_deviation
+        free = [
+            (row, c.place(name), by)
+            for row, (name, (_, by)) in enumerate(self.priors.items())
+            if name in c.names
+        ]
+        return rows, [one[0] for one in free], [one[1] for one in free], np.array([[one[2]] for one in free])
 
 def _parts(values: Numbers, padded: int) -> Array:
     """Complex numbers (O, O, F) as real and imaginary parts, (O, O, 2, padded)."""
     found = np.zeros((*values.shape[:2], 2, padded))
     found[:, :, 0, : values.shape[2]], found[:, :, 1, : values.shape[2]] = values.real, values.imag
     return found
+
+
+def _whole(parts: Array, count: int) -> ComplexArray:
+    """Complex numbers (..., F) of real and imaginary parts, (..., 2, padded)."""
+    return np.asarray(parts[..., 0, :count] + 1j * parts[..., 1, :count])

@@ -381,13 +381,14 @@ def spread_of(root: Numbers) -> float:
 
 
 def _shape(amplitudes: Array) -> Array:
-    """How amplitudes fall from the lowest frequency on, by a power of it, and stay from `STEEP` on, shape (F,)."""
-    steep = min(STEEP, len(amplitudes) - 1)
+    """How amplitudes (O, F) fall from the lowest frequency on, by a power of it, and stay from `STEEP` on, (O, F)."""
+    steep = min(STEEP, amplitudes.shape[1] - 1)
     places = np.log(np.arange(1, steep + 1))
-    fall = np.polyfit(places, np.log(amplitudes[1 : steep + 1] + 1e-300), 1)[0]
+    places -= places.mean()
+    fall = np.log(amplitudes[:, 1 : steep + 1] + 1e-300) @ places / max(places @ places, 1e-300)
     # Below the first frequency, at the mean, it rises no further.
-    reached = np.clip(np.arange(len(amplitudes)), 1, steep)
-    return np.asarray(reached ** min(max(float(fall), MOST_FALL), 0.0))
+    reached = np.clip(np.arange(steep + 1), 1, steep) ** np.clip(fall, MOST_FALL, 0.0)[:, None]
+    return np.pad(reached, ((0, 0), (0, amplitudes.shape[1] - steep - 1)), mode="edge")
 
 
 def noise_root(residual: Numbers, unsure: Numbers | float = 0.0) -> Numbers:
@@ -395,14 +396,15 @@ def noise_root(residual: Numbers, unsure: Numbers | float = 0.0) -> Numbers:
     outputs, count = residual.shape
     place = np.arange(count)
     # Moving water is slow: at low frequencies its noise is steep, and a mean over some of them is right where it is flat.
-    shape = np.array([_shape(np.abs(row)) for row in residual])
-    flat = residual / shape
-    products = flat[:, None] * flat[None].conj() + unsure / (shape[:, None] * shape[None])
+    shape = _shape(np.abs(residual))
+    both = shape[:, None] * shape
+    products = (residual[:, None] * residual.conj() + unsure) / both
     reach = np.clip((OVER * place).astype(int), LEAST_REACH, max(min(MOST_REACH, count // 8), LEAST_REACH))
     first, last = np.maximum(place - reach, 0), np.minimum(place + reach, count - 1)
-    sums = np.concatenate([np.zeros((outputs, outputs, 1)), np.cumsum(products, axis=-1)], axis=-1)
-    smooth = (sums[..., last + 1] - sums[..., first]) / (last + 1 - first)
-    matrix = 0.5 * np.moveaxis(smooth * shape[:, None] * shape[None], -1, 0)
+    sums = np.zeros((outputs, outputs, count + 1), products.dtype)
+    np.cumsum(products, axis=-1, out=sums[..., 1:])
+    smooth = (sums.take(last + 1, -1) - sums.take(first, -1)) * (0.5 / (last + 1 - first))
+    matrix = np.moveaxis(smooth * both, -1, 0)
     diagonal = np.arange(outputs)
     matrix[:, diagonal, diagonal] += FLOOR * np.median(matrix[:, diagonal, diagonal].real, axis=0) + 1e-18
     return _inverse_root(matrix)
