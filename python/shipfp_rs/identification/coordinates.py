@@ -89,12 +89,16 @@ class Coordinates:
         )
 
     @cached_property
+    def _place_of(self) -> dict[str, int]:
+        return {name: place for place, name in enumerate(self.free)}
+
+    @cached_property
     def _ratios(self) -> tuple[str, ...]:
         return tuple(name for name in RATIOS if name in self.free)
 
     def place(self, name: str) -> int:
         """Place of a parameter in a vector."""
-        return self.names.index(name)
+        return self._place_of[name]
 
     def states(self, record: int) -> slice:
         """Places of a record's states."""
@@ -174,17 +178,17 @@ class Coordinates:
             values[name] if way is math.exp else 0.5 / values[name] if way is math.sqrt else 1.0
             for name, way in zip(self.names, self._own, strict=True)
         ]
-        found = np.diag(own)
-        if "tau_n" in self.free:
+        found, place_of = np.diag(own), self._place_of
+        tau, g = place_of.get("tau_n"), place_of.get("g")
+        if tau is not None:
             for name in self._ratios:
-                found[self.place(name), self.place("tau_n")] = values[name]
-        if "g" in self.free:
-            place, tau = self.place("g"), values["tau_n"]
-            found[place, place] = -tau
-            if "tau_n" in self.free:
-                found[place, self.place("tau_n")] = values["g"] - values["p"]
-            if "p" in self.free:
-                found[place, self.place("p")] = 1.0
+                found[place_of[name], tau] = values[name]
+        if g is not None:
+            found[g, g] = -values["tau_n"]
+            if tau is not None:
+                found[g, tau] = values["g"] - values["p"]
+            if "p" in place_of:
+                found[g, place_of["p"]] = 1.0
         return found
 
     def gradient(self, figure: Figure, vector: Array) -> Array:

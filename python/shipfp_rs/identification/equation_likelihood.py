@@ -124,16 +124,14 @@ class EquationLikelihood(Likelihood):
 
     def _gram(self, vector: Array, *, derivatives: bool) -> Array:
         size = 1 + self.coordinates.size if derivatives else 1
-        gram, errors = np.zeros((size, size)), np.zeros((len(self._errors_inverse), size))
         values = self.coordinates.values(vector)
         jacobian = self.coordinates.jacobian(values)
         moving, turn = (self._moving, self._turn(jacobian)) if derivatives else ([], np.eye(1))
-        for index, (units, places) in enumerate(zip(self._laid_out, self._columns, strict=True)):
+        found = []
+        for index, units in enumerate(self._laid_out):
             products, crossed = _core.equation_products(*self._asked(values, vector, index), moving, *units)
-            columns = places[: len(turn)]
-            gram[columns[:, None], columns] += turn.T @ products @ turn
-            if self.bends:
-                errors[:, columns] += crossed @ turn
+            found.append((turn.T @ products @ turn, crossed @ turn))
+        gram, errors = found[0] if len(found) == 1 else self._joined(found, size)
         if self.bends:
             gram -= errors.T @ self._errors_inverse @ errors
         priors = self._priors(vector, values, jacobian)[:, :size]
@@ -142,10 +140,14 @@ class EquationLikelihood(Likelihood):
             raise SimulationError("the deviance is not finite")
         return gram
 
-    @cached_property
-    def _columns(self) -> list[npt.NDArray[np.intp]]:
-        """For each record the columns that it moves: the residual and its `_places`."""
-        return [np.append(0, 1 + self._places(record)) for record in range(len(self.records))]
+    def _joined(self, found: Sequence[tuple[Array, Array]], size: int) -> tuple[Array, Array]:
+        """Products of all records, each by residual, free parameters and its own unknowns, by all columns."""
+        gram, errors = np.zeros((size, size)), np.zeros((len(found[0][1]), size))
+        for index, (products, crossed) in enumerate(found):
+            columns = np.append(0, 1 + self._places(index))[: len(products)]
+            gram[columns[:, None], columns] += products
+            errors[:, columns] += crossed
+        return gram, errors
 
     @cached_property
     def _laid_out(self) -> list[tuple[Array, Array, Array]]:

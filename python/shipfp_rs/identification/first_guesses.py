@@ -55,18 +55,18 @@ def guesses_from(
 ) -> list[dict[str, float]]:
     """Return the same from spectra of the loop."""
     law = _law(parts) if law is None else law
-    rows = []
-    for lag in LAGS_S:
-        for dead in LOOP_DEAD_TIMES_S:
-            sums = [part.regressions(lag, dead) for part in parts]
-            gram, right, total = (np.sum([each[i] for each in sums], axis=0) for i in range(3))
-            size = gram.shape[-1]
-            ridge = 1e-9 * np.trace(gram, axis1=1, axis2=2)[:, None, None] * np.eye(size)
-            found = np.linalg.solve(gram + ridge, right[..., None])[..., 0]
-            left = total - np.einsum("ti,ti->t", right, found)
-            for late, cost, values in zip(SET_POINT_DEAD_TIMES_S, left, found, strict=True):
-                if values[1] > 0.0:
-                    rows.append((float(cost), lag, dead, float(late), values))
+    ways = [(lag, dead) for lag in LAGS_S for dead in LOOP_DEAD_TIMES_S]
+    gram, right, total = (sum(each) for each in zip(*[part.regressions(ways) for part in parts], strict=True))
+    size = gram.shape[-1]
+    ridge = 1e-9 * np.trace(gram, axis1=2, axis2=3)[..., None, None] * np.eye(size)
+    found = np.linalg.solve(gram + ridge, right[..., None])[..., 0]
+    left = total - np.sum(right * found, axis=2)
+    rows = [
+        (float(left[way, place]), lag, dead, float(late), found[way, place])
+        for way, (lag, dead) in enumerate(ways)
+        for place, late in enumerate(SET_POINT_DEAD_TIMES_S)
+        if found[way, place, 1] > 0.0
+    ]
     rows.sort(key=lambda row: row[0])
     kept: list[tuple[float, float, float, float, Array]] = []
     told = [row for row in rows if row[4][0] > LEAST_SLOPE * row[4][1] and row[4][2] > LEAST_INTEGRAL]
@@ -183,20 +183,29 @@ class LoopSpectra:
             s, np.asarray(divided), {name: divided * one[kept] for name, one in responses.items()}, None
         )
 
-    def regressions(self, lag: float, dead: float) -> tuple[Array, Array, Array]:
-        """Normal equations for every dead time of the set point, (T, 3, 3), (T, 3) and (T,)."""
+    def regressions(self, ways: Sequence[tuple[float, float]]) -> tuple[Array, Array, float]:
+        """Normal equations for ways of lag and dead time and every dead time of the set point T, (W, T, 3, 3), (W, T, 3)."""
         s, speed = self.s, self.by_name["dn"]
+        lag, dead = np.array(ways).T[:, :, None]
         way = np.exp(-s * dead) / (1.0 + s * lag)
-        late = np.exp(-s * np.array(SET_POINT_DEAD_TIMES_S)[:, None])
-        error = (self.set_point * late - speed) * way
-        columns = [np.broadcast_to(-speed, error.shape), error, error / s]
-        if self.load is not None:
-            columns.append(np.broadcast_to(-self.load, error.shape))
-        rows = np.stack(columns, axis=1)
+        late = self.set_point * np.exp(-s * np.array(SET_POINT_DEAD_TIMES_S)[:, None]) - speed
         target = s * speed
-        gram = np.einsum("tif,tjf->tij", rows, rows.conj()).real
-        right = np.einsum("tif,f->ti", rows, target.conj()).real
-        return gram, right, np.full(len(error), float(np.vdot(target, target).real))
+        # Columns: speed, error and its integral, load. The way changes but the error's, of which it is a factor.
+        known = np.array([-speed, *([] if self.load is None else [-self.load])])
+        power, strength = np.abs(way) ** 2, np.abs(late) ** 2
+        size = 2 + len(known)
+        gram, right = np.zeros((len(way), len(late), size, size)), np.zeros((len(way), len(late), size))
+        beside = [0, *range(3, size)]
+        for column, factor in ((1, np.ones_like(s)), (2, 1.0 / s)):
+            gram[:, :, column, column] = (power * np.abs(factor) ** 2) @ strength.T
+            for place, row in zip(beside, known, strict=True):
+                products = ((way * factor * row.conj()) @ late.T).real
+                gram[:, :, place, column] = gram[:, :, column, place] = products
+            right[:, :, column] = ((way * factor * target.conj()) @ late.T).real
+        # An error and its integral are a quarter turn apart at every frequency: their product has no real part.
+        gram[:, :, np.array(beside)[:, None], beside] = (known @ known.conj().T).real
+        right[:, :, beside] = (known @ target.conj()).real
+        return gram, right, float(np.vdot(target, target).real)
 
 
 def guesses_in_open_loop(parts: Sequence[LoopSpectra], gauge: bool) -> list[dict[str, float]]:

@@ -376,8 +376,8 @@ def real_rows(spectra: Numbers) -> Array:
 
 
 def spread_of(root: Numbers) -> float:
-    """Deviance of the determinants of noise by the roots of its inverse, (F, O, O); each number has two parts."""
-    return -4.0 * float(np.log(np.abs(np.linalg.det(root))).sum())
+    """Deviance of the determinants of noise by the roots of its inverse, lower triangles (F, O, O); each number has two parts."""
+    return -4.0 * float(np.log(np.abs(root.diagonal(0, -2, -1))).sum())
 
 
 def _shape(amplitudes: Array) -> Array:

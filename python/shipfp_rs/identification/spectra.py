@@ -327,7 +327,8 @@ class Spectra:
         come back through the closed loop and, where the data are not low-passed, fold into the band.
         """
         images = None if self.between == "band-limited" else self._images(values, gauge)
-        found = replace(self, model=model, images=images, slip=None, _delayed={})
+        known = {key: late for key, late in [*self._delayed.items()] if key[0] == "set point"}
+        found = replace(self, model=model, images=images, slip=None, _delayed=known)
         return replace(found, slip=found._slip(values, gauge)) if values.get("tau_twist") else found
 
     def _slip(self, values: Mapping[str, float], gauge: bool) -> Array:
@@ -356,10 +357,13 @@ class Spectra:
         answer = np.zeros((len(self.outputs), len(frequency)), complex)
         kept = frequency <= 1.25 * self.band_hz
         most = IMAGES[self.between]
+        # What the course between samples makes of each: a sine of the same size over the multiple.
+        at, order = frequency[kept] / self.data_hz, 1 if self.between == "held" else 2
+        course = (np.sin(np.pi * at) / np.pi) ** order
+        course = course * np.exp(-1j * np.pi * at) if self.between == "held" else course
         for multiple in (*range(-most, 0), *range(1, most + 1)):
-            about = frequency[kept] + multiple * self.data_hz
-            one = loop.response(known, np.abs(about), ())[0]
-            answer[:, kept] += (one if multiple > 0 else one.conj()) * self._between_samples(about)
+            one = loop.response(known, np.abs(at + multiple) * self.data_hz, ())[0]
+            answer[:, kept] += (one if multiple > 0 else one.conj()) * (course / (at + multiple) ** order)
         late_s = sum(values.get(name, 0.0) for name in ("T_d", "T_set", "tau_act"))
         if self.between == "held" and late_s < 0.5 / (most * self.data_hz):
             # A sample at a jump shows what comes after it, a Fourier sum the mean of both.

@@ -37,6 +37,9 @@ struct Sums<'a> {
     padded: usize,
     /// A column in the directions of the smooth errors.
     turned: Aligned,
+    /// The shapes of a block, [O, O, 2, BLOCK], and its hats that are not zero, [near, BLOCK].
+    shapes: Aligned,
+    hats: Aligned,
     /// Sums of each pair of columns, one a lane, [padded, padded, LANES].
     gram: Aligned,
     /// Sums of each hat, column, output and part, one a lane, [K, C, O, 2, LANES].
@@ -87,11 +90,16 @@ impl Sink for Sums<'_> {
                 sum = simd.mul_add_e_f64s(*value, *value, sum);
             }
             if simd.reduce_sum_f64s(sum) != 0.0 {
+                let hat = &self.noise.hats[knot * self.count + first..][..BLOCK];
+                self.hats.get_mut()[self.near.len() * BLOCK..][..BLOCK].copy_from_slice(hat);
                 self.near.push(knot);
             }
         }
+        for (number, shape) in self.shapes.get_mut().chunks_exact_mut(BLOCK).enumerate() {
+            shape.copy_from_slice(&self.noise.shapes[number * self.count + first..][..BLOCK]);
+        }
         for column in 0..self.columns {
-            self.bent::<S, O>(simd, first, &rows[column * length..][..length], column);
+            self.bent::<S, O>(simd, &rows[column * length..][..length], column);
         }
     }
 }
@@ -141,16 +149,17 @@ fn part<S: Simd>(_: S, values: &[f64], number: usize, count: usize, place: usize
 impl Sums<'_> {
     /// Turn a whitened column of a block into the directions of the smooth errors, and add its products with the hats.
     #[inline(always)]
-    fn bent<S: Simd, const O: usize>(&mut self, simd: S, first: usize, white: &[f64], column: usize) {
+    fn bent<S: Simd, const O: usize>(&mut self, simd: S, white: &[f64], column: usize) {
         let vectors = BLOCK / S::F64_LANES;
         let white = &S::as_simd_f64s(white).0[..O * 2 * vectors];
+        let shapes = &S::as_simd_f64s(self.shapes.get()).0[..O * O * 2 * vectors];
         let turned = &mut S::as_mut_simd_f64s(self.turned.get_mut()).0[..O * 2 * vectors];
         for b in 0..O {
             for place in 0..vectors {
                 let mut sum = Complex::zero(simd);
                 for a in b..O {
-                    let shape =
-                        part(simd, self.noise.shapes, a * O + b, self.count, first / S::F64_LANES + place);
+                    let at = 2 * (a * O + b) * vectors + place;
+                    let shape = Complex { re: shapes[at], im: shapes[at + vectors] };
                     let row = Complex {
                         re: white[2 * a * vectors + place],
                         im: white[(2 * a + 1) * vectors + place],
@@ -161,8 +170,8 @@ impl Sums<'_> {
                 turned[(2 * b + 1) * vectors + place] = sum.im;
             }
         }
-        for &knot in &self.near {
-            let hat = &S::as_simd_f64s(&self.noise.hats[knot * self.count + first..][..BLOCK]).0[..vectors];
+        for (&knot, hat) in self.near.iter().zip(self.hats.get().chunks_exact(BLOCK)) {
+            let hat = &S::as_simd_f64s(hat).0[..vectors];
             let at = (knot * self.columns + column) * 2 * O * LANES;
             let sums = &mut self.errors.get_mut()[at..at + 2 * O * LANES];
             let mut found = [[simd.splat_f64s(0.0); 2]; O];
@@ -217,6 +226,8 @@ pub fn products(
         columns,
         padded,
         turned: Aligned::new(outputs * 2 * BLOCK),
+        shapes: Aligned::new(outputs * outputs * 2 * BLOCK),
+        hats: Aligned::new(knots * BLOCK),
         gram: Aligned::new(padded * padded * LANES),
         errors: Aligned::new(knots * columns * outputs * 2 * LANES),
         near: Vec::with_capacity(knots),
