@@ -197,10 +197,11 @@ def _solved(matrix: Array, right: Array) -> Array:
     numpy.linalg.LinAlgError
         Where the matrix is singular.
     """
-    *_, found, singular = dgesv(matrix.T, right)
+    _, _, found, singular = dgesv(matrix.T, right)
     if singular:
         raise np.linalg.LinAlgError("a singular matrix")
-    return np.asarray(found)
+    solution: Array = found
+    return solution
 
 
 def best_basins(

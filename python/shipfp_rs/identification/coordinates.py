@@ -178,7 +178,8 @@ class Coordinates:
             values[name] if way is math.exp else 0.5 / values[name] if way is math.sqrt else 1.0
             for name, way in zip(self.names, self._own, strict=True)
         ]
-        found, place_of = np.diag(own), self._place_of
+        found, place_of = np.zeros((len(own), len(own))), self._place_of
+        found.flat[:: len(own) + 1] = own
         tau, g = place_of.get("tau_n"), place_of.get("g")
         if tau is not None:
             for name in self._ratios:

@@ -92,9 +92,8 @@ class EquationLikelihood(Likelihood):
 
     def _places(self, record: int) -> npt.NDArray[np.intp]:
         """Places in a vector of the free parameters and a record's own unknowns."""
-        c = self.coordinates
-        states = c.states(record)
-        return np.r_[: len(c.names), states]
+        own, states = len(self.coordinates.names), self.coordinates.states(record)
+        return np.array([*range(own), *range(states.start, states.stop)])
 
     def _turn(self, jacobian: Array) -> Array:
         """Return the columns' change of coordinates: residual, free parameters and a record's own unknowns."""
@@ -187,7 +186,10 @@ class EquationLikelihood(Likelihood):
         for (_, shapes, _), bands in zip(self._laid_out, self._bands, strict=True):
             whole = _whole(shapes, bands.shape[1])
             weight = np.sum(whole.conj()[:, :, None] * whole[:, None], axis=0)
-            for part, places in ((weight.real, [(0, 0, 1.0), (1, 1, 1.0)]), (weight.imag, [(0, 1, -1.0), (1, 0, 1.0)])):
+            for part, places in (
+                (weight.real, [(0, 0, 1.0), (1, 1, 1.0)]),
+                (weight.imag, [(0, 1, -1.0), (1, 0, 1.0)]),
+            ):
                 summed = part @ bands.T
                 for a, b, sign in places:
                     block = total[:, a, :, b]
@@ -216,13 +218,19 @@ class EquationLikelihood(Likelihood):
         sizes, inverse = self.smooth_errors(residuals)
         sizes = sizes.reshape(outputs, 2, knots)
         inverse = inverse.reshape(outputs, 2, knots, outputs, 2, knots)
-        both = inverse[:, 0, :, :, 0] + inverse[:, 1, :, :, 1] + 1j * (inverse[:, 1, :, :, 0] - inverse[:, 0, :, :, 1])
+        both = (
+            inverse[:, 0, :, :, 0]
+            + inverse[:, 1, :, :, 1]
+            + 1j * (inverse[:, 1, :, :, 0] - inverse[:, 0, :, :, 1])
+        )
         both = np.moveaxis(both, 1, 2)
         # Of hats that overlap: each with itself and with the next one.
         next_ones = both.diagonal(1, 2, 3) + both.diagonal(-1, 2, 3)
         along = np.concatenate([both.diagonal(0, 2, 3), next_ones], axis=2)
         left, unsure = [], []
-        for residual, hats, bands, response in zip(residuals, self._hats, self._bands, self.responses, strict=True):
+        for residual, hats, bands, response in zip(
+            residuals, self._hats, self._bands, self.responses, strict=True
+        ):
             scaled = self.accuracy[:, None] * response
             left.append(residual - scaled * (sizes[:, 0] @ hats + 1j * (sizes[:, 1] @ hats)))
             spread = along.real @ bands + 1j * (along.imag @ bands)
@@ -331,12 +339,10 @@ class EquationLikelihood(Likelihood):
 
     def _priors(self, vector: Array, values: Mapping[str, float], jacobian: Array) -> Array:
         c = self.coordinates
-        begun, moving, places, by = self._begun
+        begun, moving, places, deviations = self._begun
         first, own, rows = len(self.priors), len(jacobian), begun.copy()
-        rows[:first, 0] = [
-            (mean - values[name]) / deviation for name, (mean, deviation) in self.priors.items()
-        ]
-        rows[moving, 1 : 1 + own] = jacobian[places] / by
+        rows[:first, 0] = [(mean - values[name]) / by for name, (mean, by) in self.priors.items()]
+        rows[moving, 1 : 1 + own] = jacobian[places] / deviations
         rows[first:, 0] = vector[own:] / -c.state_deviation
         wall = wall_row(c, vector, values)
         return rows if wall is None else np.vstack([rows, wall])
@@ -354,6 +360,7 @@ class EquationLikelihood(Likelihood):
             if name in c.names
         ]
         return rows, [one[0] for one in free], [one[1] for one in free], np.array([[one[2]] for one in free])
+
 
 def _parts(values: Numbers, padded: int) -> Array:
     """Complex numbers (O, O, F) as real and imaginary parts, (O, O, 2, padded)."""

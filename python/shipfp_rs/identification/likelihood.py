@@ -176,7 +176,7 @@ class Likelihood:
         del vector, always
         return self
 
-    @property
+    @cached_property
     def bends(self) -> bool:
         """Whether there are smooth errors."""
         return self.roots is not None and bool(self.accuracy.any())
@@ -376,7 +376,7 @@ def real_rows(spectra: Numbers) -> Array:
 
 
 def spread_of(root: Numbers) -> float:
-    """Deviance of the determinants of noise by the roots of its inverse, lower triangles (F, O, O); each number has two parts."""
+    """Deviance of noise's determinants by the roots of its inverse, lower triangles (F, O, O); a number has two parts."""
     return -4.0 * float(np.log(np.abs(root.diagonal(0, -2, -1))).sum())
 
 
@@ -397,40 +397,40 @@ def noise_root(residual: Numbers, unsure: Numbers | float = 0.0) -> Numbers:
     place = np.arange(count)
     # Moving water is slow: at low frequencies its noise is steep, and a mean over some of them is right where it is flat.
     shape = _shape(np.abs(residual))
-    both = shape[:, None] * shape
-    products = (residual[:, None] * residual.conj() + unsure) / both
+    a, b = np.tril_indices(outputs)
+    both = shape[a] * shape[b]
+    products = residual[a] * residual[b].conj()
+    products = (products + (unsure[a, b] if isinstance(unsure, np.ndarray) else unsure)) / both
     reach = np.clip((OVER * place).astype(int), LEAST_REACH, max(min(MOST_REACH, count // 8), LEAST_REACH))
     first, last = np.maximum(place - reach, 0), np.minimum(place + reach, count - 1)
-    sums = np.zeros((outputs, outputs, count + 1), products.dtype)
-    np.cumsum(products, axis=-1, out=sums[..., 1:])
-    smooth = (sums.take(last + 1, -1) - sums.take(first, -1)) * (0.5 / (last + 1 - first))
-    matrix = np.moveaxis(smooth * both, -1, 0)
-    diagonal = np.arange(outputs)
-    matrix[:, diagonal, diagonal] += FLOOR * np.median(matrix[:, diagonal, diagonal].real, axis=0) + 1e-18
-    return _inverse_root(matrix)
+    sums = np.zeros((len(a), count + 1), products.dtype)
+    np.cumsum(products, axis=-1, out=sums[:, 1:])
+    matrix = (sums.take(last + 1, 1) - sums.take(first, 1)) * (0.5 / (last + 1 - first)) * both
+    matrix[a == b] += FLOOR * np.median(matrix[a == b].real, axis=1, keepdims=True) + 1e-18
+    lower = np.zeros((outputs, outputs, count), matrix.dtype)
+    lower[a, b] = matrix
+    return np.moveaxis(_inverse_root(lower), -1, 0)
 
 
 def _inverse_root(matrix: Numbers) -> Numbers:
-    """Inverse of the Cholesky factor of matrices (F, O, O), a lower triangle.
+    """Inverse of the Cholesky factor of matrices by their lower triangles, (O, O, F), a lower triangle.
 
     Raises
     ------
     numpy.linalg.LinAlgError
         Where one is not positive definite.
     """
-    size = matrix.shape[1]
     root, found = np.zeros_like(matrix), np.zeros_like(matrix)
-    for a in range(size):
+    for a in range(len(matrix)):
         for b in range(a + 1):
-            rest = matrix[:, a, b] - np.sum(root[:, a, :b] * root[:, b, :b].conj(), axis=1)
+            rest = matrix[a, b] - np.sum(root[a, :b] * root[b, :b].conj(), axis=0)
             if a == b:
                 if not (rest.real > 0.0).all():
                     raise np.linalg.LinAlgError("a spectral matrix is not positive definite")
-                root[:, a, a] = np.sqrt(rest.real)
+                root[a, a] = np.sqrt(rest.real)
             else:
-                root[:, a, b] = rest / root[:, b, b]
-        found[:, a, a] = 1.0 / root[:, a, a]
+                root[a, b] = rest / root[b, b]
+        found[a, a] = 1.0 / root[a, a]
         for b in range(a):
-            along = np.sum(root[:, a, b:a] * found[:, b:a, b], axis=1)
-            found[:, a, b] = -along * found[:, a, a]
+            found[a, b] = -found[a, a] * np.sum(root[a, b:a] * found[b:a, b], axis=0)
     return found

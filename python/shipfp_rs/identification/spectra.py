@@ -155,7 +155,7 @@ class Spectra:
         frequency = np.fft.rfftfreq(self.count, 1.0 / self.rate_hz)
         return np.asarray(frequency[: np.searchsorted(frequency, self.band_hz, side="right")])
 
-    @property
+    @cached_property
     def spacing(self) -> float:
         """Distance of the frequencies [rad/s]."""
         return 2.0 * np.pi * self.rate_hz / self.count
