@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from functools import partial
 
 import numpy as np
-from scipy.linalg.lapack import dgesv
+from scipy.linalg.lapack import dposv
 
 from shipfp_rs.errors import SimulationError
 from shipfp_rs.identification.likelihood import Likelihood, Products, Tangent
@@ -163,29 +163,26 @@ def _computed(
 
 def _step(now: Products, x: Array, low: Array, high: Array, damping: float) -> Array:
     """Damped Gauss-Newton step within the bounds: what it would push out is held, and the rest solved again."""
-    # In units of each entry's own curvature: entries may differ by many orders of magnitude.
-    scale = np.sqrt(np.maximum(now.matrix.diagonal(), 1e-30))
-    damped = now.matrix / (scale[:, None] * scale)
-    damped.flat[:: len(x) + 1] += damping + LEAST
-    downhill, low, high = now.downhill / scale, low - x, high - x
-    held = ((low >= 0.0) & (now.downhill < 0.0)) | ((high <= 0.0) & (now.downhill > 0.0))
+    # By Cholesky, which is as exact whatever units the entries have, be they orders of magnitude apart.
+    damped, downhill, low, high = now.matrix.copy(), now.downhill, low - x, high - x
+    damped.flat[:: len(x) + 1] += np.maximum(now.matrix.diagonal(), 1e-30) * (damping + LEAST)
+    held = ((low >= 0.0) & (downhill < 0.0)) | ((high <= 0.0) & (downhill > 0.0))
     if not held.any():
-        step = _solved(damped, downhill) / scale
+        step = _solved(damped, downhill)
         if not ((step < low) | (step > high)).any():
             return step
     step, free = np.zeros(len(x)), ~held
     for _ in range(4):
         places = free.nonzero()[0]
-        rows = damped[places]
-        rest = downhill[places] - rows @ np.where(free, 0.0, step * scale)
-        step[places] = _solved(rows[:, places], rest) / scale[places]
+        if not len(places):
+            break
+        rows, step[places] = damped[places], 0.0
+        step[places] = _solved(rows[:, places], downhill[places] - rows @ step)
         out = free & ((step < low) | (step > high))
         if not out.any():
             break
         step[out] = np.minimum(np.maximum(step, low), high)[out]
         free &= ~out
-        if not free.any():
-            break
     return np.minimum(np.maximum(step, low), high)
 
 
@@ -195,11 +192,11 @@ def _solved(matrix: Array, right: Array) -> Array:
     Raises
     ------
     numpy.linalg.LinAlgError
-        Where the matrix is singular.
+        Where the matrix is not positive definite.
     """
-    _, _, found, singular = dgesv(matrix.T, right)
-    if singular:
-        raise np.linalg.LinAlgError("a singular matrix")
+    _, found, fault = dposv(matrix.T, right)
+    if fault:
+        raise np.linalg.LinAlgError("a matrix that is not positive definite")
     solution: Array = found
     return solution
 
