@@ -24,6 +24,8 @@ LEAST = 1e-14
 DAMPED, EXACT, LESS, MORE = 1e-4, 1e-6, 0.15, 8.0
 """Damping of a descent to begin with, the same where derivatives are always exact, and its factors after a good step and a
 bad one (Marquardt 1963)."""
+REJECTED = 1e-3
+"""Least damping after a bad step where derivatives are always exact: good steps have taken it far below what matters."""
 KEEPS = 0.5
 """Derivatives are kept where a step lowers the deviance by this part of what they promised."""
 MOST_DAMPED = 1e4
@@ -131,7 +133,7 @@ def descend(
                     if not done:
                         continue
             elif exact:
-                damping = max(damping * MORE, 1e-6)
+                damping = max(damping * MORE, REJECTED if now.tangent is None else 1e-6)
                 continue
         if done and exact:
             return Basin(plain.cost, x, True, plain)

@@ -47,7 +47,7 @@ from shipfp_rs.support.progress import part, tell
 DELAYS = {"T_d", "T_set", "tau_act"}
 WAYS: tuple[Between, ...] = ("band-limited", "straight", "held")
 """Courses of a set point between its samples, where processing did not low-pass it."""
-STEPS_ELSEWHERE = 30
+STEPS_ELSEWHERE = 12
 """Steps at most to where other delays lead, before noise and corrections are their own."""
 REDIVIDED, MORE = 3, 3
 """How often delays are parted otherwise at most, and how many new ends go down to their minima each time."""
@@ -198,6 +198,7 @@ def with_other_delays(fit: ShipFit, until: float | None = None) -> ShipFit:
 def _elsewhere(fit: ShipFit, starts: Sequence[Array], until: float | None) -> tuple[ShipFit, float]:
     """Return the fit from the likeliest end, each with its own noise and corrections, and by how much the total fell."""
     ends = [descend(fit.likelihood, one, steps=STEPS_ELSEWHERE, settled=1.0, until=until) for one in starts]
+    ends = [one for one in ends if one.cost < fit.best.cost + LIKELY]
     others = [one for one in distinct(fit.likelihood, [fit.best, *ends]) if one is not fit.best]
     own = [by_own_noise(fit.likelihood, one.vector, until=until) for one in (fit.best, *others)]
     likely = [one for one in own[1:] if one.cost < own[0].cost + LIKELY]
