@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 import shipfp_rs as fp
-from shipfp_rs.identification.engine_tests import engine_tests, suspected
+from shipfp_rs.identification.engine_tests import engine_curves, engine_tests, suspected
 from shipfp_rs.identification.question import question_of
 from shipfp_rs.identification.ship_fit import smooth_ship
+from shipfp_rs.identification.ship_found import likelihood_of
 from tests.families import other_governors
 from tests.identification.parity import Case, simulated
 
@@ -55,3 +56,31 @@ def test_without_a_torque_nothing_is_asked():
     experiment = noisy({})
     question = question_of([experiment], outputs=["dn"])
     assert engine_tests(smooth_ship(question)) == {}
+
+
+def curves(experiment, torque="brake"):
+    found = engine_curves(smooth_ship(question_of([experiment], torque=torque)))
+    return {name: {key: np.array(row) for key, row in one.items()} for name, one in found.items()}
+
+
+def test_a_smooth_ships_curves_are_zero_within_their_errors():
+    for curve in curves(noisy({})).values():
+        assert np.all(np.diff(curve["at"]) > 0.0)
+        assert np.abs(curve["torque"] / curve["std"]).max() < 3.5
+        assert np.abs(curve["torque"]).max() < 1e-3
+
+
+def test_a_dead_band_bends_the_curve_against_the_error_into_an_s():
+    ship = other_governors.draw("dead_band", 150000)
+    curve = curves(fp.Experiment(**ship.experiment()), ship.place)["error"]
+    within = np.abs(curve["at"]) < 1.5 * ship.parameters["band"]
+    for side in (-1.0, 1.0):
+        this = side * curve["at"] > 0.2 * ship.parameters["band"]
+        assert np.all(-side * curve["torque"][within & this] > 2.0 * curve["std"][within & this])
+        assert side * curve["torque"][this][0 if side < 0.0 else -1] > 2.0 * curve["std"][this][0]
+
+
+def test_residuals_of_a_simulated_ship_make_no_curve():
+    fit = smooth_ship(question_of([noisy({})], torque="brake"))
+    simulated_fit = replace(fit, likelihood=likelihood_of(fit, ["rack_rate"]))
+    assert engine_curves(simulated_fit) == {}

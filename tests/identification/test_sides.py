@@ -34,6 +34,7 @@ def test_it_is_read_as_it_was_saved(undescribed, tmp_path):
     assert read.load_side == found.load_side
     assert read.adequate["sides"] == found.adequate["sides"]
     assert read.parameters == found.parameters
+    assert read.adequate["engine_curves"] == found.adequate["engine_curves"] != {}
 
 
 def test_a_smooth_ship_has_both_sides_and_they_agree():
@@ -41,6 +42,7 @@ def test_a_smooth_ship_has_both_sides_and_they_agree():
     found = fp.identify(fp.Experiment(**ship.experiment()))
     assert found.adequate["sides"] == {"load": True, "engine": True}
     alone, whole = found.load_side["p"], found.parameters["p"]
+    assert set(found.adequate["engine_curves"]) == {"error", "slope"}
     assert abs(alone.value - whole.value) < 3.5 * (alone.std**2 + whole.std**2) ** 0.5
 
 

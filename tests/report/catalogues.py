@@ -50,7 +50,7 @@ LABELS = (
         "lag",
     ),
     *("lag [samples]", "within", "outside", "measured", "model", "set point", "masked", "time", "frequency"),
-    *("amplitude ratio", "phase"),
+    *("amplitude ratio", "phase", "governor's speed error", "rate of the fuel rack"),
 )
 """Words of axes and legends that `plot` writes."""
 TABLES: tuple[Iterable[str], ...] = (

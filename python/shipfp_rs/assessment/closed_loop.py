@@ -92,6 +92,13 @@ def closed_loop(fingerprint: Fingerprint, structure: Structure | None = None) ->
     structure = structure or structure_of(fingerprint)
     require_linear(structure)
     values = dict(fingerprint.optimum)
+    if not fingerprint.engine_described:
+        reason = Sentence("engine and governor are not described")
+        none = {"value": None, "status": "unidentifiable", "reason": reason}
+        return {
+            name: _same(fingerprint, name, figure(values)) or Estimate(unit=unit, **none)
+            for name, (unit, figure) in _figures(structure, values).items()
+        }
     return {
         name: _same(fingerprint, name, figure(values))
         or estimated(fingerprint, structure, unit, figure, LEAST.get(name), endless=name in ENDLESS)

@@ -16,6 +16,7 @@ from shipfp_rs.errors import IdentificationError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.identification.adequacy import explained_pct, misses_pct, strain
 from shipfp_rs.identification.basins import Basin, descend
+from shipfp_rs.identification.engine_tests import engine_curves
 from shipfp_rs.identification.estimate import ALONG, KNOWN, Estimate, Identifiability
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.identification.input_checks import doubts, require_excited
@@ -134,6 +135,7 @@ def answered(
             "dispersion": 1.0,
             "sides": {"load": fit.side is not None or not kind, "engine": not kind},
             "engine": {name: score._asdict() for name, score in fit.scores.items()},
+            "engine_curves": engine_curves(fit) if fit.scores else {},
         },
         load_side={} if fit.side is None else fit.side.parameters,
     )

@@ -11,11 +11,12 @@ from collections.abc import Callable, Container, Mapping
 import numpy as np
 
 from shipfp_rs.identification.coordinates import loop_of
+from shipfp_rs.identification.equation_likelihood import EquationLikelihood
 from shipfp_rs.identification.likelihood import ACCURACY
 from shipfp_rs.identification.record import Record
 from shipfp_rs.identification.ship_found import BELIEVED, ShipFit
 from shipfp_rs.identification.spectra import Spectra
-from shipfp_rs.identification.stretches import Score, Stretches
+from shipfp_rs.identification.stretches import STRETCH_S, Score, Stretches
 from shipfp_rs.structures.transfer import SLOWEST, TransferFunctions
 from shipfp_rs.support.arrays import Array, ComplexArray, Values
 
@@ -32,6 +33,11 @@ NEAR = 3.0
 WORTH = 8.0
 """Fall of the deviance from which a limit is worth a fit."""
 NONE = Score(0.0, 0.0, 0.0, 0.0)
+BINS, LEAST_STRETCHES = 15, 4
+"""Bins of a curve, and stretches below which a bin's scatter tells nothing."""
+LEAST_PERIODS, LEAST_BAND = 30, 0.1
+"""Periods in a record, or part of the band, below which a frequency is left out of a curve: the governor's integral makes
+drifts of the speed large there, and the curve is lost in them."""
 
 
 def engine_tests(fit: ShipFit) -> dict[str, Score]:
@@ -53,17 +59,84 @@ def engine_tests(fit: ShipFit) -> dict[str, Score]:
     return found
 
 
+def engine_curves(fit: ShipFit) -> dict[str, dict[str, list[float]]]:
+    """Return what the engine's torque has beyond the model against the governor's error, and the rack's slope.
+
+    Each has the bins' means "at" (over the operating point, of the slope over it a second), and of the "torque" over the
+    operating torque the mean and its standard error by stretches, "std". Nothing where no torque was measured, or the ship
+    is not one of two equations: there the residuals are not the engine's alone.
+    """
+    likelihood, values = fit.likelihood, fit.values
+    if "dM" not in fit.question.outputs or not isinstance(likelihood, EquationLikelihood):
+        return {}
+    ahead = values["tau_n"] - values.get("tau_prop", 0.0) if fit.question.gauge else 0.0
+    torques, places = [], []
+    for index, residuals in enumerate(likelihood.residuals(fit.best.vector)):
+        record, rate_hz = likelihood.records[index], likelihood.records[index].rate_hz
+        s = 1j * np.maximum(2.0 * np.pi * record.frequency_hz, SLOWEST)
+        left = dict(zip(fit.question.outputs, np.asarray(residuals), strict=True))
+        torque = left["dM"] + (ahead * s - values["g"] + _governor(values, s)) * left["dn"]
+        least_hz = min(LEAST_PERIODS * rate_hz / record.count, LEAST_BAND * record.band_hz)
+        torque[record.frequency_hz < least_hz] = 0.0
+        at = np.arange(record.count) / rate_hz
+        # What the fuel answers to now the governor saw before.
+        seen = at - values.get("T_d", 0.0) - values.get("tau_act", 0.0)
+        _, rack, error = _signals(fit, index)
+        length = max(round(STRETCH_S * rate_hz), 1)
+        kept = record.tapers[0] == 1.0
+        torques.append(record.in_time(torque)[kept])
+        rows = np.interp(seen, at, error), np.gradient(rack) * rate_hz, at // (length / rate_hz) + 1e6 * index
+        places.append(np.array(rows)[:, kept])
+    error, slope, stretch = np.concatenate(places, axis=1)
+    return {
+        name: _binned(row, np.concatenate(torques), stretch)
+        for name, row in (("error", error), ("slope", slope))
+    }
+
+
+def _binned(row: Array, torque: Array, stretch: Array) -> dict[str, list[float]]:
+    """Mean of a torque (K,) in quantile bins of a row, and its standard error by the scatter of stretches."""
+    # A ship that rests between steps has most samples at one place: equal widths spread the bins.
+    even = np.linspace(0.0, 1.0, BINS + 1)
+    edges = 0.5 * (np.quantile(row, even) + row.min() + (row.max() - row.min()) * even)
+    place = np.clip(np.searchsorted(edges, row, side="right") - 1, 0, BINS - 1)
+    found: dict[str, list[float]] = {"at": [], "torque": [], "std": []}
+    for one in np.unique(place):
+        inside = place == one
+        mean = float(torque[inside].mean())
+        held, which = np.unique(stretch[inside], return_inverse=True)
+        if len(held) < LEAST_STRETCHES:
+            continue
+        scatter = np.bincount(which, torque[inside] - mean)
+        found["at"].append(float(row[inside].mean()))
+        found["torque"].append(mean)
+        found["std"].append(float(np.sqrt(np.sum(scatter**2)) / np.sum(inside)))
+    return found
+
+
+def _signals(fit: ShipFit, index: int) -> tuple[Array, Array, Array]:
+    """The model's torque of the engine, its rack, and the governor's error, of a record (K,)."""
+    values, record = fit.values, fit.likelihood.records[index]
+    model = dict(zip(fit.question.outputs, fit.likelihood.modelled(fit.best.vector, index), strict=True))
+    speed, engine = model["dn"], model["dM"]
+    if fit.question.gauge:
+        slope = np.gradient(speed) * (record.data_hz / record.down)
+        engine = engine + (values["tau_n"] - values.get("tau_prop", 0.0)) * slope
+    return engine, engine - values["g"] * speed, record.set_point_low[: len(speed)] - speed
+
+
+def _governor(values: Values, s: ComplexArray) -> ComplexArray:
+    """Torque over the governor's error (F,)."""
+    fuel = np.exp(-s * values.get("T_d", 0.0)) / (1.0 + s * values.get("tau_act", 0.0))
+    return np.asarray(fuel * (values["vK_p"] + values["vK_i"] / s))
+
+
 def _shapes(fit: ShipFit, index: int) -> dict[str, list[ComplexArray]]:
     """How a record's outputs (O, F) answer to each shape of torque on the engine's side, by kind."""
     values, record = fit.values, fit.likelihood.records[index]
     rate_hz = record.data_hz / record.down
-    model = dict(zip(fit.question.outputs, fit.likelihood.modelled(fit.best.vector, index), strict=True))
-    speed, engine = model["dn"], model["dM"]
-    if fit.question.gauge:
-        engine = engine + (values["tau_n"] - values.get("tau_prop", 0.0)) * np.gradient(speed) * rate_hz
-    rack = engine - values["g"] * speed
-    error = record.set_point_low[: len(speed)] - speed
-    inside = np.arange(len(speed)) > 2.0 * rate_hz
+    engine, rack, error = _signals(fit, index)
+    inside = np.arange(len(rack)) > 2.0 * rate_hz
     steps = np.abs(np.diff(rack))
     shapes = {
         "torque_limit": [np.minimum(engine, level) - engine for level in np.quantile(engine[inside], LEVELS)],
@@ -100,8 +173,7 @@ def _answers(values: Values, record: Spectra | Record, fit: ShipFit) -> Callable
     rows = {"dn": speed, "dM": (known["p"] + behind * s) * speed, "dX": np.zeros_like(speed)}
     torque = np.array([rows[output] for output in outputs])
     torque[:, 0] = 0.0
-    fuel = np.exp(-s * values.get("T_d", 0.0)) / (1.0 + s * values.get("tau_act", 0.0))
-    governor = fuel * (values["vK_p"] + values["vK_i"] / s)
+    governor = _governor(values, s)
 
     def answer(row: Array, by_governor: bool) -> ComplexArray:
         return np.asarray(torque * record.seen(row) * (governor if by_governor else 1.0))

@@ -61,7 +61,8 @@ class Fingerprint(FingerprintTables, SimulationMixin):
     adequate
         "stands": whether the residuals leave the model unchallenged; "misses_pct": what it misses of each output, in
         per cent of its spread; "bias": how far that can move each parameter; "sides": whether the "load" and the "engine"
-        with its governor are described; "engine": what the engine's side shows beyond the model, by kind of shape.
+        with its governor are described; "engine": what the engine's side shows beyond the model, by kind of shape;
+        "engine_curves": the torque that it shows against the governor's "error" and the rack's "slope".
     load_side
         What speed and torque alone tell of the load, without a model of engine and governor, see `load_side`; name to
         estimate, empty where they tell nothing.

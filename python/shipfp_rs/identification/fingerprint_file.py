@@ -59,6 +59,10 @@ ADEQUATE: Mapping[str, tuple[Any, str]] = {
     "dispersion": (Positive | None, "null or a positive number"),
     "sides": (Mapping[str, bool], "a table of true or false"),
     "engine": (Mapping[str, Mapping[str, float]], "a table of tables of numbers"),
+    "engine_curves": (
+        Mapping[str, Mapping[str, Sequence[float]]],
+        "a table of tables of lists of numbers",
+    ),
 }
 """What `adequate` tells: an annotation of each value, and its words."""
 RANK: Mapping[str, tuple[Any, str]] = {

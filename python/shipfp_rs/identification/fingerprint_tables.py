@@ -19,6 +19,7 @@ from shipfp_rs.support.arguments import checked
 from shipfp_rs.support.checks import between
 from shipfp_rs.support.files import ending_in, write_text_atomically
 from shipfp_rs.support.html import shown
+from shipfp_rs.support.sentences import Sentence
 from shipfp_rs.support.tables import package
 
 if TYPE_CHECKING:
@@ -30,6 +31,8 @@ SHORT = 8
 """Parameters in the short form of a fingerprint."""
 GREEK = ("tau", "eta", "rho")
 LATEX = {"\\": r"\textbackslash{}", **{sign: f"\\{sign}" for sign in "&%$#_{}"}, "~": r"\textasciitilde{}"}
+
+LOAD_ALONE = "The load's side by itself (speed and torque alone, no model of the engine):"
 
 
 class FingerprintTables:
@@ -44,7 +47,15 @@ class FingerprintTables:
     data: tuple[Mapping[str, Any], ...]
     verdict: tuple[str, ...]
     covariance: Mapping[str, Any]
+    settings: Mapping[str, Any]
+    adequate: Mapping[str, Any]
+    load_side: Mapping[str, Estimate]
     usable: str
+
+    @property
+    def engine_described(self) -> bool:
+        """Whether the model describes engine and governor, as far as was tested; else only the load's side is told."""
+        return bool(self.adequate.get("sides", {}).get("engine", True))
 
     @property
     def _all(self) -> dict[str, Estimate]:
@@ -110,7 +121,23 @@ class FingerprintTables:
         lines = [
             "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)) for row in rows
         ]
-        return "\n".join([lead, "", *(line.rstrip() for line in lines)])
+        return "\n".join([lead, "", *(line.rstrip() for line in lines), *self._load_lines()])
+
+    def _load_lines(self) -> list[str]:
+        """Return the table of the load's side by itself; nothing where it tells nothing."""
+        if not self.load_side:
+            return []
+        rows = [("symbol", "by itself", "95 % interval", "whole model", "95 % interval", "unit")]
+        rows += [
+            (one.name, *_figures(one), whole.value, f"{whole.low} to {whole.high}" if whole.low else "", one.unit)
+            for one, whole in beside_the_whole(self)
+        ]
+        widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+        lines = [
+            "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
+            for row in rows
+        ]
+        return ["", LOAD_ALONE, *lines, agreement(self)]
 
     def _repr_html_(self) -> str:
         return shown(
@@ -227,6 +254,25 @@ class FingerprintTables:
             cells = [_latex_symbol(row.name), _latex_text(plain_name(row.name)), value, interval, unit]
             lines.append(" & ".join(cells) + r" \\")
         return "\n".join([*lines, r"\bottomrule", r"\end{tabular}"]) + "\n"
+
+
+def beside_the_whole(fingerprint: FingerprintTables) -> Iterator[tuple[Row, Row]]:
+    """Give what the load's side by itself tells of each parameter, and what the whole model has, with intervals if told."""
+    known = {name: one for name, one in fingerprint.load_side.items() if name in fingerprint.parameters}
+    for row in rounded_rows(known):
+        left = fingerprint.settings.get("optimum", {}).get(row.name)
+        whole = fingerprint.parameters[row.name] if fingerprint.engine_described else Estimate(left, status="fixed")
+        yield row, next(rounded_rows({row.name: whole}))
+
+
+def agreement(fingerprint: FingerprintTables) -> Sentence:
+    """Say whether the load's side by itself and the whole model agree, as `sides.undescribed` found."""
+    if fingerprint.engine_described:
+        return Sentence("Both agree within their errors.")
+    return Sentence(
+        "The whole model does not describe engine and governor, so its values are no estimates: those of the load's side "
+        "by itself are given."
+    )
 
 
 def _figures(row: Row) -> tuple[str, str]:

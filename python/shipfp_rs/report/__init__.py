@@ -19,7 +19,7 @@ from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.frequency import FrequencyResponse
 from shipfp_rs.identification.automatic import FULL_SHIP
 from shipfp_rs.identification.fingerprint import Fingerprint
-from shipfp_rs.report import answer, fate, findings, loop, markup
+from shipfp_rs.report import answer, fate, findings, loop, markup, sides
 from shipfp_rs.report.charts import charts
 from shipfp_rs.report.driven import instead
 from shipfp_rs.report.language import Say
@@ -117,6 +117,7 @@ def render(
         ("answer", "", answer.answer(fingerprint, experiments, simulated, figures, step, pictures, say)),
         ("parameters", say("Parameters"), findings.parameters(fingerprint, truth, pictures, say)),
         ("elements", say("Elements of the model"), findings.elements(fingerprint, say)),
+        ("sides", say("Load and engine, each by itself"), sides.section(fingerprint, pictures, say)),
         (
             "loop",
             say("The speed loop"),

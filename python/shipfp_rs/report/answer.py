@@ -170,7 +170,8 @@ def ship_rows(fingerprint: Fingerprint, say: Say) -> list[tuple[str, str, str, s
     if any(estimate.value is None or is_rough(estimate, OPEN) for estimate in known.values()):
         known |= fingerprint.derived
     for row in rounded_rows(known):
-        if row.name in CHANNELS or row.status == ALONG:
+        untold = not fingerprint.engine_described and not row.value  # the first sentence says why
+        if row.name in CHANNELS or row.status == ALONG or untold:
             continue
         value, told = _value_and_interval(row, known[row.name], "\u00a0", say)
         name = say.name(row.name)

@@ -37,8 +37,8 @@ TONES = {"pass": "good", "fail": "bad", "open": "warn"}
 
 
 def figures(fingerprint: Fingerprint, structure: Structure | None) -> Mapping[str, Estimate]:
-    """Return poles, margins and times; nothing for a structure without a linearisation."""
-    if "optimum" not in fingerprint.settings:
+    """Return poles, margins and times; nothing for a structure without a linearisation, or an engine not described."""
+    if "optimum" not in fingerprint.settings or not fingerprint.engine_described:
         return {}
     try:
         return closed_loop(fingerprint, structure)

@@ -1,0 +1,81 @@
+"""Both sides of the drive train by themselves: what speed and torque alone tell of the load, what the engine's side shows."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from shipfp_rs.identification.fingerprint import Fingerprint
+from shipfp_rs.identification.fingerprint_tables import agreement, beside_the_whole
+from shipfp_rs.plot.style import BLUE, GREY, ORANGE, dress
+from shipfp_rs.report.answer import unit_shown
+from shipfp_rs.report.language import Say
+from shipfp_rs.report.markup import Cell, number, paragraph, piece, table
+from shipfp_rs.report.pictures import NARROW, Pictures
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+LARGE_IN, SMALL_IN = 1.9, 1.1
+"""Height of a panel where the engine's side is not described, and where it is."""
+BARS = 2.0
+"""Standard errors that a bar reaches up and down."""
+
+
+def section(fingerprint: Fingerprint, pictures: Pictures, say: Say) -> Iterable[str]:
+    """Yield the table of the load's side, and the picture of what the engine's torque has beyond the model."""
+    if fingerprint.load_side:
+        yield piece(
+            "heading", say("The load's side by itself (speed and torque alone, no model of the engine)")
+        )
+        yield table(
+            say("the load's side by itself and by the whole model"),
+            [
+                *say.each("symbol", "name", "by itself", "95 % interval"),
+                *say.each("whole model", "95 % interval", "unit"),
+            ],
+            [
+                [
+                    Cell(alone.name, code=True),
+                    say.name(alone.name),
+                    *(number(text) for one in (alone, whole) for text in (one.value, ends(one, say))),
+                    unit_shown(alone.unit),
+                ]
+                for alone, whole in beside_the_whole(fingerprint)
+            ],
+        )
+        yield paragraph(say(agreement(fingerprint)))
+    curves = fingerprint.adequate.get("engine_curves")
+    if not curves or not all(curve["at"] for curve in curves.values()):
+        return
+    yield piece("heading", say("What the engine's torque has beyond the model"))
+    yield pictures.draw(
+        len(curves),
+        lambda axes: _draw(axes, curves),
+        say(
+            "Mean of it against the speed error that the governor sees, and against the rate at which the fuel rack moves; "
+            "bars of two standard errors. It is zero where the model describes engine and governor. A dead band, or a gain "
+            "that grows in steps, makes an S through zero error. A torque limit bends both ends of a curve to the same "
+            "side. A limit of the rack's rate makes a step at zero rate, a slower way down bends one end only."
+        ),
+        height=SMALL_IN if fingerprint.engine_described else LARGE_IN,
+        width=NARROW,
+        sharex=False,
+    )
+
+
+def ends(row: Any, say: Say) -> str:
+    """Write the interval of a row; nothing where it has none."""
+    return say("{low} to {high}", low=row.low, high=row.high) if row.low else ""
+
+
+def _draw(axes: Sequence[Axes], curves: Mapping[str, Mapping[str, Sequence[float]]]) -> None:
+    labels = {"error": "governor's speed error [%]", "slope": "rate of the fuel rack [%/s]"}
+    for ax, (name, curve), colour in zip(axes, curves.items(), (BLUE, ORANGE), strict=True):
+        at, torque, std = (100.0 * np.asarray(curve[key]) for key in ("at", "torque", "std"))
+        ax.axhline(0.0, color=GREY, lw=1.0)
+        ax.errorbar(at, torque, BARS * std, fmt="o-", color=colour, ms=4, lw=1.0, capsize=2)
+        dress(ax, "torque [%]", legend=False)
+        ax.set_xlabel(labels[name])
