@@ -103,6 +103,26 @@ def test_a_dead_time_gives_the_margins_of_python_control(launch: Fingerprint) ->
     assert found["ultimate period"].value == pytest.approx(2.0 * np.pi / pair.imag, rel=1e-4)
 
 
+def test_where_engine_and_load_alone_run_away_the_margins_are_those_of_a_loop(launch: Fingerprint) -> None:
+    """A generating set whose slope ended at +2.5 was told a phase margin of 410 degrees and a gain margin of 3900."""
+    q = {"tau_n": 1.2, "g": 2.5, "vK_p": 8.0, "vK_i": 12.0, "p": 0.0, "T_d": 0.05}
+    found = closed_loop(replace(launch, settings={**launch.settings, "optimum": q}))
+    loop = control.tf([q["vK_p"], q["vK_i"]], [1.0, 0.0]) * control.tf([1.0], [q["tau_n"], -q["g"]])
+    loop = loop * control.tf(*control.pade(q["T_d"], 8))
+    margin = control.stability_margins(loop, returnall=True)
+    assert found["phase margin"].value == pytest.approx(float(min(margin[1])), rel=1e-4)
+    assert 0.0 < found["phase margin"].value < 90.0
+    # The gains may fall as well as grow: what is told is by how much they may grow.
+    assert found["gain margin"].value == pytest.approx(min(one for one in margin[0] if one > 1.0), rel=1e-4)
+
+
+def test_of_an_engine_that_is_not_described_no_loop_is_told(launch: Fingerprint) -> None:
+    other = replace(launch, adequate={"sides": {"load": True, "engine": False}})
+    for estimate in closed_loop(other).values():
+        assert estimate.value is None
+        assert estimate.reason == "engine and governor are not described"
+
+
 def test_the_tugs_loop_is_known_though_none_of_its_gains_is(tug: Fingerprint) -> None:
     found = closed_loop(tug)
     assert tug["K_p"].value is None
@@ -150,6 +170,7 @@ def test_the_ship_with_a_lag_and_a_twist_has_its_margins_and_recovers_as_it_is_s
     ship = Structure.ship(["dead_time_loop", "actuator_lag"], torque="gauge")
     values = {parameter.name: parameter.start for parameter in ship.parameters} | {"T_d": 0.04}
     made = SimpleNamespace(
+        engine_described=True,
         optimum=values,
         settings={},
         adequate={},

@@ -34,6 +34,8 @@ RECOVERED = 0.05
 LONGEST = 8.0
 """Time constants of the slowest pole after which a step is over."""
 INSTANTS = 4000
+LEADING = 1e-6
+"""Part of a turn that rounding may make of no phase at all."""
 LARGEST = 2.0
 """Deviation over the value above which a figure is not determined: by its logarithm to a factor of 50."""
 STRAIGHT = 0.2
@@ -94,10 +96,9 @@ def closed_loop(fingerprint: Fingerprint, structure: Structure | None = None) ->
     values = dict(fingerprint.optimum)
     if not fingerprint.engine_described:
         reason = Sentence("engine and governor are not described")
-        none = {"value": None, "status": "unidentifiable", "reason": reason}
         return {
-            name: _same(fingerprint, name, figure(values)) or Estimate(unit=unit, **none)
-            for name, (unit, figure) in _figures(structure, values).items()
+            name: Estimate(None, unit=unit, status="unidentifiable", reason=reason)
+            for name, (unit, _) in _figures(structure, values).items()
         }
     return {
         name: _same(fingerprint, name, figure(values))
@@ -176,8 +177,8 @@ def _pole(
 
 
 def _passed(value: Callable[[npt.ArrayLike], Array]) -> float:
-    """The lowest searched frequency at which a function of it passes zero [Hz]; NaN where it does not."""
-    change = np.flatnonzero(np.diff(np.sign(value(SEARCHED_HZ))) != 0.0)
+    """The lowest searched frequency at which a function of it falls through zero [Hz]; NaN where it does not."""
+    change = np.flatnonzero(np.diff(np.sign(value(SEARCHED_HZ))) < 0.0)
     if not len(change):
         return float("nan")
     low, high = SEARCHED_HZ[change[0]], SEARCHED_HZ[change[0] + 1]
@@ -189,11 +190,15 @@ def _crossover(structure: Structure, values: Values) -> float:
 
 
 def _turned(structure: Structure, values: Values, frequency_hz: npt.ArrayLike) -> Array:
-    """Phase of the open loop [deg] without turns lost: followed from low frequencies, where it lags by 90 degrees."""
+    """Phase of the open loop [deg] without turns lost, followed from low frequencies.
+
+    There it lags by 90 degrees, and by 270 where engine and load alone run away (g above p): never does it lead.
+    """
     asked = np.atleast_1d(np.asarray(frequency_hz, dtype=np.float64))
     way = np.union1d(SEARCHED_HZ[asked.max() >= SEARCHED_HZ], asked)
     phase = np.unwrap(np.angle(open_loop(structure, values, way)))
-    return np.degrees(phase[np.searchsorted(way, asked)])
+    turns = np.ceil(phase[0] / (2.0 * np.pi) - LEADING)
+    return np.degrees(phase[np.searchsorted(way, asked)] - 2.0 * np.pi * turns)
 
 
 def _phase_margin(structure: Structure, crossing: Figure, values: Values) -> float:

@@ -19,6 +19,9 @@ if TYPE_CHECKING:
 
     from shipfp_rs.identification.fingerprint import Fingerprint
 
+MARKS = "osD^v"
+"""Of windows in one plot, in turn."""
+
 
 @checked
 def bode(
@@ -50,10 +53,36 @@ def bode(
             )
         measured, model = pairs[0][0], model or pairs[0][1]
     amplitude, phase = panels = panels_of(axes, 2, sharex=True)
+    _points_and_curves(measured, model, panels, "o")
+    _dress_bode(amplitude, phase)
+    amplitude.set_title(measured.name, loc="left", parse_math=False)
+    return panels
+
+
+def windows(
+    pairs: Sequence[tuple[FrequencyResponse, FrequencyResponse]], axes: Sequence[Axes]
+) -> Sequence[Axes]:
+    """Draw the measured responses of several windows in one plot, each with marks of its own, and the model's curves."""
+    for place, (measured, model) in enumerate(pairs):
+        _points_and_curves(measured, model, axes, MARKS[place % len(MARKS)], several=len(pairs) > 1)
+    _dress_bode(*axes)
+    return axes
+
+
+def _points_and_curves(
+    measured: FrequencyResponse,
+    model: FrequencyResponse | None,
+    axes: Sequence[Axes],
+    mark: str,
+    *,
+    several: bool = False,
+) -> None:
+    """Draw points with bars, and the model's curve; of several windows the first signal's label is the window's name."""
+    amplitude, phase = axes
     for index, (name, response) in enumerate(measured.response.items()):
         color, size, angle = COLOURS[name], np.abs(response), _phase(response)
         if model is not None:
-            curve, label = model.response[name], None if index else "model"
+            curve, label = model.response[name], None if index or mark != MARKS[0] else "model"
             expected = np.interp(measured.frequency_hz, model.frequency_hz, _phase(curve))
             angle += 360.0 * np.round((expected - angle) / 360.0)
             amplitude.plot(model.frequency_hz, np.abs(curve), color=color, lw=1.2, label=label)
@@ -65,12 +94,10 @@ def bode(
             bars = size * np.array([np.minimum(reach, 0.9), reach])
             # An unknown phase gets a bar of half a turn either way.
             angle_bars = np.minimum(np.degrees(2.0 * measured.phase_std[name]), 180.0)
-        style: dict[str, Any] = {"color": color, "fmt": "o", "ms": 4, "lw": 1.0, "capsize": 2}
-        amplitude.errorbar(measured.frequency_hz, size, bars, label=LABELS[name], **style)
-        phase.errorbar(measured.frequency_hz, angle, angle_bars, label=LABELS[name], **style)
-    _dress_bode(amplitude, phase)
-    amplitude.set_title(measured.name, loc="left", parse_math=False)
-    return panels
+        style: dict[str, Any] = {"color": color, "fmt": mark, "ms": 4, "lw": 1.0, "capsize": 2}
+        label = f"{measured.name}: {LABELS[name]}" if several else LABELS[name]
+        amplitude.errorbar(measured.frequency_hz, size, bars, label=label, **style)
+        phase.errorbar(measured.frequency_hz, angle, angle_bars, label=label, **style)
 
 
 @checked
@@ -108,9 +135,10 @@ def _dress_bode(amplitude: Axes, phase: Axes) -> None:
     for ax in (amplitude, phase):
         ax.set_xscale("log")
     amplitude.set_yscale("log")
-    amplitude.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-    amplitude.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
-    amplitude.yaxis.set_minor_formatter(NullFormatter())
+    for axis in (amplitude.yaxis, amplitude.xaxis, phase.xaxis):
+        axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axis.set_major_formatter(StrMethodFormatter("{x:g}"))
+        axis.set_minor_formatter(NullFormatter())
     dress(amplitude, "amplitude ratio [-]")
     dress(phase, "phase [deg]", legend=False)
     phase.set_xlabel("frequency [Hz]")

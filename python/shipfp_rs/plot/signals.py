@@ -13,7 +13,6 @@ from shipfp_rs.logs.log import Log
 from shipfp_rs.plot.style import (
     BLUE,
     COLOURS,
-    GREY,
     LABELS,
     QUANTITIES,
     RED,
@@ -128,6 +127,9 @@ def fit(
 ) -> Sequence[Axes]:
     """Draw measured signals and the fitted model's, one panel a signal, and the set point beside a speed.
 
+    What was measured is broad and in the signal's colour, the model a thin line of the text's colour upon it, the set point
+    dashed.
+
     Parameters
     ----------
     measured
@@ -159,7 +161,7 @@ def fit(
     rows = (
         slice(None) if stretch_s is None else slice(*(round(end * experiment.rate_hz) for end in stretch_s))
     )
-    time = experiment.time[rows]
+    time, ink = experiment.time[rows], panels[0].yaxis.label.get_color()
     for ax, (name, answer) in zip(panels, fitted.items(), strict=True):
         recorded, color = experiment.signals[name], COLOURS[name]
         if stretch_s is not None:
@@ -171,9 +173,9 @@ def fit(
             point = experiment.operating_point
             scale = 1.0 if UNITS[name] == UNITS["n_set"] else point[name] / point["n_set"]
             asked = scale * experiment.signals["n_set"][rows]
-            ax.plot(*envelope(time, asked), color=SET_POINT, lw=0.8, label="set point")
-        ax.plot(*envelope(time, recorded[rows]), color=GREY, lw=1.0, label="measured")
-        ax.plot(*envelope(time, answer[rows]), color=color, lw=1.2, label="model")
+            ax.plot(*envelope(time, asked), color=SET_POINT, lw=1.0, ls="--", label="set point")
+        ax.plot(*envelope(time, recorded[rows]), color=color, lw=2.4, alpha=0.75, label="measured")
+        ax.plot(*envelope(time, answer[rows]), color=ink, lw=1.0, label="model")
         dress(ax, f"{LABELS[name]} [{UNITS[name]}]")
     if stretch_s is None:  # else the legend has its place
         panels[0].set_title(experiment.name, loc="left", parse_math=False)

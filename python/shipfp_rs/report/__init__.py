@@ -19,10 +19,12 @@ from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.frequency import FrequencyResponse
 from shipfp_rs.identification.automatic import FULL_SHIP
 from shipfp_rs.identification.fingerprint import Fingerprint
+from shipfp_rs.plot.frequency import windows
 from shipfp_rs.report import answer, fate, findings, loop, markup, sides
 from shipfp_rs.report.charts import charts
 from shipfp_rs.report.driven import instead
 from shipfp_rs.report.language import Say
+from shipfp_rs.report.operating import facts
 from shipfp_rs.report.pictures import Pictures
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.support.files import write_text_atomically
@@ -113,8 +115,13 @@ def render(
     pictures = Pictures(say)
     figures = loop.figures(fingerprint, structure)
     step = loop.step_response(fingerprint, structure, figures, pictures, say)
+    top = facts(fingerprint, experiments, vessel, say)
     contents: list[tuple[str, str, Iterable[str]]] = [
-        ("answer", "", answer.answer(fingerprint, experiments, simulated, figures, step, pictures, say)),
+        (
+            "answer",
+            "",
+            answer.answer(fingerprint, experiments, simulated, figures, step, pictures, say, top),
+        ),
         ("parameters", say("Parameters"), findings.parameters(fingerprint, truth, pictures, say)),
         ("elements", say("Elements of the model"), findings.elements(fingerprint, say)),
         ("sides", say("Load and engine, each by itself"), sides.section(fingerprint, pictures, say)),
@@ -223,16 +230,16 @@ def _signals(
 
 
 def _responses(responses: Responses, pictures: Pictures, say: Say) -> Iterable[str]:
-    for measured, model in responses:
+    if responses:
         yield pictures.draw(
             2,
-            partial(plot.bode, measured, model),
+            partial(windows, responses),
             say(
                 "{name}: measured response to the set point with bars of two standard deviations, and the fitted "
                 "model's.",
-                name=measured.name,
+                name=", ".join(measured.name for measured, _ in responses),
             ),
-            height=2.2,
+            height=2.6,
         )
 
 

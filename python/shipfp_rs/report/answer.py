@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from markupsafe import Markup
@@ -24,21 +24,29 @@ from shipfp_rs.identification.estimate import (
 )
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.identification.wording import DOUBT, something_missing
+from shipfp_rs.plot.style import COLOURS, LABELS, dress, envelope
 from shipfp_rs.report.language import Say
 from shipfp_rs.report.markup import piece
 from shipfp_rs.report.pictures import NARROW, Pictures
 from shipfp_rs.structures.names import as_looked_at
 from shipfp_rs.support.arrays import Array
-from shipfp_rs.support.sentences import joined
+from shipfp_rs.support.sentences import Sentence, joined
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 SHOWN_S = (8.0, 30.0)
 """Shortest and longest stretch of the picture [s]; between them a twentieth of the record."""
 TONES: Mapping[str, str] = {"usable": "good", "usable except": "warn", "not usable": "bad"}
 """What colour the first sentence has."""
+KNOWN_WELL = 0.2
+"""Half of an interval over its value up to which a parameter is known well enough for green."""
 RELATED = 0.9
 """Correlation above which parameters are known only roughly because of each other."""
 AT_AN_END = 0.05
 """Part of an interval within which an estimate is at its end."""
+AT_REST = 1e-4
+"""Standard deviation of a set point over the operating speed, below which it rests."""
 CHANNELS = ("T_M", "T_n", "T_0")
 """Parameters of the measurement, no part of the ship."""
 WORTH = ("bandwidth", "phase margin", "gain margin", "recovery time")
@@ -56,23 +64,26 @@ def answer(
     step: str,
     pictures: Pictures,
     say: Say,
+    top: Sequence[tuple[str, str, str, str, str]] = (),
 ) -> Iterable[str]:
     """Yield the verdict's first sentence, the ship and its loop beside the pictures, and what is not determined.
 
-    `step` is the picture of the loop's answer to a step.
+    `step` is the picture of the loop's answer to a step, `top` rows above those of the ship.
     """
     lead = _with_names(fingerprint.usable, fingerprint.parameters, say)
     if not lead and fingerprint.verdict:
         lead = say(fingerprint.verdict[0])
     failed = fingerprint.usability == "not usable"
     tone = TONES.get(fingerprint.usability, "")
+    if tone == "good" and any(is_rough(one, KNOWN_WELL) for one in fingerprint.parameters.values()):
+        tone = "warn"
     yield piece("lead", lead or say("No verdict was given."), tone)
     heading = (
         say("Figures of the model, not to be used") if failed else say("The drive train, with 95 % intervals")
     )
     # Where the search found no minimum there is nothing to tell, not even of the model.
     told = fingerprint.why_not != "no minimum"
-    tables = [piece("facts", heading, ship_rows(fingerprint, say), failed)] if told else []
+    tables = [piece("facts", heading, [*top, *ship_rows(fingerprint, say)], failed)] if told else []
     # The loop of a model that is not the ship's would be taken for the ship's.
     if loop and not failed:
         tables.append(piece("facts", say("What it means for the speed loop"), loop_rows(loop, say), False))
@@ -345,12 +356,20 @@ def _picture(
         return ""
     experiment, model = experiments[0], dict(list(simulated[0].outputs.items())[:2])
     stretch = _liveliest(experiment, next(iter(model.values())))
+    loaded = "M_load" in experiment.signals
+
+    def paint(axes: Sequence[Axes]) -> None:
+        if loaded:
+            _draw_load(axes[0], experiment, stretch)
+        plot.fit(experiment, simulated[0], axes[loaded:], stretch_s=stretch, signals=[*model])
+
     return pictures.draw(
-        len(model),
-        partial(plot.fit, experiment, simulated[0], stretch_s=stretch, signals=[*model]),
+        len(model) + loaded,
+        paint,
         say(
-            "{name}, {start} to {stop} s: measurement, and the model's answer to the same set point. Shaded: 95 % of the "
+            "{name}, {start} to {stop} s: measurement, and the model's answer to the same {driver}. Shaded: 95 % of the "
             "measured samples lie this close to the model.",
+            driver=_driver(experiment),
             name=say.called(experiment.name, experiment.kind),
             start=f"{stretch[0]:.0f}",
             stop=f"{stretch[1]:.0f}",
@@ -361,12 +380,29 @@ def _picture(
     )
 
 
+def _driver(experiment: Experiment) -> Sentence:
+    """Return what moves the drive in an experiment."""
+    if "M_load" not in experiment.signals:
+        return Sentence("set point")
+    if "n_set" not in experiment.signals or float(np.nanstd(experiment.dn_set)) < AT_REST:
+        return Sentence("load")
+    return Sentence("set point and load")
+
+
+def _draw_load(ax: Axes, experiment: Experiment, stretch: tuple[float, float]) -> None:
+    rows = slice(*(round(edge * experiment.rate_hz) for edge in stretch))
+    load = experiment.signals["M_load"][rows]
+    ax.plot(*envelope(experiment.time[rows], load), color=COLOURS["M_load"], lw=1.4, label="measured")
+    dress(ax, f"{LABELS['M_load']} [{UNITS['M_load']}]")
+
+
 def _stretch_csv(experiment: Experiment, model: Mapping[str, Array], stretch: tuple[float, float]) -> str:
     """Return a stretch of an experiment, measured and modelled, as CSV."""
     rows = slice(*(round(edge * experiment.rate_hz) for edge in stretch))
     columns = {"time_s": np.arange(len(experiment)) / experiment.rate_hz}
-    if "n_set" in experiment.signals:
-        columns["n_set_rpm"] = experiment.signals["n_set"]
+    for name in ("n_set", "M_load"):
+        if name in experiment.signals:
+            columns[f"{name}_{UNITS[name]}"] = experiment.signals[name]
     for name, fitted in model.items():
         columns[f"{name}_{UNITS[name]}"] = experiment.signals[name]
         columns[f"{name}_model"] = fitted

@@ -18,6 +18,7 @@ from shipfp_rs.plot.style import BLUE, GREY, ORANGE, SET_POINT, dress
 from shipfp_rs.report.answer import at_an_end, interval, unit_shown
 from shipfp_rs.report.language import Say
 from shipfp_rs.report.markup import Cell, Row, number, paragraph, table
+from shipfp_rs.report.operating import feeds_a_generator
 from shipfp_rs.report.pictures import NARROW, Pictures
 from shipfp_rs.structures.linearised import loop_of, state_space
 from shipfp_rs.structures.structure import Structure
@@ -76,9 +77,7 @@ def classes(
     say: Say,
 ) -> Iterable[str]:
     """Yield the table of the classes of governing; nothing of a drive train that feeds no generator or brake."""
-    loaded = any("M_load" in experiment.signals for experiment in experiments)
-    genset = vessel is not None and vessel.given("engine.cylinders") and not vessel.given("propeller")
-    if not loop or fingerprint.why_not or not (loaded or genset):
+    if not loop or fingerprint.why_not or not feeds_a_generator(experiments, vessel):
         return
     yield paragraph(
         say(

@@ -1,0 +1,101 @@
+"""The report on each side of the drive train, and what stands above all figures: where it ran, and how heavy it is."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import shipfp_rs as fp
+from shipfp_rs.identification.estimate import Estimate
+from shipfp_rs.report import render
+from shipfp_rs.report.language import Say
+from shipfp_rs.report.operating import facts
+from tests.families import other_governors
+from tests.report.test_answer import first_screen, text_of
+
+
+@pytest.fixture(scope="module")
+def undescribed() -> fp.Fingerprint:
+    ship = other_governors.draw("dead_band", 150000)
+    return fp.identify(fp.Experiment(**ship.experiment()), torque=ship.place)
+
+
+def rendered(found: fp.Fingerprint, **options) -> str:
+    return render(found, found.experiments, simulated=[found.predict()], **options)
+
+
+def section(page: str) -> str:
+    return page[page.index('id="sides"') : page.index('id="signals"')]
+
+
+def test_an_engine_that_is_not_described_has_its_picture_and_no_loop(undescribed) -> None:
+    page = rendered(undescribed)
+    sides = section(page)
+    assert "What the engine&#39;s torque has beyond the model" in sides
+    assert sides.count("<svg") == 1
+    assert "A dead band, or a gain that grows in steps, makes an S through zero error" in sides
+    assert "those of the load&#39;s side by itself are given" in sides
+    assert 'id="loop"' not in page
+    screen = text_of(first_screen(page))
+    assert "phase margin" not in screen
+    assert "not identifiable" not in screen
+
+
+def test_the_load_s_side_stands_beside_the_whole(undescribed) -> None:
+    row = re.search(r"<code>p</code>.*?</tr>", section(rendered(undescribed)))[0]
+    alone, whole = undescribed.load_side["p"], undescribed.optimum["p"]
+    assert f"{alone.value:.3f}" in row
+    assert f"{whole:.4g}" in row
+    text = str(undescribed)
+    assert "The load's side by itself (speed and torque alone, no model of the engine):" in text
+    assert "torque scale" not in text
+    described = replace(
+        undescribed, adequate={**undescribed.adequate, "sides": {"load": True, "engine": True}}
+    )
+    assert str(described).endswith("Both agree within their errors.")
+
+
+def test_a_fingerprint_without_sides_says_nothing_of_them(undescribed) -> None:
+    older = replace(undescribed, adequate={}, load_side={})
+    assert 'id="sides"' not in rendered(older)
+    assert "by itself" not in str(older)
+
+
+def test_operating_point_and_inertia_stand_on_top(undescribed) -> None:
+    point = undescribed.data[0]["operating_point"]
+    screen = text_of(first_screen(rendered(undescribed)))
+    power_kW = point["M_b"] * point["n_e"] * np.pi / 30.0 / 1e3
+    assert f"{point['n_e']:.4g}\u00a0rpm, {point['M_b']:.4g}\u00a0Nm, {power_kW:.3g}\u00a0kW" in screen.replace(
+        " rpm", "\u00a0rpm"
+    ).replace(" Nm", "\u00a0Nm").replace(" kW", "\u00a0kW")
+    tau = undescribed.parameters["tau_n"].value
+    inertia = next(row for row in facts(undescribed, [], None, Say()) if "kg" in row[2])
+    expected = tau * point["M_b"] / (point["n_e"] * np.pi / 30.0)
+    assert float(inertia[2].split("\u00a0")[0]) == pytest.approx(expected, rel=1e-2)
+
+
+def test_a_generating_set_has_its_inertia_constant(undescribed) -> None:
+    load = {**undescribed.first().signals, "M_load": undescribed.first().signals["M_b"]}
+    loaded = replace(undescribed.first(), signals=load, operating_point={**undescribed.first().operating_point})
+    told = {row[1]: row[2] for row in facts(undescribed, [loaded], None, Say())}
+    tau = undescribed.parameters["tau_n"].value
+    assert float(told["H"].split("\u00a0")[0]) == pytest.approx(0.5 * tau, rel=1e-2)
+
+
+@pytest.mark.parametrize(("half", "tone"), [(0.1, "good"), (0.22, "warn")])
+def test_green_is_only_what_is_known_to_a_fifth(undescribed, half, tone) -> None:
+    known = {"vK_p": Estimate(4.0, 2.0 * half, (4.0 - 4.0 * half, 4.0 + 4.0 * half))}
+    found = replace(undescribed, parameters=known, derived={}, usability="usable", usable="Any sentence.")
+    assert f'<p class="answer {tone}">Any sentence.' in render(found, [])
+
+
+def test_a_load_is_shown_above_what_it_drives() -> None:
+    time = np.arange(0.0, 40.0, 0.05)
+    load = 1000.0 + 100.0 * (np.sin(0.7 * time) > 0.0)
+    signals = {"n_set": np.full_like(time, 1500.0), "n_e": 1500.0 - 0.01 * load, "M_load": load}
+    trial = fp.Experiment("S1", 20.0, signals, {"n_set": 1500.0, "n_e": 1500.0, "M_load": 1000.0})
+    structure = fp.Structure.ship(["load"], outputs=("dn",))
+    found = fp.identify(trial, structure, noise="white", starts=1)
+    screen = first_screen(rendered(found))
+    assert "model&#39;s answer to the same load" in screen
