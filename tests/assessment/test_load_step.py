@@ -22,6 +22,7 @@ QUIET = {parameter.name: parameter.start for parameter in SHIP.parameters} | {"T
 def fingerprint(*, possible=(), **values):
     """Return what the table needs of a fingerprint."""
     return SimpleNamespace(
+        engine_described=True,
         optimum=QUIET | values,
         settings={"possible": possible},
         adequate={},

@@ -19,6 +19,7 @@ from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.frequency import FrequencyResponse
 from shipfp_rs.identification.fingerprint import Estimate, Fingerprint, Identifiability
 from shipfp_rs.plot import style
+from shipfp_rs.plot.frequency import windows
 from shipfp_rs.tacho import PulseTimes, ReflectorAngles
 
 UNIT = re.compile(r"\[(rpm|Nm|rev|rev/s|mm|s|Hz|deg|-|%)\]$")
@@ -210,3 +211,23 @@ def test_a_single_point_has_its_whole_numbers_at_the_axes() -> None:
 def test_the_set_point_has_one_colour_that_no_other_signal_has() -> None:
     assert style.COLOURS["n_set"] == style.SET_POINT
     assert list(style.COLOURS.values()).count(style.SET_POINT) == 1
+
+
+def test_windows_share_one_bode_plot_with_marks_of_their_own_and_plain_ticks() -> None:
+    frequency = np.array([0.05, 0.2, 1.0])
+    one = FrequencyResponse("a", frequency, {"n_e": 1.0 / (1.0 + 1j * frequency)})
+    axes = windows([(one, one), (replace(one, name="b"), one)], style.panels_of(None, 2, sharex=True))
+    marks = [line.get_marker() for line in axes[0].lines if line.get_linestyle() == "None"]
+    assert len(set(marks)) == 2
+    assert {text.get_text() for text in axes[0].get_legend().get_texts()} >= {
+        "model",
+        "a: engine speed $n_e$",
+    }
+    assert axes[1].xaxis.get_major_formatter()(0.05) == "0.05"
+
+
+def test_measured_set_point_and_model_are_told_apart(trial) -> None:
+    ax = plot.fit(trial, trial, stretch_s=(1.0, 3.0), signals=["n_e"])[0]
+    lines = {line.get_label(): line for line in ax.lines}
+    assert len({lines[name].get_color() for name in ("measured", "model", "set point")}) == 3
+    assert lines["measured"].get_linewidth() > 2.0 * lines["model"].get_linewidth()

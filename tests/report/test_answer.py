@@ -159,6 +159,22 @@ def test_what_is_open_is_one_line_with_what_would_settle_it(found) -> None:
     assert "T_set" not in line  # that it is short is what is told of it
 
 
+def test_what_would_sharpen_is_one_quantity_and_by_how_much(found) -> None:
+    rough = {name: Estimate(4.0, 1.0, (2.0, 6.0)) for name in ("g", "vK_p", "p")}
+    matrix = [[1.0, 0.8, 0.1], [0.8, 1.0, 0.96], [0.1, 0.96, 1.0]]
+    known = {"names": ["p", "g", "vK_p"], "matrix": matrix}
+    (line,) = open_questions(replace(found, parameters=rough, covariance=known), Say())
+    assert line.count("would narrow") == 1
+    assert line.endswith("to 28 % of its width.")  # the root of 1 - 0.96**2
+
+
+def test_the_correlations_of_all_parameters_are_a_table(page: str, found) -> None:
+    table = page[page.index("Correlations of the parameters") :]
+    first, second = [*found.correlations][:2]
+    row = re.search(rf"<code>{first}</code>.*?</tr>", table)[0]
+    assert f"{found.correlations[first][second]:.2f}" in row
+
+
 def test_the_choice_shows_what_acts_what_does_not_and_what_can_not_be_told(page: str) -> None:
     section = page[page.index('id="elements"') : page.index('id="loop"')]
     rows = {

@@ -125,6 +125,12 @@ def test_a_drive_without_propeller_and_engine_has_neither_in_any_word(language) 
     assert re.findall(r"(?i)propeller\w*|engine|fuel|rack\b|füllung|kraftstoff\w*", " ".join(told)) == []
 
 
+def test_an_article_goes_with_the_word_that_it_stands_before() -> None:
+    say = Say("en", ["engine = drive; fuel actuator = actuator"])
+    told = say.fitting("an engine, An engine and a fuel actuator beside the engine")
+    assert told == "a drive, A drive and an actuator beside the drive"
+
+
 def test_a_ship_keeps_its_words_and_a_measured_load_has_no_propeller() -> None:
     assert instead(Vessel.load("stan-tug-1205"), []) == []
     assert instead(None, []) == []

@@ -9,8 +9,10 @@ import pytest
 import shipfp_rs as fp
 from shipfp_rs.identification.estimate import Estimate
 from shipfp_rs.report import render
+from shipfp_rs.report.answer import _picture
 from shipfp_rs.report.language import Say
 from shipfp_rs.report.operating import facts
+from shipfp_rs.report.pictures import Pictures
 from tests.families import other_governors
 from tests.report.test_answer import first_screen, text_of
 
@@ -66,9 +68,10 @@ def test_operating_point_and_inertia_stand_on_top(undescribed) -> None:
     point = undescribed.data[0]["operating_point"]
     screen = text_of(first_screen(rendered(undescribed)))
     power_kW = point["M_b"] * point["n_e"] * np.pi / 30.0 / 1e3
-    assert f"{point['n_e']:.4g}\u00a0rpm, {point['M_b']:.4g}\u00a0Nm, {power_kW:.3g}\u00a0kW" in screen.replace(
-        " rpm", "\u00a0rpm"
-    ).replace(" Nm", "\u00a0Nm").replace(" kW", "\u00a0kW")
+    assert (
+        f"{point['n_e']:.4g}\u00a0rpm, {point['M_b']:.4g}\u00a0Nm, {power_kW:.3g}\u00a0kW"
+        in screen.replace(" rpm", "\u00a0rpm").replace(" Nm", "\u00a0Nm").replace(" kW", "\u00a0kW")
+    )
     tau = undescribed.parameters["tau_n"].value
     inertia = next(row for row in facts(undescribed, [], None, Say()) if "kg" in row[2])
     expected = tau * point["M_b"] / (point["n_e"] * np.pi / 30.0)
@@ -77,7 +80,9 @@ def test_operating_point_and_inertia_stand_on_top(undescribed) -> None:
 
 def test_a_generating_set_has_its_inertia_constant(undescribed) -> None:
     load = {**undescribed.first().signals, "M_load": undescribed.first().signals["M_b"]}
-    loaded = replace(undescribed.first(), signals=load, operating_point={**undescribed.first().operating_point})
+    loaded = replace(
+        undescribed.first(), signals=load, operating_point={**undescribed.first().operating_point}
+    )
     told = {row[1]: row[2] for row in facts(undescribed, [loaded], None, Say())}
     tau = undescribed.parameters["tau_n"].value
     assert float(told["H"].split("\u00a0")[0]) == pytest.approx(0.5 * tau, rel=1e-2)
@@ -95,7 +100,6 @@ def test_a_load_is_shown_above_what_it_drives() -> None:
     load = 1000.0 + 100.0 * (np.sin(0.7 * time) > 0.0)
     signals = {"n_set": np.full_like(time, 1500.0), "n_e": 1500.0 - 0.01 * load, "M_load": load}
     trial = fp.Experiment("S1", 20.0, signals, {"n_set": 1500.0, "n_e": 1500.0, "M_load": 1000.0})
-    structure = fp.Structure.ship(["load"], outputs=("dn",))
-    found = fp.identify(trial, structure, noise="white", starts=1)
-    screen = first_screen(rendered(found))
-    assert "model&#39;s answer to the same load" in screen
+    drawn = _picture([trial], [replace(trial, signals=signals)], Pictures(Say()), Say())
+    assert "model&#39;s answer to the same load" in drawn
+    assert drawn.count('id="picture1-axes_') == 1 + len(trial.outputs)

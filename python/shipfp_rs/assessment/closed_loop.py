@@ -94,12 +94,6 @@ def closed_loop(fingerprint: Fingerprint, structure: Structure | None = None) ->
     structure = structure or structure_of(fingerprint)
     require_linear(structure)
     values = dict(fingerprint.optimum)
-    if not fingerprint.engine_described:
-        reason = Sentence("engine and governor are not described")
-        return {
-            name: Estimate(None, unit=unit, status="unidentifiable", reason=reason)
-            for name, (unit, _) in _figures(structure, values).items()
-        }
     return {
         name: _same(fingerprint, name, figure(values))
         or estimated(fingerprint, structure, unit, figure, LEAST.get(name), endless=name in ENDLESS)
@@ -198,7 +192,7 @@ def _turned(structure: Structure, values: Values, frequency_hz: npt.ArrayLike) -
     way = np.union1d(SEARCHED_HZ[asked.max() >= SEARCHED_HZ], asked)
     phase = np.unwrap(np.angle(open_loop(structure, values, way)))
     turns = np.ceil(phase[0] / (2.0 * np.pi) - LEADING)
-    return np.degrees(phase[np.searchsorted(way, asked)] - 2.0 * np.pi * turns)
+    return np.asarray(np.degrees(phase[np.searchsorted(way, asked)] - 2.0 * np.pi * turns))
 
 
 def _phase_margin(structure: Structure, crossing: Figure, values: Values) -> float:
@@ -269,6 +263,7 @@ def _same(fingerprint: Fingerprint, name: str, value: float) -> Estimate | None:
     told = {**fingerprint.derived, **fingerprint.parameters}.get(SAME.get(name, ""))
     if (
         told is None
+        or not fingerprint.engine_described
         or told.value is None
         or told.ci95 is None
         or not np.isclose(told.value, value, rtol=1e-9)
@@ -294,6 +289,8 @@ def estimated(
     values = dict(fingerprint.optimum)
     value = figure(values)
     unknown = partial(Estimate, None, unit=unit, status="unidentifiable")
+    if not fingerprint.engine_described:
+        return unknown(reason=Sentence("engine and governor are not described"))
     if not np.isfinite(value):
         bounded = _possible(fingerprint, figure) if endless else []
         return unknown(ci95=(min(bounded), np.inf) if bounded else None, reason=Sentence("there is none"))

@@ -129,7 +129,12 @@ class FingerprintTables:
             return []
         rows = [("symbol", "by itself", "95 % interval", "whole model", "95 % interval", "unit")]
         rows += [
-            (one.name, *_figures(one), whole.value, f"{whole.low} to {whole.high}" if whole.low else "", one.unit)
+            (
+                *(one.name, *_figures(one)),
+                whole.value,
+                f"{whole.low} to {whole.high}" if whole.low else "-",
+                one.unit,
+            )
             for one, whole in beside_the_whole(self)
         ]
         widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
@@ -261,7 +266,9 @@ def beside_the_whole(fingerprint: FingerprintTables) -> Iterator[tuple[Row, Row]
     known = {name: one for name, one in fingerprint.load_side.items() if name in fingerprint.parameters}
     for row in rounded_rows(known):
         left = fingerprint.settings.get("optimum", {}).get(row.name)
-        whole = fingerprint.parameters[row.name] if fingerprint.engine_described else Estimate(left, status="fixed")
+        whole = fingerprint.parameters[row.name]
+        if not fingerprint.engine_described:
+            whole = Estimate(left, None if left is None else known[row.name].std)
         yield row, next(rounded_rows({row.name: whole}))
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -104,6 +103,10 @@ def next_steps(fingerprint: Fingerprint, say: Say) -> list[str]:
     """Return what to do about a fingerprint that can't be used, or holds for its model only; nothing for any other."""
     # Whether its intervals hold for the ship is said in its sentence; a bent one misses nothing.
     bent = not fingerprint.adequate.get("stands", True) or "hold for the model" in fingerprint.usable
+    if not fingerprint.why_not and not fingerprint.engine_described:
+        return [
+            say("What engine and governor do otherwise is drawn below, under the sides of load and engine.")
+        ]
     if not fingerprint.why_not and not bent:
         return []
     part = say(
@@ -276,7 +279,10 @@ def open_questions(fingerprint: Fingerprint, say: Say) -> list[str]:
     """Return a line for what can't be told, or only roughly, and what would settle it; nothing of a model that is not so."""
     if fingerprint.why_not not in ("", "nothing told"):
         return []
-    estimates = fingerprint.parameters
+    described = fingerprint.engine_described  # else the first sentence says what is not given
+    estimates = {
+        name: one for name, one in fingerprint.parameters.items() if described or one.value is not None
+    }
     unknown = as_looked_at(
         name
         for name, estimate in estimates.items()
@@ -308,18 +314,23 @@ def open_questions(fingerprint: Fingerprint, say: Say) -> list[str]:
 
 
 def _sharpened(fingerprint: Fingerprint, names: Sequence[str], say: Say) -> str:
-    """Say which parameters, if known from elsewhere, would sharpen the others; nothing if no two are correlated."""
+    """Say which one parameter, known from elsewhere, would sharpen another most, and by how much; nothing if none would."""
     related = fingerprint.correlations
-    linked = [
-        name
-        for name in names
-        if any(abs(related.get(name, {}).get(other, 0.0)) > RELATED for other in names if other != name)
+    pairs = [
+        (abs(related.get(one, {}).get(other, 0.0)), one, other)
+        for one in names
+        for other in related
+        if other != one and other not in CHANNELS
     ]
-    if not linked:
+    strength, one, other = max(pairs, default=(0.0, "", ""))
+    if not RELATED < strength < 1.0:
         return ""
     return say(
-        "One of these, known from elsewhere (torsional calculation, factory test), would sharpen the others: {names}.",
-        names=_listed(linked, say),
+        "Known from elsewhere (torsional calculation, factory test), the {other} would narrow the interval of the {one} to "
+        "{share} % of its width.",
+        one=f"{short_name(one, say)} ({one})",
+        other=f"{short_name(other, say)} ({other})",
+        share=f"{100.0 * np.sqrt(1.0 - strength**2):.2g}",
     )
 
 

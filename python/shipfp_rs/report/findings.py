@@ -241,6 +241,7 @@ def statistics(fingerprint: Fingerprint, pictures: Pictures, say: Say) -> Iterab
     yield from _fits(fingerprint, say)
     yield piece("heading", say("Identifiable parameters"))
     yield from _rank(fingerprint, say)
+    yield from _correlations(fingerprint, say)
     yield piece("heading", say("What the residuals say"))
     yield from _residual_tests(fingerprint, pictures, say)
 
@@ -256,6 +257,22 @@ def _rank(fingerprint: Fingerprint, say: Say) -> Iterable[str]:
     if found.closes_gap:
         yield paragraph(say("Any one of these, known from elsewhere, would settle the rest:"))
         yield bullets(say(names) for names in found.closes_gap)
+
+
+def _correlations(fingerprint: Fingerprint, say: Say) -> Iterable[str]:
+    """Yield the correlations of the parameters that were searched for."""
+    related = fingerprint.correlations
+    if len(related) < 2:
+        return
+    yield piece("heading", say("Correlations of the parameters"))
+    yield table(
+        say("correlation of each two parameters"),
+        [say("symbol"), *related],
+        [
+            [Cell(name, code=True), *(number(f"{value:.2f}", key=value) for value in row.values())]
+            for name, row in related.items()
+        ],
+    )
 
 
 def _fits(fingerprint: Fingerprint, say: Say) -> Iterable[str]:

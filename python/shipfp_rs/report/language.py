@@ -47,8 +47,7 @@ class Say:
         self._translated = catalogue(language).gettext
         self._decimal = self._translated("1.5")[1]
         pairs = [pair.split(" = ") for words in instead for pair in self._translated(words).split("; ")]
-        article = r"(?:\b([Aa])n? )?" if language == "en" else "()"
-        self._instead = [(re.compile(rf"{article}\b{re.escape(said)}\b"), word) for said, word in pairs]
+        self._instead = [(re.compile(rf"\b{re.escape(said)}\b"), word) for said, word in pairs]
 
     def __call__(self, text: str, /, **values: Any) -> str:
         """Return a text, its fields in braces filled in; as it is where the catalogue does not know it."""
@@ -73,10 +72,10 @@ class Say:
     def fitting(self, text: str) -> str:
         """Return a text of the report in words that go with the trial's drive and load."""
         for pattern, word in self._instead:
-            article = "n " if word[0] in "aeiou" else " "
-            text = pattern.sub(
-                lambda found, word=word, article=article: (found[1] + article if found[1] else "") + word, text
-            )
+            if self.language == "en":
+                article = r"\1n " if word[0] in "aeiou" else r"\1 "
+                text = re.sub(rf"\b([Aa])n? (?={pattern.pattern})", article, text)
+            text = pattern.sub(word, text)
         return text
 
     def figure(self, text: str) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -52,6 +53,7 @@ def section(fingerprint: Fingerprint, loop: Mapping[str, Estimate], say: Say) ->
     if not loop or fingerprint.why_not:
         return
     yield paragraph(say("Computed from the model linearised about the operating point, for small motions."))
+    loop = {name: in_per_cent(one) if name == "overshoot" else one for name, one in loop.items()}
     yield table(
         say("poles, margins and gains of the loop"),
         say.each("figure", "estimate", "95 % interval", "unit", "note"),
@@ -65,6 +67,21 @@ def section(fingerprint: Fingerprint, loop: Mapping[str, Estimate], say: Say) ->
             ]
             for row in rounded_rows(loop)
         ],
+    )
+
+
+def in_per_cent(estimate: Estimate) -> Estimate:
+    """Return a share as per cent."""
+    value, std, ends = (
+        None if one is None else 100.0 * np.asarray(one)
+        for one in (estimate.value, estimate.std, estimate.ci95)
+    )
+    return replace(
+        estimate,
+        value=None if value is None else float(value),
+        std=None if std is None else float(std),
+        ci95=None if ends is None else (float(ends[0]), float(ends[1])),
+        unit="%",
     )
 
 
@@ -110,7 +127,7 @@ def _class(name: str, found: Governing, say: Say) -> Row:
         name,
         _told(found.deviation, say),
         number(f"{found.limits.deviation_pct:g}"),
-        _told(found.recovery, say),
+        number(say("never outside")) if found.recovery.value == 0.0 else _told(found.recovery, say),
         number(f"{found.limits.recovery_s:g}"),
         Cell(states[found.state], tone=TONES[found.state]),
         _told(found.largest, say) if found.largest.value != WHOLE_PCT else number(f"≥ {WHOLE_PCT:g}"),

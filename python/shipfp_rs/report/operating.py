@@ -50,7 +50,9 @@ def facts(
     whole = fingerprint.parameters.get("tau_n")
     if whole is not None and whole.value is not None and feeds_a_generator(experiments, vessel):
         name = say("inertia constant")
-        rows.append(_fact(name, _scaled(whole, 0.5, "s"), say("on the power of the operating point"), say, "H"))
+        rows.append(
+            _fact(name, _scaled(whole, 0.5, "s"), say("on the power of the operating point"), say, "H")
+        )
     return rows
 
 

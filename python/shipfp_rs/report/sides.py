@@ -1,12 +1,13 @@
-"""Both sides of the drive train by themselves: what speed and torque alone tell of the load, what the engine's side shows."""
+"""Both sides of the drive train by themselves: what speed and torque alone tell, what the engine's side shows."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from shipfp_rs.identification.estimate import Row
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.identification.fingerprint_tables import agreement, beside_the_whole
 from shipfp_rs.plot.style import BLUE, GREY, ORANGE, dress
@@ -30,20 +31,23 @@ def section(fingerprint: Fingerprint, pictures: Pictures, say: Say) -> Iterable[
         yield piece(
             "heading", say("The load's side by itself (speed and torque alone, no model of the engine)")
         )
+        rows = [*beside_the_whole(fingerprint)]
+        bare = not any(whole.low for _, whole in rows)
+        head = [*say.each("symbol", "name", "by itself", "95 % interval"), say("whole model")]
         yield table(
             say("the load's side by itself and by the whole model"),
-            [
-                *say.each("symbol", "name", "by itself", "95 % interval"),
-                *say.each("whole model", "95 % interval", "unit"),
-            ],
+            [*head, *([] if bare else [say("95 % interval")]), say("unit")],
             [
                 [
                     Cell(alone.name, code=True),
                     say.name(alone.name),
-                    *(number(text) for one in (alone, whole) for text in (one.value, ends(one, say))),
+                    number(alone.value),
+                    number(ends(alone, say)),
+                    number(whole.value),
+                    *([] if bare else [number(ends(whole, say))]),
                     unit_shown(alone.unit),
                 ]
-                for alone, whole in beside_the_whole(fingerprint)
+                for alone, whole in rows
             ],
         )
         yield paragraph(say(agreement(fingerprint)))
@@ -66,7 +70,7 @@ def section(fingerprint: Fingerprint, pictures: Pictures, say: Say) -> Iterable[
     )
 
 
-def ends(row: Any, say: Say) -> str:
+def ends(row: Row, say: Say) -> str:
     """Write the interval of a row; nothing where it has none."""
     return say("{low} to {high}", low=row.low, high=row.high) if row.low else ""
 
