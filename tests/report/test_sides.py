@@ -11,6 +11,7 @@ from shipfp_rs.identification.estimate import Estimate
 from shipfp_rs.report import render
 from shipfp_rs.report.answer import _picture
 from shipfp_rs.report.language import Say
+from shipfp_rs.report.loop import in_per_cent
 from shipfp_rs.report.operating import facts
 from shipfp_rs.report.pictures import Pictures
 from tests.families import other_governors
@@ -103,3 +104,15 @@ def test_a_load_is_shown_above_what_it_drives() -> None:
     drawn = _picture([trial], [replace(trial, signals=signals)], Pictures(Say()), Say())
     assert "model&#39;s answer to the same load" in drawn
     assert drawn.count('id="picture1-axes_') == 1 + len(trial.outputs)
+
+
+def test_an_engine_that_is_not_described_is_not_said_to_lack_excitation(undescribed) -> None:
+    screen = text_of(first_screen(rendered(undescribed)))
+    assert "More excitation" not in screen
+    assert "What engine and governor do otherwise is drawn below" in screen
+
+
+def test_an_overshoot_is_told_in_per_cent() -> None:
+    told = in_per_cent(Estimate(0.38, 0.01, (0.36, 0.40)))
+    assert (told.value, told.ci95, told.unit) == (pytest.approx(38.0), pytest.approx((36.0, 40.0)), "%")
+    assert in_per_cent(Estimate(None)).value is None
