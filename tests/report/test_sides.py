@@ -11,9 +11,10 @@ from shipfp_rs.identification.estimate import Estimate
 from shipfp_rs.report import render
 from shipfp_rs.report.answer import _picture
 from shipfp_rs.report.language import Say
-from shipfp_rs.report.loop import in_per_cent
+from shipfp_rs.report.loop import in_per_cent, steps
 from shipfp_rs.report.operating import facts
 from shipfp_rs.report.pictures import Pictures
+from tests.assessment.test_measured_steps import record
 from tests.families import other_governors
 from tests.report.test_answer import first_screen, text_of
 
@@ -110,6 +111,13 @@ def test_an_engine_that_is_not_described_is_not_said_to_lack_excitation(undescri
     screen = text_of(first_screen(rendered(undescribed)))
     assert "More excitation" not in screen
     assert "What engine and governor do otherwise is drawn below" in screen
+
+
+def test_measured_load_steps_are_a_table() -> None:
+    (heading, told) = steps([record()], Say())
+    assert "Load steps as measured" in heading
+    assert re.findall(r'class="number"[^>]*>([^<]*)</td>', told)[:3] == ["10.0", "+40", "5"]
+    assert [*steps([replace(record(), signals={"n_set": np.ones(9), "n_e": np.ones(9)})], Say())] == []
 
 
 def test_an_overshoot_is_told_in_per_cent() -> None:

@@ -128,19 +128,24 @@ def answered(
         if kind and fit.side
         else _covariance(profiles, fit, parameters),
         elements=element_rows(fit, parameters),
-        adequate={
-            "stands": max(misses.values()) <= SMALL_MISS_PCT,
-            "misses_pct": misses,
-            "bias": {},
-            "dispersion": 1.0,
-            "sides": {"load": fit.side is not None or not kind, "engine": not kind},
-            "engine": {name: score._asdict() for name, score in fit.scores.items()},
-            "engine_curves": engine_curves(fit) if fit.scores else {},
-        },
+        adequate=_adequate(fit, misses, kind),
         load_side={} if fit.side is None else fit.side.parameters,
     )
     fingerprint = with_verdict(fingerprint, strain(fit.likelihood, fit.best.vector), kind)
     return replace(fingerprint, verdict=(*fingerprint.verdict, *doubts(question.experiments)))
+
+
+def _adequate(fit: ShipFit, misses: Mapping[str, float], kind: str | None) -> dict[str, Any]:
+    """Return what the residuals say of the model; `kind` is what contradicts its engine and governor."""
+    return {
+        "stands": max(misses.values()) <= SMALL_MISS_PCT,
+        "misses_pct": misses,
+        "bias": {},
+        "dispersion": 1.0,
+        "sides": {"load": fit.side is not None or not kind, "engine": not kind},
+        "engine": {name: score._asdict() for name, score in fit.scores.items()},
+        "engine_curves": engine_curves(fit) if fit.scores else {},
+    }
 
 
 def intervals_of(

@@ -131,6 +131,7 @@ def render(
             [
                 *loop.section(fingerprint, figures, say),
                 *loop.classes(fingerprint, structure, figures, experiments, vessel, say),
+                *loop.steps(experiments, say),
             ],
         ),
         ("signals", say("Signals and model"), _signals(experiments, simulated, pictures, say)),
@@ -157,15 +158,20 @@ def render(
         vessel=fingerprint.vessel or say("drive train not named"),
         name=_structure_name(fingerprint, say),
     )
+    return say.cells(_page(title, ship, sections, say))
+
+
+def _page(title: str, ship: str, sections: Sequence[tuple[str, str, Sequence[str]]], say: Say) -> str:
+    """Return the page that holds sections, with its scripts and the policy that lets no other one run."""
     scripts = [_resource(name) for name in ("sort.js", "save.js", "zoom.js")]
     # Whatever slipped through the escaping could neither run nor call anyone.
     allowed = " ".join(f"'sha256-{_digest(script)}'" for script in scripts)
     policy = f"default-src 'none'; style-src 'unsafe-inline'; img-src data:; script-src {allowed}"
-    page = (
+    return (
         environment()
         .get_template("report.html")
         .render(
-            language=language,
+            language=say.language,
             title=title,
             ship=ship,
             skip=say("Skip to the parameters"),
@@ -176,7 +182,6 @@ def render(
             sections=sections,
         )
     )
-    return say.cells(page)
 
 
 def _structure_name(fingerprint: Fingerprint, say: Say) -> str:

@@ -10,6 +10,7 @@ import numpy as np
 
 from shipfp_rs.assessment.closed_loop import closed_loop
 from shipfp_rs.assessment.load_step import STEP_PCT, WHOLE_PCT, Governing, governing
+from shipfp_rs.assessment.measured_steps import measured_steps
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.identification import wording
@@ -18,7 +19,7 @@ from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.plot.style import BLUE, GREY, ORANGE, SET_POINT, dress
 from shipfp_rs.report.answer import at_an_end, interval, unit_shown
 from shipfp_rs.report.language import Say
-from shipfp_rs.report.markup import Cell, Row, number, paragraph, table
+from shipfp_rs.report.markup import Cell, Row, number, paragraph, piece, table
 from shipfp_rs.report.operating import feeds_a_generator
 from shipfp_rs.report.pictures import NARROW, Pictures
 from shipfp_rs.structures.linearised import loop_of, state_space
@@ -119,6 +120,40 @@ def classes(
         head,
         [_class(name, one, say) for name, one in governing(fingerprint, structure).items()],
     )
+
+
+def steps(experiments: Iterable[Experiment], say: Say) -> Iterable[str]:
+    """Yield the table of the load steps that were measured; nothing where there are none."""
+    rows: list[Row] = [
+        [
+            experiment.name,
+            number(f"{one.at_s:.1f}"),
+            number(f"{one.step_pct:+.3g}"),
+            number(f"{one.deviation_pct:.2g}"),
+            number(_recovered(one.recovery_s, say), key=one.recovery_s),
+        ]
+        for experiment in experiments
+        for one in measured_steps(experiment)
+    ]
+    if rows:
+        yield piece("heading", say("Load steps as measured"))
+        yield table(
+            say("measured load steps"),
+            say.each(
+                "experiment",
+                "at [s]",
+                "load step [% of the operating torque]",
+                "speed deviates by [%]",
+                "back within 2 % after [s]",
+            ),
+            rows,
+        )
+
+
+def _recovered(seconds: float | None, say: Say) -> str:
+    if seconds is None:
+        return say("not before the next step or the end")
+    return f"{seconds:.2g}" if seconds else say("never outside")
 
 
 def _class(name: str, found: Governing, say: Say) -> Row:

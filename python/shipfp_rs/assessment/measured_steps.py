@@ -1,0 +1,95 @@
+"""Load steps as they were measured: how far the speed goes, and when it is back."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from shipfp_rs.experiments.experiment import Experiment
+from shipfp_rs.support.arrays import Array
+
+LEAST_STEP = 0.05
+"""Part of the operating torque from which on a change of the load within `AROUND_S` is a step."""
+AROUND_S, BEFORE_S, APART_S = 0.5, 1.0, 3.0
+"""Time on either side over which a step happens, stretch before and behind it that is its level, and least time between
+two steps [s]."""
+STILL = 2e-3
+"""Part of the operating speed by which a set point that stands may move."""
+STEADY = 0.15
+"""Deviation of a load before and behind a step, over the step, up to which it is one, and no part of a swing."""
+BAND_PCT = 2.0
+"""Band about the speed before the step within which it has recovered, of classes G2 and G3 of ISO 8528-5 [%]."""
+
+
+@dataclass(frozen=True)
+class MeasuredStep:
+    """A load step: when [s], by how much of the operating torque [%], the speed's greatest deviation [%], recovery [s].
+
+    The deviation is a fall where the load rises, and a rise where it falls; `recovery_s` is None where the speed is not back
+    before the next step, or before the record ends.
+    """
+
+    at_s: float
+    step_pct: float
+    deviation_pct: float
+    recovery_s: float | None
+
+
+def measured_steps(experiment: Experiment) -> list[MeasuredStep]:
+    """Return the load steps of an experiment with a measured load, those during which the set point stands.
+
+    Examples
+    --------
+    >>> measured_steps(experiment)[0].deviation_pct  # doctest: +SKIP
+    4.2
+    """
+    if not {"M_load", "n_e"} <= set(experiment.signals):
+        return []
+    rate_hz = experiment.rate_hz
+    load, speed = (_bridged(experiment.normalised(name)) for name in ("M_load", "n_e"))
+    asked = experiment.dn_set if "n_set" in experiment.signals else np.zeros(len(load))
+    around, before = round(AROUND_S * rate_hz), round(BEFORE_S * rate_hz)
+    places = _places(load, around, round(APART_S * rate_hz))
+    found = []
+    for place, following in zip(places, [*places[1:], len(load) + around], strict=True):
+        level = slice(place - around - before, place - around)
+        after = slice(place + around, min(place + around + before, following - around))
+        if level.start < 0 or after.stop - after.start < before // 2:
+            continue
+        moved = np.abs(asked[level.start : following - around] - asked[level].mean()) > STILL
+        end = level.start + int(np.argmax(moved)) if moved.any() else following - around
+        if end < after.stop:
+            continue
+        step = float(load[after].mean() - load[level].mean())
+        if max(load[level].std(), load[after].std()) > STEADY * abs(step):
+            continue
+        off = 100.0 * (speed[place - around : end] - speed[level].mean())
+        outside = np.flatnonzero(np.abs(off) > BAND_PCT)
+        # Since the step began, which lies about the middle of the stretch over which it is looked for.
+        last = (outside[-1] + 1 - around) / rate_hz if len(outside) else 0.0
+        back = not len(outside) or outside[-1] + 1 < len(off)
+        deviation = float((-np.sign(step) * off).max())
+        found.append(MeasuredStep(place / rate_hz, 100.0 * step, deviation, max(last, 0.0) if back else None))
+    return found
+
+
+def _bridged(row: Array) -> Array:
+    """A signal with lines over what is masked."""
+    kept = np.flatnonzero(np.isfinite(row))
+    return np.interp(np.arange(len(row)), kept, row[kept]) if len(kept) else np.zeros(len(row))
+
+
+def _places(load: Array, around: int, apart: int) -> list[int]:
+    """Where a load changes most, one place a step."""
+    change = np.zeros(len(load))
+    change[around : len(load) - around] = np.abs(load[2 * around :] - load[: -2 * around])
+    places: list[int] = []
+    while (largest := float(change.max(initial=0.0))) > LEAST_STEP:
+        # The middle of the stretch over which the change is as large: there the step is.
+        first = int(np.argmax(change))
+        near = np.flatnonzero(change[first : first + 2 * around + 1] > 0.5 * largest)
+        place = first + int(near.mean())
+        places.append(place)
+        change[max(place - apart, 0) : place + apart] = 0.0
+    return sorted(places)
