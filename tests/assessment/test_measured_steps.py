@@ -17,6 +17,7 @@ def record(*, moving: bool = False, band: float = 1.0) -> fp.Experiment:
         since = time - at
         load += np.where(since >= 0.0, size, 0.0)
         speed -= np.where(since >= 0.0, 0.125 * size * np.exp(-np.maximum(since, 0.0)), 0.0) * band
+    load += 0.005 * np.random.default_rng(3).standard_normal(len(time))
     asked = 1.0 + (0.02 * np.sin(time) if moving else 0.0)
     signals = {"n_set": 1500.0 * asked * np.ones_like(time), "n_e": 1500.0 * speed, "M_load": 900.0 * load}
     return fp.Experiment("S1", RATE_HZ, signals, {"n_set": 1500.0, "n_e": 1500.0, "M_load": 900.0})
@@ -25,7 +26,7 @@ def record(*, moving: bool = False, band: float = 1.0) -> fp.Experiment:
 def test_dip_and_recovery_are_those_of_the_answer() -> None:
     up, down = measured_steps(record())
     assert (up.at_s, down.at_s) == pytest.approx((10.0, 30.0), abs=0.05)
-    assert (up.step_pct, down.step_pct) == pytest.approx((40.0, -40.0))
+    assert (up.step_pct, down.step_pct) == pytest.approx((40.0, -40.0), abs=0.5)
     for one in (up, down):
         assert one.deviation_pct == pytest.approx(5.0, abs=0.1)
         assert one.recovery_s == pytest.approx(np.log(5.0 / 2.0), abs=0.06)  # 5 % exp(-t) = 2 %

@@ -70,7 +70,9 @@ def measured_steps(experiment: Experiment) -> list[MeasuredStep]:
         last = (outside[-1] + 1 - around) / rate_hz if len(outside) else 0.0
         back = not len(outside) or outside[-1] + 1 < len(off)
         deviation = float((-np.sign(step) * off).max())
-        found.append(MeasuredStep(place / rate_hz, 100.0 * step, deviation, max(last, 0.0) if back else None))
+        found.append(
+            MeasuredStep(place / rate_hz, 100.0 * step, deviation, float(max(last, 0.0)) if back else None)
+        )
     return found
 
 
@@ -88,8 +90,9 @@ def _places(load: Array, around: int, apart: int) -> list[int]:
     while (largest := float(change.max(initial=0.0))) > LEAST_STEP:
         # The middle of the stretch over which the change is as large: there the step is.
         first = int(np.argmax(change))
-        near = np.flatnonzero(change[first : first + 2 * around + 1] > 0.5 * largest)
-        place = first + int(near.mean())
+        begin = max(first - 2 * around, 0)
+        near = np.flatnonzero(change[begin : first + 2 * around + 1] > 0.5 * largest)
+        place = begin + int(near.mean())
         places.append(place)
         change[max(place - apart, 0) : place + apart] = 0.0
     return sorted(places)
