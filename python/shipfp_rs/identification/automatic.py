@@ -96,6 +96,10 @@ def answered(
         with suppress(IdentificationError):
             _, other, _ = intervals_of(refined(fit.stiff), figures, "symmetric")
             found = {name: _either(one, other[name]) for name, one in found.items()}
+    for one in fit.also:
+        if one.total < fit.total + RISE:
+            _, other, _ = intervals_of(one, figures, "symmetric")
+            found = {name: _either(found[name], other[name]) for name in found}
     profiles = Profiles(fit.likelihood, list(fit.basins))
     structure = structure_of(fit)
     told = {name: _estimate(fit, name, found[name]) for name in (*names, *gains)}

@@ -26,6 +26,8 @@ BANDS = (0.3, 0.6, 0.85)
 """Quantiles of the error inside which a governor's gain may be another one."""
 LIMITS = {"torque_limit", "rack_rate"}
 """Shapes that a limiter takes away: a negative part of them is none."""
+SEEN = 2.0
+"""Least share of a shape that is there, over what gauge and calibration leave open: two deviations."""
 CONSISTENT = 2.7
 """Least consistency of a shape that is there: chance exceeds it once in twenty, to one side."""
 NEAR = 3.0
@@ -186,7 +188,7 @@ def suspected(scores: Mapping[str, Score]) -> str | None:
     sure = {
         kind: score.fall * (NEAR if kind in LIMITS else 1.0)
         for kind, score in scores.items()
-        if score.fall > BELIEVED and score.consistency > CONSISTENT and score.share > ACCURACY
+        if score.fall > BELIEVED and score.consistency > CONSISTENT and score.share > SEEN * ACCURACY
     }
     return max(sure, key=lambda kind: sure[kind], default=None)
 

@@ -16,6 +16,8 @@ from shipfp_rs.errors import IdentificationError, SimulationError
 from shipfp_rs.identification.basins import (
     ALIKE,
     LIKELY,
+    SAME,
+    Basin,
     best_basins,
     by_own_noise,
     descend,
@@ -47,9 +49,11 @@ from shipfp_rs.support.progress import part, tell
 DELAYS = {"T_d", "T_set", "tau_act"}
 WAYS: tuple[Between, ...] = ("band-limited", "straight", "held")
 """Courses of a set point between its samples, where processing did not low-pass it."""
+SCALES = (0.6, 1.7)
+"""Factors of the inertia at which a ship with a gauge is searched again."""
 STEPS_ELSEWHERE = 12
 """Steps at most to where other delays lead, before noise and corrections are their own."""
-REDIVIDED, MORE = 3, 3
+REDIVIDED, MORE = 3, 4
 """How often delays are parted otherwise at most, and how many new ends go down to their minima each time."""
 
 
@@ -188,7 +192,8 @@ def with_other_delays(fit: ShipFit, until: float | None = None) -> ShipFit:
         if len(DELAYS & set(c.free)) < 2:
             break
         states = c.states_at(before.vector)
-        starts = [c.vector({**fit.values, **parts}, states) for parts in _redivided(fit.values)]
+        parts = [*_redivided(fit.values), *(_scaled(fit.values) if fit.question.gauge else [])]
+        starts = [c.vector({**fit.values, **one}, states) for one in parts]
         fit, fell = (_elsewhere if fit.is_smooth else _elsewhere_simulated)(fit, starts, until)
         if fell < 1.0:
             break
@@ -198,19 +203,27 @@ def with_other_delays(fit: ShipFit, until: float | None = None) -> ShipFit:
 def _elsewhere(fit: ShipFit, starts: Sequence[Array], until: float | None) -> tuple[ShipFit, float]:
     """Return the fit from the likeliest end, each with its own noise and corrections, and by how much the total fell."""
     ends = [descend(fit.likelihood, one, steps=STEPS_ELSEWHERE, settled=1.0, until=until) for one in starts]
-    ends = [one for one in ends if one.cost < fit.best.cost + LIKELY]
     others = [one for one in distinct(fit.likelihood, [fit.best, *ends]) if one is not fit.best]
     own = [by_own_noise(fit.likelihood, one.vector, until=until) for one in (fit.best, *others)]
     likely = [one for one in own[1:] if one.cost < own[0].cost + LIKELY]
     likely = sorted(likely, key=lambda one: one.cost)[:MORE]
-    tried = [settled(replace(fit, basins=(one,)), until) for one in (fit.best, *likely)]
-    totals = [one.likelihood.total(one.best.vector) for one in tried]
-    best = tried[int(np.argmin(totals))]
+    tried = [settled(replace(fit, basins=(one,), also=()), until) for one in (fit.best, *likely)]
+    before = tried[0].total
+    tried = sorted((*tried, *fit.also), key=lambda one: one.total)
+    best = tried[0]
     near = [descend(best.likelihood, one.vector, until=until) for one in (*fit.basins, *others)]
     # What is lower under this noise only was tried under its own.
     near = [one for one in near if best.best.cost <= one.cost < best.best.cost + ALIKE]
-    found = replace(best, basins=tuple(distinct(best.likelihood, [best.best, *near])))
-    return found, totals[0] - min(totals)
+    basins = tuple(distinct(best.likelihood, [best.best, *near]))
+    also = [one for one in tried[1:] if one.total < best.total + ALIKE and _is_apart(best, basins, one)]
+    return replace(best, basins=basins, also=tuple(also)), before - best.total
+
+
+def _is_apart(fit: ShipFit, basins: Sequence[Basin], other: ShipFit) -> bool:
+    """Whether an end that is as likely under its own noise is none of the minima under a fit's."""
+    known = fit.best.products or fit.likelihood.products(fit.best.vector)
+    moves = [other.best.vector - one.vector for one in basins]
+    return all(one @ known.matrix @ one > SAME and np.abs(one).max() > 1e-3 for one in moves)
 
 
 def _elsewhere_simulated(fit: ShipFit, starts: Sequence[Array], until: float | None) -> tuple[ShipFit, float]:
@@ -222,6 +235,16 @@ def _elsewhere_simulated(fit: ShipFit, starts: Sequence[Array], until: float | N
     ends = distinct(fit.likelihood, [*fit.basins, *each(fit.likelihood, new[:MORE], until)])
     found = replace(fit, basins=tuple(one for one in ends if one.cost < ends[0].cost + ALIKE))
     return found, fit.best.cost - found.best.cost
+
+
+def _scaled(values: Mapping[str, float]) -> list[dict[str, float]]:
+    """Ships of other inertias ahead of the gauge: all but the curvature of N^p tells ratios to the inertia only."""
+    p, g = values["p"], values["g"]
+    return [
+        {"tau_n": values["tau_n"] * factor, "g": p - (p - g) * factor}
+        | {name: values[name] * factor for name in ("vK_p", "vK_i") if name in values}
+        for factor in SCALES
+    ]
 
 
 def _redivided(values: Mapping[str, float]) -> list[dict[str, float]]:

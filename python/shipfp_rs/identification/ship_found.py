@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -48,7 +49,7 @@ class ShipFit:
 
     `gains` tells of each element tried by how much the deviance fell with it; `elements` those that act in the model;
     `stiff` is the fit before a twist came in; `scores` what the engine's side shows beyond the model, by kind;
-    `side` what the load's side tells by itself.
+    `side` what the load's side tells by itself; `also` are other ends that are as likely, each under its own noise.
     """
 
     question: Question
@@ -60,11 +61,17 @@ class ShipFit:
     stiff: ShipFit | None = None
     scores: Mapping[str, Score] = field(default_factory=dict)
     side: LoadSide | None = None
+    also: tuple[ShipFit, ...] = ()
 
     @property
     def best(self) -> Basin:
         """The lowest minimum."""
         return self.basins[0]
+
+    @cached_property
+    def total(self) -> float:
+        """Deviance of the best minimum under the noise of its own residuals, with that noise's determinant."""
+        return self.likelihood.total(self.best.vector)
 
     @property
     def is_smooth(self) -> bool:

@@ -332,16 +332,18 @@ class Spectra:
         return replace(found, slip=found._slip(values, gauge)) if values.get("tau_twist") else found
 
     def _slip(self, values: Mapping[str, float], gauge: bool) -> Array:
-        """Speed that the shaft's torque makes by twisting it, (K,)."""
-        twist, damping = values["tau_twist"], values.get("zeta_twist", 0.0)
-        named = dict(zip(self.outputs, self.decimated, strict=True))
-        found = self._through(named["dM"], lambda s: twist * s / (1.0 + damping * twist * s), 0.0, twist)
-        if not gauge:
-            ahead = values["tau_n"] - values["tau_prop"]
-            found -= self._through(
-                named["dn"], lambda s: ahead * twist * s**2 / (1.0 + damping * twist * s), 0.0, 0.0
+        """Speed that the shaft twists by where the set point moves it (K,), the model's: the torque's noise is steep."""
+        known = loop_of(values)
+
+        def transfer(s: ComplexArray) -> ComplexArray:
+            frequency = s.imag / (2.0 * np.pi)
+            engine, propeller = (
+                TransferFunctions(("dn",), gauge, place).response(known, frequency, ())[0][0]
+                for place in ("engine", "propeller")
             )
-        return found
+            return np.asarray((engine - propeller) * self._between_samples(frequency))
+
+        return self._through(self.set_point_low, transfer, 0.0, values["tau_twist"] * values["p"])
 
     def running(self, between: Between) -> Spectra:
         """Return the record whose set point runs otherwise between its samples, without corrections."""
