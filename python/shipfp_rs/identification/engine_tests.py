@@ -26,8 +26,8 @@ BANDS = (0.3, 0.6, 0.85)
 """Quantiles of the error inside which a governor's gain may be another one."""
 LIMITS = {"torque_limit", "rack_rate"}
 """Shapes that a limiter takes away: a negative part of them is none."""
-SEEN = 2.0
-"""Least share of a shape that is there, over what gauge and calibration leave open: two deviations."""
+SEEN = 1.5
+"""Least share of a shape that is there, over what gauge and calibration leave open."""
 CONSISTENT = 2.7
 """Least consistency of a shape that is there: chance exceeds it once in twenty, to one side."""
 NEAR = 3.0

@@ -7,7 +7,7 @@ by the search's coordinates.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Self
 
@@ -50,11 +50,14 @@ class EquationLikelihood(Likelihood):
     ----------
     gauge
         Whether the torque is read between the inertias.
+    limits
+        Limits of torque and rate that act, by the stepper's names: what they take off the outputs is put back.
     """
 
     records: tuple[Spectra, ...]
     coordinates: Coordinates
     gauge: bool
+    limits: Mapping[str, float] = field(default_factory=dict)
 
     @cached_property
     def _outputs(self) -> list[int]:
@@ -289,8 +292,8 @@ class EquationLikelihood(Likelihood):
         gram[:size, :size] += priors.T @ priors
         return np.asarray(gram)
 
-    def simulated(self, vector: Array, record: int) -> Array:
-        """Outputs of a record by the stepper, at the data's rate, (O, N)."""
+    def simulated(self, vector: Array, record: int, limits: Mapping[str, float]) -> Array:
+        """Outputs of a record by the stepper, at the data's rate, (O, N), with limits of torque and rate."""
         data, c = self.records[record], self.coordinates
         values, states = c.values(vector), dict(zip(c.unknowns, vector[c.states(record)], strict=True))
         parameters = np.array(_core.SHIP_OFF)
@@ -300,6 +303,9 @@ class EquationLikelihood(Likelihood):
             place = SHIP_INDEX.get(SHIP_NAMES.get(name, name))
             if place is not None and name not in ("v", "K_p", "K_i"):
                 parameters[place] = value / values.get("v", 1.0) if gain else value
+        for name, value in limits.items():
+            parameters[SHIP_INDEX[name]] = value
+        parameters[SHIP_INDEX["rate_down"]] = limits.get("rate", np.inf)
         if values.get("tau_twist"):
             place = SHIP_INDEX["tau_prop"]
             parameters[place] = min(parameters[place], MOST_TWISTED * values["tau_n"])
@@ -315,19 +321,28 @@ class EquationLikelihood(Likelihood):
 
     @property
     def is_corrected_by_model(self) -> bool:
-        """Whether the records follow from the model, too: gaps that it fills, and squares of a propeller's speed."""
-        return "tau_twist" in self.coordinates.free or any(one.masked.any() for one in self.records)
+        """Whether the records follow from the model, too: gaps, squares of a propeller's speed, what limits take off."""
+        gaps = any(one.masked.any() for one in self.records)
+        return gaps or bool(self.limits) or "tau_twist" in self.coordinates.free
 
     def corrected(self, vector: Array) -> Self:
         """Return the likelihood of the records corrected by the model at a vector; see `Spectra.corrected`."""
         values = self.coordinates.values(vector)
         records = tuple(
-            record.corrected(
-                values, self.gauge, self.simulated(vector, index) if record.masked.any() else None
-            )
+            record.corrected(values, self.gauge, *self._models(vector, index))
             for index, record in enumerate(self.records)
         )
         return replace(self, records=records)
+
+    def _models(self, vector: Array, record: int) -> tuple[Array | None, Array | None]:
+        """The model's outputs (O, N) for a record with gaps, and what limits take off them; None where it runs away."""
+        if not (self.limits or self.records[record].masked.any()):
+            return None, None
+        try:
+            whole = self.simulated(vector, record, {})
+            return whole, self.simulated(vector, record, self.limits) - whole if self.limits else None
+        except SimulationError:
+            return None, None
 
     def prior_rows(
         self, vector: Array, values: Mapping[str, float] | None = None, slopes: Slopes | None = None

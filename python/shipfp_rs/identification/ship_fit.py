@@ -22,18 +22,18 @@ from shipfp_rs.identification.basins import (
     by_own_noise,
     descend,
     distinct,
-    each,
     settle,
 )
 from shipfp_rs.identification.equation_likelihood import EquationLikelihood
 from shipfp_rs.identification.first_guesses import first_guesses
 from shipfp_rs.identification.likelihood import Likelihood
 from shipfp_rs.identification.load_side import LoadSide, load_side_of
-from shipfp_rs.identification.question import Question
+from shipfp_rs.identification.question import TRIED, Question
 from shipfp_rs.identification.record import Between
 from shipfp_rs.identification.ship_found import (
     COARSE_STEP_S,
     DEFAULTS,
+    LIMITED,
     ROUGH_PART,
     ROUGH_STEP_S,
     ShipFit,
@@ -80,7 +80,7 @@ def fit_ship(
         fit = with_twist(fit, smooth, until)
         fit = with_other_delays(fit, until) if fit.elements else fit
         fit = with_limits(fit, until)
-        fit = fit if fit.is_smooth else with_other_delays(fit, until)
+        fit = fit if fit.is_smooth else _with_limits_elsewhere(fit, until)
     tell("ending at a fine step", 0.8)
     try:
         return refined(fit, until)
@@ -189,12 +189,12 @@ def with_other_delays(fit: ShipFit, until: float | None = None) -> ShipFit:
     """
     for _ in range(REDIVIDED):
         c, before = fit.likelihood.coordinates, fit.best
-        if len(DELAYS & set(c.free)) < 2:
+        if len(DELAYS & set(c.free)) < 2 or not fit.is_smooth:
             break
         states = c.states_at(before.vector)
         parts = [*_redivided(fit.values), *(_scaled(fit.values) if fit.question.gauge else [])]
         starts = [c.vector({**fit.values, **one}, states) for one in parts]
-        fit, fell = (_elsewhere if fit.is_smooth else _elsewhere_simulated)(fit, starts, until)
+        fit, fell = _elsewhere(fit, starts, until)
         if fell < 1.0:
             break
     return fit
@@ -226,15 +226,30 @@ def _is_apart(fit: ShipFit, basins: Sequence[Basin], other: ShipFit) -> bool:
     return all(one @ known.matrix @ one > SAME and np.abs(one).max() > 1e-3 for one in moves)
 
 
-def _elsewhere_simulated(fit: ShipFit, starts: Sequence[Array], until: float | None) -> tuple[ShipFit, float]:
-    """Return the fit with what rough descents lead to beside, and by how much the deviance fell."""
-    rough = likelihood_of(fit, fit.elements, "rough")
-    known = each(rough, [one.vector for one in fit.basins], until, 3, 1.0)
-    ends = distinct(rough, [*known, *each(rough, starts, until, 10, 5.0)])
-    new = [one.vector for one in ends if one not in known and one.cost < known[0].cost + LIKELY]
-    ends = distinct(fit.likelihood, [*fit.basins, *each(fit.likelihood, new[:MORE], until)])
-    found = replace(fit, basins=tuple(one for one in ends if one.cost < ends[0].cost + ALIKE))
-    return found, fit.best.cost - found.best.cost
+def _with_limits_elsewhere(fit: ShipFit, until: float | None) -> ShipFit:
+    """Return the fit of a ship with limits, searched again where delays and inertia are parted otherwise.
+
+    What the limits take off the outputs is put back into the records, so that the search is in closed form.
+    """
+    before = fit.unlimited
+    if before is None or not isinstance(before.likelihood, EquationLikelihood):
+        return fit
+    names = {name for element in LIMITED for name in TRIED[element]}
+    limits = {name: value for name, value in fit.values.items() if name in names}
+    c = before.likelihood.coordinates
+    start = c.vector(fit.values, fit.likelihood.coordinates.states_at(fit.best.vector))
+    smooth = replace(before, likelihood=replace(before.likelihood, limits=limits), also=())
+    smooth = settled(replace(smooth, basins=(Basin(np.inf, start),)), until)
+    found = with_other_delays(smooth, until)
+    own = fit.likelihood.coordinates
+    best = fit
+    for one in (found, *found.also):
+        values, states = one.values | limits, c.states_at(one.best.vector)
+        end = descend(fit.likelihood, own.vector(values, states), until=until)
+        likelihood, basin = settle(fit.likelihood, end, until)
+        other = replace(fit, likelihood=likelihood, basins=(basin,))
+        best = other if other.total < best.total - 1.0 else best
+    return best
 
 
 def _scaled(values: Mapping[str, float]) -> list[dict[str, float]]:

@@ -27,9 +27,9 @@ BENT = Sentence(
     "Usable for simulation and comparison, but its intervals hold for the model, not for the drive train: model "
     "and data agree only if the channels are wrong by more than a calibration allows."
 )
-JAGGED = Sentence(
-    "Usable for simulation and comparison, but its intervals are too narrow: the rate of the fuel rack is limited, and the "
-    "deviance of such a ship is not smooth."
+LIMITED = Sentence(
+    "Usable for simulation and comparison, but its intervals are too narrow: a limit of torque or rate acts, and of the "
+    "intervals of such ships two in three hold."
 )
 LOAD_ONLY = Sentence(
     "Usable for simulation and comparison of the load's side only: engine and governor are not described ({what}), so "
@@ -112,6 +112,13 @@ def _element(row: Mapping[str, Any]) -> Sentence:
     )
 
 
+def _is_limited(fingerprint: Fingerprint) -> bool:
+    """Whether a limit of torque or rate acts."""
+    return any(
+        fingerprint.elements.get(name, {}).get("state") == "on" for name in ("torque_limit", "rack_rate")
+    )
+
+
 def with_verdict(fingerprint: Fingerprint, strain: float = 0.0, kind: str | None = None) -> Fingerprint:
     """Return the fingerprint with what it can be used for, and the sentences about it.
 
@@ -129,8 +136,8 @@ def with_verdict(fingerprint: Fingerprint, strain: float = 0.0, kind: str | None
         found = Usability("not usable", sentence, "misfit")
     elif kind is None and strain > 1.0 and found.state == "usable":
         found = replace(found, state="usable except", sentence=BENT)
-    elif fingerprint.elements.get("rack_rate", {}).get("state") == "on" and found.state == "usable":
-        found = replace(found, state="usable except", sentence=JAGGED)
+    elif _is_limited(fingerprint) and found.state == "usable":
+        found = replace(found, state="usable except", sentence=LIMITED)
     known = [name for name, one in fingerprint.parameters.items() if one.status in KNOWN]
     lines = [found.sentence]
     if known and found.state != "not usable":

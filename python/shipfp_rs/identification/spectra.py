@@ -73,6 +73,8 @@ class Spectra:
         Model's outputs (O, N) in place of masked samples; None: lines between their neighbours.
     images
         What the outputs (O, N) show of the set point's images about multiples of the sample rate; None: not known yet.
+    limited
+        What limits of torque and rate take off the outputs (O, N), by a model; None: nothing.
     slip
         Speed of the engine's end of a shaft that twists over the propeller's, decimated (K,); None: a stiff one.
     """
@@ -88,6 +90,7 @@ class Spectra:
     between: Between
     model: Array | None = None
     images: Array | None = None
+    limited: Array | None = None
     slip: Array | None = None
     _delayed: dict[tuple[str, float], Array] = field(default_factory=dict, repr=False)
     _low_passed: dict[str, Array] = field(default_factory=dict, repr=False)
@@ -208,6 +211,7 @@ class Spectra:
     def whole(self) -> Array:
         """The data (O, N) without images, masked samples in place: the model's and what the rest beside them foretells."""
         measured = self.measured if self.images is None else self.measured - self.images
+        measured = measured if self.limited is None else measured - self.limited
         if not self.masked.any():
             return measured
         model = np.zeros_like(measured) if self.model is None else self.model
@@ -217,7 +221,7 @@ class Spectra:
     @cached_property
     def decimated(self) -> Array:
         """The data behind the low-pass, without images, shape (O, K)."""
-        if self.masked.any():
+        if self.masked.any() or self.limited is not None:
             return self.low_passed(self.whole)
         low = self._once("measured", self.measured)
         return low if self.images is None else low - self.images[:, :: self.down][:, : self.count]
@@ -318,17 +322,24 @@ class Spectra:
             return np.asarray(np.sinc(at) * np.exp(-1j * np.pi * at))
         return np.asarray((np.sinc(at) ** 2 if self.between == "straight" else np.ones_like(at)) + 0j)
 
-    def corrected(self, values: Mapping[str, float], gauge: bool, model: Array | None) -> Spectra:
+    def corrected(
+        self,
+        values: Mapping[str, float],
+        gauge: bool,
+        model: Array | None,
+        limited: Array | None = None,
+    ) -> Spectra:
         """Return the record without the set point's images, a model's outputs (O, N) in place of masked samples.
 
-        Where the shaft twists, the squares in the load's law are of the propeller's speed.
+        Where the shaft twists, the squares in the load's law are of the propeller's speed. What limits take off the outputs
+        by a model (O, N) is put back.
 
         A set point that is held or runs straight between its samples has images about multiples of the sample rate. They
         come back through the closed loop and, where the data are not low-passed, fold into the band.
         """
         images = None if self.between == "band-limited" else self._images(values, gauge)
         known = {key: late for key, late in [*self._delayed.items()] if key[0] == "set point"}
-        found = replace(self, model=model, images=images, slip=None, _delayed=known)
+        found = replace(self, model=model, images=images, limited=limited, slip=None, _delayed=known)
         return replace(found, slip=found._slip(values, gauge)) if values.get("tau_twist") else found
 
     def _slip(self, values: Mapping[str, float], gauge: bool) -> Array:
@@ -347,7 +358,7 @@ class Spectra:
 
     def running(self, between: Between) -> Spectra:
         """Return the record whose set point runs otherwise between its samples, without corrections."""
-        return replace(self, between=between, model=None, images=None, slip=None, _delayed={})
+        return replace(self, between=between, model=None, images=None, limited=None, slip=None, _delayed={})
 
     def _images(self, values: Mapping[str, float], gauge: bool) -> Array:
         """What the outputs show of the set point's images, (O, N)."""

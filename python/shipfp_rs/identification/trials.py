@@ -61,7 +61,7 @@ def with_limits(fit: ShipFit, until: float | None) -> ShipFit:
         if gain <= LEAST_FALL[suspect]:
             continue
         gains = {**fit.gains, suspect: gain}
-        fit = replace(taken, gains=gains)
+        fit = replace(taken, gains=gains, unlimited=fit if fit.is_smooth else fit.unlimited)
         fit = replace(fit, scores=engine_tests(fit))
     return fit
 
