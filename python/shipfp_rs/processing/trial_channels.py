@@ -159,6 +159,7 @@ class SetPoint(Level):
     a = "speed"
 
     pole_pairs: PolePairs = 1
+    """Pairs of poles of the generator whose frequency it is: 2 where 50 Hz are 1500 rpm."""
     rpm: Annotated[float, Field(gt=0.0, lt=MOST_RPM)] | None = None
     """Of a set point that rests, in place of a channel: a load drives the ship."""
 
@@ -283,6 +284,7 @@ class Tacho(Section):
     mean_s: Positive | None = None
     """Time over which a recorded speed is a mean [s]; from one sample to the next where it isn't given."""
     pole_pairs: PolePairs = 1
+    """Pairs of poles of the generator whose frequency it is: 2 where 50 Hz are 1500 rpm."""
 
     @model_validator(mode="before")
     @classmethod
