@@ -7,16 +7,14 @@ use std::time::Duration;
 use _core::error::Error;
 use _core::filter::{Decimator, running_median};
 use _core::hold::Hold;
-use _core::linear::{By, Drive, Output, Parameters, simulate};
 use _core::power::power;
 use _core::pulse::PulseCrossings;
+use _core::statespace::Recursion;
 use _core::stepper::{self, parameters::at};
 use _core::stop::Stop;
 use _core::two_equations::{Equations, Late, Noise, Spectra, products};
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 
-/// The virtual launch about its operating point.
-const LOOP: [f64; 9] = [1.5, -0.583, 1.583, 4.0, 1.0, 2.0, 1.0, 0.0, 0.0];
 const SAMPLES: usize = 10_000;
 
 /// A set point that wanders about `middle`.
@@ -39,28 +37,21 @@ fn powers(criterion: &mut Criterion) {
     group.finish();
 }
 
-fn linear(criterion: &mut Criterion) -> Result<(), Error> {
-    let mut group = criterion.benchmark_group("linear structure, a sample");
-    let dn_set = wander(0.01, SAMPLES);
-    let outputs = [Output::Speed, Output::EngineTorque];
-    let drive = Drive::new(&dn_set, 0.01, Hold::First, &[0.0, 0.0])?;
-    let late =
-        { LOOP.iter().zip([0.0; 7].iter().chain(&[0.12, 0.035])).map(|(a, b)| a + b).collect::<Vec<_>>() };
-    for (name, vector, wrt) in [
-        ("two outputs", &LOOP[..], vec![]),
-        ("derivatives by seven", &LOOP[..], vec![0, 1, 2, 3, 4, 5, 6]),
-        ("derivatives by seven, both dead times", &late[..], vec![0, 1, 2, 3, 4, 7, 8]),
-    ] {
-        let wrt = By::from_indices(&wrt)?;
-        let parameters = Parameters::new(vector, "parameters")?;
-        let mut values = vec![0.0; outputs.len() * SAMPLES];
-        let mut slopes = vec![0.0; wrt.len() * values.len()];
+fn recursion(criterion: &mut Criterion) -> Result<(), Error> {
+    let mut group = criterion.benchmark_group("linear recursion, a sample");
+    let signal = wander(0.01, SAMPLES);
+    for (states, directions) in [(2, 0), (2, 7), (8, 0), (8, 7)] {
+        let shifts = [0, 1];
+        let size = (1 + directions) * (states + 2) * (states + shifts.len());
+        // Every state half of itself, a tenth of the next.
+        let system: Vec<_> = (0..size).map(|at| [0.5, 0.1, 0.0][(at % (states + 3)).min(2)]).collect();
+        let start = vec![0.0; (1 + directions) * states];
+        let recursion = Recursion::new(&system, &start, [states, 2], &signal, &shifts, 0.01)?;
+        let mut values = vec![0.0; 2 * SAMPLES];
+        let mut slopes = vec![0.0; directions * values.len()];
         group.throughput(Throughput::Elements(SAMPLES as u64));
-        group.bench_function(name, |bencher| {
-            bencher.iter(|| {
-                let parameters = black_box(&parameters);
-                simulate(parameters, &drive, &outputs, &wrt, &mut values, &mut slopes, &Stop::new())
-            });
+        group.bench_function(format!("{states} states, {directions} derivatives"), |bencher| {
+            bencher.iter(|| black_box(&recursion).run(&mut values, &mut slopes, &Stop::new()));
         });
     }
     group.finish();
@@ -209,7 +200,7 @@ fn equations(criterion: &mut Criterion) -> Result<(), Error> {
 
 fn all(criterion: &mut Criterion) {
     powers(criterion);
-    for bench in [ship, linear, signals, equations] {
+    for bench in [ship, recursion, signals, equations] {
         bench(criterion).expect("inputs as the kernels want them");
     }
 }

@@ -1,4 +1,4 @@
-//! Kernels of `shipfp_rs`: the ship, linear structure, pulse extraction.
+//! Kernels of `shipfp_rs`: the ship, linear models, pulse extraction.
 
 pub mod duplicate_rows;
 pub mod error;
@@ -6,7 +6,6 @@ pub mod filter;
 mod finite;
 pub mod hold;
 pub mod instruction_set;
-pub mod linear;
 pub mod memory;
 pub mod power;
 pub mod pulse;

@@ -116,8 +116,8 @@ struct Lanes<const N: usize>([f64; N]);
 ///
 /// Forward differentiation: every operation carries the derivatives along, so that they are those of the computation as
 /// it is done, step by step. The value stands apart: its chain of operations is what a recursion waits for, and the
-/// derivatives, side by side in vectors, are computed in its shade. (`linear::number` keeps the value in a lane instead,
-/// which suits matrix products; a vector full of the value is slower, too.) Left to the compiler, the loops over directions
+/// derivatives, side by side in vectors, are computed in its shade
+/// (a vector full of the value is slower, too). Left to the compiler, the loops over directions
 /// become shuffles of single numbers, twice as slow.
 #[derive(Debug, Clone, Copy)]
 pub struct Dual<S, const N: usize> {

@@ -1,240 +1,245 @@
-//! Linear state space of any order: exact simulation between samples and frequency response, for structures of a user's own.
+//! Linear recursions with their derivatives: what a linear model becomes from one sample to the next.
 //!
 //! ```text
-//! x' = A x + B u      y = C x + D u
+//! x[k+1] = F x[k] + G w[k]      y[k] = C x[k] + D w[k]
 //! ```
 //!
-//! with one input and as many outputs as `C` has rows.
+//! with inputs w that are one signal, each shifted by whole samples, and the same differentiated:
+//! `dx[k+1] = F dx[k] + dF x[k] + dG w[k]`, `dy[k] = C dx[k] + dC x[k] + dD w[k]`.
 
-use std::f64::consts::TAU;
-
-use nalgebra::{Complex, DMatrix, DVector};
+use pulp::{Simd, WithSimd};
 
 use crate::error::{Error, Result, require};
-use crate::hold::Hold;
+use crate::finite::all_finite;
+use crate::instruction_set::arch;
 use crate::stop::Stop;
 use crate::subnormal::cut_all;
 
 /// Samples between two looks at the stop flag and the results, and two cuts of what has decayed.
-const BLOCK: usize = 256;
+const BLOCK: usize = 64;
+/// The value and the directions that a pass carries side by side.
+const LANES: usize = 8;
+/// Rows whose sums take turns, so that none waits for itself.
+const GROUP: usize = 4;
 
-/// A checked continuous-time model.
-#[derive(Debug, Clone, PartialEq)]
-pub struct StateSpace {
-    a: DMatrix<f64>,
-    b: DVector<f64>,
-    c: DMatrix<f64>,
-    d: DVector<f64>,
+/// A recursion, its derivatives and what drives it, checked.
+#[derive(Debug, Clone, Copy)]
+pub struct Recursion<'a> {
+    /// `[F, G; C, D]` row after row, then its derivatives.
+    system: &'a [f64],
+    /// The states at the first sample, then their derivatives.
+    start: &'a [f64],
+    states: usize,
+    outputs: usize,
+    signal: &'a [f64],
+    shifts: &'a [i64],
+    dt: f64,
 }
 
-impl StateSpace {
-    /// Check and collect: `a` `[n, n]`, `b` `[n]`, `c` `[outputs, n]` and `d` `[outputs]`, row after row.
+impl<'a> Recursion<'a> {
+    /// Check and collect: `system` `[1 + directions, states + outputs, states + inputs]`, `start` `[1 + directions, states]`;
+    /// input `j` of sample `k` is sample `k + shifts[j]` of the signal, which stands still before its first and after its last.
     ///
     /// # Errors
-    /// [`Error::Invalid`] where the lengths don't fit together, there is no state or output, or a value is not finite.
-    pub fn new(a: &[f64], b: &[f64], c: &[f64], d: &[f64]) -> Result<Self> {
-        let (states, outputs) = (b.len(), d.len());
-        require(states > 0 && outputs > 0, || {
-            format!("B has {states} values and D {outputs}, expected at least one state and one output")
-        })?;
-        for (name, values, expected) in [("A", a, states * states), ("C", c, outputs * states)] {
-            require(values.len() == expected, || {
-                format!(
-                    "{name} has {} values, expected {expected} with {states} in B and {outputs} in D",
-                    values.len()
-                )
-            })?;
-        }
-        for (name, values) in [("A", a), ("B", b), ("C", c), ("D", d)] {
-            if let Some(bad) = values.iter().find(|value| !value.is_finite()) {
-                return Err(Error::Invalid(format!("{name} holds {bad}, expected finite numbers")));
-            }
-        }
-        Ok(Self {
-            a: DMatrix::from_row_slice(states, states, a),
-            b: DVector::from_column_slice(b),
-            c: DMatrix::from_row_slice(outputs, states, c),
-            d: DVector::from_column_slice(d),
-        })
-    }
-
-    /// Number of states.
-    #[must_use]
-    pub fn states(&self) -> usize {
-        self.b.len()
-    }
-
-    /// Number of outputs.
-    #[must_use]
-    pub fn outputs(&self) -> usize {
-        self.d.len()
-    }
-
-    /// Simulate from the state `initial` at the first sample; `output` `[outputs, samples]` is filled row after row.
-    ///
-    /// # Errors
-    /// [`Error::Invalid`] for values that can't be used, [`Error::Diverged`] where an output is not finite,
-    /// [`Error::Stopped`] on request.
-    pub fn simulate(
-        &self,
-        input: &[f64],
+    /// [`Error::Invalid`] where the lengths don't fit together or a value is not finite.
+    pub fn new(
+        system: &'a [f64],
+        start: &'a [f64],
+        [states, outputs]: [usize; 2],
+        signal: &'a [f64],
+        shifts: &'a [i64],
         dt: f64,
-        hold: Hold,
-        initial: &[f64],
-        output: &mut [f64],
-        stop: &Stop,
-    ) -> Result<()> {
-        require(!input.is_empty(), || "u has no samples, expected at least 1".to_owned())?;
-        if let Some(bad) = input.iter().position(|value| !value.is_finite()) {
-            return Err(Error::Invalid(format!(
-                "u[{bad}] is {}, expected a finite number; bridge gaps before",
-                input[bad]
-            )));
+    ) -> Result<Self> {
+        require(states > 0 && outputs > 0 && !signal.is_empty(), || {
+            format!(
+                "found {states} states, {outputs} outputs and {} samples, expected at least one of each",
+                signal.len()
+            )
+        })?;
+        let each = (states + outputs) * (states + shifts.len());
+        require(start.len() >= states && start.len() * each == system.len() * states, || {
+            format!("system has {} values and start {}, which do not fit together", system.len(), start.len())
+        })?;
+        for (name, values) in [("system", system), ("start", start), ("signal", signal)] {
+            require(all_finite(values), || {
+                format!("{name} holds what is not finite, expected finite numbers; bridge gaps before")
+            })?;
         }
         require(dt.is_finite() && dt > 0.0, || format!("dt is {dt}, expected a positive sample time [s]"))?;
-        require(initial.len() == self.states() && initial.iter().all(|value| value.is_finite()), || {
-            format!("initial is {initial:?}, expected {} finite numbers, one a state", self.states())
-        })?;
-        require(output.len() == self.outputs() * input.len(), || {
-            format!("output has {} values, expected {} rows of {}", output.len(), self.outputs(), input.len())
-        })?;
-        let step = self.discretise(dt, hold);
-        match self.states() {
-            1 => walk(&step, input, dt, [0.0; 1], initial, output, stop),
-            2 => walk(&step, input, dt, [0.0; 2], initial, output, stop),
-            3 => walk(&step, input, dt, [0.0; 3], initial, output, stop),
-            4 => walk(&step, input, dt, [0.0; 4], initial, output, stop),
-            6 => walk(&step, input, dt, [0.0; 6], initial, output, stop),
-            8 => walk(&step, input, dt, [0.0; 8], initial, output, stop),
-            order => walk(&step, input, dt, vec![0.0; order], initial, output, stop),
-        }
+        Ok(Self { system, start, states, outputs, signal, shifts, dt })
     }
 
-    /// One sample exactly: with the input a polynomial between samples, its derivatives are states too (Van Loan 1978,
-    /// DOI 10.1109/TAC.1978.1101743).
-    fn discretise(&self, dt: f64, hold: Hold) -> Step {
-        let n = self.states();
-        let mut augmented = DMatrix::zeros(n + 2, n + 2);
-        augmented.view_mut((0, 0), (n, n)).copy_from(&(&self.a * dt));
-        augmented.view_mut((0, n), (n, 1)).copy_from(&(&self.b * dt));
-        augmented[(n, n + 1)] = 1.0;
-        let step = exponential(&augmented);
-        let held = step.view((0, n), (n, 1)).into_owned();
-        let ramp = step.view((0, n + 1), (n, 1)).into_owned();
-        let (now, next) = match hold {
-            Hold::Zero => (held.clone(), DMatrix::zeros(n, 1)),
-            Hold::First => (&held - &ramp, ramp),
-        };
-        let row_major = |matrix: &DMatrix<f64>| matrix.transpose().as_slice().to_vec();
-        Step {
-            phi: row_major(&step.view((0, 0), (n, n)).into_owned()),
-            now: now.as_slice().to_vec(),
-            next: next.as_slice().to_vec(),
-            c: row_major(&self.c),
-            d: self.d.as_slice().to_vec(),
-        }
-    }
-
-    /// Frequency responses from the input to every output, `[outputs, frequency]`, row after row.
+    /// Run through the signal; `values` `[outputs, samples]` and `derivatives` `[directions, outputs, samples]` are filled row
+    /// after row.
     ///
     /// # Errors
-    /// [`Error::Invalid`] for a frequency that is negative or not finite, or at which the response is infinite.
-    pub fn response(&self, frequency_hz: &[f64], stop: &Stop) -> Result<Vec<Complex<f64>>> {
-        let (a, b, c) = (self.a.map(Complex::from), self.b.map(Complex::from), self.c.map(Complex::from));
-        let mut values = vec![Complex::ZERO; self.outputs() * frequency_hz.len()];
-        for (column, &frequency) in frequency_hz.iter().enumerate() {
+    /// [`Error::Diverged`] where an output or derivative is not finite, [`Error::Stopped`] on request.
+    pub fn run(&self, values: &mut [f64], derivatives: &mut [f64], stop: &Stop) -> Result<()> {
+        let mut rows: Vec<_> = derivatives.chunks_exact_mut(values.len()).collect();
+        if rows.is_empty() {
+            return self.pass(0, &mut [values], stop);
+        }
+        // The value is made again with every few directions.
+        for (index, some) in rows.chunks_mut(LANES - 1).enumerate() {
+            let mut lanes = vec![&mut *values];
+            lanes.extend(some.iter_mut().map(|row| &mut **row));
+            self.pass(index * (LANES - 1), &mut lanes, stop)?;
+        }
+        Ok(())
+    }
+
+    /// One pass with the value in the first lane and, in the others, what follows the derivative `skipped`.
+    fn pass(&self, skipped: usize, lanes: &mut [&mut [f64]], stop: &Stop) -> Result<()> {
+        let Self { system, start, states, outputs, signal, shifts, dt } = *self;
+        let (samples, width, rows) = (signal.len(), states + shifts.len(), states + outputs);
+        let gather = |values: &[f64], each: usize, at: usize| -> [f64; LANES] {
+            std::array::from_fn(|lane| match lane {
+                0 => values[at],
+                _ if lane < lanes.len() => values[(skipped + lane) * each + at],
+                _ => 0.0,
+            })
+        };
+        let height = rows.next_multiple_of(GROUP);
+        let places: Vec<_> = (0..height / GROUP)
+            .flat_map(|group| (0..width).map(move |column| (group * GROUP, column)))
+            .collect();
+        let mut steps = Steps {
+            own: places
+                .iter()
+                .map(|&(row, column)| {
+                    std::array::from_fn(
+                        |i| if row + i < rows { system[(row + i) * width + column] } else { 0.0 },
+                    )
+                })
+                .collect(),
+            fed: places
+                .iter()
+                .map(|&(row, column)| {
+                    std::array::from_fn(|i| {
+                        if row + i >= rows {
+                            return [0.0; LANES];
+                        }
+                        let mut lanes = gather(system, rows * width, (row + i) * width + column);
+                        if column < states {
+                            lanes[0] = 0.0;
+                        }
+                        lanes
+                    })
+                })
+                .collect(),
+            moved: if lanes.len() == 1 { states } else { 0 },
+            states,
+            height,
+            history: vec![[0.0; LANES]; (BLOCK + 1) * height],
+            drive: vec![0.0; BLOCK * shifts.len()],
+        };
+        for (at, state) in steps.history[..states].iter_mut().enumerate() {
+            *state = gather(start, states, at);
+        }
+        for from in (0..samples).step_by(BLOCK) {
+            let to = (from + BLOCK).min(samples);
+            for (k, drive) in (from..to).zip(steps.drive.chunks_exact_mut(shifts.len().max(1))) {
+                for (value, &shift) in drive.iter_mut().zip(shifts) {
+                    let at = isize::try_from(shift).map_or(0, |shift| k.saturating_add_signed(shift));
+                    *value = signal[at.min(samples - 1)];
+                }
+            }
+            arch().dispatch(Block { steps: &mut steps, samples: to - from });
+            for (lane, series) in lanes.iter_mut().enumerate() {
+                for (output, row) in series.chunks_exact_mut(samples).enumerate() {
+                    let results = steps.history[height..].chunks_exact(height);
+                    let results = results.map(|sums| sums[states + output][lane]);
+                    let mut finite = true;
+                    for (value, result) in row[from..to].iter_mut().zip(results) {
+                        *value = result;
+                        finite &= result.is_finite();
+                    }
+                    if !finite {
+                        let bad = row[from..to].iter().position(|value| !value.is_finite());
+                        let sample = from + bad.unwrap_or_default();
+                        let what = if lane == 0 { "an output" } else { "a sensitivity" };
+                        return Err(Error::Diverged { sample, time: sample as f64 * dt, what });
+                    }
+                }
+            }
+            steps.history.copy_within((to - from) * height..(to - from + 1) * height, 0);
+            cut_all(steps.history[..states].as_flattened_mut());
             stop.check()?;
-            require(frequency.is_finite() && frequency >= 0.0, || {
-                format!(
-                    "frequency_hz[{column}]: found {frequency}, expected a finite frequency of 0 Hz or more"
-                )
-            })?;
-            let mut resolvent = -&a;
-            for state in 0..self.states() {
-                resolvent[(state, state)] += Complex::new(0.0, TAU * frequency);
-            }
-            let response = resolvent.lu().solve(&b).map(|state| &c * state + self.d.map(Complex::from));
-            let Some(response) = response.filter(|rows| rows.iter().all(|value| value.is_finite())) else {
-                return Err(Error::Invalid(format!(
-                    "frequency_hz[{column}]: the response is infinite at {frequency} Hz, a pole of A; leave it out"
-                )));
-            };
-            for (row, &value) in response.iter().enumerate() {
-                values[row * frequency_hz.len() + column] = value;
-            }
         }
-        Ok(values)
+        Ok(())
     }
 }
 
-/// `x[k+1] = phi x[k] + now u[k] + next u[k+1]`, `y[k] = c x[k] + d u[k]`; matrices row after row.
-struct Step {
-    phi: Vec<f64>,
-    now: Vec<f64>,
-    next: Vec<f64>,
-    c: Vec<f64>,
-    d: Vec<f64>,
+/// What a pass needs of the system and keeps of it; matrices a group of rows after the other, in each column after column.
+struct Steps {
+    /// `[F; C]`, by which every lane takes its own states.
+    own: Vec<[f64; GROUP]>,
+    /// What the value's states and the inputs add to each lane: `[0, G; 0, D]` to the first, a derivative to another.
+    fed: Vec<[[f64; LANES]; GROUP]>,
+    /// The first column that adds anything.
+    moved: usize,
+    states: usize,
+    /// Rows of the groups together.
+    height: usize,
+    /// States, and outputs of the sample before, sample after sample of a block.
+    history: Vec<[f64; LANES]>,
+    drive: Vec<f64>,
 }
 
-/// Step through the samples. For a state of known length the inner loops unroll; twice a small order is that of derivatives.
-fn walk<S: AsRef<[f64]> + AsMut<[f64]> + Clone>(
-    step: &Step,
-    input: &[f64],
-    dt: f64,
-    mut state: S,
-    initial: &[f64],
-    output: &mut [f64],
-    stop: &Stop,
-) -> Result<()> {
-    let order = state.as_ref().len();
-    let mut next = state.clone();
-    let samples = input.len();
-    state.as_mut().copy_from_slice(initial);
-    for from in (0..samples).step_by(BLOCK) {
-        let to = (from + BLOCK).min(samples);
-        for k in from..to {
-            let u = input[k];
-            for ((row, c), d) in step.c.chunks_exact(order).enumerate().zip(&step.d) {
-                output[row * samples + k] = dot(c, state.as_ref()) + d * u;
+/// A block of samples, with the widest vectors that this machine has.
+struct Block<'a> {
+    steps: &'a mut Steps,
+    samples: usize,
+}
+
+impl WithSimd for Block<'_> {
+    type Output = ();
+
+    // Plain indices: an iterator that is not inlined would not be compiled for the machine's vectors.
+    #[inline(always)]
+    #[allow(clippy::needless_range_loop)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let Self { steps: Steps { own, fed, moved, states, height, history, drive }, samples } = self;
+        let (states, height, moved) = (*states, *height, *moved);
+        let inputs = drive.len() / BLOCK;
+        let width = states + inputs;
+        for k in 0..samples {
+            let drive = &drive[k * inputs..][..inputs];
+            let (past, future) = history.split_at_mut((k + 1) * height);
+            let state = &past[k * height..][..states];
+            for group in 0..height / GROUP {
+                let (own, fed) = (&own[group * width..][..width], &fed[group * width..][..width]);
+                let sums = &mut future[group * GROUP..][..GROUP];
+                for part in 0..LANES / S::F64_LANES {
+                    let mut sum = [simd.splat_f64s(0.0); GROUP];
+                    for j in 0..inputs {
+                        let value = simd.splat_f64s(drive[j]);
+                        for i in 0..GROUP {
+                            sum[i] = simd.mul_add_e_f64s(load::<S>(&fed[states + j][i], part), value, sum[i]);
+                        }
+                    }
+                    for j in moved..states {
+                        let value = simd.splat_f64s(state[j][0]);
+                        for i in 0..GROUP {
+                            sum[i] = simd.mul_add_e_f64s(load::<S>(&fed[j][i], part), value, sum[i]);
+                        }
+                    }
+                    for j in 0..states {
+                        let values = load::<S>(&state[j], part);
+                        for i in 0..GROUP {
+                            sum[i] = simd.mul_add_e_f64s(simd.splat_f64s(own[j][i]), values, sum[i]);
+                        }
+                    }
+                    for i in 0..GROUP {
+                        S::as_mut_simd_f64s(&mut sums[i]).0[part] = sum[i];
+                    }
+                }
             }
-            let after = input[(k + 1).min(samples - 1)];
-            let rows = step.phi.chunks_exact(order).zip(step.now.iter().zip(&step.next));
-            for (value, (phi, (now, late))) in next.as_mut().iter_mut().zip(rows) {
-                *value = dot(phi, state.as_ref()) + now * u + late * after;
-            }
-            state.as_mut().copy_from_slice(next.as_ref());
         }
-        cut_all(state.as_mut());
-        for row in output.chunks_exact(samples) {
-            if let Some(bad) = row[from..to].iter().position(|value| !value.is_finite()) {
-                let sample = from + bad;
-                return Err(Error::Diverged { sample, time: sample as f64 * dt, what: "an output" });
-            }
-        }
-        stop.check()?;
     }
-    Ok(())
 }
 
 #[inline(always)]
-fn dot(row: &[f64], state: &[f64]) -> f64 {
-    row.iter().zip(state).map(|(a, x)| a * x).sum()
-}
-
-/// Matrix exponential by a Taylor polynomial, scaling and squaring, as that of the linear structure but of any size.
-fn exponential(matrix: &DMatrix<f64>) -> DMatrix<f64> {
-    /// With a norm of at most 1/2 the first term left out is below 2e-17.
-    const DEGREE: u32 = 14;
-    let norm = matrix.column_iter().map(|column| column.lp_norm(1)).fold(0.0, f64::max);
-    #[allow(clippy::cast_possible_truncation)] // clamped first
-    let squarings = (2.0 * norm).log2().ceil().clamp(0.0, 100.0) as i32;
-    let scaled = matrix * 0.5_f64.powi(squarings);
-    let identity = DMatrix::identity(matrix.nrows(), matrix.ncols());
-    let series = (2..=DEGREE)
-        .rev()
-        .fold(identity.clone(), |series, term| &identity + &scaled * series / f64::from(term));
-    // exp - 1 is squared, not exp: slow modes beside fast ones would drown in the 1.
-    let less_one =
-        (0..squarings).fold(&scaled * series, |less_one, _| &less_one * &less_one + &less_one * 2.0);
-    less_one + identity
+fn load<S: Simd>(lanes: &[f64; LANES], part: usize) -> S::f64s {
+    S::as_simd_f64s(lanes).0[part]
 }

@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 
-from shipfp_rs import _core
 from shipfp_rs.designs.limits import TOP_HZ, Generator, Limits
 from shipfp_rs.designs.noise import Noise, sensors_of
 from shipfp_rs.designs.plan import Needed, Plan, needed_for
@@ -21,6 +20,7 @@ from shipfp_rs.designs.subject import Subject
 from shipfp_rs.designs.waveforms import Kind, Setting, settling, waveform
 from shipfp_rs.errors import InputError
 from shipfp_rs.identification.fingerprint import Fingerprint
+from shipfp_rs.structures.linear import LinearEquations
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.support.arguments import checked
 from shipfp_rs.support.checks import accuracy, positive
@@ -277,14 +277,7 @@ def _torque_limit(subject: Subject, prediction: Prediction) -> str:
     speeds, torques = vessel.envelope()
     experiment = prediction.experiment
     model = linearise(vessel, subject.operating_point["n_set"])
-    dn, brake = _core.simulate_linear(
-        model.kernel_parameters(),
-        experiment.dn_set,
-        1.0 / experiment.rate_hz,
-        experiment.hold,
-        np.zeros(2),
-        [_core.LINEAR_OUTPUTS.index(name) for name in ("dn", "dM_b")],
-    )
+    dn, brake = LinearEquations(("dn", "dM"), gauge=False).simulate(dataclasses.asdict(model), experiment)
     speed = subject.operating_point["n_e"] / 60.0 * (1.0 + dn)
     excess = subject.operating_point["M_b"] * (1.0 + brake) / np.interp(speed, speeds, torques)
     if excess.max() <= 1.0:

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from shipfp_rs import _core
 from shipfp_rs.errors import InputError, SimulationError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.structures.equations import Equations
 from shipfp_rs.structures.parameter import Parameter
+from shipfp_rs.structures.state_space import STEP, Model, StateSpaceEquations
 from shipfp_rs.support.arrays import Array, ComplexArray, Names, Values
 from shipfp_rs.support.derivatives import Differences, by_part
 
@@ -23,11 +23,10 @@ Response = Callable[[Values, Array], npt.ArrayLike]
 
 
 @dataclass(frozen=True)
-class MatrixEquations(Equations):
+class MatrixEquations(StateSpaceEquations):
     """x' = A x + B dn_set, y = C x + D dn_set, with matrices that depend on the parameters.
 
-    The derivatives by a parameter are a state space too, of twice the order: s' = A s + dA x + dB dn_set. They are as
-    good as those of the matrices, by complex step to rounding.
+    The derivatives are as good as those of the matrices, by complex step to rounding.
     """
 
     matrices: Matrices
@@ -38,57 +37,36 @@ class MatrixEquations(Equations):
     @property
     def states(self) -> tuple[str, ...]:
         """Initial states, "initial x1" and on."""
-        order = len(self._model({p.name: p.start for p in self.parameters})[1])
-        return tuple(f"initial x{index + 1}" for index in range(order))
+        A, *_ = self._matrices({p.name: p.start for p in self.parameters})
+        return tuple(f"initial x{index + 1}" for index in range(len(A)))
 
     @property
     def linear_in(self) -> tuple[str, ...]:
         """The outputs are linear in the initial states."""
         return self.states
 
-    def simulate(self, values: Values, experiment: Experiment) -> Array:
-        """Return the normalised outputs, shape (O, N)."""
-        return self.sensitivities(values, experiment, ())[0]
+    def models(self, values: Values, names: Names) -> list[Model]:
+        """Return the model with its derivative by each name, or without one where there is no name."""
+        moved = [p for p in self.parameters if p.name in names]
+        matrices = self._matrices(values)
+        states = [f"initial x{index + 1}" for index in range(len(matrices[0]))]
+        start = np.array([values.get(state, 0.0) for state in states])
 
-    def sensitivities(self, values: Values, experiment: Experiment, names: Names) -> tuple[Array, Array]:
-        """Return the outputs (O, N) and their derivatives with respect to `names`, shape (W, O, N)."""
-        (A, B, C, D), slopes = self._slopes(values, names)
-        states = tuple(f"initial x{index + 1}" for index in range(len(B)))
-        u, dt, hold = experiment.dn_set, 1.0 / experiment.rate_hz, experiment.hold
-        initial = np.array([values.get(state, 0.0) for state in states])
-        simulated = _core.simulate_statespace(A, B, C, D, u, dt, hold, initial)
-        rows = np.empty((len(names), *simulated.shape))
-        for row, name in zip(rows, names, strict=True):
-            if name in states:
-                unit = np.eye(len(B))[states.index(name)]
-                row[:] = _core.simulate_statespace(A, 0.0 * B, C, 0.0 * D, 0.0 * u, dt, hold, unit)
-            else:
-                both = np.concatenate([initial, 0.0 * initial])
-                row[:] = _core.simulate_statespace(*slopes[name], u, dt, hold, both)
-        return simulated, rows
+        def at(vector: npt.NDArray[Any]) -> list[npt.NDArray[Any]]:
+            return self._matrices({**values, **{p.name: value for p, value in zip(moved, vector, strict=True)}})
 
-    def response(
-        self, values: Values, frequency_hz: Array, names: Names
-    ) -> tuple[ComplexArray, ComplexArray]:
-        """Return the response (O, F) and its derivatives with respect to `names`, shape (W, O, F)."""
-        model, slopes = self._slopes(values, names)
-        response = _core.statespace_response(*model, frequency_hz)
-        rows = [_core.statespace_response(*slopes[name], frequency_hz) for name in names]
-        return response, np.array(rows).reshape(len(names), *response.shape)
+        slopes = by_part(self.differences, at, *_about(values, moved)) if moved else []
+        by = {p.name: parts for p, parts in zip(moved, slopes, strict=True)}
+        return [
+            Model(
+                *(part + 1j * STEP * by[name][i] if name in by else part for i, part in enumerate(matrices)),
+                start + 1j * STEP * np.array([state == name for state in states]),
+                np.zeros(1),
+            )
+            for name in names or [""]
+        ]
 
-    def _slopes(self, values: Values, names: Names) -> tuple[Model, dict[str, Model]]:
-        """Return the model, and by parameter the model whose output is the derivative by it."""
-        model, moved = self._model(values), [p for p in self.parameters if p.name in names]
-        if not moved:
-            return model, {}
-
-        def at(vector: npt.NDArray[Any]) -> Model:
-            return self._model({**values, **{p.name: value for p, value in zip(moved, vector, strict=True)}})
-
-        slopes = by_part(self.differences, at, *_about(values, moved))
-        return model, {p.name: _twofold(model, parts) for p, parts in zip(moved, slopes, strict=True)}
-
-    def _model(self, values: Values) -> Model:
+    def _matrices(self, values: Values) -> list[npt.NDArray[Any]]:
         own = {p.name: values[p.name] for p in self.parameters}
         try:
             # What overflows is found below.
@@ -111,16 +89,7 @@ class MatrixEquations(Equations):
             if not np.isfinite(matrix).all():
                 raise SimulationError(f"matrices: {name} is not finite with {_listed(own)}")
         kind = np.result_type(A, B, C, D, np.float64)
-        return A.astype(kind), B.astype(kind).ravel(), C.astype(kind), D.astype(kind).ravel()
-
-
-Model = tuple[npt.NDArray[Any], npt.NDArray[Any], npt.NDArray[Any], npt.NDArray[Any]]
-
-
-def _twofold(model: Model, slopes: Sequence[Array]) -> Model:
-    """Return the model of states (x, dx) whose outputs are the derivatives of the given model's."""
-    (A, B, C, _), (dA, dB, dC, dD) = model, slopes
-    return np.block([[A, np.zeros_like(A)], [dA, A]]), np.concatenate([B, dB]), np.hstack([dC, C]), dD
+        return [A.astype(kind), B.astype(kind).reshape(order, 1), C.astype(kind), D.astype(kind).reshape(outputs, 1)]
 
 
 @dataclass(frozen=True)

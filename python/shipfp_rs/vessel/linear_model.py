@@ -12,7 +12,6 @@ import numpy as np
 import numpy.typing as npt
 from scipy import signal
 
-from shipfp_rs import _core
 from shipfp_rs.errors import InputError
 from shipfp_rs.support.arguments import check_fields, checked
 from shipfp_rs.support.arrays import Array, ComplexArray
@@ -70,10 +69,6 @@ class LinearModel:
         check_fields(self, "linear model")
         if not all(map(math.isfinite, dataclasses.astuple(self))):
             raise InputError(f"linear model: {dataclasses.astuple(self)}, expected finite numbers")
-
-    def kernel_parameters(self) -> Array:
-        """Return the parameters in the order of `_core.LINEAR_PARAMETERS`, shape (9,)."""
-        return np.array(dataclasses.astuple(self))
 
     @property
     def poles(self) -> ComplexArray:
@@ -158,12 +153,29 @@ class LinearModel:
         InputError
             For an unknown output, or a frequency that is not finite or is negative.
         """
-        chosen = [_core.LINEAR_OUTPUTS.index(output) for output in outputs]
         frequency = np.atleast_1d(np.asarray(frequency_hz, dtype=np.float64))
-        found = _core.linear_response(self.kernel_parameters(), frequency, chosen)
-        # The kernel gives the governor's command; the rack follows it after the dead time in the loop.
-        found[[output == "dX" for output in outputs]] *= np.exp(-2j * np.pi * frequency * self.T_d)
-        return found
+        bad = np.flatnonzero(~(np.isfinite(frequency) & (frequency >= 0.0)))
+        if len(bad):
+            raise InputError(
+                f"frequency_hz[{bad[0]}]: found {frequency[bad[0]]}, expected a finite frequency of 0 Hz or more"
+            )
+        s = 2j * np.pi * frequency
+        shaft = self.tau_n * s + self.p - self.g
+        # Without a division by s, so that 0 Hz gives the static gains.
+        rack = (self.K_p * s + self.K_i) * np.exp(-s * self.T_d)
+        with np.errstate(all="ignore"):
+            common = np.exp(-s * self.T_set) / (s * shaft + self.v * rack)
+        if not np.isfinite(common).all():
+            raise InputError("frequency_hz: at 0 Hz the response needs v K_i other than 0")
+        speed = self.v * rack * common
+        rows = {
+            "dn": speed,
+            "dE": shaft * common,
+            "dM_b": (self.p + self.tau_n * s) * speed,
+            "dM_g": (self.p + self.tau_prop * s) * speed,
+            "dX": rack * shaft * common,
+        }
+        return np.array([rows[output] for output in outputs], dtype=np.complex128)
 
     @checked
     def frequency_response(

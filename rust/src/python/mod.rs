@@ -10,7 +10,6 @@ mod filter;
 mod guard;
 mod hold;
 mod instruction_set;
-mod linear;
 mod pulse;
 mod pyramid;
 mod statespace;
@@ -27,7 +26,6 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     filter::register(module)?;
     guard::register(module)?;
     instruction_set::register(module)?;
-    linear::register(module)?;
     pulse::register(module)?;
     duplicate_rows::register(module)?;
     pyramid::register(module)?;

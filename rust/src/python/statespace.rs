@@ -1,85 +1,47 @@
-//! Bindings of the state-space kernels.
+//! Bindings of the linear recursion.
 
-use numpy::{Complex64, PyArray2, PyUntypedArrayMethods};
+use numpy::{Ix3, PyReadonlyArray, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 
-use super::arrays::{Matrix, Vector, borrow, filled, hand_back};
-use super::guard;
+use super::arrays::{Matrix, Sensitivities, Vector, borrow, expect_shape, filled_with_derivatives};
 use crate::error::require;
-use crate::hold::Hold;
-use crate::statespace::StateSpace;
+use crate::statespace::Recursion;
 
-fn model(
-    a: &Bound<'_, PyAny>,
-    b: &Bound<'_, PyAny>,
-    c: &Bound<'_, PyAny>,
-    d: &Bound<'_, PyAny>,
-) -> PyResult<StateSpace> {
-    let a: Matrix<'_> = borrow("A", a)?;
-    let b: Vector<'_> = borrow("B", b)?;
-    let c: Matrix<'_> = borrow("C", c)?;
-    let d: Vector<'_> = borrow("D", d)?;
-    for (name, found, expected) in
-        [("A", a.shape(), [b.len(), b.len()]), ("C", c.shape(), [d.len(), b.len()])]
-    {
-        require(found == expected, || {
-            format!(
-                "{name} has shape {found:?}, expected {expected:?} with {} states in B and {} outputs in D",
-                b.len(),
-                d.len()
-            )
-        })?;
-    }
-    Ok(StateSpace::new(a.as_slice()?, b.as_slice()?, c.as_slice()?, d.as_slice()?)?)
-}
-
-/// Simulate x' = A x + B u, y = C x + D u with one input from the state `initial`; [O, N].
+/// Run x[k+1] = F x[k] + G w[k], y[k] = C x[k] + D w[k] and its derivatives, w[j] the signal shifted; [O, N] and [W, O, N].
 #[pyfunction]
-#[pyo3(signature = (A, B, C, D, u, dt, hold, initial))]
-#[allow(non_snake_case, clippy::too_many_arguments)]
-fn simulate_statespace<'py>(
+fn run_recursion<'py>(
     py: Python<'py>,
-    A: &Bound<'py, PyAny>,
-    B: &Bound<'py, PyAny>,
-    C: &Bound<'py, PyAny>,
-    D: &Bound<'py, PyAny>,
-    u: &Bound<'py, PyAny>,
+    system: &Bound<'py, PyAny>,
+    start: &Bound<'py, PyAny>,
+    signal: &Bound<'py, PyAny>,
+    shifts: Vec<i64>,
     dt: f64,
-    hold: Hold,
-    initial: &Bound<'py, PyAny>,
-) -> PyResult<Bound<'py, PyArray2<f64>>> {
-    let model = model(A, B, C, D)?;
-    let input: Vector<'_> = borrow("u", u)?;
-    let initial: Vector<'_> = borrow("initial", initial)?;
-    let (input, initial) = (input.as_slice()?, initial.as_slice()?);
-    let work = input.len().saturating_mul(model.states().saturating_mul(model.states() + model.outputs()));
-    filled(py, [model.outputs(), input.len()], work, |rows, stop| {
-        model.simulate(input, dt, hold, initial, rows, stop)
-    })
-}
-
-/// Frequency response of the same model; complex [O, F].
-#[pyfunction]
-#[pyo3(signature = (A, B, C, D, frequency_hz))]
-#[allow(non_snake_case)]
-fn statespace_response<'py>(
-    py: Python<'py>,
-    A: &Bound<'py, PyAny>,
-    B: &Bound<'py, PyAny>,
-    C: &Bound<'py, PyAny>,
-    D: &Bound<'py, PyAny>,
-    frequency_hz: &Bound<'py, PyAny>,
-) -> PyResult<Bound<'py, PyArray2<Complex64>>> {
-    let model = model(A, B, C, D)?;
-    let frequency_hz: Vector<'_> = borrow("frequency_hz", frequency_hz)?;
-    let frequencies = frequency_hz.as_slice()?;
-    let work = frequencies.len().saturating_mul(model.states().saturating_pow(3).max(16));
-    let values = guard::run(py, work, |stop| model.response(frequencies, stop))?;
-    hand_back(py, values, [model.outputs(), frequencies.len()])
+) -> PyResult<Sensitivities<'py>> {
+    let system: PyReadonlyArray<'_, f64, Ix3> = borrow("system", system)?;
+    let start: Matrix<'_> = borrow("start", start)?;
+    let signal: Vector<'_> = borrow("signal", signal)?;
+    let (parts, states) = (start.shape()[0], start.shape()[1]);
+    let rows = system.shape()[1];
+    require(parts > 0 && rows > states, || {
+        format!(
+            "found {parts} systems of {rows} rows, expected at least one, of more rows than the {states} states"
+        )
+    })?;
+    let columns = states + shifts.len();
+    expect_shape(
+        "system",
+        system.shape(),
+        [parts, rows, columns],
+        "one a start, a column a state and a shift",
+    )?;
+    let signal = signal.as_slice()?;
+    let shape = [parts - 1, rows - states, signal.len()];
+    let recursion =
+        Recursion::new(system.as_slice()?, start.as_slice()?, [states, shape[1]], signal, &shifts, dt)?;
+    let work = signal.len().saturating_mul(rows * columns * parts);
+    filled_with_derivatives(py, shape, work, |values, slopes, stop| recursion.run(values, slopes, stop))
 }
 
 pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
-    module.add_function(wrap_pyfunction!(simulate_statespace, module)?)?;
-    module.add_function(wrap_pyfunction!(statespace_response, module)?)?;
-    Ok(())
+    module.add_function(wrap_pyfunction!(run_recursion, module)?)
 }
