@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import numpy.typing as npt
 from scipy.signal import lfilter
 
-from shipfp_rs import _core
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.signals import Excitation
+from shipfp_rs.structures.linear import LinearEquations
 from shipfp_rs.vessel.linear_model import LinearModel, linearise
 from shipfp_rs.vessel.vessel import Vessel
 
@@ -26,16 +28,24 @@ SIGNALS = {"dn": "n_e", "dM_b": "M_b", "dX": "X_f"}
 
 
 def outputs_of(
-    excitation: Excitation, outputs: tuple[str, ...] = ("dn", "dM_b"), model: LinearModel = LAUNCH
+    excitation: Excitation,
+    outputs: tuple[str, ...] = ("dn", "dM_b"),
+    model: LinearModel = LAUNCH,
+    initial: tuple[float, float] = (0.0, 0.0),
 ) -> Array:
-    """Return the exact normalised outputs from rest, shape (O, N)."""
-    return _core.simulate_linear(
-        model.kernel_parameters(),
-        excitation.samples / POINT["n_set"],
-        1.0 / excitation.rate_hz,
-        excitation.hold,
-        np.zeros(2),
-        [_core.LINEAR_OUTPUTS.index(output) for output in outputs],
+    """Return the exact normalised outputs from the initial dn and dE, shape (O, N)."""
+    equations = LinearEquations(
+        tuple("dM" if output == "dM_b" else output for output in outputs), gauge=False
+    )
+    bare = Experiment(
+        excitation.name,
+        excitation.rate_hz,
+        {"n_set": POINT["n_set"] + excitation.samples},
+        {"n_set": POINT["n_set"]},
+        hold=excitation.hold,
+    )
+    return equations.simulate(
+        dataclasses.asdict(model) | dict(zip(equations.states, initial, strict=True)), bare
     )
 
 

@@ -12,8 +12,6 @@ __all__ = [
     "EQUATION_OUTPUTS",
     "EQUATION_PARAMETERS",
     "EQUATION_SIGNALS",
-    "LINEAR_OUTPUTS",
-    "LINEAR_PARAMETERS",
     "SHIP_DETAIL",
     "SHIP_OFF",
     "SHIP_OUTPUTS",
@@ -33,22 +31,17 @@ __all__ = [
     "equation_residuals",
     "find_spikes",
     "interval_speeds",
-    "linear_response",
-    "linear_response_sensitivities",
-    "linear_sensitivities",
     "loop_is_stable",
     "pulse_levels",
     "pulses_are_even",
+    "run_recursion",
     "running_median",
     "ship_observed",
     "ship_sensitivities",
     "simulate_detailed_ship",
-    "simulate_linear",
     "simulate_ship",
     "simulate_ship_by",
-    "simulate_statespace",
     "slope_at_even_times",
-    "statespace_response",
 ]
 
 __version__: str
@@ -57,36 +50,6 @@ def _instruction_sets() -> tuple[str, ...]: ...
 def _set_instruction_set(name: str | None) -> None: ...
 def _panic_for_test(message: str) -> None: ...
 def _spin_for_test() -> None: ...
-
-LINEAR_PARAMETERS: tuple[str, ...]
-LINEAR_OUTPUTS: tuple[str, ...]
-
-def linear_response(
-    parameters: NDArray[np.float64], frequency_hz: NDArray[np.float64], outputs: Sequence[int]
-) -> NDArray[np.complex128]: ...
-def linear_response_sensitivities(
-    parameters: NDArray[np.float64],
-    frequency_hz: NDArray[np.float64],
-    outputs: Sequence[int],
-    wrt: Sequence[int],
-) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]: ...
-def simulate_linear(
-    parameters: NDArray[np.float64],
-    dn_set: NDArray[np.float64],
-    dt: float,
-    hold: Literal["zero", "first"],
-    initial: NDArray[np.float64],
-    outputs: Sequence[int],
-) -> NDArray[np.float64]: ...
-def linear_sensitivities(
-    parameters: NDArray[np.float64],
-    dn_set: NDArray[np.float64],
-    dt: float,
-    hold: Literal["zero", "first"],
-    initial: NDArray[np.float64],
-    outputs: Sequence[int],
-    wrt: Sequence[int],
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]: ...
 
 SHIP_PARAMETERS: tuple[str, ...]
 SHIP_OUTPUTS: tuple[str, ...]
@@ -228,23 +191,13 @@ def interval_speeds(
 ) -> NDArray[np.float64]: ...
 def pulse_levels(samples: _Samples) -> tuple[float, float]: ...
 def pulses_are_even(times: NDArray[np.float64], least: float, most: float) -> bool: ...
-def simulate_statespace(
-    A: NDArray[np.float64],
-    B: NDArray[np.float64],
-    C: NDArray[np.float64],
-    D: NDArray[np.float64],
-    u: NDArray[np.float64],
+def run_recursion(
+    system: NDArray[np.float64],
+    start: NDArray[np.float64],
+    signal: NDArray[np.float64],
+    shifts: Sequence[int],
     dt: float,
-    hold: Literal["zero", "first"],
-    initial: NDArray[np.float64],
-) -> NDArray[np.float64]: ...
-def statespace_response(
-    A: NDArray[np.float64],
-    B: NDArray[np.float64],
-    C: NDArray[np.float64],
-    D: NDArray[np.float64],
-    frequency_hz: NDArray[np.float64],
-) -> NDArray[np.complex128]: ...
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]: ...
 
 @final
 class Decimator:

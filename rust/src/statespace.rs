@@ -138,10 +138,11 @@ impl<'a> Recursion<'a> {
         }
         for from in (0..samples).step_by(BLOCK) {
             let to = (from + BLOCK).min(samples);
-            for (k, drive) in (from..to).zip(steps.drive.chunks_exact_mut(shifts.len().max(1))) {
-                for (value, &shift) in drive.iter_mut().zip(shifts) {
-                    let at = isize::try_from(shift).map_or(0, |shift| k.saturating_add_signed(shift));
-                    *value = signal[at.min(samples - 1)];
+            for (drive, &shift) in steps.drive.chunks_exact_mut(BLOCK).zip(shifts) {
+                let shift = isize::try_from(shift).unwrap_or_default();
+                let at = |k: usize| k.saturating_add_signed(shift).min(samples - 1);
+                for (value, k) in drive.iter_mut().zip(from..to) {
+                    *value = signal[at(k)];
                 }
             }
             arch().dispatch(Block { steps: &mut steps, samples: to - from });
@@ -149,12 +150,10 @@ impl<'a> Recursion<'a> {
                 for (output, row) in series.chunks_exact_mut(samples).enumerate() {
                     let results = steps.history[height..].chunks_exact(height);
                     let results = results.map(|sums| sums[states + output][lane]);
-                    let mut finite = true;
                     for (value, result) in row[from..to].iter_mut().zip(results) {
                         *value = result;
-                        finite &= result.is_finite();
                     }
-                    if !finite {
+                    if !all_finite(&row[from..to]) {
                         let bad = row[from..to].iter().position(|value| !value.is_finite());
                         let sample = from + bad.unwrap_or_default();
                         let what = if lane == 0 { "an output" } else { "a sensitivity" };
@@ -204,7 +203,6 @@ impl WithSimd for Block<'_> {
         let inputs = drive.len() / BLOCK;
         let width = states + inputs;
         for k in 0..samples {
-            let drive = &drive[k * inputs..][..inputs];
             let (past, future) = history.split_at_mut((k + 1) * height);
             let state = &past[k * height..][..states];
             for group in 0..height / GROUP {
@@ -212,8 +210,10 @@ impl WithSimd for Block<'_> {
                 let sums = &mut future[group * GROUP..][..GROUP];
                 for part in 0..LANES / S::F64_LANES {
                     let mut sum = [simd.splat_f64s(0.0); GROUP];
+                    // Apart, so that a step waits for half of the sums.
+                    let mut turned = sum;
                     for j in 0..inputs {
-                        let value = simd.splat_f64s(drive[j]);
+                        let value = simd.splat_f64s(drive[j * BLOCK + k]);
                         for i in 0..GROUP {
                             sum[i] = simd.mul_add_e_f64s(load::<S>(&fed[states + j][i], part), value, sum[i]);
                         }
@@ -227,11 +227,11 @@ impl WithSimd for Block<'_> {
                     for j in 0..states {
                         let values = load::<S>(&state[j], part);
                         for i in 0..GROUP {
-                            sum[i] = simd.mul_add_e_f64s(simd.splat_f64s(own[j][i]), values, sum[i]);
+                            turned[i] = simd.mul_add_e_f64s(simd.splat_f64s(own[j][i]), values, turned[i]);
                         }
                     }
                     for i in 0..GROUP {
-                        S::as_mut_simd_f64s(&mut sums[i]).0[part] = sum[i];
+                        S::as_mut_simd_f64s(&mut sums[i]).0[part] = simd.add_f64s(sum[i], turned[i]);
                     }
                 }
             }

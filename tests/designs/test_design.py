@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import shipfp_rs as fp
-from shipfp_rs import _core, cli
+from shipfp_rs import cli
 from shipfp_rs.designs import Generator, Noise, Subject
 from shipfp_rs.designs.limits import steepest_rpm_s
 from shipfp_rs.designs.noise import sensors_of
@@ -195,9 +195,9 @@ class TestRunSheet:
     def test_swings_are_those_of_the_response(self) -> None:
         plan = fp.design(TUG, duration_s=300.0, amplitude_rpm=76.0, kind="sines")
         subject = Subject.of(TUG, None, None)
-        parameters = fp.linearise(fp.Vessel.load(TUG)).kernel_parameters()
+        model = fp.linearise(fp.Vessel.load(TUG))
         sine = next(stretch for stretch in plan.sheet if stretch.frequency_hz)
-        gains = np.abs(_core.linear_response(parameters, np.array([sine.frequency_hz]), [0, 3]))[:, 0]
+        gains = np.abs(model.response(sine.frequency_hz, ("dn", "dM_g")))[:, 0]
         # The swing holds the start's transient, too.
         assert sine.speed_rpm == pytest.approx(76.0 * gains[0], rel=0.1)
         expected = 76.0 / plan.set_point_rpm * gains[1] * subject.operating_point["M_g"]

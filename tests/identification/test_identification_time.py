@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from shipfp_rs import _core, signals
+from shipfp_rs import signals
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.identification.identify import identify
@@ -15,6 +15,7 @@ from shipfp_rs.simulation.simulate import simulate
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.vessel.linear_model import linearise
 from shipfp_rs.vessel.vessel import Vessel
+from tests.launch import outputs_of
 
 RATE = 20.0
 POINT = {"n_set": 1300.0, "n_e": 1300.0, "M_b": 222.93, "M_g": 635.35}
@@ -174,14 +175,7 @@ def test_the_same_seed_gives_the_same_fingerprint(tmp_path):
 def test_the_parameters_come_back_from_a_chirp_though_it_starts_off_balance_and_the_gauge_has_an_offset():
     launch = linearise(Vessel.load("stan-launch-804"))
     excitation = signals.chirp(0.01, 10.0, 60.0, 13.0)
-    dn, dM = _core.simulate_linear(
-        launch.kernel_parameters(),
-        excitation.samples / 1300.0,
-        1.0 / excitation.rate_hz,
-        excitation.hold,
-        np.array([0.01, 0.02]),
-        [_core.LINEAR_OUTPUTS.index("dn"), _core.LINEAR_OUTPUTS.index("dM_b")],
-    )
+    dn, dM = outputs_of(excitation, model=launch, initial=(0.01, 0.02))
     experiment = Experiment(
         "chirp",
         excitation.rate_hz,

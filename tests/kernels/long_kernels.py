@@ -52,33 +52,8 @@ KERNELS: dict[str, Callable[[], object]] = {
     "simulate_ship": _ship("simulate_ship", samples=10_000_000),
     "ship_sensitivities": _ship("ship_sensitivities", wrt=WRT),
     "ship_observed": _ship("ship_observed"),
-    "linear_sensitivities": lambda: _core.linear_sensitivities(
-        np.array([1.5, -0.583, 1.583, 10.0, 1.0, 2.0, 0.6, 0.05, 0.01]),
-        np.sin(np.arange(5_000_000) * 0.01),
-        0.01,
-        "first",
-        np.zeros(2),
-        [0, 2],
-        WRT,
-    ),
-    "linear_response_sensitivities": lambda: _core.linear_response_sensitivities(
-        np.array([1.5, -0.583, 1.583, 10.0, 1.0, 2.0, 0.6, 0.05, 0.01]),
-        np.linspace(0.01, 9.0, 300_000),
-        [0],
-        WRT,
-    ),
-    "simulate_statespace": lambda: _core.simulate_statespace(
-        -np.eye(200),
-        np.ones(200),
-        np.ones((1, 200)),
-        np.zeros(1),
-        np.ones(5_000_000),
-        0.01,
-        "first",
-        np.zeros(200),
-    ),
-    "statespace_response": lambda: _core.statespace_response(
-        -np.eye(200), np.ones(200), np.ones((1, 200)), np.zeros(1), np.linspace(0.01, 9.0, 100_000)
+    "run_recursion": lambda: _core.run_recursion(
+        np.full((8, 201, 201), 1e-3), np.zeros((8, 200)), np.ones(2_000_000), [0], 0.01
     ),
     "equation_products": lambda: _core.equation_products(
         np.array(
@@ -113,8 +88,6 @@ KERNELS: dict[str, Callable[[], object]] = {
 }
 """Of every kernel of `_core` a call that takes long; a test looks that none is missing."""
 SAME = {
-    "simulate_linear": "linear_sensitivities",
-    "linear_response": "linear_response_sensitivities",
     "equation_residuals": "equation_products",
     "loop_is_stable": "equation_products",
 }

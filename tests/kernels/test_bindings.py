@@ -12,34 +12,18 @@ from tests.twins import ship
 from tests.twins.drive_train import detail
 
 TRAIN = (ship.vector(), detail(), np.ones(6), np.empty((3, 0)))
-LINEAR = np.array([1.5, -0.583, 1.583, 10.0, 1.0, 2.0, 0.6, 0.0, 0.0])
-LINEAR_RUN = (np.zeros(8), 0.01, "zero", np.zeros(2))
 
 
 KERNELS = {
     "simulate_ship_by": (ship.vector(), np.ones(4), 0.01, 1, "rk4", "zero", np.ones(2), [0]),
     "simulate_detailed_ship": (*TRAIN, np.ones(4), 0.01, 1, "zero", [0]),
-    "simulate_linear": (LINEAR, *LINEAR_RUN, [0]),
-    "linear_sensitivities": (LINEAR, *LINEAR_RUN, [0], [0]),
-    "linear_response": (LINEAR, np.ones(3), [0]),
-    "linear_response_sensitivities": (LINEAR, np.ones(3), [0], [0]),
     "simulate_ship": (ship.vector(load_gain=1.0), np.ones(4), np.zeros(4), 0.01, 1, "zero", [0]),
     "ship_sensitivities": (ship.vector(), np.ones(4), np.zeros(0), 0.01, 1, "zero", [0], [0]),
     "ship_observed": (
         *(ship.vector(), np.ones(4), np.zeros(4), 0.01, 1, "zero", 1, [0], [0]),
         *(np.zeros((4, 1), dtype=bool), np.ones(3), 1),
     ),
-    "simulate_statespace": (
-        -np.eye(2),
-        np.ones(2),
-        np.eye(2),
-        np.ones(2),
-        np.ones(5),
-        0.1,
-        "zero",
-        np.ones(2),
-    ),
-    "statespace_response": (-np.eye(2), np.ones(2), np.eye(2), np.ones(2), np.ones(3)),
+    "run_recursion": (np.full((2, 4, 3), 0.1), np.zeros((2, 2)), np.ones(5), [0], 0.1),
     "find_spikes": (np.ones(9), 2, 1, 3, 5.0, 0.1),
     "running_median": (np.ones(9), 3),
     "slope_at_even_times": (np.arange(5.0), np.ones((4, 4)), 0.0, 2.0, 8),
@@ -133,7 +117,7 @@ def test_breakage_b4_spikes_of_any_length_are_refused(longest):
         _core.find_spikes(np.ones(5), longest, 1, 3, 5.0, 0.1)
 
 
-@pytest.mark.parametrize("kernel", [name for name in KERNELS if "linear" in name or "train_s" in name])
+@pytest.mark.parametrize("kernel", [name for name in KERNELS if "ship" in name])
 def test_breakage_b4_lists_of_outputs_have_an_end(kernel):
     arguments = list(KERNELS[kernel])
     if [0] not in [argument for argument in arguments if isinstance(argument, list)]:
@@ -148,14 +132,10 @@ LITTLE_MEMORY = """
 import resource, sys
 import numpy as np
 from shipfp_rs import _core
-from tests.kernels.test_bindings import LINEAR
 dn_set = np.zeros(20_000_000)
 resource.setrlimit(resource.RLIMIT_AS, (1 << 30, 1 << 30))
 for kernel in (
-    lambda: _core.simulate_linear(LINEAR, dn_set, 0.01, "zero", np.zeros(2), [0] * 9),
-    lambda: _core.simulate_statespace(
-        -np.eye(2), np.ones(2), np.ones((9, 2)), np.ones(9), dn_set, 0.01, "zero", np.zeros(2)
-    ),
+    lambda: _core.run_recursion(np.ones((1, 11, 3)), np.zeros((1, 2)), dn_set, [0], 0.01),
     lambda: _core.slope_at_even_times(np.array([0.0, 1e6]), np.ones((4, 1)), 0.0, 1000.0, 10**9),
     lambda: _core.running_median(dn_set, 60_000_001),
     lambda: _core.interval_speeds(
@@ -172,7 +152,6 @@ import threading
 import numpy as np
 from shipfp_rs import _core
 from shipfp_rs.errors import InternalError
-from tests.kernels.test_bindings import LINEAR
 import resource
 resource.setrlimit(resource.RLIMIT_AS, (resource.getrlimit(resource.RLIMIT_AS)[0],) * 2)
 n = 5_000_000
@@ -181,14 +160,14 @@ used = int(open("/proc/self/statm").read().split()[0]) * resource.getpagesize()
 # Room for what is simulated, none for a thread's stack.
 resource.setrlimit(resource.RLIMIT_AS, (used + 8 * n + (1 << 20),) * 2)
 try:
-    _core.simulate_linear(LINEAR, dn_set, 0.01, "zero", np.zeros(2), [0])
+    _core.run_recursion(np.full((1, 3, 3), 0.1), np.zeros((1, 2)), dn_set, [0], 0.01)
 except InternalError as error:
     print("refused:", error)
 """
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="limits of memory are Linux's")
-@pytest.mark.parametrize(("program", "times"), [(LITTLE_MEMORY, 5), (NO_THREADS, 1)])
+@pytest.mark.parametrize(("program", "times"), [(LITTLE_MEMORY, 4), (NO_THREADS, 1)])
 def test_breakage_b4_without_memory_or_threads_there_is_an_exception(program, times):
     done = subprocess.run(
         [sys.executable, "-c", program], capture_output=True, text=True, timeout=120, check=False

@@ -26,9 +26,6 @@ RNG = np.random.default_rng(1205)
 SAMPLES = 5000
 DN_SET = 0.01 * np.cumsum(RNG.normal(size=SAMPLES)) / np.sqrt(SAMPLES)
 N_SET = N_E * (1.0 + DN_SET)
-LINEAR = np.array([1.5, -0.583, 1.583, 10.0, 1.0, 2.0, 0.6, 0.04, 0.013])
-COMMON = (DN_SET, 1.0 / RATE_HZ, "first", np.array([0.01, 0.0]))
-WRT = [0, 1, 2, 3, 4, 5, 7, 8, 9, 10]
 TRAIN = (
     ship.vector(T_d=0.0413, T_set=0.0111, tau_act=0.05, tau_twist=0.004, zeta_twist=0.3),
     detail(interval=1.0 / 3.0, margin=0.5, drag=0.01, drag_exponent=1.3, bollard=0.99, blade_ripple=0.01),
@@ -46,10 +43,12 @@ MOST = 24
 SHIP_WRT = [0, 1, 2, 3, 4, 6, 8, 9, 12]
 
 
-def without_dead_time():
-    parameters = LINEAR.copy()
-    parameters[7:] = 0.0
-    return parameters
+def recursion(states, directions):
+    """Outputs and derivatives of any recursion that decays."""
+    random = np.random.default_rng(states)
+    system = random.normal(size=(1 + directions, states + 3, states + 4)) / (4.0 * np.sqrt(states))
+    start = random.normal(size=(1 + directions, states))
+    return flat(_core.run_recursion(system, start, DN_SET, [-7, -1, 0, 1], 1.0 / RATE_HZ))
 
 
 def decimated():
@@ -141,8 +140,6 @@ def sensitivities(name):
     return of_ship(name, lambda *common: _core.ship_sensitivities(*common, [0, 2, 3], wrt)[1])
 
 
-MATRICES = (np.array([[-2.0, 1.0], [-1.0, -0.5]]), np.ones(2), np.eye(2), np.zeros(2))
-FREQUENCIES = np.linspace(0.0, 20.0, 99)
 EXACT = {
     "Decimator": decimated,
     "RepeatScan": repeats,
@@ -175,21 +172,13 @@ EXACT = {
         )
         for name in SHIPS
     },
-    "linear_response": lambda: _core.linear_response(LINEAR, FREQUENCIES, [0, 2]),
-    "linear_response_sensitivities": lambda: flat(
-        _core.linear_response_sensitivities(LINEAR, FREQUENCIES, [0, 2], WRT[:-2])
-    ),
-    "simulate_statespace": lambda: _core.simulate_statespace(*MATRICES, *COMMON),
-    "statespace_response": lambda: _core.statespace_response(*MATRICES, FREQUENCIES),
 }
 """The same bits on every machine: calls by the kernel's name, and what is special about them."""
 
 FUSED = {
-    "simulate_linear": lambda: _core.simulate_linear(LINEAR, *COMMON, [0, 1, 2, 3, 4]),
-    "linear_sensitivities": lambda: flat(_core.linear_sensitivities(LINEAR, *COMMON, [0, 1, 2, 3, 4], WRT)),
-    "linear_sensitivities: without a dead time": lambda: flat(
-        _core.linear_sensitivities(without_dead_time(), *COMMON, [0, 2], [0, 1, 3, 4])
-    ),
+    "run_recursion": functools.partial(recursion, 2, 7),
+    "run_recursion: values alone": functools.partial(recursion, 8, 0),
+    "run_recursion: two passes": functools.partial(recursion, 8, 10),
     "ship_sensitivities": lambda: _core.ship_sensitivities(*SHIP, [0, 2, 3], SHIP_WRT)[1],
     **{f"ship_sensitivities: {name}": functools.partial(sensitivities, name) for name in SHIPS},
     "ship_observed": lambda: _core.ship_observed(
@@ -253,7 +242,7 @@ def test_breakage_b7_without_fused_multiply_adds_results_are_within_rounding(ker
 
 @pytest.mark.skipif(len(SETS) < 2, reason="a machine with one instruction set")
 def test_breakage_b7_the_choice_is_followed():
-    found = results(FUSED["linear_sensitivities"])
+    found = results(FUSED["run_recursion"])
     assert not np.array_equal(found["scalar"], found[SETS[-1]])
 
 

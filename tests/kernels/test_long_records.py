@@ -1,14 +1,17 @@
 """What decays over a long record becomes zero, not a subnormal number, with which processors compute many times slower."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from shipfp_rs import _core
+from shipfp_rs.structures.linear import LinearEquations
 from tests.twins import ship
 from tests.twins.drive_train import detail
 
 RATE_HZ = 200.0
-FAST = np.array([0.03, -0.583, 1.583, 1.0, 50.0, 2.0, 0.01, 0.0, 0.0])
+FAST = {"tau_n": 0.03, "g": -0.583, "v": 1.583, "K_p": 1.0, "K_i": 50.0, "p": 2.0}
 """A loop whose slowest pole decays at 23 per second: below the normal numbers after 31 s."""
 
 
@@ -22,13 +25,13 @@ def assert_normal(values):
 @pytest.mark.parametrize("dead_time", [0.0, 0.004])
 @pytest.mark.parametrize("moves", [True, False])
 def test_breakage_b1_derivatives_by_the_initial_state_of_the_linear_structure(dead_time, moves):
-    parameters = FAST.copy()
-    parameters[7] = dead_time
     samples = round(400.0 * RATE_HZ)
     time = np.arange(samples) / RATE_HZ
     dn_set = 0.01 * np.sin(time) if moves else 0.01 * (time < 0.5)
-    values, slopes = _core.linear_sensitivities(
-        parameters, dn_set, 1.0 / RATE_HZ, "first", np.array([0.01, 0.0]), [0, 2], [0, 3, 9, 10]
+    values, slopes = LinearEquations(("dn", "dM"), gauge=False).sensitivities(
+        FAST | {"T_d": dead_time, "initial dn": 0.01},
+        SimpleNamespace(dn_set=dn_set, rate_hz=RATE_HZ, hold="first"),
+        ["tau_n", "K_p", "initial dn", "initial dE"],
     )
     assert_normal(values)
     assert_normal(slopes)
@@ -55,13 +58,3 @@ def test_breakage_b1_a_start_off_the_point_of_the_drive_train(element):
         *(u, 1.0 / RATE_HZ, 2, "first", [0, 1, 2, 3, 4]),
     )
     assert_normal(rows)
-
-
-def test_breakage_b1_state_space():
-    A = np.array([[-(2.583 + 1.583) / 0.03, 1.583 * 50.0 / 0.03], [-1.0, 0.0]])
-    C = np.array([[1.0, 0.0], [2.0, 0.5]])
-    rows = _core.simulate_statespace(
-        A, np.zeros(2), C, np.zeros(2), np.zeros(20_000), 1.0 / RATE_HZ, "zero", np.array([0.01, 0.0])
-    )
-    assert_normal(rows)
-    assert not rows[:, -1].any()

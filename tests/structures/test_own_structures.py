@@ -8,7 +8,6 @@ import pytest
 from scipy.signal import lfilter
 
 from shipfp_rs import signals
-from shipfp_rs._core import linear_response, simulate_linear
 from shipfp_rs.errors import InputError, SimulationError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.frequency import FrequencyResponse
@@ -43,9 +42,9 @@ def experiment():
     """A noisy chirp of the launch that starts off balance."""
     excitation = signals.chirp(0.01, 5.0, 60.0, 13.0, rate_hz=50.0)
     dn_set = excitation.samples / 1300.0
-    clean = simulate_linear(
-        twin.vector(), dn_set, 1 / excitation.rate_hz, excitation.hold, np.array([0.004, 0.01]), [0, 2]
-    )
+    clean = twin.simulate(
+        twin.vector(), dn_set, 1 / excitation.rate_hz, excitation.hold, np.array([0.004, 0.01])
+    )[[0, 2]]
     random = np.random.default_rng(1)
     dn, dM = clean + random.normal(size=clean.shape) * clean.std(axis=1, keepdims=True) * 0.05
     return Experiment(
@@ -98,7 +97,7 @@ class TestMatrices:
 
     def test_identification_from_a_frequency_response(self):
         frequency = np.geomspace(0.01, 5, 15)
-        dn, dM = linear_response(twin.vector(), frequency, [0, 2])
+        dn, dM = twin.response(twin.vector(), frequency)[[0, 2]]
         found = identify(FrequencyResponse("sines", frequency, {"n_e": dn, "M_b": dM}), from_matrices())
         for name, truth in TRUTH.items():
             assert found[name].value == pytest.approx(truth, rel=1e-6)

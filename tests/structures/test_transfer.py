@@ -37,7 +37,7 @@ ALL = {
 LOOP = ["dead_time_loop", "dead_time_set_point"]
 
 
-def test_nothing_added_is_the_linear_structure_of_the_kernel():
+def test_nothing_added_is_the_linear_structure():
     plain = Structure.linear(**ALL)
     values = {name: TUG[name] for name in plain.names}
     expected, slopes = plain.equations.response(values, FREQUENCIES[1:], list(plain.names))

@@ -8,7 +8,6 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from shipfp_rs._core import LINEAR_PARAMETERS
 from tests.twins.vectors import vectors
 
 Array = NDArray[np.float64]
@@ -26,7 +25,7 @@ DEFAULTS = {
 }
 
 
-vector = vectors(DEFAULTS, LINEAR_PARAMETERS)
+vector = vectors(DEFAULTS, tuple(DEFAULTS))
 """Parameters of the virtual launch (operating point of Table 3.5), some of them changed."""
 
 

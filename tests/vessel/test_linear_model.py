@@ -9,20 +9,14 @@ from typing import get_args
 import numpy as np
 import pytest
 
-from shipfp_rs import _core
 from shipfp_rs.errors import InputError
-from shipfp_rs.vessel.linear_model import LinearModel, Output, linearise, linearise_numerically
+from shipfp_rs.vessel.linear_model import Output, linearise, linearise_numerically
 from shipfp_rs.vessel.vessel import Vessel
 
 LAUNCH = Vessel.load("stan-launch-804")
 TUG = Vessel.load("stan-tug-1205")
 SHIPS = pytest.mark.parametrize("ship", [LAUNCH, TUG], ids=lambda ship: ship.name)
 OUTPUTS: tuple[Output, ...] = get_args(Output)
-
-
-def test_names_are_those_of_the_kernels() -> None:
-    assert tuple(LinearModel.__dataclass_fields__) == _core.LINEAR_PARAMETERS
-    assert OUTPUTS == _core.LINEAR_OUTPUTS
 
 
 def test_launch_has_its_published_parameters() -> None:
@@ -55,8 +49,8 @@ def test_tug_follows_slow_set_points_with_the_delay_that_it_is_configured_for() 
 @pytest.mark.parametrize("fraction", [0.6, 1.0, 1.3])
 def test_slopes_agree_with_differences_of_the_plant(ship: Vessel, fraction: float) -> None:
     rpm = fraction * ship.operating_point.n_e_rpm
-    exact = linearise(ship, rpm).kernel_parameters()
-    np.testing.assert_allclose(linearise_numerically(ship, rpm).kernel_parameters(), exact, rtol=1e-7)
+    exact = dataclasses.astuple(linearise(ship, rpm))
+    np.testing.assert_allclose(dataclasses.astuple(linearise_numerically(ship, rpm)), exact, rtol=1e-7)
 
 
 def test_difference_error_falls_with_the_square_of_the_step() -> None:
@@ -92,7 +86,7 @@ def test_gains_at_both_ends(ship: Vessel) -> None:
 
 @SHIPS
 @pytest.mark.parametrize("output", OUTPUTS)
-def test_transfer_function_state_space_and_kernel_agree(ship: Vessel, output: Output) -> None:
+def test_transfer_function_state_space_and_response_agree(ship: Vessel, output: Output) -> None:
     model = linearise(ship)
     frequency = np.geomspace(1e-3, 50.0, 25)
     _, rational = model.transfer_function(output).freqresp(2 * np.pi * frequency)
@@ -101,9 +95,9 @@ def test_transfer_function_state_space_and_kernel_agree(ship: Vessel, output: Ou
         (system.C @ np.linalg.solve(2j * np.pi * f * np.eye(2) - system.A, system.B) + system.D).item()
         for f in frequency
     ]
-    (kernel,) = _core.linear_response(model.kernel_parameters(), frequency, [OUTPUTS.index(output)])
+    (found,) = model.response(frequency, [output])
     np.testing.assert_allclose(states, rational, rtol=1e-8)
-    np.testing.assert_allclose(kernel, rational, rtol=1e-12)
+    np.testing.assert_allclose(found, rational, rtol=1e-12)
 
 
 def test_transfer_functions_are_the_printed_ones() -> None:
@@ -144,7 +138,7 @@ def test_loops_are_stable_and_do_not_swing(ship: Vessel) -> None:
 
 def test_a_dead_time_has_no_poles_but_keeps_its_gains() -> None:
     model = linearise(TUG)
-    late = LinearModel(*model.kernel_parameters()[:7].tolist(), T_d=0.12)
+    late = dataclasses.replace(model, T_d=0.12)
     assert late.dc_gain("dM_b") == model.dc_gain("dM_b")
     with pytest.raises(InputError, match=r"found dead times T_d 0\.12 s, T_set 0 s, expected none"):
         _ = late.poles

@@ -53,7 +53,9 @@ class MatrixEquations(StateSpaceEquations):
         start = np.array([values.get(state, 0.0) for state in states])
 
         def at(vector: npt.NDArray[Any]) -> list[npt.NDArray[Any]]:
-            return self._matrices({**values, **{p.name: value for p, value in zip(moved, vector, strict=True)}})
+            return self._matrices(
+                {**values, **{p.name: value for p, value in zip(moved, vector, strict=True)}}
+            )
 
         slopes = by_part(self.differences, at, *_about(values, moved)) if moved else []
         by = {p.name: parts for p, parts in zip(moved, slopes, strict=True)}
@@ -89,7 +91,12 @@ class MatrixEquations(StateSpaceEquations):
             if not np.isfinite(matrix).all():
                 raise SimulationError(f"matrices: {name} is not finite with {_listed(own)}")
         kind = np.result_type(A, B, C, D, np.float64)
-        return [A.astype(kind), B.astype(kind).reshape(order, 1), C.astype(kind), D.astype(kind).reshape(outputs, 1)]
+        return [
+            A.astype(kind),
+            B.astype(kind).reshape(order, 1),
+            C.astype(kind),
+            D.astype(kind).reshape(outputs, 1),
+        ]
 
 
 @dataclass(frozen=True)

@@ -122,7 +122,9 @@ def _sampled(model: Model, dt: float, hold: str) -> tuple[npt.NDArray[Any], list
         # A step at the sample itself counts.
         seen = np.stack([f.real != 0.0, f.real == 0.0, 0.0 * f], axis=-1)
     else:
-        fed = np.stack([f * held - ramp + ramp_late, (1.0 - f) * held + ramp - 2.0 * ramp_late, ramp_late], axis=-1)
+        fed = np.stack(
+            [f * held - ramp + ramp_late, (1.0 - f) * held + ramp - 2.0 * ramp_late, ramp_late], axis=-1
+        )
         seen = np.stack([f, 1.0 - f, 0.0 * f], axis=-1)
     system = np.zeros((count, n + outputs, n + 3 * inputs), dtype=np.complex128)
     system[:, :n, :n], system[:, n:, :n] = step[:, :n, :n], C

@@ -1,4 +1,6 @@
-"""The state-space kernels against their NumPy reference, SciPy and known answers."""
+"""State spaces against their NumPy reference, SciPy and known answers, and the kernel that they run on."""
+
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -8,6 +10,7 @@ from scipy.signal import cont2discrete
 
 from shipfp_rs import _core
 from shipfp_rs.errors import InputError, SimulationError
+from shipfp_rs.structures.custom import MatrixEquations
 from tests.twins import statespace as twin
 
 
@@ -18,10 +21,22 @@ def model(order, outputs, seed):
     return A, random.normal(size=order), random.normal(size=(outputs, order)), random.normal(size=outputs)
 
 
+def equations_of(model):
+    return MatrixEquations(lambda q: model, (), tuple(f"y{row}" for row in range(len(model[3]))))
+
+
+def response(*model_and_frequency):
+    *model, frequency = model_and_frequency
+    return equations_of(model).response({}, frequency, ())[0]
+
+
 def run(model, u, dt=0.1, hold="first", initial=None):
-    A, B, C, D = (np.array(part, dtype=float) for part in model)
-    start = np.zeros(len(B)) if initial is None else np.array(initial, dtype=float)
-    return _core.simulate_statespace(A, B, C, D, np.array(u, dtype=float), dt, hold, start)
+    equations = equations_of(model)
+    start = np.zeros(len(model[1])) if initial is None else initial
+    values = dict(zip(equations.states, start, strict=True))
+    return equations.simulate(
+        values, SimpleNamespace(dn_set=np.array(u, dtype=float), rate_hz=1.0 / dt, hold=hold)
+    )
 
 
 LAG = ([[-2.0]], [2.0], [[1.0]], [0.0])
@@ -34,7 +49,7 @@ class TestSimulation:
         A, B, C, D = model(order, 3, seed=order)
         random = np.random.default_rng(order)
         u, initial = random.normal(size=12), random.normal(size=order)
-        found = _core.simulate_statespace(A, B, C, D, u, 0.3, hold, initial)
+        found = run((A, B, C, D), u, 0.3, hold, initial)
         expected = twin.simulate(A, B, C, D, u, 0.3, hold, initial)
         np.testing.assert_allclose(found, expected, rtol=1e-10, atol=1e-10)
 
@@ -94,8 +109,8 @@ class TestSimulation:
         with pytest.raises(SimulationError, match=r"diverged at sample \d+ .*an output is not finite"):
             run(([[100.0]], [1.0], [[1.0]], [0.0]), np.ones(1000))
 
-    def test_overflowing_rates_diverge(self):
-        with pytest.raises(SimulationError, match="diverged at sample 1 "):
+    def test_overflowing_rates_are_refused(self):
+        with pytest.raises(InputError, match="system holds what is not finite"):
             run(([[1e308]], [1.0], [[1.0]], [0.0]), np.ones(3), dt=1e3)
 
 
@@ -105,36 +120,70 @@ class TestResponse:
     @pytest.mark.parametrize("order", [1, 2, 7, 15])
     def test_agrees_with_the_eigenvectors(self, order):
         A, B, C, D = model(order, 3, seed=order)
-        found = _core.statespace_response(A, B, C, D, self.frequency)
+        found = response(A, B, C, D, self.frequency)
         np.testing.assert_allclose(found, twin.response(A, B, C, D, self.frequency), rtol=1e-9, atol=1e-11)
 
     def test_of_a_lag(self):
-        found = _core.statespace_response(*(np.array(part) for part in LAG), self.frequency)
+        found = response(*(np.array(part) for part in LAG), self.frequency)
         np.testing.assert_allclose(found[0], 2 / (2j * np.pi * self.frequency + 2), rtol=1e-14)
 
     def test_is_refused_at_a_pole(self):
         integrator = (np.zeros((1, 1)), np.ones(1), np.ones((1, 1)), np.zeros(1))
         with pytest.raises(InputError, match=r"frequency_hz\[1\]: the response is infinite at 0 Hz"):
-            _core.statespace_response(*integrator, np.array([1.0, 0.0]))
+            response(*integrator, np.array([1.0, 0.0]))
+
+
+GOOD = {
+    "system": np.full((3, 3, 4), 0.1),
+    "start": np.zeros((3, 2)),
+    "signal": np.arange(4.0),
+    "shifts": [0, 1],
+    "dt": 0.1,
+}
+
+
+@pytest.mark.parametrize("directions", [0, 1, 3, 6, 7, 8, 20])
+@pytest.mark.parametrize("states", [1, 2, 5])
+def test_the_recursion_and_its_derivatives(states, directions):
+    random = np.random.default_rng(directions)
+    system = 0.3 * random.normal(size=(1 + directions, states + 2, states + 2))
+    start, signal = random.normal(size=(1 + directions, states)), random.normal(size=150)
+    found, slopes = _core.run_recursion(system, start, signal, [-3, 1], 0.1)
+    padded = np.pad(signal, 3, mode="edge")
+    x, expected = start.copy(), []
+    for k in range(len(signal)):
+        whole = np.concatenate([x[0], padded[[k, k + 4]]])
+        step = system @ whole
+        step[1:] += x[1:] @ system[0, :, :states].T
+        x = step[:, :states]
+        expected.append(step[:, states:])
+    np.testing.assert_allclose([found, *slopes], np.moveaxis(expected, 0, 2), rtol=1e-11, atol=1e-11)
 
 
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"A": np.eye(3)}, r"A has shape \[3, 3\], expected \[2, 2\] with 2 states in B and 1 outputs in D"),
-        ({"C": np.ones((2, 2))}, r"C has shape \[2, 2\], expected \[1, 2\]"),
-        ({"A": np.full((2, 2), np.nan)}, "A holds NaN, expected finite numbers"),
-        ({"A": np.zeros((0, 0)), "B": np.zeros(0), "C": np.zeros((1, 0))}, "expected at least one state"),
-        ({"B": np.ones((2, 1))}, r"B: found float64 of shape \[2, 1\], expected a C-contiguous float64"),
-        ({"u": np.array([0.0, np.nan])}, r"u\[1\] is NaN, expected a finite number"),
-        ({"u": np.zeros(0)}, "u has no samples"),
+        ({"start": np.zeros((2, 2))}, r"system: found an array of shape \[3, 3, 4\], expected \[2, 3, 4\]"),
+        ({"shifts": [0]}, r"system: found an array of shape \[3, 3, 4\], expected \[3, 3, 3\]"),
+        (
+            {"start": np.zeros((3, 3))},
+            "3 systems of 3 rows, expected at least one, of more rows than the 3 states",
+        ),
+        ({"start": np.zeros((3, 0)), "shifts": [0] * 4}, "found 0 states, 3 outputs"),
+        ({"start": np.full((3, 2), np.nan)}, "start holds what is not finite"),
+        ({"system": np.full((3, 3, 4), np.inf)}, "system holds what is not finite"),
+        ({"signal": np.array([0.0, np.nan])}, "signal holds what is not finite, .*bridge gaps before"),
+        ({"signal": np.zeros(0)}, "0 samples, expected at least one"),
         ({"dt": 0.0}, "dt is 0, expected a positive sample time"),
-        ({"hold": "second"}, "hold is 'second', expected 'zero' or 'first'"),
-        ({"initial": np.zeros(3)}, "expected 2 finite numbers, one a state"),
     ],
 )
 def test_arguments_are_checked(changes, message):
-    good = {"A": -np.eye(2), "B": np.ones(2), "C": np.ones((1, 2)), "D": np.zeros(1), "u": np.ones(4)}
-    good |= {"dt": 0.1, "hold": "first", "initial": np.zeros(2)}
     with pytest.raises(InputError, match=message):
-        _core.simulate_statespace(**(good | changes))
+        _core.run_recursion(**(GOOD | changes))
+
+
+def test_derivatives_that_overflow_are_said_to():
+    system = np.full((2, 2, 2), 0.1)
+    system[1] = 1e308
+    with pytest.raises(SimulationError, match="a sensitivity is not finite"):
+        _core.run_recursion(system, np.zeros((2, 1)), np.full(9, 1e9), [0], 0.1)
