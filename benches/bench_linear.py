@@ -3,7 +3,7 @@
 Build with `maturin develop --release`, then `python -m benches.bench_linear`.
 
 All times are nanoseconds a sample of the record, two outputs (speed and engine torque), first-order hold. Ours are
-`simulate_linear` and `linear_sensitivities`, which a fit of `Structure.linear` calls.
+the equations of `Structure.linear`, matrices and discretisation included, as a fit calls them.
 """
 
 import argparse
@@ -16,13 +16,13 @@ import scipy.signal
 from numpy.typing import NDArray
 
 from benches.timing import median_time, print_table
-from shipfp_rs import _core
+from shipfp_rs.experiments.experiment import Experiment
+from shipfp_rs.structures.linear import LinearEquations
 
 Array = NDArray[np.float64]
 Outputs = Callable[[Array, Array], Array]
 
 DT = 0.01
-OUTPUTS, START = [0, 2], np.zeros(2)
 FIVE, SEVEN = [0, 1, 2, 3, 4], [0, 1, 2, 3, 4, 7, 8]
 LAUNCH = np.array([1.5, -0.583, 1.583, 4.0, 1.0, 2.0, 1.0, 0.0, 0.0])
 DEAD_TIMES = LAUNCH + np.array([0, 0, 0, 0, 0, 0, 0, 0.12, 0.035])
@@ -110,14 +110,28 @@ def numba_outputs(parameters: Array, dn_set: Array) -> Array:
     return numba_loop(np.ascontiguousarray(exponential[:n, :n]), Gamma, C, D, u1, u2)
 
 
+EQUATIONS = LinearEquations(("dn", "dM"), gauge=False)
+NAMES = ("tau_n", "g", "v", "K_p", "K_i", "p", "tau_prop", "T_d", "T_set")
+
+
 def outputs(parameters: Array, dn_set: Array) -> Array:
-    """Both outputs by our kernel, shape (2, N)."""
-    return _core.simulate_linear(parameters, dn_set, DT, "first", START, OUTPUTS)
+    """Both outputs by our equations, shape (2, N)."""
+    return EQUATIONS.simulate(values_of(parameters), run_of(dn_set))
 
 
 def derivatives(parameters: Array, dn_set: Array, wrt: list[int]) -> Array:
-    """Their derivatives by our kernel, shape (W, 2, N); the outputs are computed beside them."""
-    return _core.linear_sensitivities(parameters, dn_set, DT, "first", START, OUTPUTS, wrt)[1]
+    """Their derivatives by our equations, shape (W, 2, N); the outputs are computed beside them."""
+    names = [NAMES[place] for place in wrt]
+    return EQUATIONS.sensitivities(values_of(parameters), run_of(dn_set), names)[1]
+
+
+def values_of(parameters: Array) -> dict[str, float]:
+    # Where a dead time is none it is not declared, as in a structure.
+    return {name: value for name, value in zip(NAMES, parameters.tolist(), strict=True) if value}
+
+
+def run_of(dn_set: Array) -> Experiment:
+    return Experiment("run", 1.0 / DT, {"n_set": 1.0 + dn_set}, {"n_set": 1.0}, hold="first")
 
 
 def differences(simulate: Outputs, parameters: Array, dn_set: Array, wrt: list[int]) -> Array:

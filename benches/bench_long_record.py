@@ -18,6 +18,8 @@ import numpy as np
 
 from benches.timing import in_turn, print_table, spread
 from shipfp_rs import _core
+from shipfp_rs.experiments.experiment import Experiment
+from shipfp_rs.structures.linear import LinearEquations
 
 RATE_HZ = 200.0
 SHORT_S, LONG_S = 100.0, 1600.0
@@ -33,11 +35,14 @@ def set_point(moves: bool, samples: int) -> np.ndarray:
 
 def linear_calls(poles: str, dn_set: np.ndarray, dead_time: float) -> dict[str, Callable[[], object]]:
     tau_n, k_p, k_i = POLES[poles]
-    parameters = np.array([tau_n, -0.583, 1.583, k_p, k_i, 2.0, 0.4 * tau_n, dead_time, 0.0])
-    common = (dn_set, 1.0 / RATE_HZ, "first", np.array([0.01, 0.0]))
-    outputs, wrt = [0, 2], [0, 1, 2, 3, 4, 9, 10]
-    name = f"linear_sensitivities{', dead time' if dead_time else ''}"
-    return {name: lambda: _core.linear_sensitivities(parameters, *common, outputs, wrt)}
+    values = {"tau_n": tau_n, "g": -0.583, "v": 1.583, "K_p": k_p, "K_i": k_i, "p": 2.0, "initial dn": 0.01}
+    names = ["tau_n", "g", "v", "K_p", "K_i", "initial dn", "initial dE"]
+    if dead_time:
+        values["T_d"] = dead_time
+    run = Experiment("run", RATE_HZ, {"n_set": 1.0 + dn_set}, {"n_set": 1.0}, hold="first")
+    equations = LinearEquations(("dn", "dM"), gauge=False)
+    name = f"linear structure{', dead time' if dead_time else ''}"
+    return {name: lambda: equations.sensitivities(values, run, names)}
 
 
 def ship_calls(poles: str, dn_set: np.ndarray) -> dict[str, Callable[[], object]]:
@@ -66,24 +71,12 @@ def ship_calls(poles: str, dn_set: np.ndarray) -> dict[str, Callable[[], object]
     }
 
 
-def other_calls(poles: str, dn_set: np.ndarray) -> dict[str, Callable[[], object]]:
-    tau_n, k_p, k_i = POLES[poles]
-    A = np.array([[-(2.583 + 1.583 * k_p) / tau_n, 1.583 * k_i / tau_n], [-1.0, 0.0]])
-    B, C, D = np.array([1.583 * k_p / tau_n, 1.0]), np.array([[1.0, 0.0], [2.0, 0.5]]), np.zeros(2)
-    return {
-        "simulate_statespace": lambda: _core.simulate_statespace(
-            A, B, C, D, dn_set, 1.0 / RATE_HZ, "zero", np.array([0.01, 0.0])
-        ),
-    }
-
-
 def calls(poles: str, moves: bool, duration_s: float) -> dict[str, Callable[[], object]]:
     dn_set = set_point(moves, round(duration_s * RATE_HZ))
     return {
         **linear_calls(poles, dn_set, 0.0),
         **linear_calls(poles, dn_set, 0.05 if poles == "slow" else 0.004),
         **ship_calls(poles, dn_set),
-        **other_calls(poles, dn_set),
     }
 
 

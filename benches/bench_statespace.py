@@ -1,16 +1,17 @@
-"""State-space kernel against scipy.signal.lsim and a numba loop over the same discretised model.
+"""State spaces against scipy.signal.lsim and a numba loop over the same discretised model.
 
 Build with `maturin develop --release`, then `python -m benches.bench_statespace`. All figures come from one run.
 """
 
 import argparse
+from types import SimpleNamespace
 
 import numpy as np
 from numba import njit
 from scipy.signal import cont2discrete, lsim
 
 from benches.timing import median_time, print_table
-from shipfp_rs._core import simulate_statespace
+from shipfp_rs.structures.custom import MatrixEquations
 
 DT = 0.01
 
@@ -48,15 +49,16 @@ def main() -> None:
     if options.quick:
         options.samples, options.repeats = 10_000, 1
     u = np.random.default_rng(1).normal(size=options.samples)
+    run = SimpleNamespace(dn_set=u, rate_hz=1.0 / DT, hold="zero")
     rows = []
     for order in (2, 4, 8, 12):
         A, B, C, D = model(order)
         time = DT * np.arange(len(u))
         phi, gamma, *_ = cont2discrete((A, B[:, None], C, D[:, None]), DT, "zoh")
         calls = {
-            "ours": lambda A=A, B=B, C=C, D=D: simulate_statespace(
-                A, B, C, D, u, DT, "zero", np.zeros(len(B))
-            ),
+            "ours": lambda matrices=(A, B, C, D): MatrixEquations(
+                lambda q: matrices, (), ("y1", "y2")
+            ).simulate({}, run),
             "numba": lambda phi=phi, gamma=gamma[:, 0], C=C: step_through(phi, gamma, C, u),
             "SciPy": lambda A=A, B=B, C=C, D=D, time=time: (
                 lsim((A, B[:, None], C, D[:, None]), u, time, interp=False)[1].T

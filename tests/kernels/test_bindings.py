@@ -117,17 +117,6 @@ def test_breakage_b4_spikes_of_any_length_are_refused(longest):
         _core.find_spikes(np.ones(5), longest, 1, 3, 5.0, 0.1)
 
 
-@pytest.mark.parametrize("kernel", [name for name in KERNELS if "ship" in name])
-def test_breakage_b4_lists_of_outputs_have_an_end(kernel):
-    arguments = list(KERNELS[kernel])
-    if [0] not in [argument for argument in arguments if isinstance(argument, list)]:
-        pytest.skip("no list of outputs")
-    place = next(i for i, argument in enumerate(arguments) if isinstance(argument, list))
-    arguments[place] = [0] * 100_000
-    with pytest.raises(InputError, match="outputs"):
-        getattr(_core, kernel)(*arguments)
-
-
 LITTLE_MEMORY = """
 import resource, sys
 import numpy as np

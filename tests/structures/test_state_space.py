@@ -109,8 +109,8 @@ class TestSimulation:
         with pytest.raises(SimulationError, match=r"diverged at sample \d+ .*an output is not finite"):
             run(([[100.0]], [1.0], [[1.0]], [0.0]), np.ones(1000))
 
-    def test_overflowing_rates_are_refused(self):
-        with pytest.raises(InputError, match="system holds what is not finite"):
+    def test_overflowing_rates_are_a_failure_of_the_simulation(self):
+        with pytest.raises(SimulationError, match="matrices: not finite over a sample of 1000 s"):
             run(([[1e308]], [1.0], [[1.0]], [0.0]), np.ones(3), dt=1e3)
 
 

@@ -13,7 +13,7 @@ from shipfp_rs.errors import InputError, SimulationError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.structures.equations import Equations
 from shipfp_rs.structures.parameter import Parameter
-from shipfp_rs.structures.state_space import STEP, Model, StateSpaceEquations
+from shipfp_rs.structures.state_space import STEP, Model, StateSpaceEquations, listed
 from shipfp_rs.support.arrays import Array, ComplexArray, Names, Values
 from shipfp_rs.support.derivatives import Differences, by_part
 
@@ -59,14 +59,13 @@ class MatrixEquations(StateSpaceEquations):
 
         slopes = by_part(self.differences, at, *_about(values, moved)) if moved else []
         by = {p.name: parts for p, parts in zip(moved, slopes, strict=True)}
-        return [
-            Model(
-                *(part + 1j * STEP * by[name][i] if name in by else part for i, part in enumerate(matrices)),
-                start + 1j * STEP * np.array([state == name for state in states]),
-                np.zeros(1),
-            )
-            for name in names or [""]
-        ]
+        models = []
+        for name in names or [""]:
+            slope = by.get(name, [np.zeros_like(part) for part in matrices])
+            A, B, C, D = (part + 1j * STEP * d for part, d in zip(matrices, slope, strict=True))
+            unit = np.array([state == name for state in states])
+            models.append(Model(A, B, C, D, start + 1j * STEP * unit, np.zeros(1)))
+        return models
 
     def _matrices(self, values: Values) -> list[npt.NDArray[Any]]:
         own = {p.name: values[p.name] for p in self.parameters}
@@ -75,7 +74,7 @@ class MatrixEquations(StateSpaceEquations):
             with np.errstate(all="ignore"):
                 A, B, C, D = (np.array(matrix) for matrix in self.matrices(own))
         except ArithmeticError as error:
-            raise SimulationError(f"matrices: {error} with {_listed(own)}") from error
+            raise SimulationError(f"matrices: {error} with {listed(own)}") from error
         order, outputs = len(A), len(self.outputs)
         for name, matrix, shapes in (
             ("A", A, [(order, order)]),
@@ -89,7 +88,7 @@ class MatrixEquations(StateSpaceEquations):
                     f"{order} rows in A and outputs {', '.join(self.outputs)}"
                 )
             if not np.isfinite(matrix).all():
-                raise SimulationError(f"matrices: {name} is not finite with {_listed(own)}")
+                raise SimulationError(f"matrices: {name} is not finite with {listed(own)}")
         kind = np.result_type(A, B, C, D, np.float64)
         return [
             A.astype(kind),
@@ -153,7 +152,7 @@ class FunctionEquations(Equations):
             with np.errstate(all="ignore"):
                 rows = np.asarray(function(own, data))
         except ArithmeticError as error:
-            raise SimulationError(f"function: {error} with {_listed(own)}") from error
+            raise SimulationError(f"function: {error} with {listed(own)}") from error
         expected = (len(self.outputs), columns)
         if rows.shape != expected:
             raise InputError(
@@ -161,7 +160,7 @@ class FunctionEquations(Equations):
                 f"{', '.join(self.outputs)}"
             )
         if not np.isfinite(rows).all():
-            raise SimulationError(f"function: returned what is not finite with {_listed(own)}")
+            raise SimulationError(f"function: returned what is not finite with {listed(own)}")
         return rows
 
 
@@ -182,7 +181,3 @@ def _about(values: Values, parameters: Sequence[Parameter]) -> tuple[Array, Arra
         np.array([p.lower for p in parameters]),
         np.array([p.upper for p in parameters]),
     )
-
-
-def _listed(values: Values) -> str:
-    return ", ".join(f"{name} {value:.6g}" for name, value in values.items())

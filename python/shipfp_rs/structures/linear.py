@@ -9,7 +9,7 @@ import numpy as np
 
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.structures.state_space import STEP, Model, StateSpaceEquations
-from shipfp_rs.structures.transfer import TransferFunctions
+from shipfp_rs.structures.transfer import SLOWEST
 from shipfp_rs.support.arrays import Array, ComplexArray, Names, Values
 
 ORDER = 6
@@ -42,12 +42,17 @@ class LinearEquations(StateSpaceEquations):
     def models(self, values: Values, names: Names) -> list[Model]:
         """Return the model with its derivative by each name, or without one where there is no name."""
         order = 2 + ORDER * (values.get("T_d", 0.0) > SHORTEST)
-        moved = [{**values, name: values.get(name, 0.0) + 1j * STEP} for name in names] or [values]
+        moved: list[Any] = [{**values, name: values.get(name, 0.0) + 1j * STEP} for name in names] or [values]
         return [self._model(one, order) for one in moved]
 
+    @staticmethod
+    def _parameters(q: Any) -> tuple[Any, ...]:
+        """Return tau_n, p, v, K_p and K_i, where v K_p and v K_i may stand for the last two."""
+        gains = (q.get(name, q.get(f"v{name}", 0.0)) for name in ("K_p", "K_i"))
+        return q["tau_n"], q["p"], q.get("v", 1.0), *gains
+
     def _model(self, q: Any, order: int) -> Model:
-        tau_n, p, v = q["tau_n"], q["p"], q.get("v", 1.0)
-        K_p, K_i = (q.get(name, q.get(f"v{name}", 0.0)) for name in ("K_p", "K_i"))
+        tau_n, p, v, K_p, K_i = self._parameters(q)
         n, E = (q.get(state, 0.0) for state in self.states)
         T_d, T_set = q.get("T_d", 0.0), q.get("T_set", 0.0)
         a, b, c = (p - q["g"]) / tau_n, v * K_p / tau_n, v * K_i / tau_n
@@ -97,4 +102,37 @@ class LinearEquations(StateSpaceEquations):
         self, values: Values, frequency_hz: Array, names: Names
     ) -> tuple[ComplexArray, ComplexArray]:
         """Return the response (O, F) and its derivatives with respect to `names`, shape (W, O, F), dead times exact."""
-        return TransferFunctions(self.outputs, self.gauge, "engine").response(values, frequency_hz, names)
+        tau_n, p, v, K_p, K_i = self._parameters(values)
+        s = 1j * np.maximum(2.0 * np.pi * frequency_hz, SLOWEST)
+        inertia, inertia_name = (values["tau_prop"], "tau_prop") if self.gauge else (tau_n, "tau_n")
+        delay, late = np.exp(-s * values.get("T_set", 0.0)), np.exp(-s * values.get("T_d", 0.0))
+        governor = (K_p + K_i / s) * late
+        closed = tau_n * s + p - values["g"] + v * governor
+        speed = v * governor * delay / closed
+        error = delay - speed
+        load = p + inertia * s
+        found = {"dn": speed, "dM": load * speed, "dE": error / s, "dX": governor * error}
+        by_governor = {"K_p": late, "K_i": late / s, "T_d": -s * governor}
+        by_closed: dict[str, Any] = {"tau_n": s, "p": 1.0, "g": -1.0}
+        by_load: dict[str, Any] = {"p": 1.0, inertia_name: s}
+        slopes = np.zeros((len(names), len(self.outputs), len(s)), dtype=np.complex128)
+        for slope, name in zip(slopes, names, strict=True):
+            dgovernor = by_governor.get(name.removeprefix("v"), 0.0)
+            dspeed: Any = 0.0
+            if name in by_closed:
+                dspeed = -by_closed[name] / closed * speed
+            elif name == "v":
+                dspeed = governor / closed * error
+            elif name == "T_set":
+                dspeed = -s * speed
+            elif name.removeprefix("v") in by_governor:
+                dspeed = v * dgovernor / closed * error
+            derror = -s * delay - dspeed if name == "T_set" else -dspeed
+            for row, output in zip(slope, self.outputs, strict=True):
+                if output == "dn":
+                    row[:] = dspeed
+                elif output == "dM":
+                    row[:] = load * dspeed + by_load.get(name, 0.0) * speed
+                else:
+                    row[:] = derror / s if output == "dE" else dgovernor * error + governor * derror
+        return np.array([found[output] for output in self.outputs]), slopes

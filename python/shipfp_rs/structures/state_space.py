@@ -53,7 +53,11 @@ class StateSpaceEquations(Equations):
         """Return the outputs (O, N) and their derivatives with respect to `names`, shape (W, O, N)."""
         model = _together(self.models(values, names), values)
         dt = 1.0 / experiment.rate_hz
-        system, shifts = _sampled(model, dt, experiment.hold)
+        # What overflows is found here.
+        with np.errstate(all="ignore"):
+            system, shifts = _sampled(model, dt, experiment.hold)
+        if not np.isfinite(system).all():
+            raise SimulationError(f"matrices: not finite over a sample of {dt:g} s with {listed(values)}")
         count = len(names)
         return _core.run_recursion(
             _parted(system, count), _parted(model.start, count), experiment.dn_set, shifts, dt
@@ -85,9 +89,13 @@ def _together(models: list[Model], values: Values) -> Model:
     together = Model(*(np.array(parts) for parts in zip(*models, strict=True)))
     for name, part in zip(Model._fields, together, strict=True):
         if not np.isfinite(part).all():
-            listed = ", ".join(f"{name} {value:.6g}" for name, value in values.items())
-            raise SimulationError(f"matrices: {name} is not finite with {listed}")
+            raise SimulationError(f"matrices: {name} is not finite with {listed(values)}")
     return together
+
+
+def listed(values: Values) -> str:
+    """Return values by name, for a message."""
+    return ", ".join(f"{name} {value:.6g}" for name, value in values.items())
 
 
 def _parted(values: npt.NDArray[Any], count: int) -> Array:
@@ -149,18 +157,16 @@ def _exponential(matrices: npt.NDArray[Any]) -> npt.NDArray[Any]:
     """Return the exponentials of matrices (W, n, n) of one real part, by a Taylor polynomial, scaling and squaring."""
     value, slopes = matrices[0].real, matrices.imag
     norm = np.abs(value).sum(axis=0).max()
-    squarings = int(np.clip(np.ceil(np.log2(max(2.0 * norm, 1.0))), 0, 100))
+    squarings = int(np.clip(np.nan_to_num(np.ceil(np.log2(2.0 * norm)), nan=0.0), 0, 100))
     value, slopes = value * 0.5**squarings, slopes * 0.5**squarings
     identity = np.eye(len(value))
     series, series_slopes = identity, np.zeros_like(slopes)
-    with np.errstate(all="ignore"):
-        for term in range(DEGREE, 1, -1):
-            series_slopes = (slopes @ series + value @ series_slopes) / term
-            series = identity + value @ series / term
-        series_slopes = slopes @ series + value @ series_slopes
-        # exp - 1 is squared, not exp: slow modes beside fast ones would drown in the 1.
-        less_one = value @ series
-        for _ in range(squarings):
-            series_slopes = less_one @ series_slopes + series_slopes @ less_one + 2.0 * series_slopes
-            less_one = less_one @ less_one + 2.0 * less_one
-    return less_one + identity + 1j * series_slopes
+    for term in range(DEGREE, 1, -1):
+        series_slopes = (slopes @ series + value @ series_slopes) / term
+        series = identity + value @ series / term
+    # exp - 1 is squared, not exp: slow modes beside fast ones would drown in the 1.
+    less_one, by = value @ series, slopes @ series + value @ series_slopes
+    for _ in range(squarings):
+        by = less_one @ by + by @ less_one + 2.0 * by
+        less_one = less_one @ less_one + 2.0 * less_one
+    return np.asarray(less_one + identity + 1j * by)

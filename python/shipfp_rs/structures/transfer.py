@@ -66,19 +66,14 @@ class TransferFunctions:
             drack = d.path * (command - C * n_e) + A * (dcommand - d.governor * n_e - C * dn_e)
             dM_b = d.g * n_e + loop.g * dn_e + d.v * rack + v * drack
             dM_g = d.propeller * n_s + loop.propeller * dn_s
-            dE = (-(name == "T_set") * s * delay - dn_e) / s
-            slope[:] = self._measured(dn_e, dn_s, dM_b, dM_g, drack, dE)
-        M_b, M_g = loop.g * n_e + v * rack, loop.propeller * n_s
-        return self._measured(n_e, n_s, M_b, M_g, rack, (delay - n_e) / s), slopes
+            slope[:] = self._measured(dn_e, dn_s, dM_b, dM_g, drack)
+        return self._measured(n_e, n_s, loop.g * n_e + v * rack, loop.propeller * n_s, rack), slopes
 
-    def _measured(
-        self, n_e: Spectrum, n_s: Spectrum, M_b: Spectrum, M_g: Spectrum, X: Spectrum, E: Spectrum
-    ) -> Spectrum:
+    def _measured(self, n_e: Spectrum, n_s: Spectrum, M_b: Spectrum, M_g: Spectrum, X: Spectrum) -> Spectrum:
         rows = {
             "dn": n_e if self.speed == "engine" else n_s,
             "dM": M_g if self.gauge else M_b,
             "dX": X,
-            "dE": E,
         }
         return np.array([rows[output] for output in self.outputs])
 
