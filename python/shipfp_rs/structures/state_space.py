@@ -155,7 +155,8 @@ def _split(late: npt.NDArray[Any], dt: float) -> tuple[npt.NDArray[np.int64], np
 
 def _exponential(matrices: npt.NDArray[Any]) -> npt.NDArray[Any]:
     """Return the exponentials of matrices (W, n, n) of one real part, by a Taylor polynomial, scaling and squaring."""
-    value, slopes = matrices[0].real, matrices.imag
+    moved = matrices.imag.any(axis=(1, 2))
+    value, slopes = matrices[0].real, matrices.imag[moved]
     norm = np.abs(value).sum(axis=0).max()
     squarings = int(np.clip(np.nan_to_num(np.ceil(np.log2(2.0 * norm)), nan=0.0), 0, 100))
     value, slopes = value * 0.5**squarings, slopes * 0.5**squarings
@@ -169,4 +170,6 @@ def _exponential(matrices: npt.NDArray[Any]) -> npt.NDArray[Any]:
     for _ in range(squarings):
         by = less_one @ by + by @ less_one + 2.0 * by
         less_one = less_one @ less_one + 2.0 * less_one
-    return np.asarray(less_one + identity + 1j * by)
+    found = np.tile(less_one + identity + 0j, (len(matrices), 1, 1))
+    found[moved] += 1j * by
+    return found

@@ -38,7 +38,7 @@ fn run_recursion<'py>(
     let shape = [parts - 1, rows - states, signal.len()];
     let recursion =
         Recursion::new(system.as_slice()?, start.as_slice()?, [states, shape[1]], signal, &shifts, dt)?;
-    let work = signal.len().saturating_mul(rows * columns * parts);
+    let work = signal.len().saturating_mul(rows * parts);
     filled_with_derivatives(py, shape, work, |values, slopes, stop| recursion.run(values, slopes, stop))
 }
 
