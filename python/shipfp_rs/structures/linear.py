@@ -75,7 +75,7 @@ class LinearEquations(StateSpaceEquations):
                 A[0, 0] += T_d * c
         for row, (output, of_states) in enumerate(zip(self.outputs, C, strict=True)):
             if output == "dM":
-                inertia = q["tau_prop"] if self.gauge else tau_n
+                inertia = q.get("tau_prop", 0.0) if self.gauge else tau_n
                 of_states[:] = inertia * A[0]
                 of_states[0] += p
                 D[row] = inertia * B[0]
@@ -104,7 +104,7 @@ class LinearEquations(StateSpaceEquations):
         """Return the response (O, F) and its derivatives with respect to `names`, shape (W, O, F), dead times exact."""
         tau_n, p, v, K_p, K_i = self._parameters(values)
         s = 1j * np.maximum(2.0 * np.pi * frequency_hz, SLOWEST)
-        inertia, inertia_name = (values["tau_prop"], "tau_prop") if self.gauge else (tau_n, "tau_n")
+        inertia, inertia_name = (values.get("tau_prop", 0.0), "tau_prop") if self.gauge else (tau_n, "tau_n")
         delay, late = np.exp(-s * values.get("T_set", 0.0)), np.exp(-s * values.get("T_d", 0.0))
         governor = (K_p + K_i / s) * late
         closed = tau_n * s + p - values["g"] + v * governor
