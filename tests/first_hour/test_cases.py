@@ -12,7 +12,9 @@ import numpy as np
 import pytest
 
 from shipfp_rs import Vessel, cli
+from shipfp_rs.assessment.closed_loop import closed_loop
 from shipfp_rs.errors import InputError, LogWarning
+from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.logs.channel import Channel
 from shipfp_rs.logs.channel_reader import Rows
 from shipfp_rs.logs.faults.scan import scan
@@ -67,8 +69,12 @@ def test_cases_power_analyser_of_a_generating_set_runs(tmp_path: Path) -> None:
     power_W = np.mean(Log.open(tmp_path / "genset_power.csv").read("P", start_s, stop_s)) * 1e3 / 0.955
     # tau_n = J omega / M, of J = 24 kg m2, and the gains go with the torque, which is 1666.5 Nm in the truth.
     torque, omega = power_W / (50.0 * math.pi), 50.0 * math.pi
-    truth = {"tau_n": 24.0 * omega / torque, "vK_i": 7.0 * 1666.54 / torque, "tau_act": 0.06, "T_d": 0.03}
+    gains = {"vK_p": 6.0 * 1666.54 / torque, "vK_i": 7.0 * 1666.54 / torque}
+    truth = {"tau_n": 24.0 * omega / torque, "g": -0.25, **gains, "tau_act": 0.06, "T_d": 0.03}
     intervals = found(path)
+    figures = closed_loop(Fingerprint.load(tmp_path / "result" / "fingerprint.json"))
+    assert figures["phase margin"].value == pytest.approx(55.0, rel=0.15)
+    assert figures["gain margin"].value == pytest.approx(12.5, rel=0.15)
     assert all(low <= truth[name] <= high for name in truth for low, high in [intervals[name]]), intervals
 
 

@@ -209,12 +209,13 @@ def test_a_run_on_a_load_without_a_torque_says_what_the_load_determines(folder: 
     found = run(path, tmp_path / "out").fingerprint
     said = " ".join(found.verdict)
     assert "the measured load determines tau_n and the gains, but of p and g only their difference" in said
-    assert "Assumed, not given: p = 0, k_L = 1." in said
+    assert "Assumed, not given: k_L = 1." in said
     assert "ratios" not in said
     low, high = found["tau_n"].ci95
     assert low < TRUTH["tau_n"] < high
-    # With the load's own p taken as nothing, g is less by as much.
-    low, high = found["g"].ci95
-    assert low < TRUTH["g"] - TRUTH["p"] < high
+    # The shaft's losses have a prior, so that the engine's slope is known as well as they are.
+    low, high = found["(p-g)/tau_n"].ci95
+    assert low < (TRUTH["p"] - TRUTH["g"]) / TRUTH["tau_n"] < high
+    assert {found[name].status for name in ("p", "g")} == {"prior"}
     path.write_text(path.read_text() + "[identify]\nfixed = { p = 0.4 }\n")
     assert "Assumed, not given: k_L = 1." in run(path, tmp_path / "out").fingerprint.verdict

@@ -52,7 +52,8 @@ def measured_steps(experiment: Experiment) -> list[MeasuredStep]:
     around, before = round(AROUND_S * rate_hz), round(BEFORE_S * rate_hz)
     places = _places(load, around, round(APART_S * rate_hz))
     found = []
-    for place, following in zip(places, [*places[1:], len(load) + around], strict=True):
+    ends = [*places[1:], len(load) + around][: len(places)]
+    for place, following in zip(places, ends, strict=True):
         level = slice(place - around - before, place - around)
         after = slice(place + around, min(place + around + before, following - around))
         if level.start < 0 or after.stop - after.start < before // 2:

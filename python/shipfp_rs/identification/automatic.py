@@ -22,7 +22,7 @@ from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.identification.input_checks import doubts, require_excited
 from shipfp_rs.identification.likelihood import Figure
 from shipfp_rs.identification.profiles import NEAR, RISE, TRIES, Interval, Profiles, figures_of
-from shipfp_rs.identification.question import BOUNDS, PRIORS, Question
+from shipfp_rs.identification.question import BOUNDS, OF_LOADED, PRIORS, Question
 from shipfp_rs.identification.ship_fit import fit_ship, refined
 from shipfp_rs.identification.ship_found import ShipFit, likelihood_of
 from shipfp_rs.identification.ship_likelihood import LIMITS
@@ -293,7 +293,7 @@ def _estimate(fit: ShipFit, name: str, interval: Interval) -> Estimate:
             "the data allow any value between {low} and {high}", low=f"{ends[0]:.3g}", high=f"{ends[1]:.3g}"
         )
         return Estimate(None, unit=unit, status="unidentifiable", reason=reason)
-    prior = name in fit.question.priors or name in PRIORS
+    prior = name in fit.question.priors or name in PRIORS or (fit.question.loaded and name in OF_LOADED)
     ends = min(ends[0], value), max(ends[1], value)
     std = (ends[1] - ends[0]) / (2.0 * DEVIATIONS_95)
     return Estimate(value, float(std), (float(ends[0]), float(ends[1])), unit, "prior" if prior else "free")

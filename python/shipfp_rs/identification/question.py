@@ -32,6 +32,9 @@ by 1 to 5 ms, which takes p times as much off tau_prop."""
 WIDE: Mapping[str, tuple[float, float]] = {"g": (-1.0, 4.0)}
 """So wide that few data notice it: an engine's torque falls or rises with its speed by a few times the operating point's
 ratio, between the bounds -10 and 3."""
+OF_LOADED: Mapping[str, tuple[float, float]] = {"p": (0.5, 0.5), "g": (-0.5, 0.7)}
+"""The same beside a measured load: p is then of the shaft's losses, near zero to one, and g is the slope of an engine at
+constant fuel."""
 SIGNALS: Mapping[str, Torque] = {"M_b": "brake", "M_s": "brake", "M_g": "gauge"}
 """Torque signals, the best one first, with the side of the inertia that each is read on."""
 SMOOTH = ("dead_time_loop", "dead_time_set_point", "actuator_lag", "curvature")
@@ -169,7 +172,12 @@ class Question:
         return Coordinates(free, given, len(self.experiments), unknowns)
 
     def _priors(self, free: Container[str]) -> dict[str, tuple[float, float]]:
-        every = {**PRIORS, **WIDE, **self.priors}
+        every = {
+            **PRIORS,
+            **WIDE,
+            **(OF_LOADED if self.loaded and self.structure is None else {}),
+            **self.priors,
+        }
         return {name: prior for name, prior in every.items() if name in free or name == "g"}
 
     def likelihood(self, between: Between | None) -> EquationLikelihood:
@@ -257,8 +265,8 @@ def question_of(
     if "dM" in outputs:
         elements.setdefault("late_torque", True)
     else:
-        # The speed alone tells ratios to the inertia; a measured load is all that the shaft drives.
-        known = {"tau_n": 1.0, "p": 2.0, **known} if not loaded else {"k_L": 1.0, "p": 0.0, **known}
+        # The speed alone tells ratios to the inertia; of a measured load it tells the inertia.
+        known = {"tau_n": 1.0, "p": 2.0, **known} if not loaded else {"k_L": 1.0, **known}
         elements.setdefault("curvature", False)
     if loaded:
         elements["load"] = True
