@@ -88,14 +88,14 @@ impl<'a> Recursion<'a> {
         Ok(())
     }
 
-    /// One pass with the value in the first lane and, in the others, what follows the derivative `skipped`.
-    fn pass(&self, skipped: usize, lanes: &mut [&mut [f64]], stop: &Stop) -> Result<()> {
-        let Self { system, start, states, outputs, signal, shifts, dt } = *self;
-        let (samples, width, rows) = (signal.len(), states + shifts.len(), states + outputs);
+    /// What a pass needs, with so many lanes in use.
+    fn prepared(&self, skipped: usize, used: usize) -> Steps {
+        let Self { system, start, states, outputs, shifts, .. } = *self;
+        let (width, rows) = (states + shifts.len(), states + outputs);
         let gather = |values: &[f64], each: usize, at: usize| -> [f64; LANES] {
             std::array::from_fn(|lane| match lane {
                 0 => values[at],
-                _ if lane < lanes.len() => values[(skipped + lane) * each + at],
+                _ if lane < used => values[(skipped + lane) * each + at],
                 _ => 0.0,
             })
         };
@@ -143,6 +143,15 @@ impl<'a> Recursion<'a> {
         for (at, state) in steps.history[..states].iter_mut().enumerate() {
             *state = gather(start, states, at);
         }
+        steps
+    }
+
+    /// One pass with the value in the first lane and, in the others, what follows the derivative `skipped`.
+    fn pass(&self, skipped: usize, lanes: &mut [&mut [f64]], stop: &Stop) -> Result<()> {
+        let Self { states, signal, shifts, dt, .. } = *self;
+        let samples = signal.len();
+        let mut steps = self.prepared(skipped, lanes.len());
+        let height = steps.height;
         for from in (0..samples).step_by(BLOCK) {
             let to = (from + BLOCK).min(samples);
             for (drive, &shift) in steps.drive.chunks_exact_mut(BLOCK).zip(shifts) {
