@@ -21,6 +21,7 @@ from shipfp_rs.identification.estimate import ALONG, KNOWN, Estimate, Identifiab
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.identification.input_checks import doubts, require_excited
 from shipfp_rs.identification.likelihood import Figure
+from shipfp_rs.identification.load_side import load_side_of
 from shipfp_rs.identification.profiles import NEAR, RISE, TRIES, Interval, Profiles, figures_of
 from shipfp_rs.identification.question import BOUNDS, OF_LOADED, PRIORS, Question
 from shipfp_rs.identification.ship_fit import fit_ship, refined
@@ -50,6 +51,8 @@ COMBINED_TRIES = 3
 """Tries of a combination's profile: those of its members have found most of its interval already."""
 NUISANCES = {one.name for element in ELEMENTS.values() for one in element.parameters if one.fixed}
 """What elements declare as fixed: estimated, without an interval, where the search has them."""
+EXPLAINED = 0.3
+"""Part of the speed that the set point explains through the load's side from which it follows its set point."""
 UNTOLD = 0.9
 """An interval that is this part of what the search allows tells nothing."""
 
@@ -65,7 +68,10 @@ def identified(
     time_limit_s: float | None = None,
 ) -> Fingerprint:
     """Fit the ship and say what the data tell."""
-    require_excited(experiments)
+    side = load_side_of(question)
+    # Where torque and speed go together as a load's do, the speed is what it is called, whatever the governor does.
+    explained = 0.0 if side is None else min(record.explained for record in side.records)
+    require_excited(experiments, follows=explained < EXPLAINED)
     with part(0.0, 0.5):
         fit = fit_ship(question, starts=starts, seed=seed, time_limit_s=time_limit_s)
     with part(0.5, 1.0):
@@ -88,7 +94,8 @@ def answered(
     figures = figures_of([*names, *gains]) | {
         name: COMBINATIONS[name][1] for name in TOGETHER if _applies(name, values)
     }
-    kind = undescribed(fit)
+    explained = [min(row) for row in explained_pct(fit.likelihood, fit.best.vector)]
+    kind = undescribed(fit, misses_pct(fit.likelihood, fit.best.vector), explained)
     # Intervals of an engine that is not the ship's are not told.
     fit, found, possible = intervals_of(fit, figures, "symmetric" if kind else intervals)
     if fit.stiff is not None and "tau_twist" in fit.along:

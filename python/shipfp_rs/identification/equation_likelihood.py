@@ -304,7 +304,7 @@ class EquationLikelihood(Likelihood):
             if place is not None and name not in ("v", "K_p", "K_i"):
                 parameters[place] = value / values.get("v", 1.0) if gain else value
         for name, value in limits.items():
-            parameters[SHIP_INDEX[name]] = value
+            parameters[SHIP_INDEX[SHIP_NAMES.get(name, name)]] = value
         parameters[SHIP_INDEX["rate_down"]] = limits.get("rate", np.inf)
         if values.get("tau_twist"):
             place = SHIP_INDEX["tau_prop"]

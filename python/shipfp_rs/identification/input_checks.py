@@ -40,8 +40,10 @@ POINT_OFF = 0.3
 """Largest difference of a signal's mean from its operating point, relative."""
 
 
-def require_excited(experiments: Sequence[Experiment]) -> None:
+def require_excited(experiments: Sequence[Experiment], *, follows: bool = True) -> None:
     """Refuse experiments that nothing can be found from, or whose channels can't be what they are called.
+
+    `follows`: whether a speed that hardly goes with its set point is refused; a ship in its limit has one.
 
     Raises
     ------
@@ -63,7 +65,7 @@ def require_excited(experiments: Sequence[Experiment]) -> None:
             f"expected at least {100 * LEAST_SWING:.2g} %; one that stands still tells nothing, unless a measured load moves"
         )
     for experiment in moving:
-        _require_following(experiment)
+        _require_following(experiment, follows)
         _require_moving_torque(experiment)
         _require_own_rack(experiment)
         _require_torque_sign(experiment)
@@ -139,7 +141,7 @@ def _require_operating_point(experiment: Experiment) -> None:
             )
 
 
-def _require_following(experiment: Experiment) -> None:
+def _require_following(experiment: Experiment, follows: bool) -> None:
     if _load_swing(experiment) > float(np.std(experiment.dn_set)):
         return
     found = _speed(experiment)
@@ -161,12 +163,12 @@ def _require_following(experiment: Experiment) -> None:
         pairs = [float(np.corrcoef(asked[: len(asked) - lag], speed[lag:])[0, 1]) for lag in lags]
     # A sine falls as it rises half a period later: only a speed that follows at no delay has the wrong sign.
     best = max(pairs) if max(pairs) >= LEAST_CORRELATION else min(pairs)
-    if not np.isfinite(best) or abs(best) < LEAST_CORRELATION:
+    if not np.isfinite(best) or (follows and abs(best) < LEAST_CORRELATION):
         raise InputError(
             f"{experiment.name!r}: {name} does not follow the {what} (correlation {best:.2g} at best within "
             f"{LONGEST_DELAY_S:g} s), expected at least {LEAST_CORRELATION:g}; is the {what}'s column the right one?"
         )
-    if best < 0.0:
+    if best < -LEAST_CORRELATION:
         raise InputError(
             f"{experiment.name!r}: {name} falls when the {what} rises (correlation {best:.2g}), expected it to rise; "
             f"turn the sign of the {what}'s calibration"

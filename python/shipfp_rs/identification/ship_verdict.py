@@ -125,7 +125,7 @@ def with_verdict(fingerprint: Fingerprint, strain: float = 0.0, kind: str | None
     `strain` is that of `adequacy`, `kind` what contradicts the model's engine and governor, of `sides.KINDS`.
     """
     found = usability(fingerprint)
-    if kind is not None and found.state != "not usable":
+    if kind is not None and (found.state != "not usable" or fingerprint.load_side):
         found = Usability("usable except", Sentence(LOAD_ONLY, what=KINDS[kind]))
     ended = [name for name, one in fingerprint.parameters.items() if _is_on_bound(name, one)]
     if ended and found.state != "not usable":

@@ -7,7 +7,7 @@ Plummer 2015, doi:10.1007/s11222-014-9503-z).
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -18,6 +18,7 @@ from shipfp_rs.identification.load_side import LoadSide
 from shipfp_rs.identification.profiles import Profiles
 from shipfp_rs.identification.ship_found import ShipFit
 from shipfp_rs.identification.stretches import Stretches
+from shipfp_rs.identification.usability import LARGE_MISS_PCT, LEAST_EXPLAINED_PCT
 from shipfp_rs.support.quantiles import DEVIATIONS_95
 from shipfp_rs.support.sentences import Sentence
 
@@ -29,16 +30,26 @@ KINDS: Mapping[str, Sentence] = {
     "asymmetry": Sentence("the governor is faster in one direction than in the other"),
     "torque_limit": Sentence("the engine's torque is limited, but by no limit that was tried"),
     "rack_rate": Sentence("the rack's rate is limited, but by no limit that was tried"),
+    "misfit": Sentence("the model misses most of the response to the set point"),
     "sides": Sentence("speed and torque alone give another load than the whole model"),
 }
 """What the engine's side looks like, by the kind of shape that it shows."""
 
 
-def undescribed(fit: ShipFit) -> str | None:
+def undescribed(fit: ShipFit, misses_pct: Sequence[float], explained_pct: Sequence[float]) -> str | None:
     """Return the kind of what contradicts the model's engine and governor, of `KINDS`; None where nothing does."""
     if (kind := suspected(fit.scores)) is not None:
         return kind
+    poor = max(misses_pct) > LARGE_MISS_PCT or min(explained_pct) < LEAST_EXPLAINED_PCT
+    if poor and fit.side is not None and _is_a_load(fit.side):
+        return "misfit"
     return None if fit.side is None or _agree(fit, fit.side) else "sides"
+
+
+def _is_a_load(side: LoadSide) -> bool:
+    """Whether the torque surely rises with the speed."""
+    ends = side.parameters["p"].ci95
+    return ends is not None and ends[0] > 0.0
 
 
 def _agree(fit: ShipFit, side: LoadSide) -> bool:
