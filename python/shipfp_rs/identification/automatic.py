@@ -73,7 +73,7 @@ def identified(
     explained = 0.0 if side is None else min(record.explained for record in side.records)
     require_excited(experiments, follows=explained < EXPLAINED)
     with part(0.0, 0.5):
-        fit = fit_ship(question, starts=starts, seed=seed, time_limit_s=time_limit_s)
+        fit = fit_ship(question, starts=starts, seed=seed, time_limit_s=time_limit_s, side=side)
     with part(0.5, 1.0):
         return answered(fit, intervals, seed=seed, vessel=vessel)
 
@@ -94,8 +94,8 @@ def answered(
     figures = figures_of([*names, *gains]) | {
         name: COMBINATIONS[name][1] for name in TOGETHER if _applies(name, values)
     }
-    explained = [min(row) for row in explained_pct(fit.likelihood, fit.best.vector)]
-    kind = undescribed(fit, misses_pct(fit.likelihood, fit.best.vector), explained)
+    before, (missed, rows) = fit, _missed(fit)
+    kind = undescribed(fit, missed, [min(row) for row in rows])
     # Intervals of an engine that is not the ship's are not told.
     fit, found, possible = intervals_of(fit, figures, "symmetric" if kind else intervals)
     if fit.stiff is not None and "tau_twist" in fit.along:
@@ -117,8 +117,9 @@ def answered(
     derived = {name: _combined(found[name], COMBINATIONS[name][0]) for name in together if name in found}
     if kind:
         parameters, derived = load_alone(parameters, fit.side, kind, question.bounds), {}
-    misses = dict(zip(question.outputs, misses_pct(fit.likelihood, fit.best.vector), strict=True))
-    rows = explained_pct(fit.likelihood, fit.best.vector)
+    if fit is not before:  # a profile has led to a lower minimum
+        missed, rows = _missed(fit)
+    misses = dict(zip(question.outputs, missed, strict=True))
     fingerprint = Fingerprint(
         parameters=parameters,
         derived=derived,
@@ -157,6 +158,12 @@ def _adequate(fit: ShipFit, misses: Mapping[str, float], kind: str | None) -> di
         "engine": {name: score._asdict() for name, score in fit.scores.items()},
         "engine_curves": engine_curves(fit) if fit.scores else {},
     }
+
+
+def _missed(fit: ShipFit) -> tuple[list[float], list[list[float]]]:
+    """What the fit misses of each output, and what it explains of each record's outputs [%]."""
+    at = fit.likelihood, fit.best.vector
+    return misses_pct(*at), explained_pct(*at)
 
 
 def intervals_of(

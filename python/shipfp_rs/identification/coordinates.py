@@ -37,6 +37,8 @@ RATIOS = ("vK_p", "vK_i")
 """Parameters that are searched over tau_n."""
 MOST_BEHIND, WALL = 0.95, 0.01
 """Largest part of the inertia that may lie behind a gauge, and how steep the wall at it is."""
+MOST_TWISTED = 0.98
+"""Largest part of the inertia behind a shaft that twists, in a simulation."""
 SMALLEST = 1e-3
 """Least of what has a logarithm and a lower bound of none."""
 
@@ -221,7 +223,7 @@ class Coordinates:
         if "rate" in values:
             vector[INDEX["rate_down"]] = values["rate"]
         if vector[INDEX["tau_twist"]] > 0.0:
-            vector[INDEX["tau_prop"]] = min(vector[INDEX["tau_prop"]], 0.98 * values["tau_n"])
+            vector[INDEX["tau_prop"]] = min(vector[INDEX["tau_prop"]], MOST_TWISTED * values["tau_n"])
         for (name, kernel), value in zip(STATES.items(), states, strict=True):
             vector[INDEX[kernel]] = value + (name in ("initial dn", "torque scale"))
         return vector

@@ -178,7 +178,7 @@ def _answers(values: Values, record: Spectra | Record, fit: ShipFit) -> Callable
     governor = _governor(values, s)
 
     def answer(row: Array, by_governor: bool) -> ComplexArray:
-        return np.asarray(torque * record.seen(row) * (governor if by_governor else 1.0))
+        return np.asarray(torque * record.see(row) * (governor if by_governor else 1.0))
 
     return answer
 

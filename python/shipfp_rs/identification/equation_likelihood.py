@@ -17,7 +17,7 @@ import numpy.typing as npt
 from shipfp_rs import _core
 from shipfp_rs.errors import SimulationError
 from shipfp_rs.experiments.experiment import Hold
-from shipfp_rs.identification.coordinates import Coordinates, wall_row
+from shipfp_rs.identification.coordinates import MOST_TWISTED, Coordinates, wall_row
 from shipfp_rs.identification.likelihood import Likelihood, Products, Slopes, Tangent, real_rows
 from shipfp_rs.identification.record import interpolated
 from shipfp_rs.identification.spectra import Spectra
@@ -36,8 +36,6 @@ parts in a thousand: set point and speed differ by an offset, the torque is rela
 
 Asked = tuple[Array, Array, float, Array, float, Array, float, list[int], bool, bool]
 """Arguments that the kernel's functions have in common."""
-MOST_TWISTED = 0.98
-"""Largest part of the inertia behind a shaft that twists."""
 FINE_HZ = 200.0
 """Rate from which on straight lines between samples are as good as the band-limited set point [Hz]."""
 

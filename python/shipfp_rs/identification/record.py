@@ -231,10 +231,6 @@ class Record:
         found[..., 0] *= np.sqrt(0.5)
         return np.asarray(found)
 
-    def seen(self, signal: Array) -> ComplexArray:
-        """Tapered spectrum (F,) of a decimated signal (K,)."""
-        return self.see(signal)
-
     def driven_by(self, water: Array) -> Record:
         """Return the record with what moving water adds to the load's torque, at the decimated data's rate, shape (K,)."""
         fine = interpolated(water, self.stride * self.down)

@@ -58,9 +58,14 @@ REDIVIDED, MORE = 3, 4
 
 
 def fit_ship(
-    question: Question, *, starts: int = 1, seed: int | None = 0, time_limit_s: float | None = None
+    question: Question,
+    *,
+    starts: int = 1,
+    seed: int | None = 0,
+    time_limit_s: float | None = None,
+    side: LoadSide | None = None,
 ) -> ShipFit:
-    """Search the ship that explains the data best.
+    """Search the ship that explains the data best; `side`: what the load's side tells, where that is known.
 
     Of a given ship, the search begins at its declared start and `starts` - 1 random ones, too.
 
@@ -71,7 +76,7 @@ def fit_ship(
     """
     until = None if time_limit_s is None else time.monotonic() + time_limit_s
     with part(0.0, 0.4):
-        smooth = smooth_ship(question, starts=starts, seed=seed, until=until)
+        smooth = smooth_ship(question, starts=starts, seed=seed, until=until, side=side)
         tell("parting the delays otherwise", 0.9)
         fit = with_other_delays(smooth, until)
     if isinstance(fit.likelihood, EquationLikelihood):
@@ -98,9 +103,10 @@ def first_look(
     starts: int = 1,
     seed: int | None = 0,
     until: float | None = None,
+    side: LoadSide | None = None,
 ) -> ShipFit:
     """Go down from all starts at a long step, without the elements that are tried; see `fit_ship`."""
-    side = load_side_of(question)
+    side = load_side_of(question) if side is None else side
     likelihood, vectors = _begun(question, between, starts, seed, side)
     try:
         likelihood, basins = best_basins(likelihood, vectors, until=until)
@@ -110,13 +116,19 @@ def first_look(
 
 
 def smooth_ship(
-    question: Question, *, starts: int = 1, seed: int | None = 0, until: float | None = None
+    question: Question,
+    *,
+    starts: int = 1,
+    seed: int | None = 0,
+    until: float | None = None,
+    side: LoadSide | None = None,
 ) -> ShipFit:
     """Search the ship without the elements that are tried, at the step of the search; see `fit_ship`."""
     # Not low-passed by processing, a set point may run in either way between its samples: all are tried.
     tell("first look at the smooth ship", 0.0)
     undecided = any(one.hold == "first" and not one.is_low_passed for one in question.experiments)
-    fit = first_look(question, "band-limited" if undecided else None, starts=starts, seed=seed, until=until)
+    way: Between | None = "band-limited" if undecided else None
+    fit = first_look(question, way, starts=starts, seed=seed, until=until, side=side)
     tell("searching the smooth ship", 0.3)
     if not undecided:
         return _corrected(fit, fit.between, until)
@@ -124,7 +136,7 @@ def smooth_ship(
     for place, way in enumerate(WAYS):
         tell(f"trying a set point that runs {way} between its samples", 0.3 + 0.2 * place)
         end = _corrected(replace(fit, basins=fit.basins[:1]), way, until)
-        totals[way] = end.likelihood.total(end.best.vector)
+        totals[way] = end.total
     return _corrected(fit, min(WAYS, key=lambda way: totals[way]), until)
 
 

@@ -235,7 +235,7 @@ class Spectra:
     @cached_property
     def spectrum(self) -> ComplexArray:
         """Spectra of the data, shape (O, F)."""
-        return np.array([self.tapered(row, 1)[0] for row in self.decimated])
+        return np.array([self.see(row) for row in self.decimated])
 
     def in_time(self, spectra: ComplexArray) -> Array:
         """Return tapered signals of spectra (..., F) at the decimated rate, shape (..., K)."""
@@ -243,7 +243,7 @@ class Spectra:
         spectra[..., 0] *= np.sqrt(2.0)
         return np.asarray(irfft(spectra, self.count, axis=-1))
 
-    def seen(self, signal: Array) -> ComplexArray:
+    def see(self, signal: Array) -> ComplexArray:
         """Tapered spectrum (F,) of a decimated signal (K,)."""
         return np.asarray(self.tapered(signal, 1)[0])
 

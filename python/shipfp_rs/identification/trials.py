@@ -57,7 +57,7 @@ def with_limits(fit: ShipFit, until: float | None) -> ShipFit:
         if found is None:
             continue
         taken = _taken(before, suspect, *found, until)
-        gain = driven.total(best.vector) - taken.likelihood.total(taken.best.vector)
+        gain = driven.total(best.vector) - taken.total
         if gain <= LEAST_FALL[suspect]:
             continue
         gains = {**fit.gains, suspect: gain}
@@ -75,16 +75,14 @@ def with_twist(fit: ShipFit, before: ShipFit, until: float | None) -> ShipFit:
         return fit
     tell(f"trying {ELEMENTS['twist'].words}", 0.0)
     gain, best = 0.0, fit
-    least = fit.likelihood.total(fit.best.vector)
+    least = fit.total
     for one in (fit,) if before is fit else (fit, before):
         found = _trial(one, one.likelihood, "twist", until)
         if found is None or one.best.cost - found[1].cost <= CHANCE:
             continue
         taken = settled(_taken(one, "twist", *found, until), until)
-        total = taken.likelihood.total(taken.best.vector)
-        fell = fit.likelihood.total(fit.best.vector) - total
-        if total < least - CHANCE:
-            gain, best, least = fell, replace(taken, stiff=fit), total
+        if taken.total < least - CHANCE:
+            gain, best, least = fit.total - taken.total, replace(taken, stiff=fit), taken.total
     return replace(best, gains={**fit.gains, "twist": gain})
 
 
