@@ -28,12 +28,12 @@ BENT = Sentence(
     "and data agree only if the channels are wrong by more than a calibration allows."
 )
 LIMITED = Sentence(
-    "Usable for simulation and comparison, but its intervals are too narrow: a limit of torque or rate acts, and of the "
-    "intervals of such ships two in three hold."
+    "Usable for simulation and comparison, but its intervals are too narrow: a limit of torque or rate acts, and on "
+    "simulated ships with such a limit only two intervals in three hold the true value."
 )
 LOAD_ONLY = Sentence(
     "Usable for simulation and comparison of the load's side only: engine and governor are not described ({what}), so "
-    "gains, delays and the engine's slope are not given."
+    "gains, delays and the slope of the engine's torque are not given."
 )
 STATES: Mapping[str, str] = {
     "on": Sentence("Acting elements: {elements}."),
