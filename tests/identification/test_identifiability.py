@@ -139,11 +139,12 @@ def test_one_steady_sine_tells_the_time_constant_alone():
     assert_known_only(fingerprint, {"tau_n"})
 
     sine = signals.sine_sequence([0.5], 100, 13.0, rate_hz=25.0)
-    settled = experiment(structure, sine).window(180.0, 200.0)
+    settled = experiment(structure, sine, noise=1e-2).window(180.0, 200.0)
     for name, estimate in identify(settled, structure).parameters.items():
-        if name in ("g", "vK_p", "vK_i"):
-            # What is left of the transient tells a little: then the interval must be wide enough for the truth.
-            assert estimate.value is None or abs(estimate.value - VALUES[name]) < 3 * estimate.std
+        if name in ("g", "vK_p", "vK_i") and estimate.value is not None:
+            # Noise beside the sine tells a little: then it is told as widely.
+            low, high = estimate.ci95
+            assert high - low > 0.3 * abs(estimate.value)
 
 
 def test_two_frequencies_are_too_few_for_both_dead_times_behind_a_gauge():

@@ -25,7 +25,16 @@ LOOP = {
     "c_2": 0.1,
     "damping": 0.05,
 }
-LATE = {"T_d": 0.12, "T_set": 0.035, "tau_act": 0.06, "T_M": 0.03, "T_n": 0.02, "u_0": 0.002, "s_M": 1.03}
+LATE = {
+    "T_d": 0.12,
+    "T_set": 0.035,
+    "tau_act": 0.06,
+    "T_M": 0.03,
+    "T_n": 0.02,
+    "u_0": 0.002,
+    "s_M": 1.03,
+    "m_0": 0.004,
+}
 RATE_HZ, SAMPLES = 8.0, 512
 SPACING = 2.0 * np.pi * RATE_HZ / SAMPLES
 
@@ -315,7 +324,7 @@ GOOD = dict(
 )
 UNITS = dict(zip(("root", "shapes", "hats"), noise(2, 64), strict=True))
 BAD = [
-    ({"parameters": SHIP[1:]}, "parameters: found 21 numbers, expected 22"),
+    ({"parameters": SHIP[1:]}, "parameters: found 22 numbers, expected 23"),
     ({"parameters": vector(**LOOP, T_d=np.nan)}, "parameters: T_d is NaN, expected a number"),
     ({"parameters": vector(s_M=0.0)}, "parameters: s_M is 0, expected"),
     ({"parameters": vector(**LOOP, **TWIST), "outputs": [0]}, "tau_twist: .* needs a measured torque"),
@@ -328,7 +337,7 @@ BAD = [
     ({"outputs": [1]}, r"outputs: found \[1\], expected the speed 0"),
     ({"outputs": [0, 0]}, r"outputs: found \[0, 0\]"),
     ({"outputs": [0, 3]}, r"outputs: found \[0, 3\]"),
-    ({"wrt": [22]}, r"wrt: found \[22\], expected indices below 22"),
+    ({"wrt": [23]}, r"wrt: found \[23\], expected indices below 23"),
 ]
 BAD_UNITS = [
     ({"root": np.zeros((1, 1, 2, 64))}, r"root: found an array of shape \[1, 1, 2, 64\]"),

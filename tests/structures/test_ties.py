@@ -103,7 +103,7 @@ def test_what_is_not_told_is_not_told_of_its_follower_either():
     tied = started_near_truth(Structure.linear().with_tied(K_i=("K_p", 0.1)))
     found = identify(experiment(PLAIN), tied)
     assert (found["K_i"].value, found["K_i"].status) == (None, "unidentifiable")
-    assert found["vK_i"].value == pytest.approx(VALUES["vK_i"], rel=1e-3)
+    assert found["vK_i"].value == pytest.approx(VALUES["vK_i"], rel=5e-3)
     # 2 sigma of vK_i = v K_i with K_i = 0.1 K_p: as well known as vK_p.
     assert found["vK_i"].std == pytest.approx(0.1 * found["vK_p"].std, rel=1e-3)
 
@@ -129,7 +129,7 @@ def test_everything_that_starts_from_a_fingerprint_knows_its_ties(tmp_path):
     apart = closed_loop(identify(made, PLAIN))
     for name, figure in closed_loop(loaded).items():
         if figure.value is not None:
-            assert figure.value == pytest.approx(apart[name].value, rel=2e-3)
+            assert figure.value == pytest.approx(apart[name].value, rel=1e-2)
             assert figure.std <= 1.02 * apart[name].std
     (profile,) = profile_likelihood(made, TIED, ["vK_p"])
     assert profile.kind == "bounded"

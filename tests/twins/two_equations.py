@@ -60,7 +60,9 @@ def residuals(
     # The channels: late themselves, the torque of another scale.
     early = delay(s, -q["T_n"])
     N, N2, N3 = (acting(early, spectra[name]) for name in ("N", "N2", "N3"))
-    M = (acting(delay(s, -q["T_M"]), spectra["M"]) + spectra["one"]) / q["s_M"] - spectra["one"]
+    M = (acting(delay(s, -q["T_M"]), spectra["M"]) + spectra["one"]) / q["s_M"] + (q["m_0"] - 1.0) * spectra[
+        "one"
+    ]
     apart = q["hold"] * q["T_d"] / np.sqrt(3.0)
     held = 0.5 * (delay(s, apart) + delay(s, -apart))
     fed_n = acting(product(delay(s, q["T_d"] - speed_grid), early, held), late_n)
@@ -95,6 +97,7 @@ def residuals(
     if 1 in outputs:
         left.append(acting(stiff, M) - acting(load_n, N) - load_rest)
         matrix.append({0: -load_n[0], 1: stiff[0]})
+    if twists:
         engine, engine_row = M + acting(engine_n, N), {0: engine_n, 1: one}
     else:
         engine, engine_row = acting(load_n + engine_n, N) + load_rest, {0: load_n + engine_n}

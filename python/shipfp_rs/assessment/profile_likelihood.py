@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from operator import itemgetter
 from typing import Any, Literal
 
@@ -217,15 +217,14 @@ def _drawn(told: StructureEstimates, parameter: Parameter, value: float, reach: 
     names = told.fit.likelihood.coordinates.names
     if reach == value:
         return np.empty(0), np.empty(0), np.empty((0, len(names)))
-    spaced = np.geomspace if parameter.name in told.fit.likelihood.coordinates.logarithmic else np.linspace
+    spaced = np.geomspace if parameter.name in told.fit.coordinates.logarithmic else np.linspace
     places = spaced(value, reach, POINTS + 1)[1:]
     best = told.fit.best
     vector = np.delete(best.vector, names.index(parameter.name))
     before, rises, rows = vector, [], []
     for place in places:
         given = told.structure.with_fixed(**{parameter.name: float(place)})
-        coordinates = replace(told.fit.likelihood.coordinates, structure=given)
-        likelihood = replace(told.fit.likelihood, coordinates=coordinates)
+        likelihood = told.fit.likelihood.of_structure(given)
         # On along the valley, and from where it was.
         ends = [
             descend(likelihood, start, steps=STEPS, settled=SETTLED)
@@ -235,6 +234,6 @@ def _drawn(told: StructureEstimates, parameter: Parameter, value: float, reach: 
         if np.isfinite(end.cost):
             before, vector = vector, end.vector
         rises.append(max(end.cost - best.cost, 0.0))
-        values = coordinates.values(vector)
+        values = likelihood.coordinates.values(vector)
         rows.append([values[name] for name in names])
     return places, np.array(rises), np.array(rows)

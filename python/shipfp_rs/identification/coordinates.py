@@ -15,6 +15,7 @@ import numpy as np
 
 from shipfp_rs import _core
 from shipfp_rs.identification.likelihood import SMALL, Figure
+from shipfp_rs.structures.commanded import MOST_TWISTED
 from shipfp_rs.structures.ship import INDEX, KERNEL
 from shipfp_rs.support.arrays import Array, Values
 
@@ -37,8 +38,6 @@ RATIOS = ("vK_p", "vK_i")
 """Parameters that are searched over tau_n."""
 MOST_BEHIND, WALL = 0.95, 0.01
 """Largest part of the inertia that may lie behind a gauge, and how steep the wall at it is."""
-MOST_TWISTED = 0.98
-"""Largest part of the inertia behind a shaft that twists, in a simulation."""
 SMALLEST = 1e-3
 """Least of what has a logarithm and a lower bound of none."""
 

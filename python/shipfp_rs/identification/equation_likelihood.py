@@ -17,19 +17,28 @@ import numpy.typing as npt
 from shipfp_rs import _core
 from shipfp_rs.errors import SimulationError
 from shipfp_rs.experiments.experiment import Hold
-from shipfp_rs.identification.coordinates import MOST_TWISTED, Coordinates, wall_row
+from shipfp_rs.identification.coordinates import Coordinates, loop_of, wall_row
 from shipfp_rs.identification.likelihood import Likelihood, Products, Slopes, Tangent, real_rows
 from shipfp_rs.identification.record import interpolated
 from shipfp_rs.identification.spectra import Spectra
+from shipfp_rs.identification.structure_coordinates import StructureCoordinates
+from shipfp_rs.structures.commanded import CommandedEquations, stepper_parameters
 from shipfp_rs.structures.ship import INDEX as SHIP_INDEX
-from shipfp_rs.structures.ship import KERNEL as SHIP_NAMES
+from shipfp_rs.structures.structure import Structure
+from shipfp_rs.structures.transfer import TransferFunctions
+from shipfp_rs.structures.two_equations import TwoEquations
 from shipfp_rs.support.arrays import Array, ComplexArray, Numbers
 
 INDEX = {name: index for index, name in enumerate(_core.EQUATION_PARAMETERS)}
 """Places of the kernel's parameters."""
 OFF = np.array([float(name in ("v", "s_M")) for name in INDEX])
 """The kernel's parameters without effect."""
-UNKNOWNS = {"set point offset": "u_0", "torque scale": "s_M", "rack offset": "x_0"}
+UNKNOWNS = {
+    "set point offset": "u_0",
+    "torque scale": "s_M",
+    "torque offset": "m_0",
+    "rack offset": "x_0",
+}
 """A record's own unknowns and the kernel's names. The operating point is a mean over a minute of moving water, right to
 parts in a thousand: set point and speed differ by an offset, the torque is relative to another mean than the load's."""
 
@@ -48,59 +57,86 @@ class EquationLikelihood(Likelihood):
     ----------
     gauge
         Whether the torque is read between the inertias.
+    unknowns
+        Names of a record's own unknowns.
     limits
         Limits of torque and rate that act, by the stepper's names: what they take off the outputs is put back.
+    ships
+        For each record the ship of a given structure; none: the coordinates' parameters are the kernel's.
     """
 
     records: tuple[Spectra, ...]
-    coordinates: Coordinates
+    coordinates: Coordinates | StructureCoordinates
     gauge: bool
+    unknowns: tuple[str, ...]
     limits: Mapping[str, float] = field(default_factory=dict)
+    ships: tuple[TwoEquations, ...] = ()
 
     @cached_property
     def _outputs(self) -> list[int]:
         return [_core.EQUATION_OUTPUTS.index(name) for name in self.records[0].outputs]
 
-    def _asked(self, values: Mapping[str, float], vector: Array, record: int) -> Asked:
+    def of_structure(self, structure: Structure) -> Self:
+        """Return the likelihood of a structure that has the same parameters, some of them searched and others not."""
+        c = self.coordinates
+        assert isinstance(c, StructureCoordinates)
+        own = replace(c, structure=structure)
+        ships = tuple(replace(ship, names=own.names) for ship in self.ships)
+        return replace(self, coordinates=own, ships=ships)
+
+    @property
+    def open_loop(self) -> bool:
+        """Whether a command moves the drive, and no governor."""
+        return bool(self.ships) and self.ships[0].open_loop
+
+    def values_of(self, vector: Array, record: int) -> dict[str, float]:
+        """Return a record's parameters by the kernel's names."""
+        return self._own(self.coordinates.values(vector), record)
+
+    def _own(self, values: dict[str, float], record: int) -> dict[str, float]:
+        return self.ships[record].values(values) if self.ships else values
+
+    def _asked(self, values: dict[str, float], vector: Array, record: int) -> Asked:
         """Return the kernel's parameters, and what its functions take behind them up to what moves."""
-        data = self.records[record]
-        parameters = OFF.copy()
-        for name, place in self._known:
-            parameters[place] = values[name]
+        data, parameters = self.records[record], OFF.copy()
+        own = self._own(values, record)
+        for name, value in own.items():
+            if name in INDEX:
+                parameters[INDEX[name]] = value
         parameters[self._unknowns] += vector[self.coordinates.states(record)]
-        dead = values.get("T_d", 0.0)
+        dead = own.get("T_d", 0.0)
         speed, set_point = (
             data.delayed("speed", dead),
-            data.delayed("set point", dead + values.get("T_set", 0.0)),
+            data.delayed("set point", dead + own.get("T_set", 0.0)),
         )
-        return (parameters, data.signals, data.spacing, *speed, *set_point, self._outputs, self.gauge, False)
-
-    @cached_property
-    def _known(self) -> list[tuple[str, int]]:
-        """Parameters that the kernel takes, and their places."""
-        c = self.coordinates
-        return [(name, INDEX[name]) for name in dict.fromkeys((*c.given, *c.names)) if name in INDEX]
+        behind = (self._outputs, self.gauge, self.open_loop)
+        return (parameters, data.signals, data.spacing, *speed, *set_point, *behind)
 
     @cached_property
     def _unknowns(self) -> list[int]:
         """Places of a record's own unknowns among the kernel's parameters."""
-        return [INDEX[UNKNOWNS[name]] for name in self.coordinates.unknowns]
+        return [INDEX[UNKNOWNS[name]] for name in self.unknowns]
 
     @cached_property
-    def _moving(self) -> list[int]:
-        """The kernel's parameters that move."""
-        return [*(INDEX[name] for name in self.coordinates.names), *self._unknowns]
+    def _moving(self) -> list[list[int]]:
+        """For each record the kernel's parameters that move."""
+        if not self.ships:
+            return [[*(INDEX[name] for name in self.coordinates.names), *self._unknowns]] * len(self.records)
+        return [[*(INDEX[name] for name in ship.moved), *self._unknowns] for ship in self.ships]
 
     def _places(self, record: int) -> npt.NDArray[np.intp]:
         """Places in a vector of the free parameters and a record's own unknowns."""
         own, states = len(self.coordinates.names), self.coordinates.states(record)
         return np.array([*range(own), *range(states.start, states.stop)])
 
-    def _turn(self, jacobian: Array) -> Array:
+    def _turn(self, values: Mapping[str, float], jacobian: Array, record: int) -> Array:
         """Return the columns' change of coordinates: residual, free parameters and a record's own unknowns."""
-        own = 1 + len(jacobian)
-        turn = np.eye(own + len(self._unknowns))
-        turn[1:own, 1:own] = jacobian
+        by = self.ships[record].slopes(values) @ jacobian if self.ships else jacobian
+        (rows, columns), count = by.shape, len(self._unknowns)
+        turn = np.zeros((1 + rows + count, 1 + columns + count))
+        turn[0, 0] = 1.0
+        turn[1 : 1 + rows, 1 : 1 + columns] = by
+        turn[1 + rows :, 1 + columns :] = np.eye(count)
         return turn
 
     def products(self, vector: Array, tangent: Tangent | None = None) -> Products:
@@ -126,9 +162,11 @@ class EquationLikelihood(Likelihood):
         size = 1 + self.coordinates.size if derivatives else 1
         values = self.coordinates.values(vector)
         jacobian = self.coordinates.jacobian(values)
-        moving, turn = (self._moving, self._turn(jacobian)) if derivatives else ([], np.eye(1))
-        found = []
+        turn, found = np.eye(1), []
         for index, units in enumerate(self._laid_out):
+            moving = self._moving[index] if derivatives else []
+            if derivatives and (self.ships or not index):
+                turn = self._turn(values, jacobian, index)
             products, crossed = _core.equation_products(*self._asked(values, vector, index), moving, *units)
             found.append((turn.T @ products @ turn, crossed @ turn))
         gram, errors = found[0] if len(found) == 1 else self._joined(found, size)
@@ -240,15 +278,16 @@ class EquationLikelihood(Likelihood):
 
     def spectra(self, vector: Array, record: int) -> tuple[ComplexArray, ComplexArray]:
         """Residuals (O, F) of a record and the model's derivatives by the whole vector (P, O, F)."""
-        turn = self._turn(self.coordinates.jacobian(self.coordinates.values(vector)))
-        rows = self._residuals(vector, record, self._moving)
+        values = self.coordinates.values(vector)
+        turn = self._turn(values, self.coordinates.jacobian(values), record)
+        rows = self._residuals(vector, record, self._moving[record])
         jacobian = np.zeros((self.coordinates.size, *rows.shape[1:]), complex)
         jacobian[self._places(record)] = np.tensordot(turn[1:, 1:].T, rows[1:], 1)
         return rows[0], jacobian
 
     def _residuals(self, vector: Array, record: int, moving: list[int]) -> ComplexArray:
         asked = self._asked(self.coordinates.values(vector), vector, record)
-        if not _core.loop_is_stable(asked[0], False):
+        if not _core.loop_is_stable(asked[0], self.open_loop):
             raise SimulationError("the loop is unstable")
         found = _core.equation_residuals(*asked, moving)
         count = len(self.records[record].frequency_hz)
@@ -292,23 +331,14 @@ class EquationLikelihood(Likelihood):
 
     def simulated(self, vector: Array, record: int, limits: Mapping[str, float]) -> Array:
         """Outputs of a record by the stepper, at the data's rate, (O, N), with limits of torque and rate."""
-        data, c = self.records[record], self.coordinates
-        values, states = c.values(vector), dict(zip(c.unknowns, vector[c.states(record)], strict=True))
-        parameters = np.array(_core.SHIP_OFF)
-        parameters[SHIP_INDEX["v"]] = values.get("v", 1.0)
-        for name, value in values.items():
-            gain = name in ("vK_p", "vK_i", "vK_d")
-            place = SHIP_INDEX.get(SHIP_NAMES.get(name, name))
-            if place is not None and name not in ("v", "K_p", "K_i"):
-                parameters[place] = value / values.get("v", 1.0) if gain else value
-        for name, value in limits.items():
-            parameters[SHIP_INDEX[SHIP_NAMES.get(name, name)]] = value
-        parameters[SHIP_INDEX["rate_down"]] = limits.get("rate", np.inf)
-        if values.get("tau_twist"):
-            place = SHIP_INDEX["tau_prop"]
-            parameters[place] = min(parameters[place], MOST_TWISTED * values["tau_n"])
-        parameters[SHIP_INDEX["u_0"]] = states["set point offset"]
-        parameters[SHIP_INDEX["s_M"]] = 1.0 + states["torque scale"]
+        data, values = self.records[record], self.values_of(vector, record)
+        if self.ships and self.ships[record].is_linear:
+            # The law of the second order is a straight line again.
+            values["c_2"] = -0.5 * values["p"] * (values["p"] - 1.0)
+        own = dict(zip(self.unknowns, vector[self.coordinates.states(record)], strict=True))
+        parameters = stepper_parameters(values | dict(limits), open_loop=self.open_loop)
+        parameters[SHIP_INDEX["u_0"]] += own.get("set point offset", 0.0)
+        parameters[SHIP_INDEX["s_M"]] += own.get("torque scale", 0.0)
         names = {"dn": "dn", "dM": "dM_g" if self.gauge else "dM_b", "dX": "dX"}
         outputs = [_core.SHIP_OUTPUTS.index(names[name]) for name in data.outputs]
         fine = max(1, round(FINE_HZ / data.data_hz)) if data.between == "band-limited" else 1
@@ -316,6 +346,13 @@ class EquationLikelihood(Likelihood):
         hold: Hold = "zero" if data.between == "held" else "first"
         dt = 1.0 / (data.data_hz * fine)
         return _core.simulate_ship(parameters, set_point, load, dt, 0, hold, outputs)[:, ::fine]
+
+    def _response(self, values: Mapping[str, float], frequency_hz: Array) -> ComplexArray:
+        """Response (O, F) of the outputs to what drives a ship of the kernel's parameters."""
+        outputs = self.records[0].outputs
+        if self.open_loop:
+            return CommandedEquations(outputs, self.gauge).response(values, frequency_hz, ())[0]
+        return TransferFunctions(outputs, self.gauge, "engine").response(loop_of(values), frequency_hz, ())[0]
 
     @property
     def is_corrected_by_model(self) -> bool:
@@ -325,12 +362,16 @@ class EquationLikelihood(Likelihood):
 
     def corrected(self, vector: Array) -> Self:
         """Return the likelihood of the records corrected by the model at a vector; see `Spectra.corrected`."""
-        values = self.coordinates.values(vector)
         records = tuple(
-            record.corrected(values, self.gauge, *self._models(vector, index))
+            record.corrected(self.values_of(vector, index), self._response, *self._models(vector, index))
             for index, record in enumerate(self.records)
         )
         return replace(self, records=records)
+
+    def settled_at(self, vector: Array) -> Self:
+        """Return the likelihood of the records corrected by the model at a vector, with the noise of what is left there."""
+        needs = self.is_corrected_by_model or any(one.between != "band-limited" for one in self.records)
+        return (self.corrected(vector) if needs else self).with_noise(vector)
 
     def _models(self, vector: Array, record: int) -> tuple[Array | None, Array | None]:
         """The model's outputs (O, N) for a record with gaps, and what limits take off them; None where it runs away."""
@@ -357,7 +398,7 @@ class EquationLikelihood(Likelihood):
         rows[:first, 0] = [(mean - values[name]) / by for name, (mean, by) in self.priors.items()]
         rows[moving, 1 : 1 + own] = jacobian[places] / deviations
         rows[first:, 0] = vector[own:] / -c.state_deviation
-        wall = wall_row(c, vector, values)
+        wall = wall_row(c, vector, values) if isinstance(c, Coordinates) else None
         return rows if wall is None else np.vstack([rows, wall])
 
     @cached_property
@@ -372,7 +413,12 @@ class EquationLikelihood(Likelihood):
             for row, (name, (_, by)) in enumerate(self.priors.items())
             if name in c.names
         ]
-        return rows, [one[0] for one in free], [one[1] for one in free], np.array([[one[2]] for one in free])
+        return (
+            rows,
+            [one[0] for one in free],
+            [one[1] for one in free],
+            np.array([one[2] for one in free]).reshape(-1, 1),
+        )
 
 
 def _parts(values: Numbers, padded: int) -> Array:

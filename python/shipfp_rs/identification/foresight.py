@@ -91,11 +91,11 @@ def _of_structure(
     options = Options(intervals="symmetric", starts=1)
     if values is None:
         return fitted(experiments, structure, options)
-    likelihood = likelihood_of(experiments, structure, options)
+    records, likelihood = likelihood_of(experiments, structure, options)
     vector = likelihood.coordinates.vector(values)
-    likelihood = likelihood.with_noise(vector)
+    likelihood = likelihood.settled_at(vector)
     end = _end(likelihood, vector)
-    return of_structure(StructureFit(structure, likelihood, (end,), (end,)), options)
+    return of_structure(StructureFit(structure, records, likelihood, (end,), (end,)), options)
 
 
 def _end(likelihood: Likelihood, vector: Array) -> Basin:

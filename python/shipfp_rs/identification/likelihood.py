@@ -16,6 +16,7 @@ import numpy as np
 
 from shipfp_rs.errors import SimulationError
 from shipfp_rs.support.arrays import Array, Numbers
+from shipfp_rs.support.quantiles import DEVIATIONS_95
 
 ACCURACY = 3e-3
 """Smooth relative error of an output's response that gauge and calibration leave open, one standard deviation."""
@@ -176,6 +177,22 @@ class Likelihood:
         del vector, always
         return self
 
+    @property
+    def quantile(self) -> float:
+        """Half of an interval of 95 per cent over the standard deviation."""
+        return DEVIATIONS_95
+
+    @property
+    def untold(self) -> bool:
+        """Whether there are too few samples to estimate any noise."""
+        return False
+
+    def under(self, residuals: Sequence[Numbers]) -> float:
+        """Deviance of residuals under their own noise."""
+        own = replace(self, roots=self._noise(residuals, [0.0] * len(residuals)))
+        rows = [own._white(one[None], index) for index, one in enumerate(residuals)]
+        return own.spread() + sum(float(np.sum(row**2)) for row in rows)
+
     @cached_property
     def bends(self) -> bool:
         """Whether there are smooth errors."""
@@ -318,7 +335,7 @@ class Likelihood:
         roots = self._noise(*self._left(residuals))
         return replace(self, roots=roots, responses=responses)
 
-    def _noise(self, residuals: Sequence[Numbers], unsure: Sequence[Numbers]) -> tuple[Numbers, ...]:
+    def _noise(self, residuals: Sequence[Numbers], unsure: Sequence[Numbers | float]) -> tuple[Numbers, ...]:
         """For each record the root of the inverse spectral matrix of its residuals."""
         return tuple(map(noise_root, residuals, unsure))
 

@@ -11,7 +11,7 @@ from shipfp_rs import _core
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.identification.coordinates import STATES, Coordinates
-from shipfp_rs.identification.equation_likelihood import UNKNOWNS, EquationLikelihood
+from shipfp_rs.identification.equation_likelihood import EquationLikelihood
 from shipfp_rs.identification.input_checks import is_loaded, set_point_moves
 from shipfp_rs.identification.likelihood import ACCURACY
 from shipfp_rs.identification.record import Between, Record
@@ -182,7 +182,8 @@ class Question:
 
     def likelihood(self, between: Between | None) -> EquationLikelihood:
         """Return the likelihood of the smooth ship, whose set points run so between their samples."""
-        unknowns = tuple(name for name in UNKNOWNS if name != RACK_OFFSET or "dX" in self.outputs)
+        rack = [RACK_OFFSET] if "dX" in self.outputs else []
+        unknowns = ("set point offset", "torque scale", *rack)
         coordinates = self.coordinates((), unknowns)
         return EquationLikelihood(
             records=tuple(
@@ -191,13 +192,14 @@ class Question:
             ),
             coordinates=coordinates,
             gauge=self.gauge,
+            unknowns=unknowns,
             accuracy=np.array([self._accuracy(output) for output in self.outputs]),
             priors=self._priors(coordinates.free),
         )
 
     def with_elements(self, likelihood: EquationLikelihood, elements: Sequence[str]) -> EquationLikelihood:
         """Return the likelihood of the same records with some of the elements tried."""
-        coordinates = self.coordinates(elements, likelihood.coordinates.unknowns)
+        coordinates = self.coordinates(elements, likelihood.unknowns)
         return replace(likelihood, coordinates=coordinates, priors=self._priors(coordinates.free))
 
     def simulated_likelihood(

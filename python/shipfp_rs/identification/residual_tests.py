@@ -17,8 +17,9 @@ import numpy.typing as npt
 from shipfp_rs.errors import InputError
 from shipfp_rs.identification.identifiability import without_nuisance
 from shipfp_rs.identification.likelihood import LEAST_REACH, noise_root, real_rows, turned
+from shipfp_rs.identification.structure_fit import Fitted, StructureFit
 from shipfp_rs.identification.structure_likelihood import StructureLikelihood
-from shipfp_rs.identification.structure_records import Samples, Spectra, spectra_of
+from shipfp_rs.identification.structure_records import InBand, Samples, banded
 from shipfp_rs.identification.whiteness import ResidualTest, whiteness
 from shipfp_rs.support.arrays import Array, Numbers
 from shipfp_rs.support.quantiles import DEVIATIONS_95
@@ -56,55 +57,55 @@ class OutputTests:
         return {**white, "set_point": self.by_input.by_lag()}
 
 
-def in_band(likelihood: StructureLikelihood, vector: Array) -> tuple[StructureLikelihood, Array] | None:
-    """Return the likelihood of the experiments' spectra with the noise at a vector, and the vector's entries in it.
-
-    None where there is no experiment, or none that is long enough for a spectrum.
-    """
-    c = likelihood.coordinates
-    places, records = [*range(len(c.free))], []
-    for index, record in enumerate(likelihood.records):
-        if not isinstance(record, Samples):
-            continue
-        if not isinstance(record, Spectra):
-            try:
-                record = spectra_of(record)
-            except InputError:
-                continue
-        records.append(record)
-        places += range(c.states(index).start, c.states(index).stop)
-    if not records:
-        return None
-    found = StructureLikelihood.of(records, c.structure, accurate=not likelihood.accuracy.any())
-    own = vector[places]
-    return found.with_noise(own), own
-
-
-def residual_tests(
-    likelihood: StructureLikelihood, spectra: StructureLikelihood, vector: Array
-) -> dict[str, OutputTests]:
-    """Test each output's residuals at a vector; `spectra` is the likelihood of the experiments' spectra."""
+def residual_tests(fit: StructureFit) -> dict[str, OutputTests]:
+    """Test each output's residuals at the end of a search; none where no experiment is long enough for a spectrum."""
+    found = _in_band(fit)
+    if found is None:
+        return {}
+    records, spectra, vector = found
     exact = replace(spectra, accuracy=np.zeros_like(spectra.accuracy)).with_noise(vector)
-    lags = _lags(exact)
-    shapes = [_lagged(record, lags) for record in exact.records if isinstance(record, Spectra)]
+    lags = _lags(records)
+    shapes = [_lagged(record, lags) for record in records]
     exact = _without_inputs(exact, vector, shapes)
     rows = exact.whitened(vector)
     residual, jacobian = rows[:, 0], _moving(rows[:, 1:])
     tests = {}
-    for place, output in enumerate(exact.coordinates.structure.outputs):
+    for place, output in enumerate(fit.structure.outputs):
         inputs = _inputs(exact, [one[place] for one in shapes], len(residual))
         cleared = without_nuisance(np.hstack([inputs, jacobian]), len(lags))
         tests[output] = OutputTests(
             _test(inputs, cleared, residual, lags),
-            _whiteness(likelihood, vector, place),
+            _whiteness(fit, place),
             (len(residual) - len(exact.prior_rows(vector))) // len(exact.accuracy),
         )
     return tests
 
 
-def _without_inputs(
-    likelihood: StructureLikelihood, vector: Array, shapes: Sequence[Numbers]
-) -> StructureLikelihood:
+def _in_band(fit: StructureFit) -> tuple[list[InBand], Fitted, Array] | None:
+    """Return the experiments as spectra, their likelihood with the noise at the end, and the end's entries in it.
+
+    None where there is no experiment, or none that is long enough for a spectrum.
+    """
+    c, vector = fit.likelihood.coordinates, fit.best.vector
+    if all(isinstance(record, InBand) for record in fit.records):
+        return [record for record in fit.records if isinstance(record, InBand)], fit.likelihood, vector
+    places, records = [*range(len(c.free))], []
+    for index, record in enumerate(fit.records):
+        if not isinstance(record, Samples):
+            continue
+        try:
+            records.append(record if isinstance(record, InBand) else banded(record))
+        except InputError:
+            continue
+        places += range(c.states(index).start, c.states(index).stop)
+    if not records:
+        return None
+    found = StructureLikelihood.of(records, fit.structure, accurate=not fit.likelihood.accuracy.any())
+    own = vector[places]
+    return records, found.with_noise(own), own
+
+
+def _without_inputs(likelihood: Fitted, vector: Array, shapes: Sequence[Numbers]) -> Fitted:
     """Return the likelihood whose noise is what is left where lagged set points (O, L, O, F) explain what they can.
 
     With what a structure misses counted as noise, the test would see a part of it only.
@@ -135,24 +136,24 @@ def _moving(columns: Array) -> Array:
     return columns[:, np.linalg.norm(columns, axis=0) > 0.0]
 
 
-def _lags(likelihood: StructureLikelihood) -> npt.NDArray[np.int64]:
+def _lags(records: Sequence[InBand]) -> npt.NDArray[np.int64]:
     """Lags of the set point that are looked at [samples]."""
-    shortest = min(len(record.data) for record in likelihood.records)
+    shortest = min(len(record.data) for record in records)
     lags = np.unique(np.round(np.geomspace(1, max(shortest // INPUT_REACH, 1), INPUT_LAGS)).astype(np.int64))
     return np.append(0, lags)
 
 
-def _lagged(record: Spectra, lags: npt.NDArray[np.int64]) -> Numbers:
+def _lagged(record: InBand, lags: npt.NDArray[np.int64]) -> Numbers:
     """Return what the set point at each lag would be as each output, (O, L, O, F)."""
     asked = record.data.dn_set
     delayed = np.empty((len(lags), *record.measured.shape))
     for rows, lag in zip(delayed, lags, strict=True):
         rows[:] = np.concatenate([np.full(lag, asked[0]), asked[: len(asked) - lag]])
-    seen = record.record.see(record.record.as_recorded(delayed))
+    seen = record.seen(delayed)
     return np.asarray(np.eye(len(record.measured))[:, None, :, None] * seen)
 
 
-def _inputs(likelihood: StructureLikelihood, shapes: Sequence[Numbers], rows: int) -> Array:
+def _inputs(likelihood: Fitted, shapes: Sequence[Numbers], rows: int) -> Array:
     """Shapes (L, O, F) of each record in units of the noise, zero where priors stand, (R, L)."""
     found = np.concatenate(
         [real_rows(turned(likelihood.root(index), one)) for index, one in enumerate(shapes)], axis=1
@@ -177,14 +178,14 @@ def _test(inputs: Array, cleared: Array, residual: Array, lags: npt.NDArray[np.i
     )
 
 
-def _whiteness(likelihood: StructureLikelihood, vector: Array, output: int) -> ResidualTest | None:
+def _whiteness(fit: StructureFit, output: int) -> ResidualTest | None:
     """Test one output of the records whose noise was taken for white."""
     rows = []
-    for index, record in enumerate(likelihood.records):
-        if isinstance(record, Samples) and not isinstance(record, Spectra):
-            left, _ = record.evaluate(likelihood.known(vector, index), ())
+    for index, record in enumerate(fit.records):
+        if isinstance(record, Samples) and not isinstance(record, InBand):
+            left, _ = record.evaluate(fit.known(index), ())
             row = np.zeros(len(record.valid))
-            row[record.valid] = (likelihood.root(index) @ left)[output]
+            row[record.valid] = (fit.likelihood.root(index) @ left)[output]
             rows.append((row, record.valid))
     return whiteness(rows) if rows else None
 

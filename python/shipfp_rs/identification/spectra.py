@@ -53,6 +53,10 @@ PACES, DEAD_TIMES_S, STRONGEST = np.geomspace(1.0, 400.0, 32), np.arange(0.0, 0.
 """First-order loops [rad/s] behind dead times that a speed's answer is held against, at so many frequencies."""
 
 
+Respond = Callable[[Mapping[str, float], Array], ComplexArray]
+"""Outputs' response (O, F) to what drives the ship, by its parameters and frequencies [Hz]."""
+
+
 @dataclass(frozen=True, eq=False)
 class Spectra:
     """Signals of an experiment as tapered spectra.
@@ -77,6 +81,8 @@ class Spectra:
         What limits of torque and rate take off the outputs (O, N), by a model; None: nothing.
     slip
         Speed of the engine's end of a shaft that twists over the propeller's, decimated (K,); None: a stiff one.
+    is_linear
+        Whether the load's law is a straight line, without squares of the speed.
     """
 
     name: str
@@ -92,6 +98,7 @@ class Spectra:
     images: Array | None = None
     limited: Array | None = None
     slip: Array | None = None
+    is_linear: bool = False
     _delayed: dict[tuple[str, float], Array] = field(default_factory=dict, repr=False)
     _low_passed: dict[str, Array] = field(default_factory=dict, repr=False)
 
@@ -104,8 +111,21 @@ class Spectra:
         *,
         load: bool = False,
         between: Between | None = None,
+        wide: bool = False,
     ) -> Spectra:
-        """Make an experiment ready; see `Spectra` and `record.Record.of`.
+        """Make an experiment ready.
+
+        Parameters
+        ----------
+        experiment, outputs, measured
+            What was recorded, and of it the normalised outputs (O, N) by name.
+        load
+            Whether the experiment's load torque drives the ship, too.
+        between
+            How the set point runs between its samples; None: band-limited where processing low-passed it, else as the
+            experiment says.
+        wide
+            Whether the band goes as far up as inputs excite: nobody knows what an own structure answers to.
 
         Raises
         ------
@@ -114,14 +134,17 @@ class Spectra:
         """
         set_point = np.asarray(experiment.dn_set, dtype=float)
         loads = experiment.normalised("M_load") if load else np.empty(0)
-        pace = _pace(set_point, measured[outputs.index("dn")], experiment.rate_hz)
+        speed = measured[outputs.index("dn") if "dn" in outputs else 0]
+        pace = _pace(set_point, speed, experiment.rate_hz)
         least_s = SHORTEST_S * min(SLOW_PACE / max(pace, SLOW_PACE), 1.0)
         if experiment.duration < least_s:
             raise InputError(
                 f"experiment {experiment.name!r}: {experiment.duration:.3g} s, expected {least_s:.2g} s or more of a "
                 "drive of this pace; take a longer window, or give a structure and noise='white'"
             )
-        seen_hz = min(BAND_HZ * max(pace / QUICK_PACE, 1.0), 0.4 * experiment.rate_hz)
+        most_hz = np.inf if wide else BAND_HZ * max(pace / QUICK_PACE, 1.0)
+        seen_hz = min(most_hz, 0.4 * experiment.rate_hz)
+        band_hz = excited_hz([set_point, loads], experiment.rate_hz, seen_hz)
         if between is None:
             held = experiment.hold == "zero"
             between = "band-limited" if experiment.is_low_passed else "held" if held else "straight"
@@ -132,8 +155,8 @@ class Spectra:
             load=loads,
             measured=measured,
             data_hz=experiment.rate_hz,
-            seen_hz=seen_hz,
-            band_hz=excited_hz([set_point, loads], experiment.rate_hz, seen_hz),
+            seen_hz=band_hz if wide else seen_hz,
+            band_hz=band_hz,
             between=between,
         )
 
@@ -190,11 +213,7 @@ class Spectra:
 
     def tapered(self, signal: Array, orders: int = ORDERS) -> ComplexArray:
         """Return spectra of a decimated signal (K,) with each order of the taper, shape (orders, F)."""
-        found = rfft(signal * self.tapers[:orders], axis=-1)[:, : len(self.frequency_hz)]
-        found /= np.sqrt(0.5 * self.count)
-        # The mean is a real number, with twice the variance of either part of the others.
-        found[:, 0] *= np.sqrt(0.5)
-        return np.asarray(found)
+        return self._scaled(rfft(signal * self.tapers[:orders], axis=-1))
 
     def low_passed(self, signals: Array) -> Array:
         """Low-pass and decimate signals (..., N), shape (..., K)."""
@@ -235,7 +254,7 @@ class Spectra:
     @cached_property
     def spectrum(self) -> ComplexArray:
         """Spectra of the data, shape (O, F)."""
-        return np.array([self.see(row) for row in self.decimated])
+        return self.see(self.decimated)
 
     def in_time(self, spectra: ComplexArray) -> Array:
         """Return tapered signals of spectra (..., F) at the decimated rate, shape (..., K)."""
@@ -243,9 +262,15 @@ class Spectra:
         spectra[..., 0] *= np.sqrt(2.0)
         return np.asarray(irfft(spectra, self.count, axis=-1))
 
-    def see(self, signal: Array) -> ComplexArray:
-        """Tapered spectrum (F,) of a decimated signal (K,)."""
-        return np.asarray(self.tapered(signal, 1)[0])
+    def see(self, signals: Array) -> ComplexArray:
+        """Tapered spectra (..., F) of decimated signals (..., K)."""
+        return self._scaled(rfft(signals * self.tapers[0], axis=-1))
+
+    def _scaled(self, found: ComplexArray) -> ComplexArray:
+        found = found[..., : len(self.frequency_hz)] / np.sqrt(0.5 * self.count)
+        # The mean is a real number, with twice the variance of either part of the others.
+        found[..., 0] *= np.sqrt(0.5)
+        return found
 
     @cached_property
     def set_point_low(self) -> Array:
@@ -267,8 +292,8 @@ class Spectra:
             "M": named.get("dM"),
             "X": named.get("dX"),
             "load": self.low_passed(self.load) if len(self.load) else None,
-            "N2": propeller**2,
-            "N3": propeller**3,
+            "N2": None if self.is_linear else propeller**2,
+            "N3": None if self.is_linear else propeller**3,
             "one": np.ones_like(speed),
         }
         found = np.zeros((len(_core.EQUATION_SIGNALS), ORDERS, 2, self.padded))
@@ -325,31 +350,31 @@ class Spectra:
     def corrected(
         self,
         values: Mapping[str, float],
-        gauge: bool,
+        respond: Respond,
         model: Array | None,
         limited: Array | None = None,
     ) -> Spectra:
         """Return the record without the set point's images, a model's outputs (O, N) in place of masked samples.
 
-        Where the shaft twists, the squares in the load's law are of the propeller's speed. What limits take off the outputs
-        by a model (O, N) is put back.
+        `respond` gives the outputs' response to the set point. What limits take off the outputs by a model (O, N) is put
+        back. Where the shaft twists, the squares in the load's law are of the propeller's speed.
 
         A set point that is held or runs straight between its samples has images about multiples of the sample rate. They
         come back through the closed loop and, where the data are not low-passed, fold into the band.
         """
-        images = None if self.between == "band-limited" else self._images(values, gauge)
+        images = None if self.between == "band-limited" else self._images(values, respond)
         known = {key: late for key, late in [*self._delayed.items()] if key[0] == "set point"}
         found = replace(self, model=model, images=images, limited=limited, slip=None, _delayed=known)
-        return replace(found, slip=found._slip(values, gauge)) if values.get("tau_twist") else found
+        return replace(found, slip=found._slip(values)) if values.get("tau_twist") else found
 
-    def _slip(self, values: Mapping[str, float], gauge: bool) -> Array:
+    def _slip(self, values: Mapping[str, float]) -> Array:
         """Speed that the shaft twists by where the set point moves it (K,), the model's: the torque's noise is steep."""
         known = loop_of(values)
 
         def transfer(s: ComplexArray) -> ComplexArray:
             frequency = s.imag / (2.0 * np.pi)
             engine, propeller = (
-                TransferFunctions(("dn",), gauge, place).response(known, frequency, ())[0][0]
+                TransferFunctions(("dn",), False, place).response(known, frequency, ())[0][0]
                 for place in ("engine", "propeller")
             )
             return np.asarray((engine - propeller) * self._between_samples(frequency))
@@ -360,13 +385,11 @@ class Spectra:
         """Return the record whose set point runs otherwise between its samples, without corrections."""
         return replace(self, between=between, model=None, images=None, limited=None, slip=None, _delayed={})
 
-    def _images(self, values: Mapping[str, float], gauge: bool) -> Array:
+    def _images(self, values: Mapping[str, float], respond: Respond) -> Array:
         """What the outputs show of the set point's images, (O, N)."""
         pad = int(PAD_S * self.data_hz)
         wide = np.pad(self.set_point, pad, mode="edge")
         frequency = np.fft.rfftfreq(len(wide), 1.0 / self.data_hz)
-        loop = TransferFunctions(self.outputs, gauge, "engine")
-        known = loop_of(values)
         answer = np.zeros((len(self.outputs), len(frequency)), complex)
         kept = frequency <= 1.25 * self.band_hz
         most = IMAGES[self.between]
@@ -375,13 +398,13 @@ class Spectra:
         course = (np.sin(np.pi * at) / np.pi) ** order
         course = course * np.exp(-1j * np.pi * at) if self.between == "held" else course
         for multiple in (*range(-most, 0), *range(1, most + 1)):
-            one = loop.response(known, np.abs(at + multiple) * self.data_hz, ())[0]
+            one = respond(values, np.abs(at + multiple) * self.data_hz)
             answer[:, kept] += (one if multiple > 0 else one.conj()) * (course / (at + multiple) ** order)
         late_s = sum(values.get(name, 0.0) for name in ("T_d", "T_set", "tau_act"))
         if self.between == "held" and late_s < 0.5 / (most * self.data_hz):
             # A sample at a jump shows what comes after it, a Fourier sum the mean of both.
-            at_once = {**known, "T_d": 0.0, "T_set": 0.0, "tau_act": 0.0}
-            jump = loop.response(at_once, np.array([AT_ONCE * self.data_hz]), ())[0].real
+            at_once = {**values, "T_d": 0.0, "T_set": 0.0, "tau_act": 0.0}
+            jump = respond(at_once, np.array([AT_ONCE * self.data_hz])).real
             answer[:, kept] -= 0.5 * jump * np.expm1(-2j * np.pi * frequency[kept] / self.data_hz)
         # At multiples themselves the images of the mean have no power.
         answer[:, 0] = 0.0

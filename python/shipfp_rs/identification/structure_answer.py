@@ -14,10 +14,10 @@ from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.identification.fit_statistics import information_criteria
 from shipfp_rs.identification.options import Options
-from shipfp_rs.identification.residual_tests import in_band, residual_tests
+from shipfp_rs.identification.residual_tests import residual_tests
 from shipfp_rs.identification.structure_estimates import StructureEstimates
 from shipfp_rs.identification.structure_fit import StructureFit, fit_structure
-from shipfp_rs.identification.structure_records import Data, Response, Seen, Spectra
+from shipfp_rs.identification.structure_records import Data, InBand, Response, Seen
 from shipfp_rs.identification.usability import judged
 from shipfp_rs.identification.verdict import structure_test, verdict
 from shipfp_rs.structures.structure import Structure
@@ -37,9 +37,7 @@ def of_structure(fit: StructureFit, options: Options, *, vessel: str | None = No
     """Say what data tell of a structure, about the end of a search."""
     structure = fit.structure
     found = StructureEstimates(fit, options.intervals)
-    vector, records = fit.best.vector, fit.likelihood.records
-    spectra = in_band(fit.likelihood, vector)
-    tests = {} if spectra is None else residual_tests(fit.likelihood, *spectra)
+    records, tests = fit.records, residual_tests(fit)
     by_record = _fits(fit)
     rows = _mean_fits(records, structure, by_record)
     table = {
@@ -104,7 +102,7 @@ def _minima(fit: StructureFit) -> list[dict[str, Any]]:
 def _noise(records: Sequence[Seen]) -> str:
     kinds = [
         "coloured"
-        if isinstance(one, Spectra)
+        if isinstance(one, InBand)
         else "std"
         if isinstance(one, Response) and one.weighed
         else "white"
@@ -115,10 +113,7 @@ def _noise(records: Sequence[Seen]) -> str:
 
 def _fits(fit: StructureFit) -> list[list[float]]:
     """For each record the fit of each output's plain simulation [%]."""
-    return [
-        record.fit_pct(fit.likelihood.known(fit.best.vector, index))
-        for index, record in enumerate(fit.likelihood.records)
-    ]
+    return [record.fit_pct(fit.known(index)) for index, record in enumerate(fit.records)]
 
 
 def _mean_fits(
@@ -142,10 +137,10 @@ def _overall(fit: StructureFit, found: StructureEstimates) -> dict[str, float | 
         axis=1,
     )
     samples = rows.shape[1]
-    if _noise(likelihood.records) == "white":
+    if _noise(fit.records) == "white":
         return information_criteria(rows @ rows.T / samples, samples, rank + unknown)
     figures: dict[str, float | None] = {"samples": float(samples), "deviance": fit.ends[0].cost}
-    if _noise(likelihood.records) == "std":
+    if _noise(fit.records) == "std":
         freedom = samples * outputs - rank - unknown
         figures |= {"chi_squared": likelihood.cost(vector), "degrees_of_freedom": float(freedom)}
     return figures

@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.stats import chi2
 
+from shipfp_rs.identification.equation_likelihood import EquationLikelihood
 from shipfp_rs.identification.estimate import Estimate, Identifiability
 from shipfp_rs.identification.identifiability import (
     Sensitivity,
@@ -22,7 +23,7 @@ from shipfp_rs.identification.identifiability import (
 )
 from shipfp_rs.identification.profiles import RISE, Interval, Profiles, scaled_inverse
 from shipfp_rs.identification.structure_fit import StructureFit
-from shipfp_rs.identification.structure_records import Response, Spectra
+from shipfp_rs.identification.structure_records import InBand, Response
 from shipfp_rs.structures.combinations import COMBINATIONS
 from shipfp_rs.structures.names import plain_name
 from shipfp_rs.structures.structure import Parameter, Structure
@@ -272,15 +273,17 @@ def _responds(fit: StructureFit) -> bool:
     Even without excitation initial states can be fitted to the noise, and parameters to their decay.
     """
     likelihood = fit.likelihood
-    if any(isinstance(record, Response) for record in likelihood.records):
+    if any(isinstance(record, Response) for record in fit.records):
         return True
     still: list[Numbers] = []
-    for record in likelihood.records:
+    for record in fit.records:
         own, constant = record.spectrum, np.ones(record.spectrum.shape[1], dtype=complex)
-        if isinstance(record, Spectra):
-            constant = record.record.see(np.ones(record.record.decimated.shape[1]))
+        if isinstance(record, InBand):
+            constant = record.seen(np.ones_like(record.measured))[0]
         share = own @ constant.conj() / np.vdot(constant, constant).real
         left = own - share[:, None] * constant if record.unknowns else own
+        if isinstance(likelihood, EquationLikelihood):
+            left[:, 0] = 0.0
         still.append(left if np.iscomplexobj(own) else left.real)
     before = likelihood.under(still)
     after = likelihood.under(likelihood.residuals(fit.best.vector))

@@ -14,12 +14,15 @@ from shipfp_rs.errors import IdentificationError, InputError, SimulationError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.frequency import FrequencyResponse
 from shipfp_rs.identification.basins import ALIKE, Basin, descend, distinct
+from shipfp_rs.identification.equation_likelihood import EquationLikelihood
 from shipfp_rs.identification.first_guesses import LoopSpectra, guesses_from, guesses_in_open_loop
 from shipfp_rs.identification.options import Options
 from shipfp_rs.identification.record import SHORTEST_S
+from shipfp_rs.identification.structure_coordinates import StructureCoordinates
 from shipfp_rs.identification.structure_likelihood import StructureLikelihood
-from shipfp_rs.identification.structure_records import Data, Samples, seen, spectra_of
+from shipfp_rs.identification.structure_records import Data, InBand, Samples, Seen, banded, seen
 from shipfp_rs.structures.structure import Structure
+from shipfp_rs.structures.two_equations import TwoEquations
 from shipfp_rs.support import hints
 from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.threads import where_alone
@@ -35,6 +38,8 @@ STEPS, SETTLED, LAST = 100, 1e-4, 1e-9
 """Most steps of a descent, and the decrease below which it ends; of the last one, since it costs a step or two."""
 ROUNDING = 1e-9
 """Part of a deviance below which a decrease may be one of the processor's rounding."""
+OFF_BY = 0.1
+"""Prior deviation of the offsets and scales of a ship's records, over the operating point."""
 DRAWS = 100
 """Draws of a start of a stable loop at most."""
 
@@ -43,12 +48,16 @@ GUESSED = 2
 """Starts by regressions that are followed, of those whose deviance is least."""
 
 
+Fitted = StructureLikelihood | EquationLikelihood
+
+
 @dataclass(frozen=True)
 class StructureFit:
-    """The end of a search: the likelihood with its noise, the minima that count, and the end of each start."""
+    """The end of a search: data, the likelihood with its noise, the minima that count, and the end of each start."""
 
     structure: Structure
-    likelihood: StructureLikelihood
+    records: tuple[Seen, ...]
+    likelihood: Fitted
     basins: tuple[Basin, ...]
     ends: tuple[Basin, ...]
 
@@ -56,6 +65,16 @@ class StructureFit:
     def best(self) -> Basin:
         """The lowest minimum."""
         return self.basins[0]
+
+    @property
+    def coordinates(self) -> StructureCoordinates:
+        """Those of the search."""
+        return _coordinates(self.likelihood)
+
+    def known(self, record: int) -> dict[str, float]:
+        """Parameters and a record's own unknowns at the best end, by name."""
+        c, vector = self.likelihood.coordinates, self.best.vector
+        return c.values(vector) | c.states_at(vector)[record]
 
 
 def fit_structure(data: Data | Sequence[Data], structure: Structure, options: Options) -> StructureFit:
@@ -69,33 +88,39 @@ def fit_structure(data: Data | Sequence[Data], structure: Structure, options: Op
         Where no start leads to a minimum.
     """
     options.require()
-    likelihood = likelihood_of(data, structure, options)
+    records, likelihood = likelihood_of(data, structure, options)
     starts = options.starts_for(structure)
     LOGGER.info(
         "identify: %s, %d free parameters, %s, %d starts",
         structure.name,
         len(likelihood.coordinates.free),
-        ", ".join(record.data.name for record in likelihood.records),
+        ", ".join(record.data.name for record in records),
         starts,
     )
     until = None if options.time_limit_s is None else time.monotonic() + options.time_limit_s
-    vectors = [*start_vectors(likelihood, starts, options.seed), *guessed_vectors(likelihood, structure)]
+    vectors = [
+        *start_vectors(records, likelihood, starts, options.seed),
+        *guessed_vectors(records, likelihood, structure),
+    ]
     ends = where_alone([partial(_settled, likelihood, vector, until) for vector in vectors])
     ends = sorted(ends, key=lambda end: end.cost)
     if not np.isfinite(ends[0].cost):
         raise IdentificationError(f"none of {len(vectors)} starts led to a minimum")
-    likelihood = likelihood.with_noise(ends[0].vector)
+    likelihood = likelihood.settled_at(ends[0].vector)
     near = [end for end in ends if end.cost < ends[0].cost + ALIKE]
-    settled = max(LAST, ROUNDING * likelihood.cost(ends[0].vector))
+    last = SETTLED if isinstance(likelihood, EquationLikelihood) else LAST
+    settled = max(last, ROUNDING * likelihood.cost(ends[0].vector))
     basins = [descend(likelihood, end.vector, steps=STEPS, settled=settled, until=until) for end in near]
     basins = [
         replace(one, settled=one.settled and end.settled) for one, end in zip(basins, near, strict=True)
     ]
-    return StructureFit(structure, likelihood, tuple(distinct(likelihood, basins)), tuple(ends))
+    return StructureFit(structure, records, likelihood, tuple(distinct(likelihood, basins)), tuple(ends))
 
 
-def likelihood_of(data: Data | Sequence[Data], structure: Structure, options: Options) -> StructureLikelihood:
-    """Return the likelihood of a structure, given data, with no noise estimated yet."""
+def likelihood_of(
+    data: Data | Sequence[Data], structure: Structure, options: Options
+) -> tuple[tuple[Seen, ...], Fitted]:
+    """Return data as a structure is compared with them, and its likelihood with no noise estimated yet."""
     items = [data] if isinstance(data, Experiment | FrequencyResponse) else list(data)
     if not items:
         raise InputError("identify: no data given, expected an Experiment or a FrequencyResponse")
@@ -106,15 +131,52 @@ def likelihood_of(data: Data | Sequence[Data], structure: Structure, options: Op
             )
         if isinstance(item, FrequencyResponse) and structure.settings["kind"] in ("linear", "ship"):
             _require_sense(item)
-    records = [
+    records = tuple(
         seen(item, structure.part(item.name), options.noise, at_rest=options.at_rest) for item in items
-    ]
+    )
     if not structure.free:
         raise InputError(f"structure {structure.name!r} has no free parameter; nothing to identify")
-    return StructureLikelihood.of(records, structure, accurate=options.at_rest)
+    own = StructureLikelihood.of(records, structure, accurate=options.at_rest)
+    return records, _in_closed_form(records, own) or own
 
 
-def _settled(likelihood: StructureLikelihood, vector: Array, until: float | None) -> Basin:
+def _in_closed_form(records: Sequence[Seen], own: StructureLikelihood) -> EquationLikelihood | None:
+    """Return the likelihood by the ship's two equations; None where the structure has more, or data are no spectra."""
+    structure, names = own.coordinates.structure, own.coordinates.names
+    ships = [TwoEquations.of(record.structure, names) for record in records]
+    spectra = [record.record for record in records if isinstance(record, InBand)]
+    told = [ship for ship in ships if ship is not None]
+    if len(told) < len(records) or len(spectra) < len(records):
+        return None
+    if len({(ship.gauge, ship.open_loop) for ship in told}) > 1:
+        return None
+    unknowns = _unknowns(told[0])
+    return EquationLikelihood(
+        records=tuple(spectra),
+        coordinates=StructureCoordinates(structure, (unknowns,) * len(records), OFF_BY),
+        accuracy=own.accuracy,
+        priors=own.priors,
+        gauge=told[0].gauge,
+        unknowns=unknowns,
+        ships=tuple(told),
+    )
+
+
+def _coordinates(likelihood: Fitted) -> StructureCoordinates:
+    c = likelihood.coordinates
+    assert isinstance(c, StructureCoordinates)
+    return c
+
+
+def _unknowns(ship: TwoEquations) -> tuple[str, ...]:
+    """A record's own unknowns: in open loop an offset of the fuel; a linear ship's torque has an offset, others' a scale."""
+    outputs, found = ship.equations.outputs, [] if ship.open_loop else ["set point offset"]
+    if "dM" in outputs:
+        found.append("torque offset" if ship.is_linear else "torque scale")
+    return (*found, *(["rack offset"] if "dX" in outputs or ship.open_loop else []))
+
+
+def _settled(likelihood: Fitted, vector: Array, until: float | None) -> Basin:
     """Go down, each time under the noise of the end before, until the total falls no further; the cost is the total."""
     end = descend(likelihood, vector, steps=STEPS, settled=1.0, until=until)
     total = np.inf
@@ -122,7 +184,7 @@ def _settled(likelihood: StructureLikelihood, vector: Array, until: float | None
         return end
     for _ in range(ROUNDS):
         try:
-            likelihood = likelihood.with_noise(end.vector)
+            likelihood = likelihood.settled_at(end.vector)
         except (SimulationError, np.linalg.LinAlgError):
             return Basin(np.inf, end.vector, False)
         before = end.vector
@@ -134,22 +196,22 @@ def _settled(likelihood: StructureLikelihood, vector: Array, until: float | None
     return Basin(likelihood.total(end.vector), end.vector, end.settled)
 
 
-def start_vectors(likelihood: StructureLikelihood, count: int, seed: int | None) -> list[Array]:
+def start_vectors(records: Sequence[Seen], likelihood: Fitted, count: int, seed: int | None) -> list[Array]:
     """Return the declared start and `count` - 1 random ones of stable loops, logarithmic over bounds that span decades."""
-    c = likelihood.coordinates
+    c = _coordinates(likelihood)
     vectors = [c.vector({one.name: one.start for one in c.parameters})]
     random = np.random.default_rng(seed)
     for _ in range(count - 1):
         for _ in range(DRAWS):
             vector = c.vector({one.name: one.drawn(random) for one in c.parameters})
             values = c.values(vector)
-            if all(record.structure.equations.stable(values) for record in likelihood.records):
+            if all(record.structure.equations.stable(values) for record in records):
                 vectors.append(vector)
                 break
     return vectors
 
 
-def guessed_vectors(likelihood: StructureLikelihood, structure: Structure) -> list[Array]:
+def guessed_vectors(records: Sequence[Seen], likelihood: Fitted, structure: Structure) -> list[Array]:
     """Return the best starts by regressions of spectra, for a drive train of known terms whose dead times are searched.
 
     Declared starts, and random ones, may all lie in a basin with the wrong ones.
@@ -159,16 +221,16 @@ def guessed_vectors(likelihood: StructureLikelihood, structure: Structure) -> li
         structure.settings["kind"] not in ("linear", "ship", "commanded")
         or not ({"T_d", "T_set"} & free or structure.settings["kind"] == "commanded")
         or "dn" not in structure.outputs
-        or any(isinstance(one, Samples) and one.data.duration < SHORTEST_S for one in likelihood.records)
+        or any(isinstance(one, Samples) and one.data.duration < SHORTEST_S for one in records)
     ):
         return []
     spectra = [
-        LoopSpectra.of(spectra_of(one).record, structure.outputs)
+        LoopSpectra.of((one if isinstance(one, InBand) else banded(one)).record, structure.outputs)
         if isinstance(one, Samples)
         else LoopSpectra.of_response(
             one.data.frequency_hz[one.valid], dict(zip(structure.outputs, one.spectrum, strict=True))
         )
-        for one in likelihood.records
+        for one in records
     ]
     c = likelihood.coordinates
     gauge = "tau_prop" in structure.names

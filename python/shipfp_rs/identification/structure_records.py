@@ -16,10 +16,11 @@ import numpy.typing as npt
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.frequency import FrequencyResponse
+from shipfp_rs.identification import spectra
 from shipfp_rs.identification.fit_statistics import nrmse_pct
-from shipfp_rs.identification.record import Record
 from shipfp_rs.structures.prediction import simulated_about
 from shipfp_rs.structures.structure import Structure
+from shipfp_rs.structures.two_equations import TwoEquations
 from shipfp_rs.support.arrays import Array, Numbers
 
 Data = Experiment | FrequencyResponse
@@ -100,10 +101,10 @@ class Samples(Measured):
 
 
 @dataclass(frozen=True, eq=False)
-class Spectra(Samples):
+class InBand(Samples):
     """An experiment's tapered spectra in a band."""
 
-    record: Record
+    record: spectra.Spectra
 
     @property
     def frequency_hz(self) -> Array:
@@ -113,12 +114,27 @@ class Spectra(Samples):
     @cached_property
     def spectrum(self) -> Numbers:
         """Spectra of the data, shape (O, F)."""
-        return self.record.spectrum
+        return self.seen(self.measured)
+
+    def seen(self, signals: Array) -> Numbers:
+        """Return spectra (..., O, F) of signals (..., O, N), lines across the gaps that the data have."""
+        gaps = ~np.isfinite(self.measured)
+        if gaps.any():
+            signals = signals.copy()
+            samples = np.arange(signals.shape[-1])
+            for output, masked in enumerate(gaps):
+                kept = np.flatnonzero(~masked)
+                after = np.clip(np.searchsorted(kept, samples[masked]), 1, max(len(kept) - 1, 1))
+                first, last = kept[after - 1], kept[np.minimum(after, len(kept) - 1)]
+                share = np.clip((samples[masked] - first) / np.maximum(last - first, 1), 0.0, 1.0)
+                one = signals[..., output, :]
+                one[..., masked] = (1.0 - share) * one[..., first] + share * one[..., last]
+        return self.record.see(self.record.low_passed(signals))
 
     def evaluate(self, values: Mapping[str, float], names: Sequence[str]) -> Evaluated:
         """Residuals (O, F) and the model's derivatives by `names` and the record's unknowns, (W, O, F)."""
         model, slopes = self.simulated(values, names)
-        seen = self.record.see(self.record.as_recorded(np.concatenate([model[None], slopes])))
+        seen = self.seen(np.concatenate([model[None], slopes]))
         return self.spectrum - seen[0], seen[1:]
 
     def fit_pct(self, values: Mapping[str, float]) -> list[float]:
@@ -217,20 +233,24 @@ def _in_time(data: Experiment, structure: Structure, noise: str | None, *, at_re
     unknowns = () if at_rest else (*equations.states, *(f"offset {output}" for output in offsets))
     measured = structure.measured(data)
     samples = Samples(data, structure, signals, unknowns, measured)
-    return samples if noise == "white" or not samples.valid.any() else spectra_of(samples)
+    return samples if noise == "white" or not samples.valid.any() else banded(samples)
 
 
-def spectra_of(samples: Samples) -> Spectra:
-    """Return samples as spectra, as far up as the inputs excite: nobody knows what an own structure answers to.
+def banded(samples: Samples) -> InBand:
+    """Return samples as spectra: of a ship in the band of its loop, of an own structure as far up as inputs excite.
 
     Raises
     ------
     InputError
         Where the record is too short for a spectrum.
     """
+    ship = TwoEquations.of(samples.structure, ())
     loaded = "load" in samples.structure.settings.get("elements", ())
-    record = Record.of(samples.data, samples.measured, load=loaded, band_hz=np.inf)
-    record = replace(record, seen_hz=record.band_hz)
-    return Spectra(
+    if ship is not None:
+        loaded = getattr(ship.equations, "loaded", False)
+    outputs = samples.structure.outputs
+    record = spectra.Spectra.of(samples.data, outputs, samples.measured, load=loaded, wide=ship is None)
+    record = replace(record, is_linear=ship is not None and ship.is_linear)
+    return InBand(
         samples.data, samples.structure, samples.signals, samples.unknowns, samples.measured, record
     )

@@ -19,8 +19,21 @@ KIND = "commanded"
 """Of the settings of such a structure."""
 ELEMENTS = ("dead_time_loop", "actuator_lag", "damping", "curvature", "late_torque", "load")
 """Elements of the ship that go without a governor."""
+MOST_TWISTED = 0.98
+"""Largest part of the inertia behind a shaft that twists, in a simulation."""
 FEEDBACK = 1e-9
 """Gain of the kernel's governor, whose set point is scaled by its inverse: the command passes, the speed does not."""
+
+
+def stepper_parameters(values: Values, *, open_loop: bool = False) -> Array:
+    """Return the stepper's parameters for a ship's by name; gains are products with the rack's torque v."""
+    v = values.get("v", 1.0)
+    own = {name: value / v if name in ("vK_p", "vK_i", "vK_d") else value for name, value in values.items()}
+    if own.get("tau_twist"):
+        own["tau_prop"] = min(own["tau_prop"], MOST_TWISTED * own["tau_n"])
+    if open_loop:
+        return CommandedEquations((), gauge=False).vector(own)
+    return ShipEquations((), gauge=False).vector(own)
 
 
 @dataclass(frozen=True)

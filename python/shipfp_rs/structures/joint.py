@@ -22,11 +22,13 @@ class PartEquations(Behind):
     names: Mapping[str, str]
     """The joint structure's names to the equations' own."""
 
-    def _values(self, values: Values) -> dict[str, float]:
+    def own_values(self, values: Values) -> dict[str, float]:
+        """Return the values of the equations' own parameters."""
         states = {name: value for name, value in values.items() if name in self.states}
         return states | {own: values[name] for name, own in self.names.items()}
 
-    def _chain(self, names: Names) -> tuple[list[str], Array]:
+    def chain(self, names: Names) -> tuple[list[str], Array]:
+        """Return all of the equations' own that moves with `names`, and by how much, shape (W, all)."""
         own = [self.names.get(name, name) for name in names]
         here = [name in self.names or name in self.states for name in names]
         return [name for name, is_here in zip(own, here, strict=True) if is_here], np.eye(len(names))[:, here]

@@ -104,31 +104,31 @@ class Behind(Equations):
 
     def stable(self, values: Values) -> bool:
         """Whether the closed loop is stable, as far as the equations can tell."""
-        return self.equations.stable(self._values(values))
+        return self.equations.stable(self.own_values(values))
 
     def simulate(self, values: Values, experiment: Experiment) -> Array:
         """Return the normalised outputs, shape (O, N)."""
-        return self.equations.simulate(self._values(values), experiment)
+        return self.equations.simulate(self.own_values(values), experiment)
 
     def sensitivities(self, values: Values, experiment: Experiment, names: Names) -> tuple[Array, Array]:
         """Return the outputs (O, N) and their derivatives with respect to `names`, shape (W, O, N)."""
-        moved, chain = self._chain(names)
-        simulated, slopes = self.equations.sensitivities(self._values(values), experiment, moved)
+        moved, chain = self.chain(names)
+        simulated, slopes = self.equations.sensitivities(self.own_values(values), experiment, moved)
         return simulated, np.tensordot(chain, slopes.reshape(len(moved), *simulated.shape), axes=1)
 
     def response(
         self, values: Values, frequency_hz: Array, names: Names
     ) -> tuple[ComplexArray, ComplexArray]:
         """Return the response (O, F) and its derivatives with respect to `names`, shape (W, O, F)."""
-        moved, chain = self._chain(names)
-        response, slopes = self.equations.response(self._values(values), frequency_hz, moved)
+        moved, chain = self.chain(names)
+        response, slopes = self.equations.response(self.own_values(values), frequency_hz, moved)
         return response, np.tensordot(chain, slopes.reshape(len(moved), *response.shape), axes=1)
 
-    def _values(self, values: Values) -> dict[str, float]:
+    def own_values(self, values: Values) -> dict[str, float]:
         """Return the values of the equations' own parameters."""
         raise NotImplementedError
 
-    def _chain(self, names: Names) -> tuple[list[str], Array]:
+    def chain(self, names: Names) -> tuple[list[str], Array]:
         """Return all of the equations' own that moves with `names`, and by how much, shape (W, all)."""
         raise NotImplementedError
 
@@ -140,10 +140,12 @@ class TiedEquations(Behind):
     ties: Ties
     """Resolved."""
 
-    def _values(self, values: Values) -> dict[str, float]:
+    def own_values(self, values: Values) -> dict[str, float]:
+        """Return the values of the equations' own parameters."""
         return followed(values, self.ties)
 
-    def _chain(self, names: Names) -> tuple[list[str], Array]:
+    def chain(self, names: Names) -> tuple[list[str], Array]:
+        """Return all of the equations' own that moves with `names`, and by how much, shape (W, all)."""
         moved = [*names, *(name for name, tie in self.ties.items() if tie.to in names and name not in names)]
         chain = np.eye(len(names), len(moved))
         for name in moved[len(names) :]:

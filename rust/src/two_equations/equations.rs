@@ -8,8 +8,9 @@ use pulp::Scalar;
 use crate::error::{Result, require};
 use crate::scalar::{Dual, Scalar as _, Tangent};
 
-/// Names of the parameters: `u_0` set point offset, `s_M` torque scale, `x_0` offset of the rack or the fuel.
-pub const PARAMETERS: [&str; 22] = [
+/// Names of the parameters: `u_0` set point offset, `s_M` and `m_0` scale and offset of the torque, `x_0` offset of the rack
+/// or the fuel.
+pub const PARAMETERS: [&str; 23] = [
     "tau_n",
     "g",
     "vK_p",
@@ -32,6 +33,7 @@ pub const PARAMETERS: [&str; 22] = [
     "u_0",
     "s_M",
     "x_0",
+    "m_0",
 ];
 pub const COUNT: usize = PARAMETERS.len();
 /// Directions of the derivatives, padded to whole vectors.
@@ -60,6 +62,7 @@ pub mod at {
     pub const U_0: usize = 19;
     pub const S_M: usize = 20;
     pub const X_0: usize = 21;
+    pub const M_0: usize = 22;
 }
 
 /// Signals that a record holds, deviations from the operating point: speed, torque, rack, load, the speed's square and cube, and one.
@@ -287,7 +290,8 @@ fn written(values: &[f64; COUNT], torque: bool, rack: bool, gauge: bool, open_lo
     if gauge {
         engine.add(signal::N, &inertia);
     }
-    if !torque {
+    // Of a stiff shaft the torque is put in, measured or not: what multiplies the engine's equation then moves nothing.
+    if !twists {
         engine = engine.without_torque(&load);
     }
 
@@ -364,11 +368,12 @@ fn slope_terms(equations: &[Equation], terms: &[Term], values: &[f64; COUNT], by
             at::T_SET if set => add(one.equation, one.signal, risen.map(|c| -c)),
             at::T_M if one.signal == signal::M => add(one.equation, one.signal, risen),
             at::T_N if speed => add(one.equation, one.signal, risen),
+            at::M_0 if one.signal == signal::M => add(one.equation, signal::ONE, one.coefficients),
             at::U_0 if set => add(one.equation, signal::ONE, one.coefficients),
             at::S_M if one.signal == signal::M => {
                 let scaled = one.coefficients.map(|c| -c / values[at::S_M]);
                 add(one.equation, signal::M, scaled);
-                add(one.equation, signal::ONE, scaled);
+                add(one.equation, signal::ONE, scaled.map(|c| c * (1.0 - values[at::M_0])));
             }
             _ => {}
         }

@@ -96,9 +96,9 @@ pub fn lay_out<S: Simd, const O: usize>(
         if q[at::T_M] != 0.0 {
             orders = delayed(simd, orders, turns.torque.now, -q[at::T_M]);
         }
-        // (M + 1) / s_M - 1, of which the constants are not late.
+        // (M + 1) / s_M - 1 + m_0, of which the constants are not late.
         let scale = 1.0 / q[at::S_M];
-        let (scale, rest) = (simd.splat_f64s(scale), simd.splat_f64s(scale - 1.0));
+        let (scale, rest) = (simd.splat_f64s(scale), simd.splat_f64s(scale - 1.0 + q[at::M_0]));
         for order in 0..ORDERS {
             orders[order] = orders[order].scaled(simd, scale).plus_scaled(simd, one[order], rest);
         }

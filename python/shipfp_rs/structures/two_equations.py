@@ -1,0 +1,135 @@
+"""A structure's parameters as those of a ship's two equations, which the kernel takes, trial by trial."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from shipfp_rs import _core
+from shipfp_rs.structures.commanded import CommandedEquations
+from shipfp_rs.structures.equations import Equations
+from shipfp_rs.structures.joint import PartEquations
+from shipfp_rs.structures.linear import LinearEquations
+from shipfp_rs.structures.ship import ShipEquations
+from shipfp_rs.structures.structure import Structure
+from shipfp_rs.structures.ties import Behind
+from shipfp_rs.support.arrays import Array, ComplexArray, Values
+
+GAINS = ("K_p", "K_i", "K_d")
+KNOWN = {*_core.EQUATION_PARAMETERS, *GAINS}
+"""Parameters that the two equations have, gains by themselves included."""
+
+
+@dataclass(frozen=True)
+class TwoEquations:
+    """One trial's ship: the kernel's parameters as functions of the parameters that a search moves.
+
+    Parameters
+    ----------
+    names
+        Of the parameters that are searched.
+    layers
+        Ties and parts between these and the ship's own parameters, the outermost first.
+    equations, own
+        The ship's own, and the names of their parameters.
+    """
+
+    names: tuple[str, ...]
+    layers: tuple[Behind, ...]
+    equations: LinearEquations | ShipEquations
+    own: frozenset[str]
+
+    @classmethod
+    def of(cls, structure: Structure, names: Sequence[str]) -> TwoEquations | None:
+        """Return them for a structure of one trial; None where it has something that the two equations have not."""
+        equations: Equations = structure.equations
+        layers: list[Behind] = []
+        own = set(structure.names)
+        while isinstance(equations, Behind):
+            if isinstance(equations, PartEquations):
+                own = set(equations.names.values())
+            layers.append(equations)
+            equations = equations.equations
+        if not isinstance(equations, LinearEquations | ShipEquations):
+            return None
+        outputs, known = set(equations.outputs), KNOWN
+        if isinstance(equations, ShipEquations):
+            if equations.propeller_speed or equations.envelope:
+                return None
+            known = KNOWN | ({"T_s"} if equations.mean_sampling else set())
+        twists = "tau_twist" in own and "dM" not in outputs
+        if twists or "dn" not in outputs or outputs - set(_core.EQUATION_OUTPUTS) or own - known:
+            return None
+        return cls(tuple(names), tuple(layers), equations, frozenset(own))
+
+    @property
+    def gauge(self) -> bool:
+        """Whether the torque is read between the inertias."""
+        return self.equations.gauge
+
+    @property
+    def is_linear(self) -> bool:
+        """Whether the load's law is a straight line."""
+        return isinstance(self.equations, LinearEquations)
+
+    @property
+    def open_loop(self) -> bool:
+        """Whether a command moves the drive, and no governor."""
+        return isinstance(self.equations, CommandedEquations)
+
+    def values(self, values: Values) -> dict[str, float]:
+        """Return the kernel's parameters for a structure's."""
+        found = self._own(values)
+        for gain in GAINS:
+            if gain in found:
+                found[f"v{gain}"] = found.pop(gain) * found.get("v", 1.0)
+        if "T_s" in found:
+            found["T_d"] = found.get("T_d", 0.0) + 0.5 * found.pop("T_s")
+        return found
+
+    def _own(self, values: Values) -> dict[str, float]:
+        found = dict(values)
+        for layer in self.layers:
+            found = layer.own_values(found)
+        return found
+
+    @cached_property
+    def _chain(self) -> tuple[list[str], Array]:
+        """The ship's own parameters that move with those searched, and by how much, (W, own)."""
+        names, found = list(self.names), np.eye(len(self.names))
+        for layer in self.layers:
+            names, link = layer.chain(names)
+            found = found @ link
+        return names, found
+
+    @cached_property
+    def moved(self) -> tuple[str, ...]:
+        """The kernel's parameters that move, in the order of `slopes`."""
+        own = self._chain[0]
+        gains = [gain for gain in GAINS if gain in self.own] if "v" in own else []
+        found = [f"v{name}" if name in GAINS else name for name in own]
+        return tuple(dict.fromkeys([*found, *(f"v{gain}" for gain in gains)]))
+
+    def slopes(self, values: Values) -> Array:
+        """Derivatives of the kernel's parameters `moved` by the structure's, (m, W)."""
+        own, chain = self._chain
+        known, place = self._own(values), {name: row for row, name in enumerate(self.moved)}
+        link = np.zeros((len(place), len(own)))
+        v = known.get("v", 1.0)
+        for column, name in enumerate(own):
+            if name in GAINS:
+                link[place[f"v{name}"], column] = v
+                continue
+            link[place[name], column] = 1.0
+            if name == "v":
+                for gain in GAINS:
+                    if gain in known and f"v{gain}" in place:
+                        link[place[f"v{gain}"], column] = known[gain]
+        return np.asarray(link @ chain.T)
+
+    def response(self, values: Values, frequency_hz: Array) -> ComplexArray:
+        """Response (O, F) of the outputs to what drives the ship, for a structure's values."""
+        return self.equations.response(self._own(values), frequency_hz, ())[0]
