@@ -18,7 +18,15 @@ from shipfp_rs import _core
 from shipfp_rs.errors import SimulationError
 from shipfp_rs.experiments.experiment import Hold
 from shipfp_rs.identification.coordinates import Coordinates, loop_of, wall_row
-from shipfp_rs.identification.likelihood import Likelihood, Products, Slopes, Tangent, real_rows
+from shipfp_rs.identification.likelihood import (
+    Likelihood,
+    Products,
+    Slopes,
+    Tangent,
+    quantile_of,
+    real_rows,
+    white_root,
+)
 from shipfp_rs.identification.record import interpolated
 from shipfp_rs.identification.spectra import Spectra
 from shipfp_rs.identification.structure_coordinates import StructureCoordinates
@@ -63,6 +71,8 @@ class EquationLikelihood(Likelihood):
         Limits of torque and rate that act, by the stepper's names: what they take off the outputs is put back.
     ships
         For each record the ship of a given structure; none: the coordinates' parameters are the kernel's.
+    white
+        Whether each record's noise is one covariance over all frequencies.
     """
 
     records: tuple[Spectra, ...]
@@ -71,6 +81,7 @@ class EquationLikelihood(Likelihood):
     unknowns: tuple[str, ...]
     limits: Mapping[str, float] = field(default_factory=dict)
     ships: tuple[TwoEquations, ...] = ()
+    white: bool = False
 
     @cached_property
     def _outputs(self) -> list[int]:
@@ -237,6 +248,37 @@ class EquationLikelihood(Likelihood):
                     block[..., at[:-1], at[1:]] += sign * summed[..., knots:]
         square = np.moveaxis(total, 4, 2).reshape(2 * outputs * knots, -1)
         return np.asarray(np.linalg.inv(square + np.eye(len(square))))
+
+    @property
+    def freedom(self) -> int:
+        """Real numbers that are left over to tell white noise from, less the unknowns."""
+        numbers = sum(2 * (len(record.frequency_hz) - 1) for record in self.records)
+        return len(self.accuracy) * numbers - self.coordinates.size
+
+    @property
+    def quantile(self) -> float:
+        """Half of an interval of 95 per cent over the standard deviation."""
+        return quantile_of(self.freedom) if self.white else super().quantile
+
+    def _noise(self, residuals: Sequence[Numbers], unsure: Sequence[Numbers | float]) -> tuple[Numbers, ...]:
+        if not self.white:
+            return super()._noise(residuals, unsure)
+        share = max(self.freedom, 1) / max(self.freedom + self.coordinates.size, 1)
+        return tuple(
+            white_root(real_rows(one[:, 1:]), real_rows(record.spectrum[:, 1:]), share, self.quantile)
+            for one, record in zip(residuals, self.records, strict=True)
+        )
+
+    def spread(self) -> float:
+        """Deviance of the determinants of the noise."""
+        if not self.white:
+            return super().spread()
+        assert self.roots is not None
+        numbers = [2 * (len(record.frequency_hz) - 1) for record in self.records]
+        return sum(
+            -2.0 * count * float(np.log(np.abs(np.diag(root))).sum())
+            for count, root in zip(numbers, self.roots, strict=True)
+        )
 
     def smooth_errors(self, residuals: Sequence[Numbers]) -> tuple[Array, Array]:
         """Sizes of the smooth errors that residuals show, in prior deviations (E,), and what these are unsure by (E, E)."""

@@ -13,6 +13,7 @@ from functools import cached_property
 from typing import Any, NamedTuple, Protocol, Self
 
 import numpy as np
+from scipy.stats import t as student
 
 from shipfp_rs.errors import SimulationError
 from shipfp_rs.support.arrays import Array, Numbers
@@ -30,6 +31,9 @@ FLOOR = 1e-3
 """Least of that matrix, over its median."""
 WHITE = 1e-3
 """Noise over the operating point before any was estimated."""
+LEAST_NOISE, LEAST_OWN = 1e-7, 1e-9
+"""Least deviation of white noise over an output's own root mean square, far above rounding, and least part of an output's
+variance that is its own."""
 SMALL = 1e-6
 """Step of a difference, over a value or one."""
 
@@ -427,6 +431,22 @@ def noise_root(residual: Numbers, unsure: Numbers | float = 0.0) -> Numbers:
     lower = np.zeros((outputs, outputs, count), matrix.dtype)
     lower[a, b] = matrix
     return np.moveaxis(_inverse_root(lower), -1, 0)
+
+
+def white_root(left: Array, said: Array, share: float, quantile: float) -> Array:
+    """Root of the inverse of one covariance of residuals (O, R), a share of what was; `said` is the data's, (O, R).
+
+    It allows for what the unknowns took of the residuals, and for the quantile, so that all intervals end at the same rise.
+    """
+    covariance = left @ left.T / (left.shape[1] * share)
+    size = LEAST_NOISE**2 * (np.mean(said**2, axis=1) + 1e-12) + LEAST_OWN * np.diag(covariance)
+    root = np.linalg.inv(np.linalg.cholesky(covariance + np.diag(size)))
+    return np.asarray(root * (DEVIATIONS_95 / quantile))
+
+
+def quantile_of(freedom: int) -> float:
+    """Half of an interval of 95 per cent over the standard deviation: noise from few numbers is uncertain itself."""
+    return float(student.ppf(0.975, max(freedom, 1)))
 
 
 def _inverse_root(matrix: Numbers) -> Numbers:

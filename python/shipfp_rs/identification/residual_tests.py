@@ -182,8 +182,11 @@ def _whiteness(fit: StructureFit, output: int) -> ResidualTest | None:
     """Test one output of the records whose noise was taken for white."""
     rows = []
     for index, record in enumerate(fit.records):
-        if isinstance(record, Samples) and not isinstance(record, InBand):
-            left, _ = record.evaluate(fit.known(index), ())
+        if isinstance(record, Samples) and (not isinstance(record, InBand) or record.white):
+            if isinstance(record, InBand):
+                left = record.left(fit.known(index))[:, record.valid]
+            else:
+                left = record.evaluate(fit.known(index), ())[0]
             row = np.zeros(len(record.valid))
             row[record.valid] = (fit.likelihood.root(index) @ left)[output]
             rows.append((row, record.valid))

@@ -102,7 +102,7 @@ def _minima(fit: StructureFit) -> list[dict[str, Any]]:
 def _noise(records: Sequence[Seen]) -> str:
     kinds = [
         "coloured"
-        if isinstance(one, InBand)
+        if isinstance(one, InBand) and not one.white
         else "std"
         if isinstance(one, Response) and one.weighed
         else "white"

@@ -146,19 +146,21 @@ def _in_closed_form(records: Sequence[Seen], own: StructureLikelihood) -> Equati
     ships = [TwoEquations.of(record.structure, names) for record in records]
     spectra = [record.record for record in records if isinstance(record, InBand)]
     told = [ship for ship in ships if ship is not None]
+    white = {record.white for record in records if isinstance(record, InBand)}
     if len(told) < len(records) or len(spectra) < len(records):
         return None
-    if len({(ship.gauge, ship.open_loop) for ship in told}) > 1:
+    if len({(ship.gauge, ship.open_loop) for ship in told}) > 1 or len(white) > 1:
         return None
     unknowns = _unknowns(told[0])
     return EquationLikelihood(
         records=tuple(spectra),
         coordinates=StructureCoordinates(structure, (unknowns,) * len(records), OFF_BY),
-        accuracy=own.accuracy,
+        accuracy=0.0 * own.accuracy if white == {True} else own.accuracy,
         priors=own.priors,
         gauge=told[0].gauge,
         unknowns=unknowns,
         ships=tuple(told),
+        white=white == {True},
     )
 
 

@@ -8,15 +8,16 @@ from functools import cached_property
 from typing import Self
 
 import numpy as np
-from scipy.stats import t as student
 
 from shipfp_rs.errors import SimulationError
 from shipfp_rs.identification.likelihood import (
     ACCURACY,
     Likelihood,
     noise_root,
+    quantile_of,
     real_rows,
     spread_of,
+    white_root,
 )
 from shipfp_rs.identification.structure_coordinates import StructureCoordinates
 from shipfp_rs.identification.structure_records import Evaluated, InBand, Response, Seen
@@ -24,9 +25,6 @@ from shipfp_rs.structures.structure import Structure
 from shipfp_rs.support.arrays import Array, Numbers
 from shipfp_rs.support.quantiles import DEVIATIONS_95
 
-LEAST_NOISE, LEAST_OWN = 1e-7, 1e-9
-"""Least deviation of white noise over an output's own root mean square, far above rounding, and least part of an output's
-variance that is its own."""
 FIRST_NOISE = 0.1
 """White noise over an output's spread before any was estimated."""
 
@@ -115,7 +113,7 @@ class StructureLikelihood(Likelihood):
         """Half of an interval of 95 per cent over the standard deviation: noise from few numbers is uncertain itself."""
         if not all(map(_is_white, self.records)):
             return DEVIATIONS_95
-        return float(student.ppf(0.975, max(self.freedom, 1)))
+        return quantile_of(self.freedom)
 
     @property
     def untold(self) -> bool:
@@ -123,11 +121,7 @@ class StructureLikelihood(Likelihood):
         return all(map(_is_white, self.records)) and self.freedom <= 0
 
     def _noise(self, residuals: Sequence[Numbers], unsure: Sequence[Numbers | float]) -> tuple[Numbers, ...]:
-        """For each record the root of the inverse spectral matrix of its residuals; one for all responses.
-
-        White noise allows for what the unknowns took of the residuals, and for the quantile, so that all intervals end at
-        the same rise.
-        """
+        """For each record the root of the inverse spectral matrix of its residuals; one for all responses."""
         share = max(self.freedom, 1) / max(len(self.accuracy) * self._white_rows, 1)
         responses = [index for index, one in enumerate(self.records) if isinstance(one, Response)]
         found = {}
@@ -146,10 +140,7 @@ class StructureLikelihood(Likelihood):
         """Root of the inverse of one covariance of records; share: of the numbers that the unknowns leave."""
         left = np.concatenate([real_rows(residuals[place]) for place in places], axis=1)
         said = np.concatenate([real_rows(self.records[place].spectrum) for place in places], axis=1)
-        covariance = left @ left.T / (left.shape[1] * share)
-        size = LEAST_NOISE**2 * (np.mean(said**2, axis=1) + 1e-12) + LEAST_OWN * np.diag(covariance)
-        root = np.linalg.inv(np.linalg.cholesky(covariance + np.diag(size)))
-        return np.asarray(root * (DEVIATIONS_95 / self.quantile))
+        return white_root(left, said, share, self.quantile)
 
     def spread(self) -> float:
         """Deviance of the determinants of the noise."""

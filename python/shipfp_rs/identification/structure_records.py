@@ -7,7 +7,7 @@ samples themselves: noise of one covariance over all frequencies is white, and s
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -18,6 +18,7 @@ from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.frequency import FrequencyResponse
 from shipfp_rs.identification import spectra
 from shipfp_rs.identification.fit_statistics import nrmse_pct
+from shipfp_rs.identification.record import SHORTEST_S
 from shipfp_rs.structures.prediction import simulated_about
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.structures.two_equations import TwoEquations
@@ -102,9 +103,11 @@ class Samples(Measured):
 
 @dataclass(frozen=True, eq=False)
 class InBand(Samples):
-    """An experiment's tapered spectra in a band."""
+    """An experiment's tapered spectra in a band; white: of noise that is one covariance over all of them."""
 
     record: spectra.Spectra
+    white: bool = False
+    _left: dict[tuple[float, ...], Array] = field(default_factory=dict, repr=False)
 
     @property
     def frequency_hz(self) -> Array:
@@ -137,12 +140,18 @@ class InBand(Samples):
         seen = self.seen(np.concatenate([model[None], slopes]))
         return self.spectrum - seen[0], seen[1:]
 
+    def left(self, values: Mapping[str, float]) -> Array:
+        """What a plain simulation leaves, which begins and lies where the samples say, (O, N)."""
+        known = {name: values[name] for name in self.structure.names}
+        at = tuple(known.values())
+        if at not in self._left:
+            model = simulated_about(self.structure, known, self.data)
+            self._left[at] = self.measured - np.array(list(model.values()))
+        return self._left[at]
+
     def fit_pct(self, values: Mapping[str, float]) -> list[float]:
-        """Fit of each output's plain simulation, which begins and lies where the samples say, eq. 4.9 [%]."""
-        known = {name: value for name, value in values.items() if name not in self.unknowns}
-        model = simulated_about(self.structure, known, self.data).values()
-        pairs = zip(self.measured, model, strict=True)
-        return [nrmse_pct(row, row - one) for row, one in pairs]
+        """Fit of each output's plain simulation, eq. 4.9 [%]."""
+        return [nrmse_pct(*pair) for pair in zip(self.measured, self.left(values), strict=True)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -233,10 +242,17 @@ def _in_time(data: Experiment, structure: Structure, noise: str | None, *, at_re
     unknowns = () if at_rest else (*equations.states, *(f"offset {output}" for output in offsets))
     measured = structure.measured(data)
     samples = Samples(data, structure, signals, unknowns, measured)
-    return samples if noise == "white" or not samples.valid.any() else banded(samples)
+    if noise != "white":
+        return banded(samples) if samples.valid.any() else samples
+    ship = TwoEquations.of(structure, ())
+    # What is computed from rest is exact in time only; so is a linear ship, and as quick. Edges take much of a short record.
+    short = data.duration < SHORTEST_S
+    if ship is None or ship.is_linear or at_rest or short or not samples.valid.any():
+        return samples
+    return banded(samples, white=True)
 
 
-def banded(samples: Samples) -> InBand:
+def banded(samples: Samples, *, white: bool = False) -> InBand:
     """Return samples as spectra: of a ship in the band of its loop, of an own structure as far up as inputs excite.
 
     Raises
@@ -251,6 +267,5 @@ def banded(samples: Samples) -> InBand:
     outputs = samples.structure.outputs
     record = spectra.Spectra.of(samples.data, outputs, samples.measured, load=loaded, wide=ship is None)
     record = replace(record, is_linear=ship is not None and ship.is_linear)
-    return InBand(
-        samples.data, samples.structure, samples.signals, samples.unknowns, samples.measured, record
-    )
+    own = samples.data, samples.structure, samples.signals, samples.unknowns, samples.measured
+    return InBand(*own, record, white)
