@@ -96,7 +96,7 @@ def at_truth(fit, truth, elements):
     from shipfp_rs.identification.ship_found import likelihood_of
 
     values = true_values(truth)
-    free = likelihood_of(replace(fit, question=replace(fit.question, fixed={})), elements, "fine")
+    free = likelihood_of(replace(fit, question=replace(fit.question, fixed={})), elements)
     held = {name: values[name] for name in free.coordinates.names if name in values and name not in NUISANCES}
     c = replace(
         free.coordinates,
@@ -106,10 +106,9 @@ def at_truth(fit, truth, elements):
     likelihood = replace(free, coordinates=c)
     states = fit.likelihood.coordinates.states_at(fit.best.vector)
     end = descend(likelihood, c.vector(values, states))
-    if set(elements) & {"torque_limit", "rack_rate"}:
-        for _ in range(2):
-            likelihood = likelihood.with_water(end.vector)
-            end = descend(likelihood, end.vector)
+    for _ in range(2):
+        likelihood = likelihood.resettled_at(end.vector)
+        end = descend(likelihood, end.vector)
     return likelihood, end.vector
 
 
@@ -119,7 +118,7 @@ def begun(fit, truth, elements):
     from shipfp_rs.identification.ship_found import likelihood_of
 
     held, vector = at_truth(fit, truth, elements)
-    likelihood = likelihood_of(replace(fit, question=replace(fit.question, fixed={})), elements, "fine")
+    likelihood = likelihood_of(replace(fit, question=replace(fit.question, fixed={})), elements)
     likelihood = likelihood.with_noise_of(held)
     states = held.coordinates.states_at(vector)
     start = likelihood.coordinates.vector(held.coordinates.values(vector), states)

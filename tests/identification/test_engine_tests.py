@@ -80,7 +80,7 @@ def test_a_dead_band_bends_the_curve_against_the_error_into_an_s():
         assert side * curve["torque"][this][0 if side < 0.0 else -1] > 2.0 * curve["std"][this][0]
 
 
-def test_residuals_of_a_simulated_ship_make_no_curve():
+def test_residuals_of_a_ship_in_its_limit_make_no_curve():
     fit = smooth_ship(question_of([noisy({})], torque="brake"))
-    simulated_fit = replace(fit, likelihood=likelihood_of(fit, ["rack_rate"]))
-    assert engine_curves(simulated_fit) == {}
+    limited_fit = replace(fit, likelihood=likelihood_of(fit, ["rack_rate"]))
+    assert engine_curves(limited_fit) == {}

@@ -7,7 +7,7 @@ import pytest
 
 from shipfp_rs.errors import SimulationError
 from shipfp_rs.identification.basins import descend
-from shipfp_rs.identification.likelihood import Products, Tangent
+from shipfp_rs.identification.likelihood import Products
 from tests.nist_strd import MODELS, Problem, agreeing
 
 ASTRAY = {("BoxBOD", 1), ("MGH10", 1), ("MGH17", 1)}
@@ -22,18 +22,11 @@ class Squares:
         size = len(problem.certified)
         self.coordinates = SimpleNamespace(bounds=(np.full(size, -np.inf), np.full(size, np.inf)))
 
-    def products(self, vector: np.ndarray, tangent: Tangent | None = None) -> Products:
+    def products(self, vector: np.ndarray) -> Products:
         residual, jacobian = self.problem.function(vector)
         residual, rows = (part / self.problem.residual_deviation for part in (residual, -jacobian.T))
         with np.errstate(all="ignore"):
-            tangent = tangent or Tangent(rows, rows @ rows.T)
-            found = Products(
-                float(residual @ residual),
-                tangent.rows @ residual,
-                tangent.matrix,
-                tangent,
-                (residual, residual),
-            )
+            found = Products(float(residual @ residual), rows @ residual, rows @ rows.T)
         if not np.isfinite(found.cost) or not np.isfinite(found.matrix).all():
             raise SimulationError("a residual is not finite")
         return found

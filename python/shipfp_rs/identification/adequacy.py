@@ -12,7 +12,7 @@ from scipy.signal import stft
 from scipy.stats import chi2
 
 from shipfp_rs.identification.likelihood import Likelihood
-from shipfp_rs.identification.record import BEFORE_S
+from shipfp_rs.identification.sampling import BEFORE_S
 from shipfp_rs.support.arrays import Array
 
 STRETCH_S = 20.0

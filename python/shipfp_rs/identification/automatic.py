@@ -25,8 +25,7 @@ from shipfp_rs.identification.load_side import load_side_of
 from shipfp_rs.identification.profiles import NEAR, RISE, TRIES, Interval, Profiles, figures_of
 from shipfp_rs.identification.question import BOUNDS, OF_LOADED, PRIORS, Question
 from shipfp_rs.identification.ship_fit import fit_ship, refined
-from shipfp_rs.identification.ship_found import ShipFit, likelihood_of
-from shipfp_rs.identification.ship_likelihood import LIMITS
+from shipfp_rs.identification.ship_found import ShipFit
 from shipfp_rs.identification.ship_verdict import element_rows, with_verdict
 from shipfp_rs.identification.sides import covariance_of, load_alone, undescribed
 from shipfp_rs.identification.stretches import Stretches
@@ -99,7 +98,7 @@ def answered(
     # Intervals of an engine that is not the ship's are not told.
     fit, found, possible = intervals_of(fit, figures, "symmetric" if kind else intervals)
     if fit.stiff is not None and "tau_twist" in fit.along:
-        # Neither is decided: intervals hold what either model allows, where the stiff one can be simulated at all.
+        # Neither is decided: intervals hold what either model allows.
         with suppress(IdentificationError):
             _, other, _ = intervals_of(refined(fit.stiff), figures, "symmetric")
             found = {name: _either(one, other[name]) for name, one in found.items()}
@@ -169,37 +168,28 @@ def _missed(fit: ShipFit) -> tuple[list[float], list[list[float]]]:
 def intervals_of(
     fit: ShipFit, figures: Mapping[str, Figure], intervals: Literal["profile", "symmetric"]
 ) -> tuple[ShipFit, dict[str, Interval], list[dict[str, float]]]:
-    """Return the fit, which a profile may have led to a lower minimum, the interval of each figure, and ships within them.
-
-    Profiles take the step of the search, about the values of the finer one.
-    """
+    """Return the fit, which a profile may have led to a lower minimum, each figure's interval, and ships within them."""
     if intervals == "symmetric":
-        fine = Profiles(fit.likelihood, list(fit.basins))
-        return fit, {name: fine.symmetric(figure) for name, figure in figures.items()}, []
+        profiles = Profiles(fit.likelihood, list(fit.basins))
+        return fit, {name: profiles.symmetric(figure) for name, figure in figures.items()}, []
     possible: list[Array] = []
     for left in reversed(range(RESTARTS + 1)):
-        coarse = likelihood_of(fit, fit.elements)
-        basins = [descend(coarse, one.vector) for one in fit.basins]
-        if not np.isfinite([one.cost for one in basins]).all():  # too quick a ship for that step
-            coarse, basins = fit.likelihood, list(fit.basins)
-        profiles = Profiles(coarse, basins)
+        likelihood, c = fit.likelihood, fit.likelihood.coordinates
+        profiles = Profiles(likelihood, [descend(likelihood, one.vector) for one in fit.basins])
         # What the profiles before found possible counts on.
-        profiles.visited += [Basin(coarse.cost(vector), vector) for vector in possible]
+        profiles.visited += [Basin(likelihood.cost(vector), vector) for vector in possible]
         found = {}
         for place, (name, figure) in enumerate(figures.items()):
             tell(f"interval: {plain_name(name)}", place / len(figures))
             bounds = fit.question.bounds.get(name, (-np.inf, np.inf))
-            one = profiles.interval(
-                figure, TRIES if name in coarse.coordinates.names else COMBINED_TRIES, bounds
-            )
-            found[name] = one
+            found[name] = profiles.interval(figure, TRIES if name in c.names else COMBINED_TRIES, bounds)
             lower = min(profiles.visited, key=lambda point: point.cost, default=profiles.best)
             if left and lower.cost < profiles.best.cost - LOWER:
                 points = (*profiles.basins, *profiles.visited)
                 possible = [point.vector for point in points if point.cost < lower.cost + RISE]
                 try:
-                    fit = refined(replace(fit, basins=(descend(coarse, lower.vector),)))
-                except IdentificationError:  # at a fine step it is none
+                    fit = refined(replace(fit, basins=(descend(likelihood, lower.vector),)))
+                except IdentificationError:  # under its own noise it is none
                     continue
                 break
         else:
@@ -211,12 +201,11 @@ def intervals_of(
         one = profiles.widened(figure, found[name])
         wider = stretches.widening(fit.likelihood.coordinates.gradient(figure, fit.best.vector))
         moved = figure(fit.values) - one.value
-        # Along a valley the steps differ by a part of the interval: it holds both.
         low = one.value - wider * (one.value - one.low) + min(moved, 0.0)
         high = one.value + wider * (one.high - one.value) + max(moved, 0.0)
         least, most = fit.question.bounds.get(name, (-np.inf, np.inf))
         found[name] = Interval(one.value + moved, max(low, least), min(high, most), one.kinds)
-    return fit, found, [coarse.coordinates.values(vector) for vector in inside]
+    return fit, found, [c.values(vector) for vector in inside]
 
 
 def _either(one: Interval, other: Interval) -> Interval:
@@ -288,7 +277,7 @@ def _estimate(fit: ShipFit, name: str, interval: Interval) -> Estimate:
     )
     c, found = fit.likelihood.coordinates, fit.best.products
     flat = name in c.free and found is not None and found.matrix[c.place(name), c.place(name)] == 0.0
-    if name in LIMITS and (flat or ends[1] >= high):
+    if name in ("M_max", "rate") and (flat or ends[1] >= high):
         # Far above all that was reached no profile finds where it would begin to act.
         reason = (
             Sentence("no limit was reached in the data")

@@ -6,12 +6,13 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
+from typing import TypeVar
 
 import numpy as np
 from scipy.linalg.lapack import dposv
 
 from shipfp_rs.errors import SimulationError
-from shipfp_rs.identification.likelihood import Likelihood, Products, Tangent
+from shipfp_rs.identification.likelihood import Likelihood, Products
 from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.threads import require_going, where_alone
 
@@ -21,13 +22,9 @@ thousandth."""
 MOST_STEPS = 60
 LEAST = 1e-14
 """Damping that keeps a matrix that nothing tells a part of from being singular by rounding."""
-DAMPED, EXACT, LESS, MORE = 1e-4, 1e-6, 0.15, 8.0
-"""Damping of a descent to begin with, the same where derivatives are always exact, and its factors after a good step and a
-bad one (Marquardt 1963)."""
-REJECTED = 1e-3
-"""Least damping after a bad step where derivatives are always exact: good steps have taken it far below what matters."""
-KEEPS = 0.5
-"""Derivatives are kept where a step lowers the deviance by this part of what they promised."""
+DAMPED, DAMPED_NEAR, REJECTED, LESS, MORE, FURTHER = 1e-4, 1e-6, 1e-6, 0.15, 8.0, 2.0
+"""Damping of a descent to begin with, and of one that begins near its end; the least after a bad step, its factors after a
+good step and a bad one (Marquardt 1963), and by how much the latter grows with each bad step in a row (Nielsen 1999)."""
 MOST_DAMPED = 1e4
 """Damping with which a descent ends: steps a ten-thousandth as long as the gradient's own lead nowhere lower."""
 FIRST, ROUGH, MIDDLE, FINE = (3, 50.0), (8, 50.0), (30, 1.0), (MOST_STEPS, SETTLED)
@@ -40,11 +37,10 @@ SAME = 4.0
 ALIKE = 10.0
 """Minima whose deviance is above the least by more than this tell nothing of an interval of 95 per cent."""
 
-ROUNDS, STILL = 10, 1.0
-"""Most descents, each under the noise and the water of the end before, and the fall of the total below which they end."""
 LIKELY = 30.0
 """Ends of first descents above the least by more than this are not followed: their last steps bring less."""
 
+Known = TypeVar("Known", bound=Likelihood)
 Penalty = Callable[[Array], tuple[float, Array]]
 """Row that is added to the residuals: its value at a vector and its gradient."""
 
@@ -66,36 +62,32 @@ def descend(
     steps: int = MOST_STEPS,
     settled: float = SETTLED,
     penalty: Penalty | None = None,
-    near: Tangent | None = None,
+    near: bool = False,
     until: float | None = None,
 ) -> Basin:
     """Go down from a vector within the bounds, Levenberg-Marquardt with an active set.
-
-    Derivatives take most of a pass's time and change little: they are kept as long as steps do what they promise.
 
     Parameters
     ----------
     likelihood, start
         What is lowered, from where.
     steps, settled
-        How often derivatives are computed at most, and the decrease below which it ends.
+        Steps at most, and the decrease below which it ends.
     penalty
         A stiff row beside, for a profile; the cost returned is without it.
     near
-        Derivatives at a vector nearby to begin with; then those of another one are good enough to end with, too.
+        Whether it begins near its end.
     until
         Clock (`time.monotonic`) at which it ends.
     """
     low, high = likelihood.coordinates.bounds
     x = np.clip(start, low, high)
-
     at = partial(_computed, likelihood, penalty)
     try:
-        plain, now = at(x, near)
+        plain, now = at(x)
     except SimulationError:
         return Basin(np.inf, x, False)
-    exact = near is None or now.tangent is None
-    left, damping = steps - exact, DAMPED if now.tangent is not None else EXACT
+    left, damping, more = steps - 1, DAMPED_NEAR if near else DAMPED, MORE
     while damping < MOST_DAMPED:
         require_going()
         if until is not None and time.monotonic() > until:
@@ -109,49 +101,32 @@ def descend(
         if promised < 0.0:  # bounds cut off what would have made up for the rest
             damping *= MORE
             continue
-        done, fell, there = bool(promised < 0.1 * settled), 0.0, np.minimum(np.maximum(x + step, low), high)
-        if not done:
-            try:
-                then = at(there, now.tangent)
-                fell = now.cost - then[1].cost
-            except SimulationError:
-                fell = -np.inf
-            good = fell / promised
-            if fell > 0.0:
-                damping *= LESS if good > 0.7 else 1.0 if good > 0.25 else 4.0
-                went, done = there - x, bool(fell < settled)
-                if not (done and exact):
-                    then = then[0].learnt(plain, went), then[1].learnt(plain, went)
-                x, (plain, now) = there, then
-                if now.tangent is None and not done:
-                    left -= 1
-                    if left < 1:
-                        break
-                    continue
-                if good > KEEPS and not (done and exact):
-                    exact = False
-                    if not done:
-                        continue
-            elif exact:
-                damping = max(damping * MORE, REJECTED if now.tangent is None else 1e-6)
-                continue
-        if done and exact:
+        if promised < 0.1 * settled:
             return Basin(plain.cost, x, True, plain)
-        if left < 1:
-            break
-        left, exact = left - 1, True
+        there = np.minimum(np.maximum(x + step, low), high)
         try:
-            plain, now = at(x, None)
+            then = at(there)
+            fell = now.cost - then[1].cost
         except SimulationError:
+            fell = -np.inf
+        if fell <= 0.0:
+            damping, more = max(damping * more, REJECTED), more * FURTHER
+            continue
+        more = MORE
+        good = fell / promised
+        damping *= LESS if good > 0.7 else 1.0 if good > 0.25 else 4.0
+        x, (plain, now) = there, then
+        if fell < settled:
+            return Basin(plain.cost, x, True, plain)
+        left -= 1
+        if left < 1:
             break
     return Basin(plain.cost, x, damping >= MOST_DAMPED, plain)
 
 
-def _computed(
-    likelihood: Likelihood, penalty: Penalty | None, vector: Array, tangent: Tangent | None
-) -> tuple[Products, Products]:
+def _computed(likelihood: Likelihood, penalty: Penalty | None, vector: Array) -> tuple[Products, Products]:
     """Return deviance, gradient and curvature at a vector, without and with a penalty."""
-    found = likelihood.products(vector, tangent)
+    found = likelihood.products(vector)
     if penalty is None:
         return found, found
     value, slope = penalty(vector)
@@ -204,8 +179,8 @@ def _solved(matrix: Array, right: Array) -> Array:
 
 
 def best_basins(
-    likelihood: Likelihood, starts: Sequence[Array], *, until: float | None = None
-) -> tuple[Likelihood, list[Basin]]:
+    likelihood: Known, starts: Sequence[Array], *, until: float | None = None
+) -> tuple[Known, list[Basin]]:
     """Return the likelihood with its noise, and the distinct minima that count, the lowest first.
 
     Rough descents with white noise come first. The best ends then go on under the noise of their own residuals, and the one
@@ -237,22 +212,6 @@ def by_own_noise(likelihood: Likelihood, vector: Array, *, until: float | None =
             return Basin(np.inf, vector, False)
         vector = descend(likelihood, vector, steps=steps, settled=settled, until=until).vector
     return Basin(likelihood.total(vector), vector)
-
-
-def settle(likelihood: Likelihood, basin: Basin, until: float | None = None) -> tuple[Likelihood, Basin]:
-    """Go on under the noise and the water of each end, until the total falls no further."""
-    total = np.inf
-    for _ in range(ROUNDS):
-        try:
-            following = likelihood.with_noise(basin.vector).with_water(basin.vector)
-        except (SimulationError, np.linalg.LinAlgError):
-            break  # stable with the water that drives it, not without
-        end = descend(following, basin.vector, until=until)
-        then = following.total(end.vector)
-        if then > total - STILL and total < np.inf:
-            break
-        likelihood, basin, total = following, end, then
-    return likelihood, basin
 
 
 def distinct(likelihood: Likelihood, ends: Sequence[Basin]) -> list[Basin]:

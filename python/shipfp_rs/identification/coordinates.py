@@ -13,23 +13,11 @@ from functools import cached_property
 
 import numpy as np
 
-from shipfp_rs import _core
 from shipfp_rs.identification.likelihood import SMALL, Figure
-from shipfp_rs.structures.commanded import MOST_TWISTED
-from shipfp_rs.structures.ship import INDEX, KERNEL
 from shipfp_rs.support.arrays import Array, Values
 
-STATES = {
-    "initial dn": "initial_N",
-    "initial fuel": "initial_F",
-    "initial sum": "initial_E",
-    "set point offset": "u_0",
-    "torque scale": "s_M",
-}
-"""Unknowns of each record, and the kernel's names. The operating point is a mean over a minute of moving water, right to
-parts in a thousand: set point and speed differ by an offset, the torque is relative to another mean than the load's."""
 STATE_REACH = 0.3
-"""How far a record may begin from the operating point, and its set point be read wrong, over the operating point's."""
+"""How far a record's set point and torque may be read wrong, over the operating point's."""
 LOGARITHMS = ("tau_n", "vK_p", "vK_i", "rate", "tau_twist", "v", "M_soft")
 """Parameters that are searched by their logarithm."""
 SQUARES = ("hold",)
@@ -43,7 +31,7 @@ SMALLEST = 1e-3
 
 
 STATE_DEVIATION = 0.1
-"""Of a record's states, over the operating point: where a quick loop has forgotten them, nothing else holds them."""
+"""Prior deviation of what is read wrong, over the operating point."""
 
 
 @dataclass(frozen=True)
@@ -65,7 +53,7 @@ class Coordinates:
     free: Mapping[str, tuple[float, float]]
     given: Mapping[str, float]
     records: int
-    unknowns: tuple[str, ...] = tuple(STATES)
+    unknowns: tuple[str, ...]
 
     @property
     def state_deviation(self) -> float:
@@ -210,22 +198,6 @@ class Coordinates:
         found = np.zeros(self.size)
         found[: len(slopes)] = slopes @ self.jacobian(values)
         return found
-
-    def kernel(self, values: Mapping[str, float], states: Array) -> Array:
-        """Return the kernel's parameters for a record's states."""
-        vector = np.array(_core.SHIP_OFF)
-        v = values.get("v", 1.0)
-        vector[INDEX["v"]] = v
-        for name, value in values.items():
-            if name not in ("v", "K_p", "K_i"):
-                vector[INDEX[KERNEL.get(name, name)]] = value / v if name.startswith("vK_") else value
-        if "rate" in values:
-            vector[INDEX["rate_down"]] = values["rate"]
-        if vector[INDEX["tau_twist"]] > 0.0:
-            vector[INDEX["tau_prop"]] = min(vector[INDEX["tau_prop"]], MOST_TWISTED * values["tau_n"])
-        for (name, kernel), value in zip(STATES.items(), states, strict=True):
-            vector[INDEX[kernel]] = value + (name in ("initial dn", "torque scale"))
-        return vector
 
 
 def loop_of(values: Values) -> dict[str, float]:

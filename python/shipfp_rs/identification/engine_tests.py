@@ -11,9 +11,7 @@ from collections.abc import Callable, Container, Mapping
 import numpy as np
 
 from shipfp_rs.identification.coordinates import loop_of
-from shipfp_rs.identification.equation_likelihood import EquationLikelihood
 from shipfp_rs.identification.likelihood import ACCURACY
-from shipfp_rs.identification.record import Record
 from shipfp_rs.identification.ship_found import BELIEVED, ShipFit
 from shipfp_rs.identification.spectra import Spectra
 from shipfp_rs.identification.stretches import STRETCH_S, Score, Stretches
@@ -69,7 +67,7 @@ def engine_curves(fit: ShipFit) -> dict[str, dict[str, list[float]]]:
     is not one of two equations: there the residuals are not the engine's alone.
     """
     likelihood, values = fit.likelihood, fit.values
-    if "dM" not in fit.question.outputs or not isinstance(likelihood, EquationLikelihood):
+    if "dM" not in fit.question.outputs or not fit.is_smooth:
         return {}
     ahead = values["tau_n"] - values.get("tau_prop", 0.0) if fit.question.gauge else 0.0
     torques, places = [], []
@@ -164,7 +162,7 @@ def _rate_limited(signal: Array, most: float) -> Array:
     return found
 
 
-def _answers(values: Values, record: Spectra | Record, fit: ShipFit) -> Callable[[Array, bool], ComplexArray]:
+def _answers(values: Values, record: Spectra, fit: ShipFit) -> Callable[[Array, bool], ComplexArray]:
     """Return how the outputs (O, F) of a record answer to a torque (K,), or to an error that the governor sees."""
     s = 1j * np.maximum(2.0 * np.pi * record.frequency_hz, SLOWEST)
     known = {**loop_of(values), "tau_twist": 0.0}

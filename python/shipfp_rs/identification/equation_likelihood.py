@@ -22,12 +22,12 @@ from shipfp_rs.identification.likelihood import (
     Likelihood,
     Products,
     Slopes,
-    Tangent,
     quantile_of,
     real_rows,
+    turned,
     white_root,
 )
-from shipfp_rs.identification.record import interpolated
+from shipfp_rs.identification.sampling import interpolated
 from shipfp_rs.identification.spectra import Spectra
 from shipfp_rs.identification.structure_coordinates import StructureCoordinates
 from shipfp_rs.structures.commanded import CommandedEquations, stepper_parameters
@@ -132,7 +132,8 @@ class EquationLikelihood(Likelihood):
     def _moving(self) -> list[list[int]]:
         """For each record the kernel's parameters that move."""
         if not self.ships:
-            return [[*(INDEX[name] for name in self.coordinates.names), *self._unknowns]] * len(self.records)
+            own = [INDEX[name] for name in self.coordinates.names if name in INDEX]
+            return [[*own, *self._unknowns]] * len(self.records)
         return [[*(INDEX[name] for name in ship.moved), *self._unknowns] for ship in self.ships]
 
     def _places(self, record: int) -> npt.NDArray[np.intp]:
@@ -142,7 +143,8 @@ class EquationLikelihood(Likelihood):
 
     def _turn(self, values: Mapping[str, float], jacobian: Array, record: int) -> Array:
         """Return the columns' change of coordinates: residual, free parameters and a record's own unknowns."""
-        by = self.ships[record].slopes(values) @ jacobian if self.ships else jacobian
+        own = jacobian[[name in INDEX for name in self.coordinates.names]] if not self.ships else jacobian
+        by = self.ships[record].slopes(values) @ jacobian if self.ships else own
         (rows, columns), count = by.shape, len(self._unknowns)
         turn = np.zeros((1 + rows + count, 1 + columns + count))
         turn[0, 0] = 1.0
@@ -150,15 +152,14 @@ class EquationLikelihood(Likelihood):
         turn[1 + rows :, 1 + columns :] = np.eye(count)
         return turn
 
-    def products(self, vector: Array, tangent: Tangent | None = None) -> Products:
-        """Deviance, gradient and Gauss-Newton matrix at a vector, exactly; a `tangent` is not needed.
+    def products(self, vector: Array) -> Products:
+        """Deviance, gradient and Gauss-Newton matrix at a vector.
 
         Raises
         ------
         SimulationError
             Where the loop is unstable.
         """
-        del tangent
         gram = self._gram(vector, derivatives=True)
         return Products(float(gram[0, 0]), gram[1:, 0], gram[1:, 1:])
 
@@ -337,15 +338,18 @@ class EquationLikelihood(Likelihood):
         rows[..., 0] = 0.0  # the means belong to the offsets alone
         return np.asarray(rows)
 
-    def residuals(self, vector: Array, *, wet: bool = True) -> list[Numbers]:
+    def residual(self, vector: Array, record: int) -> ComplexArray:
+        """Residuals (O, F) of a record."""
+        return np.asarray(self._residuals(vector, record, [])[0])
+
+    def residuals(self, vector: Array) -> list[Numbers]:
         """For each record the residuals at a vector, (O, F)."""
-        del wet
-        return [self._residuals(vector, index, [])[0] for index in range(len(self.records))]
+        return [self.residual(vector, index) for index in range(len(self.records))]
 
     def modelled(self, vector: Array, record: int) -> Array:
         """Decimated outputs of a record, (O, K): at its ends and above the band the data themselves."""
         data = self.records[record]
-        answer = data.in_time(data.spectrum - self._residuals(vector, record, [])[0])
+        answer = data.in_time(data.spectrum - self.residual(vector, record))
         return np.asarray(data.decimated * (1.0 - data.tapers[0]) + answer)
 
     def with_columns(self, vector: Array, columns: Sequence[ComplexArray]) -> Array:
@@ -353,27 +357,40 @@ class EquationLikelihood(Likelihood):
 
         `columns` has for each record spectra of the outputs, (C, O, F).
         """
-        gram, errors = np.zeros(()), np.zeros(())
+        rows = []
         for index, more in enumerate(columns):
-            (root, shapes, _), hats = self._laid_out[index], self._hats[index]
             residual, jacobian = self.spectra(vector, index)
-            rows = np.concatenate([residual[None], jacobian, more])
-            turn, whole = (_whole(part, hats.shape[1]) for part in (root, shapes))
-            white = np.einsum("abf,cbf->caf", turn, rows)
-            along = np.einsum("abf,caf->cbf", whole.conj(), white)
+            rows.append(np.concatenate([residual[None], jacobian, more]))
+        return self._gram_of(vector, rows)
+
+    def _gram_of(self, vector: Array, rows: Sequence[ComplexArray]) -> Array:
+        """Products of each record's rows (R, O, F), residual and derivatives first, smooth errors and priors included."""
+        gram, errors = np.zeros(()), np.zeros(())
+        for (root, shapes, _), hats, own in zip(self._laid_out, self._hats, rows, strict=True):
+            white = turned(np.moveaxis(_whole(root, hats.shape[1]), -1, 0), own)
             flat = real_rows(white)
             gram = gram + flat @ flat.T
-            parts = np.stack([along.real, along.imag], axis=2) @ hats.T
-            errors = errors + parts.reshape(len(rows), -1)
-        gram = gram - errors @ self._errors_inverse @ errors.T
-        priors = self.prior_rows(vector)
+            if self.bends:
+                along = np.einsum("abf,caf->cbf", _whole(shapes, hats.shape[1]).conj(), white)
+                parts = np.stack([along.real, along.imag], axis=2) @ hats.T
+                errors = errors + parts.reshape(len(own), -1)
+        if self.bends:
+            gram = gram - errors @ self._errors_inverse @ errors.T
+        priors = self.prior_rows(vector)[:, : len(gram)]
         size = priors.shape[1]
         gram[:size, :size] += priors.T @ priors
         return np.asarray(gram)
 
     def simulated(self, vector: Array, record: int, limits: Mapping[str, float]) -> Array:
         """Outputs of a record by the stepper, at the data's rate, (O, N), with limits of torque and rate."""
+        return self._simulated(vector, record, limits, None)
+
+    def _simulated(
+        self, vector: Array, record: int, limits: Mapping[str, float], beyond: Array | None
+    ) -> Array:
+        """The same, driven by a torque of the load beyond its law, decimated (K,), too."""
         data, values = self.records[record], self.values_of(vector, record)
+        values = {name: value for name, value in values.items() if name not in ("M_max", "M_soft", "rate")}
         if self.ships and self.ships[record].is_linear:
             # The law of the second order is a straight line again.
             values["c_2"] = -0.5 * values["p"] * (values["p"] - 1.0)
@@ -385,6 +402,11 @@ class EquationLikelihood(Likelihood):
         outputs = [_core.SHIP_OUTPUTS.index(names[name]) for name in data.outputs]
         fine = max(1, round(FINE_HZ / data.data_hz)) if data.between == "band-limited" else 1
         set_point, load = (interpolated(values, fine) for values in (1.0 + data.set_point, data.load))
+        if beyond is not None:
+            water = interpolated(beyond, data.down * fine)[: len(set_point)]
+            water = np.pad(water, (0, len(set_point) - len(water))) / values.get("k_L", 1.0)
+            load = load + water if len(load) else water
+            parameters[SHIP_INDEX["load_gain"]] = values.get("k_L", 1.0)
         hold: Hold = "zero" if data.between == "held" else "first"
         dt = 1.0 / (data.data_hz * fine)
         return _core.simulate_ship(parameters, set_point, load, dt, 0, hold, outputs)[:, ::fine]
@@ -409,6 +431,10 @@ class EquationLikelihood(Likelihood):
             for index, record in enumerate(self.records)
         )
         return replace(self, records=records)
+
+    def resettled_at(self, vector: Array) -> Self:
+        """Return the same where images were taken off before, which move little with the vector."""
+        return (self.corrected(vector) if self.is_corrected_by_model else self).with_noise(vector)
 
     def settled_at(self, vector: Array) -> Self:
         """Return the likelihood of the records corrected by the model at a vector, with the noise of what is left there."""

@@ -9,7 +9,7 @@ from typing import Any, get_args
 
 from shipfp_rs.identification.estimate import Usable, WhyNot
 from shipfp_rs.identification.options import Intervals, NoiseModel
-from shipfp_rs.identification.record import Between
+from shipfp_rs.identification.sampling import Between
 from shipfp_rs.structures.stored import ROW, expect_row
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.support.arguments import Count, Positive, Whole, fits

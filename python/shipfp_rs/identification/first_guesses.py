@@ -12,7 +12,6 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from shipfp_rs.identification.record import Record
 from shipfp_rs.identification.spectra import Spectra
 from shipfp_rs.support.arrays import Array, ComplexArray
 
@@ -41,7 +40,7 @@ SHARES = (0.3, 0.6)
 
 
 def first_guesses(
-    records: Sequence[Record | Spectra],
+    records: Sequence[Spectra],
     outputs: Sequence[str],
     gauge: bool,
     law: Mapping[str, float] | None = None,
@@ -134,33 +133,7 @@ class LoopSpectra:
         self.s, self.set_point, self.by_name, self.load = s, set_point, by_name, load
 
     @classmethod
-    def of(cls, record: Record | Spectra, outputs: Sequence[str]) -> LoopSpectra:
-        """Return those of a record."""
-        if isinstance(record, Spectra):
-            return cls.of_spectra(record, outputs)
-        every = record.stride * record.down
-        count = record.decimated.shape[1]
-        inputs = [record.u - 1.0, *([record.load] if len(record.load) else [])]
-        kept = (record.frequency_hz > 0.0) & (record.frequency_hz <= LOW_PASS_HZ)
-        # The inputs are smooth over a step of the decimated data, or jump: a running mean keeps their spectra below it.
-        low = [
-            np.convolve(
-                np.pad(one, (every // 2, every - 1 - every // 2), mode="edge"),
-                np.full(every, 1.0 / every),
-                "valid",
-            )[::every][:count]
-            for one in inputs
-        ]
-        seen = record.see(np.array(low))[:, kept]
-        s = 2j * np.pi * record.frequency_hz[kept]
-        divided = np.asarray(1.0 / (s + CORNER))
-        data = {name: divided * row[kept] for name, row in zip(outputs, record.spectrum, strict=True)}
-        sinc = np.sinc(record.frequency_hz[kept] * every / record.rate_hz)
-        seen = np.asarray(divided * seen / sinc)
-        return cls(np.asarray(s, dtype=complex), seen[0], data, seen[1] if len(seen) > 1 else None)
-
-    @classmethod
-    def of_spectra(cls, record: Spectra, outputs: Sequence[str]) -> LoopSpectra:
+    def of(cls, record: Spectra, outputs: Sequence[str]) -> LoopSpectra:
         """Return those of spectra, at the frequencies at which inputs move most."""
         inputs = record.inputs()
         power = np.sum([np.abs(record.frequency_hz * row) for row in inputs if row is not None], axis=0)

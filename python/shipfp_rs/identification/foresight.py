@@ -8,7 +8,6 @@ from typing import Any
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.identification.automatic import answered
 from shipfp_rs.identification.basins import Basin
-from shipfp_rs.identification.equation_likelihood import EquationLikelihood
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.identification.input_checks import require_excited
 from shipfp_rs.identification.likelihood import Likelihood
@@ -16,8 +15,7 @@ from shipfp_rs.identification.open_loop import in_open_loop, structure_in_open_l
 from shipfp_rs.identification.options import Options
 from shipfp_rs.identification.question import Question, question_of, question_of_ship
 from shipfp_rs.identification.ship_fit import first_look
-from shipfp_rs.identification.ship_found import DEFAULTS, PART, ShipFit, step_for
-from shipfp_rs.identification.ship_likelihood import ShipLikelihood
+from shipfp_rs.identification.ship_found import DEFAULTS, ShipFit
 from shipfp_rs.identification.structure_answer import fitted, of_structure
 from shipfp_rs.identification.structure_fit import StructureFit, likelihood_of
 from shipfp_rs.structures.structure import Structure
@@ -74,13 +72,9 @@ def foresee(
 
 def _at(question: Question, values: Mapping[str, float]) -> ShipFit:
     """Return the fit that ended at the values, under the noise of what they leave."""
-    likelihood: EquationLikelihood | ShipLikelihood
-    if question.is_smooth:
-        likelihood = question.likelihood(None)
-    else:
-        likelihood = question.simulated_likelihood((), step_for({**DEFAULTS, **values}, PART), None)
+    likelihood = question.likelihood(None)
     vector = likelihood.coordinates.vector({**DEFAULTS, **ABSENT, **values})
-    likelihood = likelihood.with_noise(vector)
+    likelihood = likelihood.settled_at(vector)
     return ShipFit(question, likelihood, (_end(likelihood, vector),), (), {}, None)
 
 

@@ -43,45 +43,12 @@ Figure = Callable[[Mapping[str, float]], float]
 """What follows from the parameters."""
 
 
-class Tangent(NamedTuple):
-    """The model's derivatives at a vector (P, R), smooth errors taken out, and their products with each other (P, P).
-
-    R counts the real numbers of all records' spectra in units of the noise.
-    """
-
-    rows: Array
-    matrix: Array
-
-
 class Products(NamedTuple):
-    """Deviance at a vector, half its gradient's negative, the Gauss-Newton matrix, and the derivatives behind both."""
+    """Deviance at a vector, half its gradient's negative, and the Gauss-Newton matrix."""
 
     cost: float
     downhill: Array
     matrix: Array
-    tangent: Tangent | None = None
-    """None: exact at each vector, and as quick as the deviance alone."""
-    left: tuple[Array, Array] = (np.empty(0), np.empty(0))
-    """Residuals in units of the noise (R,), and the same with smooth errors taken out."""
-
-    def learnt(self, before: Products, step: Array) -> Products:
-        """Return them with derivatives that agree with the step that led here (Broyden 1965, doi:10.2307/2003941)."""
-        if self.tangent is None:
-            return self
-        rows, matrix = self.tangent
-        moved = [was - now for was, now in zip(before.left, self.left, strict=True)]
-        scale = np.maximum(np.diag(matrix), 1e-30)
-        # In units of each entry's own curvature the least change is along the step.
-        along = scale * step / (step @ (scale * step))
-        foreseen, seen = matrix @ step, rows @ moved[0]
-        missed = moved[1] - step @ rows
-        cross, square = seen - foreseen, moved[0] @ moved[1] - step @ (2.0 * seen - foreseen)
-        more = np.outer(along, cross) + np.outer(cross, along) + square * np.outer(along, along)
-        return self._replace(
-            downhill=self.downhill + along * (missed @ self.left[0]),
-            matrix=self.matrix + more,
-            tangent=Tangent(rows + np.outer(along, missed), matrix + more),
-        )
 
 
 class Space(Protocol):
@@ -139,7 +106,7 @@ class Space(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Likelihood:
-    """Of a model, given records; `ShipLikelihood` and `StructureLikelihood` say which.
+    """Of a model, given records; `EquationLikelihood` and `StructureLikelihood` say which.
 
     Parameters
     ----------
@@ -172,14 +139,9 @@ class Likelihood:
         """Decimated outputs of a record, (O, K)."""
         raise NotImplementedError
 
-    def residuals(self, vector: Array, *, wet: bool = True) -> list[Numbers]:
-        """For each record the residuals at a vector, (O, F); wet: with what moving water does, where that is known."""
+    def residuals(self, vector: Array) -> list[Numbers]:
+        """For each record the residuals at a vector, (O, F)."""
         raise NotImplementedError
-
-    def with_water(self, vector: Array, *, always: bool = False) -> Likelihood:
-        """Return the likelihood of the model driven by moving water as well, itself where that is not known."""
-        del vector, always
-        return self
 
     @property
     def quantile(self) -> float:
@@ -202,10 +164,8 @@ class Likelihood:
         """Whether there are smooth errors."""
         return self.roots is not None and bool(self.accuracy.any())
 
-    def products(self, vector: Array, tangent: Tangent | None = None) -> Products:
+    def products(self, vector: Array) -> Products:
         """Deviance, gradient and Gauss-Newton matrix at a vector.
-
-        With a `tangent` from nearby only the deviance is exact, in a fraction of the time.
 
         Raises
         ------
@@ -213,29 +173,21 @@ class Likelihood:
             Where the model runs away, or leaves the numbers.
         """
         with np.errstate(over="ignore", invalid="ignore"):
-            return self._products(vector, tangent)
+            rows = [self._rows(vector, index) for index in range(len(self.records))]
+            return self._products(vector, np.concatenate(rows, axis=1))
 
-    def _products(self, vector: Array, tangent: Tangent | None) -> Products:
-        if tangent is None:
-            both = [self._rows(vector, index) for index in range(len(self.records))]
-        else:
-            both = [self._white(one[None], index) for index, one in enumerate(self.residuals(vector))]
-        rows = np.concatenate(both, axis=1)
-        residual, taken = rows[0], rows
+    def _products(self, vector: Array, rows: Array) -> Products:
+        """The same of residual and derivatives, or of residuals alone, in units of the noise, (1 + P, R)."""
+        gram = rows @ rows.T
         if self.bends:
             shapes, inverse = self._errors
-            taken = rows - (rows @ shapes.T) @ inverse @ shapes
-        if tangent is None:
-            tangent = Tangent(taken[1:], taken[1:] @ rows[1:].T)
-        gram = np.empty((self.coordinates.size + 1,) * 2)
-        gram[0, 0] = taken[0] @ residual
-        gram[0, 1:] = gram[1:, 0] = tangent.rows @ residual if tangent.rows.size else 0.0
-        gram[1:, 1:] = tangent.matrix
-        priors = self.prior_rows(vector)
+            along = rows @ shapes.T
+            gram -= along @ inverse @ along.T
+        priors = self.prior_rows(vector)[:, : len(rows)]
         gram += priors.T @ priors
         if not np.isfinite(gram).all():
             raise SimulationError("the deviance is not finite")
-        return Products(float(gram[0, 0]), gram[1:, 0], gram[1:, 1:], tangent, (residual, taken[0]))
+        return Products(float(gram[0, 0]), gram[1:, 0], gram[1:, 1:])
 
     def _rows(self, vector: Array, index: int) -> Array:
         """Residual and derivatives of a record in units of the noise, (1 + P, R)."""
@@ -278,9 +230,10 @@ class Likelihood:
 
     def cost(self, vector: Array) -> float:
         """Deviance at a vector; infinite where the model runs away."""
-        size = self.coordinates.size
         try:
-            return self.products(vector, Tangent(np.empty((size, 0)), np.zeros((size, size)))).cost
+            with np.errstate(over="ignore", invalid="ignore"):
+                rows = [self._white(one[None], index) for index, one in enumerate(self.residuals(vector))]
+                return self._products(vector, np.concatenate(rows, axis=1)).cost
         except SimulationError:
             return np.inf
 
@@ -333,8 +286,8 @@ class Likelihood:
         return np.asarray(self._white(spectra[None], record)[0])
 
     def with_noise(self, vector: Array) -> Self:
-        """Return the likelihood whose noise is that of the residuals at a vector, water's part included."""
-        residuals = self.residuals(vector, wet=False)
+        """Return the likelihood whose noise is that of the residuals at a vector."""
+        residuals = self.residuals(vector)
         responses = tuple(record.spectrum - one for record, one in zip(self.records, residuals, strict=True))
         roots = self._noise(*self._left(residuals))
         return replace(self, roots=roots, responses=responses)

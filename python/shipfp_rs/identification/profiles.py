@@ -15,7 +15,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from shipfp_rs.identification.basins import Basin, descend
-from shipfp_rs.identification.likelihood import Figure, Likelihood, Tangent
+from shipfp_rs.identification.likelihood import Figure, Likelihood
 from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.threads import where_alone
 
@@ -152,7 +152,7 @@ class Profiles:
         visited: list[Basin] = []
         for _ in range(tries):
             distance = min(distance, room)
-            end = self._at(value + side * distance, figure, scale, x, way, found.tangent, visited)
+            end = self._at(value + side * distance, figure, scale, x, way, visited)
             if not np.isfinite(end.cost):
                 over = distance
                 distance = 0.5 * (reached + over)
@@ -199,16 +199,15 @@ class Profiles:
         scale: float,
         x: Array,
         way: Array,
-        near: Tangent | None,
         visited: Sequence[Basin],
     ) -> Basin:
         """The least deviance with a figure at a target, from x, and from another point visited where that is high."""
-        end = self._held(self._moved(x, way, figure, target), figure, target, scale, near)
+        end = self._held(self._moved(x, way, figure, target), figure, target, scale)
         if end.cost - self.best.cost > RISE * (1.0 + ABOUT):
             # Another valley may be lower there.
             other = self._nearest(figure, target, visited)
             if other is not x:
-                again = self._held(self._moved(other, way, figure, target), figure, target, scale, near)
+                again = self._held(self._moved(other, way, figure, target), figure, target, scale)
                 end = min(end, again, key=lambda one: one.cost)
         return end
 
@@ -231,16 +230,14 @@ class Profiles:
         spread = float(slope @ covariance @ slope)
         return covariance @ slope / spread if spread > 0.0 else otherwise
 
-    def _held(
-        self, start: Array, figure: Figure, target: float, deviation: float, near: Tangent | None
-    ) -> Basin:
+    def _held(self, start: Array, figure: Figure, target: float, deviation: float) -> Basin:
         stiffness = STIFF / deviation
 
         def penalty(vector: Array) -> tuple[float, Array]:
             apart = figure(self.likelihood.coordinates.values(vector)) - target
             return apart * stiffness, self.gradient(figure, vector) * stiffness
 
-        return descend(self.likelihood, start, steps=STEPS, settled=0.05, penalty=penalty, near=near)
+        return descend(self.likelihood, start, steps=STEPS, settled=0.05, penalty=penalty, near=True)
 
 
 def _scale_uphill(uphill: float, spread: float) -> float:

@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Container, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 
 from shipfp_rs import _core
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment
-from shipfp_rs.identification.coordinates import STATES, Coordinates
+from shipfp_rs.identification.coordinates import Coordinates
 from shipfp_rs.identification.equation_likelihood import EquationLikelihood
 from shipfp_rs.identification.input_checks import is_loaded, set_point_moves
 from shipfp_rs.identification.likelihood import ACCURACY
-from shipfp_rs.identification.record import Between, Record
-from shipfp_rs.identification.ship_likelihood import LIMITS, ShipLikelihood
+from shipfp_rs.identification.limited_likelihood import LIMITS, LimitedLikelihood
+from shipfp_rs.identification.sampling import Between
 from shipfp_rs.identification.spectra import Spectra
 from shipfp_rs.structures.elements import ELEMENTS
 from shipfp_rs.structures.outputs import Torque
@@ -78,7 +78,6 @@ OF_SIGNALS: Mapping[str, str] = {
 """Outputs that may be asked for by the names of their signals."""
 RACK_OFFSET = "rack offset"
 """A record's unknown that only a measured rack has."""
-KERNEL_OUTPUTS = {"dn": "dn", "dX": "dX", "dE": "dE"}
 TRIED: Mapping[str, tuple[str, ...]] = {
     "torque_limit": ("M_max", "M_soft"),
     "rack_rate": ("rate",),
@@ -147,13 +146,6 @@ class Question:
         said = [one.gauge_accuracy.get(self.signal_in(one, output), ACCURACY) for one in self.experiments]
         return self.accuracy.get(output, max(said))
 
-    @property
-    def is_smooth(self) -> bool:
-        """Whether the ship has two equations in measured signals: no limit acts, and the speed is the engine's."""
-        names = {*self.always, *(name for name, value in self.fixed.items() if value)}
-        own = self.structure is not None and self.structure.settings["propeller_speed"]
-        return not (own or names & LIMITS or set(self.outputs) - set(_core.EQUATION_OUTPUTS))
-
     def _measured(self, experiment: Experiment) -> Array:
         return np.array(
             [experiment.normalised(self.signal_in(experiment, output)) for output in self.outputs]
@@ -181,11 +173,11 @@ class Question:
         return {name: prior for name, prior in every.items() if name in free or name == "g"}
 
     def likelihood(self, between: Between | None) -> EquationLikelihood:
-        """Return the likelihood of the smooth ship, whose set points run so between their samples."""
+        """Return the likelihood of the ship whose set points run so between their samples, no element tried."""
         rack = [RACK_OFFSET] if "dX" in self.outputs else []
         unknowns = ("set point offset", "torque scale", *rack)
         coordinates = self.coordinates((), unknowns)
-        return EquationLikelihood(
+        smooth = EquationLikelihood(
             records=tuple(
                 Spectra.of(one, self.outputs, self._measured(one), load=self.loaded, between=between)
                 for one in self.experiments
@@ -196,30 +188,18 @@ class Question:
             accuracy=np.array([self._accuracy(output) for output in self.outputs]),
             priors=self._priors(coordinates.free),
         )
+        return self.with_elements(smooth, ())
 
     def with_elements(self, likelihood: EquationLikelihood, elements: Sequence[str]) -> EquationLikelihood:
         """Return the likelihood of the same records with some of the elements tried."""
         coordinates = self.coordinates(elements, likelihood.unknowns)
-        return replace(likelihood, coordinates=coordinates, priors=self._priors(coordinates.free))
-
-    def simulated_likelihood(
-        self, elements: Sequence[str], step_s: float, between: Between | None
-    ) -> ShipLikelihood:
-        """Return the likelihood of the ship with some of the elements tried, limits among them, by simulation."""
-        coordinates = self.coordinates(elements, tuple(STATES))
-        kernel = {**KERNEL_OUTPUTS, "dM": "dM_g" if self.gauge else "dM_b"}
-        if self.structure is not None and self.structure.settings["propeller_speed"]:
-            kernel["dn"] = "dn_prop"
-        return ShipLikelihood(
-            records=tuple(
-                Record.of(one, self._measured(one), load=self.loaded, between=between, step_s=step_s)
-                for one in self.experiments
-            ),
-            coordinates=coordinates,
-            outputs=tuple(_core.SHIP_OUTPUTS.index(kernel[output]) for output in self.outputs),
-            accuracy=np.array([self._accuracy(output) for output in self.outputs]),
-            priors=self._priors(coordinates.free),
-        )
+        changed = {"coordinates": coordinates, "priors": self._priors(coordinates.free)}
+        if set(LIMITS) & {*coordinates.free, *coordinates.given} and not isinstance(
+            likelihood, LimitedLikelihood
+        ):
+            known = {one.name: getattr(likelihood, one.name) for one in fields(EquationLikelihood)}
+            return LimitedLikelihood(**{**known, **changed, "limits": {}})
+        return replace(likelihood, **changed)  # type: ignore[arg-type]
 
 
 def question_of(
@@ -314,7 +294,8 @@ def question_of_ship(experiments: Sequence[Experiment], structure: Structure) ->
         not isinstance(equations, ShipEquations)
         or equations.mean_sampling
         or equations.envelope
-        or equations.substeps
+        or equations.propeller_speed
+        or set(structure.outputs) - set(_core.EQUATION_OUTPUTS)
         or own_gains
         or "dn" not in structure.outputs
         or any(name not in BOUNDS for name in names)
@@ -371,6 +352,10 @@ def _require_outputs(outputs: Sequence[str], signals: Mapping[str, str], common:
             raise InputError(f"outputs: no {output!r}, expected some of {', '.join(signals)}")
         if signals[output] not in common:
             raise InputError(f"outputs: {output!r} was not measured in every experiment")
+        if output not in _core.EQUATION_OUTPUTS:
+            raise InputError(
+                f"outputs: {output!r} follows from 'dn', expected some of dn, dM, dX; or give a structure"
+            )
     if "dn" not in outputs:
         raise InputError(
             "outputs: no 'dn', expected the speed among them: the loop cannot be identified without it"

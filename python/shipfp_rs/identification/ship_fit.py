@@ -22,26 +22,19 @@ from shipfp_rs.identification.basins import (
     by_own_noise,
     descend,
     distinct,
-    settle,
 )
 from shipfp_rs.identification.equation_likelihood import EquationLikelihood
 from shipfp_rs.identification.first_guesses import first_guesses
-from shipfp_rs.identification.likelihood import Likelihood
 from shipfp_rs.identification.load_side import LoadSide, load_side_of
 from shipfp_rs.identification.question import TRIED, Question
-from shipfp_rs.identification.record import Between
+from shipfp_rs.identification.sampling import Between
 from shipfp_rs.identification.ship_found import (
-    COARSE_STEP_S,
     DEFAULTS,
     LIMITED,
-    ROUGH_PART,
-    ROUGH_STEP_S,
     ShipFit,
     likelihood_of,
     settled,
-    step_for,
 )
-from shipfp_rs.identification.ship_likelihood import ShipLikelihood
 from shipfp_rs.identification.trials import with_limits, with_twist
 from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.progress import part, tell
@@ -79,21 +72,14 @@ def fit_ship(
         smooth = smooth_ship(question, starts=starts, seed=seed, until=until, side=side)
         tell("parting the delays otherwise", 0.9)
         fit = with_other_delays(smooth, until)
-    if isinstance(fit.likelihood, EquationLikelihood):
-        fit = replace(fit, side=load_side_of(question, fit.likelihood.records))
+    fit = replace(fit, side=load_side_of(question, fit.likelihood.records))
     with part(0.4, 0.8):
         fit = with_twist(fit, smooth, until)
         fit = with_other_delays(fit, until) if fit.elements else fit
         fit = with_limits(fit, until)
         fit = fit if fit.is_smooth else _with_limits_elsewhere(fit, until)
-    tell("ending at a fine step", 0.8)
-    try:
-        return refined(fit, until)
-    except IdentificationError:
-        # A twist that only a long step keeps stable is none.
-        if fit.stiff is None:
-            raise
-        return refined(replace(fit.stiff, gains=fit.gains), until)
+    tell("settling", 0.8)
+    return refined(fit, until)
 
 
 def first_look(
@@ -105,7 +91,7 @@ def first_look(
     until: float | None = None,
     side: LoadSide | None = None,
 ) -> ShipFit:
-    """Go down from all starts at a long step, without the elements that are tried; see `fit_ship`."""
+    """Go down from all starts, without the elements that are tried; see `fit_ship`."""
     side = load_side_of(question) if side is None else side
     likelihood, vectors = _begun(question, between, starts, seed, side)
     try:
@@ -123,7 +109,7 @@ def smooth_ship(
     until: float | None = None,
     side: LoadSide | None = None,
 ) -> ShipFit:
-    """Search the ship without the elements that are tried, at the step of the search; see `fit_ship`."""
+    """Search the ship without the elements that are tried; see `fit_ship`."""
     # Not low-passed by processing, a set point may run in either way between its samples: all are tried.
     tell("first look at the smooth ship", 0.0)
     undecided = any(one.hold == "first" and not one.is_low_passed for one in question.experiments)
@@ -148,12 +134,12 @@ def _corrected(fit: ShipFit, between: Between | None, until: float | None) -> Sh
     IdentificationError
         Where none can be simulated.
     """
-    likelihood = likelihood_of(fit, (), between=between)
-    if isinstance(likelihood, EquationLikelihood) and between == fit.between:
+    likelihood = likelihood_of(fit, (), between)
+    if between == fit.between:
         likelihood = likelihood.corrected(fit.best.vector)
     basins = distinct(likelihood, [descend(likelihood, one.vector, until=until) for one in fit.basins])
     if not basins:
-        raise IdentificationError("identify: the ship found can't be simulated at a fine step")
+        raise IdentificationError("identify: the ship found is unstable")
     fit = replace(fit, likelihood=likelihood, basins=tuple(basins), between=between)
     return settled(fit, until)
 
@@ -170,13 +156,9 @@ def _law_of(question: Question, side: LoadSide | None) -> dict[str, float] | Non
 
 def _begun(
     question: Question, between: Between | None, starts: int, seed: int | None, side: LoadSide | None
-) -> tuple[Likelihood, list[Array]]:
+) -> tuple[EquationLikelihood, list[Array]]:
     """Return the likelihood of first descents and the vectors that they begin at."""
-    likelihood: EquationLikelihood | ShipLikelihood
-    if question.is_smooth:
-        likelihood = question.likelihood(between)
-    else:
-        likelihood = question.simulated_likelihood((), COARSE_STEP_S, between)
+    likelihood = question.likelihood(between)
     guesses = first_guesses(likelihood.records, question.outputs, question.gauge, _law_of(question, side))
     drawn: list[dict[str, float]] = []
     if question.structure is not None:
@@ -186,9 +168,6 @@ def _begun(
             {one.name: one.start if one.fixed else one.drawn(random) for one in own}
             for _ in range(starts - 1)
         ]
-    if not question.is_smooth:  # a loop that is drawn may be too quick for any step
-        step_s = min(step_for(guess, ROUGH_PART, ROUGH_STEP_S) for guess in guesses)
-        likelihood = question.simulated_likelihood((), step_s, between)
     return likelihood, [
         likelihood.coordinates.vector({"c_2": 0.0, **DEFAULTS, **guess}) for guess in (*guesses, *drawn)
     ]
@@ -244,7 +223,7 @@ def _with_limits_elsewhere(fit: ShipFit, until: float | None) -> ShipFit:
     What the limits take off the outputs is put back into the records, so that the search is in closed form.
     """
     before = fit.unlimited
-    if before is None or not isinstance(before.likelihood, EquationLikelihood):
+    if before is None or not before.is_smooth:
         return fit
     names = {name for element in LIMITED for name in TRIED[element]}
     limits = {name: value for name, value in fit.values.items() if name in names}
@@ -258,8 +237,7 @@ def _with_limits_elsewhere(fit: ShipFit, until: float | None) -> ShipFit:
     for one in (found, *found.also):
         values, states = one.values | limits, c.states_at(one.best.vector)
         end = descend(fit.likelihood, own.vector(values, states), until=until)
-        likelihood, basin = settle(fit.likelihood, end, until)
-        other = replace(fit, likelihood=likelihood, basins=(basin,))
+        other = settled(replace(fit, basins=(end,)), until)
         best = other if other.total < best.total - 1.0 else best
     return best
 
@@ -292,11 +270,14 @@ def _redivided(values: Mapping[str, float]) -> list[dict[str, float]]:
 
 
 def refined(fit: ShipFit, until: float | None = None) -> ShipFit:
-    """Go down once more at the fine step, with the noise of the end."""
-    likelihood = likelihood_of(fit, fit.elements, "fine")
-    ends = distinct(likelihood, [descend(likelihood, one.vector, until=until) for one in fit.basins])
-    if not ends:
-        raise IdentificationError("identify: the ship found can't be simulated at a fine step")
-    likelihood, best = settle(likelihood, ends[0], until)
-    others = [descend(likelihood, one.vector, until=until) for one in ends[1:]]
-    return replace(fit, likelihood=likelihood, basins=tuple(distinct(likelihood, [best, *others])))
+    """Settle once more, under the noise of the end.
+
+    Raises
+    ------
+    IdentificationError
+        Where the ship found is unstable.
+    """
+    fit = settled(fit, until)
+    if not np.isfinite(fit.best.cost):
+        raise IdentificationError("identify: the ship found is unstable")
+    return fit

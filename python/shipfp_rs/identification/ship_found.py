@@ -12,23 +12,15 @@ import numpy as np
 from shipfp_rs.errors import SimulationError
 from shipfp_rs.identification.basins import Basin, descend, distinct
 from shipfp_rs.identification.equation_likelihood import EquationLikelihood
-from shipfp_rs.identification.likelihood import Likelihood
+from shipfp_rs.identification.limited_likelihood import LimitedLikelihood
 from shipfp_rs.identification.load_side import LoadSide
 from shipfp_rs.identification.question import TRIED, Question
-from shipfp_rs.identification.record import STEP_S, Between
+from shipfp_rs.identification.sampling import Between
 from shipfp_rs.identification.stretches import Score
 from shipfp_rs.structures.elements import ELEMENTS
 
-Grade = Literal["rough", "search", "fine"]
 LIMITED = {"torque_limit", "rack_rate"}
-"""Elements that have no closed form: a ship with one is simulated."""
-ROUGH_STEP_S = 0.04
-"""Longest step of descents from many starts [s]."""
-COARSE_STEP_S = 0.01
-"""Longest step of the minima that they lead to, and of profiles [s]; the last descent takes finer ones."""
-LEAST_STEP_S = 1e-3
-FINE_PART, PART, ROUGH_PART = 0.15, 0.4, 0.8
-"""Step over the loop's quickest time constant, of the last descent, the search and its first descents."""
+"""Elements of which only simulations know what they take off."""
 BELIEVED = 25.0
 """Fall of the deviance from which an element that is tried is called on. Chance gives 14 once in 1,000 with two parameters;
 what the model leaves out elsewhere gives as much again."""
@@ -54,7 +46,7 @@ class ShipFit:
     """
 
     question: Question
-    likelihood: Likelihood
+    likelihood: EquationLikelihood
     basins: tuple[Basin, ...]
     elements: tuple[str, ...]
     gains: Mapping[str, float]
@@ -77,8 +69,8 @@ class ShipFit:
 
     @property
     def is_smooth(self) -> bool:
-        """Whether the likelihood is that of the two equations."""
-        return isinstance(self.likelihood, EquationLikelihood)
+        """Whether no limit acts."""
+        return not isinstance(self.likelihood, LimitedLikelihood)
 
     @property
     def values(self) -> dict[str, float]:
@@ -100,57 +92,34 @@ class ShipFit:
 def likelihood_of(
     fit: ShipFit,
     elements: Sequence[str],
-    grade: Grade = "search",
     between: Between | Literal["same"] | None = "same",
-) -> Likelihood:
+) -> EquationLikelihood:
     """Return the likelihood of a fit's ship with some of the elements tried, under the fit's noise.
 
     Parameters
     ----------
     fit, elements
         What was found, and the elements that act.
-    grade
-        Of what is simulated the step: "rough" for first descents, "search", or "fine" for the last descent.
     between
         How the set points run between their samples; "same": as in the fit.
     """
-    way = fit.between if between == "same" else between
-    question, likelihood = fit.question, fit.likelihood
-    if isinstance(likelihood, EquationLikelihood) and not LIMITED & set(elements):
-        if way != fit.between:
-            assert way is not None
-            records = tuple(record.running(way) for record in likelihood.records)
-            likelihood = replace(likelihood, records=records).corrected(fit.best.vector)
-        return question.with_elements(likelihood, elements)
-    part, longest_s = {
-        "rough": (ROUGH_PART, ROUGH_STEP_S),
-        "search": (PART, COARSE_STEP_S),
-        "fine": (FINE_PART, STEP_S),
-    }[grade]
-    found = question.simulated_likelihood(elements, step_for(fit.values, part, longest_s), way)
-    return found if isinstance(likelihood, EquationLikelihood) else found.with_noise_of(likelihood)
-
-
-def step_for(values: Mapping[str, float], part: float, longest_s: float = COARSE_STEP_S) -> float:
-    """Return the step for a loop [s]: a part of its quickest time constant."""
-    quickest = (abs(values.get("p", 2.0) - values["g"]) + values["vK_p"]) / values["tau_n"]
-    return float(np.clip(part / max(quickest, 1e-9), LEAST_STEP_S, longest_s))
+    likelihood, way = fit.likelihood, fit.between if between == "same" else between
+    if way != fit.between:
+        assert way is not None
+        records = tuple(record.running(way) for record in likelihood.records)
+        likelihood = replace(likelihood, records=records).corrected(fit.best.vector)
+    return fit.question.with_elements(likelihood, elements)
 
 
 def settled(fit: ShipFit, until: float | None) -> ShipFit:
     """Return the fit under the noise of each end in turn, until it moves no further.
 
-    Gaps, and squares of a propeller's speed, are each end's, too.
+    Gaps, squares of a propeller's speed, and the water that moves a ship in its limit, are each end's, too.
     """
     likelihood, best = fit.likelihood, fit.best
-    if not isinstance(likelihood, EquationLikelihood):
-        return fit
     for _ in range(RECORRECTED):
         try:
-            if likelihood.is_corrected_by_model:
-                following = likelihood.corrected(best.vector).with_noise(best.vector)
-            else:
-                following = likelihood.with_noise(best.vector)
+            following = likelihood.resettled_at(best.vector)
         except (SimulationError, np.linalg.LinAlgError):
             break
         end = descend(following, best.vector, until=until)

@@ -21,7 +21,7 @@ from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.identification.coordinates import loop_of
 from shipfp_rs.identification.gaps import kriged
-from shipfp_rs.identification.record import BAND_HZ, SHORTEST_S, Between, down_of, excited_hz
+from shipfp_rs.identification.sampling import BAND_HZ, SHORTEST_S, Between, down_of, excited_hz
 from shipfp_rs.structures.transfer import TransferFunctions
 from shipfp_rs.support.arrays import Array, ComplexArray
 
@@ -315,14 +315,14 @@ class Spectra:
         if (signal, steps) not in self._delayed:
             row = self._speed_low if signal == "speed" else self.set_point_low
             moved = steps * GRID_S
-            late = self._through(row, lambda s: np.exp(-s * moved), 1.0, -moved)
+            late = self.through(row, lambda s: np.exp(-s * moved), 1.0, -moved)
             spectra = self.tapered(late)
             if signal == "set point":
                 spectra = spectra * self._between_samples(self.frequency_hz)
             self._delayed[signal, steps] = self._laid_out(spectra)
         return self._delayed[signal, steps], delay_s - steps * GRID_S
 
-    def _through(
+    def through(
         self, row: Array, transfer: Callable[[ComplexArray], ComplexArray], gain: float, slope: float
     ) -> Array:
         """A decimated signal (K,) through a transfer function of s; at zero it is `gain`, and its slope `slope`."""
@@ -379,7 +379,7 @@ class Spectra:
             )
             return np.asarray((engine - propeller) * self._between_samples(frequency))
 
-        return self._through(self.set_point_low, transfer, 0.0, values["tau_twist"] * values["p"])
+        return self.through(self.set_point_low, transfer, 0.0, values["tau_twist"] * values["p"])
 
     def running(self, between: Between) -> Spectra:
         """Return the record whose set point runs otherwise between its samples, without corrections."""

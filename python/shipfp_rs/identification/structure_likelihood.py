@@ -69,9 +69,8 @@ class StructureLikelihood(Likelihood):
         jacobian[c.states(record)] = slopes[count:]
         return residual, jacobian
 
-    def residuals(self, vector: Array, *, wet: bool = True) -> list[Numbers]:
+    def residuals(self, vector: Array) -> list[Numbers]:
         """For each record the residuals at a vector, (O, F)."""
-        del wet
         return [self._evaluate(vector, record, ())[0] for record in range(len(self.records))]
 
     def _evaluate(self, vector: Array, record: int, names: Sequence[str]) -> Evaluated:

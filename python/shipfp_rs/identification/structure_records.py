@@ -18,7 +18,7 @@ from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.frequency import FrequencyResponse
 from shipfp_rs.identification import spectra
 from shipfp_rs.identification.fit_statistics import nrmse_pct
-from shipfp_rs.identification.record import SHORTEST_S
+from shipfp_rs.identification.sampling import SHORTEST_S
 from shipfp_rs.structures.prediction import simulated_about
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.structures.two_equations import TwoEquations

@@ -1,8 +1,7 @@
 """Elements that are tried beside the full smooth model: limits of torque and rate, and a shaft that twists.
 
 An element is fitted along where the deviance falls by more than chance gives, so that intervals allow for it; it is called
-on where the deviance falls by much more (`ship_found.BELIEVED`). Moving water decides, too, when a limit holds, so the ship
-is driven by the water where that is likelier, and ends are compared under the noise of their own residuals.
+on where the deviance falls by much more (`ship_found.BELIEVED`). Ends are compared under the noise of their own residuals.
 """
 
 from __future__ import annotations
@@ -11,19 +10,18 @@ from dataclasses import replace
 
 import numpy as np
 
-from shipfp_rs.identification.basins import LIKELY, Basin, descend, distinct, each, settle
+from shipfp_rs.identification.basins import LIKELY, Basin, each
 from shipfp_rs.identification.engine_tests import engine_tests, limit_to_try
-from shipfp_rs.identification.likelihood import Likelihood
+from shipfp_rs.identification.equation_likelihood import EquationLikelihood
+from shipfp_rs.identification.limited_likelihood import LimitedLikelihood
 from shipfp_rs.identification.question import TRIED
 from shipfp_rs.identification.ship_found import (
     BELIEVED,
     DEFAULTS,
     LIMITED,
-    PART,
     ShipFit,
     likelihood_of,
     settled,
-    step_for,
 )
 from shipfp_rs.structures.elements import ELEMENTS
 from shipfp_rs.support.progress import tell
@@ -49,15 +47,11 @@ def with_limits(fit: ShipFit, until: float | None) -> ShipFit:
     while (suspect := limit_to_try(fit.scores, tried)) is not None:
         tell(f"trying {ELEMENTS[suspect].words}", 0.3 * len(fit.elements))
         tried.remove(suspect)
-        before = _simulated(fit, until) if fit.is_smooth else fit
-        likelihood, best = settle(before.likelihood, before.best, until)
-        before = replace(before, likelihood=likelihood, basins=(best,))
-        driven = before.likelihood.with_water(best.vector, always=True)
-        found = _trial(before, driven, suspect, until)
+        found = _trial(fit, suspect, until)
         if found is None:
             continue
-        taken = _taken(before, suspect, *found, until)
-        gain = driven.total(best.vector) - taken.total
+        taken = _taken(fit, suspect, *found, until)
+        gain = fit.total - taken.total
         if gain <= LEAST_FALL[suspect]:
             continue
         gains = {**fit.gains, suspect: gain}
@@ -77,55 +71,40 @@ def with_twist(fit: ShipFit, before: ShipFit, until: float | None) -> ShipFit:
     gain, best = 0.0, fit
     least = fit.total
     for one in (fit,) if before is fit else (fit, before):
-        found = _trial(one, one.likelihood, "twist", until)
+        found = _trial(one, "twist", until)
         if found is None or one.best.cost - found[1].cost <= CHANCE:
             continue
-        taken = settled(_taken(one, "twist", *found, until), until)
+        taken = _taken(one, "twist", *found, until)
         if taken.total < least - CHANCE:
             gain, best, least = fit.total - taken.total, replace(taken, stiff=fit), taken.total
     return replace(best, gains={**fit.gains, "twist": gain})
 
 
-def _simulated(fit: ShipFit, until: float | None) -> ShipFit:
-    """Return the fit of a smooth ship by simulation, as limits need it."""
-    c = fit.likelihood.coordinates
-    step_s = step_for(fit.values, PART)
-    likelihood = fit.question.simulated_likelihood(fit.elements, step_s, fit.between)
-    starts = [
-        likelihood.coordinates.vector(c.values(one.vector), c.states_at(one.vector)) for one in fit.basins[:2]
-    ]
-    likelihood = likelihood.with_noise(starts[0])
-    basins = distinct(likelihood, [descend(likelihood, start, until=until) for start in starts])
-    return replace(fit, likelihood=likelihood, basins=tuple(basins)) if basins else fit
-
-
-def _taken(fit: ShipFit, element: str, likelihood: Likelihood, end: Basin, until: float | None) -> ShipFit:
+def _taken(
+    fit: ShipFit, element: str, likelihood: EquationLikelihood, end: Basin, until: float | None
+) -> ShipFit:
     """Return the fit with an element: with less left over the noise is less, and what else acts is seen."""
-    likelihood, best = settle(likelihood, end, until)
-    return replace(fit, likelihood=likelihood, basins=(best,), elements=(*fit.elements, element))
+    elements = (*fit.elements, element)
+    return settled(replace(fit, likelihood=likelihood, basins=(end,), elements=elements), until)
 
 
-def _trial(
-    fit: ShipFit, before: Likelihood, element: str, until: float | None
-) -> tuple[Likelihood, Basin] | None:
-    """Return the best end with an element beside those that act, with the noise and the water of before.
+def _trial(fit: ShipFit, element: str, until: float | None) -> tuple[EquationLikelihood, Basin] | None:
+    """Return the best end with an element beside those that act, with the noise of before.
 
     None where the record comes near none, or the element ends on its bound: there it is off or stands in for something else.
     """
     starts = [start for basin in fit.basins[:2] for start in _starts(fit, element, basin)]
     if not starts:
         return None
-    elements = (*fit.elements, element)
-    rough = likelihood_of(fit, elements, "rough").with_noise_of(before)
-    c = rough.coordinates
+    likelihood = likelihood_of(fit, (*fit.elements, element))
+    c = likelihood.coordinates
     vectors = [c.vector({**DEFAULTS, **values}, states) for values, states in starts]
-    ends = each(rough, sorted(vectors, key=rough.cost)[:KEPT], until, 8, 10.0)
-    bare = likelihood_of(fit, fit.elements, "rough").with_noise_of(before)
-    without = descend(bare, fit.best.vector, steps=3, until=until)
-    ends = [end for end in ends[:2] if end.cost < without.cost + LIKELY]
+    if isinstance(likelihood, LimitedLikelihood):
+        likelihood = likelihood.driven(vectors[0])
+    ends = each(likelihood, sorted(vectors, key=likelihood.cost)[:KEPT], until, 8, 10.0)
+    ends = [end for end in ends[:2] if end.cost < fit.best.cost + LIKELY]
     if not ends:
         return None
-    likelihood = likelihood_of(fit, elements).with_noise_of(before)
     best = each(likelihood, [end.vector for end in ends], until, 40, 0.1)[0]
     low, high = c.bounds
     place = c.place(TRIED[element][0])

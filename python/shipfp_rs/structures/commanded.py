@@ -49,9 +49,6 @@ class CommandedEquations(ShipEquations):
         vector[[INDEX["s_u"], INDEX["u_0"]]] = 1.0 / FEEDBACK, 1.0 - 1.0 / FEEDBACK
         return vector
 
-    def _columns(self, names: Names) -> list[int]:
-        return super()._columns([_KERNEL.get(name, name) for name in names])
-
     def stable(self, values: Values) -> bool:
         """Whether the drive comes to rest by itself: load and drive together fall with the speed."""
         return values["p"] + values.get("damping", 0.0) > values["g"]

@@ -41,6 +41,12 @@ _DEVIATIONS = ("initial dn", SET_SCALE, TORQUE_SCALE)
 """What counts from zero here and from one in the kernel."""
 
 
+STEP = 1e-6
+"""Step of a difference, over a value or one."""
+OF_BOTH_SIGNS = {*STATES, "g", "p", "damping", "c_2"}
+"""Parameters that may be negative."""
+
+
 @dataclass(frozen=True)
 class ShipEquations(Equations):
     """The ship of `Structure.ship`; a frequency response is that of its linearisation."""
@@ -85,9 +91,6 @@ class ShipEquations(Equations):
             vector[INDEX["rate_down"]] = values["rate"]
         return vector
 
-    def _columns(self, names: Names) -> list[int]:
-        return [INDEX[_KERNEL.get(name, name)] for name in names]
-
     def _inputs(self, experiment: Experiment) -> tuple[Array, Array, float, int, Hold]:
         load = experiment.normalised("M_load") if self.loaded else np.empty(0)
         return 1.0 + experiment.dn_set, load, 1.0 / experiment.rate_hz, self.substeps, experiment.hold
@@ -111,14 +114,17 @@ class ShipEquations(Equations):
         return _core.simulate_ship(self.vector(values), *inputs, self._kernel_outputs, self._limit)
 
     def sensitivities(self, values: Values, experiment: Experiment, names: Names) -> tuple[Array, Array]:
-        """Return the outputs (O, N) and their derivatives with respect to `names`, shape (W, O, N)."""
-        return _core.ship_sensitivities(
-            self.vector(values),
-            *self._inputs(experiment),
-            self._kernel_outputs,
-            self._columns(names),
-            self._limit,
-        )
+        """Return the outputs (O, N) and their derivatives with respect to `names` by differences, shape (W, O, N)."""
+        found = self.simulate(values, experiment)
+        slopes = np.empty((len(names), *found.shape))
+        for slope, name in zip(slopes, names, strict=True):
+            value = values.get(name, 0.0)
+            step = STEP * max(abs(value), 1.0)
+            # What begins at zero has no slope on the other side.
+            least = value if name in OF_BOTH_SIGNS or value >= step else value + step
+            ends = (self.simulate({**values, name: one}, experiment) for one in (value + step, least - step))
+            slope[:] = (next(ends) - next(ends)) / (value + 2.0 * step - least)
+        return found, slopes
 
     def response(
         self, values: Values, frequency_hz: Array, names: Names

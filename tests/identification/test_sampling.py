@@ -6,7 +6,7 @@ import pytest
 import shipfp_rs as fp
 from shipfp_rs.identification.likelihood import ACCURACY, noise_root
 from shipfp_rs.identification.question import question_of
-from shipfp_rs.identification.record import BAND_HZ, LEAST_HZ, interpolated
+from shipfp_rs.identification.sampling import BAND_HZ, LEAST_HZ, interpolated
 
 RATE_HZ = 50.0
 

@@ -1,0 +1,156 @@
+"""The likelihood of a ship in a limit of torque or rate: the smooth ship's in closed form, and what limits take off.
+
+What limits take off the outputs is the difference of two simulations, with limits and without. Moving water decides, too,
+when a limit holds: both are driven by what the measured torque has beyond the load's law.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from typing import Self
+
+import numpy as np
+
+from shipfp_rs.errors import SimulationError
+from shipfp_rs.identification.equation_likelihood import EquationLikelihood
+from shipfp_rs.identification.likelihood import Products
+from shipfp_rs.identification.spectra import Spectra
+from shipfp_rs.support.arrays import Array, ComplexArray
+from shipfp_rs.support.threads import where_alone
+
+LIMITS = ("M_max", "M_soft", "rate")
+"""Parameters of limits."""
+STEP = 1e-4
+"""Step of a difference, of a vector's entries."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class LimitedLikelihood(EquationLikelihood):
+    """Of a ship with limits, given records.
+
+    Parameters
+    ----------
+    beyond
+        For each record what the measured torque has beyond the load's law, decimated (K,); None: nothing.
+    about
+        Vector about which the derivatives of what limits take off are taken; None: each time anew.
+    """
+
+    beyond: tuple[Array, ...] | None = None
+    about: Array | None = None
+
+    def taken(self, vector: Array, record: int) -> ComplexArray:
+        """Spectra (O, F) of what limits take off the outputs of a record."""
+        data, values = self.records[record], self.coordinates.values(vector)
+        limits = {name: values[name] for name in LIMITS if name in values}
+        with_limits, without = (self.simulated(vector, record, one) for one in (limits, {}))
+        found = data.see(data.low_passed(with_limits - without))
+        if not np.isfinite(found).all():
+            raise SimulationError("what the limits take off is not finite")
+        found[:, 0] = 0.0  # the means belong to the offsets alone
+        return found
+
+    def simulated(self, vector: Array, record: int, limits: Mapping[str, float]) -> Array:
+        """Outputs of a record by the stepper, driven by moving water, at the data's rate, (O, N), with limits."""
+        beyond = None if self.beyond is None else self.beyond[record]
+        return self._simulated(vector, record, limits, beyond)
+
+    def residual(self, vector: Array, record: int) -> ComplexArray:
+        """Residuals (O, F) of a record."""
+        return np.asarray(super().residual(vector, record) - self.taken(vector, record))
+
+    def spectra(self, vector: Array, record: int) -> tuple[ComplexArray, ComplexArray]:
+        """Residuals (O, F) of a record and the model's derivatives by the whole vector (P, O, F)."""
+        residual, jacobian = super().spectra(vector, record)
+        taken = self.taken(vector, record)
+        moves = self._moves(vector, record, taken) if self.about is None else self._moves_about[record]
+        return residual - taken, jacobian + moves
+
+    def _moves(self, vector: Array, record: int, taken: ComplexArray) -> ComplexArray:
+        """Derivatives of what limits take off a record, by differences, (P, O, F)."""
+        states, (_, high) = self.coordinates.states(record), self.coordinates.bounds
+        places = [*range(len(self.coordinates.names)), *range(states.start, states.stop)]
+
+        def move(place: int) -> ComplexArray:
+            step = STEP if vector[place] + STEP <= high[place] else -STEP
+            moved = vector.copy()
+            moved[place] += step
+            return np.asarray((self.taken(moved, record) - taken) / step)
+
+        found = np.zeros((self.coordinates.size, *taken.shape), complex)
+        found[places] = where_alone([partial(move, place) for place in places])
+        return found
+
+    @cached_property
+    def _moves_about(self) -> list[ComplexArray]:
+        assert self.about is not None
+        about = self.about
+        return [self._moves(about, index, self.taken(about, index)) for index in range(len(self.records))]
+
+    def products(self, vector: Array) -> Products:
+        """Deviance, gradient and Gauss-Newton matrix at a vector.
+
+        Raises
+        ------
+        SimulationError
+            Where the loop is unstable.
+        """
+        none = [np.empty((0, len(one.outputs), len(one.frequency_hz)), complex) for one in self.records]
+        gram = self.with_columns(vector, none)
+        if not np.isfinite(gram).all():
+            raise SimulationError("the deviance is not finite")
+        return Products(float(gram[0, 0]), gram[1:, 0], gram[1:, 1:])
+
+    def cost(self, vector: Array) -> float:
+        """Deviance at a vector; infinite where the loop is unstable."""
+        try:
+            rows = [self.residual(vector, index)[None] for index in range(len(self.records))]
+            return float(self._gram_of(vector, rows)[0, 0])
+        except SimulationError:
+            return np.inf
+
+    def driven(self, vector: Array) -> Self:
+        """Return the likelihood of the ship driven by what speed and torque show of moving water at a vector."""
+        if "dM" not in self.records[0].outputs:
+            return self
+        values = self.coordinates.values(vector)
+        states = self.coordinates.states_at(vector)
+        scales = [1.0 + one.get("torque scale", 0.0) for one in states]
+        found = [self._beyond(record, values, by) for record, by in zip(self.records, scales, strict=True)]
+        return replace(self, beyond=tuple(found))
+
+    def _beyond(self, record: Spectra, values: Mapping[str, float], scale: float) -> Array:
+        """Torque of the load beyond its law (K,), faded in and out; `scale` is what the torque is read by."""
+        speed, torque = (record.decimated[record.outputs.index(name)] for name in ("dn", "dM"))
+        through, twist = (1.0 + torque) / scale - 1.0, values.get("tau_twist", 0.0)
+        behind = values["tau_prop" if self.gauge or twist else "tau_n"]
+        if twist:
+            damped = twist * values.get("zeta_twist", 0.0)
+            ahead = 0.0 if self.gauge else values["tau_n"] - behind
+            through = through - ahead * record.through(speed, lambda s: s, 0.0, 1.0)
+            speed = speed - record.through(through, lambda s: twist * s / (1.0 + damped * s), 0.0, twist)
+        law = np.maximum(1.0 + speed, 1e-3) ** values["p"] - 1.0 + values.get("c_2", 0.0) * speed**2
+        law += values.get("damping", 0.0) * speed + behind * record.through(speed, lambda s: s, 0.0, 1.0)
+        if len(record.load):
+            law += values.get("k_L", 1.0) * record.low_passed(record.load)
+        return np.asarray((through - law) * record.tapers[0])
+
+    def resettled_at(self, vector: Array) -> Self:
+        """Return the likelihood of the records corrected by the model at a vector, with water and noise seen there."""
+        return super(LimitedLikelihood, self.driven(vector)).resettled_at(vector)
+
+    def with_noise(self, vector: Array) -> Self:
+        """Return the likelihood whose noise is that of the residuals at a vector."""
+        return replace(super().with_noise(vector), about=vector)
+
+    def _models(self, vector: Array, record: int) -> tuple[Array | None, Array | None]:
+        """The model's outputs (O, N) for a record with gaps; None where it runs away."""
+        if not self.records[record].masked.any():
+            return None, None
+        values = self.coordinates.values(vector)
+        try:
+            return self.simulated(vector, record, {n: values[n] for n in LIMITS if n in values}), None
+        except SimulationError:
+            return None, None

@@ -1,0 +1,66 @@
+"""How far up in frequency a record's inputs excite, and how they run between their samples."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Literal
+
+import numpy as np
+from scipy.fft import prev_fast_len, rfft
+from scipy.signal import firwin, resample_poly
+
+from shipfp_rs.support.arrays import Array
+
+Between = Literal["band-limited", "straight", "held"]
+"""How inputs run between their samples: through all of them without a corner, along lines, or as stairs."""
+BAND_HZ = 4.0
+"""Highest frequency that is compared at most [Hz]: tachometers and loops of ships tell little above."""
+EXCITED = 0.99
+"""Part of the inputs' power times frequency that lies below the band's end: above it the data are noise."""
+LEAST_HZ, LEAST_PERIODS = 0.5, 40
+"""Least end of a band [Hz], and least number of the record's own frequencies in it, from which the noise is estimated."""
+EDGE_S = 2.0
+"""Over which a record fades in and out [s], so that its ends leave nothing in the band."""
+SHORTEST_S = 10.0 * EDGE_S
+"""Shortest record that has a spectrum [s]."""
+BEFORE_S = 2.0
+"""First stretch that is not compared [s]: a record that begins in the middle of an excitation does not tell what went on
+before, and dead times carry that into it."""
+EITHER_SIDE, RIPPLE_1E_5 = 32, ("kaiser", 10.0)
+"""Samples on either side that an interpolation takes, and its window: flat to 1e-5 up to 0.45 of the rate. The torque
+follows from a small difference of set point and speed: a ripple of 0.1 per cent moves a parameter beyond its interval."""
+
+
+def down_of(rate_hz: float, seen_hz: float) -> int:
+    """Samples of data at a rate between two that are kept: three or more a period of the highest frequency seen."""
+    return max(1, int(rate_hz / (3.0 * seen_hz) + 1e-9))
+
+
+def excited_hz(inputs: Sequence[Array], rate_hz: float, most_hz: float) -> float:
+    """Return the frequency [Hz] up to which the inputs have `EXCITED` of their power times frequency, at most `most_hz`."""
+    found = LEAST_HZ
+    for one in inputs:
+        if not len(one):
+            continue
+        count = prev_fast_len(len(one), real=True)
+        fade = np.minimum(np.arange(count), np.arange(count)[::-1]) / (EDGE_S * rate_hz)
+        power = np.abs(rfft((one[:count] - one[:count].mean()) * np.clip(fade, 0.0, 1.0))) ** 2
+        frequency = np.fft.rfftfreq(count, 1.0 / rate_hz)
+        grown = np.cumsum(np.where(frequency <= most_hz, power * frequency, 0.0))
+        found = max(
+            found,
+            float(frequency[np.searchsorted(grown, EXCITED * grown[-1])]),
+            LEAST_PERIODS * rate_hz / count,
+        )
+    return min(found, most_hz)
+
+
+def interpolated(values: Array, factor: int) -> Array:
+    """Samples of a band-limited signal at `factor` times its rate, at its ends as they were."""
+    if factor == 1 or not len(values):
+        return values
+    pad = 200
+    wide = np.pad(values, pad, mode="edge")
+    taps = firwin(2 * EITHER_SIDE * factor + 1, 1.0 / factor, window=RIPPLE_1E_5)
+    fine = resample_poly(wide - wide[0], factor, 1, window=taps)
+    return np.asarray(fine[pad * factor : (pad + len(values)) * factor] + wide[0])

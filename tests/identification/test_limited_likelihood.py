@@ -1,0 +1,104 @@
+"""A ship in a limit of torque: what the limit takes off, and the moving water that decides when it holds."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+import shipfp_rs as fp
+from shipfp_rs import _core
+from shipfp_rs.identification.question import question_of
+from tests.twins.ship import vector as ship
+
+RATE_HZ, SECONDS = 50.0, 200.0
+TRUE = {
+    "tau_n": 1.3,
+    "g": -0.6,
+    "vK_p": 4.0,
+    "vK_i": 5.0,
+    "p": 2.1,
+    "T_d": 0.06,
+    "M_max": 1.08,
+    "tau_prop": 0.4,
+}
+OFF = {"hold": 0.0, "T_set": 0.0, "tau_act": 0.0, "c_2": 0.0, "T_M": 0.0, "M_soft": 1e-4}
+
+
+@pytest.fixture(scope="module")
+def water():
+    """Return the load's torque beyond its law, a per cent with a memory of half a second."""
+    white = np.random.default_rng(3).standard_normal(round(RATE_HZ * SECONDS))
+    stays = np.exp(-1.0 / (0.5 * RATE_HZ))
+    return 0.01 * lfilter([np.sqrt(1.0 - stays**2)], [1.0, -stays], white)
+
+
+def measured(water, place):
+    t = np.arange(len(water)) / RATE_HZ
+    u = 1.0 + 0.03 * np.sin(2.0 * np.pi * 0.02 * t * (1.0 + 0.1 * t))
+    names = {"vK_p": "K_p", "vK_i": "K_i"}
+    values = {names.get(name, name): value for name, value in TRUE.items()} | {"v": 1.0, "load_gain": 1.0}
+    outputs = [_core.SHIP_OUTPUTS.index(name) for name in ("dn", {"M_b": "dM_b", "M_g": "dM_g"}[place])]
+    speed, torque = _core.simulate_ship(ship(**values), u, water, 1.0 / RATE_HZ, 0, "first", outputs)
+    noise = 1e-4 * np.random.default_rng(4).standard_normal((2, len(t)))
+    return fp.Experiment(
+        name="W1",
+        rate_hz=RATE_HZ,
+        signals={
+            "n_set": 1200.0 * u,
+            "n_e": 1200.0 * (1.0 + speed + noise[0]),
+            place: 100.0 * (1.0 + torque + noise[1]),
+        },
+        operating_point={"n_set": 1200.0, "n_e": 1200.0, place: 100.0},
+        hold="first",
+        kind="chirp",
+    )
+
+
+def likelihood_of(water, place):
+    likelihood = question_of([measured(water, place)], elements={"torque_limit": True}).likelihood("straight")
+    return likelihood.corrected(likelihood.coordinates.vector({**OFF, **TRUE}))
+
+
+@pytest.mark.parametrize("off", [1.0, 1.05])
+@pytest.mark.parametrize("place", ["M_b", "M_g"])
+def test_water_is_seen_through_an_inertia_that_is_not_right_yet(water, place, off):
+    likelihood = likelihood_of(water, place)
+    name = {"M_b": "tau_n", "M_g": "tau_prop"}[place]
+    vector = likelihood.coordinates.vector({**OFF, **TRUE, name: off * TRUE[name]})
+    (found,) = likelihood.driven(vector).beyond
+    down = likelihood.records[0].down
+    inside = slice(round(6.0 * RATE_HZ / down), -round(6.0 * RATE_HZ / down))
+    assert np.corrcoef(found[inside], water[::down][: len(found)][inside])[0, 1] > 0.94
+
+
+@pytest.mark.parametrize("place", ["M_b", "M_g"])
+def test_a_ship_in_its_limit_leaves_what_water_does_to_a_ship_without_one(water, place):
+    likelihood = likelihood_of(water, place)
+    record, at_truth = likelihood.records[0], likelihood.coordinates.vector({**OFF, **TRUE})
+    free, calm = (likelihood._simulated(at_truth, 0, {}, one) for one in (record.low_passed(water), None))
+    noise = record.see(record.low_passed(free - calm))
+    dry = likelihood.residual(at_truth, 0) - noise
+    wet = likelihood.driven(at_truth).residual(at_truth, 0) - noise
+    assert np.linalg.norm(wet) < 0.4 * np.linalg.norm(dry)
+
+
+@pytest.mark.parametrize("place", ["M_b", "M_g"])
+def test_in_calm_water_nothing_is_left_but_the_noise(water, place):
+    calm = likelihood_of(0.0 * water, place)
+    at_truth = calm.coordinates.vector({**OFF, **TRUE})
+    left = np.linalg.norm(calm.residual(at_truth, 0)) / np.linalg.norm(calm.records[0].spectrum)
+    assert left < 3e-3
+
+
+def test_derivatives_of_what_a_limit_takes_off_are_the_differences(water):
+    likelihood = likelihood_of(water, "M_b").settled_at(
+        likelihood_of(water, "M_b").coordinates.vector({**OFF, **TRUE})
+    )
+    vector = likelihood.about
+    at, c = likelihood.spectra(vector, 0), likelihood.coordinates
+    for name in ("M_max", "vK_p", "p"):
+        moved = vector.copy()
+        moved[c.place(name)] += 1e-3
+        slope = (likelihood.residual(vector, 0) - likelihood.residual(moved, 0)) / 1e-3
+        assert np.linalg.norm(at[1][c.place(name)] - slope) < 0.05 * np.linalg.norm(slope)
