@@ -12,7 +12,16 @@ import numpy.typing as npt
 
 from shipfp_rs.errors import InputError, LogWarning
 from shipfp_rs.logs.channel import BLOCK, Blocks, Samples
-from shipfp_rs.logs.faults.clock import Clock, ClockScan, spliced
+from shipfp_rs.logs.faults.clock import (
+    LONGEST_GAP,
+    MOST_JUMPS,
+    UNKNOWN_S,
+    Clock,
+    ClockScan,
+    Jump,
+    parted_at,
+    spliced,
+)
 from shipfp_rs.logs.faults.record import Fault
 from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.sentences import Sentence
@@ -71,11 +80,12 @@ def time_axis(
     """Find the grid of a column of times.
 
     Times are even where they keep within half a step of a straight line; single jumps are gaps, rows written twice or a
-    clock set back. A clock coarser than the rows, seconds for instance, tells an even rate by its changes. Anything else
-    is resampled at the rate of its shortest steps (one in twenty is shorter) by straight lines between samples, so
-    that nothing is aliased; a channel of two states is held from row to row. Where the grid would hold more than eight
-    samples for each recorded one it is coarser, and what is denser than the grid is averaged over its cells. Steps of
-    more than three times what nine in ten keep to stay gaps.
+    clock that is off for a while. One that jumps back, or further than the file is long, parts it into stretches that
+    stand two seconds apart. A clock coarser than the rows, seconds for instance, tells an even rate by its changes.
+    Anything else is resampled at the rate of its shortest steps (one in twenty is shorter) by straight lines between
+    samples, so that nothing is aliased; a channel of two states is held from row to row. Where the grid would hold
+    more than eight samples for each recorded one it is coarser, and what is denser than the grid is averaged over its
+    cells. Steps of more than three times what nine in ten keep to stay gaps.
 
     Parameters
     ----------
@@ -91,7 +101,7 @@ def time_axis(
     Raises
     ------
     InputError
-        Where the times do not increase.
+        Where the times do not increase, but for single jumps.
     """
     scan = ClockScan()
     for part in times():
@@ -127,11 +137,11 @@ def _uneven(path: Path | str, column: str, times: Array, told: InputError) -> Ti
         raise told
     steps = np.diff(times)
     back = np.flatnonzero(steps < 0.0)
-    if back.size:
+    if back.size > max(MOST_JUMPS * count, 1):
         row = int(back[0]) + 1
         raise InputError(
             f"{path}: time column {column!r} goes back at row {row + 1}: {times[row]:.12g} s after "
-            f"{times[row - 1]:.12g} s; cut the file there, or give rate_hz (--rate)"
+            f"{times[row - 1]:.12g} s, and in {back.size} of {count} rows; cut the file there, or give rate_hz (--rate)"
         ) from told
     if not steps.any():
         raise told
@@ -180,6 +190,13 @@ def _coarse(times: Array, steps: Array) -> tuple[float, float] | None:
 def _resampled(path: Path | str, column: str, times: Array, steps: Array) -> TimeAxis:
     positive = steps[steps > 0.0]
     median, short, long = (float(value) for value in np.quantile(positive, (0.5, 0.05, 0.9), method="lower"))
+    far = LONGEST_GAP * float(np.minimum(positive, GAP * long).sum())
+    parts = np.flatnonzero((steps < 0.0) | (steps > far))
+    apart = max(UNKNOWN_S, 2.0 * GAP * long)
+    own, by = times[parts], steps[parts]
+    later = np.cumsum(apart - by)
+    times = times + np.concatenate([[0.0], later])[np.searchsorted(parts, np.arange(len(times)))]
+    steps = np.diff(times)
     gaps = np.flatnonzero(steps > GAP * long)
     covered = float(times[-1] - times[0] - steps[gaps].sum())
     if not covered > 0.0:
@@ -196,16 +213,18 @@ def _resampled(path: Path | str, column: str, times: Array, steps: Array) -> Tim
         )
     at = (np.column_stack([times[gaps], times[gaps + 1]]) - times[0]) * rate
     spans = np.column_stack([np.floor(at[:, 0] + 1e-6) + 1, np.ceil(at[:, 1] - 1e-6)]).astype(np.int64)
-    spans = spans[spans[:, 1] > spans[:, 0]]
-    fault = Fault(
-        "time_gap", column, Sentence("masked: steps of more than {step} s", step=f"{GAP * long:.3g}"), spans
-    )
+    held = spans[:, 1] > spans[:, 0]
+    gaps, spans = gaps[held], spans[held]
+    known = ~np.isin(gaps, parts)
+    jumps = [Jump(*each) for each in zip(own, by, later, spans[~known].tolist(), strict=True)]
+    method = Sentence("masked: steps of more than {step} s", step=f"{GAP * long:.3g}")
+    faults = (Fault("time_gap", column, method, spans[known]), parted_at(column, jumps))
     note = (
         f"time column {column!r} is not uniform, steps of {short:.3g} to {long:.3g} s: resampled at {rate:.6g} Hz by "
         "straight lines, means where samples are denser, two states held; give rate_hz (--rate) to take the rows as even"
     )
     grid = _Grid(times, float(times[0]), rate, samples, spans)
-    return TimeAxis(grid.start_s, rate, samples, (fault,) if len(spans) else (), note, grid.on_grid)
+    return TimeAxis(grid.start_s, rate, samples, tuple(f for f in faults if len(f.spans)), note, grid.on_grid)
 
 
 @dataclass(frozen=True)

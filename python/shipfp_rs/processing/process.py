@@ -162,6 +162,7 @@ class _Recording:
         """Return the grid: times from a sample of the set point on, at which all signals are sampled."""
         base = self._base.channel
         first, last = self._within(self._base, label)
+        self._require_one_stretch(label, first, last)
         count = int((last - first) * self.rate_hz / base.rate_hz + 1e-9)
         if count < 2:
             start_s, stop_s = self.stretches[label]
@@ -169,6 +170,17 @@ class _Recording:
                 f"{label}: {start_s:g} to {stop_s:g} s hold {count} samples at {self.rate_hz:g} Hz"
             )
         return Grid(label, base.start_s + first / base.rate_hz, self.rate_hz, count)
+
+    def _require_one_stretch(self, label: str, first: int, last: int) -> None:
+        """Refuse a window on both sides of a jump of the clock, since nobody knows what was in between."""
+        for fault in self.log.faults:
+            over = fault.spans[(fault.spans[:, 0] > first) & (fault.spans[:, 1] < last)]
+            if fault.kind == "time_jump" and len(over):
+                begin, end = self._base.channel.start_s + over[0] / self._base.channel.rate_hz
+                raise InputError(
+                    f"{label}: the clock was set anew within it; expected a window that ends before {begin:.6g} s or "
+                    f"begins after {end:.6g} s"
+                )
 
     def _within(self, rows: Rows, label: str) -> tuple[int, int]:
         try:

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from shipfp_rs.errors import InputError
-from shipfp_rs.logs.faults.record import Fault
+from shipfp_rs.logs.faults.record import SHOWN, Fault
 from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.sentences import Sentence
 
@@ -29,7 +29,9 @@ COMPARED = 4096
 FILL = 1 << 16
 """Missing samples handed out at once."""
 LONGEST_GAP = 100.0
-"""With more missing samples per recorded one the time column is taken for wrong."""
+"""With more missing samples per recorded one the clock was set, and tells nothing of a gap."""
+UNKNOWN_S = 2.0
+"""Distance at which two stretches stand that a clock's jump parts [s]: no filter reaches from one to the other."""
 
 
 @dataclass(frozen=True)
@@ -119,7 +121,7 @@ class ClockScan:
         excess = np.concatenate([[0.0], np.cumsum(np.concatenate([[], *self._jumps]) - self._interval)])
         line = times - excess[np.searchsorted(jumped, rows, side="right")]
         ideal = np.interp(rows, [rows[0], rows[-1]], [line[0], line[-1]])
-        return bool(np.ptp(line - ideal) > max(self._interval, BENT * float(np.ptp(times))))
+        return bool(np.ptp(line - ideal) > max(self._interval, BENT * float(np.ptp(line))))
 
     def finish(
         self, name: str, column: str, same: Callable[[int, int, int], bool], *, trusted: bool
@@ -182,35 +184,37 @@ class ClockScan:
         same: Callable[[int, int, int], bool],
     ) -> Clock:
         """Place the rows between jumps by their times."""
-        ends = np.append(rows[1:], self._count)
+        ends = np.append(rows[1:], self._count).tolist()
         segments = [Segment(0, int(rows[0]), 0)]
         gaps: list[tuple[int, int]] = []
         twice: list[tuple[int, int]] = []
         back: list[list[int]] = []
+        parted: list[Jump] = []
         behind = 0  # samples by which the clock is behind at this row
         skipped_to = 0
-        for row, stop, jump in zip(rows.tolist(), ends.tolist(), jumps.tolist(), strict=True):
-            moved = round(jump * rate_hz) - 1
+        missing = [round(jump * rate_hz) - 1 for jump in jumps.tolist()]
+        for row, stop, jump, moved, after in zip(
+            rows.tolist(), ends, jumps.tolist(), missing, [*missing[1:], 0], strict=True
+        ):
             at = segments[-1].sample + segments[-1].count
-            if moved > LONGEST_GAP * self._count:
-                raise InputError(
-                    f"{name}: time column {column!r} jumps by {jump:g} s at row {row + 1}; cut the file there, or "
-                    "give rate_hz (--rate)"
-                )
-            first = row
-            if moved > 0 and behind and abs(moved - behind) <= 1:
+            first, far = row, moved > LONGEST_GAP * self._count
+            if moved * behind > 0 and abs(moved - behind) <= 1:
                 back[-1][1], behind = at, 0
-            elif moved > 0:
+            elif moved < 0 and row >= -moved and same(row, row + moved, min(-moved, stop - row, COMPARED)):
+                twice.append((at + moved, at))
+                first = row - moved
+            elif (jump < 0.0 or far) and not (moved * after < 0 and abs(moved + after) <= 1):
+                stands = at + max(round(UNKNOWN_S * rate_hz), 1)
+                before = parted[-1].later_s if parted else 0.0
+                later_s = (stands - at + 1) / rate_hz - jump + before
+                parted.append(Jump(self._start + (at - 1) / rate_hz - before, jump, later_s, (at, stands)))
+                at, behind = stands, 0
+            elif moved > 0 and not far:
                 gaps.append((at, at + moved))
                 at += moved
-            elif moved < 0:
-                count = -moved
-                if row >= count and same(row, row - count, min(count, stop - row, COMPARED)):
-                    twice.append((at - count, at))
-                    first = row + count
-                else:
-                    behind += count
-                    back.append([at, -1])
+            elif moved:
+                behind -= moved
+                back.append([at, -1])
             skipped_to = max(skipped_to, first)
             if stop > skipped_to:
                 segments.append(Segment(skipped_to, stop - skipped_to, at))
@@ -225,6 +229,7 @@ class ClockScan:
                 np.array([(start, end if stop < 0 else stop) for start, stop in back]),
                 excluded=False,
             ),
+            parted_at(column, parted),
         ]
         return Clock(
             self._start,
@@ -232,6 +237,37 @@ class ClockScan:
             tuple(s for s in segments if s.count),
             tuple(f for f in faults if len(f.spans)),
         )
+
+
+class Jump(NamedTuple):
+    """A jump of a clock that tells no length of a gap: back, or further than a recording goes."""
+
+    own_s: float
+    """Time in the file of the row before the jump [s]."""
+    by_s: float
+    later_s: float
+    """What is to be added to the file's times behind it [s]."""
+    span: tuple[int, int]
+    """Samples between the two stretches."""
+
+
+def parted_at(column: str, jumps: Sequence[Jump]) -> Fault:
+    """Return the fault of a log that jumps of its clock part into stretches."""
+
+    def told(values: Sequence[float]) -> str:
+        return ", ".join(f"{round(value, 3):.13g}" for value in values[:SHOWN]) + (
+            " ..." if len(values) > SHOWN else ""
+        )
+
+    method = Sentence(
+        "masked: it jumps by {by} s after {own} s, and nobody knows how long the gap is; the stretches stand {apart} s "
+        "apart, no window spans both, and to the file's times from there on {later} s are added",
+        by=told([jump.by_s for jump in jumps]),
+        own=told([jump.own_s for jump in jumps]),
+        later=told([jump.later_s for jump in jumps]),
+        apart=f"{UNKNOWN_S:g}",
+    )
+    return Fault("time_jump", column, method, np.array([jump.span for jump in jumps]))
 
 
 def spliced(

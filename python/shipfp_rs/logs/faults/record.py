@@ -30,6 +30,7 @@ KINDS: Mapping[str, str] = MappingProxyType(
         "repeated": "rows recorded twice",
         "time_gap": "jump of the clock, rows missing",
         "time_back": "clock set back",
+        "time_jump": "clock set anew",
         "drift": "clock drift between loggers",
     }
 )
