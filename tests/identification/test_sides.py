@@ -56,9 +56,11 @@ def smooth(ship):
 
 def limited(rate, gauge):
     """A ship whose rack is nearly always in its limit of rate, with some noise."""
-    _, clean = simulated(
-        Case(own={"rate": rate, "rate_down": rate}, seconds=240.0, gauge=gauge, amplitude=0.06)
-    )
+    return noisy(Case(own={"rate": rate, "rate_down": rate}, seconds=240.0, gauge=gauge, amplitude=0.06))
+
+
+def noisy(case):
+    _, clean = simulated(case)
     random = np.random.default_rng(1)
     signals = {
         name: row + (0.0 if name == "n_set" else 0.5) * random.standard_normal(len(row))
@@ -82,3 +84,15 @@ def test_a_rate_limit_is_searched_with_what_it_takes_off_put_back():
     # Once an internal error: the stepper has another name for the limit.
     found = fp.identify(limited(0.15, gauge=False), torque="brake")
     assert found.usability != "usable"
+
+
+@pytest.mark.parametrize("gauge", [True, False])
+def test_cases_a_brake_torque_called_gauge_is_told(gauge):
+    found = fp.identify(noisy(Case(gauge=gauge)), torque="gauge")
+    told = "the torque is hardly a gauge's: 9" in found.usable and "say torque = brake" in found.verdict[0]
+    assert told is not gauge
+    assert found.usability == ("usable" if gauge else "usable except")
+
+
+def test_cases_a_gauge_torque_called_brake_is_not_usable():
+    assert fp.identify(noisy(Case(gauge=True)), torque="brake").usability == "not usable"

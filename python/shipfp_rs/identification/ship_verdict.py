@@ -35,6 +35,13 @@ LOAD_ONLY = Sentence(
     "Usable for simulation and comparison of the load's side only: engine and governor are not described ({what}), so "
     "gains, delays and the slope of the engine's torque are not given."
 )
+NO_GAUGE = Sentence(
+    "Usable for simulation and comparison, but the torque is hardly a gauge's: {share} % of the inertia would lie behind "
+    "it. If it is the engine's own, say torque = brake: tau_n and the gains are now too large by about {over} %."
+)
+BEHIND_A_GAUGE = 0.9
+"""Part of the inertia that lies behind no gauge of a shaft with an engine in front; a brake torque called gauge shows
+0.95 to 1, gauges of the test ships up to 0.7."""
 STATES: Mapping[str, str] = {
     "on": Sentence("Acting elements: {elements}."),
     "off": Sentence("Not found to act: {elements}."),
@@ -119,6 +126,14 @@ def _is_limited(fingerprint: Fingerprint) -> bool:
     )
 
 
+def _behind(fingerprint: Fingerprint) -> float:
+    """Return the part of the inertia that lies behind the gauge; 0 of a brake torque."""
+    behind, whole = (fingerprint.parameters.get(name) for name in ("tau_prop", "tau_n"))
+    if "tau_prop" not in fingerprint.load_side or behind is None or whole is None:
+        return 0.0
+    return (behind.value or 0.0) / (whole.value or np.inf)
+
+
 def with_verdict(fingerprint: Fingerprint, strain: float = 0.0, kind: str | None = None) -> Fingerprint:
     """Return the fingerprint with what it can be used for, and the sentences about it.
 
@@ -134,6 +149,10 @@ def with_verdict(fingerprint: Fingerprint, strain: float = 0.0, kind: str | None
             names=listed(ended),
         )
         found = Usability("not usable", sentence, "misfit")
+    elif kind is None and found.state != "not usable" and (share := _behind(fingerprint)) > BEHIND_A_GAUGE:
+        share = min(share, 1.0)
+        figures = {"share": f"{100.0 * share:.0f}", "over": f"{100.0 / share - 100.0:.1f}"}
+        found = Usability("usable except", Sentence(NO_GAUGE, **figures))
     elif kind is None and strain > 1.0 and found.state == "usable":
         found = replace(found, state="usable except", sentence=BENT)
     elif _is_limited(fingerprint) and found.state == "usable":
