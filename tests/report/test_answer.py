@@ -10,8 +10,9 @@ import pytest
 from markupsafe import Markup
 
 import shipfp_rs as fp
-from shipfp_rs.assessment.si import in_si, operating_point
+from shipfp_rs.assessment.si import in_si
 from shipfp_rs.identification.estimate import Estimate, Identifiability, rounded_rows
+from shipfp_rs.identification.inertia import operating_point
 from shipfp_rs.identification.input_checks import doubts
 from shipfp_rs.identification.ship_verdict import BENT
 from shipfp_rs.identification.usability import usability

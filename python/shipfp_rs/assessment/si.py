@@ -6,13 +6,13 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from shipfp_rs.identification.fingerprint import Estimate, Fingerprint
+from shipfp_rs.identification.fingerprint import Fingerprint
+from shipfp_rs.identification.inertia import ENGINE_SIDE, operating_point, scaled
 from shipfp_rs.support.sentences import Sentence
 from shipfp_rs.vessel.vessel import Vessel
 
 FAR_OFF = 2.0
 """Times a torque that draws a word, over the vessel file's or under it."""
-ENGINE_SIDE = "M_b"
 QUANTITIES: Mapping[str, str] = {
     "tau_n": "inertia",
     "tau_prop": "propeller_inertia",
@@ -72,7 +72,7 @@ def in_si(fingerprint: Fingerprint, vessel: Vessel) -> dict[str, dict[str, Any]]
     for name, (factor, unit) in factors.items():
         estimate = fingerprint.parameters.get(name)
         if estimate is not None and estimate.value is not None:
-            rows[QUANTITIES[name]] = _scaled(estimate, factor, unit)
+            rows[QUANTITIES[name]] = scaled(estimate, factor, unit)
     return rows
 
 
@@ -98,29 +98,3 @@ def doubts(fingerprint: Fingerprint, vessel: Vessel) -> list[str]:
             expected=f"{expected:.4g}",
         )
     ]
-
-
-def _scaled(estimate: Estimate, factor: float, unit: str) -> dict[str, Any]:
-    assert estimate.value is not None
-    interval = None if estimate.ci95 is None else [factor * end for end in estimate.ci95]
-    return {
-        "value": factor * estimate.value,
-        "std": None if estimate.std is None else factor * estimate.std,
-        "ci95": interval,
-        "unit": unit,
-    }
-
-
-def operating_point(fingerprint: Fingerprint) -> tuple[float, float, str] | None:
-    """Return engine speed [rpm], torque [Nm] and the torque's signal, means over the experiments; None without a torque."""
-    speeds, torques, signal = [], [], ""
-    for record in fingerprint.data:
-        point: Mapping[str, float] = record.get("operating_point", {})
-        # Where only a torque command was recorded, the operating point holds that command as the engine's torque.
-        signal = str(record.get("signals", {}).get("dM", ENGINE_SIDE))
-        if "n_e" in point and signal in point:
-            speeds.append(float(point["n_e"]))
-            torques.append(float(point[signal]))
-    if not speeds:
-        return None
-    return sum(speeds) / len(speeds), sum(torques) / len(torques), signal

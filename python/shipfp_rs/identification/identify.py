@@ -12,6 +12,7 @@ from shipfp_rs.experiments.frames import Frame, of_frames
 from shipfp_rs.frequency import FrequencyResponse
 from shipfp_rs.identification.automatic import identified
 from shipfp_rs.identification.fingerprint import Fingerprint
+from shipfp_rs.identification.inertia import inertias
 from shipfp_rs.identification.input_checks import require_excited
 from shipfp_rs.identification.open_loop import (
     in_open_loop,
@@ -130,9 +131,10 @@ def identify(
 
 
 def _with(fingerprint: Fingerprint, data: Data | Sequence[Data]) -> Fingerprint:
-    """Return the fingerprint with the experiments that it is of."""
+    """Return the fingerprint with the experiments that it is of, and its inertia in kg m2 where these tell it."""
     given = [data] if isinstance(data, Experiment | FrequencyResponse) else data
-    return replace(fingerprint, experiments=tuple(one for one in given if isinstance(one, Experiment)))
+    experiments = tuple(one for one in given if isinstance(one, Experiment))
+    return replace(fingerprint, experiments=experiments, si=inertias(fingerprint))
 
 
 def _full_ship(

@@ -190,7 +190,12 @@ def ship_rows(fingerprint: Fingerprint, say: Say) -> list[tuple[str, str, str, s
         value, told = _value_and_interval(row, known[row.name], "\u00a0", say)
         name = say.name(row.name)
         quantity = fingerprint.si.get(QUANTITIES.get(row.name, ""))
-        if quantity is None or not row.value or quantity["unit"] in ("-", row.unit):
+        if (
+            quantity is None
+            or "seen_from" in quantity
+            or not row.value
+            or quantity["unit"] in ("-", row.unit)
+        ):
             rows.append((name or row.name, row.name if name else "", value, told, ""))
             continue
         inertia = name

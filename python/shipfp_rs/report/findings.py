@@ -8,10 +8,10 @@ from functools import partial
 from typing import Any
 
 from shipfp_rs import plot
-from shipfp_rs.assessment.si import operating_point
 from shipfp_rs.identification import wording
 from shipfp_rs.identification.estimate import Estimate, rounded_rows
 from shipfp_rs.identification.fingerprint import ALARM, Fingerprint
+from shipfp_rs.identification.inertia import operating_point
 from shipfp_rs.report.answer import at_an_end, interval, may_be_zero, unit_shown
 from shipfp_rs.report.language import Say
 from shipfp_rs.report.markup import Cell, Row, bullets, link, number, paragraph, piece, table

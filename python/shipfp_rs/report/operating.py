@@ -6,10 +6,10 @@ import math
 from collections.abc import Iterable
 from dataclasses import replace
 
-from shipfp_rs.assessment.si import ENGINE_SIDE, operating_point
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.identification.estimate import Estimate, rounded_rows
 from shipfp_rs.identification.fingerprint import Fingerprint
+from shipfp_rs.identification.inertia import ENGINE_SIDE, operating_point
 from shipfp_rs.report.answer import interval, short_name, unit_shown
 from shipfp_rs.report.language import Say
 from shipfp_rs.vessel.vessel import Vessel
@@ -41,9 +41,10 @@ def facts(
     rows = [(say("operating point"), "", say.number(", ".join(told)), "", _place(signal, say))]
     if fingerprint.why_not:
         return rows
+    by_vessel = any("seen_from" not in row for row in fingerprint.si.values())
     for name in ("tau_n", "tau_prop"):
         estimate = fingerprint.parameters.get(name)
-        if estimate is None or estimate.value is None or not ratio or fingerprint.si:
+        if estimate is None or estimate.value is None or not ratio or by_vessel:
             continue
         inertia = _scaled(estimate, abs(torque_Nm / turning), "kg m2")
         rows.append(_fact(short_name(name, say), inertia, say("seen from the torque's place"), say))

@@ -122,8 +122,7 @@ def evaluate(
             fingerprint, verdict=(*fingerprint.verdict, *_without_torque(fingerprint, trial))
         )
     fingerprint = replace(fingerprint, verdict=(*fingerprint.verdict, *doubts(fingerprint, vessel)))
-    if fingerprint.si == {}:
-        fingerprint = replace(fingerprint, si=in_si(fingerprint, vessel))
+    fingerprint = replace(fingerprint, si=in_si(fingerprint, vessel))
     notify("writing the report")
     tell("writing the report", 0.7)
     fingerprint.save(folder / MARKER)
