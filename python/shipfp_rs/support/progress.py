@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import contextlib
+import sys
 import threading
+import time
 from collections.abc import Callable, Iterator
 from contextvars import ContextVar
 
@@ -60,3 +62,29 @@ def counted(what: str, steps: int) -> Callable[[], None]:
 
     tell(what, 0.0)
     return step
+
+
+@contextlib.contextmanager
+def on_a_line() -> Iterator[None]:
+    """Keep one line of the terminal or notebook at what is reported in the block, unless somebody listens already."""
+    stream = sys.stderr
+    read = stream is not None and (stream.isatty() or type(stream).__module__.startswith("ipykernel"))
+    if not read or _LISTENER.get() is not None:
+        yield
+        return
+    first: tuple[float, float] | None = None
+
+    def write(what: str, share: float) -> None:
+        nonlocal first
+        now = time.monotonic()
+        since, done = first = first or (now, share)
+        left = f", about {(now - since) * (1.0 - share) / (share - done):.0f} s left" if share > done else ""
+        stream.write(f"\r{100.0 * share:.0f} %: {what}{left}".ljust(80))
+        stream.flush()
+
+    with heard_by(write):
+        try:
+            yield
+        finally:
+            if first is not None:
+                stream.write("\n")

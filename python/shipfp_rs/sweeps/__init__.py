@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from concurrent.futures import BrokenExecutor, CancelledError, Executor
+from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,8 @@ from shipfp_rs.support.arguments import Positive, checked
 from shipfp_rs.support.checks import accuracy
 from shipfp_rs.support.files import write_text_atomically
 from shipfp_rs.support.json_files import json_text
+from shipfp_rs.support.progress import on_a_line
+from shipfp_rs.support.progress import tell as report
 from shipfp_rs.support.threads import one_blas_thread
 from shipfp_rs.sweeps.analysis import ACCURACY_PCT, summarise
 from shipfp_rs.sweeps.dispatch import run_parts
@@ -113,7 +116,7 @@ def sweep(
     accuracy_pct
         Wanted relative error [%], for the length of a trial in the summary.
     progress
-        Called at the start and after every task.
+        Called at the start and after every task. None: a line on the terminal or in the notebook says how far it is.
 
     Returns
     -------
@@ -171,6 +174,8 @@ def _run(
     def tell() -> None:
         if progress is not None:
             progress(Progress(done + made, made, plan.draws, failed))
+        else:
+            report(f"{done + made} of {plan.draws} draws, {failed} failed", (done + made) / plan.draws)
 
     def arrived(rows: pa.RecordBatch) -> None:
         nonlocal made, failed
@@ -178,10 +183,11 @@ def _run(
         failed += sum(status != "done" for status in rows.column("status").to_pylist())
         tell()
 
-    tell()
     try:
-        with one_blas_thread(), pool_of(executor, workers, address) as pool:
-            run_parts(plan, store, pool, arrived)
+        with on_a_line() if progress is None else nullcontext():
+            tell()
+            with one_blas_thread(), pool_of(executor, workers, address) as pool:
+                run_parts(plan, store, pool, arrived)
     except (BrokenExecutor, CancelledError) as error:
         raise ShipfpError(
             f"{store.folder}: the workers are gone ({type(error).__name__}), {done + made} of {plan.draws} draws are done; "
