@@ -33,6 +33,8 @@ from shipfp_rs.support.toml import (
 )
 from shipfp_rs.sweeps.chain import Excitation, Faults, Noise, OperatingPoint, Sensors
 from shipfp_rs.sweeps.design import Design, place, seed_of
+from shipfp_rs.vessel.drive_train import SIMULATED_KEYS
+from shipfp_rs.vessel.steady_state import steady_state
 from shipfp_rs.vessel.vessel import Vessel
 
 Positive = Annotated[float, Field(gt=0.0)]
@@ -252,6 +254,10 @@ class Plan(Conditions):
                     conditions = self.conditions_with({key: value})
                     self.ship.replace(conditions.vessel)
                     self._require_length(conditions)
+            middle = self.conditions_with({key: factor.at(0.5) for key, factor in self.factors.items()})
+            ship = self.ship.replace(middle.vessel)
+            ship.require(*SIMULATED_KEYS)
+            steady_state(ship, middle.operating_point.n_e_rpm)
         except InputError as error:
             message = str(error)
             raise InputError(message if message.startswith(source) else f"{source}: {message}") from error

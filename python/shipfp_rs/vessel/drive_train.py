@@ -10,7 +10,7 @@ import numpy as np
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.support.arrays import Array
-from shipfp_rs.vessel.vessel import Vessel
+from shipfp_rs.vessel.vessel import PLANT_KEYS, Vessel
 
 PLANT_PARAMETERS = (
     "inertia",
@@ -30,6 +30,16 @@ PLANT_PARAMETERS = (
 
 M_p = torque_coefficient n_s |n_s|^(p - 1); M_b = A1 X + A2 n_e + A3 below the envelope, not below minimum_torque.
 """
+SIMULATED_KEYS = (
+    *PLANT_KEYS,
+    "water.density_kg_m3",
+    "shaft.propeller_side_inertia_kg_m2",
+    "propeller.diameter_m",
+    "propeller.blades",
+    "engine.cylinders",
+    "propeller.K_T",
+)
+"""Keys without which the whole drive train can't be simulated."""
 OFF: Mapping[str, float] = {
     "shaft_stiffness": math.inf,
     "shaft_damping": 0.0,
@@ -129,6 +139,7 @@ class DriveTrain:
 
 def drive_train(vessel: Vessel) -> DriveTrain:
     """Return the whole drive train of a vessel."""
+    vessel.require(*SIMULATED_KEYS)
     governor, engine, shaft = vessel.governor, vessel.engine, vessel.shaft
     propeller, ship, water = vessel.propeller, vessel.ship, vessel.water
     gearbox, firing = vessel.gearbox, vessel.engine.firing

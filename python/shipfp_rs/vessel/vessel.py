@@ -231,9 +231,12 @@ class Vessel(Sparse):
             *sections, last = key.split(".")
             section: Any = content
             for part in sections:
-                section = section.get(part, {})
-                if not isinstance(section, dict) or not section:
-                    raise InputError(f"vessel {self.name!r}: {key}: found no section {part!r}")
+                if section.get(part) is None and (section is not content or part in type(self).model_fields):
+                    section[part] = {}  # a table that the file lacks
+                section = section.get(part)
+                if not isinstance(section, dict):
+                    near = hints.nearest(part, list(type(self).model_fields))
+                    raise InputError(f"vessel {self.name!r}: {key}: found no section {part!r}{near}")
             section[last] = value
         return validated(content, type(self), f"vessel {self.name!r}")
 
