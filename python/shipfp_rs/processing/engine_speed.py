@@ -15,6 +15,7 @@ from shipfp_rs.processing.low_pass import Source
 from shipfp_rs.processing.pulse_train import PulseTrain
 from shipfp_rs.processing.speed_sources import SpeedLevel
 from shipfp_rs.support.arrays import Array
+from shipfp_rs.support.fir import PASSBAND, STOPBAND
 from shipfp_rs.tacho import IntervalSpeed, Train, resample
 from shipfp_rs.tacho.fusion import fused_angle
 
@@ -253,4 +254,17 @@ class EngineSpeed:
                 "reason": train.angles.reason,
             },
             "median_rpm": self.median_rpm,
+            "resolution_rpm": self._resolution_rpm(bandwidth_hz),
         }
+
+    def _resolution_rpm(self, bandwidth_hz: float) -> float | None:
+        """Return what the times of edges, known to part of a sample, leave in the speed below the low-pass [rpm].
+
+        Errors of the angle are white over the edges, so that their derivative has a power that rises with the square of
+        the frequency, up to the passband or half the intervals per second. None where no pulses were sampled.
+        """
+        if self.train.tacho.kind != "pulses" or not bandwidth_hz > 0.0:
+            return None
+        shown = min(1.0, 0.5 * (PASSBAND + STOPBAND) * self.rate_hz / bandwidth_hz) / 2.0
+        interval_rpm = float(np.median(self.speeds[self.train.name].std_rps)) * self.train.rpm_per_rps
+        return float(2.0 * np.pi / np.sqrt(3.0) * shown**1.5 * interval_rpm)

@@ -94,8 +94,8 @@ def process(
     Notes
     -----
     A pulse train shows speed up to half its pulses per second, 10 Hz with four reflectors at 5.16 rev/s (section
-    6.4); provenance holds that bandwidth, and of a fused speed the standard deviation [rpm], root mean square over the
-    window before the low-pass.
+    6.4); provenance holds that bandwidth, what the resolution of pulses leaves in the speed [rpm], and of a fused
+    speed the standard deviation [rpm], root mean square over the window before the low-pass.
 
     Examples
     --------

@@ -21,7 +21,7 @@ from shipfp_rs.identification.automatic import FULL_SHIP
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.plot.frequency import windows
 from shipfp_rs.report import answer, fate, findings, loop, markup, sides
-from shipfp_rs.report.charts import charts
+from shipfp_rs.report.charts import charts, of_the_tachometer
 from shipfp_rs.report.driven import instead
 from shipfp_rs.report.language import Say
 from shipfp_rs.report.operating import facts
@@ -222,6 +222,8 @@ def _signals(
         name = say.called(experiment.name, experiment.kind)
         yield markup.piece("heading", name)
         yield chart
+        if simulated and (said := of_the_tachometer(experiment, simulated[index].outputs, say)):
+            yield markup.paragraph(said)
         if index >= STILL_PICTURES:
             continue
         if simulated:

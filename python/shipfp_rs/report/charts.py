@@ -26,6 +26,8 @@ STEPS = 65_534
 MARKS = 4000
 """Faults of one kind and channel closer than this part of the record are drawn as one."""
 MODEL = "currentColor"
+LEAST_SHARE = 0.3
+"""Part of a residual from which on what the tachometer makes of it is worth a sentence; of the power a tenth."""
 
 HELP = (
     "Drag across to zoom, double-click to see all. With the keyboard: arrows move, + and − zoom, 0 shows all, "
@@ -107,6 +109,25 @@ def _chart(experiment: Experiment, model: Mapping[str, Array], width: int, say: 
             time=f"{1e3 * width / experiment.rate_hz:.3g}",
         )
     return piece("chart", about, content, detail, say(HELP))
+
+
+def of_the_tachometer(experiment: Experiment, model: Mapping[str, Array], say: Say) -> str:
+    """Say how much of the speed's residual the pulses' resolution makes; nothing where that is little, or not known."""
+    speed = experiment.provenance.get("speed", {})
+    size, name = speed.get("resolution_rpm"), next((one for one in ("n_e", "n_s") if one in model), "")
+    if size is None or not name:
+        return ""
+    left = float(np.nanstd(experiment.signals[name] - model[name]))
+    if size < LEAST_SHARE * left:
+        return ""
+    return say(
+        "Of {name} minus the model, {left} rpm (standard deviation), the tachometer alone makes about {size} rpm, "
+        "since the log's sample rate tells the time of an edge no better (pulses a turn: {pulses}).",
+        name=name,
+        left=f"{left:.2g}",
+        size=f"{size:.2g}",
+        pulses=speed.get("pulses_per_rev", ""),
+    )
 
 
 def _masked(experiment: Experiment, unit: str) -> Iterator[Fault]:
