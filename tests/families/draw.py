@@ -6,7 +6,8 @@
 
 Draws that no trial would have are left out and drawn again: a loop with little stability margin, a brake torque below
 15 per cent or above 2.5 times the operating one, a limit of torque or rate that acts less than 0.3 per cent of the time
-or more than 40. That makes fast loops rarer on heavy drive trains.
+or more than 40, or in which the ship hunts by itself or has two motions for one set point. That makes fast loops rarer on
+heavy drive trains.
 """
 
 from __future__ import annotations
@@ -36,6 +37,10 @@ DRIFT = 0.5
 """Largest drift of the load's exponent per unit of relative speed."""
 _SETTLED = 1e-3
 """A rate within this of its limit is held by it."""
+MOST_MOVED, GAIN_CHANGE = 1.0, 1e-3
+"""How far the speed of a limited ship may move, over its rms, by a relative change of the gain, over that change; and that
+change. Ships have 0.03 to 0.6; one that hunts in its rate limit, or jumps between two motions, 1.2 to 200: nobody records a
+trial in that."""
 _TRIES = 400
 
 
@@ -352,14 +357,26 @@ def _moderate(found, random, on):
         if not (0.003 < acts < 0.4 and _can_be(found, motion)):
             return None
     if not on["M_max"]:
-        return found
+        return found if not on["rate"] or moved_by_gain(found) < MOST_MOVED else None
     highest = motion.brake_torque.max() / found.plant.brake_torque
     limit = float((1.0 + share * (highest - 1.0)) * found.plant.brake_torque)
     found = replace(found, plant=found.plant._replace(limit=limit))
     motion = fast_motion(found)
     acts = np.mean(motion.brake_torque >= limit * (1.0 - 1e-9))
     before = motion.brake_torque[: int(found.excitation.start_s / motion.step_s)]
-    return found if 0.003 < acts < 0.4 and _can_be(found, motion) and before.max() < limit else None
+    acts_well = 0.003 < acts < 0.4 and _can_be(found, motion) and before.max() < limit
+    return found if acts_well and moved_by_gain(found) < MOST_MOVED else None
+
+
+def moved_by_gain(found: Draw) -> float:
+    """Return how far the speed moves, over its rms, by a small relative change of the governor's gain, over that change."""
+    other = found.plant._replace(gain=found.plant.gain * (1.0 + GAIN_CHANGE))
+    speed, moved = (
+        motion.engine_speed[round(found.excitation.start_s / motion.step_s) :] / found.plant.engine_speed
+        - 1.0
+        for motion in (fast_motion(found), fast_motion(found, other))
+    )
+    return float(np.sqrt(np.mean((moved - speed) ** 2) / np.mean(speed**2)) / GAIN_CHANGE)
 
 
 def _can_be(found, motion):
