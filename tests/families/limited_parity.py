@@ -2,7 +2,7 @@
 
     python -m tests.families.limited_parity --seconds 120
 
-Cells are rms differences of speed / torque over the rms of the signal, both behind one low-pass of 4 Hz. "same" is the set
+Cells are deviations of the differences of speed / torque over those of the signal, both behind one low-pass of 4 Hz. "same" is the set
 point at steps of 0.5 ms and no water; each other column changes one thing: "5 ms" the stepper's step, "50 Hz" a set point
 that is low-passed and sampled as data are, "mean T_s" a sampling governor as dead time and hold, "soft" the least rounding
 of the torque limit in a fit, "c_2" the drift of the exponent (here N^(p + c_2 (N - 1)), in the package
@@ -20,7 +20,7 @@ from scipy.signal import firwin
 
 from shipfp_rs import _core
 from shipfp_rs.identification.question import SHARPEST
-from shipfp_rs.identification.record import STEP_S, interpolated
+from shipfp_rs.identification.sampling import interpolated
 from shipfp_rs.structures.ship import INDEX, KERNEL
 from tests.families import sensors
 from tests.families.draw import STEP_S as H
@@ -28,6 +28,8 @@ from tests.families.draw import Draw, draw
 from tests.families.plant import LIMITS, normalised, without
 from tests.families.small_steps import Motion, simulate
 
+STEP_S = 0.005
+"""Step of the package where data are low-passed [s]."""
 FAMILIES = ("tug", "lab_drive", "genset")
 COLUMNS = ("same", "5 ms", "50 Hz", "mean T_s", "soft", "c_2", "water", "driven")
 SEEN_HZ, FIRST = 4.0, 170_000
