@@ -2,10 +2,10 @@
 
     python -m tests.families.limited_parity --seconds 120
 
-Cells are deviations of the differences of speed / torque over those of the signal, both behind one low-pass of 4 Hz. "same" is the set
-point at steps of 0.5 ms and no water; each other column changes one thing: "5 ms" the stepper's step, "50 Hz" a set point
-that is low-passed and sampled as data are, "mean T_s" a sampling governor as dead time and hold, "soft" the least rounding
-of the torque limit in a fit, "c_2" the drift of the exponent (here N^(p + c_2 (N - 1)), in the package
+Cells are deviations of the differences of speed / torque over those of the signal, both behind one low-pass of 4 Hz.
+"same" is the set point at steps of 0.5 ms and no water; each other column changes one thing: "5 ms" the stepper's step,
+"50 Hz" a set point that is low-passed and sampled as data are, "mean T_s" a sampling governor as dead time and hold, "soft"
+the least rounding of the torque limit in a fit, "c_2" the drift of the exponent (here N^(p + c_2 (N - 1)), in the package
 N^p + c_2 (N - 1)^2), "water" moving water that the simulation has not, "driven" the true water as its load.
 """
 
