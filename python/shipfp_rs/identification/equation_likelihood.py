@@ -388,7 +388,7 @@ class EquationLikelihood(Likelihood):
     def _simulated(
         self, vector: Array, record: int, limits: Mapping[str, float], beyond: Array | None
     ) -> Array:
-        """The same, driven by a torque of the load beyond its law, decimated (K,), too."""
+        """The same, driven by a torque of the load beyond its law at the rate of the simulation, too."""
         data, values = self.records[record], self.values_of(vector, record)
         values = {name: value for name, value in values.items() if name not in ("M_max", "M_soft", "rate")}
         if self.ships and self.ships[record].is_linear:
@@ -400,16 +400,23 @@ class EquationLikelihood(Likelihood):
         parameters[SHIP_INDEX["s_M"]] += own.get("torque scale", 0.0)
         names = {"dn": "dn", "dM": "dM_g" if self.gauge else "dM_b", "dX": "dX"}
         outputs = [_core.SHIP_OUTPUTS.index(names[name]) for name in data.outputs]
-        fine = max(1, round(FINE_HZ / data.data_hz)) if data.between == "band-limited" else 1
-        set_point, load = (interpolated(values, fine) for values in (1.0 + data.set_point, data.load))
+        fine = _finer(data)
+        set_point, load = self._driving[record]
         if beyond is not None:
-            water = interpolated(beyond, data.down * fine)[: len(set_point)]
-            water = np.pad(water, (0, len(set_point) - len(water))) / values.get("k_L", 1.0)
+            water = beyond / values.get("k_L", 1.0)
             load = load + water if len(load) else water
             parameters[SHIP_INDEX["load_gain"]] = values.get("k_L", 1.0)
         hold: Hold = "zero" if data.between == "held" else "first"
         dt = 1.0 / (data.data_hz * fine)
         return _core.simulate_ship(parameters, set_point, load, dt, 0, hold, outputs)[:, ::fine]
+
+    @cached_property
+    def _driving(self) -> list[tuple[Array, Array]]:
+        """For each record set point and load at the rate of its simulation."""
+        return [
+            (interpolated(1.0 + one.set_point, _finer(one)), interpolated(one.load, _finer(one)))
+            for one in self.records
+        ]
 
     def _response(self, values: Mapping[str, float], frequency_hz: Array) -> ComplexArray:
         """Response (O, F) of the outputs to what drives a ship of the kernel's parameters."""
@@ -431,6 +438,11 @@ class EquationLikelihood(Likelihood):
             for index, record in enumerate(self.records)
         )
         return replace(self, records=records)
+
+    def near(self, vector: Array) -> Self:
+        """Return the likelihood with derivatives about a vector, where they are dear; itself otherwise."""
+        del vector
+        return self
 
     def resettled_at(self, vector: Array) -> Self:
         """Return the same where images were taken off before, which move little with the vector."""
@@ -487,6 +499,11 @@ class EquationLikelihood(Likelihood):
             [one[1] for one in free],
             np.array([one[2] for one in free]).reshape(-1, 1),
         )
+
+
+def _finer(record: Spectra) -> int:
+    """Steps of a simulation a sample of the set point: lines between them are near what a low-pass left."""
+    return max(1, round(FINE_HZ / record.data_hz)) if record.between == "band-limited" else 1
 
 
 def _parts(values: Numbers, padded: int) -> Array:

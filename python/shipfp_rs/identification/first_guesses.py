@@ -100,11 +100,11 @@ def guesses_from(
                     **({"k_L": float(np.clip(load[0] * tau, 0.05, 5.0))} if load else {}),
                 }
             )
-    return guesses + _unlimited(law, gauge, kept[0][3] if kept else 0.1)
+    return guesses + guesses_by_bandwidth(law, gauge, kept[0][3] if kept else 0.1)
 
 
-def _unlimited(law: Mapping[str, float], gauge: bool, late: float) -> list[dict[str, float]]:
-    """Guesses of loops of some bandwidths, whatever the regressions say."""
+def guesses_by_bandwidth(law: Mapping[str, float], gauge: bool, late: float) -> list[dict[str, float]]:
+    """Return guesses of loops of some bandwidths, whatever regressions say; `late`: dead time of the set point."""
     tau = float(np.clip(law["tau"] / (SHARES[0] if gauge else 1.0), 0.05, 15.0))
     behind = float(np.clip(law["tau"], 0.01, 0.9 * tau))
     common = {"tau_n": tau, "g": -0.5, "p": law["p"], "tau_prop": behind, "T_set": max(late, 3e-3)}

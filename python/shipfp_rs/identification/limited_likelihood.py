@@ -7,7 +7,7 @@ when a limit holds: both are driven by what the measured torque has beyond the l
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from typing import Self
 
@@ -16,12 +16,15 @@ import numpy as np
 from shipfp_rs.errors import SimulationError
 from shipfp_rs.identification.equation_likelihood import EquationLikelihood
 from shipfp_rs.identification.likelihood import Products
+from shipfp_rs.identification.sampling import interpolated
 from shipfp_rs.identification.spectra import Spectra
 from shipfp_rs.support.arrays import Array, ComplexArray
 from shipfp_rs.support.threads import where_alone
 
 LIMITS = ("M_max", "M_soft", "rate")
 """Parameters of limits."""
+UNMOVED = ("T_M", "T_n", "hold")
+"""Parameters that hardly move what limits take off; a record's own unknowns do not either."""
 STEP = 1e-4
 """Step of a difference, of a vector's entries."""
 
@@ -34,11 +37,14 @@ class LimitedLikelihood(EquationLikelihood):
     ----------
     beyond
         For each record what the measured torque has beyond the load's law, decimated (K,); None: nothing.
+    law
+        Parameters of the load's law, the torque's lateness and scale, by the load's side alone; none: by the vector.
     about
         Vector about which the derivatives of what limits take off are taken; None: each time anew.
     """
 
     beyond: tuple[Array, ...] | None = None
+    law: Mapping[str, float] = field(default_factory=dict)
     about: Array | None = None
 
     def taken(self, vector: Array, record: int) -> ComplexArray:
@@ -54,8 +60,22 @@ class LimitedLikelihood(EquationLikelihood):
 
     def simulated(self, vector: Array, record: int, limits: Mapping[str, float]) -> Array:
         """Outputs of a record by the stepper, driven by moving water, at the data's rate, (O, N), with limits."""
-        beyond = None if self.beyond is None else self.beyond[record]
+        beyond = None if self.beyond is None else self._water[record]
         return self._simulated(vector, record, limits, beyond)
+
+    @cached_property
+    def _water(self) -> list[Array]:
+        """For each record what is beyond the load's law at the rate of its simulation."""
+        assert self.beyond is not None
+        found = []
+        for data, row, (set_point, _) in zip(self.records, self.beyond, self._driving, strict=True):
+            fine = interpolated(row, len(set_point) // data.measured.shape[1] * data.down)[: len(set_point)]
+            found.append(np.pad(fine, (0, len(set_point) - len(fine))))
+        return found
+
+    def near(self, vector: Array) -> Self:
+        """Return the likelihood with derivatives of what limits take off about a vector."""
+        return replace(self, about=vector)
 
     def residual(self, vector: Array, record: int) -> ComplexArray:
         """Residuals (O, F) of a record."""
@@ -70,8 +90,8 @@ class LimitedLikelihood(EquationLikelihood):
 
     def _moves(self, vector: Array, record: int, taken: ComplexArray) -> ComplexArray:
         """Derivatives of what limits take off a record, by differences, (P, O, F)."""
-        states, (_, high) = self.coordinates.states(record), self.coordinates.bounds
-        places = [*range(len(self.coordinates.names)), *range(states.start, states.stop)]
+        _, high = self.coordinates.bounds
+        places = [place for place, name in enumerate(self.coordinates.names) if name not in UNMOVED]
 
         def move(place: int) -> ComplexArray:
             step = STEP if vector[place] + STEP <= high[place] else -STEP
@@ -115,16 +135,17 @@ class LimitedLikelihood(EquationLikelihood):
         """Return the likelihood of the ship driven by what speed and torque show of moving water at a vector."""
         if "dM" not in self.records[0].outputs:
             return self
-        values = self.coordinates.values(vector)
+        values = {**self.coordinates.values(vector), **self.law}
         states = self.coordinates.states_at(vector)
-        scales = [1.0 + one.get("torque scale", 0.0) for one in states]
+        scales = [self.law.get("torque scale", 1.0 + one.get("torque scale", 0.0)) for one in states]
         found = [self._beyond(record, values, by) for record, by in zip(self.records, scales, strict=True)]
         return replace(self, beyond=tuple(found))
 
     def _beyond(self, record: Spectra, values: Mapping[str, float], scale: float) -> Array:
         """Torque of the load beyond its law (K,), faded in and out; `scale` is what the torque is read by."""
         speed, torque = (record.decimated[record.outputs.index(name)] for name in ("dn", "dM"))
-        through, twist = (1.0 + torque) / scale - 1.0, values.get("tau_twist", 0.0)
+        late, twist = values.get("T_M", 0.0), values.get("tau_twist", 0.0)
+        through = (1.0 + record.through(torque, lambda s: np.exp(s * late), 1.0, late)) / scale - 1.0
         behind = values["tau_prop" if self.gauge or twist else "tau_n"]
         if twist:
             damped = twist * values.get("zeta_twist", 0.0)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
+from typing import Any
 
 import numpy as np
 
@@ -193,13 +194,15 @@ class Question:
     def with_elements(self, likelihood: EquationLikelihood, elements: Sequence[str]) -> EquationLikelihood:
         """Return the likelihood of the same records with some of the elements tried."""
         coordinates = self.coordinates(elements, likelihood.unknowns)
-        changed = {"coordinates": coordinates, "priors": self._priors(coordinates.free)}
+        changed: dict[str, Any] = {"coordinates": coordinates, "priors": self._priors(coordinates.free)}
         if set(LIMITS) & {*coordinates.free, *coordinates.given} and not isinstance(
             likelihood, LimitedLikelihood
         ):
             known = {one.name: getattr(likelihood, one.name) for one in fields(EquationLikelihood)}
             return LimitedLikelihood(**{**known, **changed, "limits": {}})
-        return replace(likelihood, **changed)  # type: ignore[arg-type]
+        if isinstance(likelihood, LimitedLikelihood):
+            changed["about"] = None
+        return replace(likelihood, **changed)
 
 
 def question_of(

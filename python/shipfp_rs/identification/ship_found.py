@@ -108,7 +108,11 @@ def likelihood_of(
         assert way is not None
         records = tuple(record.running(way) for record in likelihood.records)
         likelihood = replace(likelihood, records=records).corrected(fit.best.vector)
-    return fit.question.with_elements(likelihood, elements)
+    found = fit.question.with_elements(likelihood, elements)
+    if isinstance(found, LimitedLikelihood) and fit.side is not None:
+        told = {name: one.value for name, one in fit.side.parameters.items() if one.value is not None}
+        found = replace(found, law=told)
+    return found
 
 
 def settled(fit: ShipFit, until: float | None) -> ShipFit:

@@ -7,12 +7,15 @@ on where the deviance falls by much more (`ship_found.BELIEVED`). Ends are compa
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
-from shipfp_rs.identification.basins import LIKELY, Basin, each
+from shipfp_rs.errors import SimulationError
+from shipfp_rs.identification.basins import LIKELY, Basin, descend, each
 from shipfp_rs.identification.engine_tests import engine_tests, limit_to_try
 from shipfp_rs.identification.equation_likelihood import EquationLikelihood
+from shipfp_rs.identification.first_guesses import guesses_by_bandwidth
 from shipfp_rs.identification.limited_likelihood import LimitedLikelihood
 from shipfp_rs.identification.question import TRIED
 from shipfp_rs.identification.ship_found import (
@@ -24,7 +27,9 @@ from shipfp_rs.identification.ship_found import (
     settled,
 )
 from shipfp_rs.structures.elements import ELEMENTS
+from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.progress import tell
+from shipfp_rs.support.threads import where_alone
 
 CHANCE = 6.0
 """Fall of the deviance by two parameters that chance exceeds once in twenty: less says nothing of an element."""
@@ -32,6 +37,8 @@ LEAST_FALL = {"torque_limit": CHANCE, "rack_rate": 2.0 * BELIEVED}
 """Fall of the total from which a limit is fitted along; one of rate, whose intervals are rough, must be sure."""
 TWISTS_S, DAMPINGS = (1e-3, 4e-3), (0.3, 2.0)
 """A shaft's stiffness and damping to begin with."""
+ROUNDS, STEPS, STILL = 6, 12, 1.0
+"""Rounds of descents to a limit at most, steps of each, and the fall of the deviance below which they end."""
 KEPT = 5
 """Starts that go down, those of the least deviance."""
 LEVELS, SLOPES, GAINS = (0.9, 0.97, 0.995), (0.9, 0.99), (1.0, 2.0, 4.0)
@@ -47,10 +54,9 @@ def with_limits(fit: ShipFit, until: float | None) -> ShipFit:
     while (suspect := limit_to_try(fit.scores, tried)) is not None:
         tell(f"trying {ELEMENTS[suspect].words}", 0.3 * len(fit.elements))
         tried.remove(suspect)
-        found = _trial(fit, suspect, until)
-        if found is None:
+        taken = _limited(fit, suspect, until)
+        if taken is None:
             continue
-        taken = _taken(fit, suspect, *found, until)
         gain = fit.total - taken.total
         if gain <= LEAST_FALL[suspect]:
             continue
@@ -99,17 +105,70 @@ def _trial(fit: ShipFit, element: str, until: float | None) -> tuple[EquationLik
     likelihood = likelihood_of(fit, (*fit.elements, element))
     c = likelihood.coordinates
     vectors = [c.vector({**DEFAULTS, **values}, states) for values, states in starts]
-    if isinstance(likelihood, LimitedLikelihood):
-        likelihood = likelihood.driven(vectors[0])
     ends = each(likelihood, sorted(vectors, key=likelihood.cost)[:KEPT], until, 8, 10.0)
     ends = [end for end in ends[:2] if end.cost < fit.best.cost + LIKELY]
     if not ends:
         return None
     best = each(likelihood, [end.vector for end in ends], until, 40, 0.1)[0]
-    low, high = c.bounds
-    place = c.place(TRIED[element][0])
-    stands_in = best.vector[place] <= low[place] + 1e-6 or best.vector[place] >= high[place] - 1e-6
-    return (likelihood, best) if np.isfinite(best.cost) and not stands_in else None
+    return (likelihood, best) if _is_inside(likelihood, best, element) else None
+
+
+def _is_inside(likelihood: EquationLikelihood, end: Basin, element: str) -> bool:
+    """Whether a search came to an end that is not on a bound of the element's first parameter."""
+    low, high = likelihood.coordinates.bounds
+    place = likelihood.coordinates.place(TRIED[element][0])
+    return bool(np.isfinite(end.cost) and low[place] + 1e-6 < end.vector[place] < high[place] - 1e-6)
+
+
+def _limited(fit: ShipFit, element: str, until: float | None) -> ShipFit | None:
+    """Return the fit with a limit; None where the record comes near none, or the limit ends on its bound.
+
+    A smooth loop that stands in for a limit has noise of its own shape: each end is judged under its own.
+    """
+    starts = [start for basin in fit.basins[:2] for start in _starts(fit, element, basin)]
+    if not starts:
+        return None
+    likelihood = likelihood_of(fit, (*fit.elements, element))
+    assert isinstance(likelihood, LimitedLikelihood)
+    c = likelihood.coordinates
+    vectors = [c.vector({**DEFAULTS, **values}, states) for values, states in starts]
+    likelihood = likelihood.driven(vectors[0])
+    vectors = sorted(vectors, key=likelihood.total)[:KEPT]
+    ends = where_alone([partial(_by_own_noise, likelihood, start, 1, until) for start in vectors])
+    ends = sorted(ends, key=lambda end: end.cost)[:2]
+    ends = where_alone([partial(_by_own_noise, likelihood, end.vector, ROUNDS, until) for end in ends])
+    best = min(ends, key=lambda end: end.cost)
+    if not _is_inside(likelihood, best, element):
+        return None
+    return _taken(fit, element, likelihood.with_noise(best.vector), best, until)
+
+
+def _by_own_noise(likelihood: EquationLikelihood, start: Array, rounds: int, until: float | None) -> Basin:
+    """Go down from a vector, in each round under the noise of the end before; the cost is the total."""
+    end = Basin(np.inf, start, False)
+    for _ in range(rounds):
+        try:
+            own = likelihood.with_noise(end.vector)
+        except (SimulationError, np.linalg.LinAlgError):
+            break
+        found = descend(own, end.vector, steps=STEPS, settled=STILL, until=until).vector
+        total = likelihood.total(found)
+        if not total < end.cost - STILL:
+            break
+        end = Basin(total, found)
+    return end
+
+
+def _other_loops(fit: ShipFit) -> list[dict[str, float]]:
+    """Loops of some bandwidths before the load that its side tells: a limit may mislead a smooth one wherever it acts."""
+    if fit.side is None:
+        return []
+    told = fit.side.parameters
+    p, tau = told["p"].value, told["tau_prop" if fit.question.gauge else "tau_n"].value
+    assert p is not None
+    assert tau is not None
+    law = {"p": p, "tau": max(tau, 0.01)}
+    return guesses_by_bandwidth(law, fit.question.gauge, fit.values.get("T_set", 0.0))
 
 
 def _starts(
@@ -129,17 +188,20 @@ def _starts(
     if "dM" not in fit.question.outputs:
         return []
     records, place = fit.likelihood.records, fit.question.outputs.index("dM")
+    every = [values, *({**values, **one} for one in _other_loops(fit))]
     if element == "torque_limit":
         # A gauge behind the engine's inertia shows more than the engine gives while the shaft slows.
         levels = np.quantile(np.concatenate([one.decimated[place] for one in records]), LEVELS)
-        return [({**values, "M_max": float(np.clip(1.0 + level, 1.02, 4.5))}, states) for level in levels]
+        limits = np.clip(1.0 + levels, 1.02, 4.5).tolist()
+        return [({**one, "M_max": limit}, states) for one in every for limit in limits]
     steep = np.concatenate([np.abs(np.diff(one.decimated[place])) for one in records])
     rates = np.clip(np.quantile(steep, SLOPES) * records[0].data_hz / records[0].down, 0.03, 50.0)
     return [
         (
-            {**values, "rate": float(rate), "vK_p": values["vK_p"] * more, "vK_i": values["vK_i"] * more},
+            {**one, "rate": float(rate), "vK_p": one["vK_p"] * more, "vK_i": one["vK_i"] * more},
             states,
         )
+        for one in every
         for rate in rates
         for more in GAINS
     ]
