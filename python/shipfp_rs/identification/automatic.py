@@ -97,7 +97,7 @@ def answered(
     kind = undescribed(fit, missed, [min(row) for row in rows])
     # Intervals of an engine that is not the ship's are not told.
     fit, found, possible = intervals_of(fit, figures, "symmetric" if kind else intervals)
-    if fit.stiff is not None and "tau_twist" in fit.along:
+    if fit.stiff is not None and "tau_twist" in fit.along and fit.is_smooth:
         # Neither is decided: intervals hold what either model allows.
         with suppress(IdentificationError):
             _, other, _ = intervals_of(refined(fit.stiff), figures, "symmetric")
@@ -178,8 +178,13 @@ def intervals_of(
         profiles = Profiles(likelihood, [descend(likelihood, one.vector) for one in fit.basins])
         # What the profiles before found possible counts on.
         profiles.visited += [Basin(likelihood.cost(vector), vector) for vector in possible]
-        found = {}
-        for place, (name, figure) in enumerate(figures.items()):
+        # In a limit the derivatives are those at the end: no profile leads far from it.
+        found = (
+            {}
+            if fit.is_smooth
+            else {name: profiles.symmetric(one, surely=True) for name, one in figures.items()}
+        )
+        for place, (name, figure) in enumerate(figures.items()) if fit.is_smooth else ():
             tell(f"interval: {plain_name(name)}", place / len(figures))
             bounds = fit.question.bounds.get(name, (-np.inf, np.inf))
             found[name] = profiles.interval(figure, TRIES if name in c.names else COMBINED_TRIES, bounds)

@@ -350,7 +350,7 @@ class EquationLikelihood(Likelihood):
         """Decimated outputs of a record, (O, K): at its ends and above the band the data themselves."""
         data = self.records[record]
         answer = data.in_time(data.spectrum - self.residual(vector, record))
-        return np.asarray(data.decimated * (1.0 - data.tapers[0]) + answer)
+        return np.asarray(data.decimated + (data.taken - data.decimated) * data.tapers[0] + answer)
 
     def with_columns(self, vector: Array, columns: Sequence[ComplexArray]) -> Array:
         """Products of residual, derivatives and more columns, smooth errors and priors included, (1 + P + C, 1 + P + C).
@@ -400,7 +400,7 @@ class EquationLikelihood(Likelihood):
         parameters[SHIP_INDEX["s_M"]] += own.get("torque scale", 0.0)
         names = {"dn": "dn", "dM": "dM_g" if self.gauge else "dM_b", "dX": "dX"}
         outputs = [_core.SHIP_OUTPUTS.index(names[name]) for name in data.outputs]
-        fine = _finer(data)
+        fine = self._finer(data)
         set_point, load = self._driving[record]
         if beyond is not None:
             water = beyond / values.get("k_L", 1.0)
@@ -410,11 +410,19 @@ class EquationLikelihood(Likelihood):
         dt = 1.0 / (data.data_hz * fine)
         return _core.simulate_ship(parameters, set_point, load, dt, 0, hold, outputs)[:, ::fine]
 
+    @property
+    def _fine_hz(self) -> float:
+        return FINE_HZ
+
+    def _finer(self, record: Spectra) -> int:
+        """Steps of a simulation a sample of the set point: lines between them are near what a low-pass left."""
+        return max(1, round(self._fine_hz / record.data_hz)) if record.between == "band-limited" else 1
+
     @cached_property
     def _driving(self) -> list[tuple[Array, Array]]:
         """For each record set point and load at the rate of its simulation."""
         return [
-            (interpolated(1.0 + one.set_point, _finer(one)), interpolated(one.load, _finer(one)))
+            (interpolated(1.0 + one.set_point, self._finer(one)), interpolated(one.load, self._finer(one)))
             for one in self.records
         ]
 
@@ -455,13 +463,19 @@ class EquationLikelihood(Likelihood):
 
     def _models(self, vector: Array, record: int) -> tuple[Array | None, Array | None]:
         """The model's outputs (O, N) for a record with gaps, and what limits take off them; None where it runs away."""
-        if not (self.limits or self.records[record].masked.any()):
+        limits = self._limits(vector)
+        if not (limits or self.records[record].masked.any()):
             return None, None
         try:
-            whole = self.simulated(vector, record, {})
-            return whole, self.simulated(vector, record, self.limits) - whole if self.limits else None
+            whole = self.simulated(vector, record, limits)
+            return whole, whole - self.simulated(vector, record, {}) if limits else None
         except SimulationError:
             return None, None
+
+    def _limits(self, vector: Array) -> Mapping[str, float]:
+        """Limits that act at a vector, by the stepper's names."""
+        del vector
+        return self.limits
 
     def prior_rows(
         self, vector: Array, values: Mapping[str, float] | None = None, slopes: Slopes | None = None
@@ -499,11 +513,6 @@ class EquationLikelihood(Likelihood):
             [one[1] for one in free],
             np.array([one[2] for one in free]).reshape(-1, 1),
         )
-
-
-def _finer(record: Spectra) -> int:
-    """Steps of a simulation a sample of the set point: lines between them are near what a low-pass left."""
-    return max(1, round(FINE_HZ / record.data_hz)) if record.between == "band-limited" else 1
 
 
 def _parts(values: Numbers, padded: int) -> Array:

@@ -1,7 +1,8 @@
 """The likelihood of a ship in a limit of torque or rate: the smooth ship's in closed form, and what limits take off.
 
-What limits take off the outputs is the difference of two simulations, with limits and without. Moving water decides, too,
-when a limit holds: both are driven by what the measured torque has beyond the load's law.
+What limits take off the outputs is the difference of two simulations, with limits and without. At one vector it is put back
+into the records, so that what the closed form leaves is small everywhere near; the rest is a difference to that. Moving
+water decides, too, when a limit holds: both simulations are driven by what the measured torque has beyond the load's law.
 """
 
 from __future__ import annotations
@@ -23,8 +24,8 @@ from shipfp_rs.support.threads import where_alone
 
 LIMITS = ("M_max", "M_soft", "rate")
 """Parameters of limits."""
-UNMOVED = ("T_M", "T_n", "hold")
-"""Parameters that hardly move what limits take off; a record's own unknowns do not either."""
+FINE_HZ = 100.0
+"""Rate of the simulations: what lines between their samples lack counts for what limits take off alone."""
 STEP = 1e-4
 """Step of a difference, of a vector's entries."""
 
@@ -47,16 +48,28 @@ class LimitedLikelihood(EquationLikelihood):
     law: Mapping[str, float] = field(default_factory=dict)
     about: Array | None = None
 
+    @property
+    def _fine_hz(self) -> float:
+        return FINE_HZ
+
     def taken(self, vector: Array, record: int) -> ComplexArray:
-        """Spectra (O, F) of what limits take off the outputs of a record."""
-        data, values = self.records[record], self.coordinates.values(vector)
-        limits = {name: values[name] for name in LIMITS if name in values}
-        with_limits, without = (self.simulated(vector, record, one) for one in (limits, {}))
-        found = data.see(data.low_passed(with_limits - without))
+        """Spectra (O, F) of what limits take off the outputs of a record, beyond what was put back before."""
+        data = self.records[record]
+        with_limits, without = (self.simulated(vector, record, one) for one in (self._limits(vector), {}))
+        found = data.see(data.low_passed(with_limits - without) - data.taken)
         if not np.isfinite(found).all():
             raise SimulationError("what the limits take off is not finite")
         found[:, 0] = 0.0  # the means belong to the offsets alone
         return found
+
+    def _limits(self, vector: Array) -> Mapping[str, float]:
+        values = self.coordinates.values(vector)
+        return {name: values[name] for name in LIMITS if name in values}
+
+    @property
+    def is_corrected_by_model(self) -> bool:
+        """Whether the records follow from the model, too: what limits take off always does."""
+        return True
 
     def simulated(self, vector: Array, record: int, limits: Mapping[str, float]) -> Array:
         """Outputs of a record by the stepper, driven by moving water, at the data's rate, (O, N), with limits."""
@@ -90,8 +103,8 @@ class LimitedLikelihood(EquationLikelihood):
 
     def _moves(self, vector: Array, record: int, taken: ComplexArray) -> ComplexArray:
         """Derivatives of what limits take off a record, by differences, (P, O, F)."""
-        _, high = self.coordinates.bounds
-        places = [place for place, name in enumerate(self.coordinates.names) if name not in UNMOVED]
+        states, (_, high) = self.coordinates.states(record), self.coordinates.bounds
+        places = [*range(len(self.coordinates.names)), *range(states.start, states.stop)]
 
         def move(place: int) -> ComplexArray:
             step = STEP if vector[place] + STEP <= high[place] else -STEP
@@ -165,13 +178,3 @@ class LimitedLikelihood(EquationLikelihood):
     def with_noise(self, vector: Array) -> Self:
         """Return the likelihood whose noise is that of the residuals at a vector."""
         return replace(super().with_noise(vector), about=vector)
-
-    def _models(self, vector: Array, record: int) -> tuple[Array | None, Array | None]:
-        """The model's outputs (O, N) for a record with gaps; None where it runs away."""
-        if not self.records[record].masked.any():
-            return None, None
-        values = self.coordinates.values(vector)
-        try:
-            return self.simulated(vector, record, {n: values[n] for n in LIMITS if n in values}), None
-        except SimulationError:
-            return None, None

@@ -79,11 +79,15 @@ class Profiles:
         (low, first, _), (high, last, _) = ends
         return Interval(value, min(low, value), max(high, value), (first, last))
 
-    def symmetric(self, figure: Figure) -> Interval:
-        """Return the interval by the curvature alone, without a profile; what the figure holds may leave its bound."""
+    def symmetric(self, figure: Figure, *, surely: bool = False) -> Interval:
+        """Return the interval by the curvature alone, without a profile; what the figure holds may leave its bound.
+
+        Surely: so may what presses against its bound by less than an interval of 95 per cent.
+        """
         best = self.best
         slope = self.gradient(figure, best.vector)
-        half = np.sqrt(RISE * max(float(slope @ self.covariance(best, slope) @ slope), 0.0))
+        covariance = self.covariance(best, slope, surely=surely)
+        half = np.sqrt(RISE * max(float(slope @ covariance @ slope), 0.0))
         value = figure(self.likelihood.coordinates.values(best.vector))
         return Interval(value, float(value - half), float(value + half), ("data", "data"))
 
@@ -91,10 +95,13 @@ class Profiles:
         """Derivative of a figure by a vector, shape (P,)."""
         return self.likelihood.coordinates.gradient(figure, vector)
 
-    def covariance(self, basin: Basin, moving: Array | None = None, least: float = ROUNDING) -> Array:
+    def covariance(
+        self, basin: Basin, moving: Array | None = None, least: float = ROUNDING, *, surely: bool = False
+    ) -> Array:
         """Covariance about a point whose entries on bounds that press are held, but for those that move, shape (P, P).
 
-        Directions of a curvature below `least`, over each entry's own, count as having that.
+        Directions of a curvature below `least`, over each entry's own, count as having that. Surely: what presses by less
+        than an interval of 95 per cent is not held.
         """
         vector, now = basin.vector, basin.products or self.likelihood.products(basin.vector)
         low, high = self.likelihood.coordinates.bounds
@@ -103,6 +110,8 @@ class Profiles:
         )
         if moving is not None:
             pressed &= moving == 0.0
+        if surely:
+            pressed &= now.downhill**2 * np.diag(scaled_inverse(now.matrix, least)) > RISE
         free = np.flatnonzero(~pressed)
         found = np.zeros_like(now.matrix)
         found[np.ix_(free, free)] = scaled_inverse(now.matrix[np.ix_(free, free)], least)

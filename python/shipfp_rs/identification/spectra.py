@@ -230,7 +230,6 @@ class Spectra:
     def whole(self) -> Array:
         """The data (O, N) without images, masked samples in place: the model's and what the rest beside them foretells."""
         measured = self.measured if self.images is None else self.measured - self.images
-        measured = measured if self.limited is None else measured - self.limited
         if not self.masked.any():
             return measured
         model = np.zeros_like(measured) if self.model is None else self.model
@@ -240,10 +239,20 @@ class Spectra:
     @cached_property
     def decimated(self) -> Array:
         """The data behind the low-pass, without images, shape (O, K)."""
-        if self.masked.any() or self.limited is not None:
+        if self.masked.any():
             return self.low_passed(self.whole)
         low = self._once("measured", self.measured)
         return low if self.images is None else low - self.images[:, :: self.down][:, : self.count]
+
+    @cached_property
+    def taken(self) -> Array:
+        """What limits take off the outputs, behind the low-pass, shape (O, K) or (1, 1) of nothing."""
+        return np.zeros((1, 1)) if self.limited is None else self.low_passed(self.limited)
+
+    @cached_property
+    def unlimited(self) -> Array:
+        """The data as a ship without limits would have given them, shape (O, K)."""
+        return self.decimated - self.taken
 
     def _once(self, name: str, signals: Array) -> Array:
         """Signals behind the low-pass, computed once for all records of the same data."""
@@ -253,8 +262,8 @@ class Spectra:
 
     @cached_property
     def spectrum(self) -> ComplexArray:
-        """Spectra of the data, shape (O, F)."""
-        return self.see(self.decimated)
+        """Spectra of the data as without limits, shape (O, F)."""
+        return self.see(self.unlimited)
 
     def in_time(self, spectra: ComplexArray) -> Array:
         """Return tapered signals of spectra (..., F) at the decimated rate, shape (..., K)."""
@@ -279,12 +288,12 @@ class Spectra:
 
     @property
     def _speed_low(self) -> Array:
-        return np.asarray(self.decimated[self.outputs.index("dn")])
+        return np.asarray(self.unlimited[self.outputs.index("dn")])
 
     @cached_property
     def signals(self) -> Array:
         """Spectra as the kernel takes them, shape (7, ORDERS, 2, padded)."""
-        named = dict(zip(self.outputs, self.decimated, strict=True))
+        named = dict(zip(self.outputs, self.unlimited, strict=True))
         speed = named["dn"]
         propeller = speed if self.slip is None else speed - self.slip
         rows = {

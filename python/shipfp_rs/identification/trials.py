@@ -91,7 +91,7 @@ def _taken(
 ) -> ShipFit:
     """Return the fit with an element: with less left over the noise is less, and what else acts is seen."""
     elements = (*fit.elements, element)
-    return settled(replace(fit, likelihood=likelihood, basins=(end,), elements=elements), until)
+    return settled(replace(fit, likelihood=likelihood, basins=(end,), elements=elements, also=()), until)
 
 
 def _trial(fit: ShipFit, element: str, until: float | None) -> tuple[EquationLikelihood, Basin] | None:
@@ -133,14 +133,23 @@ def _limited(fit: ShipFit, element: str, until: float | None) -> ShipFit | None:
     c = likelihood.coordinates
     vectors = [c.vector({**DEFAULTS, **values}, states) for values, states in starts]
     likelihood = likelihood.driven(vectors[0])
-    vectors = sorted(vectors, key=likelihood.total)[:KEPT]
+    vectors = sorted(vectors, key=partial(_total, likelihood))[:KEPT]
     ends = where_alone([partial(_by_own_noise, likelihood, start, 1, until) for start in vectors])
     ends = sorted(ends, key=lambda end: end.cost)[:2]
     ends = where_alone([partial(_by_own_noise, likelihood, end.vector, ROUNDS, until) for end in ends])
     best = min(ends, key=lambda end: end.cost)
     if not _is_inside(likelihood, best, element):
         return None
-    return _taken(fit, element, likelihood.with_noise(best.vector), best, until)
+    return _taken(fit, element, likelihood.resettled_at(best.vector), best, until)
+
+
+def _total(likelihood: EquationLikelihood, vector: Array) -> float:
+    """Deviance at a vector under the corrections and the noise of its own."""
+    try:
+        own = likelihood.resettled_at(vector)
+        return own.cost(vector) + own.spread()
+    except (SimulationError, np.linalg.LinAlgError):
+        return np.inf
 
 
 def _by_own_noise(likelihood: EquationLikelihood, start: Array, rounds: int, until: float | None) -> Basin:
@@ -148,11 +157,11 @@ def _by_own_noise(likelihood: EquationLikelihood, start: Array, rounds: int, unt
     end = Basin(np.inf, start, False)
     for _ in range(rounds):
         try:
-            own = likelihood.with_noise(end.vector)
+            own = likelihood.resettled_at(end.vector)
         except (SimulationError, np.linalg.LinAlgError):
             break
         found = descend(own, end.vector, steps=STEPS, settled=STILL, until=until).vector
-        total = likelihood.total(found)
+        total = _total(likelihood, found)
         if not total < end.cost - STILL:
             break
         end = Basin(total, found)
