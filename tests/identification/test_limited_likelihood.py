@@ -76,7 +76,7 @@ def test_water_is_seen_through_an_inertia_that_is_not_right_yet(water, place, of
 def test_a_ship_in_its_limit_leaves_what_water_does_to_a_ship_without_one(water, place):
     likelihood = likelihood_of(water, place)
     record, at_truth = likelihood.records[0], likelihood.coordinates.vector({**OFF, **TRUE})
-    free, calm = (likelihood._simulated(at_truth, 0, {}, one) for one in (record.low_passed(water), None))
+    free, calm = (likelihood._simulated(at_truth, 0, {}, one) for one in (water, None))
     noise = record.see(record.low_passed(free - calm))
     dry = likelihood.residual(at_truth, 0) - noise
     wet = likelihood.driven(at_truth).residual(at_truth, 0) - noise
