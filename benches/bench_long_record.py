@@ -58,16 +58,16 @@ def ship_calls(poles: str, dn_set: np.ndarray) -> dict[str, Callable[[], object]
         "tau_prop": 0.4 * tau_n,
     }
     values = dict(zip(names, _core.SHIP_OFF, strict=True)) | told | {"initial_N": 1.001}
-    wrt = [names.index(name) for name in ("tau_n", "g", "K_p", "K_i", "p", "initial_N")]
-    common = (1.0 + dn_set, np.empty(0), 1.0 / RATE_HZ, 1, "first", [0, 2], wrt)
 
-    def sensitivities(**changes: float) -> Callable[[], object]:
+    def simulation(**changes: float) -> Callable[[], object]:
         vector = np.array([float((values | changes)[name]) for name in names])
-        return lambda: _core.ship_sensitivities(vector, *common)
+        return lambda: _core.simulate_ship(
+            vector, 1.0 + dn_set, np.empty(0), 1.0 / RATE_HZ, 1, "first", [0, 2]
+        )
 
     return {
-        "ship_sensitivities": sensitivities(),
-        "ship_sensitivities, lag and dead time": sensitivities(tau_act=0.005, T_d=0.004),
+        "simulate_ship": simulation(),
+        "simulate_ship, lag and dead time": simulation(tau_act=0.005, T_d=0.004),
     }
 
 

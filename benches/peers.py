@@ -14,7 +14,7 @@ import numpy as np
 import scipy.signal
 from tests.launch import TRUTH, noisy_record
 
-from benches import bench_linear, bench_pass, bench_plant, bench_pulse, bench_ship, rivals
+from benches import bench_linear, bench_plant, bench_pulse, rivals
 from benches.timing import in_turn, print_table, spread
 from shipfp_rs import signals
 from shipfp_rs.identification.identify import identify
@@ -128,16 +128,6 @@ def linear(short: bool, repeats: int) -> None:
         report(f"outputs and derivatives by 7, {title}", "sample", count, calls, min(repeats, 5))
 
 
-def fit_pass(short: bool, repeats: int) -> None:
-    """One pass of a fit of the ship: derivatives by twelve, low-passed and decimated."""
-    u = bench_ship.chirp(2_000 if short else 25_000)
-    calls: Calls = {
-        "shipfp_rs": lambda: bench_pass.ours(u, bench_ship.TWELVE),
-        "Numba, 13 simulations, SciPy": lambda: bench_pass.numba_derivatives(u),
-    }
-    report("one pass of a fit", "step", u.size * bench_ship.SUBSTEPS, calls, repeats)
-
-
 def pulses(short: bool, repeats: int, read: float) -> None:
     """Crossings of 3.2 hours of a float32 pulse train at 2 kHz."""
     train = bench_pulse.pulse_train(1_000_000 if short else 23_000_000, 20.65)
@@ -219,16 +209,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--quick", action="store_true", help="short records, just to see that it runs")
     parser.add_argument("--repeats", type=int, default=9)
-    parser.add_argument(
-        "--only", choices=("plant", "linear", "pass", "pulses", "identification"), help="one part"
-    )
+    parser.add_argument("--only", choices=("plant", "linear", "pulses", "identification"), help="one part")
     options = parser.parse_args()
     short, repeats = options.quick, 1 if options.quick else options.repeats
     read, adds = limits(short)
     parts: dict[str, Callable[[], None]] = {
         "plant": lambda: plant(short, repeats, adds),
         "linear": lambda: linear(short, repeats),
-        "pass": lambda: fit_pass(short, repeats),
         "pulses": lambda: pulses(short, repeats, read),
         "identification": lambda: identification(short, min(repeats, 5)),
     }

@@ -36,8 +36,6 @@ __all__ = [
     "pulses_are_even",
     "run_recursion",
     "running_median",
-    "ship_observed",
-    "ship_sensitivities",
     "simulate_detailed_ship",
     "simulate_ship",
     "simulate_ship_by",
@@ -124,31 +122,6 @@ def simulate_detailed_ship(
     hold: Literal["zero", "first"],
     outputs: Sequence[int],
     envelope: NDArray[np.float64] | None = None,
-) -> NDArray[np.float64]: ...
-def ship_sensitivities(
-    parameters: NDArray[np.float64],
-    u: NDArray[np.float64],
-    load: NDArray[np.float64],
-    dt: float,
-    substeps: int,
-    hold: Literal["zero", "first"],
-    outputs: Sequence[int],
-    wrt: Sequence[int],
-    envelope: NDArray[np.float64] | None = None,
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]: ...
-def ship_observed(
-    parameters: NDArray[np.float64],
-    u: NDArray[np.float64],
-    load: NDArray[np.float64],
-    dt: float,
-    substeps: int,
-    hold: Literal["zero", "first"],
-    stride: int,
-    outputs: Sequence[int],
-    wrt: Sequence[int],
-    masked: NDArray[np.bool_],
-    taps: NDArray[np.float64],
-    down: int,
 ) -> NDArray[np.float64]: ...
 
 _Samples = NDArray[np.float32] | NDArray[np.float64] | NDArray[np.int16]

@@ -61,7 +61,7 @@ fn recursion(criterion: &mut Criterion) -> Result<(), Error> {
 fn ship(criterion: &mut Criterion) -> Result<(), Error> {
     let mut group = criterion.benchmark_group("ship, a step");
     let set = wander(1.0, SAMPLES);
-    let run = stepper::Run::new(&set, &[], 0.02, 4, Hold::First, 1)?;
+    let run = stepper::Run::new(&set, &[], 0.02, 4, Hold::First)?;
     let mut vector = stepper::OFF;
     let told = [
         (at::TAU_N, 1.5),
@@ -80,38 +80,10 @@ fn ship(criterion: &mut Criterion) -> Result<(), Error> {
     }
     let parameters = stepper::Parameters::new(&vector, "parameters")?;
     let outputs = stepper::Output::from_indices(&[0, 2])?;
-    let twelve = [
-        at::TAU_N,
-        at::G,
-        at::K_P,
-        at::K_I,
-        at::P,
-        at::TAU_PROP,
-        at::T_D,
-        at::T_SET,
-        at::TAU_ACT,
-        at::S_U,
-        at::S_M,
-        at::INITIAL_N,
-    ];
     group.throughput(Throughput::Elements(4 * SAMPLES as u64));
-    for (name, wrt) in [("alone", &twelve[..0]), ("with twelve derivatives", &twelve[..])] {
-        let task = stepper::Task { parameters, outputs: &outputs, wrt };
-        let mut rows = vec![0.0; SAMPLES * outputs.len() * (1 + wrt.len())];
-        group.bench_function(name, |bencher| {
-            bencher.iter(|| stepper::simulate(black_box(&task), &run, &mut rows, &Stop::new()));
-        });
-    }
-    let task = stepper::Task { parameters, outputs: &outputs, wrt: &twelve };
-    let mut rows = vec![0.0; SAMPLES * outputs.len() * (1 + twelve.len())];
-    let masked = vec![false; SAMPLES * outputs.len()];
-    let low_pass = stepper::Decimation { taps: &[1.0 / 101.0; 101], down: 10 };
-    let mut seen = vec![0.0; rows.len() / SAMPLES * low_pass.left(SAMPLES)];
-    group.bench_function("a pass of a fit: the same, low-passed and decimated", |bencher| {
-        bencher.iter(|| {
-            stepper::simulate(black_box(&task), &run, &mut rows, &Stop::new())?;
-            stepper::observe(&mut rows, &masked, outputs.len(), &low_pass, &mut seen, &Stop::new())
-        });
+    let mut rows = vec![0.0; SAMPLES * outputs.len()];
+    group.bench_function("both dead times and a lag", |bencher| {
+        bencher.iter(|| stepper::simulate(black_box(&parameters), &run, &outputs, &mut rows, &Stop::new()));
     });
     let detail = stepper::Detail::new(&TUG, &[1.04, 0.98, 0.98, 1.04, 0.98, 0.98], None)?;
     let whole = stepper::Run { detail: Some(&detail), ..run };
@@ -121,18 +93,15 @@ fn ship(criterion: &mut Criterion) -> Result<(), Error> {
         tug[place] = value;
     }
     let parameters = stepper::Parameters::new(&tug, "parameters")?;
-    let task = stepper::Task { parameters, outputs: &outputs, wrt: &[] };
-    let mut rows = vec![0.0; outputs.len() * SAMPLES];
     group.bench_function("the tug with all its elements", |bencher| {
-        bencher.iter(|| stepper::simulate(black_box(&task), &whole, &mut rows, &Stop::new()));
+        bencher.iter(|| stepper::simulate(black_box(&parameters), &whole, &outputs, &mut rows, &Stop::new()));
     });
     group.throughput(Throughput::Elements(SAMPLES as u64));
     for place in [at::T_D, at::T_SET, at::TAU_ACT] {
         vector[place] = stepper::OFF[place];
     }
     let plain = stepper::Parameters::new(&vector, "parameters")?;
-    let run = stepper::Run::new(&set, &[], 0.01, 1, Hold::Zero, 1)?;
-    let mut rows = vec![0.0; SAMPLES * outputs.len()];
+    let run = stepper::Run::new(&set, &[], 0.01, 1, Hold::Zero)?;
     let (method, start) = (stepper::Method::Rk4, [1.0, 0.0]);
     group.bench_function("by RK4", |bencher| {
         bencher.iter(|| {

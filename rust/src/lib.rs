@@ -10,7 +10,6 @@ pub mod memory;
 pub mod power;
 pub mod pulse;
 pub mod pyramid;
-pub mod scalar;
 pub mod statespace;
 pub mod stepper;
 pub mod stop;

@@ -16,14 +16,13 @@ pub fn power(speed: f64, exponent: f64) -> f64 {
     }
 }
 
-/// `speed` |`speed`|^(`exponent` - 1), and its derivatives by speed and by exponent.
+/// `speed` |`speed`|^(`exponent` - 1), and its slope.
 #[inline(always)]
 #[must_use]
-pub fn power_and_slopes(speed: f64, exponent: f64) -> [f64; 3] {
+pub fn power_and_slope(speed: f64, exponent: f64) -> [f64; 2] {
     let logarithm = log2(speed.abs().max(f64::MIN_POSITIVE));
     let slope = exp2(logarithm * (exponent - 1.0));
-    let value = speed * slope;
-    [value, exponent * slope, value * (logarithm * std::f64::consts::LN_2)]
+    [speed * slope, exponent * slope]
 }
 
 /// 2^52. The sum of it and a small whole number holds that number in its low bits.

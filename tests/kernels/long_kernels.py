@@ -19,20 +19,6 @@ import numpy as np
 from shipfp_rs import _core
 from tests.twins import drive_train, ship
 
-
-def _ship(call: str, samples: int = 2_000_000, **more: object) -> Callable[[], object]:
-    def run() -> object:
-        u = 1.0 + 0.02 * np.sin(np.arange(samples) * 0.01)
-        common = (ship.vector(T_d=0.05, tau_act=0.05), u, np.zeros(0), 0.01, 20, "first")
-        if call == "ship_observed":
-            masked, taps = np.zeros((samples, 2), dtype=np.bool_), np.full(1001, 1e-3)
-            return _core.ship_observed(*common, 1, [0, 2], WRT, masked, taps, 2)
-        return getattr(_core, call)(*common, [0, 2], **more)
-
-    return run
-
-
-WRT = [0, 1, 3, 4, 7]
 KERNELS: dict[str, Callable[[], object]] = {
     "spin": lambda: _core._spin_for_test(),
     "simulate_ship_by": lambda: _core.simulate_ship_by(
@@ -49,9 +35,15 @@ KERNELS: dict[str, Callable[[], object]] = {
         "first",
         [0],
     ),
-    "simulate_ship": _ship("simulate_ship", samples=10_000_000),
-    "ship_sensitivities": _ship("ship_sensitivities", wrt=WRT),
-    "ship_observed": _ship("ship_observed"),
+    "simulate_ship": lambda: _core.simulate_ship(
+        ship.vector(T_d=0.05, tau_act=0.05),
+        1.0 + 0.02 * np.sin(np.arange(10_000_000) * 0.01),
+        np.zeros(0),
+        0.01,
+        20,
+        "first",
+        [0, 2],
+    ),
     "run_recursion": lambda: _core.run_recursion(
         np.full((8, 201, 201), 1e-3), np.zeros((8, 200)), np.ones(2_000_000), [0], 0.01
     ),

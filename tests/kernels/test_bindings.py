@@ -18,11 +18,6 @@ KERNELS = {
     "simulate_ship_by": (ship.vector(), np.ones(4), 0.01, 1, "rk4", "zero", np.ones(2), [0]),
     "simulate_detailed_ship": (*TRAIN, np.ones(4), 0.01, 1, "zero", [0]),
     "simulate_ship": (ship.vector(load_gain=1.0), np.ones(4), np.zeros(4), 0.01, 1, "zero", [0]),
-    "ship_sensitivities": (ship.vector(), np.ones(4), np.zeros(0), 0.01, 1, "zero", [0], [0]),
-    "ship_observed": (
-        *(ship.vector(), np.ones(4), np.zeros(4), 0.01, 1, "zero", 1, [0], [0]),
-        *(np.zeros((4, 1), dtype=bool), np.ones(3), 1),
-    ),
     "run_recursion": (np.full((2, 4, 3), 0.1), np.zeros((2, 2)), np.ones(5), [0], 0.1),
     "find_spikes": (np.ones(9), 2, 1, 3, 5.0, 0.1),
     "running_median": (np.ones(9), 3),

@@ -13,7 +13,7 @@ from shipfp_rs import _core
 from shipfp_rs.errors import InputError
 from tests.kernels import test_two_equations_kernel as two_equations
 from tests.kernels.test_plant_kernel import ENVELOPES, METHODS
-from tests.kernels.test_ship_kernel import SHIPS, acting, places, record
+from tests.kernels.test_ship_kernel import SHIPS, record
 from tests.twins import ship
 from tests.twins.drive_train import detail
 from tests.twins.plant import N_E
@@ -38,9 +38,6 @@ SHIP = (
     ship.vector(T_d=0.0413, T_set=0.0111, tau_act=0.05, M_max=1.03, load_gain=0.3),
     *(1.0 + DN_SET, DN_SET, 1.0 / RATE_HZ, 2, "first"),
 )
-MOST = 24
-"""Derivatives of a call, at most."""
-SHIP_WRT = [0, 1, 2, 3, 4, 6, 8, 9, 12]
 
 
 def recursion(states, directions):
@@ -124,22 +121,6 @@ def ship_by(method, envelope):
     )
 
 
-def observed(name):
-    masked = np.zeros((200, 2), dtype=bool)
-    masked[50:60, 1] = True
-    wrt = places(*acting(SHIPS[name])[:MOST])
-
-    def compute(*common):
-        return _core.ship_observed(*common, 1, [0, 2], wrt, masked, np.hanning(9)[1:-1] / 4.0, 2)
-
-    return of_ship(name, compute)
-
-
-def sensitivities(name):
-    wrt = places(*acting(SHIPS[name])[:MOST])
-    return of_ship(name, lambda *common: _core.ship_sensitivities(*common, [0, 2, 3], wrt)[1])
-
-
 EXACT = {
     "Decimator": decimated,
     "RepeatScan": repeats,
@@ -179,12 +160,6 @@ FUSED = {
     "run_recursion": functools.partial(recursion, 2, 7),
     "run_recursion: values alone": functools.partial(recursion, 8, 0),
     "run_recursion: two passes": functools.partial(recursion, 8, 10),
-    "ship_sensitivities": lambda: _core.ship_sensitivities(*SHIP, [0, 2, 3], SHIP_WRT)[1],
-    **{f"ship_sensitivities: {name}": functools.partial(sensitivities, name) for name in SHIPS},
-    "ship_observed": lambda: _core.ship_observed(
-        *SHIP, 1, [0, 2], SHIP_WRT, np.zeros((SAMPLES, 2), dtype=bool), np.full(9, 0.1), 2
-    ),
-    **{f"ship_observed: {name}": functools.partial(observed, name) for name in SHIPS},
 }
 """The same bits wherever multiply-adds are fused, within rounding of them elsewhere."""
 

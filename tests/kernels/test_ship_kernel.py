@@ -1,4 +1,4 @@
-"""The ship's steps against an exact twin, differences of themselves, the ship without an element, and NumPy."""
+"""The ship's steps against an exact twin and the ship without an element."""
 
 import math
 import time
@@ -7,20 +7,18 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.signal import upfirdn
 
 from shipfp_rs import _core
 from shipfp_rs.errors import InputError, SimulationError
 
 from ..twins import ship as twin
-from ..twins.ship import OFF, SHIP, vector
+from ..twins.ship import vector
 
 NAMES, OUTPUTS = _core.SHIP_PARAMETERS, _core.SHIP_OUTPUTS
 ALL = list(range(len(OUTPUTS)))
 NO_LOAD = np.zeros(0)
 DT, SAMPLES = 0.05, 20
 HOLDS = ("first", "zero")
-SWITCHES = ("anti_windup", "update")
 LATE = {"T_d": 0.0413, "T_set": 0.0311}
 TORQUE = {"M_max": 1.12, "M_max_slope": -0.5, "M_min": 0.93}
 RACK = {"X_max": 0.1, "X_min": -0.07}
@@ -70,36 +68,12 @@ def record(samples=SAMPLES, size=0.06):
     return u, 0.05 * np.sin(2.0 * np.pi * 0.4 * t)
 
 
-def places(*names):
-    return [NAMES.index(name) for name in names]
-
-
 def rms(rows):
     return np.sqrt(np.mean(np.square(rows), axis=-1))
 
 
-def acting(values, *, begins=False):
-    """Parameters that have a derivative on both sides; with `begins` those at their bound, too."""
-    full = OFF | SHIP | values
-    found = []
-    for name in NAMES:
-        at_bound = name.startswith("T_") or name in ("tau_act", "tau_twist", "zeta_twist")
-        if name in (*SWITCHES, "M_soft") or math.isinf(full[name]):
-            continue
-        if name == "hold" and full[name] in (0.0, 1.0):
-            continue
-        needs = {"T_0": "T_s", "M_max_slope": "M_max", "zeta_twist": "tau_twist"}.get(name, name)
-        if needs in ("T_s", "tau_twist") and not full[needs]:
-            continue
-        if needs == "M_max" and math.isinf(full["M_max"]):
-            continue
-        if not at_bound or full[name] or (begins and name in ("T_d", "T_set", "tau_act")):
-            found.append(name)
-    return found
-
-
-def simulated(values, hold, substeps, samples=SAMPLES):
-    u, load = record(samples)
+def simulated(values, hold, substeps):
+    u, load = record()
     return _core.simulate_ship(vector(**values), u, load, DT, substeps, hold, ALL)
 
 
@@ -131,33 +105,6 @@ def test_outputs_are_those_of_the_equations_and_come_nearer_with_shorter_steps(s
         assert (fine <= np.maximum(coarse / 3.0, 4e-6)).all()
 
 
-@pytest.mark.parametrize("hold", ["first", "zero"])
-@pytest.mark.parametrize("ship", SHIPS)
-def test_derivatives_are_those_of_the_steps_along_every_parameter(ship, hold):
-    values = OFF | SHIP | SHIPS[ship]
-    if "rate_up" in SHIPS[ship]:
-        values |= {"rate_up": 1.2, "rate_down": 1.0}
-    names, samples, (u, load) = acting(values), 80, record(80)
-    parameters = vector(**values)
-    expected = []
-    for name in names:
-        # Whole steps and zero have a kink.
-        step = {"curvature": 1e-4, "zeta_twist": 3e-5, "tau_prop": 1e-5, "T_0": 1e-6}.get(
-            name, 1e-6 * max(abs(values[name]), 0.03)
-        )
-        moved = [values | {name: values[name] + by} for by in (step, -step)]
-        high, low = (simulated(other, hold, 10, samples) for other in moved)
-        expected.append((high - low) / (2.0 * step))
-    for first in range(0, len(names), 24):
-        part = names[first : first + 24]
-        _, found = _core.ship_sensitivities(parameters, u, load, DT, 10, hold, ALL, places(*part))
-        for name, slopes, differences in zip(part, found, expected[first:], strict=False):
-            if name in ("T_d", "T_set") and ship == "dead times of whole steps":
-                continue
-            error = rms(slopes - differences) / np.maximum(rms(differences), 1e-6)
-            assert error.max() < 1e-4, (name, error)
-
-
 @pytest.mark.parametrize("name", ["T_d", "T_set", "tau_act", "tau_twist"])
 @pytest.mark.parametrize("more", [{}, {"K_d": 0.1}, {**REST, "tau_act": 0.0}, TORQUE])
 def test_an_element_goes_to_off_continuously(name, more):
@@ -168,57 +115,6 @@ def test_an_element_goes_to_off_continuously(name, more):
     nearly = simulated({**more, name: small, **damped}, "first", 10)
     # A stiff shaft is stepped otherwise, to the same order.
     assert np.abs(nearly - without).max() < (1e-3 if name == "tau_twist" else 1e-6) * np.ptp(without)
-
-
-@pytest.mark.parametrize("name", ["T_d", "T_set", "tau_act"])
-@pytest.mark.parametrize("more", [{}, {"T_d": 0.0413}, {"tau_act": 0.05}, {"K_d": 0.1}, REST])
-def test_a_time_that_begins_has_its_derivative_to_the_right(name, more):
-    values = {**more, name: 0.0}
-    u, load = record()
-    _, slopes = _core.ship_sensitivities(vector(**values), u, load, DT, 10, "first", ALL, places(name))
-    step = 1e-6
-    base, near, far = (simulated({**values, name: by}, "first", 10) for by in (0.0, step, 2.0 * step))
-    expected = (4.0 * near - far - 3.0 * base) / (2.0 * step)
-    assert (rms(slopes[0] - expected) / rms(expected)).max() < 1e-3
-
-
-@pytest.mark.parametrize("hold", ["first", "zero"])
-@pytest.mark.parametrize("ship", SHIPS)
-def test_values_are_the_same_with_and_without_derivatives(ship, hold):
-    u, load = record()
-    names = acting(SHIPS[ship], begins=True)
-    for count in (0, 5, 12, 20):
-        arguments = (vector(**SHIPS[ship]), u, load, DT, 0, hold, ALL, places(*names[:count]))
-        values, slopes = _core.ship_sensitivities(*arguments)
-        assert np.abs(values - simulated(SHIPS[ship], hold, 0)).max() < 1e-12
-        assert slopes.shape == (min(count, len(names)), len(ALL), SAMPLES)
-
-
-def bridged(row, masked):
-    at = np.arange(row.size)
-    return np.interp(at, at[~masked], row[~masked])
-
-
-@pytest.mark.parametrize(("stride", "down"), [(1, 1), (2, 3), (3, 2)])
-def test_what_a_record_shows_is_bridged_filtered_and_decimated(stride, down):
-    ship, samples = vector(**LATE, tau_act=0.05), 240
-    u, load = record(samples)
-    outputs, wrt = [0, 2, 3], places("tau_n", "K_p", "T_d")
-    values, slopes = _core.ship_sensitivities(ship, u, load, DT, 4, "first", outputs, wrt)
-    rows = np.concatenate([values[:, None], slopes.transpose(1, 0, 2)], axis=1)[:, :, ::stride]
-    random = np.random.default_rng(3)
-    masked = random.random((rows.shape[2], len(outputs))) < 0.2
-    masked[:5, 0] = masked[-7:, 1] = masked[30:50, 2] = True
-    taps = np.hanning(11) + 0.1
-    found = _core.ship_observed(ship, u, load, DT, 4, "first", stride, outputs, wrt, masked, taps, down)
-    for output in range(len(outputs)):
-        for column in range(1 + len(wrt)):
-            row = bridged(rows[output, column], masked[:, output])
-            held = np.pad(row, len(taps) // 2, mode="edge")
-            expected = upfirdn(taps[::-1], held)[len(taps) - 1 :][: row.size][::down]
-            np.testing.assert_allclose(
-                found[output, column], expected, rtol=1e-12, atol=1e-12 * np.abs(expected).max()
-            )
 
 
 @pytest.mark.parametrize(
@@ -250,41 +146,30 @@ def test_a_parameter_that_makes_no_sense_is_named(changes, message):
         (4, 1 << 20, "substeps is 1048576, expected 1 to"),
         (6, [6], "outputs: found 6, expected 0 to 5"),
         (6, [], "outputs is empty"),
-        (7, [*range(6), *range(6)] * 3, "wrt has 36 entries, expected at most 24"),
-        (7, [len(NAMES)], f"wrt: found {len(NAMES)}, expected 0 to {len(NAMES) - 1}"),
     ],
 )
 def test_what_makes_no_sense_is_refused_in_a_line(place, wrong, message):
-    arguments = [vector(), np.ones(5), NO_LOAD, DT, 0, "first", [0], []]
+    arguments = [vector(), np.ones(5), NO_LOAD, DT, 0, "first", [0]]
     arguments[place] = wrong
     with pytest.raises(InputError, match=message) as caught:
-        _core.ship_sensitivities(*arguments)
+        _core.simulate_ship(*arguments)
     assert "\n" not in str(caught.value)
 
 
 def test_an_envelope_is_the_limit_it_draws_and_bends_where_it_does():
     u, _ = record()
-    wrt = places("tau_n", "g", "K_p", "K_i", "p")
     arguments = (u, NO_LOAD, DT, 10, "first", ALL)
-    line = _core.ship_sensitivities(vector(M_max=1.05, M_max_slope=-0.5), *arguments, wrt)
     straight = np.array([[0.5, 1.0, 1.5], [1.3, 1.05, 0.8]])
-    for found, expected in zip(
-        _core.ship_sensitivities(vector(), *arguments, wrt, straight), line, strict=True
-    ):
-        np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-11)
+    line = _core.simulate_ship(vector(M_max=1.05, M_max_slope=-0.5), *arguments)
+    np.testing.assert_allclose(
+        _core.simulate_ship(vector(), *arguments, straight), line, rtol=1e-9, atol=1e-11
+    )
     bent = np.array([[0.9, 1.0, 1.1], [1.02, 1.05, 1.05]])
-    values, slopes = _core.ship_sensitivities(vector(), *arguments, wrt, bent)
-    np.testing.assert_array_equal(values, _core.simulate_ship(vector(), *arguments, bent))
+    values = _core.simulate_ship(vector(), *arguments, bent)
     highest = np.interp(1.0 + values[0], *bent)
     reached = 1.0 + values[1] > highest - 1e-9
     assert 0.1 < reached.mean() < 0.9
     assert (1.0 + values[1] <= highest + 1e-12).all()
-    for place, slope in zip(wrt, slopes, strict=True):
-        moved = [vector() for _ in range(2)]
-        for one, step in zip(moved, (1e-6, -1e-6), strict=True):
-            one[place] += step
-        high, low = (_core.simulate_ship(one, *arguments, bent) for one in moved)
-        np.testing.assert_allclose(slope[0], (high[0] - low[0]) / 2e-6, atol=1e-4 * np.abs(slope[0]).max())
 
 
 def test_an_envelope_stands_in_place_of_a_limit():
@@ -292,12 +177,6 @@ def test_an_envelope_stands_in_place_of_a_limit():
         _core.simulate_ship(
             vector(M_max=1.1), np.ones(5), NO_LOAD, DT, 1, "first", [0], np.array([[1.0], [1.2]])
         )
-
-
-@pytest.mark.parametrize("name", ["M_max", "T_s", "tau_twist", "anti_windup", "zeta_twist"])
-def test_what_has_no_derivative_is_refused(name):
-    with pytest.raises(InputError, match=name):
-        _core.ship_sensitivities(vector(), np.ones(5), NO_LOAD, DT, 0, "first", [0], places(name))
 
 
 def test_a_ship_that_runs_away_ends_the_simulation():
@@ -342,18 +221,17 @@ def test_a_set_point_that_stands_leaves_the_ship_at_rest(data):
 
 
 def test_a_sample_late_in_a_long_record_costs_what_an_early_one_does():
-    """Derivatives by the initial state die away; numbers below the normal ones would cost a hundred times as much."""
-    wrt = places("initial_N", "initial_F", "tau_n", "K_p")
+    """A deviation dies away; numbers below the normal ones would cost a hundred times as much."""
     ship = vector(tau_n=0.03, K_p=1.0, K_i=50.0, T_d=0.004, tau_act=0.005, initial_N=0.99, tau_prop=0.01)
 
     def seconds(samples):
-        arguments = (ship, np.ones(samples), NO_LOAD, 0.005, 2, "first", [0, 2], wrt)
+        arguments = (ship, np.ones(samples), NO_LOAD, 0.005, 2, "first", [0, 2])
         best = math.inf
         for _ in range(5):
             start = time.process_time()
-            _, slopes = _core.ship_sensitivities(*arguments)
+            rows = _core.simulate_ship(*arguments)
             best = min(best, time.process_time() - start)
-        sizes = np.abs(slopes[slopes != 0.0])
+        sizes = np.abs(rows[rows != 0.0])
         assert sizes.min() >= np.finfo(float).tiny
         return best / samples
 

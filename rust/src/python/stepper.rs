@@ -1,19 +1,17 @@
 //! Bindings of the ship.
 
-use numpy::{PyArray2, PyArray3, PyReadonlyArray2, PyUntypedArrayMethods};
+use numpy::{PyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;
 
-use super::arrays::{Matrix, Sensitivities, Vector, borrow, expect_shape, filled, filled_with_derivatives};
-use crate::error::require;
+use super::arrays::{Matrix, Vector, borrow, expect_shape, filled};
 use crate::hold::Hold;
-use crate::memory::zeros;
 use crate::stepper::{
-    DETAIL, Decimation, Detail, Envelope, OFF, OUTPUTS, Output, PARAMETERS, Parameters, Run, Task, observe,
-    simulate, simulate_explicitly,
+    DETAIL, Detail, Envelope, OFF, OUTPUTS, Output, PARAMETERS, Parameters, Run, simulate,
+    simulate_explicitly,
 };
 
-/// Simulate the ship; [O, N].
+/// Simulate the ship, whose highest torque by speed is `envelope` [2, K]; [O, N].
 #[pyfunction]
 #[pyo3(signature = (parameters, u, load, dt, substeps, hold, outputs, envelope=None))]
 #[allow(clippy::too_many_arguments)]
@@ -24,50 +22,19 @@ fn simulate_ship<'py>(
     load: &Bound<'py, PyAny>,
     dt: f64,
     substeps: usize,
-    hold: &str,
+    hold: Hold,
     outputs: Vec<usize>,
     envelope: Option<Bound<'py, PyAny>>,
 ) -> PyResult<Bound<'py, PyArray2<f64>>> {
-    Ok(ship_sensitivities(py, parameters, u, load, dt, substeps, hold, outputs, vec![], envelope)?.0)
-}
-
-/// Simulated outputs [O, N] and their derivatives [W, O, N] by the parameters of index `wrt`; `envelope` [2, K] has the
-/// highest torque by speed.
-#[pyfunction]
-#[pyo3(signature = (parameters, u, load, dt, substeps, hold, outputs, wrt, envelope=None))]
-#[allow(clippy::too_many_arguments)]
-fn ship_sensitivities<'py>(
-    py: Python<'py>,
-    parameters: &Bound<'py, PyAny>,
-    u: &Bound<'py, PyAny>,
-    load: &Bound<'py, PyAny>,
-    dt: f64,
-    substeps: usize,
-    hold: &str,
-    outputs: Vec<usize>,
-    wrt: Vec<usize>,
-    envelope: Option<Bound<'py, PyAny>>,
-) -> PyResult<Sensitivities<'py>> {
     let parameters = vector(parameters)?;
     let (u, load): (Vector<'_>, Vector<'_>) = (borrow("u", u)?, borrow("load", load)?);
     let substeps = if substeps == 0 { parameters.substeps(dt) } else { substeps };
-    let run = Run::new(u.as_slice()?, load.as_slice()?, dt, substeps, hold.parse()?, 1)?;
+    let run = Run::new(u.as_slice()?, load.as_slice()?, dt, substeps, hold)?;
     let envelope = limit(envelope.as_ref())?;
     let run = run.below(&envelope);
     let outputs = Output::from_indices(&outputs)?;
-    let task = Task { parameters, outputs: &outputs, wrt: &wrt };
-    let (width, count, samples) = (1 + wrt.len(), outputs.len(), run.seen());
-    filled_with_derivatives(py, [wrt.len(), count, samples], task.work(&run), |values, slopes, stop| {
-        let mut rows = zeros(samples * count * width)?;
-        simulate(&task, &run, &mut rows, stop)?;
-        for (at, row) in rows.chunks_exact(width).enumerate() {
-            let (sample, output) = (at / count, at % count);
-            values[output * samples + sample] = row[0];
-            for (direction, slope) in row[1..].iter().enumerate() {
-                slopes[(direction * count + output) * samples + sample] = *slope;
-            }
-        }
-        Ok(())
+    filled(py, [outputs.len(), run.set.len()], run.work(), |rows, stop| {
+        simulate(&parameters, &run, &outputs, rows, stop)
     })
 }
 
@@ -90,10 +57,9 @@ fn simulate_ship_by<'py>(
     let parameters = vector(parameters)?;
     let (u, initial): (Vector<'_>, Vector<'_>) = (borrow("u", u)?, borrow("initial", initial)?);
     let (limit, method) = (limit(envelope.as_ref())?, method.parse()?);
-    let run = Run::new(u.as_slice()?, &[], dt, substeps, hold, 1)?.below(&limit);
+    let run = Run::new(u.as_slice()?, &[], dt, substeps, hold)?.below(&limit);
     let (outputs, initial) = (Output::from_indices(&outputs)?, initial.as_slice()?);
-    let work = run.set.len().saturating_mul(substeps);
-    filled(py, [outputs.len(), run.set.len()], work, |rows, stop| {
+    filled(py, [outputs.len(), run.set.len()], run.work(), |rows, stop| {
         simulate_explicitly(&parameters, &run, method, initial, &outputs, rows, stop)
     })
 }
@@ -126,55 +92,11 @@ fn simulate_detailed_ship<'py>(
     let quadrants = if count == 0 { None } else { Some([of(1)?, of(2)?]) };
     let detail = Detail::new(detail.as_slice()?, strength.as_slice()?, quadrants)?;
     let envelope = limit(envelope.as_ref())?;
-    let run = Run::new(u.as_slice()?, &[], dt, substeps, hold, 1)?.below(&envelope);
+    let run = Run::new(u.as_slice()?, &[], dt, substeps, hold)?.below(&envelope);
     let run = Run { detail: Some(&detail), ..run };
     let outputs = Output::from_indices(&outputs)?;
-    let task = Task { parameters, outputs: &outputs, wrt: &[] };
-    let (samples, count) = (run.seen(), outputs.len());
-    filled(py, [count, samples], task.work(&run), |values, stop| {
-        let mut rows = zeros(samples * count)?;
-        simulate(&task, &run, &mut rows, stop)?;
-        for (at, value) in rows.into_iter().enumerate() {
-            values[at % count * samples + at / count] = value;
-        }
-        Ok(())
-    })
-}
-
-/// Outputs and derivatives as a record shows them, low-passed and decimated; [O, 1 + W, M].
-#[pyfunction]
-#[allow(clippy::too_many_arguments)]
-fn ship_observed<'py>(
-    py: Python<'py>,
-    parameters: &Bound<'py, PyAny>,
-    u: &Bound<'py, PyAny>,
-    load: &Bound<'py, PyAny>,
-    dt: f64,
-    substeps: usize,
-    hold: &str,
-    stride: usize,
-    outputs: Vec<usize>,
-    wrt: Vec<usize>,
-    masked: &Bound<'py, PyAny>,
-    taps: &Bound<'py, PyAny>,
-    down: usize,
-) -> PyResult<Bound<'py, PyArray3<f64>>> {
-    let parameters = vector(parameters)?;
-    let (u, load): (Vector<'_>, Vector<'_>) = (borrow("u", u)?, borrow("load", load)?);
-    let run = Run::new(u.as_slice()?, load.as_slice()?, dt, substeps, hold.parse()?, stride)?;
-    let outputs = Output::from_indices(&outputs)?;
-    let masked: PyReadonlyArray2<'_, bool> = borrow("masked", masked)?;
-    expect_shape("masked", masked.shape(), [run.seen(), outputs.len()], "samples, outputs")?;
-    let taps: Vector<'_> = borrow("taps", taps)?;
-    let (masked, low_pass) = (masked.as_slice()?, Decimation { taps: taps.as_slice()?, down });
-    require(down > 0, || "down is 0, expected 1 or more".to_owned())?;
-    let task = Task { parameters, outputs: &outputs, wrt: &wrt };
-    let width = 1 + wrt.len();
-    let left = low_pass.left(run.seen());
-    filled(py, [outputs.len(), width, left], task.work(&run), |seen, stop| {
-        let mut rows = zeros(run.seen() * outputs.len() * width)?;
-        simulate(&task, &run, &mut rows, stop)?;
-        observe(&mut rows, masked, outputs.len(), &low_pass, seen, stop)
+    filled(py, [outputs.len(), run.set.len()], run.work(), |rows, stop| {
+        simulate(&parameters, &run, &outputs, rows, stop)
     })
 }
 
@@ -202,7 +124,5 @@ pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(simulate_ship, module)?)?;
     module.add_function(wrap_pyfunction!(simulate_ship_by, module)?)?;
     module.add_function(wrap_pyfunction!(simulate_detailed_ship, module)?)?;
-    module.add_function(wrap_pyfunction!(ship_sensitivities, module)?)?;
-    module.add_function(wrap_pyfunction!(ship_observed, module)?)?;
     Ok(())
 }

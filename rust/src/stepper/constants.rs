@@ -1,87 +1,78 @@
 //! What stays the same over a run of the ship: its constants, and which of its elements act.
 
-use crate::scalar::Scalar;
-
 use super::parameters::{Parameters, at};
 use super::run::Run;
 
 /// Constants of a run.
-pub struct Constants<T> {
-    pub inverse_tau: T,
+pub struct Constants {
+    pub inverse_tau: f64,
     /// Step over `tau_n`.
-    pub step_over_tau: T,
-    pub g: T,
-    pub v: T,
-    pub k_p: T,
-    pub k_i: T,
-    pub k_d: T,
-    pub tau_prop: T,
-    pub load_gain: T,
-    pub s_m: T,
-    pub lag: Lag<T>,
-    pub highest: T,
-    pub highest_slope: T,
-    pub softness: T,
-    pub lowest: T,
-    pub fastest_up: T,
-    pub fastest_down: T,
-    pub rack_most: T,
-    pub rack_least: T,
+    pub step_over_tau: f64,
+    pub g: f64,
+    pub v: f64,
+    pub k_p: f64,
+    pub k_i: f64,
+    pub k_d: f64,
+    pub tau_prop: f64,
+    pub load_gain: f64,
+    pub s_m: f64,
+    pub lag: Lag,
+    pub highest: f64,
+    pub highest_slope: f64,
+    pub softness: f64,
+    pub lowest: f64,
+    pub fastest_up: f64,
+    pub fastest_down: f64,
+    pub rack_most: f64,
+    pub rack_least: f64,
 }
 
 /// An actuator's lag over a step.
-pub struct Lag<T> {
+pub struct Lag {
     /// Its time constant [s], and that over the step.
-    pub time: T,
-    pub in_steps: T,
+    pub time: f64,
+    pub in_steps: f64,
     /// What is left of its state.
-    pub stays: T,
+    pub stays: f64,
     /// What it follows of the part by which the command's end is beyond its mean.
-    pub bend: T,
+    pub bend: f64,
     /// What it follows of a command that rises from zero to one over the step.
-    pub follows: T,
+    pub follows: f64,
 }
 
-impl<T: Scalar> Lag<T> {
-    fn new(time: T, h: f64) -> Self {
-        let value = time.value();
-        let stays = if value > 0.0 {
-            let stays = (-h / value).exp();
-            time.function(stays, stays * h / (value * value))
-        } else {
-            time.constant(0.0)
-        };
+impl Lag {
+    fn new(time: f64, h: f64) -> Self {
+        let stays = if time > 0.0 { (-h / time).exp() } else { 0.0 };
         let in_steps = time * (1.0 / h);
-        let behind = in_steps * (stays * -1.0 + 1.0);
-        Self { time, in_steps, stays, bend: (stays - behind) * 2.0, follows: behind * -1.0 + 1.0 }
+        let behind = in_steps * (1.0 - stays);
+        Self { time, in_steps, stays, bend: (stays - behind) * 2.0, follows: 1.0 - behind }
     }
 }
 
-impl<T: Scalar> Constants<T> {
-    /// From the parameters as numbers, for a step `h` [s].
-    pub fn new(number: &impl Fn(usize) -> T, h: f64) -> Self {
-        let tau = number(at::TAU_N);
-        let inverse_tau = tau.constant(1.0) / tau;
+impl Constants {
+    /// For a step `h` [s].
+    pub fn new(parameters: &Parameters, h: f64) -> Self {
+        let inverse_tau = 1.0 / parameters.of(at::TAU_N);
         Self {
             inverse_tau,
             step_over_tau: inverse_tau * h,
-            g: number(at::G),
-            v: number(at::V),
-            k_p: number(at::K_P),
-            k_i: number(at::K_I),
-            k_d: number(at::K_D),
-            tau_prop: number(at::TAU_PROP),
-            load_gain: number(at::LOAD_GAIN),
-            s_m: number(at::S_M),
-            lag: Lag::new(number(at::TAU_ACT), h),
-            highest: number(at::M_MAX),
-            highest_slope: number(at::M_MAX_SLOPE),
-            softness: number(at::M_SOFT),
-            lowest: number(at::M_MIN),
-            fastest_up: number(at::RATE_UP) * h,
-            fastest_down: number(at::RATE_DOWN) * -h,
-            rack_most: number(at::X_MAX),
-            rack_least: number(at::X_MIN),
+            g: parameters.of(at::G),
+            v: parameters.of(at::V),
+            k_p: parameters.of(at::K_P),
+            k_i: parameters.of(at::K_I),
+            k_d: parameters.of(at::K_D),
+            tau_prop: parameters.of(at::TAU_PROP),
+            load_gain: parameters.of(at::LOAD_GAIN),
+            s_m: parameters.of(at::S_M),
+            lag: Lag::new(parameters.of(at::TAU_ACT), h),
+            highest: parameters.of(at::M_MAX),
+            highest_slope: parameters.of(at::M_MAX_SLOPE),
+            softness: parameters.of(at::M_SOFT),
+            lowest: parameters.of(at::M_MIN),
+            fastest_up: parameters.of(at::RATE_UP) * h,
+            fastest_down: parameters.of(at::RATE_DOWN) * -h,
+            rack_most: parameters.of(at::X_MAX),
+            rack_least: parameters.of(at::X_MIN),
         }
     }
 }
@@ -110,12 +101,11 @@ pub struct Acting {
 }
 
 impl Acting {
-    /// What acts by its value, or because a derivative by it is asked for.
-    pub fn new(parameters: &Parameters, run: &Run<'_>, wrt: &[usize]) -> Self {
-        let acts = |place: usize| !parameters.is_off(place) || wrt.contains(&place);
+    pub fn new(parameters: &Parameters, run: &Run<'_>) -> Self {
+        let acts = |place: usize| !parameters.is_off(place);
         let rate = acts(at::RATE_UP) || acts(at::RATE_DOWN);
         Self {
-            gain: parameters.of(at::V) != 1.0 || wrt.contains(&at::V),
+            gain: parameters.of(at::V) != 1.0,
             derivative: acts(at::K_D) && run.detail.is_none(),
             curvature: acts(at::CURVATURE),
             damping: acts(at::DAMPING),

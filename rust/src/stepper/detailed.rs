@@ -1,48 +1,46 @@
 //! A step of a ship with what only the simulation of a whole drive train needs.
 
-use crate::scalar::Scalar;
-
 use super::command::Clock;
 use super::shaft::Twist;
 use super::step::{Ahead, Ship};
 
-impl<T: Scalar, const D: bool> Ship<'_, T, D> {
+impl<const D: bool> Ship<'_, D> {
     /// Torque of the engine as the step begins.
     #[inline(always)]
-    pub(super) fn braked(&self) -> T {
+    pub(super) fn braked(&self) -> f64 {
         match &self.detail {
-            Some(detail) if D => self.speed.constant(detail.brake),
+            Some(detail) if D => detail.brake,
             _ => self.engine(self.speed, self.rack).0,
         }
     }
 
     /// That torque, less what is lost on the engine's side.
     #[inline(always)]
-    pub(super) fn driving(&mut self) -> T {
+    pub(super) fn driving(&mut self) -> f64 {
         self.driving_at(self.speed, self.rack)
     }
 
     #[inline(always)]
-    fn driving_at(&mut self, speed: T, rack: T) -> T {
+    fn driving_at(&mut self, speed: f64, rack: f64) -> f64 {
         let asked = self.engine(speed, rack).0;
         match &mut self.detail {
-            Some(detail) if D => asked.constant(detail.net(asked.value(), speed.value())),
+            Some(detail) if D => detail.net(asked, speed),
             _ => asked,
         }
     }
 
     /// A command, less what the governor takes off for the filtered speed's rate.
     #[inline(always)]
-    pub(super) fn eased(&self, command: T) -> T {
-        self.detail.as_ref().map_or(command, |detail| command.plus(self.c.k_d, -detail.pace))
+    pub(super) fn eased(&self, command: f64) -> f64 {
+        self.detail.as_ref().map_or(command, |detail| command - self.c.k_d * detail.pace)
     }
 
     /// Let a governor that computes once a firing do so when one is due in this step.
     #[inline(always)]
-    pub(super) fn time_firing(&self, clock: &mut Clock<T>) {
+    pub(super) fn time_firing(&self, clock: &mut Clock) {
         if let (Some(detail), true) = (&self.detail, clock.at_firings) {
             let due = detail.fires().map_or(f64::INFINITY, |part| (self.at as f64 + part) * self.h);
-            clock.next = clock.next.constant(due);
+            clock.next = due;
             // Firings come quicker as the engine does; the sum is one over time.
             if clock.taken > 0 && due.is_finite() {
                 clock.period = clock.next - clock.first;
@@ -51,9 +49,9 @@ impl<T: Scalar, const D: bool> Ship<'_, T, D> {
     }
 
     #[inline(always)]
-    pub(super) fn sample_detail(&mut self, speed: T, period: T) {
+    pub(super) fn sample_detail(&mut self, speed: f64, period: f64) {
         if let Some(detail) = &mut self.detail {
-            detail.sample(speed.value(), period.value());
+            detail.sample(speed, period);
         }
     }
 
@@ -63,41 +61,38 @@ impl<T: Scalar, const D: bool> Ship<'_, T, D> {
         if let Some(detail) = &self.detail
             && detail.smokes()
         {
-            self.c.rack_most = self.rack.constant(detail.ceiling(self.rack.value(), self.h));
+            self.c.rack_most = detail.ceiling(self.rack, self.h);
         }
     }
 
     /// Begin with the ripple of the propeller, in the charge air of the rack.
     pub(super) fn rest_detail(&mut self) {
         if let Some(detail) = &mut self.detail {
-            self.law = self.law * detail.propeller.ripple();
-            detail.stop = self.c.rack_most.value();
+            self.law *= detail.propeller.ripple();
+            detail.stop = self.c.rack_most;
         }
         self.choke();
     }
 
     /// Foresee the step's end by the firings that are under way, where there are any.
     #[inline(always)]
-    fn foresee(&mut self, ahead: &mut Ahead<T>) {
+    fn foresee(&mut self, ahead: &mut Ahead) {
         let Some(detail) = &mut self.detail else { return };
-        if let Some(torque) = detail.foresee(0.5 * (self.speed + ahead.speed).value(), self.h) {
-            let mean = ahead.speed.constant(torque);
+        if let Some(mean) = detail.foresee(0.5 * (self.speed + ahead.speed), self.h) {
             let pace = match &self.twist {
-                Some(twist) => {
-                    (mean - twist.torque(self.speed).plus(twist.torque_growth, 0.5)) * twist.inverse
-                }
-                None => (mean - self.law + -0.5 * detail.load_growth) * self.c.inverse_tau,
+                Some(twist) => (mean - twist.torque(self.speed) - 0.5 * twist.torque_growth) * twist.inverse,
+                None => (mean - self.law - 0.5 * detail.load_growth) * self.c.inverse_tau,
             };
             self.growth = (pace - self.acceleration) * 2.0;
             ahead.rise = pace * self.h;
             ahead.speed = self.speed + ahead.rise;
         }
-        detail.follow(ahead.rise.value(), self.h);
+        detail.follow(ahead.rise, self.h);
     }
 
     /// A step of either shaft.
     #[inline(always)]
-    pub(super) fn detailed(&mut self, mut ahead: Ahead<T>) {
+    pub(super) fn detailed(&mut self, mut ahead: Ahead) {
         self.foresee(&mut ahead);
         self.choke();
         let [rack, mean_rack] = self.driven(&ahead);
@@ -116,48 +111,47 @@ impl<T: Scalar, const D: bool> Ship<'_, T, D> {
 
     /// Torque on the engine's side at both ends of the step, behind what its firings and its rate make of it.
     #[inline(always)]
-    fn drive(&mut self, ahead: &Ahead<T>, rack: T, mean_rack: T) -> [T; 2] {
+    fn drive(&mut self, ahead: &Ahead, rack: f64, mean_rack: f64) -> [f64; 2] {
         // A command that jumps in a step did so before a cylinder fires: the governor computes first.
         let stairs = self.clock.is_some() && !self.acting.lag;
         let fires = self.detail.as_ref().is_some_and(|detail| detail.fires().is_some());
         let start = if stairs && fires { rack } else { mean_rack * 2.0 - rack };
-        let asked = [(self.speed, start), (ahead.speed, rack)]
-            .map(|(speed, rack)| self.engine(speed, rack).0.value());
-        let speeds = [self.speed.value(), ahead.speed.value()];
-        let drive = self.detail.as_mut().map_or(asked, |detail| {
-            detail.breathe(mean_rack.value(), self.h);
+        let asked =
+            [(self.speed, start), (ahead.speed, rack)].map(|(speed, rack)| self.engine(speed, rack).0);
+        let speeds = [self.speed, ahead.speed];
+        self.detail.as_mut().map_or(asked, |detail| {
+            detail.breathe(mean_rack, self.h);
             detail.drive(asked, speeds, self.h, stairs)
-        });
-        drive.map(|torque| rack.constant(torque))
+        })
     }
 
     /// Load at both ends of a step that takes the propeller from a speed to another one, and its slope.
     #[inline(always)]
-    fn loaded(&mut self, from: T, to: T) -> ([T; 2], T) {
-        let begun = self.law.value();
+    fn loaded(&mut self, from: f64, to: f64) -> ([f64; 2], f64) {
+        let begun = self.law;
         let Some(detail) = &mut self.detail else { return ([self.law; 2], to) };
-        let [law, slope] = detail.propeller.load(&mut self.law_of, from.value(), to, self.h);
-        self.law = to.constant(law);
-        (detail.bent_load([begun, law]).map(|torque| to.constant(torque)), to.constant(slope))
+        let [law, slope] = detail.propeller.load(&mut self.law_of, from, to, self.h);
+        self.law = law;
+        (detail.bent_load([begun, law]), slope)
     }
 
     #[inline(always)]
-    fn detailed_rigid(&mut self, ahead: &Ahead<T>, drive: [T; 2]) -> T {
+    fn detailed_rigid(&mut self, ahead: &Ahead, drive: [f64; 2]) -> f64 {
         let (load, slope) = self.loaded(self.speed, ahead.speed);
         let mean = (drive[0] + drive[1] - load[0] - load[1]) * 0.5;
-        let speed = self.speed.plus_product(mean, self.c.step_over_tau);
-        self.law = self.law.plus_product(speed - ahead.speed, slope);
+        let speed = self.speed + mean * self.c.step_over_tau;
+        self.law += (speed - ahead.speed) * slope;
         speed
     }
 
     #[inline(always)]
-    fn detailed_twist(&mut self, mut twist: Box<Twist<T>>, drive: [T; 2]) -> T {
+    fn detailed_twist(&mut self, mut twist: Box<Twist>, drive: [f64; 2]) -> f64 {
         let torque = twist.torque(self.speed);
         let pace = (torque - self.law) * twist.inverse_prop;
-        let ahead = twist.propeller.plus(pace, self.h).plus(twist.propeller_growth, 0.5 * self.h);
+        let ahead = twist.propeller + pace * self.h + twist.propeller_growth * (0.5 * self.h);
         let (load, slope) = self.loaded(twist.propeller, ahead);
         let speed = twist.go(self.speed, drive, load);
-        self.law = self.law.plus_product(twist.propeller - ahead, slope);
+        self.law += (twist.propeller - ahead) * slope;
         let after = twist.torque(speed);
         twist.torque_growth = after - torque;
         twist.propeller_growth = (after - self.law) * twist.inverse_prop - pace;

@@ -43,17 +43,17 @@ impl Envelope {
         self.speed.is_empty()
     }
 
-    /// Highest torque at a speed, and its slope; at a point the slope of the piece above it.
+    /// Highest torque at a speed.
     #[inline(always)]
     #[must_use]
-    pub fn at(&self, speed: f64) -> [f64; 2] {
+    pub fn at(&self, speed: f64) -> f64 {
         let above = self.speed.iter().position(|&point| speed < point).unwrap_or(self.speed.len());
         let Some(below) = above.checked_sub(1) else {
-            return [self.torque.first().copied().unwrap_or(f64::INFINITY), 0.0];
+            return self.torque.first().copied().unwrap_or(f64::INFINITY);
         };
         let slope = self.slope[below];
         let run = if slope == 0.0 { 0.0 } else { speed - self.speed[below] };
-        [self.torque[below] + slope * run, slope]
+        self.torque[below] + slope * run
     }
 }
 
@@ -69,23 +69,20 @@ mod tests {
     proptest! {
         #[test]
         fn every_lookup_is_the_interpolation(speed in -5.0..40.0) {
-            let [torque, slope] = Envelope::new(&SPEED, &TORQUE).unwrap().at(speed);
+            let torque = Envelope::new(&SPEED, &TORQUE).unwrap().at(speed);
             let within = speed.clamp(SPEED[0], SPEED[3]);
             let i = (0..3).rev().find(|&i| within >= SPEED[i]).unwrap_or(0);
             let part = (within - SPEED[i]) / (SPEED[i + 1] - SPEED[i]);
             let expected = TORQUE[i] * (1.0 - part) + TORQUE[i + 1] * part;
             prop_assert!((torque - expected).abs() < 1e-12 * expected);
-            let steepness = (TORQUE[i + 1] - TORQUE[i]) / (SPEED[i + 1] - SPEED[i]);
-            let expected = if (SPEED[0]..SPEED[3]).contains(&speed) { steepness } else { 0.0 };
-            prop_assert!((slope - expected).abs() < 1e-12);
         }
     }
 
     #[test]
     #[allow(clippy::float_cmp)] // Exact on purpose.
     fn no_point_is_no_limit_one_is_a_constant_and_any_speed_is_survived() {
-        assert_eq!(Envelope::new(&[], &[]).unwrap().at(20.0), [f64::INFINITY, 0.0]);
-        assert_eq!(Envelope::new(&[20.0], &[446.0]).unwrap().at(7.0), [446.0, 0.0]);
+        assert_eq!(Envelope::new(&[], &[]).unwrap().at(20.0), f64::INFINITY);
+        assert_eq!(Envelope::new(&[20.0], &[446.0]).unwrap().at(7.0), 446.0);
         let table = Envelope::new(&SPEED, &TORQUE).unwrap();
         for speed in [f64::INFINITY, f64::NEG_INFINITY, f64::NAN] {
             let _ = table.at(speed);

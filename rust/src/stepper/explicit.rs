@@ -91,7 +91,7 @@ pub fn simulate_explicitly(
     })?;
     let samples = run.set.len();
     require(rows.len() == samples * outputs.len(), || format!("found room for {} values", rows.len()))?;
-    let mut ship: Ship<'_, f64, false> = Ship::new(parameters, run, &[], |place| parameters.of(place));
+    let mut ship: Ship<'_, false> = Ship::new(parameters, run);
     let (step, mut unchecked) = (run.step(), 0);
     for (sample, &now) in run.set.iter().enumerate() {
         state[1] = cut(state[1]);
@@ -121,7 +121,7 @@ pub fn simulate_explicitly(
 
 /// The state after a step `h`, with the set point at its begin, middle and end.
 #[inline(always)]
-fn advanced(ship: &mut Ship<'_, f64, false>, method: Method, set: [f64; 3], state: State, h: f64) -> State {
+fn advanced(ship: &mut Ship<'_, false>, method: Method, set: [f64; 3], state: State, h: f64) -> State {
     let first = rate(ship, set[0], state);
     match method {
         Method::Euler => after(state, first, h),
@@ -145,13 +145,13 @@ fn after(state: State, rate: State, time: f64) -> State {
 }
 
 #[inline(always)]
-fn rate(ship: &mut Ship<'_, f64, false>, set: f64, [speed, sum]: State) -> State {
+fn rate(ship: &mut Ship<'_, false>, set: f64, [speed, sum]: State) -> State {
     let rack = ship.within_limits(ship.commanded(set - speed, sum, 0.0));
     let torque = ship.engine(speed, rack).0 - ship.law_of.value(speed);
     [torque * ship.c.inverse_tau, set - speed]
 }
 
-fn shown(ship: &mut Ship<'_, f64, false>, set: f64, [speed, sum]: State, output: Output) -> f64 {
+fn shown(ship: &mut Ship<'_, false>, set: f64, [speed, sum]: State, output: Output) -> f64 {
     let rack = ship.within_limits(ship.commanded(set - speed, sum, 0.0));
     match output {
         Output::Speed | Output::PropellerSpeed => speed - 1.0,
@@ -181,7 +181,7 @@ mod tests {
             values[place] = value;
         }
         let parameters = Parameters::new(&values, "parameters").unwrap();
-        let run = Run::new(&[1.0, 1.0], &[], 0.3, 1, Hold::Zero, 1).unwrap();
+        let run = Run::new(&[1.0, 1.0], &[], 0.3, 1, Hold::Zero).unwrap();
         let found = |method| {
             let mut rows = [0.0; 2];
             simulate_explicitly(

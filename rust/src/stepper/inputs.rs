@@ -1,7 +1,6 @@
 //! Set point and load between their samples: straight lines or stairs, read late.
 
 use crate::hold::Hold;
-use crate::scalar::Scalar;
 
 use super::run::Run;
 
@@ -10,15 +9,15 @@ const TINY: f64 = 1e-9;
 
 /// An input over one step: its values at both ends, seen from inside the step, and its mean.
 #[derive(Debug, Clone, Copy)]
-pub struct Span<T> {
-    pub start: T,
-    pub end: T,
-    pub mean: T,
+pub struct Span {
+    pub start: f64,
+    pub end: f64,
+    pub mean: f64,
 }
 
 /// A sampled input that is read with a delay, times a scale and beside an offset where it has them.
 #[derive(Debug, Clone, Copy)]
-pub struct Input<'a, T> {
+pub struct Input<'a> {
     samples: &'a [f64],
     hold: Hold,
     /// Steps a sample, and samples a step.
@@ -26,32 +25,31 @@ pub struct Input<'a, T> {
     share: f64,
     /// Sample time [s].
     dt: f64,
-    /// Delay [s], and in samples.
-    delay: T,
+    /// Delay, in samples.
     late: f64,
     /// Before the first sample.
     before: f64,
-    scale: Option<(T, T)>,
+    scale: Option<(f64, f64)>,
 }
 
-impl<'a, T: Scalar> Input<'a, T> {
-    pub fn new(samples: &'a [f64], run: &Run<'_>, delay: T, scale: Option<(T, T)>) -> Self {
+impl<'a> Input<'a> {
+    pub fn new(samples: &'a [f64], run: &Run<'_>, delay: f64, scale: Option<(f64, f64)>) -> Self {
         let (substeps, dt) = (run.substeps as f64, run.dt);
-        let late = delay.value() / dt;
+        let late = delay / dt;
         // A whole drive train comes from its operating point.
         let before = if run.detail.is_some() { 1.0 } else { samples.first().copied().unwrap_or(0.0) };
-        Self { samples, hold: run.hold, substeps, share: 1.0 / substeps, dt, delay, late, before, scale }
+        Self { samples, hold: run.hold, substeps, share: 1.0 / substeps, dt, late, before, scale }
     }
 
     /// The input in the first step.
-    pub fn first(&self) -> Span<T> {
+    pub fn first(&self) -> Span {
         let start = self.straight(-self.late);
         self.over(0, start)
     }
 
     /// The input in the step that begins at instant `at`, counted in steps; `last` is where the step before ended.
     #[inline(always)]
-    pub fn over(&self, at: usize, last: T) -> Span<T> {
+    pub fn over(&self, at: usize, last: f64) -> Span {
         if self.hold == Hold::First {
             let end = self.straight((at + 1) as f64 * self.share - self.late);
             return Span { start: last, end, mean: (last + end) * 0.5 };
@@ -62,45 +60,33 @@ impl<'a, T: Scalar> Input<'a, T> {
         let (before, after) = (self.sample(edge - 1.0), self.sample(edge));
         let mean = if edge < to {
             let late = (edge - from) * self.substeps;
-            self.read(after + (before - after) * late, (before - after) * self.substeps / self.dt)
+            self.scaled(after + (before - after) * late)
         } else {
-            self.read(before, 0.0)
+            self.scaled(before)
         };
         Span { start: mean, end: mean, mean }
     }
 
-    /// The input at a time [s] that may depend on parameters.
+    /// The input at a time [s].
     #[inline(always)]
-    pub fn at(&self, time: T) -> T {
-        let late = time - self.delay;
-        let place = late.value() / self.dt;
-        self.scaled(match self.hold {
-            Hold::First => {
-                let left = place.ceil() - 1.0;
-                let (before, after) = (self.sample(left), self.sample(left + 1.0));
-                late.function(before + (after - before) * (place - left), (after - before) / self.dt)
-            }
-            Hold::Zero => time.constant(self.sample((place + TINY).floor())),
-        })
+    pub fn at(&self, time: f64) -> f64 {
+        let place = time / self.dt - self.late;
+        match self.hold {
+            Hold::First => self.straight(place),
+            Hold::Zero => self.scaled(self.sample((place + TINY).floor())),
+        }
     }
 
     #[inline(always)]
-    fn straight(&self, place: f64) -> T {
-        // A delay that grows brings the line before the sample.
-        let left = (place - TINY).ceil() - 1.0;
+    fn straight(&self, place: f64) -> f64 {
+        let left = place.ceil() - 1.0;
         let (before, after) = (self.sample(left), self.sample(left + 1.0));
-        self.read(before + (after - before) * (place - left), (before - after) / self.dt)
-    }
-
-    /// A value with its slope by the delay.
-    #[inline(always)]
-    fn read(&self, value: f64, slope: f64) -> T {
-        self.scaled(self.delay.function(value, slope))
+        self.scaled(before + (after - before) * (place - left))
     }
 
     #[inline(always)]
-    fn scaled(&self, value: T) -> T {
-        self.scale.map_or(value, |(factor, offset)| offset.plus_product(value, factor))
+    fn scaled(&self, value: f64) -> f64 {
+        self.scale.map_or(value, |(factor, offset)| offset + value * factor)
     }
 
     #[inline(always)]

@@ -1,34 +1,32 @@
 //! Channels that are late: outputs as they stood a delay ago, straight between the steps.
 
-use crate::scalar::Scalar;
-
 use super::output::Output;
 use super::step::Ship;
 
 /// What each output was at the last steps.
 #[derive(Debug)]
-pub struct Late<T> {
-    channels: Vec<(usize, T)>,
-    ring: Vec<T>,
+pub struct Late {
+    channels: Vec<(usize, f64)>,
+    ring: Vec<f64>,
     length: usize,
     at: usize,
 }
 
-impl<T: Scalar> Late<T> {
+impl Late {
     /// None where no channel is late.
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
-    pub fn new<const D: bool>(ship: &Ship<'_, T, D>, outputs: &[Output], h: f64) -> Option<Self> {
+    pub fn new<const D: bool>(ship: &Ship<'_, D>, outputs: &[Output], h: f64) -> Option<Self> {
         let [speed, torque] = ship.channel_delays()?;
         let channels: Vec<_> = outputs
             .iter()
             .map(|output| match output {
                 Output::Speed | Output::PropellerSpeed => speed,
                 Output::EngineTorque | Output::GaugeTorque => torque,
-                Output::Rack | Output::Sum => speed.constant(0.0),
+                Output::Rack | Output::Sum => 0.0,
             })
             .map(|delay| {
-                let whole = (delay.value() / h).floor();
-                (whole as usize, delay * (1.0 / h) + (-whole))
+                let whole = (delay / h).floor();
+                (whole as usize, delay * (1.0 / h) - whole)
             })
             .collect();
         let length = channels.iter().map(|channel| channel.0).max().unwrap_or_default() + 2;
@@ -42,7 +40,7 @@ impl<T: Scalar> Late<T> {
 
     /// Take the outputs of the next step's begin.
     #[inline(always)]
-    pub fn push<const D: bool>(&mut self, ship: &Ship<'_, T, D>, outputs: &[Output]) {
+    pub fn push<const D: bool>(&mut self, ship: &Ship<'_, D>, outputs: &[Output]) {
         self.at += 1;
         let place = self.at % self.length;
         for (channel, &output) in outputs.iter().enumerate() {
@@ -52,7 +50,7 @@ impl<T: Scalar> Late<T> {
 
     /// An output as its channel shows it now.
     #[inline(always)]
-    pub fn read(&self, channel: usize) -> T {
+    pub fn read(&self, channel: usize) -> f64 {
         let (whole, part) = self.channels[channel];
         let of =
             |steps: usize| self.ring[channel * self.length + (self.at + self.length - steps) % self.length];

@@ -1,4 +1,4 @@
-//! One ship at a fixed fine step: the model of every simulation, fit, sweep and design, with its derivatives.
+//! One ship at a fixed fine step: the model of every simulation.
 //!
 //! Speeds, torques and the set point `u` are divided by the operating point's. With `N` the speed, `e` its error, `I` the
 //! governor's sum, `X` its command, `A` the rack and `w` the deviation of a measured load:
@@ -18,7 +18,7 @@
 //!
 //! The step is an Adams predictor and corrector of third order for the speed; the lag is exact for commands that run
 //! straight over a step; dead times read between the steps; limits are clamps; a twisting shaft is the exponential of its own
-//! linear equations. Every element goes to "off" continuously, and derivatives are those of the steps themselves.
+//! linear equations. Every element goes to "off" continuously.
 
 #![allow(clippy::float_cmp)] // An element that is off is off exactly.
 
@@ -32,7 +32,6 @@ mod firing;
 mod inputs;
 mod late;
 mod law;
-mod observe;
 pub mod output;
 pub mod parameters;
 mod propeller;
@@ -45,7 +44,6 @@ mod torque;
 pub use detail::{DETAIL, Detail};
 pub use envelope::Envelope;
 pub use explicit::{Method, simulate_explicitly};
-pub use observe::{Decimation, observe};
 pub use output::{OUTPUTS, Output};
 pub use parameters::{OFF, PARAMETERS, Parameters};
-pub use run::{Run, Task, simulate};
+pub use run::{Run, simulate};

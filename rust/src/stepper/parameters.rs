@@ -203,40 +203,4 @@ impl Parameters {
         let step = LONGEST_S.min(PART * self.of(at::TAU_N) / fastest.max(1e-9));
         (dt / step * (1.0 - 1e-9)).ceil().clamp(1.0, MOST) as usize
     }
-
-    /// Check by what these are to be differentiated.
-    ///
-    /// # Errors
-    /// [`Error::Invalid`] for a place out of range, a switch, or an element that is off and has no derivative there.
-    pub fn check_wrt(&self, wrt: &[usize]) -> Result<()> {
-        for &place in wrt {
-            require(place < COUNT, || {
-                format!("wrt: found {place}, expected 0 to {}, see SHIP_PARAMETERS", COUNT - 1)
-            })?;
-            let name = PARAMETERS[place];
-            require(![at::ANTI_WINDUP, at::UPDATE].contains(&place), || {
-                format!("wrt: found {place}, {name}, expected no switch: it has no derivative")
-            })?;
-            let off = match place {
-                at::T_S
-                | at::M_MAX
-                | at::M_MIN
-                | at::RATE_UP
-                | at::RATE_DOWN
-                | at::X_MAX
-                | at::X_MIN
-                | at::TAU_TWIST => self.is_off(place),
-                at::T_0 => self.is_off(at::T_S),
-                at::M_MAX_SLOPE => self.is_off(at::M_MAX),
-                at::ZETA_TWIST => self.is_off(at::TAU_TWIST),
-                _ => false,
-            };
-            require(!off, || {
-                format!(
-                    "wrt: found {place}, {name}, which has no effect here, expected a parameter that acts; set it or leave it out"
-                )
-            })?;
-        }
-        Ok(())
-    }
 }

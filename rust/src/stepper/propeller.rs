@@ -2,8 +2,6 @@
 
 use std::f64::consts::TAU;
 
-use crate::scalar::Scalar;
-
 use super::envelope::Envelope;
 use super::law::Law;
 
@@ -50,13 +48,13 @@ impl Propeller {
 
     /// The load at a speed, and its slope; the mean over a turn.
     #[inline(always)]
-    pub fn mean_load<T: Scalar>(&self, law: &mut Law<T>, speed: T) -> [f64; 2] {
-        let (mut flow, mut share) = (speed.value(), self.bollard);
+    pub fn mean_load(&self, law: &mut Law, speed: f64) -> [f64; 2] {
+        let (mut flow, mut share) = (speed, self.bollard);
         if let Some([torque, _]) = &self.quadrants {
-            share *= torque.at(self.water.atan2(flow))[0];
+            share *= torque.at(self.water.atan2(flow));
             flow = flow.hypot(self.water);
         }
-        law.at(speed.constant(flow)).map(|found| found.value() * share)
+        law.at(flow).map(|found| found * share)
     }
 
     /// The torque over its mean, at the present angle.
@@ -73,21 +71,20 @@ impl Propeller {
 
     /// Go a step in which the propeller's speed goes from one to another; the load at its end, and its slope.
     #[inline(always)]
-    pub fn load<T: Scalar>(&mut self, law: &mut Law<T>, from: f64, speed: T, h: f64) -> [f64; 2] {
-        let to = speed.value();
+    pub fn load(&mut self, law: &mut Law, from: f64, to: f64, h: f64) -> [f64; 2] {
         self.turn += h * self.shaft_hz * 0.5 * (from + to);
         let pace = self.pace_at(to, self.water + h * self.pace);
         self.water += 0.5 * h * (self.pace + pace);
         self.pace = pace;
         let ripple = self.ripple();
-        self.mean_load(law, speed).map(|value| value * ripple)
+        self.mean_load(law, to).map(|value| value * ripple)
     }
 
     /// How fast the ship gains speed.
     #[inline(always)]
     fn pace_at(&self, speed: f64, water: f64) -> f64 {
         self.quadrants.as_ref().map_or(0.0, |[_, thrust]| {
-            let thrust = thrust.at(water.atan2(speed))[0] * (speed * speed + water * water);
+            let thrust = thrust.at(water.atan2(speed)) * (speed * speed + water * water);
             self.push * thrust - self.resistance * water * water.abs()
         })
     }

@@ -1,4 +1,4 @@
-//! A simulation as a march through a record, with lanes of derivatives.
+//! A simulation as a march through a record.
 
 use pulp::{Simd, WithSimd};
 
@@ -6,8 +6,8 @@ use crate::error::{Error, Result, require};
 use crate::finite::all_finite;
 use crate::hold::Hold;
 use crate::instruction_set::arch;
-use crate::scalar::{Dual, Scalar, Tangent};
 use crate::stop::Stop;
+use crate::subnormal::cut;
 
 use super::detail::Detail;
 use super::envelope::Envelope;
@@ -18,8 +18,6 @@ use super::step::Ship;
 
 /// Most steps a sample that can be asked for.
 const MOST_SUBSTEPS: usize = 1 << 16;
-/// Most directions of derivatives.
-pub const MOST_DIRECTIONS: usize = 24;
 
 /// Steps after which a request to stop is looked for: less than a millisecond.
 const STEPS_BETWEEN_CHECKS: usize = 1024;
@@ -37,8 +35,6 @@ pub struct Run<'a> {
     pub substeps: usize,
     /// Of both inputs between samples.
     pub hold: Hold,
-    /// Every so manieth sample is seen.
-    pub stride: usize,
     /// Highest torque by speed, both over the operating point's, in place of `M_max`.
     pub envelope: Option<&'a Envelope>,
     /// What only a whole drive train has.
@@ -50,15 +46,8 @@ impl<'a> Run<'a> {
     ///
     /// # Errors
     /// [`Error::Invalid`] for a set point without samples, a load of another length, a value that is not finite, a sample time
-    /// that is not positive, no substep or too many, or no stride.
-    pub fn new(
-        set: &'a [f64],
-        load: &'a [f64],
-        dt: f64,
-        substeps: usize,
-        hold: Hold,
-        stride: usize,
-    ) -> Result<Self> {
+    /// that is not positive, or no substep or too many.
+    pub fn new(set: &'a [f64], load: &'a [f64], dt: f64, substeps: usize, hold: Hold) -> Result<Self> {
         require(!set.is_empty(), || "u has no samples, expected at least 1".to_owned())?;
         require(load.is_empty() || load.len() == set.len(), || {
             format!("load has {} samples, expected none or {}, those of u", load.len(), set.len())
@@ -67,7 +56,6 @@ impl<'a> Run<'a> {
         require((1..=MOST_SUBSTEPS).contains(&substeps), || {
             format!("substeps is {substeps}, expected 1 to {MOST_SUBSTEPS}")
         })?;
-        require(stride > 0, || "stride is 0, expected 1 or more".to_owned())?;
         for (name, values) in [("u", set), ("load", load)] {
             if !all_finite(values) {
                 let bad = values.iter().position(|value| !value.is_finite()).unwrap_or_default();
@@ -77,7 +65,7 @@ impl<'a> Run<'a> {
                 )));
             }
         }
-        Ok(Self { set, load, dt, substeps, hold, stride, envelope: None, detail: None })
+        Ok(Self { set, load, dt, substeps, hold, envelope: None, detail: None })
     }
 
     /// Below a torque-speed envelope.
@@ -106,150 +94,86 @@ impl<'a> Run<'a> {
         self.dt / self.substeps as f64
     }
 
-    /// Number of samples that are seen.
+    /// Roughly how many steps a simulation takes.
     #[must_use]
-    pub const fn seen(&self) -> usize {
-        self.set.len().div_ceil(self.stride)
+    pub const fn work(&self) -> usize {
+        self.set.len().saturating_mul(self.substeps)
     }
 }
 
-/// What is simulated, and by what it is differentiated.
-#[derive(Debug, Clone, Copy)]
-pub struct Task<'a> {
-    /// The ship.
-    pub parameters: Parameters,
-    /// Signals wanted.
-    pub outputs: &'a [Output],
-    /// Places of parameters.
-    pub wrt: &'a [usize],
-}
-
-impl Task<'_> {
-    /// Roughly how many steps with a derivative a simulation takes.
-    #[must_use]
-    pub fn work(&self, run: &Run<'_>) -> usize {
-        run.set.len().saturating_mul(run.substeps).saturating_mul(1 + self.wrt.len())
-    }
-}
-
-/// Simulate: rows of one sample each, `[sample, output, 1 + wrt]`, the output before its derivatives.
+/// Simulate a ship into rows of the outputs, `[output, sample]`.
 ///
 /// # Errors
-/// [`Error::Invalid`] for what can't be differentiated by or too many directions, [`Error::Diverged`] where the ship runs away,
-/// [`Error::Stopped`] on request.
-pub fn simulate(task: &Task<'_>, run: &Run<'_>, rows: &mut [f64], stop: &Stop) -> Result<()> {
-    task.parameters.check_wrt(task.wrt)?;
-    run.check(&task.parameters)?;
-    let length = run.seen() * task.outputs.len() * (1 + task.wrt.len());
+/// [`Error::Invalid`] for two upper limits or no room, [`Error::Diverged`] where the ship runs away, [`Error::Stopped`] on
+/// request.
+pub fn simulate(
+    parameters: &Parameters,
+    run: &Run<'_>,
+    outputs: &[Output],
+    rows: &mut [f64],
+    stop: &Stop,
+) -> Result<()> {
+    run.check(parameters)?;
+    let length = run.set.len() * outputs.len();
     require(rows.len() == length, || format!("found room for {} values, expected {length}", rows.len()))?;
-    require(task.wrt.len() <= MOST_DIRECTIONS, || {
-        format!("wrt has {} entries, expected at most {MOST_DIRECTIONS}", task.wrt.len())
-    })?;
-    let march = March { task, run, rows, stop };
-    match task.wrt.len() {
-        0 if run.detail.is_some() => arch().dispatch(Plain::<true>(march)),
-        0 => arch().dispatch(Plain::<false>(march)),
-        1..=8 => arch().dispatch(Wide::<8>(march)),
-        9..=16 => arch().dispatch(Wide::<16>(march)),
-        _ => arch().dispatch(Wide::<24>(march)),
+    let march = March { parameters, run, outputs, rows, stop };
+    if run.detail.is_some() {
+        arch().dispatch(Dispatched::<true>(march))
+    } else {
+        arch().dispatch(Dispatched::<false>(march))
     }
 }
 
 struct March<'a, 'b> {
-    task: &'a Task<'a>,
+    parameters: &'a Parameters,
     run: &'a Run<'b>,
+    outputs: &'a [Output],
     rows: &'a mut [f64],
     stop: &'a Stop,
 }
 
-struct Wide<'a, 'b, const N: usize>(March<'a, 'b>);
+struct Dispatched<'a, 'b, const D: bool>(March<'a, 'b>);
 
-impl<const N: usize> WithSimd for Wide<'_, '_, N> {
-    type Output = Result<()>;
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, simd: S) -> Result<()> {
-        let March { task, run, rows, stop } = self.0;
-        let zero = Dual::<S, N>::new(simd, Tangent { value: 0.0, slopes: [0.0; N] });
-        let number = |place: usize| {
-            let value = task.parameters.of(place);
-            // A rate limit acts alike both ways where it is one parameter.
-            task.wrt
-                .iter()
-                .position(|&by| {
-                    by == place
-                        || (by == at::RATE_UP
-                            && place == at::RATE_DOWN
-                            && value == task.parameters.of(at::RATE_UP))
-                })
-                .map_or(zero.constant(value), |lane| zero.along(value, lane))
-        };
-        let ship = Ship::<_, false>::new(&task.parameters, run, task.wrt, number);
-        let directions = task.wrt.len();
-        march(ship, task, run, rows, stop, |number, row: &mut [f64]| {
-            let tangent = number.tangent();
-            row[0] = tangent.value;
-            row[1..].copy_from_slice(&tangent.slopes[..directions]);
-        })
-    }
-}
-
-struct Plain<'a, 'b, const D: bool>(March<'a, 'b>);
-
-impl<const D: bool> WithSimd for Plain<'_, '_, D> {
+impl<const D: bool> WithSimd for Dispatched<'_, '_, D> {
     type Output = Result<()>;
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _simd: S) -> Result<()> {
-        let March { task, run, rows, stop } = self.0;
-        let ship = Ship::<f64, D>::new(&task.parameters, run, &[], |place| task.parameters.of(place));
-        march(ship, task, run, rows, stop, |number, row| row[0] = number)
+        let March { parameters, run, outputs, rows, stop } = self.0;
+        let mut ship = Ship::<D>::new(parameters, run);
+        let mut late = Late::new(&ship, outputs, run.step());
+        let samples = run.set.len();
+        let mut unchecked = 0;
+        for sample in 0..samples {
+            if let Some(late) = &mut late {
+                late.push(&ship, outputs);
+            }
+            let mut is_sound = ship.is_sound();
+            for (channel, (row, &output)) in rows.chunks_exact_mut(samples).zip(outputs).enumerate() {
+                row[sample] =
+                    cut(late.as_ref().map_or_else(|| ship.output(output), |late| late.read(channel)));
+                is_sound &= row[sample].is_finite();
+            }
+            ship.cut();
+            if !is_sound {
+                let what = outputs.first().map_or("dn", |&output| OUTPUTS[output as usize]);
+                return Err(Error::Diverged { sample, time: sample as f64 * run.dt, what });
+            }
+            if sample + 1 == samples {
+                break;
+            }
+            for step in 1..=run.substeps {
+                ship.step();
+                unchecked += 1;
+                if unchecked == STEPS_BETWEEN_CHECKS {
+                    unchecked = 0;
+                    stop.check()?;
+                }
+                if let (Some(late), true) = (&mut late, step < run.substeps) {
+                    late.push(&ship, outputs);
+                }
+            }
+        }
+        Ok(())
     }
-}
-
-#[inline(always)]
-fn march<T: Scalar, const D: bool>(
-    mut ship: Ship<'_, T, D>,
-    task: &Task<'_>,
-    run: &Run<'_>,
-    rows: &mut [f64],
-    stop: &Stop,
-    write: impl Fn(T, &mut [f64]),
-) -> Result<()> {
-    let width = 1 + task.wrt.len();
-    let every = run.substeps * run.stride;
-    let mut unchecked = 0;
-    let mut late = Late::new(&ship, task.outputs, run.step());
-    for (seen, row) in rows.chunks_exact_mut(width * task.outputs.len()).enumerate() {
-        for (&output, place) in task.outputs.iter().zip(row.chunks_exact_mut(width)) {
-            write(ship.output(output).cut(), place);
-        }
-        if let Some(late) = &mut late {
-            late.push(&ship, task.outputs);
-            for (channel, place) in row.chunks_exact_mut(width).enumerate() {
-                write(late.read(channel).cut(), place);
-            }
-        }
-        ship.cut();
-        if !ship.is_sound() || !row.iter().all(|value| value.is_finite()) {
-            let sample = seen * run.stride;
-            let what = task.outputs.first().map_or("dn", |&output| OUTPUTS[output as usize]);
-            return Err(Error::Diverged { sample, time: sample as f64 * run.dt, what });
-        }
-        if seen + 1 == run.seen() {
-            break;
-        }
-        for step in 0..every {
-            ship.step();
-            unchecked += 1;
-            if unchecked == STEPS_BETWEEN_CHECKS {
-                unchecked = 0;
-                stop.check()?;
-            }
-            if let (Some(late), true) = (&mut late, step + 1 < every) {
-                late.push(&ship, task.outputs);
-            }
-        }
-    }
-    Ok(())
 }

@@ -7,60 +7,54 @@
 
 use nalgebra::SMatrix;
 
-use crate::scalar::Scalar;
+use crate::subnormal::cut;
 
 use super::parameters::{Parameters, at};
 
 /// What a shaft that twists adds to the ship's state.
 #[derive(Debug)]
-pub struct Twist<T> {
-    shaft: Shaft<T>,
-    zeta: T,
+pub struct Twist {
+    shaft: Shaft,
+    zeta: f64,
     /// One over the engine's inertia, and over the propeller's [1/s].
-    pub inverse: T,
-    pub inverse_prop: T,
+    pub inverse: f64,
+    pub inverse_prop: f64,
     /// Speed of the propeller, and torque of the shaft's spring.
-    pub propeller: T,
-    spring: T,
+    pub propeller: f64,
+    spring: f64,
     /// Growth of the propeller's acceleration, and of the shaft's torque, over the last step.
-    pub propeller_growth: T,
-    pub torque_growth: T,
+    pub propeller_growth: f64,
+    pub torque_growth: f64,
 }
 
-impl<T: Scalar> Twist<T> {
+impl Twist {
     /// None for a stiff shaft; a speed and a spring's torque to begin with.
-    pub fn new(
-        parameters: &Parameters,
-        number: &impl Fn(usize) -> T,
-        h: f64,
-        [speed, spring]: [T; 2],
-    ) -> Option<Self> {
+    pub fn new(parameters: &Parameters, h: f64, [speed, spring]: [f64; 2]) -> Option<Self> {
         (parameters.of(at::TAU_TWIST) > 0.0).then(|| {
             let [tau, prop, twist, zeta] =
-                [at::TAU_N, at::TAU_PROP, at::TAU_TWIST, at::ZETA_TWIST].map(number);
-            let (one, zero) = (tau.constant(1.0), tau.constant(0.0));
+                [at::TAU_N, at::TAU_PROP, at::TAU_TWIST, at::ZETA_TWIST].map(|place| parameters.of(place));
             Self {
                 shaft: Shaft::new([tau, prop, twist, zeta], h),
                 zeta,
-                inverse: one / (tau - prop),
-                inverse_prop: one / prop,
+                inverse: 1.0 / (tau - prop),
+                inverse_prop: 1.0 / prop,
                 propeller: speed,
                 spring,
-                propeller_growth: zero,
-                torque_growth: zero,
+                propeller_growth: 0.0,
+                torque_growth: 0.0,
             }
         })
     }
 
     /// Torque of the shaft at a speed of the engine.
     #[inline(always)]
-    pub fn torque(&self, speed: T) -> T {
-        self.spring.plus_product(speed - self.propeller, self.zeta)
+    pub fn torque(&self, speed: f64) -> f64 {
+        self.spring + (speed - self.propeller) * self.zeta
     }
 
     /// Go a step, in which torques of engine and load run straight; the engine's speed at its end.
     #[inline(always)]
-    pub fn go(&mut self, speed: T, brake: [T; 2], load: [T; 2]) -> T {
+    pub fn go(&mut self, speed: f64, brake: [f64; 2], load: [f64; 2]) -> f64 {
         let [speed, propeller, spring] = self.shaft.after([speed, self.propeller, self.spring], brake, load);
         (self.propeller, self.spring) = (propeller, spring);
         speed
@@ -71,58 +65,29 @@ impl<T: Scalar> Twist<T> {
         for number in
             [&mut self.propeller, &mut self.spring, &mut self.propeller_growth, &mut self.torque_growth]
         {
-            *number = number.cut();
+            *number = cut(*number);
         }
     }
 }
 
 /// Coefficients of a step: rows N, P, S; columns N, P, S, then `M_b` at both ends, then `L` at both ends.
 #[derive(Debug)]
-struct Shaft<T> {
-    rows: [[T; 7]; 3],
+struct Shaft {
+    rows: [[f64; 7]; 3],
 }
 
-impl<T: Scalar> Shaft<T> {
+impl Shaft {
     /// From `tau_n`, `tau_prop`, `tau_twist`, `zeta_twist` and the step [s].
-    fn new(parameters: [T; 4], h: f64) -> Self {
-        const RELATIVE: f64 = 1e-5;
-        let values = parameters.map(Scalar::value);
-        let centre = coefficients(values, h);
-        let slopes: [_; 4] = std::array::from_fn(|i| {
-            let step = RELATIVE * values[i].abs().max(1e-3);
-            let along = |sign: f64| {
-                let mut moved = values;
-                moved[i] += sign * step;
-                coefficients(moved, h)
-            };
-            (along(1.0) - along(-1.0)) / (2.0 * step)
-        });
-        let lanes = parameters.map(|parameter| parameter + (-parameter.value()));
-        let rows = std::array::from_fn(|row| {
-            std::array::from_fn(|column| {
-                let mut sum = parameters[0].constant(centre[(row, column)]);
-                for (lane, slope) in lanes.iter().zip(&slopes) {
-                    sum = sum + *lane * slope[(row, column)];
-                }
-                sum
-            })
-        });
-        Self { rows }
+    fn new(parameters: [f64; 4], h: f64) -> Self {
+        let found = coefficients(parameters, h);
+        Self { rows: std::array::from_fn(|row| std::array::from_fn(|column| found[(row, column)])) }
     }
 
     /// Speeds and spring torque at a step's end.
     #[inline(always)]
-    fn after(&self, state: [T; 3], brake: [T; 2], load: [T; 2]) -> [T; 3] {
+    fn after(&self, state: [f64; 3], brake: [f64; 2], load: [f64; 2]) -> [f64; 3] {
         let inputs = [state[0], state[1], state[2], brake[0], brake[1], load[0], load[1]];
-        let mut after = [state[0]; 3];
-        for (after, row) in after.iter_mut().zip(&self.rows) {
-            let mut sum = row[0] * inputs[0];
-            for column in 1..7 {
-                sum = sum.plus_product(row[column], inputs[column]);
-            }
-            *after = sum;
-        }
-        after
+        self.rows.map(|row| row.iter().zip(inputs).map(|(factor, input)| factor * input).sum())
     }
 }
 

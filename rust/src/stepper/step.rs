@@ -1,6 +1,6 @@
-//! One step of the ship, in numbers with or without derivatives.
+//! One step of the ship, of third order for the speed.
 
-use crate::scalar::Scalar;
+use crate::subnormal::cut;
 
 use super::command::{Clock, DeadTime};
 use super::constants::{Acting, Constants};
@@ -21,111 +21,111 @@ const FARTHEST: f64 = 1e6;
 
 /// What a predictor of second order says of a step's end.
 #[derive(Clone, Copy)]
-pub struct Ahead<T> {
+pub struct Ahead {
     /// The engine's speed, and its rise over the step.
-    pub speed: T,
-    pub rise: T,
+    pub speed: f64,
+    pub rise: f64,
     /// Torque that stands against the engine's; only where the governor asks for it.
-    pub against: T,
+    pub against: f64,
 }
 
 /// The ship between two steps.
 ///
 /// `D`: with what only a whole drive train has.
-pub struct Ship<'a, T, const D: bool> {
-    pub(super) c: Constants<T>,
+pub struct Ship<'a, const D: bool> {
+    pub(super) c: Constants,
     pub(super) acting: Acting,
     pub(super) envelope: Option<&'a Envelope>,
     pub(super) detail: Option<Box<Detail>>,
-    channel_delays: [T; 2],
-    pub(super) set: Input<'a, T>,
-    load: Input<'a, T>,
-    pub(super) law_of: Law<T>,
-    pub(super) dead_time: DeadTime<T>,
+    channel_delays: [f64; 2],
+    pub(super) set: Input<'a>,
+    load: Input<'a>,
+    pub(super) law_of: Law,
+    pub(super) dead_time: DeadTime,
     /// Dead time in the loop [s], and the part of a command at a step's end that reaches the rack by then.
-    pub(super) late: T,
-    pub(super) at_once: T,
-    pub(super) clock: Option<Box<Clock<T>>>,
-    pub(super) twist: Option<Box<Twist<T>>>,
+    pub(super) late: f64,
+    pub(super) at_once: f64,
+    pub(super) clock: Option<Box<Clock>>,
+    pub(super) twist: Option<Box<Twist>>,
     /// Side of the torque limit that holds as the step begins, and whether the sum stands over it.
     held: i8,
     pub(super) winds_up: bool,
     pub(super) h: f64,
     pub(super) at: usize,
-    pub(super) speed: T,
-    pub(super) sum: T,
-    pub(super) rack: T,
+    pub(super) speed: f64,
+    pub(super) sum: f64,
+    pub(super) rack: f64,
     /// The rack before an input that jumps.
-    pub(super) lagged: T,
+    pub(super) lagged: f64,
     /// The load's law at the present speed, and what the engine gains on it by the speed alone.
-    pub(super) law: T,
-    own: T,
+    pub(super) law: f64,
+    own: f64,
     /// Growth of the acceleration, and of `own`, over the last step.
-    pub(super) growth: T,
-    own_growth: T,
+    pub(super) growth: f64,
+    own_growth: f64,
     /// The command at the end of the last step, and at the begin of this one.
-    command: T,
-    pub(super) start: T,
+    command: f64,
+    pub(super) start: f64,
     /// Acceleration at the end of the last step, and at the begin of this one.
-    pub(super) ended: T,
-    pub(super) acceleration: T,
-    pub(super) set_span: Span<T>,
-    load_span: Span<T>,
+    pub(super) ended: f64,
+    pub(super) acceleration: f64,
+    pub(super) set_span: Span,
+    load_span: Span,
 }
 
-impl<'a, T: Scalar, const D: bool> Ship<'a, T, D> {
-    /// At rest before a record; `number` gives each parameter as a number with its derivative.
-    pub fn new(parameters: &Parameters, run: &Run<'a>, wrt: &[usize], number: impl Fn(usize) -> T) -> Self {
+impl<'a, const D: bool> Ship<'a, D> {
+    /// At rest before a record.
+    pub fn new(parameters: &Parameters, run: &Run<'a>) -> Self {
         let h = run.step();
-        let c = Constants::new(&number, h);
-        let acting = Acting::new(parameters, run, wrt);
-        let zero = c.g.constant(0.0);
+        let c = Constants::new(parameters, h);
+        let acting = Acting::new(parameters, run);
         let set = Input::new(
             run.set,
             run,
-            number(at::T_SET),
-            acting.scale.then(|| (number(at::S_U), number(at::U_0))),
+            parameters.of(at::T_SET),
+            acting.scale.then(|| (parameters.of(at::S_U), parameters.of(at::U_0))),
         );
-        let load = Input::new(run.load, run, zero, None);
+        let load = Input::new(run.load, run, 0.0, None);
         let mut law_of = Law::new(
-            number(at::P),
-            acting.curvature.then(|| number(at::CURVATURE)),
-            acting.damping.then(|| number(at::DAMPING)),
+            parameters.of(at::P),
+            acting.curvature.then(|| parameters.of(at::CURVATURE)),
+            acting.damping.then(|| parameters.of(at::DAMPING)),
         );
-        let (speed, rack) = (number(at::INITIAL_N), number(at::INITIAL_F) / c.v);
-        let still = Span { start: zero, end: zero, mean: zero };
-        let dead_time = DeadTime::new(number(at::T_D), acting.hold.then(|| number(at::HOLD)), h, rack);
+        let (speed, rack) = (parameters.of(at::INITIAL_N), parameters.of(at::INITIAL_F) / c.v);
+        let still = Span { start: 0.0, end: 0.0, mean: 0.0 };
+        let dead_time =
+            DeadTime::new(parameters.of(at::T_D), acting.hold.then(|| parameters.of(at::HOLD)), h, rack);
         let detail = run.detail.cloned().map(Box::new);
         let law = match &detail {
-            Some(detail) if D => zero.constant(detail.propeller.mean_load(&mut law_of, speed)[0]),
+            Some(detail) if D => detail.propeller.mean_load(&mut law_of, speed)[0],
             _ => law_of.at(speed)[0],
         };
         let at_firings = detail.as_ref().is_some_and(|detail| detail.once_a_firing);
         let mut ship = Self {
             at_once: dead_time.at_once() * c.lag.follows,
             dead_time,
-            late: number(at::T_D),
-            clock: Clock::new(parameters, &number, rack, at_firings).map(Box::new),
+            late: parameters.of(at::T_D),
+            clock: Clock::new(parameters, rack, at_firings).map(Box::new),
             twist: None,
             held: 0,
             winds_up: false,
             h,
             at: 0,
             speed,
-            sum: zero,
+            sum: 0.0,
             rack,
             lagged: rack,
             law,
-            own: c.g * (speed + -1.0) - law,
-            growth: zero,
-            own_growth: zero,
+            own: c.g * (speed - 1.0) - law,
+            growth: 0.0,
+            own_growth: 0.0,
             command: rack,
             start: rack,
-            ended: zero,
-            acceleration: zero,
+            ended: 0.0,
+            acceleration: 0.0,
             set_span: set.first(),
             load_span: if acting.load { load.first() } else { still },
-            channel_delays: [number(at::T_N), number(at::T_M)],
+            channel_delays: [parameters.of(at::T_N), parameters.of(at::T_M)],
             law_of,
             detail,
             c,
@@ -134,23 +134,23 @@ impl<'a, T: Scalar, const D: bool> Ship<'a, T, D> {
             set,
             load,
         };
-        ship.rest(parameters, &number);
+        ship.rest(parameters);
         ship
     }
 
     /// The state before a record, which its first sample keeps as far as it can.
-    fn rest(&mut self, parameters: &Parameters, number: &impl Fn(usize) -> T) {
+    fn rest(&mut self, parameters: &Parameters) {
         let against = self.law_with_load(self.load_span.start);
         let excess = if D { against * 0.0 } else { self.engine(self.speed, self.rack).0 - against };
         self.ended = excess * self.c.inverse_tau;
         // The shaft carries what the load's side takes at the common acceleration.
-        let spring = against.plus_product(self.c.tau_prop, self.ended);
-        self.twist = Twist::new(parameters, number, self.h, [self.speed, spring]).map(Box::new);
+        let spring = against + self.c.tau_prop * self.ended;
+        self.twist = Twist::new(parameters, self.h, [self.speed, spring]).map(Box::new);
         let error = self.set_span.start - self.speed;
         if parameters.of(at::K_I) != 0.0 && !D {
             self.sum = (self.rack - self.commanded(error, self.sum, self.ended)) / self.c.k_i;
         }
-        self.sum = self.sum + number(at::INITIAL_E);
+        self.sum += parameters.of(at::INITIAL_E);
         if D {
             self.rest_detail();
         }
@@ -160,39 +160,38 @@ impl<'a, T: Scalar, const D: bool> Ship<'a, T, D> {
 
     /// Whether the speed is still one that a ship may have.
     pub fn is_sound(&self) -> bool {
-        let speed = self.speed.value();
-        speed > SLOWEST && speed < FASTEST && self.rack.value().abs() < FARTHEST
+        self.speed > SLOWEST && self.speed < FASTEST && self.rack.abs() < FARTHEST
     }
 
     /// Delays of the speed's and the torque's channel, where one is late.
-    pub fn channel_delays(&self) -> Option<[T; 2]> {
+    pub fn channel_delays(&self) -> Option<[f64; 2]> {
         self.acting.channels.then_some(self.channel_delays)
     }
 
     /// What is seen at the begin of the step.
     #[inline(always)]
-    pub fn output(&self, output: Output) -> T {
+    pub fn output(&self, output: Output) -> f64 {
         match output {
-            Output::Speed => self.speed + -1.0,
-            Output::PropellerSpeed => self.twist.as_ref().map_or(self.speed, |twist| twist.propeller) + -1.0,
-            Output::EngineTorque => self.c.s_m * self.braked() + -1.0,
-            Output::GaugeTorque => self.c.s_m * self.gauge() + -1.0,
+            Output::Speed => self.speed - 1.0,
+            Output::PropellerSpeed => self.twist.as_ref().map_or(self.speed, |twist| twist.propeller) - 1.0,
+            Output::EngineTorque => self.c.s_m * self.braked() - 1.0,
+            Output::GaugeTorque => self.c.s_m * self.gauge() - 1.0,
             Output::Rack => self.rack,
             Output::Sum => self.sum,
         }
     }
 
     #[inline(always)]
-    fn gauge(&self) -> T {
+    fn gauge(&self) -> f64 {
         match &self.twist {
             Some(twist) => twist.torque(self.speed),
-            None => self.law_with_load(self.load_span.start).plus_product(self.c.tau_prop, self.acceleration),
+            None => self.law_with_load(self.load_span.start) + self.c.tau_prop * self.acceleration,
         }
     }
 
     #[inline(always)]
-    pub(super) fn law_with_load(&self, load: T) -> T {
-        if self.acting.load { self.law.plus_product(load, self.c.load_gain) } else { self.law }
+    pub(super) fn law_with_load(&self, load: f64) -> f64 {
+        if self.acting.load { self.law + load * self.c.load_gain } else { self.law }
     }
 
     /// Look at the step's inputs, and at the acceleration as it begins.
@@ -223,11 +222,10 @@ impl<'a, T: Scalar, const D: bool> Ship<'a, T, D> {
         };
         let error = self.set_span.start - self.speed;
         if self.acting.at_once && self.clock.is_none() {
-            let zero = error.constant(0.0);
-            let mut command = self.commanded(error, self.sum, zero);
+            let mut command = self.commanded(error, self.sum, 0.0);
             if self.acting.derivative {
                 let acceleration = self.brought_about(self.speed, command, against, self.c.k_d);
-                command = command - self.c.k_d * acceleration;
+                command -= self.c.k_d * acceleration;
             }
             self.rack = self.within_limits(self.dead_time.over(self.at, command, command).start);
         }
@@ -243,25 +241,22 @@ impl<'a, T: Scalar, const D: bool> Ship<'a, T, D> {
 
     /// Acceleration where the rack is an order less `fuel` times the acceleration itself.
     #[inline(always)]
-    pub(super) fn brought_about(&self, speed: T, order: T, against: T, fuel: T) -> T {
+    pub(super) fn brought_about(&self, speed: f64, order: f64, against: f64, fuel: f64) -> f64 {
         let (torque, held) = self.engine(speed, self.within_limits(order));
-        let inertia =
-            self.c.g.constant(1.0) / self.twist.as_ref().map_or(self.c.inverse_tau, |twist| twist.inverse);
-        let more = if held == 0 { fuel * self.c.v } else { inertia.constant(0.0) };
+        let inertia = 1.0 / self.twist.as_ref().map_or(self.c.inverse_tau, |twist| twist.inverse);
+        let more = if held == 0 { fuel * self.c.v } else { 0.0 };
         (torque - against) / (inertia + more)
     }
 
     /// Whether the sum stands: the command is beyond what limits let through, and the error would drive it further.
     #[inline(always)]
-    pub(super) fn stands(&self, command: T, error: T) -> bool {
+    pub(super) fn stands(&self, command: f64, error: f64) -> bool {
         if !self.acting.anti_windup {
             return false;
         }
-        let rack = command.value();
-        let rack_side =
-            i8::from(rack > self.c.rack_most.value()) - i8::from(rack < self.c.rack_least.value());
+        let rack_side = i8::from(command > self.c.rack_most) - i8::from(command < self.c.rack_least);
         let torque_side = self.engine(self.speed, command).1;
-        f64::from(if torque_side == 0 { rack_side } else { torque_side }) * error.value() > 0.0
+        f64::from(if torque_side == 0 { rack_side } else { torque_side }) * error > 0.0
     }
 
     /// Go on to the next step's begin.
@@ -270,7 +265,7 @@ impl<'a, T: Scalar, const D: bool> Ship<'a, T, D> {
         if self.clock.is_none() {
             self.winds_up = self.stands(self.start, self.set_span.start - self.speed);
         }
-        let rise = (self.acceleration * self.h).plus(self.growth, 0.5 * self.h);
+        let rise = self.acceleration * self.h + self.growth * (0.5 * self.h);
         let speed = self.speed + rise;
         if D {
             self.detailed(Ahead { speed, rise, against: speed });
@@ -289,13 +284,13 @@ impl<'a, T: Scalar, const D: bool> Ship<'a, T, D> {
 
     /// The rack at the step's end, and its mean.
     #[inline(always)]
-    pub(super) fn driven(&mut self, ahead: &Ahead<T>) -> [T; 2] {
+    pub(super) fn driven(&mut self, ahead: &Ahead) -> [f64; 2] {
         if self.clock.is_some() { self.clocked() } else { self.fed(ahead) }
     }
 
     /// One inertia.
     #[inline(always)]
-    fn rigid(&mut self, mut ahead: Ahead<T>) {
+    fn rigid(&mut self, mut ahead: Ahead) {
         let begin = (self.law, self.rack);
         let [law_ahead, slope] = self.law_of.at(ahead.speed);
         if self.acting.derivative {
@@ -303,27 +298,27 @@ impl<'a, T: Scalar, const D: bool> Ship<'a, T, D> {
             ahead.against = self.law_with_load(self.load_span.end);
         }
         let [rack, mean_rack] = self.driven(&ahead);
-        let apart = ahead.speed + -1.0;
+        let apart = ahead.speed - 1.0;
         // What follows the speed, apart from the fuel: corrected to third order.
         let own_ahead = self.c.g * apart - law_ahead;
         let growth = own_ahead - self.own;
         let fuel = self.fuel(rack) + 1.0;
         let is_free = !self.acting.torque_limit
-            || self.held == 0 && self.within_torque(fuel.plus_product(self.c.g, apart), apart).1 == 0;
+            || self.held == 0 && self.within_torque(fuel + self.c.g * apart, apart).1 == 0;
         let mut mean = if is_free {
-            (self.fuel(mean_rack) + self.own + 1.0).plus(growth, 5.0 / 12.0).plus(self.own_growth, 1.0 / 12.0)
+            self.fuel(mean_rack) + self.own + 1.0 + growth * (5.0 / 12.0) + self.own_growth * (1.0 / 12.0)
         } else {
             let torques = self.engine(self.speed, begin.1).0 + self.engine(ahead.speed, rack).0;
             (torques - begin.0 - law_ahead) * 0.5
         };
         self.own_growth = growth;
         if self.acting.load {
-            mean = mean - self.load_span.mean * self.c.load_gain;
+            mean -= self.load_span.mean * self.c.load_gain;
         }
-        let speed = self.speed.plus_product(mean, self.c.step_over_tau);
+        let speed = self.speed + mean * self.c.step_over_tau;
         let more = speed - ahead.speed;
-        self.law = law_ahead.plus_product(more, slope);
-        self.own = own_ahead.plus_product(more, self.c.g - slope);
+        self.law = law_ahead + more * slope;
+        self.own = own_ahead + more * (self.c.g - slope);
         let ended =
             if self.acting.torque_limit { self.engine(speed, rack).0 - self.law } else { fuel + self.own };
         let load = self.load_span.end;
@@ -333,7 +328,7 @@ impl<'a, T: Scalar, const D: bool> Ship<'a, T, D> {
 
     /// Two inertias on a shaft that twists.
     #[inline(always)]
-    fn twisted(&mut self, mut twist: Box<Twist<T>>, mut ahead: Ahead<T>) {
+    fn twisted(&mut self, mut twist: Box<Twist>, mut ahead: Ahead) {
         let torque = twist.torque(self.speed);
         ahead.against = torque + twist.torque_growth;
         self.twist = Some(twist);
@@ -344,12 +339,12 @@ impl<'a, T: Scalar, const D: bool> Ship<'a, T, D> {
         let end = self.engine(ahead.speed, rack).0;
         let load = self.law_with_load(self.load_span.start);
         let pace = (torque - load) * twist.inverse_prop;
-        let propeller_ahead = twist.propeller.plus(pace, self.h).plus(twist.propeller_growth, 0.5 * self.h);
+        let propeller_ahead = twist.propeller + pace * self.h + twist.propeller_growth * (0.5 * self.h);
         let [law_ahead, slope] = self.law_of.at(propeller_ahead);
         self.law = law_ahead;
         let loads = [load, self.law_with_load(self.load_span.end)];
         let speed = twist.go(self.speed, [start, end], loads);
-        self.law = law_ahead.plus_product(twist.propeller - propeller_ahead, slope);
+        self.law = law_ahead + (twist.propeller - propeller_ahead) * slope;
         let after = twist.torque(speed);
         twist.torque_growth = after - torque;
         twist.propeller_growth = (after - self.law_with_load(self.load_span.end)) * twist.inverse_prop - pace;
@@ -360,11 +355,11 @@ impl<'a, T: Scalar, const D: bool> Ship<'a, T, D> {
 
     /// The end of a step, at a speed that is `more` than was foreseen.
     #[inline(always)]
-    pub(super) fn arrived(&mut self, speed: T, ended: T, more: T, rack: T) {
+    pub(super) fn arrived(&mut self, speed: f64, ended: f64, more: f64, rack: f64) {
         let h = self.h;
         self.growth = ended - self.acceleration;
         if self.clock.is_none() && !self.winds_up {
-            self.sum = self.sum.plus(more, -0.5 * h).plus(self.growth, h * h / 12.0);
+            self.sum = self.sum - more * (0.5 * h) + self.growth * (h * h / 12.0);
         }
         (self.speed, self.ended, self.rack, self.lagged) = (speed, ended, rack, rack);
     }
@@ -385,7 +380,7 @@ impl<'a, T: Scalar, const D: bool> Ship<'a, T, D> {
             &mut self.ended,
             &mut self.acceleration,
         ] {
-            *number = number.cut();
+            *number = cut(*number);
         }
         self.dead_time.cut();
         if let Some(detail) = &mut self.detail {

@@ -3,10 +3,9 @@
 //! The engine's equation is multiplied by what stands in its denominators (the integrator, the lag), the load's by
 //! the damped twist's, so that only polynomials and delays are left.
 
-use pulp::Scalar;
-
 use crate::error::{Result, require};
-use crate::scalar::{Dual, Scalar as _, Tangent};
+
+use super::dual::Dual;
 
 /// Names of the parameters: `u_0` set point offset, `s_M` and `m_0` scale and offset of the torque, `x_0` offset of the rack
 /// or the fuel.
@@ -36,8 +35,6 @@ pub const PARAMETERS: [&str; 23] = [
     "m_0",
 ];
 pub const COUNT: usize = PARAMETERS.len();
-/// Directions of the derivatives, padded to whole vectors.
-const PADDED: usize = 24;
 
 pub mod at {
     pub const TAU_N: usize = 0;
@@ -94,8 +91,6 @@ pub type Output = usize;
 /// Coefficients that a polynomial can have.
 pub const DEGREES: usize = 7;
 
-type Number = Dual<Scalar, PADDED>;
-
 /// A polynomial in s on a signal of an equation.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Term {
@@ -121,25 +116,23 @@ pub struct Equations {
 
 /// A polynomial whose coefficients carry derivatives.
 #[derive(Debug, Clone)]
-struct Polynomial(Vec<Number>);
+struct Polynomial(Vec<Dual>);
 
 impl Polynomial {
     fn times(&self, other: &Self) -> Self {
-        let zero = self.0[0].constant(0.0);
-        let mut product = vec![zero; self.0.len() + other.0.len() - 1];
+        let mut product = vec![Dual::new(0.0); self.0.len() + other.0.len() - 1];
         for (i, a) in self.0.iter().enumerate() {
             for (j, b) in other.0.iter().enumerate() {
-                product[i + j] = product[i + j].plus_product(*a, *b);
+                product[i + j] = product[i + j] + *a * *b;
             }
         }
         Self(product)
     }
 
     fn plus(mut self, other: &Self, factor: f64) -> Self {
-        let zero = self.0[0].constant(0.0);
-        self.0.resize(self.0.len().max(other.0.len()), zero);
+        self.0.resize(self.0.len().max(other.0.len()), Dual::new(0.0));
         for (mine, theirs) in self.0.iter_mut().zip(&other.0) {
-            *mine = mine.plus(*theirs, factor);
+            *mine = *mine + *theirs * factor;
         }
         self
     }
@@ -254,11 +247,9 @@ fn term(equation: usize, signal: usize, from: impl Iterator<Item = f64>) -> Opti
 #[allow(clippy::fn_params_excessive_bools)]
 fn written(values: &[f64; COUNT], torque: bool, rack: bool, gauge: bool, open_loop: bool) -> Vec<Equation> {
     // long: the equations one after the other, as they stand on paper
-    let simd = Scalar::new();
-    let number = |value: f64| Dual::new(simd, Tangent { value, slopes: [0.0; PADDED] });
-    let q = |place: usize| number(0.0).along(values[place], place);
-    let poly = |numbers: &[Number]| Polynomial(numbers.to_vec());
-    let (zero, one) = (number(0.0), number(1.0));
+    let q = |place: usize| Dual::parameter(values, place);
+    let poly = |numbers: &[Dual]| Polynomial(numbers.to_vec());
+    let (zero, one) = (Dual::new(0.0), Dual::new(1.0));
     let twists = values[at::TAU_TWIST] != 0.0;
 
     let (p, ahead) = (q(at::P), q(at::TAU_N) - q(at::TAU_PROP));
@@ -339,7 +330,7 @@ fn slope_terms(equations: &[Equation], terms: &[Term], values: &[f64; COUNT], by
         for (signal, polynomial) in &one.0 {
             let mut coefficients = [0.0; DEGREES];
             for (mine, number) in coefficients.iter_mut().zip(&polynomial.0) {
-                *mine = number.tangent().slopes[by];
+                *mine = number.slopes[by];
             }
             add(equation, *signal, coefficients);
         }

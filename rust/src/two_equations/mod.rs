@@ -9,6 +9,7 @@
 #![allow(clippy::needless_range_loop)]
 
 mod complex;
+mod dual;
 mod equations;
 mod plan;
 mod products;
