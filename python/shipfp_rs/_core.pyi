@@ -1,4 +1,72 @@
-"""Compiled kernels; the interface is described in ARCHITECTURE.md."""
+"""Compiled kernels.
+
+All arrays are C-contiguous float64 unless said otherwise. A result is fresh memory, every value of which its kernel
+writes once. Row k of an output holds sample k, time k dt; the set point of sample k is already applied in it
+(right-hand limit at a step).
+
+`SHIP_PARAMETERS` are those of `rust/src/stepper/parameters.rs`, `SHIP_OFF` their values without effect (NaN: always
+acting); `SHIP_OUTPUTS` = ("dn", "dM_b", "dM_g", "dX", "dE", "dn_prop"). The set point u is over the operating point's,
+load[N] a load's deviation or empty. A `substeps` of 0 leaves the step to the kernel.
+- `simulate_ship(parameters[37], u[N], load[N], dt, substeps, hold, outputs, envelope[2, K] = None) -> [O, N]`;
+  envelope: speeds and the highest torques at them, over the operating point, in place of `M_max`
+- `simulate_detailed_ship(parameters[37], detail[D], strength[C], quadrants[3, Q], u[N], dt, substeps, hold, outputs,
+  envelope[2, K] = None) -> [O, N]`: with what only a whole drive train has, `SHIP_DETAIL` of
+  `rust/src/stepper/detail.rs`; from rest at the operating point, where the set point was 1 before; strength: each
+  cylinder's torque over the mean; quadrants: angle [rad] from -pi to pi, torque and thrust over bollard pull, or none
+- `simulate_ship_by(parameters[37], u[N], dt, substeps, method, hold, initial[2], outputs, envelope[2, K] = None) -> [O,
+  N]`: a ship of speed and sum alone; method "rk4" | "heun" | "euler", initial (speed over the operating point's, sum)
+
+`run_recursion(system[1 + W, n + O, n + R], start[1 + W, n], signal[N], shifts: list[int] of R, dt) -> ([O, N], [W, O,
+N])`: x[k+1] = F x[k] + G w[k], y[k] = C x[k] + D w[k] with system[0] = [F, G; C, D] and w_j[k] = signal[k + shifts[j]],
+which stands still outside the record; system[1:] and start[1:] are derivatives, whose rows come back behind the
+outputs.
+
+`EQUATION_PARAMETERS` are those of `rust/src/two_equations/equations.rs`, `EQUATION_SIGNALS` = ("N", "M", "X", "load",
+"N2", "N3", "one"), `EQUATION_OUTPUTS` = ("dn", "dM", "dX"). Spectra stand at F frequencies from 0 on, `spacing` [rad/s]
+apart, F a multiple of `EQUATION_BLOCK`, real and imaginary parts apart; order k of `EQUATION_ORDERS` is the spectrum
+with (-1)^k times the taper's k-th derivative. A late signal is late by a time of a grid, its rest is what the delay has
+beyond that [s]. outputs hold 0 and any of 1, 2.
+- `equation_residuals(parameters[23], signals[7, 4, 2, F], spacing, late_speed[4, 2, F], speed_rest, late_set_point[4,
+  2, F], set_point_rest, outputs, gauge, open_loop, wrt) -> [1 + W, O, 2, F]`: data less the model's output, then the
+  model's derivatives; `gauge`: the torque is read between the inertias. A derivative by what is off (a `tau_twist` of
+  0) leaves out what only acts with it
+- `equation_products(...the same, root[O, O, 2, F], shapes[O, O, 2, F] or empty, hats[K, F]) -> ([1 + W, 1 + W], [2 O K,
+  1 + W])`: products of these rows times the lower triangles `root`, and of the smooth errors (`shapes` times hats, real
+  and imaginary size) with them; a loop that is unstable raises `SimulationError`. Instruction sets differ by rounding;
+  one gives the same bits in any thread
+- `loop_is_stable(parameters, open_loop) -> bool`: of a rigid ship's loop about its operating point, by Nyquist's turns
+
+`PulseCrossings(low, high, middle)`: `feed(chunk: float32 | float64 | int16, borrowed) -> float64[...]` times of the
+rising crossings of `middle` in samples since the first sample ever fed; the state crosses chunk borders; `seen` counts
+samples, `gaps` lists stretches of NaN as int64 [G, 2], of more than 65,536 the nearest ones as one; `set_levels(low,
+high, middle)` between chunks. `PulseTracker(threshold, hysteresis)`: `look(window)` finds the levels of a window,
+`cross(window)` takes the crossings of the oldest one looked at, so that levels are known ahead of them: times, heights
+of the train (0 where no turning point tells), standard deviations from sampling and from noise, all in samples; levels
+used, [K, 3]; of each window number of crossings, height that noise does not reach, least and median height.
+`follow(samples, window)` does so with all windows of a record. Levels of a window that goes on as the one before (parts
+of 1024 samples with the same extremes, even pulses, nothing missing) are not found anew: one pass compares it and takes
+its crossings. Least and greatest of blocks of 32 give turning points, medians of nine pulses' turning points give
+levels, between which the middle goes along lines; noise from differences of short stretches. `interval_speeds(edges[N +
+1], count[N], fractions[P], relative[P], noise[1 or N + 1], grid[1 or N + 1], sample) -> [6, sum of count]`: middles,
+mean speeds, their standard deviations, lengths, angles, deviations of independent ends. `pulses_are_even(times, least,
+most)`: no median of periods is needed. `pulse_levels(samples) -> (low, high)`: robust state levels; NaN where no sample
+is finite.
+
+`running_median(samples[N], window) -> [N]`: window odd, the signal reflected at its ends. `find_spikes(samples[N],
+longest, stride, scale_window, threshold, least) -> int64[K, 2]`: Hampel's rule about the running median of 2 longest +
+1 samples, the spread from the median of `scale_window` of every `stride`-th distance; heights in robust standard
+deviations, and as a share of the median magnitude. Where the signal's extremes leave no room for a suspect, no median
+is taken. `slope_at_even_times(edges[N], coefficients[4, N - 1], start, rate, count) -> (first, slopes)`: SciPy's
+`PPoly(...)(start + k / rate, 1)` to the last bit. `Extremes(block)`: `feed(chunk: float32 | float64 | int16) ->
+float64[K, 2]` least and greatest finite sample of the blocks that the chunk completes, `finish() -> float64[0 or 1,
+2]`; NaN where no sample of a block is finite; `seen`, `gaps` the first 4096 stretches that are not finite, `gap_count`
+how many there are. `coarser_extremes(pairs[K, 2], factor) -> [ceil(K / factor), 2]`. `RepeatScan()`: `feed(chunk:
+float32)`, `candidates() -> int64[C, 2]` places and distances at which samples recur in the same order.
+`Decimator(taps[odd], up, down)`: `feed(piece) -> outputs` that the piece completes, `finish(total) -> outputs` that are
+left; output m is the filter's answer at input m down / up, the input stands still before its first sample and after its
+last, any pieces give the same bits. After `finish`, after Ctrl-C amid a piece or an internal error it takes no more
+pieces; so does a `RepeatScan` after the latter two.
+"""
 
 from collections.abc import Sequence
 from typing import Literal, Self, final
