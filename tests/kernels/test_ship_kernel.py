@@ -41,6 +41,7 @@ SHIPS = {
     "anti-windup at the torque": {**TORQUE, "anti_windup": 1.0, "tau_act": 0.06},
     "anti-windup at the rack": {**RACK, "anti_windup": 1.0, "T_d": 0.0413},
     "rack limits": {**RACK, **LATE},
+    "rate limits": {**RATE, "tau_act": 0.0},
     "rate limits behind a lag": {**RATE, **LATE},
     "derivative gain": {"K_d": 0.1},
     "derivative gain and lag": {"K_d": 0.1, "tau_act": 0.05},
@@ -55,6 +56,8 @@ SHIPS = {
     "sampled": {**SAMPLED, **LATE},
     "sampled before use, lag": {**SAMPLED, "update": 1.0, "tau_act": 0.05},
     "sampled, derivative gain": {**SAMPLED, "K_d": 0.02, **LATE},
+    "sampled, rate limits": {**SAMPLED, **RATE, "tau_act": 0.0},
+    "sampled, rate limits behind a lag": {**SAMPLED, **RATE},
     "sampled, limits": {**SAMPLED, **TORQUE, **RATE},
     "sampled, twist": {**SAMPLED, **TWIST, **LATE},
 }
@@ -103,6 +106,21 @@ def test_outputs_are_those_of_the_equations_and_come_nearer_with_shorter_steps(s
     assert coarse.max() < 1e-3
     if "T_s" not in SHIPS[ship]:
         assert (fine <= np.maximum(coarse / 3.0, 4e-6)).all()
+
+
+@pytest.mark.parametrize(
+    ("more", "size"),
+    [({}, 0.06), (TWIST, 0.06), (SAMPLED, 0.03), ({**SAMPLED, "tau_act": 0.05, "T_d": 0.0413}, 0.03)],
+)
+def test_a_rate_limit_is_left_and_reached_amid_a_step(more, size):
+    t = np.arange(1500) * 0.02
+    u = 1.0 + size * (np.sin(2.0 * np.pi * 0.23 * t) + 0.6 * np.sin(2.0 * np.pi * 0.71 * t + 1.0))
+    ship = vector(**more, rate_up=0.35, rate_down=0.3)
+    coarse, fine = (
+        _core.simulate_ship(ship, u, NO_LOAD, 0.02, steps, "first", [0, 1, 3]) for steps in (4, 40)
+    )
+    assert np.abs(np.diff(fine[2])).max() > 0.9 * 0.3 * 0.02
+    assert (rms(coarse - fine) < 3e-4 * np.std(fine, axis=1)).all()
 
 
 @pytest.mark.parametrize("name", ["T_d", "T_set", "tau_act", "tau_twist"])

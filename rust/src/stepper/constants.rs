@@ -69,8 +69,8 @@ impl Constants {
             highest_slope: parameters.of(at::M_MAX_SLOPE),
             softness: parameters.of(at::M_SOFT),
             lowest: parameters.of(at::M_MIN),
-            fastest_up: parameters.of(at::RATE_UP) * h,
-            fastest_down: parameters.of(at::RATE_DOWN) * -h,
+            fastest_up: parameters.of(at::RATE_UP),
+            fastest_down: -parameters.of(at::RATE_DOWN),
             rack_most: parameters.of(at::X_MAX),
             rack_least: parameters.of(at::X_MIN),
         }

@@ -16,9 +16,9 @@
 //! `dM_g = s_M (L + tau_prop dN/dt) - 1`, `dX = A`, `dE = I`, `dn_prop`; a channel's delay makes speeds late by `T_n`, torques by
 //! `T_M`.
 //!
-//! The step is an Adams predictor and corrector of third order for the speed; the lag is exact for commands that run
-//! straight over a step; dead times read between the steps; limits are clamps; a twisting shaft is the exponential of its own
-//! linear equations. Every element goes to "off" continuously.
+//! The step is an Adams predictor and corrector of third order for the speed; lag and rate of the rack are
+//! exact for commands that run straight over a step; dead times read between the steps; other limits are clamps; a twisting
+//! shaft is the exponential of its own linear equations. Every element goes to "off" continuously.
 
 #![allow(clippy::float_cmp)] // An element that is off is off exactly.
 

@@ -39,9 +39,15 @@ impl<const D: bool> Ship<'_, D> {
         self.limited(found)
     }
 
-    /// Behind the actuator's lag.
+    /// Behind the actuator's lag and rate.
     #[inline(always)]
     fn followed(&self, late: Span) -> [f64; 2] {
+        if self.acting.rate {
+            // The straight line of the command's mean and end.
+            let start = 2.0 * late.mean - late.end;
+            let [rack, area] = self.paced(self.rack, start, (late.end - start) / self.h, self.h);
+            return [rack, area / self.h];
+        }
         if !self.acting.lag {
             return [late.end, late.mean];
         }
@@ -50,19 +56,40 @@ impl<const D: bool> Ship<'_, D> {
         [rack, late.mean + (self.lagged - rack) * lag.in_steps]
     }
 
-    /// Within the limits of rate and position.
+    /// The rack after so many seconds, and its area over them, behind a command that runs straight: exactly.
+    ///
+    /// It goes at its limit of rate until the lag asks for less, is free until that asks for more, and goes at the limit again.
+    #[inline(always)]
+    fn paced(&self, rack: f64, command: f64, slope: f64, length: f64) -> [f64; 2] {
+        let (tau, up, down) = (self.c.lag.time, self.c.fastest_up, self.c.fastest_down);
+        let gap = command - rack;
+        let (mut held, mut reached) = (0.0, rack);
+        if gap > up * tau || gap < down * tau {
+            let pace = if gap > 0.0 { up } else { down };
+            let until = (gap - pace * tau) / (pace - slope);
+            held = if until > 0.0 { until.min(length) } else { length };
+            reached += pace * held;
+        }
+        let mut area = 0.5 * (rack + reached) * held;
+        let (asked, left, pace) = (command + slope * held, length - held, slope.clamp(down, up));
+        if left == 0.0 {
+            return [reached, area];
+        }
+        let (mut free, mut freed) = (0.0, asked);
+        if tau > 0.0 {
+            let beyond = asked - reached - slope * tau;
+            let until = if pace == slope { left } else { tau * (beyond / (tau * (pace - slope))).ln() };
+            free = until.clamp(0.0, left);
+            freed = asked + slope * (free - tau) - beyond * (-free / tau).exp();
+            area += (asked + 0.5 * slope * free) * free + tau * (reached - freed);
+        }
+        let last = freed + pace * (left - free);
+        [last, area + 0.5 * (freed + last) * (left - free)]
+    }
+
+    /// Within the limits of position.
     #[inline(always)]
     fn limited(&self, [mut rack, mut mean]: [f64; 2]) -> [f64; 2] {
-        if self.acting.rate {
-            let way = rack - self.rack;
-            if way > self.c.fastest_up {
-                rack = self.rack + self.c.fastest_up;
-                mean = (rack + self.rack) * 0.5;
-            } else if way < self.c.fastest_down {
-                rack = self.rack + self.c.fastest_down;
-                mean = (rack + self.rack) * 0.5;
-            }
-        }
         if self.acting.rack_limit {
             let within = self.within_limits(rack);
             if within != rack {
@@ -125,16 +152,9 @@ impl<const D: bool> Ship<'_, D> {
         loop {
             let arrived = clock.coming.front().filter(|(time, _)| *time < end);
             let to = arrived.map_or(h, |(time, _)| time - begin);
-            let length = to - from;
-            let mut last = clock.acting;
-            if self.acting.lag {
-                let time = self.c.lag.time;
-                if time > 0.0 {
-                    last += (rack - last) * (-length / time).exp();
-                }
-                area += time * (rack - last);
-            }
-            area += clock.acting * length;
+            let length = (to - from).max(0.0);
+            let [last, more] = self.paced(rack, clock.acting, 0.0, length);
+            area += more;
             (rack, from) = (last, to);
             let Some((_, command)) = arrived else { break };
             clock.acting = *command;
