@@ -18,16 +18,17 @@ from shipfp_rs.support.arrays import Array, Values
 
 STATE_REACH = 0.3
 """How far a record's set point and torque may be read wrong, over the operating point's."""
-LOGARITHMS = ("tau_n", "vK_p", "vK_i", "rate", "tau_twist", "v", "M_soft")
+LOGARITHMS = ("tau_n", "rate", "tau_twist", "v", "M_soft")
 """Parameters that are searched by their logarithm."""
 SQUARES = ("hold",)
 """Parameters that act by their square, and are searched by it: about zero they would have no slope."""
 RATIOS = ("vK_p", "vK_i")
-"""Parameters that are searched over tau_n."""
+"""Parameters that are searched over tau_n, and not by a logarithm: (p - g) / tau_n and vK_i / tau_n rise in proportion along
+a valley, of which a logarithm would make a bow."""
 MOST_BEHIND, WALL = 0.95, 0.01
 """Largest part of the inertia that may lie behind a gauge, and how steep the wall at it is."""
 SMALLEST = 1e-3
-"""Least of what has a logarithm and a lower bound of none."""
+"""Least gain over tau_n."""
 
 
 STATE_DEVIATION = 0.1
@@ -106,7 +107,7 @@ class Coordinates:
         if name == "g":
             return (-50.0, 500.0)
         if name in RATIOS:
-            return (np.log(SMALLEST), np.log(5e3))
+            return SMALLEST, 5e3
         if name in LOGARITHMS:
             return float(np.log(max(low, 1e-9))), float(np.log(high))
         return (low**2, high**2) if name in SQUARES else (low, high)
@@ -146,7 +147,9 @@ class Coordinates:
             if name == "g":
                 vector[place] = (known["p"] - value) / tau
             elif name in LOGARITHMS:
-                vector[place] = np.log(max(value / tau if name in RATIOS else value, 1e-9))
+                vector[place] = np.log(max(value, 1e-9))
+            elif name in RATIOS:
+                vector[place] = value / tau
             else:
                 vector[place] = value**2 if name in SQUARES else value
         for record, row in enumerate(states):
@@ -170,8 +173,9 @@ class Coordinates:
         found, place_of = np.zeros((len(own), len(own))), self._place_of
         found.flat[:: len(own) + 1] = own
         tau, g = place_of.get("tau_n"), place_of.get("g")
-        if tau is not None:
-            for name in self._ratios:
+        for name in self._ratios:
+            found[place_of[name], place_of[name]] = values["tau_n"]
+            if tau is not None:
                 found[place_of[name], tau] = values[name]
         if g is not None:
             found[g, g] = -values["tau_n"]
