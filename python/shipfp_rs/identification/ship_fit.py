@@ -46,6 +46,10 @@ SCALES = (0.6, 1.7)
 """Factors of the inertia at which a ship with a gauge is searched again."""
 STEPS_ELSEWHERE = 12
 """Steps at most to where other delays lead, before noise and corrections are their own."""
+FAR = 100.0
+"""Ends there that are above by more are led nowhere by a noise of their own."""
+LEVEL = 0.1
+"""Ends of one valley may differ by this."""
 REDIVIDED, MORE = 3, 4
 """How often delays are parted otherwise at most, and how many new ends go down to their minima each time."""
 
@@ -118,12 +122,13 @@ def smooth_ship(
     tell("searching the smooth ship", 0.3)
     if not undecided:
         return _corrected(fit, fit.between, until)
-    totals: dict[Between | None, float] = {}
+    ends: list[ShipFit] = []
     for place, way in enumerate(WAYS):
         tell(f"trying a set point that runs {way} between its samples", 0.3 + 0.2 * place)
-        end = _corrected(replace(fit, basins=fit.basins[:1]), way, until)
-        totals[way] = end.total
-    return _corrected(fit, min(WAYS, key=lambda way: totals[way]), until)
+        ends.append(_corrected(replace(fit, basins=fit.basins[:1]), way, until))
+    best = min(ends, key=lambda end: end.total)
+    others = [descend(best.likelihood, one.vector, until=until) for one in fit.basins[1:]]
+    return replace(best, basins=tuple(distinct(best.likelihood, [best.best, *others])))
 
 
 def _corrected(fit: ShipFit, between: Between | None, until: float | None) -> ShipFit:
@@ -194,26 +199,30 @@ def with_other_delays(fit: ShipFit, until: float | None = None) -> ShipFit:
 def _elsewhere(fit: ShipFit, starts: Sequence[Array], until: float | None) -> tuple[ShipFit, float]:
     """Return the fit from the likeliest end, each with its own noise and corrections, and by how much the total fell."""
     ends = [descend(fit.likelihood, one, steps=STEPS_ELSEWHERE, settled=1.0, until=until) for one in starts]
+    ends = [one for one in ends if one.cost < fit.best.cost + FAR]
     others = [one for one in distinct(fit.likelihood, [fit.best, *ends]) if one is not fit.best]
-    own = [by_own_noise(fit.likelihood, one.vector, until=until) for one in (fit.best, *others)]
-    likely = [one for one in own[1:] if one.cost < own[0].cost + LIKELY]
-    likely = sorted(likely, key=lambda one: one.cost)[:MORE]
-    tried = [settled(replace(fit, basins=(one,), also=()), until) for one in (fit.best, *likely)]
-    before = tried[0].total
-    tried = sorted((*tried, *fit.also), key=lambda one: one.total)
+    own = [by_own_noise(fit.likelihood, one.vector, until=until) for one in others]
+    likely = sorted((one for one in own if one.cost < fit.total + LIKELY), key=lambda one: one.cost)
+    likely = [one for one in likely if _is_apart(fit, fit.basins, one)]
+    tried = [settled(replace(fit, basins=(one,), also=()), until) for one in likely[:MORE]]
+    # Of a ship without the elements that came in since, another end tells nothing.
+    before = [one for one in fit.also if one.elements == fit.elements]
+    tried = sorted((fit, *tried, *before), key=lambda one: one.total)
     best = tried[0]
-    near = [descend(best.likelihood, one.vector, until=until) for one in (*fit.basins, *others)]
-    # What is lower under this noise only was tried under its own.
-    near = [one for one in near if best.best.cost <= one.cost < best.best.cost + ALIKE]
-    basins = tuple(distinct(best.likelihood, [best.best, *near]))
-    also = [one for one in tried[1:] if one.total < best.total + ALIKE and _is_apart(best, basins, one)]
-    return replace(best, basins=basins, also=tuple(also)), before - best.total
+    near = [*(() if best is fit else fit.basins), *(one.best for one in tried[1:]), *likely[MORE:]]
+    near = [one for one in near if _is_apart(best, best.basins, one)]
+    near = [descend(best.likelihood, one.vector, until=until) for one in near]
+    # What is much lower under this noise only was tried under its own.
+    near = [one for one in near if -LEVEL < one.cost - best.best.cost < ALIKE]
+    basins = tuple(distinct(best.likelihood, [*best.basins, *near]))
+    also = [one for one in tried[1:] if one.total < best.total + ALIKE and _is_apart(best, basins, one.best)]
+    return replace(best, basins=basins, also=tuple(also)), fit.total - best.total
 
 
-def _is_apart(fit: ShipFit, basins: Sequence[Basin], other: ShipFit) -> bool:
-    """Whether an end that is as likely under its own noise is none of the minima under a fit's."""
+def _is_apart(fit: ShipFit, basins: Sequence[Basin], other: Basin) -> bool:
+    """Whether an end under another noise is none of the minima under a fit's."""
     known = fit.best.products or fit.likelihood.products(fit.best.vector)
-    moves = [other.best.vector - one.vector for one in basins]
+    moves = [other.vector - one.vector for one in basins]
     return all(one @ known.matrix @ one > SAME and np.abs(one).max() > 1e-3 for one in moves)
 
 
