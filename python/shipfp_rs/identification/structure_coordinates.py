@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -81,11 +82,15 @@ class StructureCoordinates:
     def values(self, vector: Array) -> dict[str, float]:
         """Return the parameters in their own units, those given and tied included."""
         found = dict(self.given)
-        for name, x in zip(self.names, vector, strict=False):
+        for name, x in zip(self.names, vector.tolist(), strict=False):
             low, high = self.free[name]
             # An exponential of a logarithm may miss a bound by rounding.
-            found[name] = float(np.clip(np.exp(x), low, high)) if name in self.logarithmic else float(x)
-        return self.structure.complete(found)
+            found[name] = min(max(math.exp(x), low), high) if name in self.logarithmic else x
+        return self.structure.complete(found) if self._tied else found
+
+    @cached_property
+    def _tied(self) -> bool:
+        return bool(self.structure.ties)
 
     def states_at(self, vector: Array) -> list[dict[str, float]]:
         """Return each record's unknowns by name."""
