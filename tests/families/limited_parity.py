@@ -20,8 +20,8 @@ from scipy.signal import firwin
 
 from shipfp_rs import _core
 from shipfp_rs.identification.question import SHARPEST
-from shipfp_rs.identification.sampling import interpolated
 from shipfp_rs.structures.ship import INDEX, KERNEL
+from shipfp_rs.support.interpolation import interpolated
 from tests.families import sensors
 from tests.families.draw import STEP_S as H
 from tests.families.draw import Draw, draw

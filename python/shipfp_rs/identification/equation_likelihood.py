@@ -27,7 +27,6 @@ from shipfp_rs.identification.likelihood import (
     turned,
     white_root,
 )
-from shipfp_rs.identification.sampling import interpolated
 from shipfp_rs.identification.spectra import Spectra
 from shipfp_rs.identification.structure_coordinates import StructureCoordinates
 from shipfp_rs.structures.commanded import CommandedEquations, stepper_parameters
@@ -36,6 +35,7 @@ from shipfp_rs.structures.structure import Structure
 from shipfp_rs.structures.transfer import TransferFunctions
 from shipfp_rs.structures.two_equations import TwoEquations
 from shipfp_rs.support.arrays import Array, ComplexArray, Numbers
+from shipfp_rs.support.interpolation import interpolated
 
 INDEX = {name: index for index, name in enumerate(_core.EQUATION_PARAMETERS)}
 """Places of the kernel's parameters."""

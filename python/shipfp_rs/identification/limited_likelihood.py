@@ -17,9 +17,9 @@ import numpy as np
 from shipfp_rs.errors import SimulationError
 from shipfp_rs.identification.equation_likelihood import EquationLikelihood
 from shipfp_rs.identification.likelihood import Products
-from shipfp_rs.identification.sampling import interpolated
 from shipfp_rs.identification.spectra import Spectra
 from shipfp_rs.support.arrays import Array, ComplexArray
+from shipfp_rs.support.interpolation import interpolated
 from shipfp_rs.support.threads import where_alone
 
 LIMITS = ("M_max", "M_soft", "rate")
