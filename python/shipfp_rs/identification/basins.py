@@ -93,7 +93,7 @@ def descend(
         if until is not None and time.monotonic() > until:
             break
         try:
-            step = bounded_step(now, x, low, high, damping)
+            step = _step(now, x, low, high, damping)
         except np.linalg.LinAlgError:  # directions that nothing tells, by rounding
             damping = max(damping * MORE, 1e-9)
             continue
@@ -138,7 +138,7 @@ def _computed(likelihood: Likelihood, penalty: Penalty | None, vector: Array) ->
     )
 
 
-def bounded_step(now: Products, x: Array, low: Array, high: Array, damping: float) -> Array:
+def _step(now: Products, x: Array, low: Array, high: Array, damping: float) -> Array:
     """Damped Gauss-Newton step within the bounds: what it would push out is held, and the rest solved again."""
     # By Cholesky, which is as exact whatever units the entries have, be they orders of magnitude apart.
     damped, downhill, low, high = now.matrix.copy(), now.downhill, low - x, high - x

@@ -14,8 +14,8 @@ from operator import itemgetter
 import numpy as np
 from scipy.stats import chi2
 
-from shipfp_rs.identification.basins import Basin, bounded_step, descend
-from shipfp_rs.identification.likelihood import Figure, Likelihood, Products
+from shipfp_rs.identification.basins import Basin, descend
+from shipfp_rs.identification.likelihood import Figure, Likelihood
 from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.threads import where_alone
 
@@ -25,19 +25,15 @@ NEAR, ABOUT = 0.1, 0.4
 """A point counts as inside where its rise is above the quantile by this part at most. Within the second part, above or
 below, the end follows from the root of the rise, which runs nearly straight."""
 TRIES = 7
-STEPS = 8
+STEPS = 15
 STIFF = 10.0
 """The held figure may stray by its standard deviation over this."""
-FIRM, LOOKS = 1e4, 6
-"""Weight of a figure's target over its variance where the curvature leads to it, and how often it looks for the end so."""
-PASSED = 0.8
-"""Where other profiles have been beyond this part of where the least deviance leads to, it is led on from there."""
 SHRINK, SHRUNK = 0.15, 0.01
 """Where bounds hold a figure back its scale is reduced by the one, to no less than the other."""
 FURTHER = 1.3
 """Most that an end is led beyond the last point inside, over that point's distance."""
-ROUNDING = 1e-13
-"""Least curvature of a direction over the entries' own: what rounding leaves."""
+ROUNDING, STRAIGHT = 1e-13, 1e-9
+"""Least curvature of a direction over the entries' own: what rounding leaves, and what a profile goes straight along."""
 
 
 @dataclass(frozen=True)
@@ -144,36 +140,42 @@ class Profiles:
 
         Beyond `most` the figure can't be.
         """
-        value = self._of(figure, basin)
+        c = self.likelihood.coordinates
+        value = figure(c.values(basin.vector))
         room = side * (most - value)
-        lead = self._lead(basin, figure)
-        if room <= 0.0 or lead is None:
+        if room <= 0.0:
             return value, "bound", []
+        slope = self.gradient(figure, basin.vector)
+        covariance = self.covariance(basin, slope)
+        spread = float(slope @ covariance @ slope)
+        if not spread > 0.0:
+            return value, "bound", []
+        scale, way = float(np.sqrt(spread)), self._way(basin, figure, covariance @ slope / spread)
         far, inside = self._farthest(figure, side, value)
-        reached, over = side * (far - value), np.inf
-        distance = side * (lead.end(side, basin.cost) - value)
-        if reached > PASSED * distance:
-            lead = self._lead(inside, figure) or lead
-            distance = max(side * (lead.end(side, basin.cost) - value), reached)
-        least = SHRUNK * (scale := distance / np.sqrt(RISE))
+        x, reached, over = inside.vector, side * (far - value), np.inf
         # The last point inside on the profile itself, and the root of its rise: from there on it runs nearly straight.
         known, root = 0.0, 0.0
+        found = basin.products or self.likelihood.products(basin.vector)
+        scale = min(scale, _scale_uphill(max(-2.0 * side * float(found.downhill @ way), 0.0), spread))
+        distance = max(np.sqrt(RISE) * scale, 1.2 * reached)
         visited: list[Basin] = []
         for _ in range(tries):
             distance = min(distance, room)
-            end = self._at(value + side * distance, figure, scale, lead, visited)
+            end = self._at(value + side * distance, figure, scale, x, way, visited)
             if not np.isfinite(end.cost):
                 over = distance
                 distance = 0.5 * (reached + over)
                 continue
-            visited.append(end)
-            went, rise = side * (self._of(figure, end) - value), end.cost - basin.cost
+            found = end.products or found
+            visited.append(replace(end, products=None))
+            went = side * (figure(c.values(end.vector)) - value)
+            rise = end.cost - basin.cost
             if abs(rise / RISE - 1.0) < ABOUT and went > reached:
                 share = (np.sqrt(RISE) - root) / max(np.sqrt(rise) - root, 0.1)
                 end_at = known + min(share, FURTHER) * (went - known)
                 return value + side * max(reached, end_at), "data", visited
             if rise > RISE * (1.0 + NEAR):
-                over = min(over, distance, went if went > reached else distance)
+                over = min(over, went)
                 share = (np.sqrt(RISE) - root) / max(np.sqrt(rise) - root, 1e-9)
                 distance = known + float(np.clip(share, 0.1, 0.95)) * (over - known)
                 distance = max(distance, reached + 0.1 * (over - reached))
@@ -182,57 +184,60 @@ class Profiles:
             else:
                 stuck = end.settled and went < reached + 0.3 * (distance - reached)
                 if went > reached:
-                    reached, known, root = went, went, np.sqrt(max(rise, 0.0))
-                    lead = self._lead(end, figure) or lead
-                if stuck and scale <= least:
+                    reached, x = went, end.vector
+                    known, root = went, np.sqrt(max(rise, 0.0))
+                    way = self._way(end, figure, way)
+                if stuck and scale <= SHRUNK * np.sqrt(spread):
                     return value + side * reached, "bound", visited
                 if stuck:
                     # What would make up for it is on its bound: the way is steeper than the curvature says.
                     scale *= SHRINK
                     distance = reached + np.sqrt(RISE) * scale
                     continue
-                step = float(
-                    np.clip(side * (lead.end(side, basin.cost) - value), 1.1 * reached, 3.0 * reached)
-                )
+                step = reached * float(np.clip(np.sqrt(RISE / max(rise, 0.05)), 1.1, 3.0))
                 distance = min(step, 0.5 * (reached + over)) if np.isfinite(over) else step
             if over - reached < 0.03 * over:
                 break
         # Where the tries end first the next one's target is nearer to the end than the last point inside.
         return value + side * max(reached, min(distance, FURTHER * reached)), "data", visited
 
-    def _of(self, figure: Figure, point: Basin) -> float:
-        return figure(self.likelihood.coordinates.values(point.vector))
-
     def _at(
-        self, target: float, figure: Figure, scale: float, lead: _Lead, visited: Sequence[Basin]
+        self,
+        target: float,
+        figure: Figure,
+        scale: float,
+        x: Array,
+        way: Array,
+        visited: Sequence[Basin],
     ) -> Basin:
-        """The least deviance with a figure at a target, from a point, and from another one visited where that is high."""
-        end = self._held(lead.to(target)[0], figure, target, scale)
+        """The least deviance with a figure at a target, from x, and from another point visited where that is high."""
+        end = self._held(self._moved(x, way, figure, target), figure, target, scale)
         if end.cost - self.best.cost > RISE * (1.0 + ABOUT):
             # Another valley may be lower there.
             other = self._nearest(figure, target, visited)
-            found = None if other is lead.point else self._lead(other, figure)
-            if found is not None:
-                again = self._held(found.to(target)[0], figure, target, scale)
+            if other is not x:
+                again = self._held(self._moved(other, way, figure, target), figure, target, scale)
                 end = min(end, again, key=lambda one: one.cost)
         return end
 
-    def _nearest(self, figure: Figure, target: float, visited: Sequence[Basin]) -> Basin:
-        """Of the points that may be true the one whose figure is nearest to a target."""
-        most = self.best.cost + RISE
-        points = [one for one in (*self.basins, *self.visited, *visited) if one.cost <= most]
-        return min(points, key=lambda one: abs(self._of(figure, one) - target))
+    def _moved(self, vector: Array, way: Array, figure: Figure, target: float) -> Array:
+        """A vector moved along a way to where the figure is about at the target."""
+        c = self.likelihood.coordinates
+        return np.clip(vector + way * (target - figure(c.values(vector))), *c.bounds)
 
-    def _lead(self, point: Basin, figure: Figure) -> _Lead | None:
-        """Where a profile leads from a point; None where nothing moves the figure."""
-        products = point.products or self.likelihood.products(point.vector)
-        slope = self.gradient(figure, point.vector)
-        covariance = self.covariance(replace(point, products=products), slope)
+    def _nearest(self, figure: Figure, target: float, visited: Sequence[Basin]) -> Array:
+        """Of the points that may be true the one whose figure is nearest to a target."""
+        c, most = self.likelihood.coordinates, self.best.cost + RISE
+        points = [one for one in (*self.basins, *self.visited, *visited) if one.cost <= most]
+        return min(points, key=lambda one: abs(figure(c.values(one.vector)) - target)).vector
+
+    def _way(self, end: Basin, figure: Figure, otherwise: Array) -> Array:
+        """How everything moves along while the figure moves by one, at a point in a valley that may bend."""
+        slope = self.gradient(figure, end.vector)
+        # Along directions that nothing tells it would lead far astray.
+        covariance = self.covariance(end, slope, STRAIGHT)
         spread = float(slope @ covariance @ slope)
-        if not spread > 0.0:
-            return None
-        at = self._of(figure, point)
-        return _Lead(replace(point, products=products), at, slope, spread, self.likelihood.coordinates.bounds)
+        return covariance @ slope / spread if spread > 0.0 else otherwise
 
     def _held(self, start: Array, figure: Figure, target: float, deviation: float) -> Basin:
         stiffness = STIFF / deviation
@@ -244,57 +249,11 @@ class Profiles:
         return descend(self.likelihood, start, steps=STEPS, settled=0.05, penalty=penalty, near=True)
 
 
-@dataclass(frozen=True)
-class _Lead:
-    """Where a profile leads from a point, as the curvature there says and the bounds allow.
-
-    Parameters
-    ----------
-    point, value
-        Where it begins, and the figure there.
-    slope, spread
-        The figure's derivative, and its variance by the curvature alone.
-    bounds
-        Those of a vector.
-    """
-
-    point: Basin
-    value: float
-    slope: Array
-    spread: float
-    bounds: tuple[Array, Array]
-
-    def to(self, target: float) -> tuple[Array, float]:
-        """Return the vector of the least deviance with the figure at a target, and that deviance."""
-        now = self.point.products
-        assert now is not None
-        apart, stiffness = target - self.value, FIRM / self.spread
-        held = Products(
-            now.cost,
-            now.downhill + stiffness * apart * self.slope,
-            now.matrix + stiffness * np.outer(self.slope, self.slope),
-        )
-        step, damping = None, ROUNDING
-        while step is None:
-            try:
-                step = bounded_step(held, self.point.vector, *self.bounds, damping)
-            except np.linalg.LinAlgError:  # directions that nothing tells, by rounding
-                damping *= 1e3
-        strayed = apart - self.slope @ step
-        promised = now.cost - 2.0 * step @ now.downhill + step @ now.matrix @ step
-        return self.point.vector + step, float(promised + stiffness * strayed**2)
-
-    def end(self, side: int, least: float) -> float:
-        """Return the target at which the deviance rises by the quantile above the least."""
-        known, root = self.value, np.sqrt(max(self.to(self.value)[1] - least, 0.0))
-        target = known + side * np.sqrt(RISE * self.spread)
-        for _ in range(LOOKS):
-            there = np.sqrt(max(self.to(target)[1] - least, 1e-9))
-            if abs(there**2 / RISE - 1.0) < NEAR:
-                break
-            share = (np.sqrt(RISE) - root) / max(there - root, 0.1)
-            target = known + float(np.clip(share, 0.02, 3.0)) * (target - known)
-        return float(target)
+def _scale_uphill(uphill: float, spread: float) -> float:
+    """Deviation of a figure on a bound: the deviance rises along a slope, too; slope d + d^2 / spread is the quantile."""
+    half = 0.5 * uphill * spread
+    straight = np.sqrt(half**2 + RISE * spread) - half
+    return max(float(straight / np.sqrt(RISE)), 1e-12)
 
 
 def scaled_inverse(matrix: Array, least: float = ROUNDING) -> Array:
