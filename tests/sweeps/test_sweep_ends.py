@@ -90,7 +90,6 @@ def test_breakage_d5_a_run_leaves_no_temporary_folder(tmp_path, number, status):
 @pytest.mark.parametrize(
     "slip",
     [
-        ("[noise]", "[operating_point]\nn_e_rpm = 1.0\n[noise]"),
         ("draws = 2", "draws = 2\ntime_limit_s = 1e-6"),
     ],
 )
