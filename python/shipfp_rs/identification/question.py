@@ -15,7 +15,7 @@ from shipfp_rs.identification.coordinates import Coordinates
 from shipfp_rs.identification.equation_likelihood import EquationLikelihood
 from shipfp_rs.identification.input_checks import is_loaded, set_point_moves
 from shipfp_rs.identification.likelihood import ACCURACY
-from shipfp_rs.identification.limited_likelihood import LIMITS, LimitedLikelihood
+from shipfp_rs.identification.limited_likelihood import LimitedLikelihood
 from shipfp_rs.identification.sampling import Between
 from shipfp_rs.identification.spectra import Spectra
 from shipfp_rs.structures.elements import ELEMENTS
@@ -195,7 +195,7 @@ class Question:
         """Return the likelihood of the same records with some of the elements tried."""
         coordinates = self.coordinates(elements, likelihood.unknowns)
         changed: dict[str, Any] = {"coordinates": coordinates, "priors": self._priors(coordinates.free)}
-        if set(LIMITS) & {*coordinates.free, *coordinates.given} and not isinstance(
+        if {"M_max", "rate"} & {*coordinates.free, *coordinates.given} and not isinstance(
             likelihood, LimitedLikelihood
         ):
             known = {one.name: getattr(likelihood, one.name) for one in fields(EquationLikelihood)}

@@ -35,7 +35,7 @@ from shipfp_rs.identification.ship_found import (
     likelihood_of,
     settled,
 )
-from shipfp_rs.identification.trials import with_limits, with_twist
+from shipfp_rs.identification.trials import with_given_limits, with_limits, with_twist
 from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.progress import part, tell
 
@@ -72,6 +72,10 @@ def fit_ship(
         Where no start leads to a ship that can be simulated.
     """
     until = None if time_limit_s is None else time.monotonic() + time_limit_s
+    given = tuple(element for element in sorted(LIMITED) if TRIED[element][0] in question.always)
+    names = {name for element in given for name in TRIED[element]}
+    # A limit that is given is searched as one that is tried: a smooth loop is found before it.
+    question = replace(question, always=tuple(name for name in question.always if name not in names))
     with part(0.0, 0.4):
         smooth = smooth_ship(question, starts=starts, seed=seed, until=until, side=side)
         tell("parting the delays otherwise", 0.9)
@@ -80,6 +84,7 @@ def fit_ship(
     with part(0.4, 0.8):
         fit = with_twist(fit, smooth, until)
         fit = with_other_delays(fit, until) if fit.elements else fit
+        fit = with_given_limits(fit, given, until)
         fit = with_limits(fit, until)
         fit = fit if fit.is_smooth else _with_limits_elsewhere(fit, until)
     tell("settling", 0.8)

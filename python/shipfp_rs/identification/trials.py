@@ -6,12 +6,13 @@ on where the deviance falls by much more (`ship_found.BELIEVED`). Ends are compa
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
-from shipfp_rs.errors import SimulationError
+from shipfp_rs.errors import IdentificationError, SimulationError
 from shipfp_rs.identification.basins import LIKELY, Basin, descend, each
 from shipfp_rs.identification.engine_tests import engine_tests, limit_to_try
 from shipfp_rs.identification.equation_likelihood import EquationLikelihood
@@ -63,6 +64,23 @@ def with_limits(fit: ShipFit, until: float | None) -> ShipFit:
         gains = {**fit.gains, suspect: gain}
         fit = replace(taken, gains=gains, unlimited=fit if fit.is_smooth else fit.unlimited)
         fit = replace(fit, scores=engine_tests(fit))
+    return fit
+
+
+def with_given_limits(fit: ShipFit, given: Sequence[str], until: float | None) -> ShipFit:
+    """Return the fit with limits that are given to act.
+
+    Raises
+    ------
+    IdentificationError
+        Where no start leads to one.
+    """
+    for element in given:
+        taken = _limited(fit, element, until, surely=True)
+        if taken is None:
+            raise IdentificationError(f"identify: no start leads to a ship with {ELEMENTS[element].words}")
+        gains = {**fit.gains, element: np.inf}
+        fit = replace(taken, gains=gains, unlimited=fit if fit.is_smooth else fit.unlimited)
     return fit
 
 
@@ -120,8 +138,8 @@ def _is_inside(likelihood: EquationLikelihood, end: Basin, element: str) -> bool
     return bool(np.isfinite(end.cost) and low[place] + 1e-6 < end.vector[place] < high[place] - 1e-6)
 
 
-def _limited(fit: ShipFit, element: str, until: float | None) -> ShipFit | None:
-    """Return the fit with a limit; None where the record comes near none, or the limit ends on its bound.
+def _limited(fit: ShipFit, element: str, until: float | None, *, surely: bool = False) -> ShipFit | None:
+    """Return the fit with a limit; None where the record comes near none, or, if not surely, the limit ends on its bound.
 
     A smooth loop that stands in for a limit has noise of its own shape: each end is judged under its own.
     """
@@ -138,7 +156,7 @@ def _limited(fit: ShipFit, element: str, until: float | None) -> ShipFit | None:
     ends = sorted(ends, key=lambda end: end.cost)[:2]
     ends = where_alone([partial(_by_own_noise, likelihood, end.vector, ROUNDS, until) for end in ends])
     best = min(ends, key=lambda end: end.cost)
-    if not _is_inside(likelihood, best, element):
+    if not (np.isfinite(best.cost) if surely else _is_inside(likelihood, best, element)):
         return None
     return _taken(fit, element, likelihood.resettled_at(best.vector), best, until)
 
