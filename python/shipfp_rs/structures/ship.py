@@ -13,7 +13,6 @@ from shipfp_rs.structures.equations import Equations
 from shipfp_rs.structures.linear import LinearEquations
 from shipfp_rs.structures.transfer import Place, TransferFunctions
 from shipfp_rs.support.arrays import Array, ComplexArray, Names, Values
-from shipfp_rs.support.interpolation import interpolated
 
 SET_SCALE, TORQUE_SCALE = "set point scale", "torque scale"
 STATES = ("initial dn", "initial fuel", SET_SCALE, TORQUE_SCALE)
@@ -42,8 +41,6 @@ _DEVIATIONS = ("initial dn", SET_SCALE, TORQUE_SCALE)
 """What counts from zero here and from one in the kernel."""
 
 
-FINE_HZ = 200.0
-"""Rate from which on lines between samples are as good as the signal that a low-pass left."""
 STEP = 1e-6
 """Step of a difference, over a value or one."""
 OF_BOTH_SIGNS = {*STATES, "g", "p", "damping", "c_2"}
@@ -113,12 +110,8 @@ class ShipEquations(Equations):
 
     def simulate(self, values: Values, experiment: Experiment) -> Array:
         """Return the normalised outputs, shape (O, N)."""
-        u, load, dt, substeps, hold = self._inputs(experiment)
-        # Lines between such samples are near what a low-pass left.
-        fine = max(1, round(FINE_HZ * dt)) if experiment.is_low_passed and hold == "first" else 1
-        inputs = interpolated(u, fine), interpolated(load, fine), dt / fine, substeps, hold
-        found = _core.simulate_ship(self.vector(values), *inputs, self._kernel_outputs, self._limit)
-        return np.ascontiguousarray(found[:, ::fine])
+        inputs = self._inputs(experiment)
+        return _core.simulate_ship(self.vector(values), *inputs, self._kernel_outputs, self._limit)
 
     def sensitivities(self, values: Values, experiment: Experiment, names: Names) -> tuple[Array, Array]:
         """Return the outputs (O, N) and their derivatives with respect to `names` by differences, shape (W, O, N)."""
