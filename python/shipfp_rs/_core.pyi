@@ -26,9 +26,10 @@ outputs.
 apart, F a multiple of `EQUATION_BLOCK`, real and imaginary parts apart; order k of `EQUATION_ORDERS` is the spectrum
 with (-1)^k times the taper's k-th derivative. A late signal is late by a time of a grid, its rest is what the delay has
 beyond that [s]. outputs hold 0 and any of 1, 2.
-- `equation_residuals(parameters[23], signals[7, 4, 2, F], spacing, late_speed[4, 2, F], speed_rest, late_set_point[4,
-  2, F], set_point_rest, outputs, gauge, open_loop, wrt) -> [1 + W, O, 2, F]`: data less the model's output, then the
-  model's derivatives; `gauge`: the torque is read between the inertias. A derivative by what is off (a `tau_twist` of
+- `equation_residuals(parameters[23], signals[7, 4, 2, F], spacing, late, outputs, gauge, open_loop, wrt) -> [1 + W, O,
+  2, F]`: data less the model's output, then the model's derivatives; `late`: ([4, 2, F], rest) of the speed, late by
+  `T_d`, of the set point, late by `T_d` + `T_set`, and, where the speed is the propeller's, of the torque, late by
+  `T_d`; `gauge`: the torque is read between the inertias. A derivative by what is off (a `tau_twist` of
   0) leaves out what only acts with it
 - `equation_products(...the same, root[O, O, 2, F], shapes[O, O, 2, F] or empty, hats[K, F]) -> ([1 + W, 1 + W], [2 O K,
   1 + W])`: products of these rows times the lower triangles `root`, and of the smooth errors (`shapes` times hats, real
@@ -132,10 +133,7 @@ def equation_residuals(
     parameters: NDArray[np.float64],
     signals: NDArray[np.float64],
     spacing: float,
-    late_speed: NDArray[np.float64],
-    speed_rest: float,
-    late_set_point: NDArray[np.float64],
-    set_point_rest: float,
+    late: Sequence[tuple[NDArray[np.float64], float]],
     outputs: Sequence[int],
     gauge: bool,
     open_loop: bool,
@@ -145,10 +143,7 @@ def equation_products(
     parameters: NDArray[np.float64],
     signals: NDArray[np.float64],
     spacing: float,
-    late_speed: NDArray[np.float64],
-    speed_rest: float,
-    late_set_point: NDArray[np.float64],
-    set_point_rest: float,
+    late: Sequence[tuple[NDArray[np.float64], float]],
     outputs: Sequence[int],
     gauge: bool,
     open_loop: bool,

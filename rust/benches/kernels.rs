@@ -12,7 +12,7 @@ use _core::pulse::PulseCrossings;
 use _core::statespace::Recursion;
 use _core::stepper::{self, parameters::at};
 use _core::stop::Stop;
-use _core::two_equations::{Equations, Late, Noise, Spectra, products};
+use _core::two_equations::{Equations, Late, Noise, PARAMETERS, Setup, Spectra, products};
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 
 const SAMPLES: usize = 10_000;
@@ -143,7 +143,7 @@ fn equations(criterion: &mut Criterion) -> Result<(), Error> {
     let late = |rest| Late { values: &values[..8 * COUNT], rest };
     let (square, hats) = (wander(1.0, 8 * COUNT), wander(1.0, 2 * COUNT));
     let noise = Noise { root: &square, shapes: &square, hats: &hats };
-    let mut vector = [0.0; 22];
+    let mut vector = [0.0; PARAMETERS.len()];
     for (place, value) in [(0, 1.5), (1, -0.6), (2, 6.3), (3, 1.6), (5, 2.17), (6, 0.6), (9, 0.3), (10, 0.12)]
     {
         vector[place] = value;
@@ -155,11 +155,11 @@ fn equations(criterion: &mut Criterion) -> Result<(), Error> {
     }
     let all = [0, 1, 2, 3, 5, 6, 7, 8, 9, 10, 11, 13, 14, 15, 19, 20, 21];
     for (name, wrt) in [("products of residuals", &all[..0]), ("with seventeen derivatives", &all[..])] {
-        Equations::new(&vector, &[0, 1], false, false, wrt)?;
+        Equations::new(&vector, &[0, 1], Setup::default(), wrt)?;
         group.bench_function(name, |bencher| {
             bencher.iter(|| {
-                let equations = Equations::new(black_box(&vector), &[0, 1], false, false, wrt)?;
-                products(&equations, spectra, late(0.02), late(0.005), noise, &Stop::new())
+                let equations = Equations::new(black_box(&vector), &[0, 1], Setup::default(), wrt)?;
+                products(&equations, spectra, &[late(0.02), late(0.005)], noise, &Stop::new())
             });
         });
     }

@@ -9,15 +9,19 @@ low-passed, and gaps are filled by the model.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 import shipfp_rs as fp
 from shipfp_rs import _core
+from shipfp_rs.identification.equation_likelihood import EquationLikelihood
+from shipfp_rs.identification.options import Options
 from shipfp_rs.identification.question import question_of
 from shipfp_rs.identification.ship_found import DEFAULTS
+from shipfp_rs.identification.structure_fit import likelihood_of
 from shipfp_rs.structures.ship import INDEX, KERNEL
+from shipfp_rs.structures.structure import Structure
 
 SHIP = {
     "tau_n": 1.2,
@@ -45,6 +49,7 @@ class Case:
     gap_s: float = 0.0
     gauge: bool = True
     excitation: str = "chirp"
+    propeller: bool = False
 
 
 CASES = {
@@ -59,6 +64,7 @@ CASES = {
     "late speed": Case(own={"T_n": 0.02}),
     "twist": Case(own={"tau_twist": 0.004, "zeta_twist": 0.5}),
     "twist, brake": Case(own={"tau_twist": 0.02, "zeta_twist": 2.0}, gauge=False),
+    "propeller's speed": Case(own={"tau_twist": 0.02, "zeta_twist": 0.5}, propeller=True),
     "dead times at their bounds": Case(own={"T_d": 0.6, "T_set": 2.0, "vK_p": 1.5, "vK_i": 1.0}),
     "24 s": Case(seconds=24.0),
     "steps": Case(excitation="steps"),
@@ -104,7 +110,8 @@ def simulated(case: Case) -> tuple[dict[str, float], fp.Experiment]:
     for name, value in truth.items():
         parameters[INDEX[KERNEL.get(name, name)]] = value
     torque = "dM_g" if case.gauge else "dM_b"
-    outputs = [_core.SHIP_OUTPUTS.index(name) for name in ("dn", torque)]
+    speed_name = "dn_prop" if case.propeller else "dn"
+    outputs = [_core.SHIP_OUTPUTS.index(name) for name in (speed_name, torque)]
     y = _core.simulate_ship(parameters, 1.0 + u, np.empty(0), 1.0 / FINE_HZ, 2, hold, outputs)
     if case.between == "band-limited" and case.excitation != "chirp":
         taps = fp_low_pass(case.rate_hz)
@@ -132,6 +139,13 @@ def fp_low_pass(rate_hz: float) -> np.ndarray:
 def left(case: Case) -> dict[str, float]:
     """Return what the two equations leave of each output at the truth, over its signal."""
     truth, experiment = simulated(case)
+    if case.propeller:
+        elements = ("dead_time_loop", "dead_time_set_point", "twist")
+        structure = Structure.ship(elements, torque="gauge", propeller_speed=True)
+        likelihood = likelihood_of(experiment, structure, Options())[1]
+        assert isinstance(likelihood, EquationLikelihood)
+        records = tuple(record.running("band-limited") for record in likelihood.records)
+        return _left(replace(likelihood, records=records), likelihood.coordinates.vector(truth))
     fixed = {"damping": truth["damping"]} if "damping" in truth else {}
     question = question_of(
         [experiment],
@@ -145,6 +159,10 @@ def left(case: Case) -> dict[str, float]:
     )
     likelihood = question.likelihood(case.between)
     vector = likelihood.coordinates.vector({**DEFAULTS, **BARE, "vK_d": 0.0, "T_n": 0.0, **truth})
+    return _left(likelihood, vector)
+
+
+def _left(likelihood: EquationLikelihood, vector: np.ndarray) -> dict[str, float]:
     likelihood = likelihood.corrected(vector)
     record, residual = likelihood.records[0], likelihood.residuals(vector)[0]
     return {

@@ -79,20 +79,18 @@ def record(seed=0, count=64, samples=SAMPLES):
     )
     rows = [speed, torque, rack, load, speed**2, speed**3, np.ones(samples)]
     signals = np.array([spectra(row, count) for row in rows])
-    return signals, spectra(speed, count, 0.1), spectra(set_point, count, 0.15)
+    late = spectra(speed, count, 0.1), spectra(set_point, count, 0.15), spectra(torque, count, 0.05)
+    return signals, *late
 
 
-def arguments(parameters, data, outputs, gauge=False, open_loop=False):
-    signals, speed, set_point = data
+def arguments(parameters, data, outputs, gauge=False, open_loop=False, propeller=False):
+    signals, speed, set_point, torque = data
     dead, both = parameters[INDEX["T_d"]], parameters[INDEX["T_d"]] + parameters[INDEX["T_set"]]
     return (
         parameters,
         signals,
         SPACING,
-        speed,
-        dead - 0.1,
-        set_point,
-        both - 0.15,
+        [(speed, dead - 0.1), (set_point, both - 0.15), *([(torque, dead - 0.05)] if propeller else [])],
         outputs,
         gauge,
         open_loop,
@@ -170,6 +168,18 @@ class TestAgainstTheTwin:
             np.testing.assert_allclose(found, expected, rtol=1e-10, atol=1e-11 * np.abs(expected).max())
 
 
+@pytest.mark.parametrize("late", [False, True])
+@pytest.mark.parametrize("open_loop", [False, True])
+@pytest.mark.parametrize("outputs", [[0, 1], [1, 2, 0]])
+@pytest.mark.parametrize("more", [{}, TWIST, {**TWIST, "vK_d": 0.2, "hold": 0.8, "k_L": 0.4, "x_0": 0.01}])
+def test_a_propellers_speed_is_that_of_the_twin(more, outputs, open_loop, late):
+    parameters = vector(**LOOP, **(LATE if late else {}), **more)
+    asked = arguments(parameters, record(), outputs, True, open_loop, propeller=True)
+    wrt = told(parameters)
+    # Polynomials of the fifth degree: the taper's fourth derivative, which neither has, differs in delays' derivatives.
+    compare(whole(_core.equation_residuals(*asked, wrt)), twin.rows(*asked, wrt), 1e-5)
+
+
 SHIP = vector(**LOOP, **LATE, k_L=0.3)
 MOVING = [
     INDEX[name] for name in ("tau_n", "g", "vK_p", "p", "k_L", "T_d", "T_set", "tau_act", "T_M", "u_0", "s_M")
@@ -226,7 +236,7 @@ class TestSymmetries:
 
     def test_any_number_of_blocks_gives_the_same_rows(self):
         long = record(count=160)
-        short = tuple(np.ascontiguousarray(part[..., :32]) for part in long)
+        short = [np.ascontiguousarray(part[..., :32]) for part in long]
         found, other = (
             _core.equation_residuals(*arguments(SHIP, part, [0, 1]), MOVING) for part in (long, short)
         )
@@ -260,10 +270,10 @@ def test_residuals_of_a_simulated_ship_vanish(gauge):
     speed, torque, rack = rows
     signals = [speed, torque, rack, 0.0 * speed, speed**2, speed**3, np.ones(len(speed))]
     kernel = vector(**told, vK_p=6.3, vK_i=1.6)
-    late = seen(speed, grid), 0.12 - grid / rate_hz, seen(set_point, grid), 0.155 - grid / rate_hz
+    late = [(seen(speed, grid), 0.12 - grid / rate_hz), (seen(set_point, grid), 0.155 - grid / rate_hz)]
     spectra_ = np.array([seen(row) for row in signals])
     found = _core.equation_residuals(
-        kernel, spectra_, 2.0 * np.pi * rate_hz / count, *late, [0, 1, 2], gauge, False, []
+        kernel, spectra_, 2.0 * np.pi * rate_hz / count, late, [0, 1, 2], gauge, False, []
     )
     size = np.abs(whole(spectra_[:3, 0])).max(axis=1)
     assert (np.abs(whole(found[0])).max(axis=1) < 3e-4 * size).all()
@@ -313,8 +323,8 @@ class TestStability:
 
 GOOD = dict(
     zip(
-        ("parameters", "signals", "spacing", "late_speed", "speed_rest", "late_set_point", "set_point_rest"),
-        arguments(SHIP, record(), [0, 1])[:7],
+        ("parameters", "signals", "spacing", "late"),
+        arguments(SHIP, record(), [0, 1])[:4],
         strict=True,
     ),
     outputs=[0, 1],
@@ -322,6 +332,7 @@ GOOD = dict(
     open_loop=False,
     wrt=[0],
 )
+LATE_OF_64 = np.zeros((4, 2, 64)), 0.0
 UNITS = dict(zip(("root", "shapes", "hats"), noise(2, 64), strict=True))
 BAD = [
     ({"parameters": SHIP[1:]}, "parameters: found 22 numbers, expected 23"),
@@ -331,9 +342,17 @@ BAD = [
     ({"signals": np.zeros((6, 4, 2, 64))}, r"signals: found an array of shape \[6, 4, 2, 64\]"),
     ({"signals": np.zeros((7, 4, 2, 40))}, "expected"),
     ({"spacing": 0.0}, "spacing: found 0, expected more than 0"),
-    ({"late_speed": np.zeros((4, 2, 32))}, r"late_speed: found an array of shape \[4, 2, 32\]"),
-    ({"late_set_point": np.zeros((3, 2, 64))}, r"late_set_point: found an array of shape \[3, 2, 64\]"),
-    ({"speed_rest": np.inf}, "late signals: .* rest inf"),
+    (
+        {"late": [(np.zeros((4, 2, 32)), 0.0), LATE_OF_64]},
+        r"late speed: found an array of shape \[4, 2, 32\]",
+    ),
+    (
+        {"late": [LATE_OF_64, (np.zeros((3, 2, 64)), 0.0)]},
+        r"late set point: found an array of shape \[3, 2, 64\]",
+    ),
+    ({"late": [LATE_OF_64, (np.zeros((4, 2, 64)), np.inf)]}, "late signals: .* rest inf"),
+    ({"late": [LATE_OF_64]}, "late: found 1 signals, expected speed and set point"),
+    ({"late": [LATE_OF_64] * 3}, "late: .* by the torque of a gauge"),
     ({"outputs": [1]}, r"outputs: found \[1\], expected the speed 0"),
     ({"outputs": [0, 0]}, r"outputs: found \[0, 0\]"),
     ({"outputs": [0, 3]}, r"outputs: found \[0, 3\]"),

@@ -60,7 +60,6 @@ def tug() -> Twin:
     return Twin.of(0, PARTS[CHIRP])
 
 
-@pytest.mark.slow
 def test_the_short_chirp_of_raw_logs_tells_the_ship() -> None:
     found = [twin.outcome(seed, (CHIRP,)) for seed in (1, 2)]
     for name, score in twin.scores(found, CHIRP).items():

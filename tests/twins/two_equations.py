@@ -46,13 +46,14 @@ def acting(operator, orders):
     return found
 
 
-def residuals(
-    parameters, signals, spacing, late_speed, speed_grid, late_set, set_grid, outputs, gauge, open_loop
-):
-    """Residuals (O, F) of measured outputs; a grid is the delay that a late signal already has."""
+def residuals(parameters, signals, spacing, late, outputs, gauge, open_loop):
+    """Residuals (O, F) of measured outputs; `late` has for each signal its spectra and the delay that these have."""
     q = dict(zip(NAMES, parameters, strict=True))
     spectra = dict(zip(_core.EQUATION_SIGNALS, signals[:, :, 0] + 1j * signals[:, :, 1], strict=True))
-    late_n, late_u = (part[:, 0] + 1j * part[:, 1] for part in (late_speed, late_set))
+    (late_n, speed_grid), (late_u, set_grid), *late_torque = (
+        (part[:, 0] + 1j * part[:, 1], grid) for part, grid in late
+    )
+    propeller = bool(late_torque)
     s = 1j * spacing * np.arange(signals.shape[3])
     one = polynomial(s, 1.0)
     zero = 0.0 * one
@@ -60,9 +61,12 @@ def residuals(
     # The channels: late themselves, the torque of another scale.
     early = delay(s, -q["T_n"])
     N, N2, N3 = (acting(early, spectra[name]) for name in ("N", "N2", "N3"))
-    M = (acting(delay(s, -q["T_M"]), spectra["M"]) + spectra["one"]) / q["s_M"] + (q["m_0"] - 1.0) * spectra[
-        "one"
-    ]
+    early_torque = delay(s, -q["T_M"])
+
+    def scaled(torque):
+        return (torque + spectra["one"]) / q["s_M"] + (q["m_0"] - 1.0) * spectra["one"]
+
+    M = scaled(acting(early_torque, spectra["M"]))
     apart = q["hold"] * q["T_d"] / np.sqrt(3.0)
     held = 0.5 * (delay(s, apart) + delay(s, -apart))
     fed_n = acting(product(delay(s, q["T_d"] - speed_grid), early, held), late_n)
@@ -74,8 +78,9 @@ def residuals(
     law = polynomial(s, q["p"] + q["damping"], q["tau_prop"])
     ahead = (q["tau_n"] - q["tau_prop"]) * s_of
     twists = q["tau_twist"] != 0.0
-    damped = one + q["zeta_twist"] * q["tau_twist"] * s_of if twists else one
-    stiff = damped + q["tau_twist"] * times(s_of, law) if twists else one
+    whole = one + q["zeta_twist"] * q["tau_twist"] * s_of if twists else one
+    damped = one if propeller else whole
+    stiff = damped + q["tau_twist"] * times(s_of, law) if twists and not propeller else one
     p = q["p"]
     bent = (p * (p - 1) / 2 + q["c_2"]) * N2 + p * (p - 1) * (p - 2) / 6 * N3 + q["k_L"] * spectra["load"]
     load_n = times(damped, law) + (0.0 * one if gauge else times(ahead, stiff))
@@ -101,18 +106,37 @@ def residuals(
         engine, engine_row = M + acting(engine_n, N), {0: engine_n, 1: one}
     else:
         engine, engine_row = acting(load_n + engine_n, N) + load_rest, {0: load_n + engine_n}
-    fuel = acting(on_u, asked) - acting(on_n, fed_n)
+    fed, on_m = acting(on_n, fed_n), zero
+    if propeller:
+        # The engine's speed, times what damps the twist: N damped + tau_twist s M.
+        wound = q["tau_twist"] * s_of
+        late_m, torque_grid = late_torque[0]
+        moved = product(delay(s, q["T_d"] - torque_grid), early_torque, held)
+        fed = acting(times(on_n, whole), fed_n) + acting(times(on_n, wound), scaled(acting(moved, late_m)))
+        on_m = times(on_n, wound)
+        engine = acting(whole + times(engine_n, wound), M) + acting(times(engine_n, whole), N)
+        engine_row = {0: times(engine_n, whole), 1: whole + times(engine_n, wound)}
+        if not twists:
+            engine, engine_row = acting(load_n + engine_n, N) + load_rest, {0: load_n + engine_n}
+        on_n, on_u = times(on_n, whole), times(on_u, whole)
+    else:
+        whole = one
+    fuel = acting(on_u, asked) - fed
     if 2 in outputs:
         X = spectra["X"]
-        left += [engine - q["v"] * X - q["x_0"] * spectra["one"], acting(q["v"] * cleared, X) - fuel]
-        matrix.append({**{k: row[0] for k, row in engine_row.items()}, 2: -q["v"] * one[0]})
-        matrix.append({0: on_n[0] * dead, 2: q["v"] * cleared[0]})
+        left.append(engine - acting(q["v"] * whole, X) - q["x_0"] * spectra["one"])
+        left.append(acting(q["v"] * times(cleared, whole), X) - fuel)
+        matrix.append({**{k: row[0] for k, row in engine_row.items()}, 2: -q["v"] * whole[0]})
+        governed = {0: on_n[0] * dead, 2: q["v"] * times(cleared, whole)[0]}
+        matrix.append({**governed, 1: on_m[0] * dead} if propeller else governed)
     else:
         if open_loop:
             engine = engine - q["x_0"] * spectra["one"]
         left.append(acting(cleared, engine) - fuel)
         row = {k: times(cleared, operator)[0] for k, operator in engine_row.items()}
         row[0] = row[0] + on_n[0] * dead
+        if propeller:
+            row[1] = row.get(1, 0.0) + on_m[0] * dead
         matrix.append(row)
 
     own = {0: np.exp(-s * q["T_n"]), 1: q["s_M"] * np.exp(-s * q["T_M"]), 2: np.ones_like(s)}
@@ -127,10 +151,7 @@ def rows(
     parameters,
     signals,
     spacing,
-    late_speed,
-    speed_rest,
-    late_set,
-    set_rest,
+    late,
     outputs,
     gauge,
     open_loop,
@@ -138,12 +159,11 @@ def rows(
 ):
     """Residuals and derivatives of the model (1 + W, O, F), as the kernel's arguments ask for."""
     at = dict(zip(NAMES, parameters, strict=True))
-    grids = at["T_d"] - speed_rest, at["T_d"] + at["T_set"] - set_rest
+    delays = at["T_d"], at["T_d"] + at["T_set"], at["T_d"]
+    grids = [(part, delay_s - rest) for (part, rest), delay_s in zip(late, delays, strict=False)]
 
     def of(values):
-        return residuals(
-            values, signals, spacing, late_speed, grids[0], late_set, grids[1], outputs, gauge, open_loop
-        )
+        return residuals(values, signals, spacing, grids, outputs, gauge, open_loop)
 
     found = [of(np.array(parameters, dtype=complex))]
     turns = np.exp(2j * np.pi * np.arange(POINTS) / POINTS)

@@ -32,7 +32,7 @@ from shipfp_rs.identification.structure_coordinates import StructureCoordinates
 from shipfp_rs.structures.commanded import CommandedEquations, stepper_parameters
 from shipfp_rs.structures.ship import INDEX as SHIP_INDEX
 from shipfp_rs.structures.structure import Structure
-from shipfp_rs.structures.transfer import TransferFunctions
+from shipfp_rs.structures.transfer import Place, TransferFunctions
 from shipfp_rs.structures.two_equations import TwoEquations
 from shipfp_rs.support.arrays import Array, ComplexArray, Numbers
 from shipfp_rs.support.interpolation import interpolated
@@ -51,7 +51,7 @@ UNKNOWNS = {
 parts in a thousand: set point and speed differ by an offset, the torque is relative to another mean than the load's."""
 
 
-Asked = tuple[Array, Array, float, Array, float, Array, float, list[int], bool, bool]
+Asked = tuple[Array, Array, float, list[tuple[Array, float]], list[int], bool, bool]
 """Arguments that the kernel's functions have in common."""
 FINE_HZ = 200.0
 """Rate from which on straight lines between samples are as good as the band-limited set point [Hz]."""
@@ -100,6 +100,11 @@ class EquationLikelihood(Likelihood):
         """Whether a command moves the drive, and no governor."""
         return bool(self.ships) and self.ships[0].open_loop
 
+    @property
+    def behind_twist(self) -> bool:
+        """Whether the speed is the propeller's, behind a shaft that twists."""
+        return bool(self.ships) and self.ships[0].behind_twist
+
     def values_of(self, vector: Array, record: int) -> dict[str, float]:
         """Return a record's parameters by the kernel's names."""
         return self._own(self.coordinates.values(vector), record)
@@ -116,12 +121,10 @@ class EquationLikelihood(Likelihood):
                 parameters[INDEX[name]] = value
         parameters[self._unknowns] += vector[self.coordinates.states(record)]
         dead = own.get("T_d", 0.0)
-        speed, set_point = (
-            data.delayed("speed", dead),
-            data.delayed("set point", dead + own.get("T_set", 0.0)),
-        )
-        behind = (self._outputs, self.gauge, self.open_loop)
-        return (parameters, data.signals, data.spacing, *speed, *set_point, *behind)
+        late = [data.delayed("speed", dead), data.delayed("set point", dead + own.get("T_set", 0.0))]
+        if self.behind_twist:
+            late.append(data.delayed("torque", dead))
+        return (parameters, data.signals, data.spacing, late, self._outputs, self.gauge, self.open_loop)
 
     @cached_property
     def _unknowns(self) -> list[int]:
@@ -398,7 +401,8 @@ class EquationLikelihood(Likelihood):
         parameters = stepper_parameters(values | dict(limits), open_loop=self.open_loop)
         parameters[SHIP_INDEX["u_0"]] += own.get("set point offset", 0.0)
         parameters[SHIP_INDEX["s_M"]] += own.get("torque scale", 0.0)
-        names = {"dn": "dn", "dM": "dM_g" if self.gauge else "dM_b", "dX": "dX"}
+        speed = "dn_prop" if self.behind_twist else "dn"
+        names = {"dn": speed, "dM": "dM_g" if self.gauge else "dM_b", "dX": "dX"}
         outputs = [_core.SHIP_OUTPUTS.index(names[name]) for name in data.outputs]
         fine = self._finer(data)
         set_point, load = self._driving[record]
@@ -431,21 +435,24 @@ class EquationLikelihood(Likelihood):
         outputs = self.records[0].outputs
         if self.open_loop:
             return CommandedEquations(outputs, self.gauge).response(values, frequency_hz, ())[0]
-        return TransferFunctions(outputs, self.gauge, "engine").response(loop_of(values), frequency_hz, ())[0]
+        place: Place = "propeller" if self.behind_twist else "engine"
+        return TransferFunctions(outputs, self.gauge, place).response(loop_of(values), frequency_hz, ())[0]
 
     @property
     def is_corrected_by_model(self) -> bool:
         """Whether the records follow from the model, too: gaps, squares of a propeller's speed, what limits take off."""
         gaps = any(one.masked.any() for one in self.records)
-        return gaps or bool(self.limits) or "tau_twist" in self.coordinates.free
+        slips = "tau_twist" in self.coordinates.free and not self.behind_twist
+        return gaps or bool(self.limits) or slips
 
     def corrected(self, vector: Array) -> Self:
         """Return the likelihood of the records corrected by the model at a vector; see `Spectra.corrected`."""
-        records = tuple(
-            record.corrected(self.values_of(vector, index), self._response, *self._models(vector, index))
-            for index, record in enumerate(self.records)
-        )
-        return replace(self, records=records)
+        records = []
+        for index, record in enumerate(self.records):
+            values, models = self.values_of(vector, index), self._models(vector, index)
+            slips = bool(values.get("tau_twist")) and not self.behind_twist
+            records.append(record.corrected(values, self._response, *models, slips=slips))
+        return replace(self, records=tuple(records))
 
     def near(self, vector: Array) -> Self:
         """Return the likelihood with derivatives about a vector, where they are dear; itself otherwise."""

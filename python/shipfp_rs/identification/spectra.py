@@ -286,10 +286,6 @@ class Spectra:
         """Deviation of the set point behind the low-pass, decimated (K,)."""
         return self._once("set point", self.set_point)
 
-    @property
-    def _speed_low(self) -> Array:
-        return np.asarray(self.unlimited[self.outputs.index("dn")])
-
     @cached_property
     def signals(self) -> Array:
         """Spectra as the kernel takes them, shape (7, ORDERS, 2, padded)."""
@@ -318,11 +314,14 @@ class Spectra:
         found[:, 0, : spectra.shape[1]], found[:, 1, : spectra.shape[1]] = signed.real, signed.imag
         return found
 
-    def delayed(self, signal: Literal["speed", "set point"], delay_s: float) -> tuple[Array, float]:
+    def delayed(self, signal: Literal["speed", "set point", "torque"], delay_s: float) -> tuple[Array, float]:
         """Return a signal late by a delay of the grid, (ORDERS, 2, padded), and the rest of the delay [s]."""
         steps = round(delay_s / GRID_S)
         if (signal, steps) not in self._delayed:
-            row = self._speed_low if signal == "speed" else self.set_point_low
+            if signal == "set point":
+                row = self.set_point_low
+            else:
+                row = self.unlimited[self.outputs.index("dn" if signal == "speed" else "dM")]
             moved = steps * GRID_S
             late = self.through(row, lambda s: np.exp(-s * moved), 1.0, -moved)
             spectra = self.tapered(late)
@@ -362,11 +361,13 @@ class Spectra:
         respond: Respond,
         model: Array | None,
         limited: Array | None = None,
+        *,
+        slips: bool = False,
     ) -> Spectra:
         """Return the record without the set point's images, a model's outputs (O, N) in place of masked samples.
 
         `respond` gives the outputs' response to the set point. What limits take off the outputs by a model (O, N) is put
-        back. Where the shaft twists, the squares in the load's law are of the propeller's speed.
+        back. Where the propeller's end of the shaft `slips`, the squares in the load's law are of its speed.
 
         A set point that is held or runs straight between its samples has images about multiples of the sample rate. They
         come back through the closed loop and, where the data are not low-passed, fold into the band.
@@ -374,7 +375,7 @@ class Spectra:
         images = None if self.between == "band-limited" else self._images(values, respond)
         known = {key: late for key, late in [*self._delayed.items()] if key[0] == "set point"}
         found = replace(self, model=model, images=images, limited=limited, slip=None, _delayed=known)
-        return replace(found, slip=found._slip(values)) if values.get("tau_twist") else found
+        return replace(found, slip=found._slip(values)) if slips else found
 
     def _slip(self, values: Mapping[str, float]) -> Array:
         """Speed that the shaft twists by where the set point moves it (K,), the model's: the torque's noise is steep."""

@@ -149,7 +149,7 @@ def _in_closed_form(records: Sequence[Seen], own: StructureLikelihood) -> Equati
     white = {record.white for record in records if isinstance(record, InBand)}
     if len(told) < len(records) or len(spectra) < len(records):
         return None
-    if len({(ship.gauge, ship.open_loop) for ship in told}) > 1 or len(white) > 1:
+    if len({(ship.gauge, ship.open_loop, ship.behind_twist) for ship in told}) > 1 or len(white) > 1:
         return None
     unknowns = _unknowns(told[0])
     return EquationLikelihood(

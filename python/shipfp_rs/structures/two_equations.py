@@ -57,7 +57,8 @@ class TwoEquations:
             return None
         outputs, known = set(equations.outputs), KNOWN
         if isinstance(equations, ShipEquations):
-            if equations.propeller_speed or equations.envelope:
+            behind = equations.propeller_speed and "tau_twist" in own
+            if equations.envelope or (behind and not equations.gauge):
                 return None
             known = KNOWN | ({"T_s"} if equations.mean_sampling else set())
         twists = "tau_twist" in own and "dM" not in outputs
@@ -69,6 +70,15 @@ class TwoEquations:
     def gauge(self) -> bool:
         """Whether the torque is read between the inertias."""
         return self.equations.gauge
+
+    @property
+    def behind_twist(self) -> bool:
+        """Whether the speed is the propeller's, behind a shaft that twists."""
+        return (
+            isinstance(self.equations, ShipEquations)
+            and self.equations.propeller_speed
+            and "tau_twist" in self.own
+        )
 
     @property
     def is_linear(self) -> bool:

@@ -8,7 +8,7 @@ use super::arrays::{Matrix, Vector, borrow, hand_back};
 use super::guard;
 use crate::error::{Error, require};
 use crate::two_equations::{
-    BLOCK, Equations, Late, Noise, ORDERS, OUTPUTS, PARAMETERS, SIGNALS, Spectra, is_stable, products,
+    BLOCK, Equations, Late, Noise, ORDERS, OUTPUTS, PARAMETERS, SIGNALS, Setup, Spectra, is_stable, products,
     residuals,
 };
 
@@ -24,56 +24,94 @@ fn expect(name: &str, found: &[usize], expected: &[usize]) -> PyResult<()> {
     })?)
 }
 
+/// What both kernels are given of a record, borrowed.
+struct Record<'py> {
+    equations: Equations,
+    signals: Signals<'py>,
+    late: Vec<(Orders<'py>, f64)>,
+    spacing: f64,
+    open_loop: bool,
+}
+
+/// Names of the late signals.
+const LATE: [&str; 3] = ["late speed", "late set point", "late torque"];
+
+impl<'py> Record<'py> {
+    // long: every argument is checked where it is borrowed
+    #[allow(clippy::too_many_arguments)]
+    fn borrow(
+        parameters: &Bound<'py, PyAny>,
+        signals: &Bound<'py, PyAny>,
+        spacing: f64,
+        late: &[(Bound<'py, PyAny>, f64)],
+        outputs: &[usize],
+        gauge: bool,
+        open_loop: bool,
+        wrt: &[usize],
+    ) -> PyResult<Self> {
+        let parameters: Vector<'_> = borrow("parameters", parameters)?;
+        let signals: Signals<'_> = borrow("signals", signals)?;
+        let count = signals.shape()[3];
+        expect("signals", signals.shape(), &[SIGNALS.len(), ORDERS, 2, count])?;
+        require(matches!(late.len(), 2 | 3), || {
+            format!(
+                "late: found {} signals, expected speed and set point, or these and the torque",
+                late.len()
+            )
+        })?;
+        let late = late.iter().zip(LATE).map(|((orders, rest), name)| {
+            let orders: Orders<'_> = borrow(name, orders)?;
+            expect(name, orders.shape(), &[ORDERS, 2, count])?;
+            Ok((orders, *rest))
+        });
+        let late = late.collect::<PyResult<Vec<_>>>()?;
+        let setup = Setup { gauge, open_loop, propeller: late.len() == 3 };
+        let equations = Equations::new(parameters.as_slice()?, outputs, setup, wrt)?;
+        Ok(Self { equations, signals, late, spacing, open_loop })
+    }
+
+    fn spectra(&self) -> PyResult<Spectra<'_>> {
+        let count = self.signals.shape()[3];
+        Ok(Spectra { values: self.signals.as_slice()?, count, spacing: self.spacing })
+    }
+
+    fn late(&self) -> PyResult<Vec<Late<'_>>> {
+        self.late.iter().map(|(orders, rest)| Ok(Late { values: orders.as_slice()?, rest: *rest })).collect()
+    }
+}
+
 /// Residuals [0] and the model's derivatives by the parameters of index `wrt`, [1 + W, O, 2, F].
 #[pyfunction]
-#[allow(clippy::too_many_arguments)]
+#[allow(clippy::too_many_arguments, clippy::needless_pass_by_value)]
 fn equation_residuals<'py>(
     py: Python<'py>,
     parameters: &Bound<'py, PyAny>,
     signals: &Bound<'py, PyAny>,
     spacing: f64,
-    late_speed: &Bound<'py, PyAny>,
-    speed_rest: f64,
-    late_set_point: &Bound<'py, PyAny>,
-    set_point_rest: f64,
+    late: Vec<(Bound<'py, PyAny>, f64)>,
     outputs: Vec<usize>,
     gauge: bool,
     open_loop: bool,
     wrt: Vec<usize>,
 ) -> PyResult<Bound<'py, PyArray4<f64>>> {
-    let parameters: Vector<'_> = borrow("parameters", parameters)?;
-    let signals: Signals<'_> = borrow("signals", signals)?;
-    let (speed, set_point): (Orders<'_>, Orders<'_>) =
-        (borrow("late_speed", late_speed)?, borrow("late_set_point", late_set_point)?);
-    let count = signals.shape()[3];
-    expect("signals", signals.shape(), &[SIGNALS.len(), ORDERS, 2, count])?;
-    expect("late_speed", speed.shape(), &[ORDERS, 2, count])?;
-    expect("late_set_point", set_point.shape(), &[ORDERS, 2, count])?;
-    let equations = Equations::new(parameters.as_slice()?, &outputs, gauge, open_loop, &wrt)?;
-    let spectra = Spectra { values: signals.as_slice()?, count, spacing };
-    let late = [
-        Late { values: speed.as_slice()?, rest: speed_rest },
-        Late { values: set_point.as_slice()?, rest: set_point_rest },
-    ];
-    let work = (1 + wrt.len()) * count * COLUMN;
-    let values = guard::run(py, work, |stop| residuals(&equations, spectra, late[0], late[1], stop))?;
-    hand_back(py, values, [1 + wrt.len(), outputs.len(), 2, count])
+    let record = Record::borrow(parameters, signals, spacing, &late, &outputs, gauge, open_loop, &wrt)?;
+    let (equations, spectra, late) = (&record.equations, record.spectra()?, record.late()?);
+    let (columns, count) = (1 + wrt.len(), spectra.count);
+    let values = guard::run(py, columns * count * COLUMN, |stop| residuals(equations, spectra, &late, stop))?;
+    hand_back(py, values, [columns, outputs.len(), 2, count])
 }
 
 type Products<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray2<f64>>);
 
 /// Products in units of the noise: of residual and derivatives [1 + W, 1 + W], and of the smooth errors with them [2 O K, 1 + W].
 #[pyfunction]
-#[allow(clippy::too_many_arguments)]
+#[allow(clippy::too_many_arguments, clippy::needless_pass_by_value)]
 fn equation_products<'py>(
     py: Python<'py>,
     parameters: &Bound<'py, PyAny>,
     signals: &Bound<'py, PyAny>,
     spacing: f64,
-    late_speed: &Bound<'py, PyAny>,
-    speed_rest: f64,
-    late_set_point: &Bound<'py, PyAny>,
-    set_point_rest: f64,
+    late: Vec<(Bound<'py, PyAny>, f64)>,
     outputs: Vec<usize>,
     gauge: bool,
     open_loop: bool,
@@ -82,35 +120,23 @@ fn equation_products<'py>(
     shapes: &Bound<'py, PyAny>,
     hats: &Bound<'py, PyAny>,
 ) -> PyResult<Products<'py>> {
-    let parameters: Vector<'_> = borrow("parameters", parameters)?;
-    let signals: Signals<'_> = borrow("signals", signals)?;
-    let (speed, set_point): (Orders<'_>, Orders<'_>) =
-        (borrow("late_speed", late_speed)?, borrow("late_set_point", late_set_point)?);
+    let record = Record::borrow(parameters, signals, spacing, &late, &outputs, gauge, open_loop, &wrt)?;
+    let (equations, spectra, late) = (&record.equations, record.spectra()?, record.late()?);
     let (root, shapes): (Signals<'_>, Signals<'_>) = (borrow("root", root)?, borrow("shapes", shapes)?);
     let hats: Matrix<'_> = borrow("hats", hats)?;
-    let (count, number) = (signals.shape()[3], outputs.len());
-    expect("signals", signals.shape(), &[SIGNALS.len(), ORDERS, 2, count])?;
-    expect("late_speed", speed.shape(), &[ORDERS, 2, count])?;
-    expect("late_set_point", set_point.shape(), &[ORDERS, 2, count])?;
-    let equations = Equations::new(parameters.as_slice()?, &outputs, gauge, open_loop, &wrt)?;
+    let (count, number) = (spectra.count, outputs.len());
     expect("root", root.shape(), &[number, number, 2, count])?;
     if !shapes.is_empty() {
         expect("shapes", shapes.shape(), &[number, number, 2, count])?;
     }
     expect("hats", hats.shape(), &[hats.shape()[0], count])?;
-    if !is_stable(&equations.values, open_loop) {
+    if !is_stable(&equations.values, record.open_loop) {
         return Err(Error::Unstable.into());
     }
-    let spectra = Spectra { values: signals.as_slice()?, count, spacing };
-    let late = [
-        Late { values: speed.as_slice()?, rest: speed_rest },
-        Late { values: set_point.as_slice()?, rest: set_point_rest },
-    ];
     let noise = Noise { root: root.as_slice()?, shapes: shapes.as_slice()?, hats: hats.as_slice()? };
     let columns = 1 + wrt.len();
-    let found = guard::run(py, columns * count * COLUMN, |stop| {
-        products(&equations, spectra, late[0], late[1], noise, stop)
-    })?;
+    let found =
+        guard::run(py, columns * count * COLUMN, |stop| products(equations, spectra, &late, noise, stop))?;
     let errors = found.errors.len() / columns;
     Ok((hand_back(py, found.gram, [columns, columns])?, hand_back(py, found.errors, [errors, columns])?))
 }
@@ -119,7 +145,7 @@ fn equation_products<'py>(
 #[pyfunction]
 fn loop_is_stable(parameters: &Bound<'_, PyAny>, open_loop: bool) -> PyResult<bool> {
     let parameters: Vector<'_> = borrow("parameters", parameters)?;
-    let equations = Equations::new(parameters.as_slice()?, &[0, 1], false, open_loop, &[])?;
+    let equations = Equations::new(parameters.as_slice()?, &[0, 1], Setup::default(), &[])?;
     Ok(is_stable(&equations.values, open_loop))
 }
 

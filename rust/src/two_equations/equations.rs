@@ -78,9 +78,22 @@ pub mod signal {
     pub const ONE: usize = 6;
     pub const LATE_N: usize = 7;
     pub const LATE_U: usize = 8;
-    pub const APART_N: usize = 9;
-    pub const APART_U: usize = 10;
-    pub const COUNT: usize = 11;
+    pub const LATE_M: usize = 9;
+    pub const APART_N: usize = 10;
+    pub const APART_U: usize = 11;
+    pub const APART_M: usize = 12;
+    pub const COUNT: usize = 13;
+}
+
+/// Where speed and torque are measured, and what drives the ship.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Setup {
+    /// Whether the torque is read between the inertias.
+    pub gauge: bool,
+    /// Whether a command moves the drive, and no governor.
+    pub open_loop: bool,
+    /// Whether the speed is the propeller's, behind the twist of the shaft.
+    pub propeller: bool,
 }
 
 /// What can be measured and compared.
@@ -178,13 +191,7 @@ impl Equations {
     ///
     /// # Errors
     /// [`crate::error::Error::Invalid`] for outputs without the speed, a parameter that is none, or one that is not finite.
-    pub fn new(
-        values: &[f64],
-        outputs: &[Output],
-        gauge: bool,
-        open_loop: bool,
-        wrt: &[usize],
-    ) -> Result<Self> {
+    pub fn new(values: &[f64], outputs: &[Output], setup: Setup, wrt: &[usize]) -> Result<Self> {
         require(values.len() == COUNT, || {
             format!("parameters: found {} numbers, expected {COUNT}", values.len())
         })?;
@@ -207,7 +214,11 @@ impl Equations {
         require(torque || own[at::TAU_TWIST] == 0.0, || {
             "tau_twist: a shaft that twists needs a measured torque, expected 0".to_owned()
         })?;
-        let equations = written(&own, torque, outputs.contains(&2), gauge, open_loop);
+        require(!setup.propeller || (torque && setup.gauge), || {
+            "late: the engine's speed follows from the propeller's by the torque of a gauge, expected both"
+                .to_owned()
+        })?;
+        let equations = written(&own, torque, outputs.contains(&2), setup);
         let terms = equations
             .iter()
             .enumerate()
@@ -244,12 +255,12 @@ fn term(equation: usize, signal: usize, from: impl Iterator<Item = f64>) -> Opti
 }
 
 /// The equations: of the load where a torque is measured, of the engine, of the governor where the rack is.
-#[allow(clippy::fn_params_excessive_bools)]
-fn written(values: &[f64; COUNT], torque: bool, rack: bool, gauge: bool, open_loop: bool) -> Vec<Equation> {
+fn written(values: &[f64; COUNT], torque: bool, rack: bool, setup: Setup) -> Vec<Equation> {
     // long: the equations one after the other, as they stand on paper
     let q = |place: usize| Dual::parameter(values, place);
     let poly = |numbers: &[Dual]| Polynomial(numbers.to_vec());
     let (zero, one) = (Dual::new(0.0), Dual::new(1.0));
+    let Setup { gauge, open_loop, propeller } = setup;
     let twists = values[at::TAU_TWIST] != 0.0;
 
     let (p, ahead) = (q(at::P), q(at::TAU_N) - q(at::TAU_PROP));
@@ -259,28 +270,32 @@ fn written(values: &[f64; COUNT], torque: bool, rack: bool, gauge: bool, open_lo
     let inertia = poly(&[zero, ahead]);
     let damped = if twists { poly(&[one, q(at::ZETA_TWIST) * q(at::TAU_TWIST)]) } else { poly(&[one]) };
 
+    // Where the propeller's speed is measured, the load's law has no twist. The engine's speed, times `damped`, is that and
+    // what the torque winds up.
+    let on_load = if propeller { poly(&[one]) } else { damped.clone() };
+    let wound = if propeller && twists { poly(&[zero, q(at::TAU_TWIST)]) } else { poly(&[zero]) };
+
     // The gauge's torque is the brake's less what speeds up the engine's side.
     let mut load = Equation::default();
-    let by_torque = if twists {
+    let by_torque = if twists && !propeller {
         damped.clone().plus(&law.times(&poly(&[zero, q(at::TAU_TWIST)])), 1.0)
     } else {
         poly(&[one])
     };
     load.add(signal::M, &by_torque);
-    load.add(signal::N, &damped.times(&law).negative());
+    load.add(signal::N, &on_load.times(&law).negative());
     if !gauge {
         load.add(signal::N, &inertia.times(&by_torque).negative());
     }
-    load.add(signal::N2, &damped.times(&poly(&[second])).negative());
-    load.add(signal::N3, &damped.times(&poly(&[third])).negative());
-    load.add(signal::LOAD, &damped.times(&poly(&[q(at::K_L)])).negative());
+    load.add(signal::N2, &on_load.times(&poly(&[second])).negative());
+    load.add(signal::N3, &on_load.times(&poly(&[third])).negative());
+    load.add(signal::LOAD, &on_load.times(&poly(&[q(at::K_L)])).negative());
 
     let mut engine = Equation::default();
-    engine.add(signal::M, &poly(&[one]));
-    engine.add(signal::N, &poly(&[q(at::G)]).negative());
-    if gauge {
-        engine.add(signal::N, &inertia);
-    }
+    let on_engine = if propeller { damped } else { poly(&[one]) };
+    let slowed = if gauge { inertia } else { poly(&[zero]) }.plus(&poly(&[q(at::G)]), -1.0);
+    engine.add(signal::M, &on_engine.clone().plus(&slowed.times(&wound), 1.0));
+    engine.add(signal::N, &on_engine.times(&slowed));
     // Of a stiff shaft the torque is put in, measured or not: what multiplies the engine's equation then moves nothing.
     if !twists {
         engine = engine.without_torque(&load);
@@ -289,19 +304,23 @@ fn written(values: &[f64; COUNT], torque: bool, rack: bool, gauge: bool, open_lo
     let lag = poly(&[one, q(at::TAU_ACT)]);
     let mut fed = Equation::default();
     let cleared = if open_loop {
-        fed.add(signal::LATE_U, &poly(&[q(at::V)]).negative());
+        fed.add(signal::LATE_U, &on_engine.times(&poly(&[q(at::V)])).negative());
         lag
     } else {
         let asked = poly(&[q(at::VK_I), q(at::VK_P)]);
-        fed.add(signal::LATE_U, &asked.negative());
-        fed.add(signal::LATE_N, &asked.plus(&poly(&[zero, zero, q(at::VK_D)]), 1.0));
+        fed.add(signal::LATE_U, &on_engine.times(&asked).negative());
+        let asked = asked.plus(&poly(&[zero, zero, q(at::VK_D)]), 1.0);
+        fed.add(signal::LATE_N, &on_engine.times(&asked));
+        if propeller {
+            fed.add(signal::LATE_M, &wound.times(&asked));
+        }
         poly(&[zero, one]).times(&lag)
     };
     let mut equations = if torque { vec![load] } else { vec![] };
     if rack {
-        engine.add(signal::X, &poly(&[q(at::V)]).negative());
+        engine.add(signal::X, &on_engine.times(&poly(&[q(at::V)])).negative());
         engine.add(signal::ONE, &poly(&[q(at::X_0)]).negative());
-        fed.add(signal::X, &cleared.times(&poly(&[q(at::V)])));
+        fed.add(signal::X, &cleared.times(&on_engine.times(&poly(&[q(at::V)]))));
         equations.extend([engine, fed]);
     } else {
         if open_loop {
@@ -341,10 +360,12 @@ fn slope_terms(equations: &[Equation], terms: &[Term], values: &[f64; COUNT], by
         risen[1..].copy_from_slice(&one.coefficients[..DEGREES - 1]);
         let apart = match one.signal {
             signal::LATE_N => signal::APART_N,
+            signal::LATE_M => signal::APART_M,
             _ => signal::APART_U,
         };
-        let (delayed, set) =
-            (matches!(one.signal, signal::LATE_N | signal::LATE_U), one.signal == signal::LATE_U);
+        let delayed = matches!(one.signal, signal::LATE_N | signal::LATE_U | signal::LATE_M);
+        let set = one.signal == signal::LATE_U;
+        let torque = matches!(one.signal, signal::M | signal::LATE_M);
         let speed = matches!(one.signal, signal::N | signal::N2 | signal::N3 | signal::LATE_N);
         match by {
             at::T_D if delayed => {
@@ -357,13 +378,13 @@ fn slope_terms(equations: &[Equation], terms: &[Term], values: &[f64; COUNT], by
                 add(one.equation, apart, risen.map(|c| c * share * values[at::T_D]));
             }
             at::T_SET if set => add(one.equation, one.signal, risen.map(|c| -c)),
-            at::T_M if one.signal == signal::M => add(one.equation, one.signal, risen),
+            at::T_M if torque => add(one.equation, one.signal, risen),
             at::T_N if speed => add(one.equation, one.signal, risen),
-            at::M_0 if one.signal == signal::M => add(one.equation, signal::ONE, one.coefficients),
+            at::M_0 if torque => add(one.equation, signal::ONE, one.coefficients),
             at::U_0 if set => add(one.equation, signal::ONE, one.coefficients),
-            at::S_M if one.signal == signal::M => {
+            at::S_M if torque => {
                 let scaled = one.coefficients.map(|c| -c / values[at::S_M]);
-                add(one.equation, signal::M, scaled);
+                add(one.equation, one.signal, scaled);
                 add(one.equation, signal::ONE, scaled.map(|c| c * (1.0 - values[at::M_0])));
             }
             _ => {}

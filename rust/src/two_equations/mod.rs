@@ -17,7 +17,7 @@ mod residual;
 mod signals;
 mod stability;
 
-pub use equations::{Equations, ORDERS, OUTPUTS, Output, PARAMETERS, SIGNALS};
+pub use equations::{Equations, ORDERS, OUTPUTS, Output, PARAMETERS, SIGNALS, Setup};
 pub use plan::{BLOCK, Late, Spectra};
 pub use products::{Noise, Products, products};
 pub use residual::residuals;

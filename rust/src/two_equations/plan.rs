@@ -37,7 +37,7 @@ impl Spectra<'_> {
     ///
     /// # Errors
     /// [`crate::error::Error::Invalid`] where one is off.
-    pub fn require(&self, late: [&Late<'_>; 2]) -> Result<()> {
+    pub fn require(&self, late: &[Late<'_>]) -> Result<()> {
         let rows = ORDERS * 2 * self.count;
         require(self.count.is_multiple_of(BLOCK) && self.count > 0, || {
             format!("signals: found {} frequencies, expected a multiple of {BLOCK}", self.count)
@@ -113,7 +113,7 @@ pub struct Item {
 pub struct Plan<'a, const O: usize> {
     pub q: &'a [f64; COUNT],
     pub spectra: Spectra<'a>,
-    pub late: [Late<'a>; 2],
+    pub late: &'a [Late<'a>],
     /// Powers of s that are needed on each signal, and the slot of the first.
     pub lengths: [usize; signal::COUNT],
     pub slots: [usize; signal::COUNT],
@@ -124,14 +124,14 @@ pub struct Plan<'a, const O: usize> {
     /// Outputs that are measured, and the caller's place of each.
     pub outputs: [usize; O],
     pub places: [usize; O],
-    /// Coefficients of each equation on each output, and on the delayed speed.
+    /// Coefficients of each equation on each output, and on the delayed speed and torque.
     pub near: [[[f64; DEGREES]; O]; O],
-    pub fed: [[f64; DEGREES]; O],
+    pub fed: [[[f64; DEGREES]; 2]; O],
     pub apart: f64,
 }
 
 impl<'a, const O: usize> Plan<'a, O> {
-    pub fn new(equations: &'a Equations, spectra: Spectra<'a>, late: [Late<'a>; 2]) -> Self {
+    pub fn new(equations: &'a Equations, spectra: Spectra<'a>, late: &'a [Late<'a>]) -> Self {
         let mut lengths = [0; signal::COUNT];
         for term in equations.every() {
             lengths[term.signal] = lengths[term.signal].max(term.length);
@@ -157,10 +157,12 @@ impl<'a, const O: usize> Plan<'a, O> {
             equations.outputs.iter().enumerate().map(|(place, &output)| (output, place)).collect();
         order.sort_unstable();
         let outputs: [usize; O] = std::array::from_fn(|index| order[index].0);
-        let (mut near, mut fed) = ([[[0.0; DEGREES]; O]; O], [[0.0; DEGREES]; O]);
+        let (mut near, mut fed) = ([[[0.0; DEGREES]; O]; O], [[[0.0; DEGREES]; 2]; O]);
         for term in &equations.terms {
             if term.signal == signal::LATE_N {
-                fed[term.equation] = term.coefficients;
+                fed[term.equation][0] = term.coefficients;
+            } else if term.signal == signal::LATE_M {
+                fed[term.equation][1] = term.coefficients;
             } else if let Some(column) = outputs.iter().position(|&output| SHOWN[output] == term.signal) {
                 near[term.equation][column] = term.coefficients;
             }

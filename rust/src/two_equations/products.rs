@@ -201,13 +201,12 @@ impl Sums<'_> {
 pub fn products(
     equations: &Equations,
     spectra: Spectra<'_>,
-    late_n: Late<'_>,
-    late_u: Late<'_>,
+    late: &[Late<'_>],
     noise: Noise<'_>,
     stop: &Stop,
 ) -> Result<Products> {
     let (count, outputs) = (spectra.count, equations.outputs.len());
-    spectra.require([&late_n, &late_u])?;
+    spectra.require(late)?;
     let square = outputs * outputs * 2 * count;
     require(noise.root.len() == square, || {
         format!("root: found {} numbers, expected {square}", noise.root.len())
@@ -232,7 +231,7 @@ pub fn products(
         errors: Aligned::new(knots * columns * outputs * 2 * LANES),
         near: Vec::with_capacity(knots),
     };
-    each_block(equations, spectra, late_n, late_u, &mut sums, stop)?;
+    each_block(equations, spectra, late, &mut sums, stop)?;
     let mut gram = vec![0.0; columns * columns];
     for i in 0..columns {
         for j in i..columns {
@@ -253,7 +252,7 @@ pub fn products(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::two_equations::equations::{COUNT, ORDERS, SIGNALS, at};
+    use crate::two_equations::equations::{COUNT, ORDERS, SIGNALS, Setup, at};
     use crate::two_equations::residuals;
     use proptest::prelude::*;
 
@@ -277,18 +276,18 @@ mod tests {
             let (size, number) = (ORDERS * 2 * count, outputs.len());
             let mut q = [0.1; COUNT];
             (q[at::TAU_N], q[at::S_M], q[at::TAU_TWIST]) = (1.5, 1.1, 0.0);
-            let equations = Equations::new(&q, &outputs, false, false, &wrt)?;
+            let equations = Equations::new(&q, &outputs, Setup::default(), &wrt)?;
             let values = numbers(SIGNALS.len() * size, seed);
             let spectra = Spectra { values: &values, count, spacing: 0.05 };
-            let late = Late { values: &values[size..2 * size], rest: 0.01 };
+            let late = [Late { values: &values[size..2 * size], rest: 0.01 }; 2];
             let mut root = vec![0.0; number * number * 2 * count];
             for a in 0..number {
                 root[(a * number + a) * 2 * count..][..count].fill(1.0);
             }
             let hats = vec![1.0; count];
             let noise = Noise { root: &root, shapes: &root, hats: &hats };
-            let found = products(&equations, spectra, late, late, noise, &Stop::new())?;
-            let rows = residuals(&equations, spectra, late, late, &Stop::new())?;
+            let found = products(&equations, spectra, &late, noise, &Stop::new())?;
+            let rows = residuals(&equations, spectra, &late, &Stop::new())?;
             let (columns, length) = (1 + wrt.len(), number * 2 * count);
             for i in 0..columns {
                 let row = &rows[i * length..][..length];

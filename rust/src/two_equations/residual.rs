@@ -30,12 +30,11 @@ pub trait Sink {
 pub fn each_block(
     equations: &Equations,
     spectra: Spectra<'_>,
-    late_n: Late<'_>,
-    late_u: Late<'_>,
+    late: &[Late<'_>],
     sink: &mut impl Sink,
     stop: &Stop,
 ) -> Result<()> {
-    struct Run<'a, K>(&'a Equations, Spectra<'a>, [Late<'a>; 2], &'a mut K, &'a Stop);
+    struct Run<'a, K>(&'a Equations, Spectra<'a>, &'a [Late<'a>], &'a mut K, &'a Stop);
     impl<K: Sink> WithSimd for Run<'_, K> {
         type Output = Result<()>;
         #[inline(always)]
@@ -48,7 +47,7 @@ pub fn each_block(
             }
         }
     }
-    arch().dispatch(Run(equations, spectra, [late_n, late_u], sink, stop))
+    arch().dispatch(Run(equations, spectra, late, sink, stop))
 }
 
 #[inline(always)]
@@ -120,9 +119,11 @@ fn matrix<S: Simd, const O: usize>(
         for column in 0..O {
             found[equation][column] = polynomial(simd, &plan.near[equation][column], omega, minus);
         }
-        // The speed is the first output.
-        let fed = polynomial(simd, &plan.fed[equation], omega, minus);
-        found[equation][0] = found[equation][0].plus_product(simd, fed, dead);
+        // The speed is the first output, the torque the second.
+        for column in 0..O.min(if plan.lengths[signal::LATE_M] > 0 { 2 } else { 1 }) {
+            let fed = polynomial(simd, &plan.fed[equation][column], omega, minus);
+            found[equation][column] = found[equation][column].plus_product(simd, fed, dead);
+        }
     }
     found
 }
@@ -155,12 +156,17 @@ fn answered<S: Simd, const O: usize>(
         answer(simd, plan, omega, SHOWN[plan.outputs[column]], residual[column], powers, inner);
     }
     let [cosine, sine] = turns.hold(simd);
-    let fed = residual[0].times(simd, turns.dead.now);
-    answer(simd, plan, omega, signal::LATE_N, fed.scaled(simd, cosine), powers, inner);
-    // sinh(j x) = j sin(x)
-    let apart = fed.scaled(simd, sine);
-    let apart = Complex { re: negative(simd, apart.im), im: apart.re };
-    answer(simd, plan, omega, signal::APART_N, apart, powers, inner);
+    for (column, near, far) in [(0, signal::LATE_N, signal::APART_N), (1, signal::LATE_M, signal::APART_M)] {
+        if column >= O || plan.lengths[near] == 0 {
+            continue;
+        }
+        let fed = residual[column].times(simd, turns.dead.now);
+        answer(simd, plan, omega, near, fed.scaled(simd, cosine), powers, inner);
+        // sinh(j x) = j sin(x)
+        let apart = fed.scaled(simd, sine);
+        let apart = Complex { re: negative(simd, apart.im), im: apart.re };
+        answer(simd, plan, omega, far, apart, powers, inner);
+    }
 }
 
 /// Take something off a signal.
@@ -351,8 +357,7 @@ fn product<S: Simd, const O: usize>(
 pub fn residuals(
     equations: &Equations,
     spectra: Spectra<'_>,
-    late_n: Late<'_>,
-    late_u: Late<'_>,
+    late: &[Late<'_>],
     stop: &Stop,
 ) -> Result<Vec<f64>> {
     struct Kept {
@@ -371,12 +376,12 @@ pub fn residuals(
             }
         }
     }
-    spectra.require([&late_n, &late_u])?;
+    spectra.require(late)?;
     let columns = 1 + equations.slopes.len();
     let mut kept = Kept {
         values: vec![0.0; columns * equations.outputs.len() * 2 * spectra.count],
         count: spectra.count,
     };
-    each_block(equations, spectra, late_n, late_u, &mut kept, stop)?;
+    each_block(equations, spectra, late, &mut kept, stop)?;
     Ok(kept.values)
 }

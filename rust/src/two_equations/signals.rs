@@ -10,7 +10,8 @@ use super::plan::{Plan, store};
 pub struct Turns<S: Simd> {
     pub speed: Rotation<S>,
     pub torque: Rotation<S>,
-    pub late: [Rotation<S>; 2],
+    /// Of the late speed, set point and torque.
+    pub late: [Rotation<S>; 3],
     pub dead: Rotation<S>,
     pub apart: Rotation<S>,
 }
@@ -25,6 +26,7 @@ impl<S: Simd> Turns<S> {
             late: [
                 Rotation::new(simd, spacing, plan.late[0].rest - q[at::T_N]),
                 Rotation::new(simd, spacing, plan.late[1].rest),
+                Rotation::new(simd, spacing, plan.late.last().map_or(0.0, |late| late.rest) - q[at::T_M]),
             ],
             dead: Rotation::new(simd, spacing, q[at::T_D]),
             apart: Rotation::new(simd, spacing, plan.apart),
@@ -35,8 +37,9 @@ impl<S: Simd> Turns<S> {
     pub fn advance(&mut self, simd: S) {
         self.speed.advance(simd);
         self.torque.advance(simd);
-        self.late[0].advance(simd);
-        self.late[1].advance(simd);
+        for late in &mut self.late {
+            late.advance(simd);
+        }
         self.dead.advance(simd);
         self.apart.advance(simd);
     }
@@ -91,42 +94,63 @@ pub fn lay_out<S: Simd, const O: usize>(
         raise(simd, plan, omega, orders, known, powers, inner);
     }
     let one = read(simd, &values[signal::ONE * size..], count, ORDERS, place);
+    // The torque is (M + 1) / s_M - 1 + m_0, of which the constants are not late.
+    let scale = 1.0 / q[at::S_M];
+    let (scale, rest) = (simd.splat_f64s(scale), simd.splat_f64s(scale - 1.0 + q[at::M_0]));
     if lengths[signal::M] > 0 {
         let mut orders = read(simd, &values[signal::M * size..], count, ORDERS, place);
         if q[at::T_M] != 0.0 {
             orders = delayed(simd, orders, turns.torque.now, -q[at::T_M]);
         }
-        // (M + 1) / s_M - 1 + m_0, of which the constants are not late.
-        let scale = 1.0 / q[at::S_M];
-        let (scale, rest) = (simd.splat_f64s(scale), simd.splat_f64s(scale - 1.0 + q[at::M_0]));
-        for order in 0..ORDERS {
-            orders[order] = orders[order].scaled(simd, scale).plus_scaled(simd, one[order], rest);
-        }
-        raise(simd, plan, omega, orders, signal::M, powers, inner);
+        raise(simd, plan, omega, shifted(simd, orders, scale, one, rest), signal::M, powers, inner);
     }
-    for (index, known, beside) in [(0, signal::LATE_N, signal::APART_N), (1, signal::LATE_U, signal::APART_U)]
-    {
+    let places = [
+        (0, signal::LATE_N, signal::APART_N, late),
+        (1, signal::LATE_U, signal::APART_U, 0.0),
+        (2, signal::LATE_M, signal::APART_M, q[at::T_M]),
+    ];
+    for (index, known, beside, own) in places {
         if lengths[known] == 0 {
             continue;
         }
-        let rest = plan.late[index].rest - if index == 0 { late } else { 0.0 };
         let orders = read(simd, plan.late[index].values, count, ORDERS, place);
-        let mut near = delayed(simd, orders, turns.late[index].now, rest);
+        let mut near = delayed(simd, orders, turns.late[index].now, plan.late[index].rest - own);
         if plan.apart != 0.0 {
-            let far;
+            let mut far;
             (near, far) = parted(simd, near, turns.hold(simd), plan.apart);
             if lengths[beside] > 0 {
+                if known == signal::LATE_M {
+                    for order in &mut far {
+                        *order = order.scaled(simd, scale);
+                    }
+                }
                 raise(simd, plan, omega, far, beside, powers, inner);
             }
         }
-        if index == 1 {
-            let offset = simd.splat_f64s(q[at::U_0]);
-            for order in 0..ORDERS {
-                near[order] = near[order].plus_scaled(simd, one[order], offset);
+        match known {
+            signal::LATE_U => {
+                near = shifted(simd, near, simd.splat_f64s(1.0), one, simd.splat_f64s(q[at::U_0]));
             }
+            signal::LATE_M => near = shifted(simd, near, scale, one, rest),
+            _ => {}
         }
         raise(simd, plan, omega, near, known, powers, inner);
     }
+}
+
+/// A signal times a scale, and a constant that is never late.
+#[inline(always)]
+fn shifted<S: Simd>(
+    simd: S,
+    mut orders: [Complex<S>; ORDERS],
+    scale: S::f64s,
+    one: [Complex<S>; ORDERS],
+    by: S::f64s,
+) -> [Complex<S>; ORDERS] {
+    for order in 0..ORDERS {
+        orders[order] = orders[order].scaled(simd, scale).plus_scaled(simd, one[order], by);
+    }
+    orders
 }
 
 /// s^k on a signal, for all k below its length.
