@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from operator import itemgetter
 from typing import Any, Literal
 
 import numpy as np
@@ -13,6 +12,7 @@ from scipy.stats import chi2
 from shipfp_rs.errors import InputError
 from shipfp_rs.identification.basins import descend
 from shipfp_rs.identification.identify import options_of
+from shipfp_rs.identification.likelihood import Itself
 from shipfp_rs.identification.structure_estimates import StructureEstimates
 from shipfp_rs.identification.structure_fit import LAST as SETTLED
 from shipfp_rs.identification.structure_fit import STEPS, fit_structure
@@ -165,7 +165,7 @@ def profile_likelihood(
 
 def _likelihood(told: StructureEstimates, parameter: Parameter) -> Likelihood:
     value, names = told.values[parameter.name], told.fit.likelihood.coordinates.names
-    found = told.profiles.interval(itemgetter(parameter.name))
+    found = told.profiles.interval(Itself(parameter.name))
     sides = [
         _side(told, parameter, sign, end, kind)
         for sign, end, kind in zip((-1.0, 1.0), (found.low, found.high), found.kinds, strict=True)

@@ -14,7 +14,7 @@ from scipy.linalg.lapack import dposv
 from shipfp_rs.errors import SimulationError
 from shipfp_rs.identification.likelihood import Likelihood, Products
 from shipfp_rs.support.arrays import Array
-from shipfp_rs.support.threads import require_going, where_alone
+from shipfp_rs.support.threads import require_going
 
 SETTLED = 0.01
 """A step that lowers the deviance by less ends a descent: a hundredth of what makes an interval's end uncertain by a
@@ -197,7 +197,7 @@ def best_basins(
         raise SimulationError("no start leads to a ship that can be simulated")
     ends = distinct(likelihood, ends)[:MOST_BASINS]
     jobs = [partial(by_own_noise, likelihood, end.vector, until=until) for end in ends]
-    vectors = [end.vector for end in sorted(where_alone(jobs), key=lambda end: end.cost)]
+    vectors = [end.vector for end in sorted(likelihood.each(jobs), key=lambda end: end.cost)]
     likelihood = likelihood.with_noise(vectors[0])
     ends = distinct(likelihood, each(likelihood, vectors, until, *FINE))
     return likelihood, [end for end in ends if end.cost < ends[0].cost + ALIKE]
@@ -239,4 +239,4 @@ def each(
     jobs = [
         partial(descend, likelihood, start, steps=steps, settled=settled, until=until) for start in starts
     ]
-    return sorted(where_alone(jobs), key=lambda end: end.cost)
+    return sorted(likelihood.each(jobs), key=lambda end: end.cost)

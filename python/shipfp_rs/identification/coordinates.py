@@ -13,7 +13,7 @@ from functools import cached_property
 
 import numpy as np
 
-from shipfp_rs.identification.likelihood import SMALL, Figure
+from shipfp_rs.identification.likelihood import SMALL, Figure, Itself
 from shipfp_rs.support.arrays import Array, Values
 
 STATE_REACH = 0.3
@@ -188,6 +188,10 @@ class Coordinates:
     def gradient(self, figure: Figure, vector: Array) -> Array:
         """Derivative of a figure by a vector, shape (P,)."""
         values, slopes = self.values(vector), np.zeros(len(self.names))
+        found = np.zeros(self.size)
+        if isinstance(figure, Itself) and figure.name in self.free:
+            found[: len(slopes)] = self.jacobian(values)[self.place(figure.name)]
+            return found
         moved = dict(values)
         for place, name in enumerate(self.names):
             value = values[name]
@@ -199,7 +203,6 @@ class Coordinates:
             moved[name] = value
             if up != down:
                 slopes[place] = (up - down) / (2.0 * step)
-        found = np.zeros(self.size)
         found[: len(slopes)] = slopes @ self.jacobian(values)
         return found
 

@@ -156,10 +156,12 @@ def _shapes(fit: ShipFit, index: int) -> dict[str, list[ComplexArray]]:
 
 def _rate_limited(signal: Array, most: float) -> Array:
     """A signal (K,) that follows another one by `most` a sample at most."""
-    found = signal.copy()
-    for k in range(1, len(found)):
-        found[k] = found[k - 1] + min(max(signal[k] - found[k - 1], -most), most)
-    return found
+    steps = signal.tolist()
+    now, found = steps[0], []
+    for value in steps:
+        now += min(max(value - now, -most), most)
+        found.append(now)
+    return np.array(found)
 
 
 def _answers(values: Values, record: Spectra, fit: ShipFit) -> Callable[[Array, bool], ComplexArray]:

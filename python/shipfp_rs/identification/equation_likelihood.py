@@ -53,6 +53,8 @@ parts in a thousand: set point and speed differ by an offset, the torque is rela
 
 Asked = tuple[Array, Array, float, list[tuple[Array, float]], list[int], bool, bool]
 """Arguments that the kernel's functions have in common."""
+QUICK = 60_000
+"""Numbers of a derivative matrix below which threads cost more than they bring: a kernel's call of half a millisecond."""
 FINE_HZ = 200.0
 """Rate from which on straight lines between samples are as good as the band-limited set point [Hz]."""
 
@@ -94,6 +96,11 @@ class EquationLikelihood(Likelihood):
         own = replace(c, structure=structure)
         ships = tuple(replace(ship, names=own.names) for ship in self.ships)
         return replace(self, coordinates=own, ships=ships)
+
+    @property
+    def is_quick(self) -> bool:
+        """Whether an evaluation is over before a thread of its own would be worth its while."""
+        return self.coordinates.size * sum(len(one.frequency_hz) for one in self.records) < QUICK
 
     @property
     def open_loop(self) -> bool:

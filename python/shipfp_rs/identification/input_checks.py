@@ -32,6 +32,8 @@ STILL = 1e-7
 """Standard deviation of a torque over its operating point below which it stands still."""
 SLOW_HZ = 1.0
 """Band in which channels are compared [Hz]."""
+SAMPLES_A_PERIOD = 8.0
+"""Of the band's end: more samples tell a correlation no better."""
 LEAST_AGREEMENT = 0.5
 """A torque goes against the load from this correlation on."""
 LEAST_OWN = 0.2
@@ -160,7 +162,8 @@ def _require_following(experiment: Experiment, follows: bool) -> None:
     longest = min(round(LONGEST_DELAY_S * rate), len(speed) // 4)
     lags = np.unique(np.linspace(0, longest, 41).astype(int))
     with np.errstate(invalid="ignore"):  # a speed that never moves
-        pairs = [float(np.corrcoef(asked[: len(asked) - lag], speed[lag:])[0, 1]) for lag in lags]
+        apart = max(int(rate / (SAMPLES_A_PERIOD * SLOW_HZ)), 1)
+    pairs = [float(np.corrcoef(asked[: len(asked) - lag : apart], speed[lag::apart])[0, 1]) for lag in lags]
     # A sine falls as it rises half a period later: only a speed that follows at no delay has the wrong sign.
     best = max(pairs) if max(pairs) >= LEAST_CORRELATION else min(pairs)
     if not np.isfinite(best) or (follows and abs(best) < LEAST_CORRELATION):

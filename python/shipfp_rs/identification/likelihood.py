@@ -9,8 +9,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import Any, NamedTuple, Protocol, Self
+from functools import cache, cached_property
+from typing import Any, NamedTuple, Protocol, Self, TypeVar
 
 import numpy as np
 from scipy.stats import t as student
@@ -18,6 +18,9 @@ from scipy.stats import t as student
 from shipfp_rs.errors import SimulationError
 from shipfp_rs.support.arrays import Array, Numbers
 from shipfp_rs.support.quantiles import DEVIATIONS_95
+from shipfp_rs.support.threads import where_alone
+
+T = TypeVar("T")
 
 ACCURACY = 3e-3
 """Smooth relative error of an output's response that gauge and calibration leave open, one standard deviation."""
@@ -41,6 +44,17 @@ Slopes = Mapping[str, Mapping[int, float]]
 """Derivatives of the parameters by the places of a vector: {parameter: {place: slope}}."""
 Figure = Callable[[Mapping[str, float]], float]
 """What follows from the parameters."""
+
+
+@dataclass(frozen=True)
+class Itself:
+    """A parameter as a figure."""
+
+    name: str
+
+    def __call__(self, values: Mapping[str, float]) -> float:
+        """Return it."""
+        return values[self.name]
 
 
 class Products(NamedTuple):
@@ -130,6 +144,15 @@ class Likelihood:
     priors: Mapping[str, tuple[float, float]]
     roots: tuple[Numbers, ...] | None = None
     responses: tuple[Numbers, ...] = ()
+
+    @property
+    def is_quick(self) -> bool:
+        """Whether an evaluation is over before a thread of its own would be worth its while."""
+        return False
+
+    def each(self, jobs: Sequence[Callable[[], T]]) -> list[T]:
+        """Run jobs that evaluate it, side by side where that is quicker, and return their results in order."""
+        return [job() for job in jobs] if self.is_quick else where_alone(jobs)
 
     def spectra(self, vector: Array, record: int) -> tuple[Numbers, Numbers]:
         """Residuals (O, F) of a record and the model's derivatives by the whole vector (P, O, F)."""
@@ -339,7 +362,7 @@ def turned(root: Numbers, spectra: Numbers) -> Numbers:
         return np.asarray(root @ spectra)
     found = np.zeros_like(spectra)
     for a, b in zip(*np.tril_indices(root.shape[1]), strict=True):  # roots are lower triangles
-        found[:, a] += root[:, a, b] * spectra[:, b]
+        found[:, a] += np.ascontiguousarray(root[:, a, b]) * spectra[:, b]
     return found
 
 
@@ -397,6 +420,7 @@ def white_root(left: Array, said: Array, share: float, quantile: float) -> Array
     return np.asarray(root * (DEVIATIONS_95 / quantile))
 
 
+@cache
 def quantile_of(freedom: int) -> float:
     """Half of an interval of 95 per cent over the standard deviation: noise from few numbers is uncertain itself."""
     return float(student.ppf(0.975, max(freedom, 1)))

@@ -49,6 +49,11 @@ class LimitedLikelihood(EquationLikelihood):
     about: Array | None = None
 
     @property
+    def is_quick(self) -> bool:
+        """Whether an evaluation is over before a thread of its own would be worth its while; simulations are not."""
+        return False
+
+    @property
     def _fine_hz(self) -> float:
         return FINE_HZ
 

@@ -9,15 +9,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from operator import itemgetter
 
 import numpy as np
 from scipy.stats import chi2
 
 from shipfp_rs.identification.basins import Basin, descend
-from shipfp_rs.identification.likelihood import Figure, Likelihood
+from shipfp_rs.identification.likelihood import Figure, Itself, Likelihood
 from shipfp_rs.support.arrays import Array
-from shipfp_rs.support.threads import where_alone
 
 RISE = float(chi2.ppf(0.95, 1))
 """Of the deviance at the ends of an interval of 95 per cent."""
@@ -73,7 +71,7 @@ class Profiles:
             partial(self._end, best, figure, side, tries, most)
             for side, most in zip((-1, 1), within, strict=True)
         ]
-        ends = where_alone(jobs)
+        ends = self.likelihood.each(jobs)
         for *_, visited in ends:
             self.visited += visited
         (low, first, _), (high, last, _) = ends
@@ -246,7 +244,7 @@ class Profiles:
             apart = figure(self.likelihood.coordinates.values(vector)) - target
             return apart * stiffness, self.gradient(figure, vector) * stiffness
 
-        return descend(self.likelihood, start, steps=STEPS, settled=0.05, penalty=penalty, near=True)
+        return descend(self.likelihood, start, steps=STEPS, settled=0.2, penalty=penalty, near=True)
 
 
 def _scale_uphill(uphill: float, spread: float) -> float:
@@ -266,4 +264,4 @@ def scaled_inverse(matrix: Array, least: float = ROUNDING) -> Array:
 
 def figures_of(names: Sequence[str]) -> dict[str, Figure]:
     """Figures that are parameters themselves."""
-    return {name: itemgetter(name) for name in names}
+    return {name: Itself(name) for name in names}

@@ -146,11 +146,11 @@ def _lags(records: Sequence[InBand]) -> npt.NDArray[np.int64]:
 def _lagged(record: InBand, lags: npt.NDArray[np.int64]) -> Numbers:
     """Return what the set point at each lag would be as each output, (O, L, O, F)."""
     asked = record.data.dn_set
-    delayed = np.empty((len(lags), *record.measured.shape))
-    for rows, lag in zip(delayed, lags, strict=True):
-        rows[:] = np.concatenate([np.full(lag, asked[0]), asked[: len(asked) - lag]])
-    seen = record.seen(delayed)
-    return np.asarray(np.eye(len(record.measured))[:, None, :, None] * seen)
+    wide = np.concatenate([np.full(lags[-1], asked[0]), asked])
+    delayed = np.array([wide[lags[-1] - lag :][: len(asked)] for lag in lags])[:, None]
+    if not record.valid.all():  # each output has gaps of its own
+        delayed = np.repeat(delayed, len(record.measured), axis=1)
+    return np.asarray(np.eye(len(record.measured))[:, None, :, None] * record.seen(delayed))
 
 
 def _inputs(likelihood: Fitted, shapes: Sequence[Numbers], rows: int) -> Array:

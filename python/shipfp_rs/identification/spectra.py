@@ -8,12 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cache, cached_property, lru_cache
 from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
-from scipy.fft import irfft, prev_fast_len, rfft
+from scipy.fft import irfft, next_fast_len, prev_fast_len, rfft
 from scipy.signal import firwin, upfirdn
 
 from shipfp_rs import _core
@@ -200,16 +200,7 @@ class Spectra:
     @cached_property
     def tapers(self) -> Array:
         """The taper and its time derivatives, shape (ORDERS, K)."""
-        at = np.arange(self.count) / self.rate_hz
-        shorter = min(at[-1] / WHOLE_EDGES_S, 1.0)
-        edge_s = EDGE_S * shorter
-        up, down = (at - BEFORE_S * shorter) / edge_s, (at[-1] - at) / edge_s
-        rows = [RISE(np.clip(np.minimum(up, down), 0.0, 1.0))]
-        for order in range(1, ORDERS):
-            slope = RISE.deriv(order)
-            rising, falling = (np.where((x > 0.0) & (x < 1.0), slope(x), 0.0) for x in (up, down))
-            rows.append((rising + (-1.0) ** order * falling) / edge_s**order)
-        return np.array(rows)
+        return _tapers(self.count, self.rate_hz)
 
     def tapered(self, signal: Array, orders: int = ORDERS) -> ComplexArray:
         """Return spectra of a decimated signal (K,) with each order of the taper, shape (orders, F)."""
@@ -219,9 +210,7 @@ class Spectra:
         """Low-pass and decimate signals (..., N), shape (..., K)."""
         if self.down == 1:
             return signals[..., : self.count]
-        taps = firwin(
-            TAPS_A_SAMPLE * self.down + 1, PASSED * self.rate_hz, window=WINDOW_80_DB, fs=self.data_hz
-        )
+        taps = _low_pass(self.down)
         half = len(taps) // 2
         wide = np.pad(signals, [(0, 0)] * (signals.ndim - 1) + [(half, half + self.down)], mode="edge")
         return np.asarray(upfirdn(taps, wide, axis=-1)[..., 2 * half :: self.down][..., : self.count])
@@ -335,7 +324,7 @@ class Spectra:
     ) -> Array:
         """A decimated signal (K,) through a transfer function of s; at zero it is `gain`, and its slope `slope`."""
         pad = int(PAD_S * self.rate_hz)
-        wide = np.pad(row, pad, mode="edge")
+        wide = _beyond(row, pad)
         line = np.linspace(wide[0], wide[-1], len(wide))
         s = np.asarray(2j * np.pi * np.fft.rfftfreq(len(wide), 1.0 / self.rate_hz), dtype=complex)
         turned = rfft(wide - line) * transfer(s)
@@ -398,7 +387,7 @@ class Spectra:
     def _images(self, values: Mapping[str, float], respond: Respond) -> Array:
         """What the outputs show of the set point's images, (O, N)."""
         pad = int(PAD_S * self.data_hz)
-        wide = np.pad(self.set_point, pad, mode="edge")
+        wide = _beyond(self.set_point, pad)
         frequency = np.fft.rfftfreq(len(wide), 1.0 / self.data_hz)
         answer = np.zeros((len(self.outputs), len(frequency)), complex)
         kept = frequency <= 1.25 * self.band_hz
@@ -420,6 +409,35 @@ class Spectra:
         answer[:, 0] = 0.0
         found = irfft(answer * rfft(wide), len(wide), axis=-1)
         return np.asarray(found[:, pad : pad + len(self.set_point)])
+
+
+@cache
+def _low_pass(down: int) -> Array:
+    """Taps of the low-pass before so many samples become one."""
+    return np.asarray(firwin(TAPS_A_SAMPLE * down + 1, PASSED / down, window=WINDOW_80_DB, fs=1.0))
+
+
+@lru_cache(maxsize=16)
+def _tapers(count: int, rate_hz: float) -> Array:
+    """The taper of so many samples and its time derivatives, shape (ORDERS, K)."""
+    at = np.arange(count) / rate_hz
+    shorter = min(at[-1] / WHOLE_EDGES_S, 1.0)
+    edge_s = EDGE_S * shorter
+    up, down = (at - BEFORE_S * shorter) / edge_s, (at[-1] - at) / edge_s
+    rows = [RISE(np.clip(np.minimum(up, down), 0.0, 1.0))]
+    for order in range(1, ORDERS):
+        slope = RISE.deriv(order)
+        rising, falling = (np.where((x > 0.0) & (x < 1.0), slope(x), 0.0) for x in (up, down))
+        rows.append((rising + (-1.0) ** order * falling) / edge_s**order)
+    found = np.array(rows)
+    found.setflags(write=False)
+    return found
+
+
+def _beyond(row: Array, pad: int) -> Array:
+    """A signal that stands still before and behind, at least `pad` samples, in a length of a quick transform."""
+    length = next_fast_len(len(row) + 2 * pad, real=True)
+    return np.pad(row, (pad, length - len(row) - pad), mode="edge")
 
 
 def _pace(set_point: Array, speed: Array, rate_hz: float) -> float:

@@ -68,7 +68,9 @@ class Stretches:
         sizes = np.linalg.solve(
             square, sum(_products(one, rows) for one, rows in zip(errors, found, strict=True))
         )
-        return [rows - np.tensordot(sizes.T, one, 1) for rows, one in zip(found, errors, strict=True)]
+        for rows, one in zip(found, errors, strict=True):
+            _flat(rows)[:] -= sizes.T @ _flat(one)
+        return found
 
     @cached_property
     def _gram(self) -> Array:
@@ -114,32 +116,35 @@ class Stretches:
     def scores(self) -> list[Score]:
         """Return the test of each column."""
         size, found = self._priors.shape[1], []
-        spectra = [self.likelihood.spectra(self.vector, index)[1] for index in range(len(self.columns))]
-        response = _power([record.spectrum for record in self.likelihood.records])
-        for place in range(size, len(self._gram)):
-            share = self._inverse @ self._gram[:size, place]
+        response = _power([record.spectrum[None] for record in self.likelihood.records])[0]
+        shares = self._gram[size:, :size] @ self._inverse
+        bare = [np.array(one) for one in self.columns]
+        for index, one in enumerate(bare):
+            _flat(one)[:] -= shares @ _flat(self.likelihood.spectra(self.vector, index)[1])
+        power = _power(bare)
+        for place, share in enumerate(shares, size):
             local = self._slopes[place] - share @ self._slopes[:size]
             own = self._gram[place, place] - share @ self._gram[:size, place]
             if not own > 1e-9 * self._gram[place, place]:
                 found.append(Score(0.0, 0.0, 0.0, 0.0))
                 continue
             along = float(local.sum())
-            bare = [
-                one[place - size] - np.tensordot(share, jacobian, 1)
-                for one, jacobian in zip(self.columns, spectra, strict=True)
-            ]
-            explained = abs(along / own) * np.sqrt(np.max(_power(bare) / response))
+            explained = abs(along / own) * np.sqrt(np.max(power[place - size] / response))
             consistency = along**2 / max(float(np.sum(local**2)), 1e-300)
             found.append(Score(along**2 / own, consistency, along / own, float(explained)))
         return found
 
 
 def _power(spectra: Sequence[ComplexArray]) -> Array:
-    """Power of each output (O,) of spectra (O, F), without the means."""
-    return np.asarray(np.sum([np.sum(np.abs(one[:, 1:]) ** 2, axis=1) for one in spectra], axis=0))
+    """Power of each row's outputs (A, O) of records' spectra (A, O, F), without the means."""
+    return np.asarray(np.sum([np.sum(np.abs(one[..., 1:]) ** 2, axis=-1) for one in spectra], axis=0))
 
 
 def _products(first: ComplexArray, second: ComplexArray) -> Array:
     """Real products of rows (A, O, F) and (B, O, F), shape (A, B)."""
-    one, other = (rows.reshape(len(rows), -1) for rows in (first, second))
-    return np.asarray((one.conj() @ other.T).real)
+    return _flat(first) @ _flat(second).T
+
+
+def _flat(rows: ComplexArray) -> Array:
+    """Rows of complex numbers (A, O, F) as rows of real ones, the same memory, (A, R)."""
+    return rows.reshape(len(rows), -1).view(float)

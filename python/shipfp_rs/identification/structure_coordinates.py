@@ -9,7 +9,7 @@ from functools import cached_property
 
 import numpy as np
 
-from shipfp_rs.identification.likelihood import SMALL, Figure
+from shipfp_rs.identification.likelihood import SMALL, Figure, Itself
 from shipfp_rs.structures.structure import Parameter, Structure
 from shipfp_rs.support.arrays import Array
 
@@ -120,6 +120,10 @@ class StructureCoordinates:
         """Derivative of a figure by a vector, tied parameters included, shape (P,)."""
         low, high = self.bounds
         found = np.zeros(self.size)
+        if isinstance(figure, Itself) and figure.name in self.free and not self._tied:
+            place = self.place(figure.name)
+            found[place] = figure(self.values(vector)) if figure.name in self.logarithmic else 1.0
+            return found
         for place in range(len(self.free)):
             step = SMALL * max(1.0, abs(vector[place]))
             up, down = vector.copy(), vector.copy()

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from operator import itemgetter
 from typing import Any
 
 import numpy as np
@@ -21,6 +20,7 @@ from shipfp_rs.identification.identifiability import (
     why_unknown,
     without_nuisance,
 )
+from shipfp_rs.identification.likelihood import Itself
 from shipfp_rs.identification.profiles import RISE, Interval, Profiles, scaled_inverse
 from shipfp_rs.identification.structure_fit import StructureFit
 from shipfp_rs.identification.structure_records import InBand, Response
@@ -209,7 +209,7 @@ class StructureEstimates:
         return reason
 
     def _interval(self, parameter: Parameter) -> Interval:
-        figure = itemgetter(parameter.name)
+        figure = Itself(parameter.name)
         if self.intervals == "profile":
             tell(
                 f"interval: {plain_name(parameter.name) or parameter.name}",

@@ -25,7 +25,6 @@ from shipfp_rs.structures.structure import Structure
 from shipfp_rs.structures.two_equations import TwoEquations
 from shipfp_rs.support import hints
 from shipfp_rs.support.arrays import Array
-from shipfp_rs.support.threads import where_alone
 
 LOGGER = logging.getLogger("shipfp_rs")
 
@@ -102,12 +101,12 @@ def fit_structure(data: Data | Sequence[Data], structure: Structure, options: Op
         *start_vectors(records, likelihood, starts, options.seed),
         *guessed_vectors(records, likelihood, structure),
     ]
-    ends = where_alone([partial(_settled, likelihood, vector, until) for vector in vectors])
-    ends = sorted(ends, key=lambda end: end.cost)
+    ends = sorted(_ends(likelihood, vectors, until), key=lambda end: end.cost)
     if not np.isfinite(ends[0].cost):
         raise IdentificationError(f"none of {len(vectors)} starts led to a minimum")
     likelihood = likelihood.settled_at(ends[0].vector)
-    near = [end for end in ends if end.cost < ends[0].cost + ALIKE]
+    apart = {id(end): end for end in ends}.values()
+    near = [end for end in apart if end.cost < ends[0].cost + ALIKE]
     last = SETTLED if isinstance(likelihood, EquationLikelihood) else LAST
     settled = max(last, ROUNDING * likelihood.cost(ends[0].vector))
     basins = [descend(likelihood, end.vector, steps=STEPS, settled=settled, until=until) for end in near]
@@ -178,15 +177,31 @@ def _unknowns(ship: TwoEquations) -> tuple[str, ...]:
     return (*found, *(["rack offset"] if "dX" in outputs or ship.open_loop else []))
 
 
-def _settled(likelihood: Fitted, vector: Array, until: float | None) -> Basin:
+def _ends(likelihood: Fitted, vectors: Sequence[Array], until: float | None) -> list[Basin]:
+    """Where each start leads; those that come together on their way are followed once."""
+    rough = likelihood.each(
+        [partial(descend, likelihood, one, steps=STEPS, settled=1.0, until=until) for one in vectors]
+    )
+    apart = distinct(likelihood, rough)
+    if not apart:
+        return rough
+    ends = likelihood.each([partial(_settled, likelihood, one, until) for one in apart])
+    matrix = (apart[0].products or likelihood.products(apart[0].vector)).matrix
+
+    def followed(end: Basin) -> Basin:
+        away = [end.vector - one.vector for one in apart]
+        return ends[int(np.argmin([one @ matrix @ one for one in away]))]
+
+    return [followed(one) if np.isfinite(one.cost) else one for one in rough]
+
+
+def _settled(likelihood: Fitted, end: Basin, until: float | None) -> Basin:
     """Go down, each time under the noise of the end before, until the total falls no further; the cost is the total."""
-    end = descend(likelihood, vector, steps=STEPS, settled=1.0, until=until)
     total = np.inf
-    if not np.isfinite(end.cost):
-        return end
-    for _ in range(ROUNDS):
+    for place in range(ROUNDS):
         try:
-            likelihood = likelihood.settled_at(end.vector)
+            # Images move little with the vector.
+            likelihood = (likelihood.resettled_at if place else likelihood.settled_at)(end.vector)
         except (SimulationError, np.linalg.LinAlgError):
             return Basin(np.inf, end.vector, False)
         before = end.vector

@@ -102,6 +102,8 @@ class StructureLikelihood(Likelihood):
         """Return the likelihood with the noise at a vector."""
         return self.with_noise(vector)
 
+    resettled_at = settled_at
+
     @property
     def freedom(self) -> int:
         """Numbers that are left over to tell the noise from, less the unknowns."""

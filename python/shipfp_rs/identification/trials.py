@@ -30,7 +30,6 @@ from shipfp_rs.identification.ship_found import (
 from shipfp_rs.structures.elements import ELEMENTS
 from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.progress import tell
-from shipfp_rs.support.threads import where_alone
 
 CHANCE = 6.0
 """Fall of the deviance by two parameters that chance exceeds once in twenty: less says nothing of an element."""
@@ -152,9 +151,9 @@ def _limited(fit: ShipFit, element: str, until: float | None, *, surely: bool = 
     vectors = [c.vector({**DEFAULTS, **values}, states) for values, states in starts]
     likelihood = likelihood.driven(vectors[0])
     vectors = sorted(vectors, key=partial(_total, likelihood))[:KEPT]
-    ends = where_alone([partial(_by_own_noise, likelihood, start, 1, until) for start in vectors])
+    ends = likelihood.each([partial(_by_own_noise, likelihood, start, 1, until) for start in vectors])
     ends = sorted(ends, key=lambda end: end.cost)[:2]
-    ends = where_alone([partial(_by_own_noise, likelihood, end.vector, ROUNDS, until) for end in ends])
+    ends = likelihood.each([partial(_by_own_noise, likelihood, end.vector, ROUNDS, until) for end in ends])
     best = min(ends, key=lambda end: end.cost)
     if not (np.isfinite(best.cost) if surely else _is_inside(likelihood, best, element)):
         return None

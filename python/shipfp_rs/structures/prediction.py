@@ -12,6 +12,8 @@ from shipfp_rs.support.arrays import Array, Values
 
 CURVED, SETTLED = 30, 1e-9
 """Steps at most to the initial state of a model that is not linear in it, and a step that is the last."""
+SHORTER = 0.3
+"""A step over the one before it from which on slopes are computed anew."""
 
 
 def simulated_about(structure: Structure, values: Values, experiment: Experiment) -> Mapping[str, Array]:
@@ -39,17 +41,24 @@ def simulated_about(structure: Structure, values: Values, experiment: Experiment
     offsets = np.eye(len(signals))[:, :, None] * np.ones(len(experiment))
     valid = np.isfinite(measured).all(axis=0)
     state = dict.fromkeys(equations.states, 0.0)
+    model, slopes = equations.sensitivities({**values, **state}, experiment, equations.states)
+    longest = np.inf
     # A linear model is linear in its initial state, too: one least-squares solution is exact.
     for _ in range(1 if set(state) <= set(equations.linear_in) else CURVED):
-        model, slopes = equations.sensitivities({**values, **state}, experiment, equations.states)
         basis = np.concatenate([slopes.reshape(len(state), *model.shape), offsets])
         error = (measured - model)[:, valid]
         weight = 1.0 / np.maximum(error.std(axis=1, keepdims=True), np.finfo(float).tiny)
         left = (basis[:, :, valid] * weight).reshape(len(basis), -1).T
         fitted, *_ = np.linalg.lstsq(left, (error * weight).ravel(), rcond=None)
-        if not (np.abs(fitted[: len(state)]) > SETTLED).any():
+        before, longest = longest, float(np.abs(fitted[: len(state)]).max(initial=0.0))
+        if longest <= SETTLED:
             break
         state = {
             name: value + float(step) for (name, value), step in zip(state.items(), fitted, strict=False)
         }
+        # Near its end the slopes hardly change.
+        if longest < SHORTER * before:
+            model = equations.simulate({**values, **state}, experiment)
+        else:
+            model, slopes = equations.sensitivities({**values, **state}, experiment, equations.states)
     return dict(zip(signals, model + np.tensordot(fitted, basis, axes=1), strict=True))

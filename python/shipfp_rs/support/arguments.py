@@ -58,6 +58,8 @@ class Rule:
 
 def _is_number(value: Any, kind: type = numbers.Real) -> bool:
     """Whether a value is a number to NumPy too, which takes no whole number of any size; True is none."""
+    if type(value) is float and kind is numbers.Real:  # most are
+        return True
     if isinstance(value, np.ndarray) and value.ndim == 0 and value.dtype.kind in "iuf":
         value = value[()]
     if not isinstance(value, kind) or isinstance(value, bool | np.bool_):
