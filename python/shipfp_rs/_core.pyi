@@ -35,7 +35,7 @@ beyond that [s]. outputs hold 0 and any of 1, 2.
   1 + W])`: products of these rows times the lower triangles `root`, and of the smooth errors (`shapes` times hats, real
   and imaginary size) with them; a loop that is unstable raises `SimulationError`. Instruction sets differ by rounding;
   one gives the same bits in any thread
-- `loop_is_stable(parameters, open_loop) -> bool`: of a rigid ship's loop about its operating point, by Nyquist's turns
+- `loop_is_stable(parameters, open_loop) -> bool`: of a ship's loop about its operating point, by Nyquist's turns
 
 `PulseCrossings(low, high, middle)`: `feed(chunk: float32 | float64 | int16, borrowed) -> float64[...]` times of the
 rising crossings of `middle` in samples since the first sample ever fed; the state crosses chunk borders; `seen` counts

@@ -301,6 +301,29 @@ class TestStability:
         assume(abs(worst) > 0.03)
         assert _core.loop_is_stable(parameters, False) == (worst < 0.0)
 
+    @settings(max_examples=400, deadline=None)
+    @given(
+        g=st.floats(-3.0, 2.0),
+        vK_p=st.floats(0.02, 12.0),
+        vK_i=st.floats(0.02, 12.0),
+        tau_n=st.floats(0.2, 5.0),
+        share=st.floats(0.05, 0.95),
+        tau_act=st.one_of(st.just(0.0), st.floats(0.01, 1.0)),
+        T_d=st.one_of(st.just(0.0), st.floats(0.01, 0.4)),
+        tau_twist=st.floats(0.01, 0.3),
+        zeta_twist=st.one_of(st.just(0.0), st.floats(0.001, 6.0)),
+    )
+    def test_a_shaft_that_twists_agrees_with_the_roots(self, share, tau_n, **values):
+        parameters = vector(p=2.0, tau_n=tau_n, tau_prop=share * tau_n, **values)
+        # The approximated delay holds as far as its order.
+        swings = np.sqrt((1.0 / (share * (1.0 - share) * tau_n)) / values["tau_twist"])
+        assume(swings * values["T_d"] < 6.0)
+        roots = twin.loop_roots(parameters)
+        roots = roots[np.abs(roots) * values["T_d"] < 9.0] if values["T_d"] else roots
+        worst = (roots.real / np.abs(roots)).max()
+        assume(abs(worst) > 1e-3)
+        assert _core.loop_is_stable(parameters, False) == (worst < 0.0)
+
     def test_an_open_loop_has_its_own_pole(self):
         assert _core.loop_is_stable(vector(p=2.0, g=1.5), True)
         assert not _core.loop_is_stable(vector(p=2.0, g=2.5), True)

@@ -208,8 +208,11 @@ def pade(t, order=7):
 def loop_roots(parameters):
     """Roots of the closed loop about the operating point, exact without a dead time."""
     q = dict(zip(NAMES, parameters, strict=True))
-    plant = P([q["p"] + q["damping"] - q["g"], q["tau_n"]]) * P([1.0, q["tau_act"]]) * P([0.0, 1.0])
-    governor = P([q["vK_i"], q["vK_p"], q["vK_d"]])
+    law, ahead = P([q["p"] + q["damping"], q["tau_prop"]]), P([-q["g"], q["tau_n"] - q["tau_prop"]])
+    damped = P([1.0, q["tau_twist"] * q["zeta_twist"]])
+    speed = damped + q["tau_twist"] * P([0.0, 1.0]) * law
+    plant = (ahead * speed + damped * law) * P([1.0, q["tau_act"]]) * P([0.0, 1.0])
+    governor = P([q["vK_i"], q["vK_p"], q["vK_d"]]) * speed
     apart = q["hold"] * q["T_d"] / np.sqrt(3.0)
     (first, under), (second, below) = pade(q["T_d"] - apart), pade(q["T_d"] + apart)
     whole = plant * under * below + 0.5 * governor * (first * below + second * under)

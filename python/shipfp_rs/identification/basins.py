@@ -29,8 +29,6 @@ MOST_DAMPED = 1e4
 """Damping with which a descent ends: steps a ten-thousandth as long as the gradient's own lead nowhere lower."""
 FIRST, ROUGH, MIDDLE, FINE = (3, 50.0), (8, 50.0), (30, 1.0), (MOST_STEPS, SETTLED)
 """Most steps and least decrease of the descents, from many starts to few minima."""
-FOLLOWED = 8
-"""Starts that are followed after their first steps."""
 MOST_BASINS = 5
 SAME = 4.0
 """Two ends are one minimum where the deviance's curvature puts them less than this apart, two deviations."""
@@ -191,7 +189,7 @@ def best_basins(
     SimulationError
         Where no start leads to a ship that can be simulated.
     """
-    ends = each(likelihood, starts, until, *FIRST)[:FOLLOWED]
+    ends = each(likelihood, starts, until, *FIRST)
     ends = each(likelihood, [end.vector for end in ends], until, *ROUGH)
     if not ends or not np.isfinite(ends[0].cost):
         raise SimulationError("no start leads to a ship that can be simulated")

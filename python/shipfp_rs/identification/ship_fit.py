@@ -50,6 +50,8 @@ FAR = 100.0
 """Ends there that are above by more are led nowhere by a noise of their own."""
 LEVEL = 0.1
 """Ends of one valley may differ by this."""
+COMMON_S = 0.1
+"""Least that the governor's lead and the lag gain together elsewhere [s]."""
 REDIVIDED, MORE = 3, 4
 """How often delays are parted otherwise at most, and how many new ends go down to their minima each time."""
 
@@ -267,20 +269,31 @@ def _scaled(values: Mapping[str, float]) -> list[dict[str, float]]:
 
 
 def _redivided(values: Mapping[str, float]) -> list[dict[str, float]]:
-    """Delays with the same sum in other places."""
+    """Delays with the same sum in other places, some with another share of what the governor's lead and the lag hide."""
     dead, late, lag = (values.get(name, 0.0) for name in ("T_d", "T_set", "tau_act"))
-    inside = dead + lag
-    parts = [
-        {"T_d": late, "T_set": dead, "tau_act": lag},
-        {"T_d": inside, "T_set": late, "tau_act": 0.0, "hold": 0.1},
-        {"T_d": inside, "T_set": late, "tau_act": 0.0, "hold": 1.0},
-        {"T_d": 0.3 * inside, "T_set": late, "tau_act": 0.7 * inside},
-        {"T_d": inside + late, "T_set": 0.0, "tau_act": 0.0},
-        {"T_d": 0.0, "T_set": inside + late, "tau_act": 0.0},
-        {"T_d": 0.0, "T_set": late, "tau_act": inside},
+    inside, lead = dead + lag, values["vK_p"] / values["vK_i"]
+    both = min(lead, lag)
+    less, least, more = lag - 0.5 * both, lag - 0.9 * both, lag + max(lead, COMMON_S)
+    # Dead times, lag, how far lead and lag move together, and what else differs.
+    ways: list[tuple[float, float, float, float, dict[str, float]]] = [
+        (late, dead, lag, 0.0, {}),
+        (inside, late, 0.0, 0.0, {"hold": 0.1}),
+        (inside, late, 0.0, 0.0, {"hold": 1.0}),
+        (0.3 * inside, late, 0.7 * inside, 0.0, {}),
+        (inside + late, 0.0, 0.0, 0.0, {}),
+        (0.0, inside + late, 0.0, 0.0, {}),
+        (0.0, late, inside, 0.0, {}),
+        (0.0, late + dead, less, less - lag, {}),
+        (dead, late + less, 0.0, less - lag, {}),
+        (0.0, late + 0.5 * dead, least + 0.5 * dead, least - lag, {}),
+        (dead, late, more, more - lag, {}),
     ]
-    least = {"T_d": 3e-3, "T_set": 3e-3, "tau_act": 3e-3}
-    return [one | {name: max(one[name], low) for name, low in least.items()} for one in parts]
+    return [
+        {name: max(value, 3e-3) for name, value in zip(("T_d", "T_set", "tau_act"), delays, strict=True)}
+        | {"vK_p": values["vK_i"] * (lead + shift)}
+        | beside
+        for *delays, shift, beside in ways
+    ]
 
 
 def refined(fit: ShipFit, until: float | None = None) -> ShipFit:

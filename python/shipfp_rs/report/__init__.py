@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import hashlib
 import json
+import logging
 from collections.abc import Iterable, Mapping, Sequence
 from functools import partial
 from importlib import resources
@@ -15,6 +16,7 @@ from markupsafe import Markup
 
 from shipfp_rs import plot
 from shipfp_rs.assessment.compared_responses import compared_responses
+from shipfp_rs.errors import SimulationError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.frequency import FrequencyResponse
 from shipfp_rs.identification.automatic import FULL_SHIP
@@ -33,6 +35,8 @@ from shipfp_rs.support.sentences import Sentence
 from shipfp_rs.vessel.vessel import Vessel
 
 __all__ = ["render", "write_report"]
+
+LOGGER = logging.getLogger("shipfp_rs")
 
 Responses = Sequence[tuple[FrequencyResponse, FrequencyResponse]]
 
@@ -93,9 +97,20 @@ def write_report(
     """
     if experiments is None:
         experiments, structure = fingerprint.experiments, content.get("structure")
-        content.setdefault("simulated", [fingerprint.predict(one, structure) for one in experiments])
+        content.setdefault("simulated", _simulated(fingerprint, experiments, structure))
         content.setdefault("responses", compared_responses(fingerprint, experiments, structure))
     return write_text_atomically(Path(path), render(fingerprint, experiments, **content))
+
+
+def _simulated(
+    fingerprint: Fingerprint, experiments: Sequence[Experiment], structure: Structure | None
+) -> list[Experiment]:
+    """Return the fitted model's experiments; none where it runs away from one of them: the report goes without."""
+    try:
+        return [fingerprint.predict(one, structure) for one in experiments]
+    except SimulationError as error:
+        LOGGER.warning("no simulation in the report: %s", error)
+        return []
 
 
 def render(

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from shipfp_rs.errors import SimulationError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.support.arrays import Array, Values
@@ -56,9 +57,12 @@ def simulated_about(structure: Structure, values: Values, experiment: Experiment
         state = {
             name: value + float(step) for (name, value), step in zip(state.items(), fitted, strict=False)
         }
-        # Near its end the slopes hardly change.
-        if longest < SHORTER * before:
-            model = equations.simulate({**values, **state}, experiment)
-        else:
-            model, slopes = equations.sensitivities({**values, **state}, experiment, equations.states)
+        try:
+            # Near its end the slopes hardly change.
+            if longest < SHORTER * before:
+                model = equations.simulate({**values, **state}, experiment)
+            else:
+                model, slopes = equations.sensitivities({**values, **state}, experiment, equations.states)
+        except SimulationError:  # a step too far: the straight line to it is what is known
+            break
     return dict(zip(signals, model + np.tensordot(fitted, basis, axes=1), strict=True))

@@ -141,7 +141,7 @@ fn equation_products<'py>(
     Ok((hand_back(py, found.gram, [columns, columns])?, hand_back(py, found.errors, [errors, columns])?))
 }
 
-/// Whether the loop of a rigid ship is stable about its operating point.
+/// Whether the loop of a ship is stable about its operating point.
 #[pyfunction]
 fn loop_is_stable(parameters: &Bound<'_, PyAny>, open_loop: bool) -> PyResult<bool> {
     let parameters: Vector<'_> = borrow("parameters", parameters)?;

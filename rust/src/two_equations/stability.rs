@@ -5,58 +5,136 @@ use super::equations::{COUNT, at};
 
 /// Frequencies at which the return difference is looked at, per decade and in all at most.
 const PER_DECADE: f64 = 24.0;
-const MOST: usize = 4000;
+const MOST: usize = 6000;
 /// Part of a turn by which a delay may turn it between two of them [rad].
 const TURN: f64 = 0.3;
-/// Bound of the loop gain below which nothing turns about the origin any more.
+/// Bound of the loop gain below which nothing turns about the origin any more, and above which a delay's turns count.
 const SMALL: f64 = 0.9;
+const COUNTS: f64 = 0.3;
 
 fn times(a: [f64; 2], b: [f64; 2]) -> [f64; 2] {
     [a[0] * b[0] - a[1] * b[1], a[0] * b[1] + a[1] * b[0]]
 }
 
-/// Whether a rigid ship's loop is stable for parameters as in `PARAMETERS`; an open loop by its own pole.
+fn product(a: [f64; 4], b: [f64; 4]) -> [f64; 4] {
+    let mut found = [0.0; 4];
+    for i in 0..4 {
+        for j in 0..4 - i {
+            found[i + j] += a[i] * b[j];
+        }
+    }
+    found
+}
+
+/// A polynomial at j w.
+fn along(c: [f64; 4], w: f64) -> [f64; 2] {
+    [c[0] - c[2] * w * w, c[1] * w - c[3] * w * w * w]
+}
+
+/// The engine's speed over its torque, about the operating point: `speed` / `torque`, polynomials in s.
+struct Shaft {
+    speed: [f64; 4],
+    torque: [f64; 4],
+    /// Where the ends of a shaft that twists swing against each other, and how fast that fades [rad/s]; 0: a stiff one.
+    resonance: [f64; 2],
+}
+
+impl Shaft {
+    /// `more`: what a derivative that acts at once adds to the inertia of the engine's side.
+    fn new(q: &[f64; COUNT], more: f64) -> Self {
+        let law = q[at::P] + q[at::DAMPING];
+        let (twist, damped) = (q[at::TAU_TWIST], q[at::TAU_TWIST] * q[at::ZETA_TWIST]);
+        let (ahead, behind) = (q[at::TAU_N] - q[at::TAU_PROP] + more, q[at::TAU_PROP]);
+        if twist <= 0.0 || ahead <= 0.0 || behind <= 0.0 {
+            let torque = [law - q[at::G], q[at::TAU_N] + more, 0.0, 0.0];
+            return Self { speed: [1.0, 0.0, 0.0, 0.0], torque, resonance: [0.0; 2] };
+        }
+        let speed = [1.0, damped + twist * law, twist * behind, 0.0];
+        let ends = product([1.0, damped, 0.0, 0.0], [law, behind, 0.0, 0.0]);
+        let mut torque = product([-q[at::G], ahead, 0.0, 0.0], speed);
+        for (mine, more) in torque.iter_mut().zip(ends) {
+            *mine += more;
+        }
+        // About the resonance, by its square and half of what the polynomial has beyond the slow pole.
+        let square = (1.0 / ahead + 1.0 / behind) / twist;
+        let slow = torque[0] / torque[1].abs().max(1e-12);
+        let fades = 0.5 * (torque[2] / torque[3] - slow).abs();
+        Self { speed, torque, resonance: [square.sqrt(), fades.max(1e-4 * square.sqrt())] }
+    }
+
+    /// Poles on the right, by Routh.
+    fn poles(&self) -> i32 {
+        let [a0, a1, a2, a3] = self.torque;
+        if a3 == 0.0 {
+            return i32::from(a0 < 0.0);
+        }
+        let second = if a2 == 0.0 { 1e-12 * a3 } else { a2 };
+        let column = [a3, second, (second * a1 - a3 * a0) / second, a0];
+        column.windows(2).map(|two| i32::from(two[0] * two[1] < 0.0)).sum()
+    }
+}
+
+/// Whether a ship's loop is stable for parameters as in `PARAMETERS`; an open loop by its own poles.
 #[must_use]
 pub fn is_stable(q: &[f64; COUNT], open_loop: bool) -> bool {
-    let own = q[at::P] + q[at::DAMPING] - q[at::G];
     if open_loop {
-        return own > 0.0;
+        return q[at::P] + q[at::DAMPING] - q[at::G] > 0.0 && Shaft::new(q, 0.0).poles() == 0;
     }
     let (kp, ki) = (q[at::VK_P], q[at::VK_I]);
     // A derivative that acts at once is one more inertia.
     let at_once = q[at::T_D] == 0.0 && q[at::TAU_ACT] == 0.0;
-    let (kd, tau) = if at_once { (0.0, q[at::TAU_N] + q[at::VK_D]) } else { (q[at::VK_D], q[at::TAU_N]) };
-    if !(ki > 0.0 && tau > 0.0) {
+    let (kd, more) = if at_once { (0.0, q[at::VK_D]) } else { (q[at::VK_D], 0.0) };
+    if !(ki > 0.0 && q[at::TAU_N] + more > 0.0) {
         return false;
     }
+    let shaft = Shaft::new(q, more);
+    let own = shaft.torque[0];
     let apart = q[at::HOLD] * q[at::T_D] / 3.0_f64.sqrt();
     // s / (s + c) (1 + L(s)) has no pole at 0 and goes to 1.
     let corner = (ki / (own.abs() + kp.abs())).max(1e-6);
-    // In its direction, without a division.
-    let at_frequency = |w: f64| -> [f64; 2] {
-        let (lag, plant) = ([1.0, q[at::TAU_ACT] * w], [own, tau * w]);
-        let under = times(lag, plant);
+    // In its direction, without a division, and the loop's gain.
+    let at_frequency = |w: f64| -> ([f64; 2], f64) {
+        let under = times([1.0, q[at::TAU_ACT] * w], along(shaft.torque, w));
         let (sin, cos) = (w * q[at::T_D]).sin_cos();
         let hold = (apart * w).cos();
-        let fed = times([kp, kd * w - ki / w], [cos * hold, -sin * hold]);
-        let turned = times([under[0] + fed[0], under[1] + fed[1]], [under[0], -under[1]]);
-        times(turned, [w, corner])
+        let asked = times([kp, kd * w - ki / w], along(shaft.speed, w));
+        let fed = times(asked, [cos * hold, -sin * hold]);
+        let size = under[0].hypot(under[1]).max(1e-300);
+        let turned = times([under[0] + fed[0], under[1] + fed[1]], [under[0] / size, -under[1] / size]);
+        (times(turned, [w, corner]), asked[0].hypot(asked[1]) / size)
     };
+    let [swings, fades] = shaft.resonance;
     let (step, delay) = (10.0_f64.powf(1.0 / PER_DECADE), q[at::T_D] + apart);
-    let mut w = 1e-3 * corner.min((own.abs() / tau).max(1e-6));
-    let mut before = at_frequency(w);
-    // Each turn about the origin is two zeros on the right. At 0 the return difference has the sign of the plant's own slope.
-    let mut zeros = if own < 0.0 && before[1] > 0.0 { 2 } else { 0 };
+    let slowest = corner.min((own.abs() / shaft.torque[1].abs().max(1e-9)).max(1e-6));
+    // With a derivative the gain may rise again up to the corners of plant and lag.
+    let quickest = (3.0 * swings)
+        .max(if kd == 0.0 { 0.0 } else { own.abs() / shaft.torque[1].abs().max(1e-9) })
+        .max(if kd == 0.0 || q[at::TAU_ACT] == 0.0 { 0.0 } else { 1.0 / q[at::TAU_ACT] });
+    let mut w = 1e-3 * slowest;
+    let (mut before, mut gain) = at_frequency(w);
+    // Each turn about the origin is two zeros on the right; on its way through 0 half a turn is one.
+    let mut zeros = shaft.poles()
+        + if own >= 0.0 {
+            0
+        } else if before[1] > 0.0 {
+            1
+        } else {
+            -1
+        };
     for _ in 0..MOST {
-        let least = own.hypot(tau * w) * 1.0_f64.hypot(q[at::TAU_ACT] * w);
-        // With a derivative the gain may rise again up to the corners of plant and lag.
-        let falls =
-            kd == 0.0 || (tau * w > own.abs() && q[at::TAU_ACT] * w >= f64::from(q[at::TAU_ACT] > 0.0));
-        if falls && kp.abs() + (kd * w).abs() + ki / w < SMALL * least {
+        if w >= quickest && gain < SMALL {
             return zeros == 0;
         }
-        w = (w * step).min(w + TURN / delay.max(1e-9));
-        let now = at_frequency(w);
+        let mut next = w * step;
+        if gain > COUNTS || swings == 0.0 {
+            next = next.min(w + TURN / delay.max(1e-9));
+        }
+        if swings > 0.0 {
+            next = next.min(w + TURN * (w - swings).hypot(fades));
+        }
+        w = next;
+        let now;
+        (now, gain) = at_frequency(w);
         let (up, down) = (before[1] < 0.0 && now[1] >= 0.0, before[1] >= 0.0 && now[1] < 0.0);
         let side = before[0] * now[1] - now[0] * before[1];
         if up && side < 0.0 {
