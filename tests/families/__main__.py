@@ -20,8 +20,8 @@ import sys
 import tempfile
 import time
 from collections import Counter
-from concurrent.futures import ThreadPoolExecutor
-from itertools import count, islice
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 
 from tests.families.draw import FAMILIES, draw
@@ -92,9 +92,22 @@ def chosen(family, options) -> list[int]:
     first, draws = options.seed, options.draws
     if options.only is None or family == "wrong":
         return list(range(first, first + draws))
-    ships = ((seed, draw(family, seed, load=bool(options.load)).truth()["on"]) for seed in count(first))
-    limited = ((seed, bool({"M_max", "rate"} & set(on))) for seed, on in ships)
-    return list(islice((seed for seed, has in limited if has == (options.only == "limits")), draws))
+    found: list[int] = []
+    # Whether one hunts, and is drawn anew, takes a simulation or more.
+    with ProcessPoolExecutor(options.processes) as pool:
+        while len(found) < draws:
+            seeds = range(first, first + draws)
+            limited = pool.map(partial(is_limited, family, load=bool(options.load)), seeds)
+            found += [
+                seed for seed, has in zip(seeds, limited, strict=True) if has == (options.only == "limits")
+            ]
+            first += draws
+    return found[:draws]
+
+
+def is_limited(family, seed, load) -> bool:
+    """Whether a draw of a family has a limit of torque or rate."""
+    return bool({"M_max", "rate"} & set(draw(family, seed, load=load).truth()["on"]))
 
 
 def kept(family, seed, late_s, options, out) -> dict:

@@ -4,7 +4,9 @@
 
 F is what the fuel gives at the operating speed. It comes from a governor of proportional and integral part behind a lag,
 each of another kind: "gain" counts what is beyond 1 % of error 1.5 to 2 times, "dead_band" does not see 0.5 to 1 % of error,
-"way_down" moves its fuel 1.4 to 2.5 times slower down than up, at rates that act, "second_lag" has 0.2 to 0.3 s more.
+"way_down" moves its fuel 1.4 to 2.5 times slower down than up, at rates that act, "second_lag" has 0.2 to 0.3 s more. A
+"cascade" has an inner loop of the rack that overshoots, 2.5 to 5 times as quick as the loop of the speed. In a "schedule"
+both gains rise or fall by 4 to 8 % for each per cent of speed.
 """
 
 from __future__ import annotations
@@ -18,8 +20,10 @@ from numba import njit
 from tests.families import excitations, sensors
 from tests.families.water import Water
 
-KINDS = ("gain", "dead_band", "way_down", "second_lag")
+KINDS = ("gain", "dead_band", "way_down", "second_lag", "cascade", "schedule")
 STEP_S = 1e-3
+LATER = ("inner", "overshoot", "schedule")
+"""Bandwidth [rad/s] and damping of an inner loop, and the relative change of the gains by the speed's."""
 BEYOND = 0.01
 """Error over the operating speed beyond which a gain is another one."""
 _TRIES = 200
@@ -44,7 +48,7 @@ class OtherGovernor:
         halves = np.arange(2 * count + 1) * (0.5 * step_s)
         water = np.zeros(len(halves)) if self.water is None else self.water(halves)
         inertia = self.parameters["tau_prop" if self.place == "gauge" else "tau_n"]
-        names = ("tau_n", "p", "g", "vK_p", "vK_i", "lag", "beyond", "band", "up", "down", "second")
+        names = ("tau_n", "p", "g", "vK_p", "vK_i", "lag", "beyond", "band", "up", "down", "second", *LATER)
         numbers = np.array([self.parameters[name] for name in names])
         return _march(numbers, inertia, self.excitation.mean(halves, step_s), water, step_s, count)
 
@@ -93,7 +97,8 @@ def _tried(kind, seed, random, kind_of_excitation):
         random.uniform(1.7, 2.4),
         random.uniform(-1.5, 0.2),
     )
-    bandwidth = random.uniform(1.0, 2.0) if kind == "second_lag" else random.uniform(1.5, 6.0)
+    slow = kind in ("second_lag", "cascade")
+    bandwidth = random.uniform(1.0, 2.0) if slow else random.uniform(1.5, 6.0)
     rate = random.uniform(0.3, 1.0)
     parameters = {
         "tau_n": tau,
@@ -108,6 +113,9 @@ def _tried(kind, seed, random, kind_of_excitation):
         "up": rate if kind == "way_down" else np.inf,
         "down": rate / random.uniform(1.4, 2.5) if kind == "way_down" else np.inf,
         "second": random.uniform(0.2, 0.3) if kind == "second_lag" else 0.0,
+        "inner": bandwidth * random.uniform(2.5, 5.0) if kind == "cascade" else 0.0,
+        "overshoot": random.uniform(0.3, 0.6) if kind == "cascade" else 0.0,
+        "schedule": random.choice((-1.0, 1.0)) * random.uniform(4.0, 8.0) if kind == "schedule" else 0.0,
     }
     excitation = excitations.drawn(random, kind_of_excitation)
     share, memory = 10.0 ** random.uniform(-2.5, -1.7), random.uniform(0.2, 1.5)
@@ -127,18 +135,30 @@ def _tried(kind, seed, random, kind_of_excitation):
 @njit(cache=True)
 def _slopes(q, state, asked, water):
     """Time derivatives of speed, sum of the error, and the two lags' fuel."""
-    tau, p, g, gain, integral, lag, beyond, band, up, down, second = q
+    tau, p, g, gain, integral, lag, beyond, band, up, down, second, inner, overshoot, schedule = q
     error = asked - state[0]
+    changed = max(1.0 + schedule * (state[0] - 1.0), 0.2)
     if band > 0.0:
         error = np.sign(error) * max(abs(error) - band, 0.0)
     if abs(error) > BEYOND:
         error += np.sign(error) * (beyond - 1.0) * (abs(error) - BEYOND)
     fuel = state[3] if second > 0.0 else state[2]
+    command = changed * gain * error + integral * state[1]
+    if inner > 0.0:
+        slope = 2.0 * overshoot * inner * (command - state[2]) + state[3]
+        return np.array(
+            [
+                (1.0 + g * (state[0] - 1.0) + state[2] - state[0] ** p * (1.0 + water)) / tau,
+                error,
+                slope,
+                inner**2 * (command - state[2]),
+            ]
+        )
     return np.array(
         [
             (1.0 + g * (state[0] - 1.0) + fuel - state[0] ** p * (1.0 + water)) / tau,
-            error,
-            min(max((gain * error + integral * state[1] - state[2]) / lag, -down), up),
+            error * changed,
+            min(max((command - state[2]) / lag, -down), up),
             (state[2] - state[3]) / second if second > 0.0 else 0.0,
         ]
     )

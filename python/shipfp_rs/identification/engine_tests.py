@@ -30,6 +30,8 @@ CONSISTENT = 2.7
 """Least consistency of a shape that is there: chance exceeds it once in twenty, to one side."""
 NEAR = 3.0
 """What shows more than a limit by less than this may be the limit's own."""
+SURE = 60.0
+"""Fall of the deviance from which a limit is tried, be it reached in a single stretch."""
 WORTH = 8.0
 """Fall of the deviance from which a limit is worth a fit."""
 NONE = Score(0.0, 0.0, 0.0, 0.0)
@@ -201,7 +203,7 @@ def limit_to_try(scores: Mapping[str, Score], among: Container[str]) -> str | No
         for kind in scores
         if kind in LIMITS
         and kind in among
-        and scores[kind].consistency > CONSISTENT
+        and (scores[kind].consistency > CONSISTENT or scores[kind].fall > SURE)
         and scores[kind].fall > max(WORTH, most / NEAR)
     }
     return max(worth, key=lambda kind: worth[kind], default=None)

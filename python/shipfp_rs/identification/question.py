@@ -40,7 +40,7 @@ SIGNALS: Mapping[str, Torque] = {"M_b": "brake", "M_s": "brake", "M_g": "gauge"}
 """Torque signals, the best one first, with the side of the inertia that each is read on."""
 SMOOTH = ("dead_time_loop", "dead_time_set_point", "actuator_lag", "curvature")
 """Elements of the full model."""
-SHARPEST = ACCURACY
+SHARPEST = 2e-4
 """Least rounding of a torque limit, over the operating torque: no gauge tells a sharper one, on which descents get stuck."""
 BOUNDS: Mapping[str, tuple[float, float]] = {
     "tau_n": (0.01, 20.0),

@@ -98,7 +98,7 @@ def with_twist(fit: ShipFit, before: ShipFit, until: float | None) -> ShipFit:
         if found is None or one.best.cost - found[1].cost <= CHANCE:
             continue
         taken = _taken(one, "twist", *found, until)
-        if taken.total < least - CHANCE:
+        if taken.total < least - CHANCE and _is_inside(taken.likelihood, taken.best, "twist"):
             gain, best, least = fit.total - taken.total, replace(taken, stiff=fit), taken.total
     return replace(best, gains={**fit.gains, "twist": gain})
 
