@@ -21,6 +21,7 @@ from shipfp_rs.identification.estimate import ALONG, KNOWN, Estimate, Identifiab
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.identification.input_checks import doubts, require_excited
 from shipfp_rs.identification.likelihood import Figure
+from shipfp_rs.identification.limited_likelihood import LimitedLikelihood
 from shipfp_rs.identification.load_side import load_side_of
 from shipfp_rs.identification.profiles import NEAR, RISE, TRIES, Interval, Profiles, figures_of
 from shipfp_rs.identification.question import BOUNDS, OF_LOADED, PRIORS, Question
@@ -201,13 +202,16 @@ def intervals_of(
             break
     most = profiles.best.cost + RISE * (1.0 + NEAR)
     inside = [point.vector for point in profiles.visited if point.cost < most]
-    stretches = Stretches(fit.likelihood, fit.best.vector)
+    stretches, sampling = Stretches(fit.likelihood, fit.best.vector), np.zeros((1, 0))
+    if isinstance(fit.likelihood, LimitedLikelihood):
+        sampling = fit.likelihood.moved_by_sampling(fit.best.vector)
     for name, figure in figures.items():
         one = profiles.widened(figure, found[name])
-        wider = stretches.widening(fit.likelihood.coordinates.gradient(figure, fit.best.vector))
-        moved = figure(fit.values) - one.value
-        low = one.value - wider * (one.value - one.low) + min(moved, 0.0)
-        high = one.value + wider * (one.high - one.value) + max(moved, 0.0)
+        slope = fit.likelihood.coordinates.gradient(figure, fit.best.vector)
+        wider, moved = stretches.widening(slope), figure(fit.values) - one.value
+        by_clock = np.sqrt(RISE * np.mean((sampling @ slope) ** 2)) if sampling.size else 0.0
+        low = one.value - np.hypot(wider * (one.value - one.low), by_clock) + min(moved, 0.0)
+        high = one.value + np.hypot(wider * (one.high - one.value), by_clock) + max(moved, 0.0)
         least, most = fit.question.bounds.get(name, (-np.inf, np.inf))
         found[name] = Interval(one.value + moved, max(low, least), min(high, most), one.kinds)
     return fit, found, [c.values(vector) for vector in inside]

@@ -17,6 +17,7 @@ import numpy as np
 from shipfp_rs.errors import SimulationError
 from shipfp_rs.identification.equation_likelihood import EquationLikelihood
 from shipfp_rs.identification.likelihood import Products
+from shipfp_rs.identification.profiles import scaled_inverse
 from shipfp_rs.identification.spectra import Spectra
 from shipfp_rs.support.arrays import Array, ComplexArray
 from shipfp_rs.support.interpolation import interpolated
@@ -26,6 +27,11 @@ LIMITS = ("M_max", "M_soft", "rate")
 """Parameters of limits."""
 FINE_HZ = 100.0
 """Rate of the simulations: what lines between their samples lack counts for what limits take off alone."""
+WATERS_HZ = (2.0, 0.7, 0.0)
+"""Frequencies up to which what a torque has beyond the load's law may be water, the first one to begin with. Above them it
+is the gauge's noise, which moves no ship; at zero there is no water."""
+SAMPLING_S, PHASES, FINER = (0.01, 0.03), 3, 4
+"""Ends of the interval at which a governor may sample, instants of the first sample, and steps that then make one."""
 STEP = 1e-4
 """Step of a difference, of a vector's entries."""
 
@@ -42,11 +48,17 @@ class LimitedLikelihood(EquationLikelihood):
         Parameters of the load's law, the torque's lateness and scale, by the load's side alone; none: by the vector.
     about
         Vector about which the derivatives of what limits take off are taken; None: each time anew.
+    water_hz
+        Frequency up to which what the torque has beyond the law is water.
+    governor
+        Parameters of the stepper in place of those of a vector.
     """
 
     beyond: tuple[Array, ...] | None = None
     law: Mapping[str, float] = field(default_factory=dict)
     about: Array | None = None
+    water_hz: float = WATERS_HZ[0]
+    governor: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def is_quick(self) -> bool:
@@ -55,12 +67,13 @@ class LimitedLikelihood(EquationLikelihood):
 
     @property
     def _fine_hz(self) -> float:
-        return FINE_HZ
+        return FINE_HZ * (FINER if self.governor else 1)
 
     def taken(self, vector: Array, record: int) -> ComplexArray:
         """Spectra (O, F) of what limits take off the outputs of a record, beyond what was put back before."""
         data = self.records[record]
-        with_limits, without = (self.simulated(vector, record, one) for one in (self._limits(vector), {}))
+        both = {**self._limits(vector), **self.governor}, self.governor
+        with_limits, without = (self.simulated(vector, record, one) for one in both)
         found = data.see(data.low_passed(with_limits - without) - data.taken)
         if not np.isfinite(found).all():
             raise SimulationError("what the limits take off is not finite")
@@ -127,6 +140,23 @@ class LimitedLikelihood(EquationLikelihood):
         about = self.about
         return [self._moves(about, index, self.taken(about, index)) for index in range(len(self.records))]
 
+    def moved_by_sampling(self, vector: Array) -> Array:
+        """How far the end moves with the instants at which a governor samples, (PHASES, P).
+
+        A smooth ship shows their mean alone. In a limit it counts when a command falls below it.
+        """
+        dead = self.values_of(vector, 0).get("T_d", 0.0)
+        every = float(np.clip(2.0 * dead, *SAMPLING_S))
+        clock = {"T_s": every, "T_d": max(dead - 0.5 * every, 0.0), "hold": 0.0}
+        phases = [replace(self, governor={**clock, "T_0": every * place / PHASES}) for place in range(PHASES)]
+        rows = []
+        for index in range(len(self.records)):
+            taken = np.array([one.taken(vector, index) for one in phases])
+            rows.append(taken - taken.mean(axis=0))
+        size = 1 + self.coordinates.size
+        gram = self.with_columns(vector, rows)
+        return np.asarray(gram[size:, 1:size] @ -scaled_inverse(gram[1:size, 1:size]))
+
     def products(self, vector: Array) -> Products:
         """Deviance, gradient and Gauss-Newton matrix at a vector.
 
@@ -151,8 +181,8 @@ class LimitedLikelihood(EquationLikelihood):
 
     def driven(self, vector: Array) -> Self:
         """Return the likelihood of the ship driven by what speed and torque show of moving water at a vector."""
-        if "dM" not in self.records[0].outputs:
-            return self
+        if "dM" not in self.records[0].outputs or not self.water_hz:
+            return replace(self, beyond=None)
         values = {**self.coordinates.values(vector), **self.law}
         states = self.coordinates.states_at(vector)
         scales = [self.law.get("torque scale", 1.0 + one.get("torque scale", 0.0)) for one in states]
@@ -174,7 +204,10 @@ class LimitedLikelihood(EquationLikelihood):
         law += values.get("damping", 0.0) * speed + behind * record.through(speed, lambda s: s, 0.0, 1.0)
         if len(record.load):
             law += values.get("k_L", 1.0) * record.low_passed(record.load)
-        return np.asarray((through - law) * record.tapers[0])
+        w = 2.0 * np.pi * self.water_hz
+        return record.through(
+            (through - law) * record.tapers[0], lambda s: 1.0 / (1.0 + (s / w) ** 4), 1.0, 0.0
+        )
 
     def resettled_at(self, vector: Array) -> Self:
         """Return the likelihood of the records corrected by the model at a vector, with water and noise seen there."""

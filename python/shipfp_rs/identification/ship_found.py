@@ -112,6 +112,8 @@ def likelihood_of(
     if isinstance(found, LimitedLikelihood) and fit.side is not None:
         told = {name: one.value for name, one in fit.side.parameters.items() if one.value is not None}
         found = replace(found, law=told)
+    if isinstance(found, LimitedLikelihood) and isinstance(likelihood, LimitedLikelihood):
+        found = replace(found, water_hz=likelihood.water_hz)
     return found
 
 

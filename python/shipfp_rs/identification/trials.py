@@ -17,7 +17,7 @@ from shipfp_rs.identification.basins import LIKELY, Basin, descend, each
 from shipfp_rs.identification.engine_tests import engine_tests, limit_to_try
 from shipfp_rs.identification.equation_likelihood import EquationLikelihood
 from shipfp_rs.identification.first_guesses import guesses_by_bandwidth
-from shipfp_rs.identification.limited_likelihood import LimitedLikelihood
+from shipfp_rs.identification.limited_likelihood import WATERS_HZ, LimitedLikelihood
 from shipfp_rs.identification.question import TRIED
 from shipfp_rs.identification.ship_found import (
     BELIEVED,
@@ -155,6 +155,11 @@ def _limited(fit: ShipFit, element: str, until: float | None, *, surely: bool = 
     ends = sorted(ends, key=lambda end: end.cost)[:2]
     ends = likelihood.each([partial(_by_own_noise, likelihood, end.vector, ROUNDS, until) for end in ends])
     best = min(ends, key=lambda end: end.cost)
+    if np.isfinite(best.cost):
+        waters = [replace(likelihood, water_hz=hz) for hz in WATERS_HZ if hz != likelihood.water_hz]
+        jobs = [partial(_by_own_noise, one, best.vector, ROUNDS, until) for one in waters]
+        moved = zip(waters, likelihood.each(jobs), strict=True)
+        likelihood, best = min(((likelihood, best), *moved), key=lambda pair: pair[1].cost)
     if not (np.isfinite(best.cost) if surely else _is_inside(likelihood, best, element)):
         return None
     return _taken(fit, element, likelihood.resettled_at(best.vector), best, until)
