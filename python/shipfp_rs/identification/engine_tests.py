@@ -35,6 +35,8 @@ SURE = 60.0
 WORTH = 8.0
 """Fall of the deviance from which a limit is worth a fit."""
 NONE = Score(0.0, 0.0, 0.0, 0.0)
+ROUNDED, NEARLY = 3.0, 0.8
+"""A torque is in its limit from so many roundings below it on, a rack in its rate from this part of it on."""
 BINS, LEAST_STRETCHES = 15, 4
 """Bins of a curve, and stretches below which a bin's scatter tells nothing."""
 LEAST_PERIODS, LEAST_BAND = 30, 0.1
@@ -113,6 +115,19 @@ def _binned(row: Array, torque: Array, stretch: Array) -> dict[str, list[float]]
         found["at"].append(float(row[inside].mean()))
         found["torque"].append(mean)
         found["std"].append(float(np.sqrt(np.sum(scatter**2)) / np.sum(inside)))
+    return found
+
+
+def touched(fit: ShipFit, element: str) -> float:
+    """How many samples of the data lie in a limit by the model, or as near as the limit is rounded."""
+    values, found = fit.values, 0.0
+    for index, record in enumerate(fit.likelihood.records):
+        engine, rack, _ = _signals(fit, index)
+        if element == "torque_limit":
+            near = 1.0 + engine > values["M_max"] - ROUNDED * values["M_soft"]
+        else:
+            near = np.abs(np.gradient(rack)) * record.rate_hz > NEARLY * values["rate"]
+        found += float(np.count_nonzero(near)) * record.down
     return found
 
 

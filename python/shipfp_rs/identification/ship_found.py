@@ -129,6 +129,8 @@ def settled(fit: ShipFit, until: float | None) -> ShipFit:
         except (SimulationError, np.linalg.LinAlgError):
             break
         end = descend(following, best.vector, until=until)
+        if not np.isfinite(end.cost):  # corrected by itself it runs away
+            break
         moved = end.vector - best.vector
         likelihood, best = following, end
         if end.products is None or moved @ end.products.matrix @ moved < STILL:

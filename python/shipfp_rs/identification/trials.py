@@ -14,7 +14,7 @@ import numpy as np
 
 from shipfp_rs.errors import IdentificationError, SimulationError
 from shipfp_rs.identification.basins import LIKELY, Basin, descend, each
-from shipfp_rs.identification.engine_tests import engine_tests, limit_to_try
+from shipfp_rs.identification.engine_tests import engine_tests, limit_to_try, touched
 from shipfp_rs.identification.equation_likelihood import EquationLikelihood
 from shipfp_rs.identification.first_guesses import guesses_by_bandwidth
 from shipfp_rs.identification.limited_likelihood import WATERS_HZ, LimitedLikelihood
@@ -35,6 +35,8 @@ CHANCE = 6.0
 """Fall of the deviance by two parameters that chance exceeds once in twenty: less says nothing of an element."""
 LEAST_FALL = {"torque_limit": CHANCE, "rack_rate": 2.0 * BELIEVED}
 """Fall of the total from which a limit is fitted along; one of rate, whose intervals are rough, must be sure."""
+LEAST_TOUCHED = 10.0
+"""Samples that must lie in a limit: one that the record never reaches stands in for something else."""
 TWISTS_S, DAMPINGS = (1e-3, 4e-3), (0.3, 2.0)
 """A shaft's stiffness and damping to begin with."""
 ROUNDS, STEPS, STILL = 6, 12, 1.0
@@ -58,7 +60,7 @@ def with_limits(fit: ShipFit, until: float | None) -> ShipFit:
         if taken is None:
             continue
         gain = fit.total - taken.total
-        if gain <= LEAST_FALL[suspect]:
+        if gain <= LEAST_FALL[suspect] or touched(taken, suspect) < LEAST_TOUCHED:
             continue
         gains = {**fit.gains, suspect: gain}
         fit = replace(taken, gains=gains, unlimited=fit if fit.is_smooth else fit.unlimited)

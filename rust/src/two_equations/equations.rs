@@ -364,8 +364,7 @@ fn slope_terms(equations: &[Equation], terms: &[Term], values: &[f64; COUNT], by
             _ => signal::APART_U,
         };
         let delayed = matches!(one.signal, signal::LATE_N | signal::LATE_U | signal::LATE_M);
-        let set = one.signal == signal::LATE_U;
-        let torque = matches!(one.signal, signal::M | signal::LATE_M);
+        let (set, torque) = (one.signal == signal::LATE_U, matches!(one.signal, signal::M | signal::LATE_M));
         let speed = matches!(one.signal, signal::N | signal::N2 | signal::N3 | signal::LATE_N);
         match by {
             at::T_D if delayed => {

@@ -110,21 +110,10 @@ pub fn is_stable(q: &[f64; COUNT], open_loop: bool) -> bool {
     let quickest = (3.0 * swings)
         .max(if kd == 0.0 { 0.0 } else { own.abs() / shaft.torque[1].abs().max(1e-9) })
         .max(if kd == 0.0 || q[at::TAU_ACT] == 0.0 { 0.0 } else { 1.0 / q[at::TAU_ACT] });
-    let mut w = 1e-3 * slowest;
-    let (mut before, mut gain) = at_frequency(w);
-    // Each turn about the origin is two zeros on the right; on its way through 0 half a turn is one.
-    let mut zeros = shaft.poles()
-        + if own >= 0.0 {
-            0
-        } else if before[1] > 0.0 {
-            1
-        } else {
-            -1
-        };
-    for _ in 0..MOST {
-        if w >= quickest && gain < SMALL {
-            return zeros == 0;
-        }
+    // On its way through 0 half a turn is one.
+    let half = if at_frequency(1e-3 * slowest).0[1] > 0.0 { 1 } else { -1 };
+    let begun = shaft.poles() + if own < 0.0 { half } else { 0 };
+    let steps = |w: f64, gain: f64| {
         let mut next = w * step;
         if gain > COUNTS || swings == 0.0 {
             next = next.min(w + TURN / delay.max(1e-9));
@@ -132,19 +121,37 @@ pub fn is_stable(q: &[f64; COUNT], open_loop: bool) -> bool {
         if swings > 0.0 {
             next = next.min(w + TURN * (w - swings).hypot(fades));
         }
-        w = next;
+        next
+    };
+    zeros(1e-3 * slowest, quickest, at_frequency, steps).is_some_and(|turned| begun + turned == 0)
+}
+
+/// Zeros on the right by the turns about the origin, two each, from a frequency to one above which none follow.
+fn zeros(
+    mut w: f64,
+    quickest: f64,
+    at_frequency: impl Fn(f64) -> ([f64; 2], f64),
+    next: impl Fn(f64, f64) -> f64,
+) -> Option<i32> {
+    let (mut before, mut gain) = at_frequency(w);
+    let mut found = 0;
+    for _ in 0..MOST {
+        if w >= quickest && gain < SMALL {
+            return Some(found);
+        }
+        w = next(w, gain);
         let now;
         (now, gain) = at_frequency(w);
         let (up, down) = (before[1] < 0.0 && now[1] >= 0.0, before[1] >= 0.0 && now[1] < 0.0);
         let side = before[0] * now[1] - now[0] * before[1];
         if up && side < 0.0 {
-            zeros += 2;
+            found += 2;
         } else if down && side > 0.0 {
-            zeros -= 2;
+            found -= 2;
         }
         before = now;
     }
-    false
+    None
 }
 
 #[cfg(test)]
