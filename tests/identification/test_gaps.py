@@ -1,11 +1,15 @@
 """Masked samples are foretold from those beside them."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import shipfp_rs as fp
 from shipfp_rs.identification.gaps import kriged
+from tests.identification.parity import Case, simulated
 
 
 def correlated(count, seed):
@@ -55,3 +59,16 @@ def test_what_was_measured_stays_and_what_was_not_is_finite(seed, share):
     filled = kriged(np.where(gaps, np.nan, whole), gaps, 10)
     assert np.isfinite(filled).all()
     assert np.array_equal(filled[~gaps], whole[~gaps])
+
+
+def test_masked_samples_tell_nothing():
+    _, whole = simulated(Case(seconds=150.0))
+    random, masked = np.random.default_rng(5), (np.arange(len(whole)) // 20) % 5 == 4
+    noisy = {
+        name: row * (1.0 + (0.0 if name == "n_set" else 1e-3) * random.standard_normal(len(row)))
+        for name, row in whole.signals.items()
+    }
+    gaps = {name: row if name == "n_set" else np.where(masked, np.nan, row) for name, row in noisy.items()}
+    full, less = (fp.identify(replace(whole, signals=signals)) for signals in (noisy, gaps))
+    for name in ("tau_n", "g", "vK_p", "vK_i", "p", "tau_prop", "T_d", "T_set"):
+        assert 1.0 < less[name].std / full[name].std < 1.3, name

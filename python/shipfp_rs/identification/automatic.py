@@ -46,8 +46,8 @@ TOGETHER = ("K_p/K_i", "(p-g)/tau_n", "vK_p/tau_n", "vK_i/tau_n", "(p-g)/(vK_i)"
 FULL_SHIP = "the full ship"
 """What a fingerprint's settings call the structure that is fitted where none is given."""
 DISCREPANCY = 2.0
-"""Deviations of a ship in a limit over those of its likelihood. What its simulations miss, corners and the water's shape, moves
-all parameters together; on some twenty simulated ships the truth lay twice as far away as chance explains."""
+"""Deviations of a ship in a limit over those of its likelihood. What its simulations miss, corners and the water's shape,
+moves all parameters together; on some twenty simulated ships the truth lay twice as far away as chance explains."""
 LOWER, RESTARTS = 0.5, 2
 """A profile that meets a deviance lower by this begins again from there, so often."""
 COMBINED_TRIES = 3

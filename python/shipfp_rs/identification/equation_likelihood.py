@@ -272,13 +272,17 @@ class EquationLikelihood(Likelihood):
         return quantile_of(self.freedom) if self.white else super().quantile
 
     def _noise(self, residuals: Sequence[Numbers], unsure: Sequence[Numbers | float]) -> tuple[Numbers, ...]:
-        if not self.white:
-            return super()._noise(residuals, unsure)
-        share = max(self.freedom, 1) / max(self.freedom + self.coordinates.size, 1)
-        return tuple(
-            white_root(real_rows(one[:, 1:]), real_rows(record.spectrum[:, 1:]), share, self.quantile)
-            for one, record in zip(residuals, self.records, strict=True)
-        )
+        if self.white:
+            share = max(self.freedom, 1) / max(self.freedom + self.coordinates.size, 1)
+            found = tuple(
+                white_root(real_rows(one[:, 1:]), real_rows(record.spectrum[:, 1:]), share, self.quantile)
+                for one, record in zip(residuals, self.records, strict=True)
+            )
+        else:
+            found = super()._noise(residuals, unsure)
+        # Samples that are filled have next to no residual, and tell nothing.
+        told = (1.0 - record.masked.mean(axis=0) for record in self.records)
+        return tuple(root * share for root, share in zip(found, told, strict=True))
 
     def spread(self) -> float:
         """Deviance of the determinants of the noise."""

@@ -73,7 +73,8 @@ def element_rows(fit: ShipFit, parameters: Mapping[str, Estimate]) -> dict[str, 
         if acts or name in fit.question.tried:
             undecided = TRIED[name][0] in fit.along and fit.gains[name] > UNDECIDED
             state = "on" if acts else "open" if undecided else "off"
-            rows[name] = _row(name, state, None, fit.gains.get(name))
+            gain = fit.gains.get(name, np.inf)
+            rows[name] = _row(name, state, None, gain if np.isfinite(gain) else None)
     if fit.question.loaded:
         rows["load"] = _row("load", "on", None)
     # A governor's clock is seen in the raw torque or not at all: half its period is part of T_d either way.
