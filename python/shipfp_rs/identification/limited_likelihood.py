@@ -143,7 +143,8 @@ class LimitedLikelihood(EquationLikelihood):
     def moved_by_sampling(self, vector: Array) -> Array:
         """How far the end moves with the instants at which a governor samples, (PHASES, P).
 
-        A smooth ship shows their mean alone. In a limit it counts when a command falls below it.
+        A smooth ship shows their mean alone. In a limit it counts when a command falls below it. Not at all where the loop of
+        a governor that samples runs away.
         """
         dead = self.values_of(vector, 0).get("T_d", 0.0)
         every = float(np.clip(2.0 * dead, *SAMPLING_S))
@@ -151,7 +152,10 @@ class LimitedLikelihood(EquationLikelihood):
         phases = [replace(self, governor={**clock, "T_0": every * place / PHASES}) for place in range(PHASES)]
         rows = []
         for index in range(len(self.records)):
-            taken = np.array([one.taken(vector, index) for one in phases])
+            try:
+                taken = np.array([one.taken(vector, index) for one in phases])
+            except SimulationError:
+                return np.zeros((PHASES, self.coordinates.size))
             rows.append(taken - taken.mean(axis=0))
         size = 1 + self.coordinates.size
         gram = self.with_columns(vector, rows)

@@ -28,8 +28,8 @@ BENT = Sentence(
     "and data agree only if the channels are wrong by more than a calibration allows."
 )
 LIMITED = Sentence(
-    "Usable for simulation and comparison, but its intervals are too narrow: a limit of torque or rate acts, and on "
-    "simulated ships with such a limit only two intervals in three hold the true value."
+    "Usable for simulation and comparison, but its intervals are rough: a limit of torque or rate acts, and on simulated "
+    "ships with such a limit less than nine intervals in ten hold the true value."
 )
 LOAD_ONLY = Sentence(
     "Usable for simulation and comparison of the load's side only: engine and governor are not described ({what}), so "
