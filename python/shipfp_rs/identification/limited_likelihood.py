@@ -143,8 +143,8 @@ class LimitedLikelihood(EquationLikelihood):
     def moved_by_sampling(self, vector: Array) -> Array:
         """How far the end moves with the instants at which a governor samples, (PHASES, P).
 
-        A smooth ship shows their mean alone. In a limit it counts when a command falls below it. Not at all where the loop of
-        a governor that samples runs away.
+        A smooth ship shows their mean alone. In a limit it counts when a command falls below it. Zero where the loop of a
+        governor that samples runs away.
         """
         dead = self.values_of(vector, 0).get("T_d", 0.0)
         every = float(np.clip(2.0 * dead, *SAMPLING_S))

@@ -136,4 +136,4 @@ def settled(fit: ShipFit, until: float | None) -> ShipFit:
         if end.products is None or moved @ end.products.matrix @ moved < STILL:
             break
     ends = [descend(likelihood, one.vector, until=until) for one in fit.basins[1:]]
-    return replace(fit, likelihood=likelihood, basins=tuple(distinct(likelihood, [best, *ends])))
+    return replace(fit, likelihood=likelihood, basins=tuple(distinct(likelihood, [best, *ends])) or (best,))
