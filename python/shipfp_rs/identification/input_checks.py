@@ -161,9 +161,11 @@ def _require_following(experiment: Experiment, follows: bool) -> None:
     _require_cause(experiment, name, asked, speed)
     longest = min(round(LONGEST_DELAY_S * rate), len(speed) // 4)
     lags = np.unique(np.linspace(0, longest, 41).astype(int))
+    apart = max(int(rate / (SAMPLES_A_PERIOD * SLOW_HZ)), 1)
     with np.errstate(invalid="ignore"):  # a speed that never moves
-        apart = max(int(rate / (SAMPLES_A_PERIOD * SLOW_HZ)), 1)
-    pairs = [float(np.corrcoef(asked[: len(asked) - lag : apart], speed[lag::apart])[0, 1]) for lag in lags]
+        pairs = [
+            float(np.corrcoef(asked[: len(asked) - lag : apart], speed[lag::apart])[0, 1]) for lag in lags
+        ]
     # A sine falls as it rises half a period later: only a speed that follows at no delay has the wrong sign.
     best = max(pairs) if max(pairs) >= LEAST_CORRELATION else min(pairs)
     if not np.isfinite(best) or (follows and abs(best) < LEAST_CORRELATION):
