@@ -279,15 +279,20 @@ def test_residuals_of_a_simulated_ship_vanish(gauge):
     assert (np.abs(whole(found[0])).max(axis=1) < 3e-4 * size).all()
 
 
+LOOPS = {
+    "vK_p": st.floats(0.02, 12.0),
+    "vK_i": st.floats(0.02, 12.0),
+    "tau_n": st.floats(0.2, 5.0),
+    "tau_act": st.one_of(st.just(0.0), st.floats(0.01, 1.0)),
+}
+
+
 class TestStability:
     @settings(max_examples=400, deadline=None)
     @given(
         own=st.floats(-4.0, 4.0),
-        vK_p=st.floats(0.02, 12.0),
-        vK_i=st.floats(0.02, 12.0),
-        tau_n=st.floats(0.2, 5.0),
+        **LOOPS,
         vK_d=st.one_of(st.just(0.0), st.floats(0.02, 5.0)),
-        tau_act=st.one_of(st.just(0.0), st.floats(0.01, 1.0)),
         T_d=st.one_of(st.just(0.0), st.floats(0.01, 0.8)),
         hold=st.one_of(st.just(0.0), st.floats(0.1, 1.0)),
     )
@@ -304,11 +309,8 @@ class TestStability:
     @settings(max_examples=400, deadline=None)
     @given(
         g=st.floats(-3.0, 2.0),
-        vK_p=st.floats(0.02, 12.0),
-        vK_i=st.floats(0.02, 12.0),
-        tau_n=st.floats(0.2, 5.0),
+        **LOOPS,
         share=st.floats(0.05, 0.95),
-        tau_act=st.one_of(st.just(0.0), st.floats(0.01, 1.0)),
         T_d=st.one_of(st.just(0.0), st.floats(0.01, 0.4)),
         tau_twist=st.floats(0.01, 0.3),
         zeta_twist=st.one_of(st.just(0.0), st.floats(0.001, 6.0)),

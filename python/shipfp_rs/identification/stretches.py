@@ -118,7 +118,7 @@ class Stretches:
         size, found = self._priors.shape[1], []
         response = _power([record.spectrum[None] for record in self.likelihood.records])[0]
         shares = self._gram[size:, :size] @ self._inverse
-        bare = [np.array(one) for one in self.columns]
+        bare = [np.array(one, order="C") for one in self.columns]
         for index, one in enumerate(bare):
             _flat(one)[:] -= shares @ _flat(self.likelihood.spectra(self.vector, index)[1])
         power = _power(bare)

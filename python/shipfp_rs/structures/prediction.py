@@ -43,9 +43,18 @@ def simulated_about(structure: Structure, values: Values, experiment: Experiment
     valid = np.isfinite(measured).all(axis=0)
     state = dict.fromkeys(equations.states, 0.0)
     model, slopes = equations.sensitivities({**values, **state}, experiment, equations.states)
-    longest = np.inf
+    before = longest = np.inf
     # A linear model is linear in its initial state, too: one least-squares solution is exact.
-    for _ in range(1 if set(state) <= set(equations.linear_in) else CURVED):
+    for turn in range(1 if set(state) <= set(equations.linear_in) else CURVED):
+        if turn:
+            try:
+                # Near its end the slopes hardly change.
+                if longest < SHORTER * before:
+                    model = equations.simulate({**values, **state}, experiment)
+                else:
+                    model, slopes = equations.sensitivities({**values, **state}, experiment, equations.states)
+            except SimulationError:  # a step too far: the straight line to it is what is known
+                break
         basis = np.concatenate([slopes.reshape(len(state), *model.shape), offsets])
         error = (measured - model)[:, valid]
         weight = 1.0 / np.maximum(error.std(axis=1, keepdims=True), np.finfo(float).tiny)
@@ -57,12 +66,4 @@ def simulated_about(structure: Structure, values: Values, experiment: Experiment
         state = {
             name: value + float(step) for (name, value), step in zip(state.items(), fitted, strict=False)
         }
-        try:
-            # Near its end the slopes hardly change.
-            if longest < SHORTER * before:
-                model = equations.simulate({**values, **state}, experiment)
-            else:
-                model, slopes = equations.sensitivities({**values, **state}, experiment, equations.states)
-        except SimulationError:  # a step too far: the straight line to it is what is known
-            break
     return dict(zip(signals, model + np.tensordot(fitted, basis, axes=1), strict=True))
