@@ -13,10 +13,13 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 
+from shipfp_rs.errors import SimulationError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.identification.fingerprint import Estimate, Fingerprint, Identifiability
+from shipfp_rs.identification.identify import identify
 from shipfp_rs.report import render, write_report
 from shipfp_rs.report.charts import thin
+from tests.identification.parity import Case, simulated
 from tests.report.echo import echo
 
 NASTY = "<script>alert('&')</script>"
@@ -358,3 +361,16 @@ def test_a_fingerprint_without_experiments_or_verdict_still_makes_a_page(tmp_pat
     path = write_report(tmp_path / "report.html", bare, [])
     assert "No verdict" in path.read_text(encoding="utf-8")
     assert "svg" not in outline(path.read_text(encoding="utf-8")).tags
+
+
+def test_a_ship_that_runs_away_has_a_report_without_its_signals(tmp_path, monkeypatch, caplog):
+    _, record = simulated(Case(seconds=60.0))
+    found = identify(record)
+
+    def runs_away(*_):
+        raise SimulationError("simulation diverged at sample 4")
+
+    monkeypatch.setattr(Fingerprint, "predict", runs_away)
+    page = found.report(tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "no simulation in the report: simulation diverged at sample 4" in caplog.text
+    assert "tau_prop" in page
