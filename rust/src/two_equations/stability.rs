@@ -11,6 +11,8 @@ const TURN: f64 = 0.3;
 /// Bound of the loop gain below which nothing turns about the origin any more, and above which a delay's turns count.
 const SMALL: f64 = 0.9;
 const COUNTS: f64 = 0.3;
+/// Least step over the frequency.
+const FINEST: f64 = 1e-5;
 
 fn times(a: [f64; 2], b: [f64; 2]) -> [f64; 2] {
     [a[0] * b[0] - a[1] * b[1], a[0] * b[1] + a[1] * b[0]]
@@ -139,9 +141,15 @@ fn zeros(
         if w >= quickest && gain < SMALL {
             return Some(found);
         }
-        w = next(w, gain);
-        let now;
-        (now, gain) = at_frequency(w);
+        let mut after = next(w, gain);
+        let mut now;
+        (now, gain) = at_frequency(after);
+        // A root near the axis turns it by half a turn within its distance: which way, shorter steps tell.
+        while before[0] * now[0] + before[1] * now[1] < 0.0 && after - w > FINEST * w {
+            after = 0.5 * (w + after);
+            (now, gain) = at_frequency(after);
+        }
+        w = after;
         let (up, down) = (before[1] < 0.0 && now[1] >= 0.0, before[1] >= 0.0 && now[1] < 0.0);
         let side = before[0] * now[1] - now[0] * before[1];
         if up && side < 0.0 {
