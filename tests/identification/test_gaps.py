@@ -70,5 +70,10 @@ def test_masked_samples_tell_nothing():
     }
     gaps = {name: row if name == "n_set" else np.where(masked, np.nan, row) for name, row in noisy.items()}
     full, less = (fp.identify(replace(whole, signals=signals)) for signals in (noisy, gaps))
-    for name in ("tau_n", "g", "vK_p", "vK_i", "p", "tau_prop", "T_d", "T_set"):
-        assert 1.0 < less[name].std / full[name].std < 1.3, name
+    wider = {
+        name: less[name].std / full[name].std
+        for name in ("tau_n", "g", "vK_p", "vK_i", "p", "tau_prop", "T_d", "T_set")
+    }
+    # A fifth of the samples is a tenth of the deviations, but for the chance that both noises are estimated by.
+    assert 1.03 < np.mean([*wider.values()]) < 1.25, wider
+    assert all(0.9 < one < 1.3 for one in wider.values()), wider

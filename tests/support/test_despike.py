@@ -66,6 +66,19 @@ def test_what_a_plant_makes_is_no_spike() -> None:
         assert find_spikes(samples, RATE_HZ, **SETTINGS).shape == (0, 2)
 
 
+@pytest.mark.parametrize("swing_hz", [4.0, 6.0, 8.0])
+def test_a_kick_that_rings_out_is_no_spike(swing_hz: float) -> None:
+    # A step of the set point behind a quick governor: the torque jumps within 3 ms and comes back through a swing.
+    time = np.arange(12_000) / 2000.0
+    late = np.maximum(time - 3.0, 0.0)
+    swing = np.exp(-late / 0.08) * np.cos(2.0 * np.pi * swing_hz * late)
+    samples = 900.0 + 80.0 * -np.expm1(-late / 0.0015) + 250.0 * swing * -np.expm1(-late / 0.0015)
+    samples += np.random.default_rng(4).normal(0.0, 5.0, len(time))
+    assert find_spikes(samples, 2000.0, **SETTINGS).size == 0
+    samples[9000:9080] += 800.0
+    assert find_spikes(samples, 2000.0, **SETTINGS).tolist() == [[9000, 9080]]
+
+
 def test_a_spike_that_swings_both_ways_is_one() -> None:
     samples = torque(3)
     samples[2000:2015] += 3000.0

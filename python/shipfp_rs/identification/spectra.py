@@ -27,9 +27,10 @@ from shipfp_rs.support.arrays import Array, ComplexArray
 
 ORDERS: int = _core.EQUATION_ORDERS
 """Orders of the taper's derivatives that count, the taper itself included."""
-EDGE_S, BEFORE_S = 3.0, 2.0
-"""Time over which a record fades in and out [s], and time before it that is left out: dead times carry into it what went
-on before the record began."""
+EDGE_S, EDGE_SHARE, BEFORE_S = 3.0, 0.025, 2.0
+"""Least time over which a record fades in and out [s] and its share of the record, and time before it that is left out: dead
+times carry into it what went on before the record began. Noise that goes through both equations and the inverse of their
+loop comes out as it went in but for these edges: at steep ones much noise of one output becomes noise of the other, too."""
 GRID_S = 0.05
 """Distance of the delays that a signal is moved by before it is tapered [s]; a series does the rest."""
 TAPS_A_SAMPLE, PASSED, WINDOW_80_DB = 24, 0.43, ("kaiser", 9.0)
@@ -422,7 +423,7 @@ def _tapers(count: int, rate_hz: float) -> Array:
     """The taper of so many samples and its time derivatives, shape (ORDERS, K)."""
     at = np.arange(count) / rate_hz
     shorter = min(at[-1] / WHOLE_EDGES_S, 1.0)
-    edge_s = EDGE_S * shorter
+    edge_s = max(EDGE_S * shorter, EDGE_SHARE * at[-1])
     up, down = (at - BEFORE_S * shorter) / edge_s, (at[-1] - at) / edge_s
     rows = [RISE(np.clip(np.minimum(up, down), 0.0, 1.0))]
     for order in range(1, ORDERS):

@@ -14,6 +14,10 @@ ROBUST_SIGMA = 1.4826
 SWINGS_ON = 0.5
 """A crest is nearer to the curve through its sides than this share of its height over the line through them."""
 
+JUMPS_S, FLANK, LOW, HIGH = 0.01, 0.15, 0.25, 0.75
+"""What is longer [s] is a spike only if it jumps both up and down: from one share of its height to the other on either side
+within this share of its length."""
+
 SCALE_WINDOW_S = 1.0
 """Length of the stretch over which the spread about the running median is measured [s]."""
 
@@ -26,8 +30,8 @@ def find_spikes(samples: Array, rate_hz: float, *, longest_s: float, threshold: 
 
     A sample is suspect where it is further from the running median than `threshold` robust standard deviations
     (Hampel's rule) and than `least` times the median magnitude. Suspects in a row are a spike if they last, above a
-    quarter of its height, no longer than `longest_s`, and the signal goes on where it was left. That spares the kick
-    which a plant answers a step with: it rises as fast, but decays slowly and to another level.
+    quarter of its height, no longer than `longest_s`, and the signal goes on where it was left. The kick which a plant
+    answers a step with is none: it may jump up as fast, but does not jump down again.
 
     Parameters
     ----------
@@ -57,7 +61,24 @@ def find_spikes(samples: Array, rate_hz: float, *, longest_s: float, threshold: 
         threshold=threshold,
         least=least,
     )
-    return found[[not _is_crest(samples, start, stop, longest) for start, stop in found.tolist()]]
+    sure = round(JUMPS_S * rate_hz)
+    spikes = [
+        (stop - start <= sure or _jumps_both_ways(samples, start, stop))
+        and not _is_crest(samples, start, stop, longest)
+        for start, stop in found.tolist()
+    ]
+    return found[np.array(spikes, dtype=np.bool_)]
+
+
+def _jumps_both_ways(samples: Array, start: int, stop: int) -> bool:
+    """Whether an excursion is as steep at its end as at its beginning, over its length."""
+    beside = [samples[at] for at in (start - 1, stop) if 0 <= at < len(samples)]
+    if not beside:
+        return True
+    height = np.abs(samples[start:stop] - np.linspace(beside[0], beside[-1], stop - start + 2)[1:-1])
+    low, high = (np.flatnonzero(height >= share * height.max()) for share in (LOW, HIGH))
+    longest = max(FLANK * (stop - start), 1.0)
+    return bool(max(high[0] - low[0], low[-1] - high[-1]) <= longest)
 
 
 def _is_crest(samples: Array, start: int, stop: int, beside: int) -> bool:
