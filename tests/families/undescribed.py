@@ -83,7 +83,7 @@ def told(task) -> dict | None:
         for key in ("vK_p", "vK_i")
         if (value := found.parameters[key].value) is not None and abs(value / true[key] - 1.0) > OFF
     ]
-    tuning = "control tuning" in found.usable
+    tuning = found.usable.startswith("Usable for simulation, control tuning")
     described = found.adequate["sides"]["engine"]
     words = [
         f"{name} {seed}: {time.perf_counter() - began:.1f} s",

@@ -100,6 +100,17 @@ def test_what_is_told_roughly_or_not_at_all_is_named(found) -> None:
     )
 
 
+@pytest.mark.parametrize(
+    ("low", "high", "tunes"), [(12.0, 23.0, True), (11.5, 16.0, False), (15.0, 24.0, False), (-1.0, 40.0, False)]
+)
+def test_gains_that_may_be_off_by_a_third_tune_nothing(found, low: float, high: float, tunes: bool) -> None:
+    gain = Estimate(15.8, 0.25 * (high - low), (low, high), "-")
+    told = with_verdict(replace(found, parameters={**found.parameters, "vK_p": gain}))
+    assert ("simulation, control tuning" in told.usable) is tunes
+    assert (told.usability == "usable") is tunes
+    assert tunes or told.usable.endswith("not for control tuning: vK_p may be off by more than a third.")
+
+
 def test_a_torque_limit_in_si_is_the_engine_s(found) -> None:
     limit = in_si(found, fp.Vessel.load("stan-launch-804"))["torque_limit"]
     assert limit["value"] == pytest.approx(2.0 * 222.93)

@@ -21,6 +21,10 @@ LARGE_MISS_PCT = 10.0
 LEAST_EXPLAINED_PCT = 2.0
 """Part of an output's spread that a usable model explains at least: below it the output is not the ship's answer."""
 
+GAINS = ("vK_p", "vK_i", "K_p", "K_i")
+TO_TUNE = 1.0 / 3.0
+"""Error of a gain, over the true one, that control tuning bears: less than what most loops' margins leave."""
+
 
 @dataclass(frozen=True)
 class Usability:
@@ -85,7 +89,8 @@ def usability(fingerprint: Fingerprint) -> Usability:
         for name, estimate in estimates.items()
         if estimate.status in KNOWN and name not in left_open and is_rough(estimate)
     )
-    names = {"unknown": listed(left_open), "rough": listed(rough)}
+    unsure = as_looked_at(name for name in GAINS if name in estimates and not _tunes(estimates[name]))
+    names = {"unknown": listed(left_open), "rough": listed(rough), "gains": listed(unsure)}
     if left_open and rough:
         said = Sentence(
             "Usable for simulation and comparison, but the data do not determine {unknown}, and determine {rough} only "
@@ -94,6 +99,10 @@ def usability(fingerprint: Fingerprint) -> Usability:
     elif left_open:
         said = Sentence(
             "Usable for simulation and comparison, but the data do not determine {unknown}: other values fit as well."
+        )
+    elif unsure:
+        said = Sentence(
+            "Usable for simulation and comparison, but not for control tuning: {gains} may be off by more than a third."
         )
     elif not fingerprint.adequate["stands"]:
         said = Sentence(
@@ -107,8 +116,19 @@ def usability(fingerprint: Fingerprint) -> Usability:
         said = Sentence(
             "Usable for simulation, control tuning and comparison: the data determine every parameter."
         )
-    state: Usable = "usable" if fingerprint.adequate["stands"] and not left_open else "usable except"
+    stands = fingerprint.adequate["stands"] and not (left_open or unsure)
+    state: Usable = "usable" if stands else "usable except"
     return Usability(state, Sentence(said, share=share, **names))
+
+
+def _tunes(gain: Estimate) -> bool:
+    """Whether a gain is right to a third, whatever value of its interval is the true one."""
+    if gain.status == "fixed":
+        return True
+    if gain.value is None or gain.ci95 is None:
+        return False
+    low, high = gain.ci95
+    return gain.value - low <= TO_TUNE * low and high - gain.value <= TO_TUNE * high
 
 
 def _worst(fingerprint: Fingerprint) -> float:
