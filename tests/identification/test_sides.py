@@ -89,7 +89,9 @@ def test_a_rate_limit_is_searched_with_what_it_takes_off_put_back():
 @pytest.mark.parametrize("gauge", [True, False])
 def test_cases_a_brake_torque_called_gauge_is_told(gauge):
     found = fp.identify(noisy(Case(gauge=gauge)), torque="gauge")
-    told = "the torque is hardly a gauge's: 9" in found.usable and "say torque = brake" in found.verdict[0]
+    told = (
+        "the torque is hardly a gauge's, since 9" in found.usable and "say torque = brake" in found.verdict[0]
+    )
     assert told is not gauge
     assert found.usability == ("usable" if gauge else "usable except")
 

@@ -13,6 +13,7 @@ from shipfp_rs.identification.ship_verdict import with_verdict
 from shipfp_rs.identification.usability import LARGE_MISS_PCT, LEAST_EXPLAINED_PCT, judged
 from shipfp_rs.structures.combinations import true_values
 
+NOT_FOR_TUNING = "Usable for simulation and comparison, but not for control tuning: "
 LOST = Estimate(None, unit="s", status="unidentifiable")
 
 
@@ -87,21 +88,20 @@ def test_what_is_told_roughly_or_not_at_all_is_named(found) -> None:
         "every parameter, tau_n only roughly."
     )
     told = with_verdict(replace(found, parameters={**found.parameters, "tau_n": LOST}))
-    assert told.usable == (
-        "Usable for simulation and comparison, but the data do not determine tau_n: other values fit as well."
-    )
+    assert told.usable == (NOT_FOR_TUNING + "the data do not determine tau_n; other values fit as well.")
     assert (told.usability, told.why_not) == ("usable except", "")
     wide = {**found.parameters, "tau_n": Estimate(0.24, 4.0, (0.01, 8.2), "s")}
     assert with_verdict(replace(found, parameters=wide)).usable == told.usable
     rough = {**found.parameters, "tau_n": LOST, "vK_p": Estimate(15.8, 4.0, (8.0, 24.0), "-")}
     assert (
-        "determine tau_n, and determine vK_p only roughly: other"
+        "determine tau_n, and give vK_p only roughly; other"
         in with_verdict(replace(found, parameters=rough)).usable
     )
 
 
 @pytest.mark.parametrize(
-    ("low", "high", "tunes"), [(12.0, 23.0, True), (11.5, 16.0, False), (15.0, 24.0, False), (-1.0, 40.0, False)]
+    ("low", "high", "tunes"),
+    [(12.0, 23.0, True), (11.5, 16.0, False), (15.0, 24.0, False), (-1.0, 40.0, False)],
 )
 def test_gains_that_may_be_off_by_a_third_tune_nothing(found, low: float, high: float, tunes: bool) -> None:
     gain = Estimate(15.8, 0.25 * (high - low), (low, high), "-")
@@ -134,9 +134,9 @@ def test_a_given_structure_is_judged_too(found) -> None:
     tested = {"input_correlation_p": 1e-9, "input_explained_pct": 20.0, "nrmse_pct": 90.0}
     fit = {"dn": tested, "dM": tested, "overall": {"structure_p": 1e-9}}
     told = judged(replace(found, fit=fit, adequate={}), 5000)
-    assert told.usable.startswith(
-        "Usable for simulation and comparison, but its intervals hold for the model, not for the drive train: the "
-        "model misses 4.4 %"
+    assert told.usable == NOT_FOR_TUNING + (
+        "its intervals hold for the model, not for the drive train, of whose response to the set point the model misses "
+        "4.4 %."
     )
     assert (told.usability, told.adequate["stands"]) == ("usable except", False)
     assert told.verdict == found.verdict

@@ -63,8 +63,8 @@ def test_cases_the_report_says_how_much_of_the_residual_is_the_tachometer_s(tmp_
     experiment, true = recorded(1, 1000.0, tmp_path)
     say = Say("en")
     told = of_the_tachometer(experiment, {"n_e": true}, say)
-    assert told.startswith("Of n_e minus the model, ")
-    assert "the tachometer alone makes about" in told
+    assert told.startswith("n_e minus the model: standard deviation ")
+    assert "The tachometer resolves about" in told
     assert "(pulses a turn: 1)" in told
     noise = 100.0 * np.random.default_rng(0).standard_normal(len(true))
     assert of_the_tachometer(experiment, {"n_e": true + noise}, say) == ""

@@ -124,7 +124,7 @@ def test_what_stands_in_the_way_is_told_in_the_order_in_which_one_looks(found) -
             missing, parameters={**missing.parameters, **known}, adequate={"stands": True, "misses_pct": {}}
         )
     )
-    assert "do not determine tau_prop, T_d, tau_n and vK_p: " in told.sentence
+    assert "do not determine tau_prop, T_d, tau_n and vK_p; " in told.sentence
 
 
 def test_a_sensor_in_doubt_stands_above_all_else_that_is_open(found, trial) -> None:
@@ -156,7 +156,7 @@ def test_what_is_open_is_one_line_with_what_would_settle_it(found) -> None:
         "T_set": Estimate(1e-4, 1e-3, (-0.001, 0.002), "s"),
     }
     (line,) = open_questions(replace(found, parameters=rough), Say())
-    assert line.startswith("Known only roughly: inertia of the whole drive train (tau_n).")
+    assert line.startswith("Known only roughly, the worst first: inertia of the whole drive train (tau_n).")
     assert "T_set" not in line  # that it is short is what is told of it
 
 
@@ -165,8 +165,8 @@ def test_what_would_sharpen_is_one_quantity_and_by_how_much(found) -> None:
     matrix = [[1.0, 0.8, 0.1], [0.8, 1.0, 0.96], [0.1, 0.96, 1.0]]
     known = {"names": ["p", "g", "vK_p"], "matrix": matrix}
     (line,) = open_questions(replace(found, parameters=rough, covariance=known), Say())
-    assert line.count("would narrow") == 1
-    assert line.endswith("to 28 % of its width.")  # the root of 1 - 0.96**2
+    assert line.count("were known from elsewhere") == 1
+    assert line.endswith("would be 28 % as wide.")  # the root of 1 - 0.96**2
 
 
 def test_the_correlations_of_all_parameters_are_a_table(page: str, found) -> None:
@@ -277,7 +277,8 @@ SENTENCES = {
         rough="g",
     ),
     "some": Sentence(
-        "Usable for simulation and comparison, but the data do not determine {unknown}: other values fit as well.",
+        "Usable for simulation and comparison, but not for control tuning: the data do not determine {unknown}; other "
+        "values fit as well.",
         unknown=listed(["tau_n", "g"]),
     ),
     "misfit": Sentence(

@@ -76,12 +76,17 @@ SMALL: Mapping[str, float] = {"s": 0.05, "-": 0.5, "1/s": 0.5}
 """What is small for a ship's parameter of that unit: an interval is not measured by less."""
 
 
+def roughness(estimate: Estimate) -> float:
+    """Half of an interval over the value, or over what is small for a ship; 0 without an interval."""
+    if estimate.value is None or estimate.ci95 is None:
+        return 0.0
+    size = max(abs(estimate.value), SMALL.get(estimate.unit, 0.0), 1e-300)
+    return 0.5 * (estimate.ci95[1] - estimate.ci95[0]) / size
+
+
 def is_rough(estimate: Estimate, most: float = ROUGH) -> bool:
     """Whether an interval's half is more than this part of the value, or of what is small for a ship."""
-    if estimate.value is None or estimate.ci95 is None:
-        return False
-    size = max(abs(estimate.value), SMALL.get(estimate.unit, 0.0))
-    return estimate.ci95[1] - estimate.ci95[0] > 2.0 * most * size
+    return roughness(estimate) > most
 
 
 @dataclass(frozen=True)

@@ -24,20 +24,21 @@ SHORT_S = 0.02
 """A delay that may be zero and is at most this is called off [s]."""
 
 BENT = Sentence(
-    "Usable for simulation and comparison, but its intervals hold for the model, not for the drive train: model "
-    "and data agree only if the channels are wrong by more than a calibration allows."
+    "Usable for simulation and comparison, but not for control tuning: its intervals hold for the model, not for the drive "
+    "train; both agree only if the channels are wrong by more than a calibration allows."
 )
 LIMITED = Sentence(
-    "Usable for simulation and comparison, but its intervals are rough: a limit of torque or rate acts, and on simulated "
-    "ships with such a limit less than nine intervals in ten hold the true value."
+    "Usable for simulation and comparison, but not for control tuning: a limit of torque or rate acts, and on simulated "
+    "ships with such a limit fewer than nine intervals in ten held the true value."
 )
 LOAD_ONLY = Sentence(
     "Usable for simulation and comparison of the load's side only: engine and governor are not described ({what}), so "
     "gains, delays and the slope of the engine's torque are not given."
 )
 NO_GAUGE = Sentence(
-    "Usable for simulation and comparison, but the torque is hardly a gauge's: {share} % of the inertia would lie behind "
-    "it. If it is the engine's own, say torque = brake: tau_n and the gains are now too large by about {over} %."
+    "Usable for simulation and comparison, but not for control tuning: the torque is hardly a gauge's, since {share} % of "
+    "the inertia would lie behind it. If it is the engine's own, say torque = brake: tau_n and the gains are now too large "
+    "by about {over} %."
 )
 BEHIND_A_GAUGE = 0.9
 """Part of the inertia that lies behind no gauge of a shaft with an engine in front; a brake torque called gauge shows

@@ -73,8 +73,8 @@ def usability(fingerprint: Fingerprint) -> Usability:
     share = f"{_worst(fingerprint):.2g}"
     if not fingerprint.adequate["stands"] and fingerprint.adequate["dispersion"] == 1.0:
         bent = Sentence(
-            "Usable for simulation and comparison, but its intervals hold for the model, not for the drive train: the "
-            "model misses {share} % of the response to the set point."
+            "Usable for simulation and comparison, but not for control tuning: its intervals hold for the model, not for "
+            "the drive train, of whose response to the set point the model misses {share} %."
         )
         return Usability("usable except", Sentence(bent, share=share))
     estimates = fingerprint.parameters
@@ -93,12 +93,13 @@ def usability(fingerprint: Fingerprint) -> Usability:
     names = {"unknown": listed(left_open), "rough": listed(rough), "gains": listed(unsure)}
     if left_open and rough:
         said = Sentence(
-            "Usable for simulation and comparison, but the data do not determine {unknown}, and determine {rough} only "
-            "roughly: other values fit as well."
+            "Usable for simulation and comparison, but not for control tuning: the data do not determine {unknown}, and "
+            "give {rough} only roughly; other values fit as well."
         )
     elif left_open:
         said = Sentence(
-            "Usable for simulation and comparison, but the data do not determine {unknown}: other values fit as well."
+            "Usable for simulation and comparison, but not for control tuning: the data do not determine {unknown}; other "
+            "values fit as well."
         )
     elif unsure:
         said = Sentence(
@@ -106,7 +107,8 @@ def usability(fingerprint: Fingerprint) -> Usability:
         )
     elif not fingerprint.adequate["stands"]:
         said = Sentence(
-            "Usable for simulation and comparison, but the model misses {share} % of the response to the set point."
+            "Usable for simulation and comparison, but not for control tuning: the model misses {share} % of the response "
+            "to the set point."
         )
     elif rough:
         said = Sentence(

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
 from datetime import timedelta
 from itertools import pairwise
 from pathlib import Path
@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from shipfp_rs.errors import InputError
-from shipfp_rs.logs.channel import Blocks, Channel, Samples
+from shipfp_rs.logs.channel import Blocks, Channel, Samples, with_nan
 from shipfp_rs.logs.faults.clock import FILL
 from shipfp_rs.logs.faults.record import Fault
 from shipfp_rs.logs.log import Log, register_joiner
@@ -23,6 +23,10 @@ RATES_AGREE = 1e-4
 """Two pieces have the same rate where their rates, each estimated from its own times, differ by less, relative."""
 LONGEST_GAP = 100.0
 """With more missing samples per recorded one two pieces are taken for two recordings."""
+OFF_GRID = 0.25
+"""Share of a sample by which the samples of two pieces that overlap may lie beside each other: stamps are rounded."""
+COMPARED = 1 << 16
+"""Samples of an overlap that are compared at once."""
 
 
 @register_joiner("pattern")
@@ -43,7 +47,8 @@ def join(logs: Sequence[Log], name: str = "") -> Log:
     """Join pieces of one recording, one after the other.
 
     They stand at their own times where every piece tells when it began, or where the time goes on from piece to piece;
-    missing stretches are NaN. Pieces that all begin at the same time count for themselves: they follow one another in
+    missing stretches are NaN. What two pieces hold alike, as a logger writes its last seconds again at the beginning of
+    the next file, counts once. Pieces that all begin at the same time count for themselves: they follow one another in
     the order given, which is told.
 
     Parameters
@@ -56,54 +61,144 @@ def join(logs: Sequence[Log], name: str = "") -> Log:
     Raises
     ------
     InputError
-        Where a piece lacks a channel, has another unit or rate, or begins before the one before it has ended.
+        Where a piece lacks a channel, has another unit or rate, or differs from the one before it where they overlap.
     """
     if len(logs) == 1:
         return logs[0]
-    first = logs[0]
     for log in logs[1:]:
-        _require_same(first, log)
+        _require_same(logs[0], log)
     offsets, told = _offsets(logs)
-    order = sorted(range(len(logs)), key=offsets.__getitem__)
+    begins = [
+        offset + min(c.start_s for c in log.channels.values())
+        for log, offset in zip(logs, offsets, strict=True)
+    ]
+    order = sorted(range(len(logs)), key=begins.__getitem__)
     logs, offsets = [logs[k] for k in order], [offsets[k] for k in order]
     first = logs[0]
-    channels: list[Channel] = []
-    pieces: dict[str, list[tuple[int, Log]]] = {}
-    gaps: list[Fault] = []
-    for own in first.channels.values():
-        rate = float(np.median([log.channels[own.name].rate_hz for log in logs]))
-        start_s = own.start_s + offsets[0]
-        placed: list[tuple[int, Log]] = []
-        end = 0
-        holes: list[tuple[int, int]] = []
-        for log, offset in zip(logs, offsets, strict=True):
-            piece = log.channels[own.name]
-            at = round((piece.start_s + offset - start_s) * rate)
-            if abs(at - end) <= 1:
-                at = end  # clocks are not exact to a sample
-            if at < end:
-                raise InputError(
-                    f"{log.name}: channel {own.name!r} begins {(end - at) / rate:g} s before the piece before it has ended; "
-                    "are these pieces of one recording?"
-                )
-            if at - end > LONGEST_GAP * max(piece.samples, end):
-                raise InputError(
-                    f"{log.name}: begins {(at - end) / rate:.4g} s after the piece before it; open it alone"
-                )
-            if at > end:
-                holes.append((end, at))
-            placed.append((at, log))
-            end = at + piece.samples
-        channels.append(replace(own, rate_hz=rate, start_s=start_s, samples=end))
-        pieces[own.name] = placed
-        if holes:
-            gaps.append(Fault("time_gap", own.name, Sentence("masked: between two files"), np.array(holes)))
+    placed = {own.name: _Placed.first(own, logs, offsets[0]) for own in first.channels.values()}
+    for log, offset in zip(logs, offsets, strict=True):
+        _place(placed, log, offset)
+    faults = _faults_of_pieces(placed)
+    for label, own in placed.items():
+        if own.holes:
+            faults.append(
+                Fault("time_gap", label, Sentence("masked: between two files"), np.array(own.holes))
+            )
+        if own.twice:
+            again = Sentence("second copies left out")
+            faults.append(Fault("repeated", label, again, np.array(own.twice), excluded=False))
+    twice_s = max(sum(stop - start for start, stop in own.twice) / own.rate_hz for own in placed.values())
+    told += f"; {twice_s:g} s that two of them hold alike count once" if twice_s else ""
     notes = (
         f"{len(logs)} files as one: {', '.join(Path(log.name).name for log in logs)}{told}",
         *first.notes,
     )
+    channels = [
+        replace(own, rate_hz=p.rate_hz, start_s=p.start_s, samples=p.end)
+        for own, p in zip(first.channels.values(), placed.values(), strict=True)
+    ]
     start_utc = None if first.start_utc is None else first.start_utc - timedelta(seconds=offsets[0])
-    return Log(name or first.name, channels, _blocks_of(pieces), start_utc, tuple(gaps), notes)
+    return Log(name or first.name, channels, _blocks_of(placed), start_utc, tuple(faults), notes)
+
+
+@dataclass
+class _Placed:
+    """One channel of the pieces placed so far: each piece's first sample, where the last one ends, and what lies between."""
+
+    rate_hz: float
+    start_s: float
+    end: int = 0
+    pieces: list[tuple[int, Log]] = field(default_factory=list)
+    holes: list[tuple[int, int]] = field(default_factory=list)
+    twice: list[tuple[int, int]] = field(default_factory=list)
+
+    @classmethod
+    def first(cls, own: Channel, logs: Sequence[Log], offset: float) -> _Placed:
+        """Return a channel that begins with the first piece."""
+        return cls(float(np.median([log.channels[own.name].rate_hz for log in logs])), own.start_s + offset)
+
+    def add(self, log: Log, at: int, samples: int) -> None:
+        """Take a piece whose first sample is this one; what the pieces before it hold already counts once."""
+        if at - self.end > LONGEST_GAP * max(samples, self.end):
+            late = (at - self.end) / self.rate_hz
+            raise InputError(f"{log.name}: begins {late:.4g} s after the piece before it; open it alone")
+        if at > self.end:
+            self.holes.append((self.end, at))
+        if min(self.end, at + samples) > at:
+            self.twice.append((at, min(self.end, at + samples)))
+        self.pieces.append((at, log))
+        self.end = max(self.end, at + samples)
+
+
+def _faults_of_pieces(placed: dict[str, _Placed]) -> list[Fault]:
+    """Faults that the pieces' logs tell, at their places in the whole; those of a column of times at its channels' place."""
+    anywhere = next(iter(placed.values()))
+    found: list[Fault] = []
+    for number, (_, log) in enumerate(anywhere.pieces):
+        for fault in log.faults:
+            at = placed.get(fault.channel, anywhere).pieces[number][0]
+            found.append(replace(fault, spans=fault.spans + at))
+    return found
+
+
+def _place(placed: dict[str, _Placed], log: Log, offset: float) -> None:
+    """Place a piece by its times; where it begins before the last one has ended, both must hold the same there."""
+    at: dict[str, int] = {}
+    odd = ""
+    for label, own in placed.items():
+        place = (log.channels[label].start_s + offset - own.start_s) * own.rate_hz
+        at[label] = round(place)
+        if at[label] < own.end and not odd:
+            odd = _difference(placed, log, label, place)
+    if odd and any(own.end - at[label] > 1 for label, own in placed.items()):
+        label, own = max(placed.items(), key=lambda item: (item[1].end - at[item[0]]) / item[1].rate_hz)
+        raise InputError(
+            f"{log.name}: begins {(own.end - at[label]) / own.rate_hz:g} s before the piece before it has ended, and {odd}; "
+            "expected the same samples in both: cut one of the two where they overlap, or open them alone"
+        )
+    for label, own in placed.items():
+        # Clocks are not exact to a sample.
+        near = at[label] - own.end == 1 or (odd and abs(at[label] - own.end) <= 1)
+        own.add(log, own.end if near else at[label], log.channels[label].samples)
+
+
+def _difference(placed: dict[str, _Placed], log: Log, label: str, place: float) -> str:
+    """Say what differs in a channel between a piece and those before it, where they overlap; nothing where nothing does."""
+    own, at = placed[label], round(place)
+    last = Path(max(own.pieces, key=lambda each: each[0] + each[1].channels[label].samples)[1].name).name
+    if at < 0 or abs(place - at) > OFF_GRID:
+        beside = f"{place - at:.2g} of a sample beside" if at >= 0 else f"{-at} samples before"
+        return f"channel {label!r} lies {beside} those of {last}"
+    row, stop = 0, min(own.end - at, log.channels[label].samples)
+    blocks = zip(
+        _even_blocks(_blocks_of(placed)(label, at, COMPARED), stop),
+        _even_blocks(log.raw_blocks(label, 0, COMPARED), stop),
+        strict=True,
+    )
+    for before, now in blocks:
+        other = np.flatnonzero(~((before == now) | ((before != before) & (now != now))))
+        if len(other):
+            k = int(other[0])
+            return (
+                f"channel {label!r} is {now[k]!s} {(row + k) / own.rate_hz:.9g} s after its beginning, but {before[k]!s} in "
+                f"{last}"
+            )
+        row += len(now)
+    return ""
+
+
+def _even_blocks(blocks: Iterable[Samples], stop: int) -> Iterator[Samples]:
+    """Yield the first samples in blocks of `COMPARED`, the last one shorter, whatever the blocks they come in."""
+    held: list[Samples] = []
+    for block in blocks:
+        held.append(with_nan(block[:stop]))
+        stop -= len(held[-1])
+        while sum(map(len, held)) >= COMPARED or (not stop and held):
+            joined = np.concatenate(held)
+            yield joined[:COMPARED]
+            held = [joined[COMPARED:]] if len(joined) > COMPARED else []
+        if not stop:
+            return
 
 
 def _require_same(first: Log, other: Log) -> None:
@@ -137,9 +232,7 @@ def _offsets(logs: Sequence[Log]) -> tuple[list[float], str]:
     if all(after[0] >= before[1] - 1.5 * step for before, after in pairwise(ordered)):
         return [0.0] * len(logs), ""
     if max(begin for begin, _ in spans) - min(begin for begin, _ in spans) > step:
-        raise InputError(
-            f"{logs[0].name}: the times of its {len(logs)} files overlap; expected pieces of one recording, or stamps"
-        )
+        return [0.0] * len(logs), ""  # they overlap: whether alike is seen where they are placed
     offsets, end = [], spans[0][0]
     for begin, stop in spans:
         offsets.append(end - begin)
@@ -147,10 +240,10 @@ def _offsets(logs: Sequence[Log]) -> tuple[list[float], str]:
     return offsets, "; each counts from its own beginning: taken as back to back in this order"
 
 
-def _blocks_of(pieces: dict[str, list[tuple[int, Log]]]) -> Blocks:
+def _blocks_of(placed: dict[str, _Placed]) -> Blocks:
     def read(channel: str, first: int, size: int) -> Iterator[Samples]:
         at = first
-        for start, log in pieces[channel]:
+        for start, log in placed[channel].pieces:
             while at < start:
                 yield np.full(min(start - at, size, FILL), np.nan)
                 at += min(start - at, size, FILL)

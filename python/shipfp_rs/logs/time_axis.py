@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from shipfp_rs.errors import InputError, LogWarning
 from shipfp_rs.logs.channel import BLOCK, Blocks, Samples
+from shipfp_rs.logs.coarse_clock import CoarseClock, find_coarse
 from shipfp_rs.logs.faults.clock import (
     LONGEST_GAP,
     MOST_JUMPS,
@@ -21,6 +22,7 @@ from shipfp_rs.logs.faults.clock import (
     Jump,
     parted_at,
     spliced,
+    without,
 )
 from shipfp_rs.logs.faults.record import Fault
 from shipfp_rs.support.arrays import Array
@@ -29,6 +31,8 @@ from shipfp_rs.support.sentences import Sentence
 Times = Callable[[], Iterable[Array]]
 """A function that goes through the times of all rows [s], anew at every call."""
 
+Same = Callable[[int, int, int], bool]
+"""(row, earlier row, count) to whether the rows hold the same samples in every channel."""
 GAP = 3.0
 """Times the step that nine in ten keep to, from which on a step is a gap, kept as such, rather than a straight line."""
 MOST_GROWTH = 8.0
@@ -75,13 +79,14 @@ def time_axis(
     times: Times,
     *,
     rate_hz: float | None = None,
-    same: Callable[[int, int, int], bool] = lambda row, earlier, count: False,
+    same: Same = lambda row, earlier, count: False,
 ) -> TimeAxis:
     """Find the grid of a column of times.
 
     Times are even where they keep within half a step of a straight line; single jumps are gaps, rows written twice or a
     clock that is off for a while. One that jumps back, or further than the file is long, parts it into stretches that
-    stand two seconds apart. A clock coarser than the rows, seconds for instance, tells an even rate by its changes.
+    stand two seconds apart. A clock coarser than the rows, seconds for instance, tells an even rate by its changes: where
+    it jumps, or one of its ticks lacks rows in the middle of the file, rows are missing.
     Anything else is resampled at the rate of its shortest steps (one in twenty is shorter) by straight lines between
     samples, so that nothing is aliased; a channel of two states is held from row to row. Where the grid would hold
     more than eight samples for each recorded one it is coarser, and what is denser than the grid is averaged over its
@@ -109,10 +114,10 @@ def time_axis(
     try:
         clock = scan.finish(str(path), column, same, trusted=rate_hz is None)
     except InputError as error:
-        return _uneven(path, column, np.concatenate([np.empty(0), *times()]), error)
+        return _uneven(path, column, np.concatenate([np.empty(0), *times()]), error, same)
     if rate_hz is None and scan.bends():
         told = InputError(f"{path}: time column {column!r} is not uniform: its rate changes by and by")
-        return _uneven(path, column, np.concatenate(list(times())), told)
+        return _uneven(path, column, np.concatenate(list(times())), told, same)
     return _even(clock, rate_hz)
 
 
@@ -128,7 +133,7 @@ def _even(clock: Clock, rate_hz: float | None) -> TimeAxis:
     return TimeAxis(clock.start_s, rate, clock.samples, clock.faults, note, on_grid)
 
 
-def _uneven(path: Path | str, column: str, times: Array, told: InputError) -> TimeAxis:
+def _uneven(path: Path | str, column: str, times: Array, told: InputError, same: Same) -> TimeAxis:
     """Return the grid of times that are not even; `told` where they are no times at all."""
     known = np.isfinite(times)
     count = len(times) if not known.any() else int(np.flatnonzero(known)[-1]) + 1
@@ -145,15 +150,9 @@ def _uneven(path: Path | str, column: str, times: Array, told: InputError) -> Ti
         ) from told
     if not steps.any():
         raise told
-    coarse = _coarse(times, steps)
+    coarse = find_coarse(times) if np.mean(steps == 0.0) >= MOST_EQUAL else None
     if coarse is not None:
-        start_s, rate = coarse
-        resolution = float(steps[steps > 0.0].min())
-        note = (
-            f"time column {column!r} has one time for several rows: taken as even at {rate:.6g} Hz, start known to "
-            f"{resolution:g} s"
-        )
-        return replace(_plain(start_s, rate, count), note=note)
+        return _seen_through(path, column, coarse, same)
     if np.mean(steps == 0.0) > MOST_EQUAL:
         raise InputError(
             f"{path}: time column {column!r} has the same time in {np.count_nonzero(steps == 0.0)} of {count} rows as in "
@@ -166,25 +165,25 @@ def _plain(start_s: float, rate_hz: float, count: int) -> TimeAxis:
     return TimeAxis(start_s, rate_hz, count, (), "", lambda blocks: blocks)
 
 
-def _coarse(times: Array, steps: Array) -> tuple[float, float] | None:
-    """Start [s] and rate [Hz] of even rows stamped by a clock with fewer steps than rows, None where it is none."""
-    rises = np.flatnonzero(steps > 0.0) + 1
-    if np.mean(steps == 0.0) < MOST_EQUAL or len(rises) < 3:
-        return None
-    tick = float(steps[rises - 1].min())
-    # The first row of every tick is late by less than a row.
-    period = float(times[rises[-1]] - times[rises[0]]) / float(rises[-1] - rises[0])
-    behind = times - period * np.arange(len(times))
-    if not period > 0.0 or np.ptp(behind) > 1.02 * tick + 2.0 * period:
-        return None
-    # Known to a row in all: the roundest number within that is the logger's.
-    known = 1.5 / float(rises[-1] - rises[0])
-    rate = next(
-        round_
-        for digits in range(1, 13)
-        if abs((round_ := float(f"{1.0 / period:.{digits}g}")) * period - 1.0) <= known
+def _seen_through(path: Path | str, column: str, coarse: CoarseClock, same: Same) -> TimeAxis:
+    """Return the grid of even rows behind a coarse clock; where it jumps, as a fine one's."""
+    rate, resolution = coarse.rate_hz, coarse.resolution_s
+    note = (
+        f"time column {column!r} has one time for several rows: taken as even at {rate:.6g} Hz, start known to "
+        f"{resolution:g} s"
     )
-    return float(behind[rises].max() if len(rises) else behind.max()), rate
+    if not coarse.jumps:
+        return replace(_plain(float(coarse.times[0]), rate, len(coarse.times)), note=note)
+    scan = ClockScan()
+    scan.feed(coarse.times)
+    clock = scan.finish(str(path), column, same, trusted=True)
+    known, hidden = without(clock.segments, coarse.masked)
+    method = Sentence(
+        "masked: the ticks of {tick} s that lack rows, it is not known which", tick=f"{resolution:g}"
+    )
+    faults = (*clock.faults, Fault("time_gap", column, method, hidden))
+    faults = tuple(fault for fault in faults if len(fault.spans))
+    return TimeAxis(clock.start_s, rate, clock.samples, faults, note, lambda blocks: spliced(blocks, known))
 
 
 def _resampled(path: Path | str, column: str, times: Array, steps: Array) -> TimeAxis:

@@ -19,6 +19,7 @@ from shipfp_rs.identification.estimate import (
     Estimate,
     Row,
     is_rough,
+    roughness,
     rounded_rows,
 )
 from shipfp_rs.identification.fingerprint import Fingerprint
@@ -299,6 +300,7 @@ def open_questions(fingerprint: Fingerprint, say: Say) -> list[str]:
         for name, estimate in estimates.items()
         if estimate.status in KNOWN and is_rough(estimate) and name not in unknown
     )
+    rough = sorted(rough, key=lambda name: -roughness(estimates[name]))
     lines = []
     if unknown:
         closing = fingerprint.identifiability.closes_gap
@@ -314,7 +316,8 @@ def open_questions(fingerprint: Fingerprint, say: Say) -> list[str]:
         lines.append(say("Not determined by the data: {names}.", names=_listed(unknown, say)) + " " + told)
     if rough:
         sharpened = "" if unknown else _sharpened(fingerprint, rough, say)
-        lines.append(f"{say('Known only roughly: {names}.', names=_listed(rough, say))} {sharpened}".strip())
+        said = say("Known only roughly, the worst first: {names}.", names=_listed(rough, say))
+        lines.append(f"{said} {sharpened}".strip())
     return lines
 
 
@@ -331,8 +334,7 @@ def _sharpened(fingerprint: Fingerprint, names: Sequence[str], say: Say) -> str:
     if not RELATED < strength < 1.0:
         return ""
     return say(
-        "Known from elsewhere (torsional calculation, factory test), the {other} would narrow the interval of the {one} to "
-        "{share} % of its width.",
+        "If the {other} were known from elsewhere, the interval of the {one} would be {share} % as wide.",
         one=f"{short_name(one, say)} ({one})",
         other=f"{short_name(other, say)} ({other})",
         share=f"{100.0 * np.sqrt(1.0 - strength**2):.2g}",

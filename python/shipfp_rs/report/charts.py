@@ -121,8 +121,8 @@ def of_the_tachometer(experiment: Experiment, model: Mapping[str, Array], say: S
     if size < LEAST_SHARE * left:
         return ""
     return say(
-        "Of {name} minus the model, {left} rpm (standard deviation), the tachometer alone makes about {size} rpm, "
-        "since the log's sample rate tells the time of an edge no better (pulses a turn: {pulses}).",
+        "{name} minus the model: standard deviation {left} rpm. The tachometer resolves about {size} rpm, since the log's "
+        "sample rate tells the time of an edge no better (pulses a turn: {pulses}).",
         name=name,
         left=f"{left:.2g}",
         size=f"{size:.2g}",

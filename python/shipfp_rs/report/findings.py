@@ -9,7 +9,7 @@ from typing import Any
 
 from shipfp_rs import plot
 from shipfp_rs.identification import wording
-from shipfp_rs.identification.estimate import Estimate, rounded_rows
+from shipfp_rs.identification.estimate import OPEN, Estimate, is_rough, rounded_rows
 from shipfp_rs.identification.fingerprint import ALARM, Fingerprint
 from shipfp_rs.identification.inertia import operating_point
 from shipfp_rs.report.answer import at_an_end, interval, may_be_zero, unit_shown
@@ -19,7 +19,7 @@ from shipfp_rs.report.pictures import NARROW, Pictures
 from shipfp_rs.structures import glossary
 from shipfp_rs.support.sentences import Sentence
 
-TONES = {"estimated": "good", "on its bound": "warn", "not identifiable": "bad"}
+TONES = {"on its bound": "warn", "not identifiable": "bad"}
 FIGURES: Mapping[str, str] = {
     "mse": "mean squared error",
     "samples": "samples",
@@ -183,7 +183,9 @@ def _estimates(
         told = say(row.status) + (f": {say(row.reason)}" if reason else "") + (f", {end}" if end else "")
         if failed and row.status != "given":
             told = say("not to be used")
-        cells.append(Cell(told, tone="" if failed else TONES.get(row.status, "")))
+        tone = "bad" if is_rough(estimate, OPEN) else "warn" if is_rough(estimate) else "good"
+        tone = tone if row.status == "estimated" else TONES.get(row.status, "")
+        cells.append(Cell(told, tone="" if failed else tone))
         rows.append(cells)
     return table(about, head, rows)
 

@@ -13,6 +13,7 @@ from shipfp_rs.errors import InputError
 from shipfp_rs.logs.faults.record import SHOWN, Fault
 from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.sentences import Sentence
+from shipfp_rs.support.spans import Spans
 
 Samples = npt.NDArray[Any]
 
@@ -292,3 +293,21 @@ def spliced(
                     break
 
     return read
+
+
+def without(segments: Sequence[Segment], rows: Spans) -> tuple[tuple[Segment, ...], Spans]:
+    """Return segments without some stretches of rows, whose samples are NaN then, and the spans of these samples."""
+    kept: list[Segment] = []
+    hidden: list[tuple[int, int]] = []
+    for segment in segments:
+        row, end = segment.row, segment.row + segment.count
+        later = segment.sample - segment.row
+        for first, stop in np.clip(rows, row, end).tolist():
+            if stop > first:
+                kept.append(Segment(row, first - row, row + later))
+                hidden.append((first + later, stop + later))
+                row = stop
+        kept.append(
+            Segment(row, end - row, row + later)
+        )  # without rows at the end: the samples end there all the same
+    return tuple(kept), np.array(hidden, dtype=np.int64).reshape(-1, 2)
