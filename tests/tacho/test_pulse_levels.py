@@ -23,6 +23,21 @@ def test_breakage_c1_every_pulse_is_counted_or_lies_in_a_gap(kind, rate_hz):
     assert (found.gap_s > 1.0) == (kind in ("from rest", "fading"))
 
 
+@pytest.mark.parametrize("rate_hz", [2000.0, 5000.0, 20_000.0])
+@pytest.mark.parametrize("pulses_hz", [0.7, 2.0, 4.33])
+@pytest.mark.parametrize("share", [0.003, 0.05, 0.4])
+def test_a_slow_train_is_counted_however_fast_the_logger(rate_hz, pulses_hz, share):
+    # One mark on a propeller's shaft: nearly all of the record is the noise between two edges.
+    time = np.arange(round(90.0 * rate_hz)) / rate_hz
+    turns = pulses_hz * time + 0.01 * np.sin(0.5 * time) + 0.5
+    samples = 4.8 * (turns % 1.0 < share) + 0.1 + 0.03 * np.random.default_rng(8).standard_normal(len(time))
+    found = tacho.pulse_times(samples.astype(np.float32), rate_hz)
+    crossed = np.interp(np.arange(1.0, turns[-1]), turns, time)
+    assert len(found.times_s) == len(crossed)
+    assert np.abs(found.times_s - crossed).max() < 1.0 / rate_hz
+    assert len(found.gaps_s) == 0
+
+
 @pytest.mark.study
 @pytest.mark.parametrize("kind", KINDS)
 def test_pick_ups_of_a_hundred_seeds(kind):

@@ -67,10 +67,10 @@ def extremes(samples: Array) -> list[tuple[float, float]]:
 
 def reversal(blocks: list[tuple[float, float]], noise: float) -> float:
     """By how much the signal must turn back."""
-    ranges = sorted(high - low for low, high in blocks[:: max(len(blocks) // 256, 1)] if low <= high)
+    ranges = sorted(high - low for low, high in blocks if low <= high)
     if not ranges:
         return 0.0
-    usual, rare = ranges[len(ranges) // 2], ranges[len(ranges) * 95 // 100]
+    usual, rare = ranges[len(ranges) // 2], ranges[len(ranges) - 1 - len(ranges) // 500]
     least = 10 * noise
     if usual > 0.5 * rare:
         least = min(least, 0.35 * usual)

@@ -15,8 +15,8 @@ const CLEAR: f64 = 10.0;
 /// or than this share of the usual range of a block, where every block holds a whole pulse and noise can't be measured.
 /// Swings below this share of the largest nearby are ringing or noise on top of it.
 const SHARE: f64 = 0.35;
-/// Blocks whose ranges are compared.
-const LOOKED_AT: usize = 256;
+/// Blocks of which one may hold a disturbance; the rest hold pulses, of a slow train few of them.
+const DISTURBED: usize = 500;
 /// Without noise a ripple below this share of the range is no swing.
 const RIPPLE: f64 = 0.01;
 /// A swing is compared with so many others on either side.
@@ -77,17 +77,12 @@ pub(super) fn most<T: Sample>(one: T, other: T) -> T {
 
 /// By how much a signal must come back from an extreme for it to be a turning point.
 pub fn reversal(extremes: &[(f64, f64)], noise: f64) -> f64 {
-    let every = (extremes.len() / LOOKED_AT).max(1);
-    let mut ranges: Vec<f64> = extremes
-        .iter()
-        .step_by(every)
-        .filter(|(low, high)| low <= high)
-        .map(|(low, high)| high - low)
-        .collect();
+    let mut ranges: Vec<f64> =
+        extremes.iter().filter(|(low, high)| low <= high).map(|(low, high)| high - low).collect();
     if ranges.is_empty() {
         return 0.0;
     }
-    let rare = ranges.len() * 95 / 100;
+    let rare = ranges.len() - 1 - ranges.len() / DISTURBED;
     let rare = *ranges.select_nth_unstable_by(rare, f64::total_cmp).1;
     let middle = ranges.len() / 2;
     let usual = *ranges.select_nth_unstable_by(middle, f64::total_cmp).1;
