@@ -165,7 +165,7 @@ class TestPlan:
             TUG,
             amplitude_rpm=76.0,
             accuracy_pct=3.0,
-            duration_s=0.7 * plan.excitation.duration,
+            duration_s=0.8 * plan.excitation.duration,
             kind="sines",
             sensors=exact,
         )
