@@ -156,7 +156,16 @@ class TestPlan:
         assert first.start_s >= settle_s - 0.02
         assert plan.excitation.duration - last.stop_s >= settle_s - 0.02
 
-    def test_the_time_for_an_accuracy_is_found_and_kept(self) -> None:
+    @pytest.mark.parametrize(
+        "share",
+        [
+            0.8,
+            pytest.param(
+                0.7, marks=pytest.mark.xfail(reason="delays that are off are open or not by rounding")
+            ),
+        ],
+    )
+    def test_the_time_for_an_accuracy_is_found_and_kept(self, share: float) -> None:
         exact = {"n_e": Noise(0.003, 10.0, 0.0), "M_g": Noise(0.01, 10.0, 0.0)}
         plan = fp.design(TUG, amplitude_rpm=76.0, accuracy_pct=3.0, kind="sines", sensors=exact)
         assert max(plan.prediction.relative_pct[name] for name in plan.designed_for) <= 3.0
@@ -165,7 +174,7 @@ class TestPlan:
             TUG,
             amplitude_rpm=76.0,
             accuracy_pct=3.0,
-            duration_s=0.8 * plan.excitation.duration,
+            duration_s=share * plan.excitation.duration,
             kind="sines",
             sensors=exact,
         )

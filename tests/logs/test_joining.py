@@ -119,7 +119,7 @@ def test_the_first_sample_that_differs_is_told(tmp_path: Path, dated: bool) -> N
     ) as told:
         Log.open(tmp_path / "run_*.csv")
     text = str(told.value)
-    assert f"channel 'u' is {other[93]} 0.8 s after its beginning, but {U[93]} in run_1.csv" in text
+    assert f"and 0.8 s after it begins channel 'u' is {other[93]}, but {U[93]} in run_1.csv; expected" in text
     assert "cut one of the two" in text
     assert "\n" not in text
 

@@ -179,9 +179,9 @@ def _difference(placed: dict[str, _Placed], log: Log, label: str, place: float) 
         other = np.flatnonzero(~((before == now) | ((before != before) & (now != now))))
         if len(other):
             k = int(other[0])
+            late_s = (row + k) / own.rate_hz
             return (
-                f"channel {label!r} is {now[k]!s} {(row + k) / own.rate_hz:.9g} s after its beginning, but {before[k]!s} in "
-                f"{last}"
+                f"{late_s:.9g} s after it begins channel {label!r} is {now[k]!s}, but {before[k]!s} in {last}"
             )
         row += len(now)
     return ""
