@@ -22,11 +22,11 @@ which stands still outside the record; system[1:] and start[1:] are derivatives,
 outputs.
 
 `EQUATION_PARAMETERS` are those of `rust/src/two_equations/equations.rs`, `EQUATION_SIGNALS` = ("N", "M", "X", "load",
-"N2", "N3", "one"), `EQUATION_OUTPUTS` = ("dn", "dM", "dX"). Spectra stand at F frequencies from 0 on, `spacing` [rad/s]
-apart, F a multiple of `EQUATION_BLOCK`, real and imaginary parts apart; order k of `EQUATION_ORDERS` is the spectrum
-with (-1)^k times the taper's k-th derivative. A late signal is late by a time of a grid, its rest is what the delay has
-beyond that [s]. outputs hold 0 and any of 1, 2.
-- `equation_residuals(parameters[23], signals[7, 4, 2, F], spacing, late, outputs, gauge, open_loop, wrt) -> [1 + W, O,
+"N2", "N3", "one", "M_b"), `EQUATION_OUTPUTS` = ("dn", "dM", "dX", "dM_b"), the last beside a gauge's "dM" only. Spectra
+stand at F frequencies from 0 on, `spacing` [rad/s] apart, F a multiple of `EQUATION_BLOCK`, real and imaginary parts
+apart; order k of `EQUATION_ORDERS` is the spectrum with (-1)^k times the taper's k-th derivative. A late signal is late
+by a time of a grid, its rest is what the delay has beyond that [s]. outputs hold 0 and any of 1, 2, 3.
+- `equation_residuals(parameters[25], signals[8, 4, 2, F], spacing, late, outputs, gauge, open_loop, wrt) -> [1 + W, O,
   2, F]`: data less the model's output, then the model's derivatives; `late`: ([4, 2, F], rest) of the speed, late by
   `T_d`, of the set point, late by `T_d` + `T_set`, and, where the speed is the propeller's, of the torque, late by
   `T_d`; `gauge`: the torque is read between the inertias. A derivative by what is off (a `tau_twist` of

@@ -34,7 +34,7 @@ SHIP = {
     "T_set": 0.3,
 }
 FINE_HZ = 1000.0
-BARE = {"tau_act": 0.0, "c_2": 0.0, "T_M": 0.0, "hold": 0.0, "T_d": 0.0, "T_set": 0.0}
+BARE = {"tau_act": 0.0, "c_2": 0.0, "T_M": 0.0, "T_B": 0.0, "hold": 0.0, "T_d": 0.0, "T_set": 0.0}
 
 
 @dataclass(frozen=True)
@@ -50,6 +50,7 @@ class Case:
     gauge: bool = True
     excitation: str = "chirp"
     propeller: bool = False
+    both: bool = False
 
 
 CASES = {
@@ -65,6 +66,11 @@ CASES = {
     "twist": Case(own={"tau_twist": 0.004, "zeta_twist": 0.5}),
     "twist, brake": Case(own={"tau_twist": 0.02, "zeta_twist": 2.0}, gauge=False),
     "propeller's speed": Case(own={"tau_twist": 0.02, "zeta_twist": 0.5}, propeller=True),
+    "both torques": Case(both=True),
+    "both torques, twist, lag": Case(
+        both=True, own={"tau_twist": 0.02, "zeta_twist": 0.5, "tau_act": 0.1, "T_M": 0.01, "T_B": 0.01}
+    ),
+    "both torques, gaps of 0.2 s": Case(both=True, gap_s=0.2, own={"T_M": 0.01, "T_B": 0.01}),
     "dead times at their bounds": Case(own={"T_d": 0.6, "T_set": 2.0, "vK_p": 1.5, "vK_i": 1.0}),
     "24 s": Case(seconds=24.0),
     "steps": Case(excitation="steps"),
@@ -108,24 +114,26 @@ def simulated(case: Case) -> tuple[dict[str, float], fp.Experiment]:
     parameters = np.array(_core.SHIP_OFF)
     parameters[INDEX["v"]] = 1.0
     for name, value in truth.items():
-        parameters[INDEX[KERNEL.get(name, name)]] = value
-    torque = "dM_g" if case.gauge else "dM_b"
+        if name != "T_B":  # as late as the gauge
+            parameters[INDEX[KERNEL.get(name, name)]] = value
+    torques = ["dM_g", "dM_b"] if case.both else ["dM_g" if case.gauge else "dM_b"]
     speed_name = "dn_prop" if case.propeller else "dn"
-    outputs = [_core.SHIP_OUTPUTS.index(name) for name in (speed_name, torque)]
+    outputs = [_core.SHIP_OUTPUTS.index(name) for name in (speed_name, *torques)]
     y = _core.simulate_ship(parameters, 1.0 + u, np.empty(0), 1.0 / FINE_HZ, 2, hold, outputs)
     if case.between == "band-limited" and case.excitation != "chirp":
         taps = fp_low_pass(case.rate_hz)
         u, *y = (np.convolve(np.pad(row, len(taps) // 2, mode="edge"), taps, "valid") for row in (u, *y))
         coarse = np.asarray(u)[::every]
-    speed, moment = (1.0 + np.asarray(row)[::every] for row in y)
+    speed, *moments = (1.0 + np.asarray(row)[::every] for row in y)
     if case.gap_s:
         length = max(1, round(case.gap_s * case.rate_hz))
         for start in np.linspace(0.1, 0.9, 8) * count:
-            moment[int(start) : int(start) + length] = np.nan
+            for moment in moments:
+                moment[int(start) : int(start) + length] = np.nan
             speed[int(start + count / 20) : int(start + count / 20) + length] = np.nan
-    name = "M_g" if case.gauge else "M_b"
-    signals = {"n_set": (1.0 + coarse) * 1000.0, "n_e": speed * 1000.0, name: moment * 1000.0}
-    point = {"n_set": 1000.0, "n_e": 1000.0, name: 1000.0}
+    signals = {"n_set": (1.0 + coarse) * 1000.0, "n_e": speed * 1000.0}
+    signals |= {name.removeprefix("d"): 1000.0 * row for name, row in zip(torques, moments, strict=True)}
+    point = dict.fromkeys(signals, 1000.0)
     return truth, fp.Experiment("parity", case.rate_hz, signals, operating_point=point, hold=hold)
 
 
@@ -150,6 +158,7 @@ def left(case: Case) -> dict[str, float]:
     question = question_of(
         [experiment],
         torque="gauge" if case.gauge else "brake",
+        outputs=["dn", "M_g", "M_b"] if case.both else None,
         elements={
             name: True
             for name in ("derivative", "damping", "late_speed", "twist")
@@ -181,10 +190,10 @@ ELEMENT = {
 
 def main() -> None:
     """Print the table."""
-    print(f"{'case':30} {'speed':>9} {'torque':>9}")
+    print(f"{'case':30} {'speed':>9} {'torque':>9} {'brake':>9}")
     for name, case in CASES.items():
         row = left(case)
-        print(f"{name:30} {row['dn']:9.1e} {row['dM']:9.1e}", flush=True)
+        print(f"{name:30}", *(f"{value:9.1e}" for value in row.values()), flush=True)
 
 
 if __name__ == "__main__":

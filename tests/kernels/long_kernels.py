@@ -49,9 +49,12 @@ KERNELS: dict[str, Callable[[], object]] = {
     ),
     "equation_products": lambda: _core.equation_products(
         np.array(
-            [float(name in ("tau_n", "vK_p", "vK_i", "p", "v", "s_M")) for name in _core.EQUATION_PARAMETERS]
+            [
+                float(name in ("tau_n", "vK_p", "vK_i", "p", "v", "s_M", "s_B"))
+                for name in _core.EQUATION_PARAMETERS
+            ]
         ),
-        *(np.zeros((7, 4, 2, 64_000)), 0.01, [(np.zeros((4, 2, 64_000)), 0.0)] * 2),
+        *(np.zeros((8, 4, 2, 64_000)), 0.01, [(np.zeros((4, 2, 64_000)), 0.0)] * 2),
         *([0, 1], False, False, list(range(16)) * 30),
         *(np.zeros((2, 2, 2, 64_000)), np.zeros((0, 0, 2, 0)), np.zeros((0, 64_000))),
     ),

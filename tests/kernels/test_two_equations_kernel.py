@@ -14,7 +14,7 @@ from tests.twins import two_equations as twin
 
 NAMES = _core.EQUATION_PARAMETERS
 INDEX = {name: index for index, name in enumerate(NAMES)}
-OFF = {"v": 1.0, "s_M": 1.0}
+OFF = {"v": 1.0, "s_M": 1.0, "s_B": 1.0}
 LOOP = {
     "tau_n": 1.5,
     "g": -0.583,
@@ -34,6 +34,8 @@ LATE = {
     "u_0": 0.002,
     "s_M": 1.03,
     "m_0": 0.004,
+    "T_B": 0.025,
+    "s_B": 0.98,
 }
 RATE_HZ, SAMPLES = 8.0, 512
 SPACING = 2.0 * np.pi * RATE_HZ / SAMPLES
@@ -74,10 +76,10 @@ def spectra(signal, count, late=0.0):
 def record(seed=0, count=64, samples=SAMPLES):
     """Signals without a law between them, and the late ones at delays of a grid."""
     rng = np.random.default_rng(seed)
-    speed, torque, rack, load, set_point = (
-        0.05 * np.convolve(rng.normal(size=samples), np.hanning(9) / 4.0, "same") for _ in range(5)
+    speed, torque, rack, load, set_point, brake = (
+        0.05 * np.convolve(rng.normal(size=samples), np.hanning(9) / 4.0, "same") for _ in range(6)
     )
-    rows = [speed, torque, rack, load, speed**2, speed**3, np.ones(samples)]
+    rows = [speed, torque, rack, load, speed**2, speed**3, np.ones(samples), brake]
     signals = np.array([spectra(row, count) for row in rows])
     late = spectra(speed, count, 0.1), spectra(set_point, count, 0.15), spectra(torque, count, 0.05)
     return signals, *late
@@ -170,7 +172,18 @@ class TestAgainstTheTwin:
 
 @pytest.mark.parametrize("late", [False, True])
 @pytest.mark.parametrize("open_loop", [False, True])
-@pytest.mark.parametrize("outputs", [[0, 1], [1, 2, 0]])
+@pytest.mark.parametrize("outputs", [[0, 1, 3], [3, 2, 1, 0]])
+@pytest.mark.parametrize("more", [{}, TWIST, {**TWIST, "vK_d": 0.2, "hold": 0.8, "k_L": 0.4, "x_0": 0.01}])
+def test_both_torques_are_those_of_the_twin(more, outputs, open_loop, late):
+    parameters = vector(**LOOP, **(LATE if late else {}), **more)
+    asked = arguments(parameters, record(), outputs, True, open_loop)
+    wrt = told(parameters)
+    compare(whole(_core.equation_residuals(*asked, wrt)), twin.rows(*asked, wrt))
+
+
+@pytest.mark.parametrize("late", [False, True])
+@pytest.mark.parametrize("open_loop", [False, True])
+@pytest.mark.parametrize("outputs", [[0, 1], [1, 2, 0], [3, 2, 1, 0]])
 @pytest.mark.parametrize("more", [{}, TWIST, {**TWIST, "vK_d": 0.2, "hold": 0.8, "k_L": 0.4, "x_0": 0.01}])
 def test_a_propellers_speed_is_that_of_the_twin(more, outputs, open_loop, late):
     parameters = vector(**LOOP, **(LATE if late else {}), **more)
@@ -190,14 +203,14 @@ class TestSymmetries:
     @settings(max_examples=30, deadline=None)
     @given(
         seed=st.integers(0, 2**32 - 1),
-        outputs=st.sampled_from([[0], [0, 1], [1, 0], [0, 2], [2, 0, 1]]),
+        outputs=st.sampled_from([[0], [0, 1], [1, 0], [0, 2], [2, 0, 1], [1, 3, 0], [0, 3, 1, 2]]),
         wrt=st.lists(st.integers(0, len(NAMES) - 1), max_size=24),
         knots=st.integers(2, 9),
         bent=st.booleans(),
     )
     def test_products_are_those_of_whitened_rows(self, seed, outputs, wrt, knots, bent):
         data = record(seed)
-        asked = arguments(SHIP, data, outputs)
+        asked = arguments(SHIP, data, outputs, gauge=True)
         root, shapes, hats = noise(len(outputs), data[0].shape[3], knots, seed)
         units = root, shapes if bent else np.zeros((0, 0, 2, 0)), hats
         rows = whole(_core.equation_residuals(*asked, wrt))
@@ -209,12 +222,12 @@ class TestSymmetries:
             np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-10 * scale)
 
     @settings(max_examples=20, deadline=None)
-    @given(seed=st.integers(0, 2**32 - 1), order=st.permutations([0, 1, 2]))
+    @given(seed=st.integers(0, 2**32 - 1), order=st.permutations([0, 1, 2, 3]))
     def test_the_order_of_outputs_is_that_of_rows(self, seed, order):
         data = record(seed)
         found, other = (
-            _core.equation_residuals(*arguments(SHIP, data, outputs), MOVING)
-            for outputs in ([0, 1, 2], order)
+            _core.equation_residuals(*arguments(SHIP, data, outputs, gauge=True), MOVING)
+            for outputs in ([0, 1, 2, 3], order)
         )
         np.testing.assert_array_equal(found[:, order], other)
 
@@ -259,7 +272,8 @@ def test_residuals_of_a_simulated_ship_vanish(gauge):
         "tau_act": 0.06,
     }
     parameters = ship.vector(**told, K_p=6.3, K_i=1.6, v=1.0)
-    outputs = [_core.SHIP_OUTPUTS.index(name) for name in ("dn", "dM_g" if gauge else "dM_b", "dX")]
+    names = ("dn", *(("dM_g", "dX", "dM_b") if gauge else ("dM_b", "dX")))
+    outputs = [_core.SHIP_OUTPUTS.index(name) for name in names]
     rows = _core.simulate_ship(parameters, 1.0 + set_point, np.empty(0), 1.0 / rate_hz, 4, "first", outputs)
 
     def seen(signal, late=0):
@@ -267,15 +281,15 @@ def test_residuals_of_a_simulated_ship_vanish(gauge):
         found = np.fft.rfft(part * tapers(count, rate_hz), axis=-1)[:, :64] * (-1.0) ** np.arange(4)[:, None]
         return np.ascontiguousarray(np.stack([found.real, found.imag], axis=1))
 
-    speed, torque, rack = rows
-    signals = [speed, torque, rack, 0.0 * speed, speed**2, speed**3, np.ones(len(speed))]
+    speed, torque, rack = rows[:3]
+    signals = [speed, torque, rack, 0.0 * speed, speed**2, speed**3, np.ones(len(speed)), rows[-1]]
     kernel = vector(**told, vK_p=6.3, vK_i=1.6)
     late = [(seen(speed, grid), 0.12 - grid / rate_hz), (seen(set_point, grid), 0.155 - grid / rate_hz)]
     spectra_ = np.array([seen(row) for row in signals])
     found = _core.equation_residuals(
-        kernel, spectra_, 2.0 * np.pi * rate_hz / count, late, [0, 1, 2], gauge, False, []
+        kernel, spectra_, 2.0 * np.pi * rate_hz / count, late, [*range(len(rows))], gauge, False, []
     )
-    size = np.abs(whole(spectra_[:3, 0])).max(axis=1)
+    size = np.abs(whole(spectra_[[0, 1, 2, 7][: len(rows)], 0])).max(axis=1)
     assert (np.abs(whole(found[0])).max(axis=1) < 3e-4 * size).all()
 
 
@@ -360,12 +374,13 @@ GOOD = dict(
 LATE_OF_64 = np.zeros((4, 2, 64)), 0.0
 UNITS = dict(zip(("root", "shapes", "hats"), noise(2, 64), strict=True))
 BAD = [
-    ({"parameters": SHIP[1:]}, "parameters: found 22 numbers, expected 23"),
+    ({"parameters": SHIP[1:]}, "parameters: found 24 numbers, expected 25"),
     ({"parameters": vector(**LOOP, T_d=np.nan)}, "parameters: T_d is NaN, expected a number"),
     ({"parameters": vector(s_M=0.0)}, "parameters: s_M is 0, expected"),
+    ({"parameters": vector(s_B=0.0)}, "parameters: s_B is 0, expected"),
     ({"parameters": vector(**LOOP, **TWIST), "outputs": [0]}, "tau_twist: .* needs a measured torque"),
-    ({"signals": np.zeros((6, 4, 2, 64))}, r"signals: found an array of shape \[6, 4, 2, 64\]"),
-    ({"signals": np.zeros((7, 4, 2, 40))}, "expected"),
+    ({"signals": np.zeros((7, 4, 2, 64))}, r"signals: found an array of shape \[7, 4, 2, 64\]"),
+    ({"signals": np.zeros((8, 4, 2, 40))}, "expected"),
     ({"spacing": 0.0}, "spacing: found 0, expected more than 0"),
     (
         {"late": [(np.zeros((4, 2, 32)), 0.0), LATE_OF_64]},
@@ -380,8 +395,9 @@ BAD = [
     ({"late": [LATE_OF_64] * 3}, "late: .* by the torque of a gauge"),
     ({"outputs": [1]}, r"outputs: found \[1\], expected the speed 0"),
     ({"outputs": [0, 0]}, r"outputs: found \[0, 0\]"),
-    ({"outputs": [0, 3]}, r"outputs: found \[0, 3\]"),
-    ({"wrt": [23]}, r"wrt: found \[23\], expected indices below 23"),
+    ({"outputs": [0, 4]}, r"outputs: found \[0, 4\]"),
+    ({"outputs": [0, 1, 3]}, r"outputs: found \[0, 1, 3\], expected .* beside the torque 1 of a gauge only"),
+    ({"wrt": [25]}, r"wrt: found \[25\], expected indices below 25"),
 ]
 BAD_UNITS = [
     ({"root": np.zeros((1, 1, 2, 64))}, r"root: found an array of shape \[1, 1, 2, 64\]"),

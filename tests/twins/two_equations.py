@@ -67,6 +67,8 @@ def residuals(parameters, signals, spacing, late, outputs, gauge, open_loop):
         return (torque + spectra["one"]) / q["s_M"] + (q["m_0"] - 1.0) * spectra["one"]
 
     M = scaled(acting(early_torque, spectra["M"]))
+    brake = acting(delay(s, -q["T_B"]), spectra["M_b"]) + spectra["one"]
+    brake = brake / q["s_B"] - spectra["one"]
     apart = q["hold"] * q["T_d"] / np.sqrt(3.0)
     held = 0.5 * (delay(s, apart) + delay(s, -apart))
     fed_n = acting(product(delay(s, q["T_d"] - speed_grid), early, held), late_n)
@@ -139,7 +141,18 @@ def residuals(parameters, signals, spacing, late, outputs, gauge, open_loop):
             row[1] = row.get(1, 0.0) + on_m[0] * dead
         matrix.append(row)
 
-    own = {0: np.exp(-s * q["T_n"]), 1: q["s_M"] * np.exp(-s * q["T_M"]), 2: np.ones_like(s)}
+    if 3 in outputs:
+        # The engine's inertia takes the difference of both torques.
+        wind = q["tau_twist"] * s_of if propeller else zero
+        left.append(acting(whole, brake - M) - acting(ahead, acting(whole, N) + acting(wind, M)))
+        matrix.append({0: -times(ahead, whole)[0], 1: -(whole + times(ahead, wind))[0], 3: whole[0]})
+
+    own = {
+        0: np.exp(-s * q["T_n"]),
+        1: q["s_M"] * np.exp(-s * q["T_M"]),
+        2: np.ones_like(s),
+        3: q["s_B"] * np.exp(-s * q["T_B"]),
+    }
     A = np.array([[row.get(c, 0.0 * s) for c in columns] for row in matrix]).transpose(2, 0, 1)
     found = np.linalg.solve(A, np.array([one_left[0] for one_left in left]).T[..., None])[..., 0].T
     for index, output in enumerate(columns):

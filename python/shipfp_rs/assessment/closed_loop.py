@@ -14,6 +14,7 @@ from scipy.optimize import brentq
 from shipfp_rs.assessment.prediction import structure_of
 from shipfp_rs.identification.fingerprint import Estimate, Fingerprint
 from shipfp_rs.identification.identifiability import gradient_of
+from shipfp_rs.structures.elements import LATE_CHANNELS
 from shipfp_rs.structures.linearised import loop_of, open_loop, require_linear, state_space
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.support.arguments import checked
@@ -109,7 +110,7 @@ def poles_of(structure: Structure, values: Values) -> ComplexArray:
     equations, known = loop_of(structure, values)
     known = {**known, "T_set": 0.0}  # outside the loop
     poles = np.linalg.eigvals(
-        state_space(structure, {**values, "T_set": 0.0, "T_n": 0.0, "T_M": 0.0}, PADE).A
+        state_space(structure, {**values, "T_set": 0.0, **dict.fromkeys(LATE_CHANNELS, 0.0)}, PADE).A
     )
     poles = poles.astype(np.complex128)
     poles = poles[np.argsort(-poles.real)][:SLOWEST]

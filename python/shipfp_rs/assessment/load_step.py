@@ -12,6 +12,7 @@ import numpy as np
 from shipfp_rs.assessment.closed_loop import LONGEST, PADE, estimated, once
 from shipfp_rs.assessment.prediction import structure_of
 from shipfp_rs.identification.fingerprint import Estimate, Fingerprint
+from shipfp_rs.structures.elements import LATE_CHANNELS
 from shipfp_rs.structures.linearised import state_space
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.support.arrays import Array, Values
@@ -88,7 +89,7 @@ def _state(estimate: Estimate, limit: float) -> State:
 
 def _fall(structure: Structure, values: Values) -> tuple[Array, Array]:
     """Return times [s], and by how much the speed is off after a load step by the operating torque [%]; none: unstable."""
-    space = state_space(structure, {**values, "T_n": 0.0, "T_M": 0.0}, PADE, driven_by="load")
+    space = state_space(structure, {**values, **dict.fromkeys(LATE_CHANNELS, 0.0)}, PADE, driven_by="load")
     slowest = -np.linalg.eigvals(space.A).real.max()
     if slowest <= 0.0 or "dn" not in space.outputs:
         return np.array([0.0]), np.array([np.nan])

@@ -15,6 +15,7 @@ from shipfp_rs.identification.likelihood import ACCURACY
 from shipfp_rs.identification.ship_found import BELIEVED, ShipFit
 from shipfp_rs.identification.spectra import Spectra
 from shipfp_rs.identification.stretches import STRETCH_S, Score, Stretches
+from shipfp_rs.structures.outputs import BRAKE
 from shipfp_rs.structures.transfer import SLOWEST, TransferFunctions
 from shipfp_rs.support.arrays import Array, ComplexArray, Values
 
@@ -190,6 +191,7 @@ def _answers(values: Values, record: Spectra, fit: ShipFit) -> Callable[[Array, 
     speed = s / loop.characteristic(known, s)
     behind = known.get("tau_prop", 0.0) if fit.question.gauge else known["tau_n"]
     rows = {"dn": speed, "dM": (known["p"] + behind * s) * speed, "dX": np.zeros_like(speed)}
+    rows[BRAKE] = (known["p"] + known["tau_n"] * s) * speed
     torque = np.array([rows[output] for output in outputs])
     torque[:, 0] = 0.0
     governor = _governor(values, s)

@@ -30,6 +30,7 @@ from shipfp_rs.identification.likelihood import (
 from shipfp_rs.identification.spectra import Spectra
 from shipfp_rs.identification.structure_coordinates import StructureCoordinates
 from shipfp_rs.structures.commanded import CommandedEquations, stepper_parameters
+from shipfp_rs.structures.ship import BRAKE_SCALE, with_brake
 from shipfp_rs.structures.ship import INDEX as SHIP_INDEX
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.structures.transfer import Place, TransferFunctions
@@ -39,12 +40,13 @@ from shipfp_rs.support.interpolation import interpolated
 
 INDEX = {name: index for index, name in enumerate(_core.EQUATION_PARAMETERS)}
 """Places of the kernel's parameters."""
-OFF = np.array([float(name in ("v", "s_M")) for name in INDEX])
+OFF = np.array([float(name in ("v", "s_M", "s_B")) for name in INDEX])
 """The kernel's parameters without effect."""
 UNKNOWNS = {
     "set point offset": "u_0",
     "torque scale": "s_M",
     "torque offset": "m_0",
+    BRAKE_SCALE: "s_B",
     "rack offset": "x_0",
 }
 """A record's own unknowns and the kernel's names. The operating point is a mean over a minute of moving water, right to
@@ -413,8 +415,8 @@ class EquationLikelihood(Likelihood):
         parameters[SHIP_INDEX["u_0"]] += own.get("set point offset", 0.0)
         parameters[SHIP_INDEX["s_M"]] += own.get("torque scale", 0.0)
         speed = "dn_prop" if self.behind_twist else "dn"
-        names = {"dn": speed, "dM": "dM_g" if self.gauge else "dM_b", "dX": "dX"}
-        outputs = [_core.SHIP_OUTPUTS.index(names[name]) for name in data.outputs]
+        names = {"dn": speed, "dM": "dM_g" if self.gauge else "dM_b"}
+        outputs = [_core.SHIP_OUTPUTS.index(names.get(name, name)) for name in data.outputs]
         fine = self._finer(data)
         set_point, load = self._driving[record]
         if beyond is not None:
@@ -423,7 +425,13 @@ class EquationLikelihood(Likelihood):
             parameters[SHIP_INDEX["load_gain"]] = values.get("k_L", 1.0)
         hold: Hold = "zero" if data.between == "held" else "first"
         dt = 1.0 / (data.data_hz * fine)
-        return _core.simulate_ship(parameters, set_point, load, dt, 0, hold, outputs)[:, ::fine]
+        return with_brake(
+            lambda vector: _core.simulate_ship(vector, set_point, load, dt, 0, hold, outputs)[:, ::fine],
+            parameters,
+            data.outputs,
+            values.get("T_B", 0.0),
+            1.0 + own.get(BRAKE_SCALE, 0.0),
+        )
 
     @property
     def _fine_hz(self) -> float:

@@ -13,13 +13,14 @@ from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.identification.estimate import Estimate
 from shipfp_rs.signals.excitation import Excitation
+from shipfp_rs.structures.elements import LATE_CHANNELS
 from shipfp_rs.structures.linearised import StateSpace, state_space
 from shipfp_rs.structures.prediction import simulated_about
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.support.arguments import Count, checked
 from shipfp_rs.support.tables import package
 
-DELAYS = ("T_d", "T_set", "tau_act", "T_M", "T_n")
+DELAYS = ("T_d", "T_set", "tau_act", *LATE_CHANNELS)
 """Delays that a linearisation approximates."""
 SHORT_S = 1e-3
 """A delay found below this is none that a loop notices [s]."""

@@ -19,15 +19,19 @@ from shipfp_rs.identification.limited_likelihood import LimitedLikelihood
 from shipfp_rs.identification.sampling import Between
 from shipfp_rs.identification.spectra import Spectra
 from shipfp_rs.structures.elements import ELEMENTS
-from shipfp_rs.structures.outputs import Torque
-from shipfp_rs.structures.ship import ShipEquations
+from shipfp_rs.structures.outputs import BRAKE, Torque
+from shipfp_rs.structures.ship import BRAKE_SCALE, ShipEquations
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.support.arrays import Array
 
 LAW_DEVIATION = 0.25
 """Prior deviation of c_2, the second-order coefficient of the load's law beside N^p: a fifth of what N^2.2 has itself, as
 open-water torque curves differ from a power of the speed."""
-PRIORS: Mapping[str, tuple[float, float]] = {"c_2": (0.0, LAW_DEVIATION), "T_M": (0.0, 3e-3)}
+PRIORS: Mapping[str, tuple[float, float]] = {
+    "c_2": (0.0, LAW_DEVIATION),
+    "T_M": (0.0, 3e-3),
+    "T_B": (0.0, 3e-3),
+}
 """Mean and deviation of what is never known well. A torque channel is late by its filters and its hold, telemetry at 500 Hz
 by 1 to 5 ms, which takes p times as much off tau_prop."""
 WIDE: Mapping[str, tuple[float, float]] = {"g": (-1.0, 4.0)}
@@ -60,6 +64,7 @@ BOUNDS: Mapping[str, tuple[float, float]] = {
     "vK_d": (0.0, 10.0),
     "damping": (-5.0, 10.0),
     "T_M": (0.0, 0.05),
+    "T_B": (0.0, 0.05),
     "T_n": (0.0, 0.05),
     "v": (0.01, 10.0),
     "M_max": (1.005, 5.0),
@@ -175,8 +180,9 @@ class Question:
 
     def likelihood(self, between: Between | None) -> EquationLikelihood:
         """Return the likelihood of the ship whose set points run so between their samples, no element tried."""
-        rack = [RACK_OFFSET] if "dX" in self.outputs else []
-        unknowns = ("set point offset", "torque scale", *rack)
+        own = {"dX": RACK_OFFSET, BRAKE: BRAKE_SCALE}
+        beside = [name for output, name in own.items() if output in self.outputs]
+        unknowns = ("set point offset", "torque scale", *beside)
         coordinates = self.coordinates((), unknowns)
         smooth = EquationLikelihood(
             records=tuple(
@@ -235,18 +241,24 @@ def question_of(
         raise InputError("identify: no experiment has a speed, expected the signal n_e or n_s")
     sides: dict[str, str] = {side: name for name, side in reversed(list(SIGNALS.items())) if name in common}
     first = next((name for name in SIGNALS if name in common), "")
-    place = torque or SIGNALS.get(first, "brake")
+    both = outputs is not None and _are_both_torques(outputs)
+    named = next(
+        (SIGNALS[output] for output in outputs or () if output in SIGNALS), SIGNALS.get(first, "brake")
+    )
+    place = torque or ("gauge" if both else named)
     chosen = sides.get(place, first)
     if outputs is not None:
-        outputs = [OF_SIGNALS.get(output, output) for output in outputs]
+        of_signals = {**OF_SIGNALS, **(dict.fromkeys(("M_b", "M_s"), BRAKE) if both else {})}
+        outputs = [of_signals.get(output, output) for output in outputs]
     else:
         outputs = ["dn", *(["dM"] if chosen else []), *(["dX"] if "X_f" in common else [])]
-    signals = {"dn": speed, "dM": chosen, "dX": "X_f", "dE": "E_n"}
+    signals = {"dn": speed, "dM": chosen, "dX": "X_f", "dE": "E_n", BRAKE: sides.get("brake", "M_b")}
     _require_outputs(outputs, signals, common)
     gauge = place == "gauge" and "dM" in outputs
     loaded = is_loaded(experiments) and elements.get("load", True)
     beside = ["v"] if "dX" in outputs else []
     always = ["tau_n", "g", *beside, "vK_p", "vK_i", "p", *(["tau_prop"] if gauge else [])]
+    elements.setdefault("late_brake", BRAKE in outputs)
     if "dM" in outputs:
         elements.setdefault("late_torque", True)
     else:
@@ -349,6 +361,12 @@ def _known_elements(fixed: Mapping[str, float]) -> dict[str, bool]:
     return {name: True for name, parameters in TRIED.items() if not fixed.keys().isdisjoint(parameters)}
 
 
+def _are_both_torques(outputs: Sequence[str]) -> bool:
+    """Whether the brake's torque is asked for beside a gauge's."""
+    asked = set(outputs)
+    return BRAKE in asked or (bool({"dM", "M_g"} & asked) and bool({"M_b", "M_s"} & asked))
+
+
 def _require_outputs(outputs: Sequence[str], signals: Mapping[str, str], common: Container[str]) -> None:
     for output in outputs:
         if output not in signals:
@@ -357,8 +375,12 @@ def _require_outputs(outputs: Sequence[str], signals: Mapping[str, str], common:
             raise InputError(f"outputs: {output!r} was not measured in every experiment")
         if output not in _core.EQUATION_OUTPUTS:
             raise InputError(
-                f"outputs: {output!r} follows from 'dn', expected some of dn, dM, dX; or give a structure"
+                f"outputs: {output!r} follows from 'dn', expected some of dn, dM, dX, dM_b; or give a structure"
             )
+    if BRAKE in outputs and ("dM" not in outputs or signals["dM"] != "M_g"):
+        raise InputError(
+            "outputs: the brake's torque 'dM_b' stands beside a gauge's, expected the signal M_g, too"
+        )
     if "dn" not in outputs:
         raise InputError(
             "outputs: no 'dn', expected the speed among them: the loop cannot be identified without it"

@@ -278,7 +278,7 @@ class Spectra:
 
     @cached_property
     def signals(self) -> Array:
-        """Spectra as the kernel takes them, shape (7, ORDERS, 2, padded)."""
+        """Spectra as the kernel takes them, shape (8, ORDERS, 2, padded)."""
         named = dict(zip(self.outputs, self.unlimited, strict=True))
         speed = named["dn"]
         propeller = speed if self.slip is None else speed - self.slip
@@ -290,6 +290,7 @@ class Spectra:
             "N2": None if self.is_linear else propeller**2,
             "N3": None if self.is_linear else propeller**3,
             "one": np.ones_like(speed),
+            "M_b": named.get("dM_b"),
         }
         found = np.zeros((len(_core.EQUATION_SIGNALS), ORDERS, 2, self.padded))
         for index, name in enumerate(_core.EQUATION_SIGNALS):

@@ -21,6 +21,8 @@ from shipfp_rs.identification.sampling import SHORTEST_S
 from shipfp_rs.identification.structure_coordinates import StructureCoordinates
 from shipfp_rs.identification.structure_likelihood import StructureLikelihood
 from shipfp_rs.identification.structure_records import Data, InBand, Samples, Seen, banded, seen
+from shipfp_rs.structures.outputs import BRAKE
+from shipfp_rs.structures.ship import BRAKE_SCALE
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.structures.two_equations import TwoEquations
 from shipfp_rs.support import hints
@@ -174,6 +176,8 @@ def _unknowns(ship: TwoEquations) -> tuple[str, ...]:
     outputs, found = ship.equations.outputs, [] if ship.open_loop else ["set point offset"]
     if "dM" in outputs:
         found.append("torque offset" if ship.is_linear else "torque scale")
+    if BRAKE in outputs:
+        found.append(BRAKE_SCALE)
     return (*found, *(["rack offset"] if "dX" in outputs or ship.open_loop else []))
 
 

@@ -15,6 +15,7 @@ OUTPUTS: Mapping[str, str] = {
     "dM": "torque",
     "dE": "integrated speed error",
     "dX": "fuel rack",
+    "dM_b": "brake torque",
     "overall": "all outputs",
 }
 

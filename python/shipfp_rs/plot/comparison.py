@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-OUTPUTS = {"dn": "speed", "dM": "torque", "dE": "integrated error", "dX": "fuel rack"}
+OUTPUTS = {"dn": "speed", "dM": "torque", "dE": "integrated error", "dX": "fuel rack", "dM_b": "brake torque"}
 FREQUENCY_HZ = np.geomspace(0.003, 5.0, 200)
 
 

@@ -28,6 +28,7 @@ from shipfp_rs.plot.style import COLOURS, LABELS, dress, envelope
 from shipfp_rs.report.language import Say
 from shipfp_rs.report.markup import piece
 from shipfp_rs.report.pictures import NARROW, Pictures
+from shipfp_rs.structures.elements import LATE_CHANNELS
 from shipfp_rs.structures.names import as_looked_at
 from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.sentences import Sentence, joined
@@ -47,7 +48,7 @@ AT_AN_END = 0.05
 """Part of an interval within which an estimate is at its end."""
 AT_REST = 1e-4
 """Standard deviation of a set point over the operating speed, below which it rests."""
-CHANNELS = ("T_M", "T_n", "T_0")
+CHANNELS = (*LATE_CHANNELS, "T_0")
 """Parameters of the measurement, no part of the ship."""
 WORTH = ("bandwidth", "phase margin", "gain margin", "recovery time")
 DELAYS = ("T_d", "T_set", "tau_act", "T_s")

@@ -22,6 +22,7 @@ from shipfp_rs.report.language import Say
 from shipfp_rs.report.markup import Cell, Row, number, paragraph, piece, table
 from shipfp_rs.report.operating import feeds_a_generator
 from shipfp_rs.report.pictures import NARROW, Pictures
+from shipfp_rs.structures.elements import LATE_CHANNELS
 from shipfp_rs.structures.linearised import loop_of, state_space
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.support.arrays import Array
@@ -213,7 +214,7 @@ def _step(structure: Structure, optimum: Mapping[str, float], times: Array) -> d
     Before the loop's own dead time is over nothing moves: its Pade approximation, which does, is cut there.
     """
     known = loop_of(structure, optimum)[1]
-    space = state_space(structure, {**optimum, "T_set": 0.0, "T_n": 0.0, "T_M": 0.0}, PADE)
+    space = state_space(structure, {**optimum, "T_set": 0.0, **dict.fromkeys(LATE_CHANNELS, 0.0)}, PADE)
     since = times - known.get("T_set", 0.0)
     rows = space.step(np.maximum(since, 0.0))
     rows[:, since < known.get("T_d", 0.0) + 0.5 * known.get("T_s", 0.0)] = 0.0

@@ -69,11 +69,20 @@ ELEMENTS: dict[str, Element] = {
             "curvature", "second-order coefficient of the load", (Parameter("c_2", "-", 0.0, -2.0, 2.0),)
         ),
         Element("late_torque", "delay of the torque channel", (Parameter("T_M", "s", 2e-3, 0.0, 0.05),)),
+        Element(
+            "late_brake",
+            "delay of the brake's torque channel",
+            (Parameter("T_B", "s", 2e-3, 0.0, 0.05),),
+        ),
         Element("late_speed", "delay of the speed channel", (Parameter("T_n", "s", 2e-3, 0.0, 0.05),)),
         Element("load", "measured load torque", (Parameter("k_L", "-", 1.0, 0.01, 10.0),), "load"),
     )
 }
 """All elements by name, in the order in which structures list their parameters."""
+
+
+LATE_CHANNELS = ("T_n", "T_M", "T_B")
+"""Delays of the sensors: no part of the loop."""
 
 
 def chosen(names: Names) -> tuple[Element, ...]:

@@ -136,6 +136,7 @@ def state_space(
     rows = {
         "dn": wiring.delayed(speed, q.get("T_n", 0.0)),
         "dM": wiring.delayed(gauge if equations.gauge else brake, q.get("T_M", 0.0)),
+        "dM_b": wiring.delayed(brake, q.get("T_B", 0.0)),
         "dE": wiring.form(error),
         "dX": fuel / v,
     }

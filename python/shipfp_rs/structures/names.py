@@ -26,6 +26,7 @@ NAMES: Mapping[str, str] = {
     "hold": "share of T_d from sampling and holding",
     "M_soft": "rounding of the torque limit",
     "T_M": "delay of the torque channel",
+    "T_B": "delay of the brake's torque channel",
     "T_n": "delay of the speed channel",
     "tau_act": "lag of the fuel actuator",
     "tau_twist": "torsional compliance of the shaft",
@@ -52,7 +53,7 @@ NAMES: Mapping[str, str] = {
 """Symbol, or figure of the loop, to its plain name."""
 
 LOOKED_AT = (
-    *("k_L", "tau_prop", "T_M", "T_n", "T_0"),
+    *("k_L", "tau_prop", "T_M", "T_B", "T_n", "T_0"),
     *("v", "T_set", "T_d", "hold", "T_s", "tau_act", "M_max", "M_soft", "rate"),
     *("tau_n", "g", "p", "c_2", "damping", "tau_twist", "zeta_twist"),
     *("K_p", "K_i", "K_d", "vK_p", "vK_i", "vK_d"),

@@ -11,6 +11,8 @@ Torque = Literal["brake", "gauge"]
 
 OUTPUTS = ("dn", "dM", "dE", "dX")
 """Outputs of the ship and of the linear structure: speed, torque, integrated speed error, fuel rack."""
+BRAKE = "dM_b"
+"""Output of the ship whose torque "dM" is a gauge's: the brake's torque, measured beside it."""
 
 
 def signals_of(outputs: Sequence[str], torque: Torque) -> dict[str, tuple[str, ...]]:
@@ -21,6 +23,8 @@ def signals_of(outputs: Sequence[str], torque: Torque) -> dict[str, tuple[str, .
         "dE": ("E_n",),
         "dX": ("X_f",),
     }
+    if BRAKE in outputs:
+        candidates |= {"dM": ("M_g",), BRAKE: ("M_b", "M_s")}
     return {output: candidates[output] for output in outputs}
 
 
@@ -41,11 +45,12 @@ def own_signals(outputs: Sequence[str] | Mapping[str, str]) -> dict[str, tuple[s
     return signals
 
 
-def require_outputs(outputs: Sequence[str]) -> None:
-    """Refuse outputs that a drive train has not, or has twice."""
+def require_outputs(outputs: Sequence[str], *, both_torques: bool = False) -> None:
+    """Refuse outputs that a drive train has not, or has twice; `both_torques`: the brake's may stand beside a gauge's."""
+    known = (*OUTPUTS, BRAKE) if both_torques else OUTPUTS
     for output in outputs:
-        if output not in OUTPUTS:
-            raise InputError(f"output {output!r}, expected some of {', '.join(OUTPUTS)}")
+        if output not in known:
+            raise InputError(f"output {output!r}, expected some of {', '.join(known)}")
     if not len(outputs) or len(set(outputs)) != len(outputs):
         raise InputError(f"outputs {list(outputs)}, expected at least one and each once")
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,10 +12,11 @@ from shipfp_rs.errors import SimulationError
 from shipfp_rs.experiments.experiment import Experiment, Hold
 from shipfp_rs.structures.equations import Equations
 from shipfp_rs.structures.linear import LinearEquations
+from shipfp_rs.structures.outputs import BRAKE
 from shipfp_rs.structures.transfer import Place, TransferFunctions
 from shipfp_rs.support.arrays import Array, ComplexArray, Names, Values
 
-SET_SCALE, TORQUE_SCALE = "set point scale", "torque scale"
+SET_SCALE, TORQUE_SCALE, BRAKE_SCALE = "set point scale", "torque scale", "brake torque scale"
 STATES = ("initial dn", "initial fuel", SET_SCALE, TORQUE_SCALE)
 """An experiment's own unknowns: how far the speed and the fuel's torque are from the operating point at its first
 sample, and by which part the set point and the torque are read wrong, their operating points' errors included."""
@@ -43,8 +45,21 @@ _DEVIATIONS = ("initial dn", SET_SCALE, TORQUE_SCALE)
 
 STEP = 1e-6
 """Step of a difference, over a value or one."""
-OF_BOTH_SIGNS = {*STATES, "g", "p", "damping", "c_2"}
+OF_BOTH_SIGNS = {*STATES, BRAKE_SCALE, "g", "p", "damping", "c_2"}
 """Parameters that may be negative."""
+
+
+def with_brake(
+    step: Callable[[Array], Array], parameters: Array, outputs: Sequence[str], late_s: float, scale: float
+) -> Array:
+    """Return what a simulation by the kernel's parameters makes of the outputs; its one torque channel stands for either."""
+    rows = step(parameters)
+    if BRAKE in outputs:
+        other = parameters.copy()
+        other[[INDEX["T_M"], INDEX["s_M"]]] = late_s, scale
+        place = list(outputs).index(BRAKE)
+        rows[place] = step(other)[place]
+    return rows
 
 
 @dataclass(frozen=True)
@@ -111,7 +126,13 @@ class ShipEquations(Equations):
     def simulate(self, values: Values, experiment: Experiment) -> Array:
         """Return the normalised outputs, shape (O, N)."""
         inputs = self._inputs(experiment)
-        return _core.simulate_ship(self.vector(values), *inputs, self._kernel_outputs, self._limit)
+        return with_brake(
+            lambda vector: _core.simulate_ship(vector, *inputs, self._kernel_outputs, self._limit),
+            self.vector(values),
+            self.outputs,
+            values.get("T_B", 0.0),
+            1.0 + values.get(BRAKE_SCALE, 0.0),
+        )
 
     def sensitivities(self, values: Values, experiment: Experiment, names: Names) -> tuple[Array, Array]:
         """Return the outputs (O, N) and their derivatives with respect to `names` by differences, shape (W, O, N)."""

@@ -13,9 +13,16 @@ from shipfp_rs.structures.editing import Editable
 from shipfp_rs.structures.elements import chosen
 from shipfp_rs.structures.joint import JointEquations, PartEquations
 from shipfp_rs.structures.linear import LinearEquations
-from shipfp_rs.structures.outputs import Torque, own_signals, require_no_rack, require_outputs, signals_of
+from shipfp_rs.structures.outputs import (
+    BRAKE,
+    Torque,
+    own_signals,
+    require_no_rack,
+    require_outputs,
+    signals_of,
+)
 from shipfp_rs.structures.parameter import Parameter as Parameter
-from shipfp_rs.structures.ship import ShipEquations
+from shipfp_rs.structures.ship import BRAKE_SCALE, STATES, ShipEquations
 from shipfp_rs.support.arguments import checked
 
 
@@ -141,7 +148,7 @@ class Structure(Editable):
         torque
             "brake": the engine's, M_b; "gauge": M_g = N^p + tau_prop dN/dt, with part of the inertia behind it.
         outputs
-            Of "dn", "dM", "dX", "dE".
+            Of "dn", "dM", "dX", "dE"; beside a gauge's "dM" also the brake's torque, "dM_b".
         products
             Declare vK_p and vK_i in place of v, K_p and K_i, which speed and torque never tell apart.
         propeller_speed
@@ -166,8 +173,8 @@ class Structure(Editable):
         >>> [parameter.name for parameter in Structure.ship(["dead_time_loop"]).free]
         ['tau_n', 'g', 'vK_p', 'vK_i', 'p', 'T_d']
         """
-        require_outputs(outputs)
         gauge = torque == "gauge" and "dM" in outputs
+        require_outputs(outputs, both_torques=gauge and not propeller_speed)
         acting = chosen(elements)
         parameters = (
             Parameter("tau_n", "s", 1.2, 0.01, 20.0),
@@ -193,6 +200,7 @@ class Structure(Editable):
                 propeller_speed,
                 loaded=any(element.name == "load" for element in acting),
                 mean_sampling=mean_sampling,
+                states=(*STATES, *((BRAKE_SCALE,) if BRAKE in outputs else ())),
             ),
             settings={
                 "kind": "ship",

@@ -73,6 +73,7 @@ class TransferFunctions:
         rows = {
             "dn": n_e if self.speed == "engine" else n_s,
             "dM": M_g if self.gauge else M_b,
+            "dM_b": M_b,
             "dX": X,
         }
         return np.array([rows[output] for output in self.outputs])

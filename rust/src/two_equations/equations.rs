@@ -8,8 +8,8 @@ use crate::error::{Result, require};
 use super::dual::Dual;
 
 /// Names of the parameters: `u_0` set point offset, `s_M` and `m_0` scale and offset of the torque, `x_0` offset of the rack
-/// or the fuel.
-pub const PARAMETERS: [&str; 23] = [
+/// or the fuel, `T_B` and `s_B` lateness and scale of the brake's torque beside a gauge's.
+pub const PARAMETERS: [&str; 25] = [
     "tau_n",
     "g",
     "vK_p",
@@ -33,6 +33,8 @@ pub const PARAMETERS: [&str; 23] = [
     "s_M",
     "x_0",
     "m_0",
+    "T_B",
+    "s_B",
 ];
 pub const COUNT: usize = PARAMETERS.len();
 
@@ -60,10 +62,13 @@ pub mod at {
     pub const S_M: usize = 20;
     pub const X_0: usize = 21;
     pub const M_0: usize = 22;
+    pub const T_B: usize = 23;
+    pub const S_B: usize = 24;
 }
 
-/// Signals that a record holds, deviations from the operating point: speed, torque, rack, load, the speed's square and cube, and one.
-pub const SIGNALS: [&str; 7] = ["N", "M", "X", "load", "N2", "N3", "one"];
+/// Signals that a record holds, deviations from the operating point: speed, torque, rack, load, the speed's square and cube, one,
+/// and the brake's torque beside a gauge's.
+pub const SIGNALS: [&str; 8] = ["N", "M", "X", "load", "N2", "N3", "one", "M_b"];
 /// Orders of the taper's derivatives that count, the taper itself included.
 pub const ORDERS: usize = 4;
 
@@ -76,13 +81,14 @@ pub mod signal {
     pub const N2: usize = 4;
     pub const N3: usize = 5;
     pub const ONE: usize = 6;
-    pub const LATE_N: usize = 7;
-    pub const LATE_U: usize = 8;
-    pub const LATE_M: usize = 9;
-    pub const APART_N: usize = 10;
-    pub const APART_U: usize = 11;
-    pub const APART_M: usize = 12;
-    pub const COUNT: usize = 13;
+    pub const M_B: usize = 7;
+    pub const LATE_N: usize = 8;
+    pub const LATE_U: usize = 9;
+    pub const LATE_M: usize = 10;
+    pub const APART_N: usize = 11;
+    pub const APART_U: usize = 12;
+    pub const APART_M: usize = 13;
+    pub const COUNT: usize = 14;
 }
 
 /// Where speed and torque are measured, and what drives the ship.
@@ -96,8 +102,8 @@ pub struct Setup {
     pub propeller: bool,
 }
 
-/// What can be measured and compared.
-pub const OUTPUTS: [&str; 3] = ["dn", "dM", "dX"];
+/// What can be measured and compared; the brake's torque beside a gauge's only.
+pub const OUTPUTS: [&str; 4] = ["dn", "dM", "dX", "dM_b"];
 /// An output by its place in [`OUTPUTS`].
 pub type Output = usize;
 
@@ -201,16 +207,26 @@ impl Equations {
             })?;
         }
         let distinct = outputs.iter().enumerate().all(|(i, output)| !outputs[..i].contains(output));
-        require(distinct && outputs.contains(&0) && outputs.iter().all(|&output| output < 3), || {
-            format!("outputs: found {outputs:?}, expected the speed 0 and no, one or both of 1 and 2")
+        let known = outputs.iter().all(|&output| output < OUTPUTS.len());
+        require(distinct && outputs.contains(&0) && known, || {
+            format!("outputs: found {outputs:?}, expected the speed 0 and any of 1, 2 and 3, each once")
         })?;
         require(wrt.iter().all(|&by| by < COUNT), || {
             format!("wrt: found {wrt:?}, expected indices below {COUNT}")
         })?;
         let mut own = [0.0; COUNT];
         own.copy_from_slice(values);
-        require(own[at::S_M] != 0.0, || "parameters: s_M is 0, expected a scale other than 0".to_owned())?;
-        let torque = outputs.contains(&1);
+        for scale in [at::S_M, at::S_B] {
+            require(own[scale] != 0.0, || {
+                format!("parameters: {} is 0, expected a scale other than 0", PARAMETERS[scale])
+            })?;
+        }
+        let (torque, both) = (outputs.contains(&1), outputs.contains(&3));
+        require(!both || (torque && setup.gauge), || {
+            format!(
+                "outputs: found {outputs:?}, expected the brake's torque 3 beside the torque 1 of a gauge only"
+            )
+        })?;
         require(torque || own[at::TAU_TWIST] == 0.0, || {
             "tau_twist: a shaft that twists needs a measured torque, expected 0".to_owned()
         })?;
@@ -218,7 +234,7 @@ impl Equations {
             "late: the engine's speed follows from the propeller's by the torque of a gauge, expected both"
                 .to_owned()
         })?;
-        let equations = written(&own, torque, outputs.contains(&2), setup);
+        let equations = written(&own, [torque, outputs.contains(&2), both], setup);
         let terms = equations
             .iter()
             .enumerate()
@@ -254,8 +270,9 @@ fn term(equation: usize, signal: usize, from: impl Iterator<Item = f64>) -> Opti
     (length > 0).then_some(Term { equation, signal, coefficients, length })
 }
 
-/// The equations: of the load where a torque is measured, of the engine, of the governor where the rack is.
-fn written(values: &[f64; COUNT], torque: bool, rack: bool, setup: Setup) -> Vec<Equation> {
+/// The equations: of the load where a torque is measured, of the engine, of the governor where the rack is, of the engine's
+/// inertia where both torques are.
+fn written(values: &[f64; COUNT], [torque, rack, both]: [bool; 3], setup: Setup) -> Vec<Equation> {
     // long: the equations one after the other, as they stand on paper
     let q = |place: usize| Dual::parameter(values, place);
     let poly = |numbers: &[Dual]| Polynomial(numbers.to_vec());
@@ -293,6 +310,10 @@ fn written(values: &[f64; COUNT], torque: bool, rack: bool, setup: Setup) -> Vec
 
     let mut engine = Equation::default();
     let on_engine = if propeller { damped } else { poly(&[one]) };
+    let mut between = Equation::default();
+    between.add(signal::M_B, &on_engine);
+    between.add(signal::M, &on_engine.clone().plus(&inertia.times(&wound), 1.0).negative());
+    between.add(signal::N, &inertia.times(&on_engine).negative());
     let slowed = if gauge { inertia } else { poly(&[zero]) }.plus(&poly(&[q(at::G)]), -1.0);
     engine.add(signal::M, &on_engine.clone().plus(&slowed.times(&wound), 1.0));
     engine.add(signal::N, &on_engine.times(&slowed));
@@ -328,6 +349,9 @@ fn written(values: &[f64; COUNT], torque: bool, rack: bool, setup: Setup) -> Vec
         }
         fed.add_all(&engine, &cleared);
         equations.push(fed);
+    }
+    if both {
+        equations.push(between);
     }
     equations
 }
@@ -366,6 +390,7 @@ fn slope_terms(equations: &[Equation], terms: &[Term], values: &[f64; COUNT], by
         let delayed = matches!(one.signal, signal::LATE_N | signal::LATE_U | signal::LATE_M);
         let (set, torque) = (one.signal == signal::LATE_U, matches!(one.signal, signal::M | signal::LATE_M));
         let speed = matches!(one.signal, signal::N | signal::N2 | signal::N3 | signal::LATE_N);
+        let brake = one.signal == signal::M_B;
         match by {
             at::T_D if delayed => {
                 add(one.equation, one.signal, risen.map(|c| -c));
@@ -379,6 +404,12 @@ fn slope_terms(equations: &[Equation], terms: &[Term], values: &[f64; COUNT], by
             at::T_SET if set => add(one.equation, one.signal, risen.map(|c| -c)),
             at::T_M if torque => add(one.equation, one.signal, risen),
             at::T_N if speed => add(one.equation, one.signal, risen),
+            at::T_B if brake => add(one.equation, one.signal, risen),
+            at::S_B if brake => {
+                let scaled = one.coefficients.map(|c| -c / values[at::S_B]);
+                add(one.equation, one.signal, scaled);
+                add(one.equation, signal::ONE, scaled);
+            }
             at::M_0 if torque => add(one.equation, signal::ONE, one.coefficients),
             at::U_0 if set => add(one.equation, signal::ONE, one.coefficients),
             at::S_M if torque => {

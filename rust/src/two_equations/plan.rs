@@ -10,7 +10,7 @@ use crate::error::{Result, require};
 pub const BLOCK: usize = 32;
 
 /// Outputs at most.
-pub const MOST: usize = 3;
+pub const MOST: usize = 4;
 
 /// Spectra of a record, [S, ORDERS, 2, F]: signals as in `SIGNALS`, orders of the taper with signs, real and imaginary parts.
 #[derive(Debug, Clone, Copy)]
@@ -185,7 +185,7 @@ impl<'a, const O: usize> Plan<'a, O> {
 }
 
 /// The signal that each output is.
-pub const SHOWN: [usize; MOST] = [signal::N, signal::M, signal::X];
+pub const SHOWN: [usize; MOST] = [signal::N, signal::M, signal::X, signal::M_B];
 
 /// Lay down numbers of a block, real and imaginary parts.
 #[inline(always)]

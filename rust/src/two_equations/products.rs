@@ -269,14 +269,15 @@ mod tests {
         fn products_in_units_of_one_are_those_of_the_rows(
             seed in 0..1000_u64,
             blocks in 1..4_usize,
-            outputs in prop::sample::select(vec![vec![0], vec![1, 0], vec![0, 2, 1]]),
+            outputs in prop::sample::select(vec![vec![0], vec![1, 0], vec![0, 2, 1], vec![3, 0, 1], vec![2, 3, 1, 0]]),
             wrt in prop::collection::vec(0..COUNT, 0..20),
         ) {
             let count = blocks * BLOCK;
             let (size, number) = (ORDERS * 2 * count, outputs.len());
             let mut q = [0.1; COUNT];
             (q[at::TAU_N], q[at::S_M], q[at::TAU_TWIST]) = (1.5, 1.1, 0.0);
-            let equations = Equations::new(&q, &outputs, Setup::default(), &wrt)?;
+            let setup = Setup { gauge: true, ..Setup::default() };
+            let equations = Equations::new(&q, &outputs, setup, &wrt)?;
             let values = numbers(SIGNALS.len() * size, seed);
             let spectra = Spectra { values: &values, count, spacing: 0.05 };
             let late = [Late { values: &values[size..2 * size], rest: 0.01 }; 2];

@@ -43,6 +43,7 @@ pub fn each_block(
             match equations.outputs.len() {
                 1 => blocks::<S, 1>(simd, &Plan::new(equations, spectra, late), sink, stop),
                 2 => blocks::<S, 2>(simd, &Plan::new(equations, spectra, late), sink, stop),
+                3 => blocks::<S, 3>(simd, &Plan::new(equations, spectra, late), sink, stop),
                 _ => blocks::<S, MOST>(simd, &Plan::new(equations, spectra, late), sink, stop),
             }
         }
@@ -202,10 +203,14 @@ fn shown<S: Simd, const O: usize>(
                 *value = turns.speed.now.conjugate_times(simd, *value);
             }
         }
-        if plan.outputs[index] == 1 {
-            let scale = simd.splat_f64s(plan.q[at::S_M]);
-            for value in &mut row {
-                *value = turns.torque.now.conjugate_times(simd, *value).scaled(simd, scale);
+        for (output, turn, scale) in
+            [(1, turns.torque.now, plan.q[at::S_M]), (3, turns.brake.now, plan.q[at::S_B])]
+        {
+            if plan.outputs[index] == output {
+                let scale = simd.splat_f64s(scale);
+                for value in &mut row {
+                    *value = turn.conjugate_times(simd, *value).scaled(simd, scale);
+                }
             }
         }
         found[plan.places[index]] = row;
@@ -313,20 +318,33 @@ fn inverted<S: Simd, const O: usize>(simd: S, a: [[Complex<S>; O]; O]) -> [[Comp
         _ => {
             let others = [[1, 2], [0, 2], [0, 1]];
             let mut determinant = zero;
-            for i in 0..O {
-                for j in 0..O {
+            for i in 0..3 {
+                for j in 0..3 {
                     let value = minor(simd, &a, others[i], others[j]);
                     found[j][i] = if (i + j) % 2 == 0 { value } else { zero.minus(simd, value) };
                 }
             }
-            for j in 0..O {
+            for j in 0..3 {
                 determinant = determinant.plus_product(simd, a[0][j], found[j][0]);
             }
             let one = determinant.inverse(simd);
-            for row in &mut found {
-                for value in row {
-                    *value = value.times(simd, one);
+            for i in 0..3 {
+                for j in 0..3 {
+                    found[i][j] = found[i][j].times(simd, one);
                 }
+            }
+            // The brake's torque stands in the last equation alone.
+            if O == 4 {
+                let by = a[3][3].inverse(simd);
+                for j in 0..3 {
+                    let mut sum = zero;
+                    for k in 0..3 {
+                        sum = sum.minus_product(simd, a[3][k], found[k][j]);
+                    }
+                    found[3][j] = sum.times(simd, by);
+                    found[j][3] = zero;
+                }
+                found[3][3] = by;
             }
         }
     }

@@ -10,6 +10,8 @@ use super::plan::{Plan, store};
 pub struct Turns<S: Simd> {
     pub speed: Rotation<S>,
     pub torque: Rotation<S>,
+    /// Of the brake's torque beside a gauge's.
+    pub brake: Rotation<S>,
     /// Of the late speed, set point and torque.
     pub late: [Rotation<S>; 3],
     pub dead: Rotation<S>,
@@ -23,6 +25,7 @@ impl<S: Simd> Turns<S> {
         Self {
             speed: Rotation::new(simd, spacing, -q[at::T_N]),
             torque: Rotation::new(simd, spacing, -q[at::T_M]),
+            brake: Rotation::new(simd, spacing, -q[at::T_B]),
             late: [
                 Rotation::new(simd, spacing, plan.late[0].rest - q[at::T_N]),
                 Rotation::new(simd, spacing, plan.late[1].rest),
@@ -37,6 +40,7 @@ impl<S: Simd> Turns<S> {
     pub fn advance(&mut self, simd: S) {
         self.speed.advance(simd);
         self.torque.advance(simd);
+        self.brake.advance(simd);
         for late in &mut self.late {
             late.advance(simd);
         }
@@ -97,12 +101,26 @@ pub fn lay_out<S: Simd, const O: usize>(
     // The torque is (M + 1) / s_M - 1 + m_0, of which the constants are not late.
     let scale = 1.0 / q[at::S_M];
     let (scale, rest) = (simd.splat_f64s(scale), simd.splat_f64s(scale - 1.0 + q[at::M_0]));
-    if lengths[signal::M] > 0 {
-        let mut orders = read(simd, &values[signal::M * size..], count, ORDERS, place);
-        if q[at::T_M] != 0.0 {
-            orders = delayed(simd, orders, turns.torque.now, -q[at::T_M]);
+    let by_brake = 1.0 / q[at::S_B];
+    let torques = [
+        (signal::M, q[at::T_M], turns.torque.now, scale, rest),
+        (
+            signal::M_B,
+            q[at::T_B],
+            turns.brake.now,
+            simd.splat_f64s(by_brake),
+            simd.splat_f64s(by_brake - 1.0),
+        ),
+    ];
+    for (known, late, turn, scale, rest) in torques {
+        if lengths[known] == 0 {
+            continue;
         }
-        raise(simd, plan, omega, shifted(simd, orders, scale, one, rest), signal::M, powers, inner);
+        let mut orders = read(simd, &values[known * size..], count, ORDERS, place);
+        if late != 0.0 {
+            orders = delayed(simd, orders, turn, -late);
+        }
+        raise(simd, plan, omega, shifted(simd, orders, scale, one, rest), known, powers, inner);
     }
     let places = [
         (0, signal::LATE_N, signal::APART_N, late),
