@@ -11,7 +11,7 @@ import pytest
 
 import shipfp_rs as fp
 from shipfp_rs import cli
-from shipfp_rs.designs import Generator, Noise, Subject
+from shipfp_rs.designs import Generator, Noise, Subject, predict, prediction
 from shipfp_rs.designs.limits import steepest_rpm_s
 from shipfp_rs.designs.noise import sensors_of
 from shipfp_rs.designs.plan import Plan
@@ -156,15 +156,7 @@ class TestPlan:
         assert first.start_s >= settle_s - 0.02
         assert plan.excitation.duration - last.stop_s >= settle_s - 0.02
 
-    @pytest.mark.parametrize(
-        "share",
-        [
-            0.8,
-            pytest.param(
-                0.7, marks=pytest.mark.xfail(reason="delays that are off are open or not by rounding")
-            ),
-        ],
-    )
+    @pytest.mark.parametrize("share", [0.5, 0.6, 0.7, 0.8, 0.9])
     def test_the_time_for_an_accuracy_is_found_and_kept(self, share: float) -> None:
         exact = {"n_e": Noise(0.003, 10.0, 0.0), "M_g": Noise(0.01, 10.0, 0.0)}
         plan = fp.design(TUG, amplitude_rpm=76.0, accuracy_pct=3.0, kind="sines", sensors=exact)
@@ -179,7 +171,20 @@ class TestPlan:
             sensors=exact,
         )
         assert not shorter.needed.met
-        assert shorter.needed.duration_s == pytest.approx(plan.excitation.duration, rel=0.3)
+        assert shorter.needed.duration_s == pytest.approx(plan.excitation.duration, rel=0.12)
+        assert shorter.needed.duration_s == pytest.approx(plan.needed.duration_s, rel=0.06)
+
+    def test_a_prediction_does_not_hang_on_the_noise_drawn(self, monkeypatch) -> None:
+        # At the values expected all delays are off: a draw's slope there pressed them on their bounds, or did not.
+        subject = Subject.of(TUG, None, None)
+        plan = fp.design(TUG, amplitude_rpm=76.0, duration_s=300.0, kind="sines")
+        found = []
+        for seed in range(6):
+            monkeypatch.setattr(prediction, "SEED", seed)
+            found.append(predict(subject, plan.excitation, plan.sensors).relative_pct)
+        for name in plan.designed_for:
+            each = [one[name] for one in found]
+            assert max(each) < 1.05 * min(each), name
 
     def test_a_fingerprint_can_be_what_is_expected(self, tmp_path) -> None:
         excitation = fp.signals.chirp(0.01, 2.0, 60.0, 39.0, rate_hz=20.0)

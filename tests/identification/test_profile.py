@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 from scipy.stats import t as student
@@ -11,6 +13,7 @@ from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.identification.identify import identify
 from shipfp_rs.identification.options import Options
+from shipfp_rs.identification.profiles import _spread
 from shipfp_rs.identification.structure_answer import fitted
 from shipfp_rs.structures.structure import Parameter, Structure
 from tests.launch import TRUTH, noisy_record
@@ -147,3 +150,18 @@ def test_one_sine_that_leaves_a_gain_on_its_bound_does_not_pin_the_others(seed):
         if estimate.ci95 is not None:
             low, high = estimate.ci95
             assert low - 0.5 * (high - low) <= truth <= high + 0.5 * (high - low), name
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_what_is_on_a_bound_goes_inward_only(seed):
+    random = np.random.default_rng(seed)
+    rows, slope = random.normal(size=(9, 5)), random.normal(size=5)
+    rows[:, 1] = rows[:, 0] + 1e-6 * rows[:, 1]  # two delays that are off are alike
+    matrix, inward = rows.T @ rows, np.array([1, 1, 0, -1, 0])
+    most = 0.0
+    for held in itertools.product([False, True], repeat=3):
+        free = np.delete(np.arange(5), np.array([0, 1, 3])[list(held)])
+        step = np.linalg.solve(matrix[np.ix_(free, free)], slope[free])
+        if np.all(step * inward[free] >= 0.0):
+            most = max(most, slope[free] @ step)
+    assert _spread(matrix, slope, inward) == pytest.approx(most, rel=1e-4)

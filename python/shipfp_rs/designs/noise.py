@@ -65,6 +65,12 @@ class Noise:
         whitened = np.abs(1.0 - self.correlation(rate_hz) * turn) ** 2
         return np.asarray(2.0 * self.innovation(rate_hz) ** 2 / rate_hz / whitened)
 
+    def typical(self, turns: Array, samples: int, rate_hz: float) -> Array:
+        """Samples (N,), over the operating point, whose periodogram is the density, of phases (N // 2 + 1,) [turns]."""
+        density = self.density(np.arange(len(turns), dtype=np.float64) * (rate_hz / samples), rate_hz)
+        waves = np.sqrt(0.5 * samples * rate_hz * density) * np.exp(2j * math.pi * turns)
+        return np.asarray(np.fft.irfft(waves, samples))
+
     def draw(self, samples: int, rate_hz: float, generator: np.random.Generator) -> Array:
         """Draw samples (N,), over the operating point; the first comes from the stationary distribution."""
         correlation = self.correlation(rate_hz)

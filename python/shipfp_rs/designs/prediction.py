@@ -16,7 +16,7 @@ from shipfp_rs.identification.foresight import foresee
 from shipfp_rs.signals import Excitation
 
 SEED = 1
-"""Of the noise in the record that is looked at."""
+"""Of the phases of the noise in the record that is looked at."""
 
 
 @dataclass(frozen=True)
@@ -44,13 +44,17 @@ def predict(subject: Subject, excitation: Excitation, sensors: Mapping[str, Nois
     Transients, offsets, initial state and what gauges leave open count, since they are in that likelihood.
     """
     experiment = subject.respond(excitation)
-    random = np.random.default_rng(SEED)
+    samples, signals = len(experiment), subject.signals
+    # The spectrum of a draw would scatter, and all that is predicted with it. Phases apart keep the outputs uncorrelated.
+    phases = np.random.default_rng(SEED).random(samples // 2 + 1)
+    apart = np.arange(len(phases)) / len(signals)
     noisy = {
         name: experiment.signals[name]
-        + experiment.operating_point[name] * sensors[output].draw(len(experiment), excitation.rate_hz, random)
-        for output, name in subject.signals.items()
+        + experiment.operating_point[name]
+        * sensors[output].typical(phases + place * apart, samples, excitation.rate_hz)
+        for place, (output, name) in enumerate(signals.items())
     }
-    accuracy = {name: sensors[output].accuracy for output, name in subject.signals.items()}
+    accuracy = {name: sensors[output].accuracy for output, name in signals.items()}
     record = dataclasses.replace(
         experiment, signals={**experiment.signals, **noisy}, provenance={"gauge_accuracy": accuracy}
     )

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
+
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.identification.automatic import answered
 from shipfp_rs.identification.basins import Basin
@@ -93,5 +95,6 @@ def _of_structure(
 
 
 def _end(likelihood: Likelihood, vector: Array) -> Basin:
+    """Return what is expected at the truth: no slope, whatever one draw of the noise has there."""
     found = likelihood.products(vector)
-    return Basin(found.cost, vector, products=found)
+    return Basin(found.cost, vector, products=found._replace(downhill=np.zeros_like(found.downhill)))

@@ -11,10 +11,12 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
+import numpy.typing as npt
+from scipy.optimize import nnls
 from scipy.stats import chi2
 
 from shipfp_rs.identification.basins import Basin, descend
-from shipfp_rs.identification.likelihood import Figure, Itself, Likelihood
+from shipfp_rs.identification.likelihood import Figure, Itself, Likelihood, Products
 from shipfp_rs.support.arrays import Array
 
 RISE = float(chi2.ppf(0.95, 1))
@@ -80,37 +82,42 @@ class Profiles:
     def symmetric(self, figure: Figure, *, surely: bool = False) -> Interval:
         """Return the interval by the curvature alone, without a profile; what the figure holds may leave its bound.
 
-        Surely: so may what presses against its bound by less than an interval of 95 per cent.
+        Surely: so may what presses against its bound by less than an interval of 95 per cent. From a bound all go inward.
         """
         best = self.best
-        slope = self.gradient(figure, best.vector)
-        covariance = self.covariance(best, slope, surely=surely)
-        half = np.sqrt(RISE * max(float(slope @ covariance @ slope), 0.0))
+        slope, now = self.gradient(figure, best.vector), self._products(best)
+        inward = self._inward(best.vector)
+        held = (inward * now.downhill < 0.0) & (slope == 0.0)
+        if surely:
+            held &= now.downhill**2 * np.diag(scaled_inverse(now.matrix)) > RISE
+        free = np.flatnonzero(~held)
+        matrix, slope, inward = now.matrix[np.ix_(free, free)], slope[free], inward[free]
+        down, up = (np.sqrt(RISE * _spread(matrix, side * slope, inward)) for side in (-1.0, 1.0))
         value = figure(self.likelihood.coordinates.values(best.vector))
-        return Interval(value, float(value - half), float(value + half), ("data", "data"))
+        return Interval(value, float(value - down), float(value + up), ("data", "data"))
+
+    def _products(self, basin: Basin) -> Products:
+        return basin.products or self.likelihood.products(basin.vector)
+
+    def _inward(self, vector: Array) -> npt.NDArray[np.int_]:
+        """For each entry +1 on its lower bound, -1 on its upper one, 0 between them."""
+        low, high = self.likelihood.coordinates.bounds
+        return (vector <= low + 1e-9).astype(int) - (vector >= high - 1e-9)
 
     def gradient(self, figure: Figure, vector: Array) -> Array:
         """Derivative of a figure by a vector, shape (P,)."""
         return self.likelihood.coordinates.gradient(figure, vector)
 
-    def covariance(
-        self, basin: Basin, moving: Array | None = None, least: float = ROUNDING, *, surely: bool = False
-    ) -> Array:
-        """Covariance about a point whose entries on bounds that press are held, but for those that move, shape (P, P).
+    def covariance(self, basin: Basin, moving: Array | None = None, least: float = ROUNDING) -> Array:
+        """Covariance about a point whose entries on bounds are held unless they move or are drawn inside, shape (P, P).
 
-        Directions of a curvature below `least`, over each entry's own, count as having that. Surely: what presses by less
-        than an interval of 95 per cent is not held.
+        Directions of a curvature below `least`, over each entry's own, count as having that.
         """
-        vector, now = basin.vector, basin.products or self.likelihood.products(basin.vector)
-        low, high = self.likelihood.coordinates.bounds
-        pressed = ((vector <= low + 1e-9) & (now.downhill < 0.0)) | (
-            (vector >= high - 1e-9) & (now.downhill > 0.0)
-        )
+        now, inward = self._products(basin), self._inward(basin.vector)
+        held = (inward != 0) & (inward * now.downhill <= 0.0)
         if moving is not None:
-            pressed &= moving == 0.0
-        if surely:
-            pressed &= now.downhill**2 * np.diag(scaled_inverse(now.matrix, least)) > RISE
-        free = np.flatnonzero(~pressed)
+            held &= moving == 0.0
+        free = np.flatnonzero(~held)
         found = np.zeros_like(now.matrix)
         found[np.ix_(free, free)] = scaled_inverse(now.matrix[np.ix_(free, free)], least)
         return found
@@ -153,7 +160,7 @@ class Profiles:
         x, reached, over = inside.vector, side * (far - value), np.inf
         # The last point inside on the profile itself, and the root of its rise: from there on it runs nearly straight.
         known, root = 0.0, 0.0
-        found = basin.products or self.likelihood.products(basin.vector)
+        found = self._products(basin)
         scale = min(scale, _scale_uphill(max(-2.0 * side * float(found.downhill @ way), 0.0), spread))
         distance = max(np.sqrt(RISE) * scale, 1.2 * reached)
         visited: list[Basin] = []
@@ -252,6 +259,24 @@ def _scale_uphill(uphill: float, spread: float) -> float:
     half = 0.5 * uphill * spread
     straight = np.sqrt(half**2 + RISE * spread) - half
     return max(float(straight / np.sqrt(RISE)), 1e-12)
+
+
+def _spread(matrix: Array, slope: Array, inward: npt.NDArray[np.int_]) -> float:
+    """Square of a figure's rise where the deviance has risen by one and what is on a bound has gone inward only."""
+    scale, cut = np.sqrt(np.maximum(np.diag(matrix), 1e-30)), inward != 0
+    matrix, slope = matrix / np.outer(scale, scale), slope / scale
+    inverse = scaled_inverse(matrix[np.ix_(~cut, ~cut)])
+    found = max(float(slope[~cut] @ inverse @ slope[~cut]), 0.0)
+    if not cut.any():
+        return found
+    # All else is at its best for what leaves a bound, which makes up for it by steps of one sign.
+    across = matrix[np.ix_(cut, ~cut)] @ inverse
+    rest = matrix[np.ix_(cut, cut)] - across @ matrix[np.ix_(~cut, cut)]
+    gain, ways = (slope[cut] - across @ slope[~cut]) * inward[cut], inward[cut]
+    sizes, turned = np.linalg.eigh(rest * np.outer(ways, ways))
+    root = np.sqrt(np.maximum(sizes, ROUNDING))
+    steps, _ = nnls(root[:, None] * turned.T, turned.T @ gain / root)
+    return found + max(float(gain @ steps), 0.0)
 
 
 def scaled_inverse(matrix: Array, least: float = ROUNDING) -> Array:
