@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from shipfp_rs import signals
-from shipfp_rs.assessment.closed_loop import _figures, closed_loop, poles_of
+from shipfp_rs.assessment.closed_loop import _figures, _pole, closed_loop, poles_of
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.identification.fingerprint import Fingerprint
@@ -66,6 +66,27 @@ def test_with_one_they_are_roots_of_the_exact_equation(T_d: float) -> None:
     right = model.v * (model.K_p * found + model.K_i) * np.exp(-found * T_d)
     np.testing.assert_allclose(left, -right, rtol=1e-8)
     assert len(set(found.round(6))) == len(found) == 2
+
+
+FLEXIBLE = Structure.ship(["dead_time_loop", "twist"], torque="gauge")
+LOOP = {"tau_n": 3.49, "g": -2.74, "vK_p": 9.24, "vK_i": 26.9, "p": 0.437, "tau_prop": 0.812, "T_d": 0.09}
+SOFT = {**LOOP, "tau_twist": 5e-4, "zeta_twist": 0.0}
+
+
+def test_the_slower_pole_comes_first_also_where_the_faster_one_lasts_longer() -> None:
+    slow, fast = poles_of(FLEXIBLE, SOFT)
+    assert abs(slow) < abs(fast)
+    assert fast.real > slow.real  # the shaft's own swing
+
+
+def test_a_pole_keeps_its_name_where_another_one_passes_it() -> None:
+    figures = _figures(FLEXIBLE, SOFT)
+    slow, fast = poles_of(FLEXIBLE, SOFT)
+    for known in (SOFT, {**SOFT, "zeta_twist": 4.0}, {**SOFT, "vK_p": 7.0}):
+        assert figures["pole 1, imaginary"][1](known) < 0.5 * fast.imag
+    assert figures["pole 1, real"][1](SOFT) == slow.real
+    moved = _pole(lambda _: np.array([fast, slow]), slow, np.real, SOFT)
+    assert moved == slow.real
 
 
 def test_bands_hold_what_python_control_says_of_the_true_loop(launch: Fingerprint) -> None:

@@ -68,7 +68,8 @@ def closed_loop(fingerprint: Fingerprint, structure: Structure | None = None) ->
     dict
         Name to estimate with 95 % interval, first order in the covariance of the parameters, of what can't turn its sign
         by its logarithm, joined with the figures of all ships that profiles found possible: real and
-        imaginary part of the two slowest poles, of pairs the upper one [rad/s], with a dead time in the loop exactly;
+        imaginary part of the two poles that last longest, the slower one first, of pairs the upper one [rad/s], with a
+        dead time in the loop exactly;
         crossover [Hz], phase margin [deg], gain margin [-], and the proportional gain vK_p [-] and the period [s] at which
         the loop would oscillate if all gains grew together, K_u and P_u of tuning rules; bandwidth of the speed, where its
         gain has fallen by 3 dB [Hz]; time after a step of the set point from which on the speed stays within 5 % of it
@@ -103,9 +104,10 @@ def closed_loop(fingerprint: Fingerprint, structure: Structure | None = None) ->
 
 
 def poles_of(structure: Structure, values: Values) -> ComplexArray:
-    """Return the two slowest poles of the loop with its dead time, of pairs the upper one [rad/s], shape (2,) or (1,).
+    """Return the two longest-lasting poles of the loop with its dead time [rad/s], the slower one first, shape (2,) or (1,).
 
-    Poles that a Pade approximation of the dead time has are led to the exact ones by Newton's method.
+    Of a pair it is the upper one; slow is what has a small absolute value. Poles that a Pade approximation of the dead
+    time has are led to the exact ones by Newton's method.
     """
     equations, known = loop_of(structure, values)
     known = {**known, "T_set": 0.0}  # outside the loop
@@ -125,7 +127,7 @@ def poles_of(structure: Structure, values: Values) -> ComplexArray:
     upper = poles[poles.imag > -1e-9 * np.abs(poles)]
     upper = np.where(np.abs(upper.imag) < 1e-7 * np.abs(upper), upper.real, upper)
     kept = [pole for place, pole in enumerate(upper) if not np.isclose(pole, upper[:place], rtol=1e-6).any()]
-    return np.array(sorted(kept, key=lambda pole: -pole.real)[:2])
+    return np.array(sorted(sorted(kept, key=lambda pole: -pole.real)[:2], key=abs))
 
 
 def _figures(structure: Structure, values: Values) -> dict[str, tuple[str, Figure]]:
@@ -136,12 +138,12 @@ def _figures(structure: Structure, values: Values) -> dict[str, tuple[str, Figur
     for place, pole in enumerate(poles(values)):
         figures[Sentence("pole {place}, real", place=place + 1)] = (
             "rad/s",
-            partial(_pole, poles, place, np.real),
+            partial(_pole, poles, pole, np.real),
         )
         if pole.imag > 0.0:
             figures[Sentence("pole {place}, imaginary", place=place + 1)] = (
                 "rad/s",
-                partial(_pole, poles, place, np.imag),
+                partial(_pole, poles, pole, np.imag),
             )
     torque = "dM_g" if "tau_prop" in structure.names else "dM_b"
     return figures | {
@@ -165,10 +167,11 @@ def once(function: Callable[[Values], Result]) -> Callable[[Values], Result]:
 
 
 def _pole(
-    poles: Callable[[Values], ComplexArray], place: int, part: Callable[[Any], Any], values: Values
+    poles: Callable[[Values], ComplexArray], pole: complex, part: Callable[[Any], Any], values: Values
 ) -> float:
+    """A pole of another ship: the nearest one, since poles change places where they pass each other."""
     found = poles(values)
-    return float(part(found[place])) if place < len(found) else float("nan")
+    return float(part(min(found, key=lambda one: abs(one - pole)))) if len(found) else float("nan")
 
 
 def _passed(value: Callable[[npt.ArrayLike], Array]) -> float:
