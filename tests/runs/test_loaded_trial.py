@@ -210,6 +210,7 @@ def test_a_run_on_a_load_without_a_torque_says_what_the_load_determines(folder: 
     said = " ".join(found.verdict)
     assert "the measured load determines tau_n and the gains, but of p and g only their difference" in said
     assert "Assumed, not given: k_L = 1." in said
+    assert (found["k_L"].status, found["k_L"].reason) == ("fixed", "assumed")
     assert "ratios" not in said
     low, high = found["tau_n"].ci95
     assert low < TRUTH["tau_n"] < high

@@ -17,7 +17,7 @@ from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.identification.adequacy import explained_pct, misses_pct, strain
 from shipfp_rs.identification.basins import Basin, descend
 from shipfp_rs.identification.engine_tests import engine_curves
-from shipfp_rs.identification.estimate import ALONG, KNOWN, Estimate, Identifiability
+from shipfp_rs.identification.estimate import ALONG, ASSUMED, KNOWN, Estimate, Identifiability
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.identification.input_checks import doubts, require_excited
 from shipfp_rs.identification.likelihood import Figure
@@ -315,8 +315,11 @@ def _estimate(fit: ShipFit, name: str, interval: Interval) -> Estimate:
 
 
 def _fixed(fit: ShipFit, parameter: Parameter) -> Estimate:
-    """What was given, or stands where the search left it."""
+    """What was given, assumed, or stands where the search left it."""
     reason = ALONG if parameter.name in fit.likelihood.coordinates.free else "given"
+    # Without a torque a measured load is taken as it is called: `question_of` fixes its gain at 1.
+    if parameter.name == "k_L" and parameter.start == 1.0 and "dM" not in fit.question.outputs:
+        reason = ASSUMED
     return Estimate(parameter.start, unit=parameter.unit, status="fixed", reason=reason)
 
 

@@ -22,6 +22,8 @@ STATUS: Mapping[str, str] = {
 
 ALONG = "estimated, without an interval"
 """Reason of what stands where the search left it."""
+ASSUMED = "assumed"
+"""Reason of what was neither given nor estimated."""
 
 KNOWN: tuple[Status, ...] = ("free", "prior")
 """States of an estimate that has an interval of its own."""
@@ -177,7 +179,7 @@ def rounded_rows(
             low=rounded(low, places),
             high=rounded(high, places),
             unit=estimate.unit,
-            status=ALONG if estimate.reason == ALONG else STATUS[estimate.status],
+            status=estimate.reason if estimate.reason in (ALONG, ASSUMED) else STATUS[estimate.status],
             reason=estimate.reason,
             truth=rounded(real, places),
             holds_truth=None if real is None or low is None or high is None else low <= real <= high,

@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from shipfp_rs.identification.engine_tests import suspected
-from shipfp_rs.identification.estimate import Estimate
+from shipfp_rs.identification.estimate import ASSUMED, Estimate
 from shipfp_rs.identification.load_side import LoadSide
 from shipfp_rs.identification.profiles import Profiles
 from shipfp_rs.identification.ship_found import ShipFit
@@ -85,7 +85,7 @@ def load_alone(
     reason = Sentence("engine and governor are not described: {what}", what=KINDS[kind])
     found = {}
     for name, one in parameters.items():
-        if one.status == "fixed" and one.reason == "given":
+        if one.status == "fixed" and one.reason in ("given", ASSUMED):
             found[name] = one
         elif side is not None and name in side.parameters:
             found[name] = _within(side.parameters[name], one.unit, bounds.get(name, (-np.inf, np.inf)))
