@@ -6,6 +6,7 @@ REPORT_SCREENSHOTS=DIR keeps pictures of it at both widths, light and dark.
 from __future__ import annotations
 
 import base64
+import io
 import os
 import re
 import time
@@ -257,6 +258,57 @@ def test_eight_hours_are_drawn_anew_in_less_time_than_it_took_to_open_them(brows
 def test_masked_samples_leave_a_gap(visit) -> None:
     chart = visit().page.locator("figure.chart").first
     assert chart.locator("path.series").nth(4).get_attribute("d").count("M") == 2
+
+
+def test_kinds_of_faults_have_signs_of_their_own_in_plot_and_legend(visit) -> None:
+    chart = visit().page.locator("figure.chart").first
+    plotted = [sign.get_attribute("d") for sign in chart.locator(".plot path.sign").all()]
+    assert len(plotted) == 3  # two stretches of hum, one spike
+    explained = [sign.get_attribute("d") for sign in chart.locator(".legend .sign path").all()]
+    assert len(explained) == len(set(explained)) == 2
+    assert list(dict.fromkeys(plotted)) == explained
+
+
+def test_measurement_model_and_what_is_left_are_told_apart(visit) -> None:
+    chart = visit().page.locator("figure.chart").first
+    asked, measured, model, left = (
+        line.evaluate(
+            "line => [getComputedStyle(line).stroke, parseFloat(getComputedStyle(line).strokeWidth)]"
+        )
+        for line in chart.locator("path.series").all()[:4]
+    )
+    assert len({colour for colour, _ in (asked, measured, model, left)}) == 4
+    assert measured[1] > 2.0 * model[1]
+    assert measured[0] == "rgb(63, 127, 191)"  # blue, as in the other pictures
+
+
+def test_a_table_that_goes_on_beyond_the_edge_has_a_shadow_there(visit) -> None:
+    page = visit(PHONE).page
+    region = page.locator("section[aria-labelledby=parameters] .scroll").first
+
+    def shade() -> tuple[float, float]:
+        """Return how dark the region is at its left and right edge, below the text of its last row."""
+        path = io.BytesIO(region.screenshot())
+        row = image.imread(path)[-6, :, :3].mean(axis=1)
+        return float(row[len(row) // 2] - row[2]), float(row[len(row) // 2] - row[-3])
+
+    assert shade()[1] > 0.1
+    region.evaluate("box => { box.scrollLeft = box.scrollWidth; }")
+    assert shade()[1] < 0.05
+
+
+def test_on_paper_each_page_repeats_the_heads_of_a_long_table(visit) -> None:
+    page = visit().page
+    page.evaluate(
+        """() => {
+            const table = document.querySelector("section[aria-labelledby=parameters] table");
+            const rows = [...table.tBodies[0].rows];
+            for (let copy = 0; copy < 30; copy++) for (const row of rows) table.tBodies[0].append(row.cloneNode(true));
+            table.tHead.querySelector("button").innerHTML = '<a href="https://head.invalid">symbol</a>';
+        }"""
+    )
+    printed = page.pdf(format="A4")
+    assert printed.count(b"https://head.invalid") >= 3
 
 
 def test_a_series_is_hidden_by_its_legend(visit) -> None:

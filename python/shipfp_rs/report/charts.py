@@ -87,12 +87,13 @@ def _chart(experiment: Experiment, model: Mapping[str, Array], width: int, say: 
             if UNITS[name] != unit:
                 continue
             label = say.label(_label(name))
-            series.append(_series(label, style.COLOURS[name], samples, width))
+            kind = "broad" if name in model else "dashed" if name == "n_set" else ""
+            series.append(_series(label, style.COLOURS[name], samples, width, kind))
             if name in model:
                 fitted = model[name]
                 series.append(_series(say("model of {name}", name=name), MODEL, fitted, width))
                 less = say("{name} minus the model", name=name)
-                rest = _series(less, style.COLOURS[name], samples - fitted, width)
+                rest = _series(less, style.GREY, samples - fitted, width)
                 left.append(_panel(say("{name} − model [{unit}]", name=name, unit=unit), [rest]))
         marks = [_mark(fault, experiment, say) for fault in marked if UNITS.get(fault.signal) == unit]
         if not marks:
@@ -151,7 +152,8 @@ def _panel(
     return {"label": label, "series": series, "marks": marks}
 
 
-def _series(label: str, colour: str, samples: Array, width: int) -> dict[str, Any]:
+def _series(label: str, colour: str, samples: Array, width: int, kind: str = "") -> dict[str, Any]:
+    """Return samples to draw; of `kind` "broad", "dashed" or neither."""
     thinned = thin(samples, width)
     finite = thinned[np.isfinite(thinned)]
     low, high = (float(finite.min()), float(finite.max())) if finite.size else (0.0, 0.0)
@@ -159,7 +161,8 @@ def _series(label: str, colour: str, samples: Array, width: int) -> dict[str, An
         np.isfinite(thinned), np.rint((thinned - low) * (STEPS / ((high - low) or 1.0))), STEPS + 1
     )
     data = base64.b64encode(steps.astype("<u2").tobytes()).decode("ascii")
-    return {"label": label, "colour": colour, "pairs": width > 1, "low": low, "high": high, "data": data}
+    drawn = {"label": label, "colour": colour, "kind": kind}
+    return {**drawn, "pairs": width > 1, "low": low, "high": high, "data": data}
 
 
 def thin(samples: Array, width: int) -> Array:
@@ -188,6 +191,7 @@ def _mark(fault: Fault, experiment: Experiment, say: Say) -> dict[str, Any]:
     what = say(wording.FAULTS.get(fault.kind, fault.kind))
     return {
         "label": f"{what}, {fault.channel}: {say(fault.method)}",
+        "kind": fault.kind,
         "cut": fault.cut,
         "count": len(spans),
         "spans": places.tolist(),

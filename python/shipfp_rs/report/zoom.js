@@ -9,6 +9,17 @@
   const MASKED = 65535, STEPS = 65534;
   const LEAST_SAMPLES = 8;
   const PAPER = 690; // width of A4 within its margins, in the pixels of a page
+  // Signs of kinds of faults about their middle: triangle, square, diamond, disc, cross, triangle upwards, hourglass.
+  const SIGNS = [
+    "M-5-4H5L0 5z", "M-4-4H4V4H-4z", "M0-6L5 0L0 6L-5 0z", "M-4.5 0a4.5 4.5 0 1 0 9 0a4.5 4.5 0 1 0-9 0z",
+    "M-5-3L-3-5L0-2L3-5L5-3L2 0L5 3L3 5L0 2L-3 5L-5 3L-2 0z", "M-5 4H5L0-5z", "M-5-5H5L-5 5H5z",
+  ];
+  const NEAR = 8; // pixels within which a sign of the same kind is enough
+  const kinds = new Map();
+  const signOf = (kind) => {
+    if (!kinds.has(kind)) kinds.set(kind, SIGNS[kinds.size % SIGNS.length]);
+    return kinds.get(kind);
+  };
 
   const make = (parent, tag, attributes = {}, text) => {
     const element = parent.namespaceURI === SVG || tag === "svg" ? document.createElementNS(SVG, tag) : document.createElement(tag);
@@ -107,11 +118,11 @@
       this.plot.setAttribute("aria-label", `${about}. ${this.figure.querySelector(".help").textContent}`);
       const legend = document.createElement("div");
       legend.className = "legend";
-      for (const panel of this.panels) for (const series of panel.series) this.entry(legend, series.label, series.colour, series);
+      for (const panel of this.panels) for (const series of panel.series) this.entry(legend, series);
       for (const panel of this.panels) {
         for (const mark of panel.marks) {
           const entry = make(legend, "span", { class: mark.cut ? "cut" : "mended" });
-          make(entry, "i");
+          make(make(entry, "svg", { class: "sign", viewBox: "-6 -6 12 12", "aria-hidden": "true" }), "path", { d: signOf(mark.kind) });
           entry.append(`${mark.label} (${mark.count})`);
         }
       }
@@ -121,9 +132,10 @@
       this.listen();
     }
 
-    entry(legend, label, colour, series) {
+    entry(legend, series) {
+      const { label, colour, kind } = series;
       const made = make(legend, "button", { type: "button", "aria-pressed": "true", title: `${this.say("show or hide")} ${label}` });
-      make(made, "i").style.background = colour;
+      make(made, "i", { class: kind }).style.color = colour;
       made.append(label);
       made.addEventListener("click", () => {
         if (!this.hidden.delete(series)) this.hidden.add(series);
@@ -278,15 +290,27 @@
           make(svg, "text", { x: at, y: top + height + 15, "text-anchor": "middle" }, this.long ? clock(tick * run, run) : said((tick * run).toFixed(digits(run))));
         }
       }
+      const signs = [];
       const group = make(svg, "svg", { x: LEFT, y: top, width: this.wide, height, viewBox: `${LEFT} ${top} ${this.wide} ${height}` });
-      for (const mark of panel.marks) {
-        const path = mark.spans.filter(([first, stop]) => stop >= this.from && first <= this.to).map(([first, stop]) => {
+      panel.marks.forEach((mark, row) => {
+        const seen = mark.spans.filter(([first, stop]) => stop >= this.from && first <= this.to);
+        const path = seen.map(([first, stop]) => {
           const begin = Math.max(x(first), LEFT - 2), width = Math.max(Math.min(x(stop), LEFT + this.wide + 2) - begin, 1);
           return `M${begin.toFixed(1)} ${top}h${width.toFixed(1)}v${height}h${(-width).toFixed(1)}z`;
         });
         if (path.length) make(make(group, "path", { class: mark.cut ? "cut" : "mended", d: path.join("") }), "title", {}, mark.label);
+        let before = -Infinity;
+        for (const [first, stop] of seen) {
+          const at = x(0.5 * (Math.max(first, this.from) + Math.min(stop, this.to)));
+          if (at < before + NEAR) continue;
+          before = at;
+          signs.push([mark, `translate(${at.toFixed(1)} ${top + height - 8 - 12 * row})`]);
+        }
+      });
+      for (const series of shown) make(group, "path", { class: `series ${series.kind}`, stroke: series.colour, d: this.path(series, x, y) });
+      for (const [mark, transform] of signs) {
+        make(group, "path", { class: mark.cut ? "sign" : "sign kept", d: signOf(mark.kind), transform });
       }
-      for (const series of shown) make(group, "path", { class: "series", stroke: series.colour, d: this.path(series, x, y) });
       make(svg, "rect", { class: "frame", x: LEFT, y: top, width: this.wide, height });
       make(svg, "text", { class: "quantity", x: LEFT + 5, y: top + 13 }, panel.label);
     }
@@ -339,7 +363,7 @@
       const originals = shown.querySelectorAll("*");
       copy.querySelectorAll("*").forEach((element, place) => {
         const style = getComputedStyle(originals[place]);
-        for (const name of ["fill", "stroke", "stroke-width", "opacity", "font", "paint-order", "visibility"]) element.style.setProperty(name, style.getPropertyValue(name));
+        for (const name of ["fill", "stroke", "stroke-width", "stroke-dasharray", "opacity", "font", "paint-order", "visibility"]) element.style.setProperty(name, style.getPropertyValue(name));
       });
       const [, , width, height] = shown.getAttribute("viewBox").split(" ").map(Number);
       savePicture(`${about.split(":")[0]}.png`, copy, [2 * width, 2 * height], getComputedStyle(document.body).backgroundColor);
