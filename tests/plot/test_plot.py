@@ -102,6 +102,35 @@ def test_without_a_truth_intervals_surround_the_estimate(fingerprint) -> None:
     assert len(ax.get_yticklabels()) == 3
 
 
+def test_a_delay_of_almost_nothing_is_known_well_and_a_coefficient_of_almost_anything_is_not(
+    fingerprint,
+) -> None:
+    estimates = {
+        "tau_twist": Estimate(2e-4, 4e-4, (0.0, 1e-3), "s"),
+        "c_2": Estimate(-0.03, 0.1, (-0.23, 0.17)),
+        "vK_p": Estimate(9.0, 11.0, (2.0, 46.0)),
+    }
+    ax = plot.intervals(replace(fingerprint, parameters=estimates, derived={}))
+    bars = [line for line in ax.get_lines() if len(line.get_xdata()) == 2 and line.get_linewidth() == 2.0]
+    lengths = [np.ptp(line.get_xdata()) for line in bars]
+    assert lengths == sorted(lengths, reverse=True)  # from below: vK_p, c_2, tau_twist
+    assert lengths[2] == pytest.approx(2.0)  # 1 ms of 50 ms
+    assert legend(ax) == ["hardly known", "known roughly", "known well"]
+    marks = [line for line in ax.get_lines() if line.get_label() in legend(ax)]
+    assert len({line.get_marker() for line in marks}) == len({line.get_color() for line in marks}) == 3
+    assert [text.get_text() for text in ax.texts] == ["+411 %"]  # where the arrow ends
+
+
+def test_the_models_of_several_signals_are_told_apart_in_the_legend() -> None:
+    frequency = np.array([0.05, 0.2, 1.0])
+    response = dict.fromkeys(("n_e", "M_g"), 1.0 / (1.0 + 1j * frequency))
+    one = FrequencyResponse("a", frequency, response)
+    ax = windows([(one, one)], style.panels_of(None, 2, sharex=True))[0]
+    shown = dict(zip(legend(ax), ax.get_legend().legend_handles, strict=True))
+    for name, symbol in (("n_e", "$n_e$"), ("M_g", "$M_g$")):
+        assert shown[f"model of {symbol}"].get_color() == style.COLOURS[name]
+
+
 def test_axes_that_are_given_are_used_and_their_number_is_checked(trial) -> None:
     before = pyplot.get_fignums()
     axes = Figure().subplots(2, 1)
@@ -220,7 +249,7 @@ def test_windows_share_one_bode_plot_with_marks_of_their_own_and_plain_ticks() -
     marks = [line.get_marker() for line in axes[0].lines if line.get_linestyle() == "None"]
     assert len(set(marks)) == 2
     assert {text.get_text() for text in axes[0].get_legend().get_texts()} >= {
-        "model",
+        "model of $n_e$",
         "a: engine speed $n_e$",
     }
     assert axes[1].xaxis.get_major_formatter()(0.05) == "0.05"

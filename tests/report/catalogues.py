@@ -18,8 +18,9 @@ from babel.messages.pofile import read_po, write_po
 
 import shipfp_rs
 from shipfp_rs.identification import wording
-from shipfp_rs.identification.estimate import ALONG, STATUS
+from shipfp_rs.identification.estimate import ALONG, ASSUMED, STATUS
 from shipfp_rs.plot import style
+from shipfp_rs.plot.estimates import STATES as KNOWN
 from shipfp_rs.processing.trial_tables import KINDS as WINDOWS
 from shipfp_rs.report.charts import BUTTONS, HELP
 from shipfp_rs.report.fate import FATES
@@ -49,14 +50,25 @@ LABELS = (
         "lag of the residual behind the set point [samples]",
         "lag",
     ),
-    *("lag [samples]", "within", "outside", "measured", "model", "set point", "masked", "time", "frequency"),
+    *(
+        "lag [samples]",
+        "within",
+        "outside",
+        "measured",
+        "model",
+        "model of",
+        "set point",
+        "masked",
+        "time",
+        "frequency",
+    ),
     *("amplitude ratio", "phase", "governor's speed error", "rate of the fuel rack"),
 )
 """Words of axes and legends that `plot` writes."""
 TABLES: tuple[Iterable[str], ...] = (
-    *(BUTTONS, [HELP], STATES.values(), FIGURES.values(), LABELS),
+    *(BUTTONS, [HELP], KNOWN, STATES.values(), FIGURES.values(), LABELS),
     *(NAMES.values(), [one.meaning for one in (*glossary.LINEAR, *glossary.FORMULAS)]),
-    *([one.words for one in ELEMENTS.values()], STATUS.values(), [ALONG], wording.OUTPUTS.values()),
+    *([one.words for one in ELEMENTS.values()], STATUS.values(), [ALONG, ASSUMED], wording.OUTPUTS.values()),
     *(FATES.values(), wording.FAULTS.values(), [KINDS.get(kind, kind) for kind in WINDOWS]),
     [LABEL.fullmatch(label)[1] for label in (*style.LABELS.values(), *style.QUANTITIES.values())],
 )

@@ -17,7 +17,6 @@ from shipfp_rs.identification.input_checks import doubts
 from shipfp_rs.identification.ship_verdict import BENT
 from shipfp_rs.identification.usability import usability
 from shipfp_rs.identification.wording import rank
-from shipfp_rs.plot import intervals
 from shipfp_rs.report import render
 from shipfp_rs.report.answer import interval, loop_rows, open_questions, ship_rows
 from shipfp_rs.report.language import Say
@@ -176,7 +175,7 @@ def test_the_correlations_of_all_parameters_are_a_table(page: str, found) -> Non
     assert f"{found.correlations[first][second]:.2f}" in row
 
 
-def test_the_choice_shows_what_acts_what_does_not_and_what_can_not_be_told(page: str) -> None:
+def test_the_choice_shows_what_acts_what_does_not_and_what_can_not_be_told(page: str, found) -> None:
     section = page[page.index('id="elements"') : page.index('id="loop"')]
     rows = {
         name: re.findall(r"<td[^>]*>([^<]*)</td>", line)
@@ -184,7 +183,20 @@ def test_the_choice_shows_what_acts_what_does_not_and_what_can_not_be_told(page:
     }
     assert rows["dead time in the loop"] == ["acts", "120", ""]
     assert rows["lag of the fuel actuator"][0] == "undecided"
-    assert rows["upper torque limit"] == ["not found to act", "0", "M_max above 1.12"]
+    torque = f"{1.12 * operating_point(found)[1]:.4g}"
+    limit = f"M_max above 1.12 times the operating torque ({torque} Nm)"
+    assert rows["upper torque limit"] == ["not found to act", "0", limit]
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_a_torque_limit_says_what_it_is_measured_by_and_is_in_newton_metres_where_these_are_known(
+    found,
+) -> None:
+    limited = replace(found, parameters={"M_max": Estimate(1.25, 0.01, (1.23, 1.27))}, si={}, settings={})
+    told = f"times the operating torque ({1.25 * operating_point(found)[1]:.4g} Nm)"
+    page = render(limited, [])
+    assert page.count(told) == 2  # on the first screen and in the table
+    assert "M_max above 1.12 times the operating torque<" in render(replace(limited, data=()), [])
 
 
 @pytest.mark.parametrize("language", ["en", "de"])
@@ -247,6 +259,32 @@ def test_statistics_stand_behind_a_fold_with_plain_names(page: str, found) -> No
         f"The model explains {share} % of the variation of the speed (root mean square), noise included."
         in section
     )
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_parameters_that_the_data_do_not_determine_are_not_called_identifiable(found) -> None:
+    told = {"p": Estimate(2.0, 0.01, (1.98, 2.02)), "T_d": Estimate(0.1, 0.2, (0.0, 0.8), "s")}
+    partly = replace(found, parameters=told, identifiability=Identifiability(2, 2, 9.0), settings={})
+    page = text_of(render(partly, []))
+    assert "Not determined by the data: dead time in the loop (T_d)." in page
+    assert "The data determine 1 of the 2 free parameters, but not T_d." in page
+    assert "are identifiable" not in page
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_what_a_comparison_compares_is_said_below_the_verdict(found) -> None:
+    told = "Comparison: this fingerprint against earlier or later ones of the same drive train"
+    assert told in first_screen(render(found, []))
+    assert told not in render(replace(found, usable=SENTENCES["misfit"], **judged("misfit")), [])
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_what_was_assumed_is_not_called_given(found) -> None:
+    fixed = {name: Estimate(1.0, status="fixed", reason=name) for name in ("assumed", "given")}
+    page = render(replace(found, parameters=fixed, settings={}), [])
+    for name in fixed:
+        row = re.search(rf'<th scope="row"><code>{name}</code>.*?</tr>', page)[0]
+        assert re.findall(r"<td[^>]*>([^<]*)</td>", row)[-1] == name
 
 
 def test_a_rank_without_a_condition_number_is_told_without_one() -> None:
@@ -394,19 +432,6 @@ def test_a_loop_that_can_not_be_linearised_is_left_out(found) -> None:
     page = render(replace(found, structure=joint.to_dict()), [])
     assert 'id="loop"' not in page
     assert "phase margin" not in page
-
-
-def test_an_interval_of_a_parameter_near_zero_does_not_squeeze_the_others(found) -> None:
-    near_zero = {
-        **{name: Estimate(1.0, 0.01, (0.98, 1.02)) for name in ("a", "b", "c")},
-        "T_set": Estimate(2e-4, 4e-4, (-6e-4, 1e-3), "s"),
-    }
-    ax = intervals(replace(found, parameters=near_zero, derived={}))
-    low, high = ax.get_xlim()
-    assert (low, high) == pytest.approx((-2.3, 2.3))
-    arrows = [line for line in ax.lines if line.get_marker() in "<>" and line.get_marker() != "None"]
-    assert [float(np.ravel(line.get_xdata())[0]) for line in arrows] == pytest.approx([low, high])
-    assert [text.get_text() for text in ax.texts] == ["\N{MINUS SIGN}400 %", "+400 %"]  # where they end
 
 
 def test_an_estimate_at_an_end_of_its_interval_is_said_to_lie_there() -> None:

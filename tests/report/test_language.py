@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import gettext
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment
+from shipfp_rs.identification.fingerprint import Fingerprint, Identifiability
 from shipfp_rs.identification.fit_statistics import information_criteria
 from shipfp_rs.report import driven
 from shipfp_rs.report.driven import instead
@@ -110,7 +112,9 @@ def test_every_symbol_in_a_formula_is_explained() -> None:
     }
 
 
-DIRECT = Vessel.load("direct-drive")
+DIRECT, TUG = Vessel.load("direct-drive"), Vessel.load("stan-tug-1205")
+UNNAMED = Fingerprint({}, {}, Identifiability(0, 0, np.inf), {}, {})
+NAMED = replace(UNNAMED, vessel=TUG.name)
 MEASURED_LOAD = Experiment(
     "S1", 10.0, {"n_set": np.ones(3), "M_load": np.ones(3)}, {"n_set": 1.0, "M_load": 1.0}
 )
@@ -118,7 +122,7 @@ MEASURED_LOAD = Experiment(
 
 @pytest.mark.parametrize("language", ["en", "de"])
 def test_a_drive_without_propeller_and_engine_has_neither_in_any_word(language) -> None:
-    say = Say(language, instead(DIRECT, []))
+    say = Say(language, instead(UNNAMED, [], DIRECT))
     kept = [text for text in SAID if "channel" not in text and " = " not in text]
     told = [say(text) for text in kept]
     told += [say.name(symbol) for symbol in names.NAMES]
@@ -132,10 +136,14 @@ def test_an_article_goes_with_the_word_that_it_stands_before() -> None:
 
 
 def test_a_ship_keeps_its_words_and_a_measured_load_has_no_propeller() -> None:
-    assert instead(Vessel.load("stan-tug-1205"), []) == []
-    assert instead(None, []) == []
-    say = Say("en", instead(None, [MEASURED_LOAD]))
-    assert say.name("p") == "load exponent"
+    assert instead(NAMED, []) == instead(UNNAMED, [], TUG) == []
+    assert Say("en", instead(NAMED, [])).name("p") == "propeller exponent"
+    # A generating set by what was measured, by what the saved fingerprint holds, and for all that anyone says.
+    loaded = replace(NAMED, structure={"elements": ["load"]})
+    for words in (instead(NAMED, [MEASURED_LOAD]), instead(loaded, []), instead(UNNAMED, [])):
+        assert Say("en", words).name("p") == "load exponent"
+        assert "propeller" not in Say("en", words).meaning("p")
+    say = Say("en", instead(NAMED, [MEASURED_LOAD]))
     assert say.name("v") == "slope of engine torque with fuel rack"
 
 

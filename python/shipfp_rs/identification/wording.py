@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from shipfp_rs.identification.estimate import Identifiability
 from shipfp_rs.logs.faults.record import KINDS
-from shipfp_rs.support.sentences import Sentence, joined
+from shipfp_rs.support.sentences import Sentence, joined, listed
 
 OUTPUTS: Mapping[str, str] = {
     "dn": "speed",
@@ -28,13 +28,20 @@ FAULTS: Mapping[str, str] = {
 """Faults of a log, those of Table 6.10 with their letters."""
 
 
-def rank(found: Identifiability) -> Sentence:
-    """Say how many directions of the free parameters are identifiable."""
+def rank(found: Identifiability, unknown: Sequence[str] = ()) -> Sentence:
+    """Say how many directions of the free parameters are identifiable; `unknown` ones have intervals that tell nothing."""
     if found.rank < found.free:
         return Sentence(
             "The data determine {rank} independent combinations of the {free} free parameters.",
             rank=found.rank,
             free=found.free,
+        )
+    if unknown:
+        return Sentence(
+            "The data determine {known} of the {free} free parameters, but not {unknown}.",
+            known=found.free - len(unknown),
+            free=found.free,
+            unknown=listed(unknown),
         )
     if not math.isfinite(found.condition):
         return Sentence("All {free} free parameters are identifiable.", free=found.free)

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from shipfp_rs.errors import InputError
-from shipfp_rs.identification.fingerprint import Estimate, Fingerprint
-from shipfp_rs.plot.style import BLUE, GREY, ORANGE, RED, dress, panels_of
+from shipfp_rs.identification.estimate import OPEN, ROUGH, SMALL, Estimate, roughness
+from shipfp_rs.identification.fingerprint import Fingerprint
+from shipfp_rs.plot.style import BLUE, GREY, ORANGE, PURPLE, RED, dress, panels_of
 from shipfp_rs.support.arguments import checked
 
 if TYPE_CHECKING:
@@ -19,6 +20,16 @@ if TYPE_CHECKING:
 
 FAR = 1000.0
 """Distance from the estimate beyond which nobody asks for the figure [%]."""
+EVEN_PCT, LEAST_PCT, MOST_PCT = 1.0, 40.0, 300.0
+"""Distance up to which the axis is even, beyond which it is logarithmic, and its least and greatest end [%]."""
+TICKS_PCT = (1.0, 5.0, 25.0, 200.0)
+STATES: Mapping[str, tuple[str, str]] = {
+    "known well": (BLUE, "o"),
+    "known roughly": (ORANGE, "s"),
+    "hardly known": (PURPLE, "D"),
+    "misses the truth": (RED, "X"),
+}
+"""How well a parameter is known, as tables of a report tell it too: colour and mark."""
 
 
 @checked
@@ -29,9 +40,11 @@ def intervals(
 ) -> Axes:
     """Draw the 95 % intervals of parameters and combinations relative to the truth, or else to the estimate.
 
-    What the data leave open has no interval and is left out; an interval that misses the truth is red. Where
-    most intervals are narrow, one that is not, such as that of a parameter near zero, ends in an arrow at the edge, and the
-    figure beside the arrow says where.
+    A distance is in per cent of the reference, of one near zero in per cent of what is small for a drive train (0.05 s, or
+    0.5): a delay of almost nothing that is known to a millisecond is known well. The axis is even up to 1 % and logarithmic
+    beyond. Colour and mark say whether half of an interval is within 25 %, within 200 %, or more, or whether the interval
+    misses the truth. What the data leave open has no interval and is left out. One that goes beyond 300 % ends in an arrow,
+    and the figure beside the arrow says where.
 
     Parameters
     ----------
@@ -52,33 +65,50 @@ def intervals(
         for name, estimate in {**fingerprint.parameters, **fingerprint.derived}.items()
         if estimate.ci95 is not None and estimate.value and (truth is None or truth.get(name))
     }
-    rows = []
-    for name, estimate in reversed(shown.items()):
-        reference = truth[name] if truth is not None else estimate.value
-        assert reference is not None
-        assert estimate.ci95 is not None
-        ends = (estimate.value or 0.0, *estimate.ci95)
-        rows.append([100.0 * (value - reference) / abs(reference) for value in ends])
-    edge = _edge([(low, high) for _, low, high in rows])
-    for place, (middle, low, high) in enumerate(rows):
-        color = BLUE if low <= 0.0 <= high else RED
-        ax.plot(np.clip([low, high], -edge, edge), [place, place], color=color, lw=2.0, solid_capstyle="butt")
-        for end, mark in ((low, "<"), (high, ">")):
-            if (end > edge) if mark == ">" else (end < -edge):
-                ax.plot(np.sign(end) * edge, place, mark, color=color, ms=7, clip_on=False)
-                if np.isfinite(end):
-                    _write_end(ax, end, float(np.sign(end)) * edge, place, color)
-        if abs(middle) <= edge:
-            ax.plot(middle, place, "o", color=color, ms=5)
+    rows = [
+        _row(one, truth[name] if truth is not None else one.value) for name, one in reversed(shown.items())
+    ]
+    reach = max((abs(end) for *ends, _ in rows for end in ends), default=0.0)
+    edge = min(max(1.15 * reach, LEAST_PCT), MOST_PCT)
+    ax.axvspan(-100.0 * ROUGH, 100.0 * ROUGH, color=GREY, alpha=0.15, lw=0.0)
     ax.axvline(0.0, color=GREY, lw=1.0)
+    for place, (middle, low, high, state) in enumerate(rows):
+        color, mark = STATES[state]
+        ax.plot(np.clip([low, high], -edge, edge), [place, place], color=color, lw=2.0, solid_capstyle="butt")
+        for end in (low, high):
+            if abs(end) > edge:
+                side = float(np.sign(end))
+                ax.plot(side * edge, place, "<" if side < 0.0 else ">", color=color, ms=7, clip_on=False)
+                if np.isfinite(end):
+                    _write_end(ax, end, side * edge, place, color)
+        if abs(middle) <= edge:
+            ax.plot(middle, place, mark, color=color, ms=6)
+    for state in dict.fromkeys(state for *_, state in rows):
+        ax.plot([], [], color=STATES[state][0], marker=STATES[state][1], ms=6, lw=2.0, label=state)
     labels = [_row_label(name, shown[name]) for name in reversed(shown)]
     ax.set_yticks(range(len(shown)), labels)
     ax.set_ylim(-0.6, max(len(shown), 1) - 0.4)
+    ax.set_xscale("symlog", linthresh=EVEN_PCT, linscale=0.5)
     ax.set_xlim(-edge, edge)
+    ticks = [0.0, *(sign * tick for tick in TICKS_PCT if tick < edge for sign in (-1.0, 1.0))]
+    ax.set_xticks(sorted(ticks), [f"{tick:g}".replace("-", "\N{MINUS SIGN}") for tick in sorted(ticks)])
+    ax.set_xticks([], minor=True)
     ax.set_xlabel(f"distance from the {'truth' if truth is not None else 'estimate'} [%]")
-    dress(ax, "", legend=False)
+    dress(ax, "", legend=bool(rows))
     ax.grid(visible=False, axis="y")
     return ax
+
+
+def _row(estimate: Estimate, reference: float | None) -> tuple[float, float, float, str]:
+    """Return estimate and ends of its interval, as distances from a reference [%], and how well it is known."""
+    assert reference is not None
+    assert estimate.value is not None
+    assert estimate.ci95 is not None
+    size = max(abs(reference), SMALL.get(estimate.unit, 0.0))
+    middle, low, high = (100.0 * (one - reference) / size for one in (estimate.value, *estimate.ci95))
+    rough = roughness(estimate)
+    state = "known well" if rough <= ROUGH else "known roughly" if rough <= OPEN else "hardly known"
+    return middle, low, high, state if low <= 0.0 <= high else "misses the truth"
 
 
 @checked
@@ -180,16 +210,6 @@ def _write_end(ax: Axes, end: float, edge: float, place: int, color: str) -> Non
         fontsize="x-small",
         color=color,
     )
-
-
-def _edge(ends: Sequence[tuple[float, float]]) -> float:
-    """Return how far the axis goes [%]: past all intervals but those three times as wide as the usual one."""
-    known = np.array([pair for pair in ends if np.isfinite(pair).all()]).reshape(-1, 2)
-    if not len(known):
-        return 1.0
-    widths = known[:, 1] - known[:, 0]
-    near = known[widths <= 3.0 * np.median(widths)]
-    return min(max(1.15 * float(np.abs(near).max()), 0.1), 100.0)
 
 
 def _row_label(name: str, estimate: Estimate) -> str:

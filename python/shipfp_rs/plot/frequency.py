@@ -77,12 +77,15 @@ def _points_and_curves(
     *,
     several: bool = False,
 ) -> None:
-    """Draw points with bars, and the model's curve; of several windows the first signal's label is the window's name."""
+    """Draw points with bars, and the model's curve of each signal, which the first window's legend names."""
     amplitude, phase = axes
-    for index, (name, response) in enumerate(measured.response.items()):
+    for name, response in measured.response.items():
         color, size, angle = COLOURS[name], np.abs(response), _phase(response)
         if model is not None:
-            curve, label = model.response[name], None if index or mark != MARKS[0] else "model"
+            curve, label = (
+                model.response[name],
+                f"model of {LABELS[name].split()[-1]}" if mark == MARKS[0] else None,
+            )
             expected = np.interp(measured.frequency_hz, model.frequency_hz, _phase(curve))
             angle += 360.0 * np.round((expected - angle) / 360.0)
             amplitude.plot(model.frequency_hz, np.abs(curve), color=color, lw=1.2, label=label)

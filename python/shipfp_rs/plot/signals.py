@@ -127,8 +127,8 @@ def fit(
 ) -> Sequence[Axes]:
     """Draw measured signals and the fitted model's, one panel a signal, and the set point beside a speed.
 
-    What was measured is broad and in the signal's colour, the model a thin line of the text's colour upon it, the set point
-    dashed.
+    What was measured is broad, pale and in the signal's colour, the model a thin line of the text's colour upon it, the
+    set point dashed.
 
     Parameters
     ----------
@@ -174,7 +174,7 @@ def fit(
             scale = 1.0 if UNITS[name] == UNITS["n_set"] else point[name] / point["n_set"]
             asked = scale * experiment.signals["n_set"][rows]
             ax.plot(*envelope(time, asked), color=SET_POINT, lw=1.0, ls="--", label="set point")
-        ax.plot(*envelope(time, recorded[rows]), color=color, lw=2.4, alpha=0.75, label="measured")
+        ax.plot(*envelope(time, recorded[rows]), color=color, lw=3.2, alpha=0.55, label="measured")
         ax.plot(*envelope(time, answer[rows]), color=ink, lw=1.0, label="model")
         dress(ax, f"{LABELS[name]} [{UNITS[name]}]")
     if stretch_s is None:  # else the legend has its place

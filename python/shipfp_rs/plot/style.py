@@ -55,6 +55,7 @@ COLOURS: Mapping[str, str] = {
 }
 REFLECTORS = (BLUE, ORANGE, GREEN, PURPLE, GREY, RED)
 COMPARED = (BLUE, ORANGE, GREEN, PURPLE, RED)
+LEGEND_COLUMNS = 5
 ENVELOPE_BINS = 1000
 """Longer signals are drawn as the smallest and largest sample of this many stretches."""
 
@@ -123,7 +124,7 @@ def dress(ax: Axes, ylabel: str, *, legend: bool = True) -> None:
         ax.legend(
             loc="lower right",
             bbox_to_anchor=(1.0, 1.0),
-            ncols=5,
+            ncols=LEGEND_COLUMNS,
             frameon=False,
             fontsize="small",
             borderaxespad=0.2,

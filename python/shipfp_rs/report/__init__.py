@@ -126,7 +126,7 @@ def render(
     vessel: Vessel | None = None,
 ) -> str:
     """Return the page of `write_report` as a string."""
-    say = Say(language, instead(vessel, experiments))
+    say = Say(language, instead(fingerprint, experiments, vessel))
     pictures = Pictures(say)
     figures = loop.figures(fingerprint, structure)
     step = loop.step_response(fingerprint, structure, figures, pictures, say)

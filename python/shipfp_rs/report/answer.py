@@ -23,6 +23,7 @@ from shipfp_rs.identification.estimate import (
     rounded_rows,
 )
 from shipfp_rs.identification.fingerprint import Fingerprint
+from shipfp_rs.identification.inertia import operating_point
 from shipfp_rs.identification.wording import DOUBT, something_missing
 from shipfp_rs.plot.style import COLOURS, LABELS, dress, envelope
 from shipfp_rs.report.language import Say
@@ -36,6 +37,9 @@ from shipfp_rs.support.sentences import Sentence, joined
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+COMPARISON = Sentence(
+    "Comparison: this fingerprint against earlier or later ones of the same drive train, to see what has changed."
+)
 SHOWN_S = (8.0, 30.0)
 """Shortest and longest stretch of the picture [s]; between them a twentieth of the record."""
 TONES: Mapping[str, str] = {"usable": "good", "usable except": "warn", "not usable": "bad"}
@@ -79,6 +83,8 @@ def answer(
     if tone == "good" and any(is_rough(one, KNOWN_WELL) for one in fingerprint.parameters.values()):
         tone = "warn"
     yield piece("lead", lead or say("No verdict was given."), tone)
+    if fingerprint.usability in TONES and not failed:
+        yield piece("paragraph", say(COMPARISON), "note")
     heading = (
         say("Figures of the model, not to be used") if failed else say("The drive train, with 95 % intervals")
     )
@@ -198,7 +204,8 @@ def ship_rows(fingerprint: Fingerprint, say: Say) -> list[tuple[str, str, str, s
             or not row.value
             or quantity["unit"] in ("-", row.unit)
         ):
-            rows.append((name or row.name, row.name if name else "", value, told, ""))
+            more = of_operating_torque(row.name, known[row.name].value, fingerprint, say) if row.value else ""
+            rows.append((name or row.name, row.name if name else "", value, told, more))
             continue
         inertia = name
         if row.name in ("tau_n", "tau_prop"):
@@ -282,20 +289,37 @@ def _damped(margin: float | None, say: Say) -> str:
     return say("lively") if margin >= 30.0 else say("close to oscillation")
 
 
+def _told_of(fingerprint: Fingerprint) -> dict[str, Estimate]:
+    """Return the parameters of which the report tells."""
+    described = fingerprint.engine_described  # else the first sentence says what is not given
+    return {name: one for name, one in fingerprint.parameters.items() if described or one.value is not None}
+
+
+def undetermined(fingerprint: Fingerprint) -> list[str]:
+    """Return the parameters that the data do not determine, in the order in which an engineer looks."""
+    return as_looked_at(
+        name
+        for name, estimate in _told_of(fingerprint).items()
+        if (estimate.status in ("unidentifiable", "at_bound") and estimate.ci95 is None)
+        or is_rough(estimate, OPEN)
+    )
+
+
+def of_operating_torque(name: str, value: float | None, fingerprint: Fingerprint, say: Say) -> str:
+    """Say what the limit of the torque is measured by, and how much it is where that is known; nothing of any other."""
+    if name != "M_max":
+        return ""
+    point = operating_point(fingerprint)
+    if point is None or value is None:
+        return say("times the operating torque")
+    return say("times the operating torque ({torque} Nm)", torque=f"{value * abs(point[1]):.4g}")
+
+
 def open_questions(fingerprint: Fingerprint, say: Say) -> list[str]:
     """Return a line for what can't be told, or only roughly, and what would settle it; nothing of a model that is not so."""
     if fingerprint.why_not not in ("", "nothing told"):
         return []
-    described = fingerprint.engine_described  # else the first sentence says what is not given
-    estimates = {
-        name: one for name, one in fingerprint.parameters.items() if described or one.value is not None
-    }
-    unknown = as_looked_at(
-        name
-        for name, estimate in estimates.items()
-        if (estimate.status in ("unidentifiable", "at_bound") and estimate.ci95 is None)
-        or is_rough(estimate, OPEN)
-    )
+    estimates, unknown = _told_of(fingerprint), undetermined(fingerprint)
     rough = as_looked_at(
         name
         for name, estimate in estimates.items()

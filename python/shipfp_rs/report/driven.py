@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 from shipfp_rs.experiments.experiment import Experiment
+from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.support.sentences import Sentence
 from shipfp_rs.vessel.vessel import Vessel
 
@@ -19,16 +20,26 @@ COMMANDS = Sentence("set point = command")
 """Words of a governor's set point, each with that of a drive in open loop."""
 
 
-def instead(vessel: Vessel | None, experiments: Iterable[Experiment]) -> list[str]:
+def is_loaded(fingerprint: Fingerprint, experiments: Iterable[Experiment]) -> bool:
+    """Whether a load was measured: of a generator, a dynamometer or a brake."""
+    return "load" in fingerprint.structure.get("elements", ()) or any(
+        "M_load" in experiment.signals for experiment in experiments
+    )
+
+
+def instead(
+    fingerprint: Fingerprint, experiments: Sequence[Experiment], vessel: Vessel | None = None
+) -> list[str]:
     """Return lists of words to write in place of a ship's; nothing for an engine that turns a propeller.
 
-    A vessel without a propeller, or a load that was measured, is no ship's; a vessel without cylinders, whose fuel rack
-    was not measured, either, has a drive of any kind; one in open loop has a command. Where no
-    vessel is given, it is a ship's.
+    A propeller is spoken of only where there is one: its vessel's file has it, or the fingerprint names its ship, and no
+    load was measured. A vessel without cylinders, whose fuel rack was not measured, either, has a drive of any kind; one
+    in open loop has a command.
     """
     signals = {name for experiment in experiments for name in experiment.signals}
     words: list[str] = []
-    if "M_load" in signals or (vessel is not None and not vessel.given("propeller")):
+    turns = bool(fingerprint.vessel) if vessel is None else vessel.given("propeller")
+    if is_loaded(fingerprint, experiments) or not turns:
         words.append(LOADS)
     if vessel is not None and not vessel.given("engine.cylinders") and "X_f" not in signals:
         words.append(DRIVES)

@@ -12,7 +12,14 @@ from shipfp_rs.identification import wording
 from shipfp_rs.identification.estimate import OPEN, Estimate, is_rough, rounded_rows
 from shipfp_rs.identification.fingerprint import ALARM, Fingerprint
 from shipfp_rs.identification.inertia import operating_point
-from shipfp_rs.report.answer import at_an_end, interval, may_be_zero, unit_shown
+from shipfp_rs.report.answer import (
+    at_an_end,
+    interval,
+    may_be_zero,
+    of_operating_torque,
+    undetermined,
+    unit_shown,
+)
 from shipfp_rs.report.language import Say
 from shipfp_rs.report.markup import Cell, Row, bullets, link, number, paragraph, piece, table
 from shipfp_rs.report.pictures import NARROW, Pictures
@@ -51,7 +58,7 @@ def parameters(
     failed = bool(fingerprint.why_not)
     yield from not_to_be_used(fingerprint, say)
     about = say("parameters with their 95 % intervals")
-    yield _estimates(about, fingerprint.parameters, truth, say, formula=True, failed=failed)
+    yield from _estimates(about, fingerprint, fingerprint.parameters, truth, say, formula=True, failed=failed)
     yield from _meanings(fingerprint, say)
     if fingerprint.derived:
         yield piece("heading", say("Combinations of parameters"))
@@ -61,7 +68,7 @@ def parameters(
             )
         )
         about = say("combinations with their 95 % intervals")
-        yield _estimates(about, fingerprint.derived, truth, say, failed=failed)
+        yield from _estimates(about, fingerprint, fingerprint.derived, truth, say, failed=failed)
     text = fingerprint.to_csv()
     assert isinstance(text, str)
     yield link(say("These figures as CSV"), "fingerprint.csv", "text/csv", text.encode())
@@ -70,9 +77,11 @@ def parameters(
     if drawn and not failed:
         reference = say("the truth that the log was simulated with") if truth else say("the estimate")
         caption = say("Estimates with their 95 % intervals, in per cent of {reference}.", reference=reference)
-        caption += " " + say("An arrow: the interval ends outside, at the figure beside it.")
-        if truth:
-            caption += " " + say("Red where the interval does not hold the truth.")
+        caption += " " + say(
+            "A value near zero is measured by what is small for a drive train: 0.05 s, or 0.5. Known well: half of the "
+            "interval is at most 25 %, the grey band. Hardly known: more than 200 %. Beyond 1 % the axis is logarithmic. "
+            "An arrow: the interval ends outside, at the figure beside it."
+        )
         if any(map(_is_uneven, drawn)):
             caption += " " + say("Uneven intervals also cover other models that fit as well.")
         height = 0.3 + 0.3 * len(drawn)
@@ -145,19 +154,26 @@ def _meanings(fingerprint: Fingerprint, say: Say) -> Iterable[str]:
 
 def _estimates(
     about: str,
+    fingerprint: Fingerprint,
     estimates: Mapping[str, Estimate],
     truth: Mapping[str, float] | None,
     say: Say,
     *,
     formula: bool = False,
     failed: bool = False,
-) -> str:
+) -> Iterable[str]:
+    """Yield a table of estimates, and below it each reason that holds for several of them."""
     value = say("value of the model") if failed else say("estimate")
     head = [*say.each("symbol", "name"), value, *say.each("std", "95 % interval", "unit")]
     head += [say("truth")] if truth else []
     head += [say("formula")] if formula else []
     head.append(say("status"))
     rows: list[Row] = []
+    named: dict[str, list[str]] = {}
+    for name, estimate in estimates.items():
+        if estimate.status == "unidentifiable":
+            named.setdefault(estimate.reason, []).append(name)
+    shared = {why: names for why, names in named.items() if why and len(names) > 1 and not failed}
     for row in rounded_rows(estimates, truth):
         estimate = estimates[row.name]
         none = may_be_zero(row, estimate)
@@ -170,7 +186,7 @@ def _estimates(
                 say("may be zero") if none else interval(row, estimate, say, with_end=False),
                 key=estimate.ci95 and estimate.ci95[1] - estimate.ci95[0],
             ),
-            unit_shown(row.unit),
+            of_operating_torque(row.name, estimate.value, fingerprint, say) or unit_shown(row.unit),
         ]
         if truth:
             cells.append(
@@ -178,7 +194,7 @@ def _estimates(
             )
         if formula:
             cells.append(Cell(glossary.term(row.name).formula, tone="note"))
-        reason = row.reason not in ("", "given", row.status)
+        reason = row.reason not in ("", "given", row.status) and row.reason not in shared
         end = "" if none or row.status != "estimated" else at_an_end(estimate, say)
         told = say(row.status) + (f": {say(row.reason)}" if reason else "") + (f", {end}" if end else "")
         if failed and row.status != "given":
@@ -187,7 +203,9 @@ def _estimates(
         tone = tone if row.status == "estimated" else TONES.get(row.status, "")
         cells.append(Cell(told, tone="" if failed else tone))
         rows.append(cells)
-    return table(about, head, rows)
+    yield table(about, head, rows)
+    for why, names in shared.items():
+        yield paragraph(say("{names}: {reason}.", names=", ".join(names), reason=why))
 
 
 def elements(fingerprint: Fingerprint, say: Say) -> Iterable[str]:
@@ -213,7 +231,7 @@ def elements(fingerprint: Fingerprint, say: Say) -> Iterable[str]:
                     tone="" if fingerprint.why_not else TONES_OF_STATES[row["state"]],
                 ),
                 number("" if row["evidence"] is None else f"{_gain(row):.3g}", key=row["evidence"]),
-                _limit(name, row, say),
+                _limit(name, row, fingerprint, say),
             ]
             for name, row in fingerprint.elements.items()
         ],
@@ -225,13 +243,14 @@ def _gain(row: Mapping[str, Any]) -> float:
     return max(float(row["evidence"] or 0.0), 0.0)
 
 
-def _limit(name: str, row: Mapping[str, Any], say: Say) -> str:
+def _limit(name: str, row: Mapping[str, Any], fingerprint: Fingerprint, say: Say) -> str:
     limit = row["limit"]
     if not limit:
         return ""
     side = say("above") if name == "torque_limit" else say("below")
     value = say.number(f"{limit['value']:.3g}")
-    return f"{limit['parameter']} {side} {value} {unit_shown(limit['unit'])}".strip()
+    unit = of_operating_torque(limit["parameter"], limit["value"], fingerprint, say)
+    return f"{limit['parameter']} {side} {value} {unit or unit_shown(limit['unit'])}".strip()
 
 
 def statistics(fingerprint: Fingerprint, pictures: Pictures, say: Say) -> Iterable[str]:
@@ -250,7 +269,7 @@ def statistics(fingerprint: Fingerprint, pictures: Pictures, say: Say) -> Iterab
 
 def _rank(fingerprint: Fingerprint, say: Say) -> Iterable[str]:
     found = fingerprint.identifiability
-    yield paragraph(say(wording.rank(found)))
+    yield paragraph(say(wording.rank(found, undetermined(fingerprint))))
     if found.null_space:
         yield paragraph(
             say("The model's outputs stay the same when these change together, in the proportion given:")

@@ -96,7 +96,7 @@ def classes(
     say: Say,
 ) -> Iterable[str]:
     """Yield the table of the classes of governing; nothing of a drive train that feeds no generator or brake."""
-    if not loop or fingerprint.why_not or not feeds_a_generator(experiments, vessel):
+    if not loop or fingerprint.why_not or not feeds_a_generator(fingerprint, experiments, vessel):
         return
     yield paragraph(
         say(

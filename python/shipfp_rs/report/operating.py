@@ -11,16 +11,18 @@ from shipfp_rs.identification.estimate import Estimate, rounded_rows
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.identification.inertia import ENGINE_SIDE, operating_point
 from shipfp_rs.report.answer import interval, short_name, unit_shown
+from shipfp_rs.report.driven import is_loaded
 from shipfp_rs.report.language import Say
 from shipfp_rs.vessel.vessel import Vessel
 
 Fact = tuple[str, str, str, str, str]
 
 
-def feeds_a_generator(experiments: Iterable[Experiment], vessel: Vessel | None) -> bool:
+def feeds_a_generator(
+    fingerprint: Fingerprint, experiments: Iterable[Experiment], vessel: Vessel | None
+) -> bool:
     """Whether a drive train feeds a generator or a brake: a load was measured, or an engine has no propeller."""
-    loaded = any("M_load" in experiment.signals for experiment in experiments)
-    return loaded or (
+    return is_loaded(fingerprint, experiments) or (
         vessel is not None and vessel.given("engine.cylinders") and not vessel.given("propeller")
     )
 
@@ -49,7 +51,7 @@ def facts(
         inertia = _scaled(estimate, abs(torque_Nm / turning), "kg m2")
         rows.append(_fact(short_name(name, say), inertia, say("seen from the torque's place"), say))
     whole = fingerprint.parameters.get("tau_n")
-    if whole is not None and whole.value is not None and feeds_a_generator(experiments, vessel):
+    if whole is not None and whole.value is not None and feeds_a_generator(fingerprint, experiments, vessel):
         name = say("inertia constant")
         rows.append(
             _fact(name, _scaled(whole, 0.5, "s"), say("on the power of the operating point"), say, "H")

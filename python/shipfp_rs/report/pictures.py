@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from markupsafe import Markup, escape
 
+from shipfp_rs.plot.style import LEGEND_COLUMNS
 from shipfp_rs.report.language import Say
 from shipfp_rs.report.markup import link_to, piece
 
@@ -150,7 +151,11 @@ def _beside(ax: Axes, size: float) -> float:
 
 def _above(ax: Axes, size: float) -> float:
     """Room for a legend, or a title [in]."""
-    return 2.2 * size if ax.get_legend() is not None or ax.get_title(loc="left") else 0.8 * size
+    legend = ax.get_legend()
+    rows = 0 if legend is None else -(-len(legend.get_texts()) // LEGEND_COLUMNS)
+    if not rows and ax.get_title(loc="left"):
+        rows = 1
+    return (0.8 + 1.4 * rows) * size
 
 
 def _below(ax: Axes, size: float) -> float:
