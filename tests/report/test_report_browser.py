@@ -299,16 +299,17 @@ def test_a_table_that_goes_on_beyond_the_edge_has_a_shadow_there(visit) -> None:
 
 def test_on_paper_each_page_repeats_the_heads_of_a_long_table(visit) -> None:
     page = visit().page
-    page.evaluate(
-        """() => {
-            const table = document.querySelector("section[aria-labelledby=parameters] table");
-            const rows = [...table.tBodies[0].rows];
-            for (let copy = 0; copy < 30; copy++) for (const row of rows) table.tBodies[0].append(row.cloneNode(true));
-            table.tHead.querySelector("button").innerHTML = '<a href="https://head.invalid">symbol</a>';
+    page.locator("section[aria-labelledby=parameters] table").first.evaluate(
+        """(table) => {
+            table.querySelector("button").innerHTML = '<a href="https://head.invalid">symbol</a>';
+            const body = table.tBodies[0], rows = [...body.rows];
+            for (let copy = 0; copy < 30; copy++) body.append(...rows.map((row) => row.cloneNode(true)));
         }"""
     )
     printed = page.pdf(format="A4")
-    assert printed.count(b"https://head.invalid") >= 3
+    pages = len(re.findall(rb"/Type\s*/Page\b", printed))
+    # Chromium notes a link in a table once for each of its pages, and as often again for each repeated head.
+    assert printed.count(b"https://head.invalid") > 2 * pages
 
 
 def test_a_series_is_hidden_by_its_legend(visit) -> None:
