@@ -109,6 +109,11 @@ def poles_of(structure: Structure, values: Values) -> ComplexArray:
     Of a pair it is the upper one; slow is what has a small absolute value. Poles that a Pade approximation of the dead
     time has are led to the exact ones by Newton's method.
     """
+    return np.array(sorted(_roots(structure, values)[:2], key=abs))
+
+
+def _roots(structure: Structure, values: Values) -> ComplexArray:
+    """The longest-lasting poles, in that order, a few more than are told."""
     equations, known = loop_of(structure, values)
     known = {**known, "T_set": 0.0}  # outside the loop
     poles = np.linalg.eigvals(
@@ -127,23 +132,23 @@ def poles_of(structure: Structure, values: Values) -> ComplexArray:
     upper = poles[poles.imag > -1e-9 * np.abs(poles)]
     upper = np.where(np.abs(upper.imag) < 1e-7 * np.abs(upper), upper.real, upper)
     kept = [pole for place, pole in enumerate(upper) if not np.isclose(pole, upper[:place], rtol=1e-6).any()]
-    return np.array(sorted(sorted(kept, key=lambda pole: -pole.real)[:2], key=abs))
+    return np.array(sorted(kept, key=lambda pole: -pole.real))
 
 
 def _figures(structure: Structure, values: Values) -> dict[str, tuple[str, Figure]]:
     # Several figures ask for the same of each ship.
-    poles, step = once(partial(poles_of, structure)), once(partial(_step, structure))
+    roots, step = once(partial(_roots, structure)), once(partial(_step, structure))
     crossing, turning = once(partial(_crossover, structure)), once(partial(_turning, structure))
     figures: dict[str, tuple[str, Figure]] = {}
-    for place, pole in enumerate(poles(values)):
+    for place, pole in enumerate(poles_of(structure, values)):
         figures[Sentence("pole {place}, real", place=place + 1)] = (
             "rad/s",
-            partial(_pole, poles, pole, np.real),
+            partial(_pole, roots, pole, np.real),
         )
         if pole.imag > 0.0:
             figures[Sentence("pole {place}, imaginary", place=place + 1)] = (
                 "rad/s",
-                partial(_pole, poles, pole, np.imag),
+                partial(_pole, roots, pole, np.imag),
             )
     torque = "dM_g" if "tau_prop" in structure.names else "dM_b"
     return figures | {
@@ -167,10 +172,10 @@ def once(function: Callable[[Values], Result]) -> Callable[[Values], Result]:
 
 
 def _pole(
-    poles: Callable[[Values], ComplexArray], pole: complex, part: Callable[[Any], Any], values: Values
+    roots: Callable[[Values], ComplexArray], pole: complex, part: Callable[[Any], Any], values: Values
 ) -> float:
     """A pole of another ship: the nearest one, since poles change places where they pass each other."""
-    found = poles(values)
+    found = roots(values)
     return float(part(min(found, key=lambda one: abs(one - pole)))) if len(found) else float("nan")
 
 
