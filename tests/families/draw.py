@@ -237,7 +237,7 @@ def _tried(family, seed, module, ranges, random, load, kind, longest_s):
         return None
     relative = {name: float(value) for name, value in (relative | gains).items()}
     if excitation.kind == "steps" and excitation.keeps_time and on["T_s"]:
-        excitation = excitation.in_time(relative["T_s"], relative["T_0"])
+        excitation = excitation.in_time(relative["T_s"], relative["T_0"] - relative.get("T_set", 0.0))
     scale = {name: float(value) for name, value in module.scale(random).items()}
     plant = physical(relative, **scale)
     water = None

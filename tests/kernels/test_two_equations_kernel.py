@@ -85,7 +85,7 @@ def record(seed=0, count=64, samples=SAMPLES):
     return signals, *late
 
 
-def arguments(parameters, data, outputs, gauge=False, open_loop=False, propeller=False):
+def arguments(parameters, data, outputs, gauge=False, open_loop=False, propeller=False, steps=False):
     signals, speed, set_point, torque = data
     dead, both = parameters[INDEX["T_d"]], parameters[INDEX["T_d"]] + parameters[INDEX["T_set"]]
     return (
@@ -96,6 +96,7 @@ def arguments(parameters, data, outputs, gauge=False, open_loop=False, propeller
         outputs,
         gauge,
         open_loop,
+        steps,
     )
 
 
@@ -287,7 +288,7 @@ def test_residuals_of_a_simulated_ship_vanish(gauge):
     late = [(seen(speed, grid), 0.12 - grid / rate_hz), (seen(set_point, grid), 0.155 - grid / rate_hz)]
     spectra_ = np.array([seen(row) for row in signals])
     found = _core.equation_residuals(
-        kernel, spectra_, 2.0 * np.pi * rate_hz / count, late, [*range(len(rows))], gauge, False, []
+        kernel, spectra_, 2.0 * np.pi * rate_hz / count, late, [*range(len(rows))], gauge, False, False, []
     )
     size = np.abs(whole(spectra_[[0, 1, 2, 7][: len(rows)], 0])).max(axis=1)
     assert (np.abs(whole(found[0])).max(axis=1) < 3e-4 * size).all()
@@ -369,6 +370,7 @@ GOOD = dict(
     outputs=[0, 1],
     gauge=False,
     open_loop=False,
+    steps=False,
     wrt=[0],
 )
 LATE_OF_64 = np.zeros((4, 2, 64)), 0.0

@@ -14,6 +14,7 @@ from shipfp_rs import _core
 NAMES = _core.EQUATION_PARAMETERS
 ORDERS = 4
 POINTS, RADIUS = 8, 0.01
+PERIODS = 3.0
 
 
 def times(a, b):
@@ -46,7 +47,20 @@ def acting(operator, orders):
     return found
 
 
-def residuals(parameters, signals, spacing, late, outputs, gauge, open_loop):
+def ripple(hold, dead, lag):
+    """What a governor sees of its own stairs over the fuel's slope and one over the inertia: Bernoulli's polynomial, a lag."""
+    period, late = 2.0 * hold * dead, (1.0 - hold) / (2.0 * hold)
+    if late.real >= PERIODS + 1.0:
+        return 0.0
+    y = 1.0 - (late - np.floor(late.real))
+    found = -0.5 * period**2 * (y * y - y + 1.0 / 6.0) + lag * period * (y - 0.5)
+    if lag != 0.0:
+        found += lag * period * np.exp(-y * period / lag) / (1.0 - np.exp(-period / lag)) - lag**2
+    part = late - PERIODS if late.real > PERIODS else 0.0
+    return found * (1.0 - 3.0 * part**2 + 2.0 * part**3)
+
+
+def residuals(parameters, signals, spacing, late, outputs, gauge, open_loop, steps):
     """Residuals (O, F) of measured outputs; `late` has for each signal its spectra and the delay that these have."""
     q = dict(zip(NAMES, parameters, strict=True))
     spectra = dict(zip(_core.EQUATION_SIGNALS, signals[:, :, 0] + 1j * signals[:, :, 1], strict=True))
@@ -72,7 +86,8 @@ def residuals(parameters, signals, spacing, late, outputs, gauge, open_loop):
     apart = q["hold"] * q["T_d"] / np.sqrt(3.0)
     held = 0.5 * (delay(s, apart) + delay(s, -apart))
     fed_n = acting(product(delay(s, q["T_d"] - speed_grid), early, held), late_n)
-    asked = acting(times(delay(s, q["T_d"] + q["T_set"] - set_grid), held), late_u)
+    way = delay(s, q["T_d"] + q["T_set"] - set_grid)
+    asked = acting(way if steps else times(way, held), late_u)
     asked = asked + q["u_0"] * spectra["one"]
 
     # The load's side: shaft torque of speed and load, a shaft that twists in between.
@@ -95,8 +110,14 @@ def residuals(parameters, signals, spacing, late, outputs, gauge, open_loop):
         cleared, on_n, on_u = lag, zero, q["v"] * one
     else:
         cleared = times(s_of, lag)
-        on_u = polynomial(s, q["vK_i"], q["vK_p"])
+        half = q["hold"] * q["T_d"]
+        on_u = polynomial(s, q["vK_i"], q["vK_p"], q["vK_i"] * half**2 / 3.0)
         on_n = on_u + polynomial(s, 0.0, 0.0, q["vK_d"])
+        if half.real and not propeller:
+            near = q["tau_n"] - q["tau_prop"] if twists else q["tau_n"]
+            fuel = polynomial(s, 0.0, q["p"] + q["damping"] - q["g"], q["tau_n"])
+            sees = ripple(q["hold"], q["T_d"], q["tau_act"]) / near
+            on_n = times(on_n, one + sees * times(fuel, polynomial(s, 1.0, q["tau_act"])))
 
     columns = sorted(outputs)
     dead = times(delay(s, q["T_d"]), held)[0]
@@ -168,6 +189,7 @@ def rows(
     outputs,
     gauge,
     open_loop,
+    steps,
     wrt,
 ):
     """Residuals and derivatives of the model (1 + W, O, F), as the kernel's arguments ask for."""
@@ -176,7 +198,7 @@ def rows(
     grids = [(part, delay_s - rest) for (part, rest), delay_s in zip(late, delays, strict=False)]
 
     def of(values):
-        return residuals(values, signals, spacing, grids, outputs, gauge, open_loop)
+        return residuals(values, signals, spacing, grids, outputs, gauge, open_loop, steps)
 
     found = [of(np.array(parameters, dtype=complex))]
     turns = np.exp(2j * np.pi * np.arange(POINTS) / POINTS)

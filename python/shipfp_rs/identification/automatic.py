@@ -90,15 +90,14 @@ def answered(
 ) -> Fingerprint:
     """Say what the data tell about the ship found."""
     question = fit.question
-    values, c = fit.values, fit.likelihood.coordinates
+    fit, (missed, rows), kind = _described(fit)
+    before, values, c = fit, fit.values, fit.likelihood.coordinates
     gains = ("K_p", "K_i") if "v" in c.free else ()
     names = [name for name in c.names if name not in NUISANCES | fit.along]
     values = {name: values[name] for name in structure_of(fit).names if name in values}
     figures = figures_of([*names, *gains]) | {
         name: COMBINATIONS[name][1] for name in TOGETHER if _applies(name, values)
     }
-    before, (missed, rows) = fit, _missed(fit)
-    kind = undescribed(fit, missed, [min(row) for row in rows])
     # Intervals of an engine that is not the ship's are not told.
     fit, found, possible = intervals_of(fit, figures, "symmetric" if kind else intervals)
     if fit.stiff is not None and "tau_twist" in fit.along and fit.is_smooth:
@@ -161,6 +160,22 @@ def _adequate(fit: ShipFit, misses: Mapping[str, float], kind: str | None) -> di
         "engine": {name: score._asdict() for name, score in fit.scores.items()},
         "engine_curves": engine_curves(fit) if fit.scores else {},
     }
+
+
+def _described(fit: ShipFit) -> tuple[ShipFit, tuple[list[float], list[list[float]]], str | None]:
+    """Return the fit, what it misses and explains, what contradicts it; of ends as likely one that the load's side has."""
+    missed, rows = _missed(fit)
+    kind = undescribed(fit, missed, [min(row) for row in rows])
+    if kind != "sides":
+        return fit, (missed, rows), kind
+    every = [one for one in fit.also if one.total < fit.total + RISE and one.elements == fit.elements]
+    ends = [end for end in fit.basins[1:] if end.cost < fit.best.cost + RISE]
+    for one in (*every, *(replace(fit, basins=(end,)) for end in ends)):
+        likely = replace(one, scores=fit.scores, also=(fit, *(other for other in every if other is not one)))
+        missed_there, rows_there = _missed(likely)
+        if undescribed(likely, missed_there, [min(row) for row in rows_there]) is None:
+            return likely, (missed_there, rows_there), None
+    return fit, (missed, rows), kind
 
 
 def _missed(fit: ShipFit) -> tuple[list[float], list[list[float]]]:

@@ -53,7 +53,7 @@ UNKNOWNS = {
 parts in a thousand: set point and speed differ by an offset, the torque is relative to another mean than the load's."""
 
 
-Asked = tuple[Array, Array, float, list[tuple[Array, float]], list[int], bool, bool]
+Asked = tuple[Array, Array, float, list[tuple[Array, float]], list[int], bool, bool, bool]
 """Arguments that the kernel's functions have in common."""
 QUICK = 60_000
 """Numbers of a derivative matrix below which threads cost more than they bring: a kernel's call of half a millisecond."""
@@ -77,6 +77,8 @@ class EquationLikelihood(Likelihood):
         For each record the ship of a given structure; none: the coordinates' parameters are the kernel's.
     white
         Whether each record's noise is one covariance over all frequencies.
+    steps
+        Whether a governor that samples takes the set point's steps late, and does not smooth them.
     """
 
     records: tuple[Spectra, ...]
@@ -86,6 +88,7 @@ class EquationLikelihood(Likelihood):
     limits: Mapping[str, float] = field(default_factory=dict)
     ships: tuple[TwoEquations, ...] = ()
     white: bool = False
+    steps: bool = False
 
     @cached_property
     def _outputs(self) -> list[int]:
@@ -133,7 +136,8 @@ class EquationLikelihood(Likelihood):
         late = [data.delayed("speed", dead), data.delayed("set point", dead + own.get("T_set", 0.0))]
         if self.behind_twist:
             late.append(data.delayed("torque", dead))
-        return (parameters, data.signals, data.spacing, late, self._outputs, self.gauge, self.open_loop)
+        setup = self.gauge, self.open_loop, self.steps
+        return (parameters, data.signals, data.spacing, late, self._outputs, *setup)
 
     @cached_property
     def _unknowns(self) -> list[int]:

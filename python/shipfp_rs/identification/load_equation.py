@@ -17,15 +17,19 @@ from shipfp_rs.identification.question import LAW_DEVIATION, PRIORS
 from shipfp_rs.identification.spectra import Spectra
 from shipfp_rs.support.arrays import Array, ComplexArray
 
-SCALE_DEVIATION, TWIST_DEVIATION_S, LATEST_S = 0.02, 3e-3, 0.02
-"""Prior deviations of the torque's scale and of the shaft's twist, and the most that a torque is late [s]. A torque is over
-a mean of a minute of moving water."""
+SCALE_DEVIATION, LATEST_S = 0.02, 0.02
+"""Prior deviation of the torque's scale, and the most that a torque is late [s]. A torque is over a mean of a minute of
+moving water."""
+SOFT_HZ, FROM_SHAFT = 5.0, 0.6
+"""Where a shaft softer than a stiff one by the prior deviation swings [Hz], with this part of the inertia before it."""
 BEHIND, BEHIND_DEVIATION, BEHIND_ENDS = 0.4, 0.12, (0.1, 0.8)
 """Part of the inertia behind the shaft that twists, where the torque is the engine's; its prior deviation and ends."""
 BANDWIDTHS, DEAD_TIMES_S = np.geomspace(0.2, 30.0, 16), np.arange(0.0, 1.2, 0.1)
 """First-order loops [rad/s] that the speed's answer is held against, and their dead times."""
 POLES, ORDER = (0.35, 1.0, 3.0), 4
 """Poles of the lags (Laguerre) over the loop's bandwidth, and lags of each."""
+INERTIA = (0.05, 5.0)
+"""Ends of the inertia by which a shaft's softness is measured [s]."""
 FIXED = 1e-6
 """Prior deviation of what is not unknown."""
 EXPLAINED, LEAST_EXPLAINED = 0.995, 0.1
@@ -128,9 +132,7 @@ class Fit:
         self.hats = [np.maximum(1.0 - np.abs(row - knots[:, None]), 0.0) for row in octaves]
         self.main = len(SHARED) + len(records)
         deviations = np.full(self.main, SCALE_DEVIATION)
-        own = np.array(
-            (LAW_DEVIATION, PRIORS["T_M"][1], TWIST_DEVIATION_S, FIXED if gauge else BEHIND_DEVIATION)
-        )
+        own = np.array((LAW_DEVIATION, PRIORS["T_M"][1], np.inf, FIXED if gauge else BEHIND_DEVIATION))
         deviations[: len(SHARED)] = (np.inf, np.inf, *own, FIXED if records[0].load is None else np.inf)
         self.prior = np.concatenate([deviations**-2.0, np.ones(2 * len(knots))])
         self.start = np.zeros(self.main)
@@ -205,6 +207,8 @@ class Fit:
             square += _along(rows, rows)
             along += _along(rows, (record.M - load)[None])[:, 0]
         x[:2] = np.linalg.lstsq(square, along, rcond=1e-12)[0]
+        behind = x[5] * np.clip(x[1], *INERTIA)
+        self.prior[4] = ((2.0 * np.pi * SOFT_HZ) ** 2 * FROM_SHAFT * behind) ** 2
         self._normal(x)
         self._weigh(np.zeros(len(self.prior)), 1.0)
         return x

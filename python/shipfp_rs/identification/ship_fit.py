@@ -52,6 +52,8 @@ LEVEL = 0.1
 """Ends of one valley may differ by this."""
 COMMON_S = 0.1
 """Least that the governor's lead and the lag gain together elsewhere [s]."""
+HALF_PERIODS_S = (0.005, 0.015, 0.03)
+"""Halves of a governor's period to begin with [s]."""
 REDIVIDED, MORE = 3, 4
 """How often delays are parted otherwise at most, and how many new ends go down to their minima each time."""
 
@@ -81,7 +83,7 @@ def fit_ship(
     with part(0.0, 0.4):
         smooth = smooth_ship(question, starts=starts, seed=seed, until=until, side=side)
         tell("parting the delays otherwise", 0.9)
-        fit = with_other_delays(smooth, until)
+        fit = with_steps_in_time(with_other_delays(smooth, until), until)
     fit = replace(fit, side=load_side_of(question, fit.likelihood.records))
     with part(0.4, 0.8):
         fit = with_twist(fit, smooth, until)
@@ -201,6 +203,39 @@ def with_other_delays(fit: ShipFit, until: float | None = None) -> ShipFit:
         if fell < 1.0:
             break
     return fit
+
+
+def with_steps_in_time(fit: ShipFit, until: float | None = None) -> ShipFit:
+    """Return the fit whose governor takes steps of the set point late and does not smooth them, where that is likelier.
+
+    A governor that samples smooths what lies between its samples. A step it takes at its next sample, late by a part of its
+    period: always the same one where the steps keep its time.
+    """
+    likelihood, values = fit.likelihood, fit.values
+    c = likelihood.coordinates
+    if not ({"T_d", "hold"} <= set(c.free) and all(one.goes_in_steps for one in likelihood.records)):
+        return fit
+    late = replace(likelihood, steps=True)
+    states = c.states_at(fit.best.vector)
+    starts = [{**values, **one} for one in ({}, *_within_a_period(values))]
+    ends = [descend(late, c.vector(one, states), steps=STEPS_ELSEWHERE, until=until) for one in starts]
+    found = replace(fit, likelihood=late, basins=(min(ends, key=lambda end: end.cost),), also=())
+    if not np.isfinite(found.best.cost):
+        return fit
+    found = with_other_delays(settled(found, until), until)
+    best, other = (found, fit) if found.total < fit.total - 1.0 else (fit, found)
+    also = [one for one in (other, *best.also, *other.also) if one.total < best.total + ALIKE]
+    return replace(best, also=tuple(one for one in also if _is_apart(best, best.basins, one.best)))
+
+
+def _within_a_period(values: Mapping[str, float]) -> list[dict[str, float]]:
+    """Ships whose governor samples, with more of the delays in its period."""
+    dead, late = values.get("T_d", 0.0), values.get("T_set", 0.0)
+    moved = [min(late, part) for part in HALF_PERIODS_S]
+    return [
+        {"T_d": dead + more, "T_set": late - more, "hold": min(more / (dead + more + 1e-9), 1.0)}
+        for more in moved
+    ]
 
 
 def _elsewhere(fit: ShipFit, starts: Sequence[Array], until: float | None) -> tuple[ShipFit, float]:

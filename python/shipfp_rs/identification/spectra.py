@@ -25,6 +25,8 @@ from shipfp_rs.identification.sampling import BAND_HZ, SHORTEST_S, Between, down
 from shipfp_rs.structures.transfer import TransferFunctions
 from shipfp_rs.support.arrays import Array, ComplexArray
 
+QUICK, MOMENTS = 0.1, 0.03
+"""Part of its fastest motion that a set point which goes in steps exceeds in no more than a part of the samples."""
 ORDERS: int = _core.EQUATION_ORDERS
 """Orders of the taper's derivatives that count, the taper itself included."""
 EDGE_S, EDGE_SHARE, BEFORE_S = 3.0, 0.025, 2.0
@@ -270,6 +272,12 @@ class Spectra:
         # The mean is a real number, with twice the variance of either part of the others.
         found[..., 0] *= np.sqrt(0.5)
         return found
+
+    @cached_property
+    def goes_in_steps(self) -> bool:
+        """Whether the set point rests but for few moments."""
+        moves = np.abs(np.diff(self.set_point))
+        return bool(np.mean(moves > QUICK * moves.max()) < MOMENTS)
 
     @cached_property
     def set_point_low(self) -> Array:

@@ -26,6 +26,18 @@ impl Dual {
         found
     }
 
+    /// One over it.
+    pub fn inverse(self) -> Self {
+        let value = 1.0 / self.value;
+        Self { value, slopes: self.slopes.map(|slope| -slope * value * value) }
+    }
+
+    /// e to its power.
+    pub fn exponential(self) -> Self {
+        let value = self.value.exp();
+        Self { value, slopes: self.slopes.map(|slope| slope * value) }
+    }
+
     /// A number with this value, whose derivatives are `own` times these plus `others` times the other's.
     fn combined(mut self, own: f64, other: &Self, others: f64, value: f64) -> Self {
         for (mine, theirs) in self.slopes.iter_mut().zip(&other.slopes) {

@@ -5,6 +5,7 @@
 
 use crate::error::{Result, require};
 
+use super::clock;
 use super::dual::Dual;
 
 /// Names of the parameters: `u_0` set point offset, `s_M` and `m_0` scale and offset of the torque, `x_0` offset of the rack
@@ -100,6 +101,8 @@ pub struct Setup {
     pub open_loop: bool,
     /// Whether the speed is the propeller's, behind the twist of the shaft.
     pub propeller: bool,
+    /// Whether the set point goes in steps, which a governor that samples takes late and does not smooth.
+    pub steps: bool,
 }
 
 /// What can be measured and compared; the brake's torque beside a gauge's only.
@@ -127,6 +130,8 @@ pub struct Equations {
     pub values: [f64; COUNT],
     /// Places of the outputs in [`OUTPUTS`], in the caller's order.
     pub outputs: Vec<Output>,
+    /// Whether the set point goes in steps.
+    pub steps: bool,
     /// Their terms.
     pub terms: Vec<Term>,
     /// By each parameter asked for, its derivative's terms.
@@ -244,8 +249,9 @@ impl Equations {
                     .filter_map(move |(signal, p)| term(equation, *signal, p.0.iter().map(|c| c.value)))
             })
             .collect::<Vec<_>>();
-        let slopes = wrt.iter().map(|&by| (by, slope_terms(&equations, &terms, &own, by))).collect();
-        Ok(Self { values: own, outputs: outputs.to_vec(), terms, slopes })
+        let slopes =
+            wrt.iter().map(|&by| (by, slope_terms(&equations, &terms, &own, by, setup.steps))).collect();
+        Ok(Self { values: own, outputs: outputs.to_vec(), steps: setup.steps, terms, slopes })
     }
 
     /// All its polynomials, derivatives included.
@@ -277,7 +283,7 @@ fn written(values: &[f64; COUNT], [torque, rack, both]: [bool; 3], setup: Setup)
     let q = |place: usize| Dual::parameter(values, place);
     let poly = |numbers: &[Dual]| Polynomial(numbers.to_vec());
     let (zero, one) = (Dual::new(0.0), Dual::new(1.0));
-    let Setup { gauge, open_loop, propeller } = setup;
+    let Setup { gauge, open_loop, propeller, .. } = setup;
     let twists = values[at::TAU_TWIST] != 0.0;
 
     let (p, ahead) = (q(at::P), q(at::TAU_N) - q(at::TAU_PROP));
@@ -328,10 +334,13 @@ fn written(values: &[f64; COUNT], [torque, rack, both]: [bool; 3], setup: Setup)
         fed.add(signal::LATE_U, &on_engine.times(&poly(&[q(at::V)])).negative());
         lag
     } else {
-        let asked = poly(&[q(at::VK_I), q(at::VK_P)]);
+        let held = q(at::HOLD) * q(at::T_D);
+        let asked = poly(&[q(at::VK_I), q(at::VK_P), clock::summed(q(at::VK_I), held)]);
         fed.add(signal::LATE_U, &on_engine.times(&asked).negative());
         let asked = asked.plus(&poly(&[zero, zero, q(at::VK_D)]), 1.0);
-        fed.add(signal::LATE_N, &on_engine.times(&asked));
+        let samples = held.value > 0.0 && !propeller;
+        let seen = if samples { poly(&[one]).plus(&rippled(values, twists), 1.0) } else { poly(&[one]) };
+        fed.add(signal::LATE_N, &on_engine.times(&asked).times(&seen));
         if propeller {
             fed.add(signal::LATE_M, &wound.times(&asked));
         }
@@ -356,8 +365,25 @@ fn written(values: &[f64; COUNT], [torque, rack, both]: [bool; 3], setup: Setup)
     equations
 }
 
+/// The ripple of the fuel's stairs at the governor's samples over the speed, by the inertia that a shaft leaves them at a clock.
+fn rippled(values: &[f64; COUNT], twists: bool) -> Polynomial {
+    let q = |place: usize| Dual::parameter(values, place);
+    let (lag, zero) = (q(at::TAU_ACT), Dual::new(0.0));
+    let near = if twists { q(at::TAU_N) - q(at::TAU_PROP) } else { q(at::TAU_N) }.inverse();
+    let sees = clock::ripple(q(at::HOLD), q(at::T_D), lag) * near;
+    let own = q(at::P) + q(at::DAMPING) - q(at::G);
+    let fuel = Polynomial(vec![zero, own, q(at::TAU_N)]);
+    fuel.times(&Polynomial(vec![sees, sees * lag]))
+}
+
 /// Terms of the derivative by a parameter: of coefficients, and of the delays and scales of signals.
-fn slope_terms(equations: &[Equation], terms: &[Term], values: &[f64; COUNT], by: usize) -> Vec<Term> {
+fn slope_terms(
+    equations: &[Equation],
+    terms: &[Term],
+    values: &[f64; COUNT],
+    by: usize,
+    steps: bool,
+) -> Vec<Term> {
     let mut found: Vec<Term> = Vec::new();
     let mut add = |equation: usize, signal: usize, coefficients: [f64; DEGREES]| {
         if let Some(mine) = found.iter_mut().find(|mine| mine.equation == equation && mine.signal == signal) {
@@ -388,17 +414,18 @@ fn slope_terms(equations: &[Equation], terms: &[Term], values: &[f64; COUNT], by
             _ => signal::APART_U,
         };
         let delayed = matches!(one.signal, signal::LATE_N | signal::LATE_U | signal::LATE_M);
+        let parted = delayed && values[at::HOLD] != 0.0 && !(steps && one.signal == signal::LATE_U);
         let (set, torque) = (one.signal == signal::LATE_U, matches!(one.signal, signal::M | signal::LATE_M));
         let speed = matches!(one.signal, signal::N | signal::N2 | signal::N3 | signal::LATE_N);
         let brake = one.signal == signal::M_B;
         match by {
             at::T_D if delayed => {
                 add(one.equation, one.signal, risen.map(|c| -c));
-                if values[at::HOLD] != 0.0 {
+                if parted {
                     add(one.equation, apart, risen.map(|c| c * share * values[at::HOLD]));
                 }
             }
-            at::HOLD if delayed && values[at::HOLD] != 0.0 => {
+            at::HOLD if parted => {
                 add(one.equation, apart, risen.map(|c| c * share * values[at::T_D]));
             }
             at::T_SET if set => add(one.equation, one.signal, risen.map(|c| -c)),

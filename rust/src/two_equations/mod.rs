@@ -8,6 +8,7 @@
 // Plain loops over vectors: iterators' closures are compiled apart, without the instructions of the vectors.
 #![allow(clippy::needless_range_loop)]
 
+mod clock;
 mod complex;
 mod dual;
 mod equations;

@@ -128,6 +128,8 @@ pub struct Plan<'a, const O: usize> {
     pub near: [[[f64; DEGREES]; O]; O],
     pub fed: [[[f64; DEGREES]; 2]; O],
     pub apart: f64,
+    /// Whether the set point goes in steps.
+    pub steps: bool,
 }
 
 impl<'a, const O: usize> Plan<'a, O> {
@@ -180,6 +182,7 @@ impl<'a, const O: usize> Plan<'a, O> {
             near,
             fed,
             apart: equations.apart(),
+            steps: equations.steps,
         }
     }
 }

@@ -133,7 +133,7 @@ pub fn lay_out<S: Simd, const O: usize>(
         }
         let orders = read(simd, plan.late[index].values, count, ORDERS, place);
         let mut near = delayed(simd, orders, turns.late[index].now, plan.late[index].rest - own);
-        if plan.apart != 0.0 {
+        if plan.apart != 0.0 && !(plan.steps && known == signal::LATE_U) {
             let mut far;
             (near, far) = parted(simd, near, turns.hold(simd), plan.apart);
             if lengths[beside] > 0 {

@@ -1,0 +1,90 @@
+//! What a governor that samples does beside being late: its sum of rectangles, and the ripple that it sees of its own stairs.
+
+use super::dual::Dual;
+
+/// Dead time over the period up to which the stairs' phase at the samples counts, and from which on no data tell it: there the
+/// mean over all phases, nothing, stands for it.
+const KNOWN: [f64; 2] = [3.0, 4.0];
+
+/// The governor's derivative part (of both its inputs) for a period of twice `held`: a sum of rectangles is
+/// `(K_i / s) cosh x` beside `K_p sinh(x) / x`, `x = s held`, and the hold's mean is `cosh(x / sqrt(3))` for both.
+pub fn summed(integral: Dual, held: Dual) -> Dual {
+    integral * held * held * (1.0 / 3.0)
+}
+
+/// The speed's ripple at the samples over the fuel's slope and one over the inertia [s^2], for the dead time, of which `hold`
+/// is half a period, and a lag behind the stairs.
+///
+/// Images of the command at multiples z of the clock come back through the lag and the inertia at the sampling instants:
+/// the sum of `exp(-z t) / (z^2 (1 + z lag))`, t the dead time without the half period.
+pub fn ripple(hold: Dual, dead: Dual, lag: Dual) -> Dual {
+    let late = hold.inverse() * 0.5 + -0.5;
+    let [known, unknown] = KNOWN;
+    if late.value >= unknown {
+        return Dual::new(0.0);
+    }
+    let period = hold * dead * 2.0;
+    let after = (late + -late.value.floor()) * -1.0 + 1.0;
+    let mut found = period * period * (after * (after + -1.0) + 1.0 / 6.0) * -0.5;
+    found = found + lag * period * (after + -0.5);
+    if lag.value > 0.0 {
+        let ratio = period * lag.inverse();
+        let (since, whole) = ((after * ratio * -1.0).exponential(), (ratio * -1.0).exponential());
+        found = found + lag * period * since * (whole * -1.0 + 1.0).inverse() - lag * lag;
+    }
+    if late.value > known {
+        let part = (late + -known) * (1.0 / (unknown - known));
+        found = found * (part * part * (part * 2.0 + -3.0) + 1.0);
+    }
+    found
+}
+
+#[cfg(test)]
+mod tests {
+    use std::f64::consts::TAU;
+
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::two_equations::equations::COUNT;
+
+    proptest! {
+        #[test]
+        fn the_ripple_is_the_sum_of_the_images(hold in 0.15..1.0_f64, dead in 0.01..0.2_f64, lag in 0.0..0.2_f64) {
+            let late = 0.5 / hold - 0.5;
+            prop_assume!(late < KNOWN[0]);
+            let found = ripple(Dual::new(hold), Dual::new(dead), Dual::new(lag));
+            let turn = TAU / (2.0 * hold * dead);
+            // exp(-z t) / (z^2 (1 + z lag)) and its conjugate.
+            let sum = (1..20_000).map(|k| {
+                let (z, angle) = (turn * f64::from(k), TAU * f64::from(k) * late);
+                -2.0 * (angle.cos() - angle.sin() * z * lag) / (z * z * (1.0 + z * z * lag * lag))
+            });
+            let size = (hold * dead).powi(2);
+            prop_assert!((found.value - sum.sum::<f64>()).abs() < 1e-4 * size);
+        }
+
+        #[test]
+        fn its_derivatives_are_those_of_a_fine_difference(
+            hold in 0.15..0.95_f64, dead in 0.01..0.2_f64, lag in 0.001..0.2_f64,
+        ) {
+            let late = 0.5 / hold - 0.5;
+            prop_assume!((late - late.round()).abs() > 1e-3);
+            let mut values = [0.0; COUNT];
+            values[..3].copy_from_slice(&[hold, dead, lag]);
+            let q = |place| Dual::parameter(&values, place);
+            let found = ripple(q(0), q(1), q(2));
+            for place in 0..3 {
+                let h = 1e-6 * values[place];
+                let at = |by: f64| {
+                    let mut moved = values;
+                    moved[place] += by;
+                    ripple(Dual::new(moved[0]), Dual::new(moved[1]), Dual::new(moved[2])).value
+                };
+                let slope = (at(h) - at(-h)) / (2.0 * h);
+                let size = (hold * dead).powi(2) / values[place];
+                prop_assert!((found.slopes[place] - slope).abs() < 1e-4 * (size + slope.abs()), "{place}");
+            }
+        }
+    }
+}
