@@ -5,8 +5,10 @@ A command imports what it computes with when it runs: help and a usage error mus
 
 from __future__ import annotations
 
+import atexit
 import contextlib
 import errno
+import gc
 import io
 import os
 import signal
@@ -45,6 +47,8 @@ AGAIN_S = 0.2
 """Time after which an interrupt that a library swallowed is raised again."""
 LONGEST_WORD = 300
 """Longest name that a line shows whole, in characters."""
+COLLECTED_AFTER = 50_000
+"""New objects after which the youngest are looked through for waste: importing makes more than a command leaves behind."""
 
 app = typer.Typer(
     name="shipfp",
@@ -136,6 +140,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     asked: list[int] = []
     try:
         _open_closed_streams()
+        _collect_seldom()
         _take_odd_words_from_the_environment()
         for stream in (sys.stdout, sys.stderr):
             if isinstance(stream, io.TextIOWrapper):
@@ -159,6 +164,12 @@ def _open_closed_streams() -> None:
     for name in ("stdin", "stdout", "stderr"):
         if getattr(sys, name) is None:
             setattr(sys, name, open(os.devnull, "r" if name == "stdin" else "w", encoding="utf-8"))  # noqa: PTH123, SIM115
+
+
+def _collect_seldom() -> None:
+    """Look through objects for waste seldom, and not at the end, when the process gives back all of them."""
+    gc.set_threshold(COLLECTED_AFTER)
+    atexit.register(gc.freeze)
 
 
 def _take_odd_words_from_the_environment() -> None:
