@@ -8,14 +8,13 @@ from functools import cache, partial
 from typing import Any, TypeVar
 
 import numpy as np
-import numpy.typing as npt
 from scipy.optimize import brentq
 
 from shipfp_rs.assessment.prediction import structure_of
 from shipfp_rs.identification.fingerprint import Estimate, Fingerprint
 from shipfp_rs.identification.identifiability import gradient_of
 from shipfp_rs.structures.elements import LATE_CHANNELS
-from shipfp_rs.structures.linearised import loop_of, open_loop, require_linear, state_space
+from shipfp_rs.structures.linearised import StateSpace, loop_of, open_loop, require_linear, state_space
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.support.arguments import checked
 from shipfp_rs.support.arrays import Array, ComplexArray, Values
@@ -49,6 +48,10 @@ SAME = {"dM_b(inf)": "vK_p", "dM_b(0)": "p", "dM_g(0)": "p"}
 """Figures that are a parameter, of a ship without further elements: its interval is theirs."""
 
 Figure = Callable[[Values], float]
+Searched = Callable[[Values], ComplexArray]
+"""The open loop at `SEARCHED_HZ`."""
+Followed = Callable[[Values], Array]
+"""Its phase [rad]."""
 Result = TypeVar("Result")
 
 
@@ -123,9 +126,9 @@ def _roots(structure: Structure, values: Values) -> ComplexArray:
     poles = poles[np.argsort(-poles.real)][:SLOWEST]
     for _ in range(20):
         step = 1e-6 * np.maximum(np.abs(poles), 1e-3)
-        value = equations.characteristic(known, poles)
-        rise = equations.characteristic(known, poles + step) - equations.characteristic(known, poles - step)
-        moved = value * 2.0 * step / rise
+        asked = np.concatenate([poles, poles + step, poles - step])
+        value, above, below = np.split(equations.characteristic(known, asked), 3)
+        moved = value * 2.0 * step / (above - below)
         poles = poles - moved
     # A root of the approximation that leads to no exact one still moves.
     poles = poles[np.abs(moved) < SETTLED * np.abs(poles)]
@@ -138,7 +141,10 @@ def _roots(structure: Structure, values: Values) -> ComplexArray:
 def _figures(structure: Structure, values: Values) -> dict[str, tuple[str, Figure]]:
     # Several figures ask for the same of each ship.
     roots, step = once(partial(_roots, structure)), once(partial(_step, structure))
-    crossing, turning = once(partial(_crossover, structure)), once(partial(_turning, structure))
+    searched = once(lambda known: open_loop(structure, known, SEARCHED_HZ))
+    crossing = once(partial(_crossover, structure, searched))
+    followed = once(lambda known: _followed(searched(known)))
+    turning = once(partial(_turning, structure, followed))
     figures: dict[str, tuple[str, Figure]] = {}
     for place, pole in enumerate(poles_of(structure, values)):
         figures[Sentence("pole {place}, real", place=place + 1)] = (
@@ -153,11 +159,11 @@ def _figures(structure: Structure, values: Values) -> dict[str, tuple[str, Figur
     torque = "dM_g" if "tau_prop" in structure.names else "dM_b"
     return figures | {
         Sentence("crossover"): ("Hz", crossing),
-        Sentence("phase margin"): ("deg", partial(_phase_margin, structure, crossing)),
+        Sentence("phase margin"): ("deg", partial(_phase_margin, structure, followed, crossing)),
         Sentence("gain margin"): ("-", partial(_gain_margin, structure, turning)),
         "ultimate gain": ("-", partial(_ultimate_gain, structure, turning)),
         "ultimate period": ("s", lambda known: 1.0 / turning(known)),
-        Sentence("bandwidth"): ("Hz", partial(_bandwidth, structure)),
+        Sentence("bandwidth"): ("Hz", partial(_bandwidth, structure, searched)),
         Sentence("recovery time"): ("s", lambda known: step(known)[0]),
         Sentence("overshoot"): ("-", lambda known: step(known)[1]),
         f"{torque}(0)": ("-", lambda known: loop_of(structure, known)[1]["p"]),
@@ -179,39 +185,54 @@ def _pole(
     return float(part(min(found, key=lambda one: abs(one - pole)))) if len(found) else float("nan")
 
 
-def _passed(value: Callable[[npt.ArrayLike], Array]) -> float:
-    """The lowest searched frequency at which a function of it falls through zero [Hz]; NaN where it does not."""
-    change = np.flatnonzero(np.diff(np.sign(value(SEARCHED_HZ))) < 0.0)
+def _passed(searched: Array, value: Callable[[float], float]) -> float:
+    """The lowest frequency at which a function of it, known at `SEARCHED_HZ`, falls through zero [Hz]; NaN where it does not."""
+    change = np.flatnonzero(np.diff(np.sign(searched)) < 0.0)
     if not len(change):
         return float("nan")
     low, high = SEARCHED_HZ[change[0]], SEARCHED_HZ[change[0] + 1]
-    return float(brentq(lambda one: float(np.squeeze(value([one]))), low, high, xtol=1e-14, rtol=1e-13))
+    return float(brentq(value, low, high, xtol=1e-14, rtol=1e-13))
 
 
-def _crossover(structure: Structure, values: Values) -> float:
-    return _passed(lambda frequency: np.abs(open_loop(structure, values, frequency)) - 1.0)
+def _loop_at(structure: Structure, values: Values, frequency_hz: float) -> complex:
+    return complex(open_loop(structure, values, [frequency_hz])[0])
 
 
-def _turned(structure: Structure, values: Values, frequency_hz: npt.ArrayLike) -> Array:
-    """Phase of the open loop [deg] without turns lost, followed from low frequencies.
+def _crossover(structure: Structure, searched: Searched, values: Values) -> float:
+    return _passed(
+        np.abs(searched(values)) - 1.0, lambda frequency: abs(_loop_at(structure, values, frequency)) - 1.0
+    )
+
+
+def _followed(loop: ComplexArray) -> Array:
+    """Phase of the open loop at `SEARCHED_HZ` [rad] without turns lost, followed from low frequencies.
 
     There it lags by 90 degrees, and by 270 where engine and load alone run away (g above p): never does it lead.
     """
-    asked = np.atleast_1d(np.asarray(frequency_hz, dtype=np.float64))
-    way = np.union1d(SEARCHED_HZ[asked.max() >= SEARCHED_HZ], asked)
-    phase = np.unwrap(np.angle(open_loop(structure, values, way)))
-    turns = np.ceil(phase[0] / (2.0 * np.pi) - LEADING)
-    return np.asarray(np.degrees(phase[np.searchsorted(way, asked)] - 2.0 * np.pi * turns))
+    phase = np.unwrap(np.angle(loop))
+    return np.asarray(phase - 2.0 * np.pi * np.ceil(phase[0] / (2.0 * np.pi) - LEADING))
 
 
-def _phase_margin(structure: Structure, crossing: Figure, values: Values) -> float:
+def _turned(structure: Structure, followed: Array, values: Values, frequency_hz: float) -> float:
+    """Phase of the open loop [deg] without turns lost."""
+    angle = np.angle(_loop_at(structure, values, frequency_hz))
+    before = followed[max(np.searchsorted(SEARCHED_HZ, frequency_hz, side="right") - 1, 0)]
+    return float(np.degrees(angle + 2.0 * np.pi * np.round((before - angle) / (2.0 * np.pi))))
+
+
+def _phase_margin(structure: Structure, followed: Followed, crossing: Figure, values: Values) -> float:
     frequency = crossing(values)
-    return 180.0 + float(_turned(structure, values, frequency)[0]) if np.isfinite(frequency) else float("nan")
+    if not np.isfinite(frequency):
+        return float("nan")
+    return 180.0 + _turned(structure, followed(values), values, frequency)
 
 
-def _turning(structure: Structure, values: Values) -> float:
+def _turning(structure: Structure, followed: Followed, values: Values) -> float:
     """Frequency at which a loop of enough gain oscillates [Hz]; NaN where none does."""
-    return _passed(lambda frequency: _turned(structure, values, frequency) + 180.0)
+    phase = followed(values)
+    return _passed(
+        np.degrees(phase) + 180.0, lambda frequency: _turned(structure, phase, values, frequency) + 180.0
+    )
 
 
 def _ultimate_gain(structure: Structure, turning: Figure, values: Values) -> float:
@@ -229,15 +250,16 @@ def _gain_margin(structure: Structure, turning: Figure, values: Values) -> float
     frequency = turning(values)
     if not np.isfinite(frequency):
         return float("nan")
-    return float(1.0 / np.abs(open_loop(structure, values, [frequency])[0]))
+    return 1.0 / abs(_loop_at(structure, values, frequency))
 
 
-def _bandwidth(structure: Structure, values: Values) -> float:
-    def above(frequency: npt.ArrayLike) -> Array:
-        loop = open_loop(structure, values, frequency)
-        return np.asarray(np.abs(loop / (1.0 + loop)) - np.sqrt(0.5))
+def _bandwidth(structure: Structure, searched: Searched, values: Values) -> float:
+    def above(loop: Any) -> Any:
+        return np.abs(loop / (1.0 + loop)) - np.sqrt(0.5)
 
-    return _passed(above)
+    return _passed(
+        above(searched(values)), lambda frequency: float(above(_loop_at(structure, values, frequency)))
+    )
 
 
 def _step(structure: Structure, values: Values) -> tuple[float, float]:
@@ -247,17 +269,33 @@ def _step(structure: Structure, values: Values) -> tuple[float, float]:
     if "dn" not in speed.outputs or slowest <= 0.0:
         return float("nan"), float("nan")
     times = np.linspace(0.0, LONGEST / slowest, INSTANTS)
-    place = speed.outputs.index("dn")
-    off = speed.step(times)[place] - 1.0
+    poles, weights, still = _decay(speed)
+    off = (weights @ _powers(np.exp(poles * times[1]), INSTANTS)).real + still
     last = int(np.flatnonzero(np.abs(off) > RECOVERED)[-1])
     if last + 1 >= INSTANTS:
         return float("nan"), float(max(off.max(), 0.0))
     recovery = brentq(
-        lambda at: abs(float(speed.step(np.array([at]))[place, 0]) - 1.0) - RECOVERED,
+        lambda at: abs(float((weights @ np.exp(poles * at)).real) + still) - RECOVERED,
         times[last],
         times[last + 1],
     )
     return float(recovery), float(max(off.max(), 0.0))
+
+
+def _decay(space: StateSpace) -> tuple[ComplexArray, ComplexArray, float]:
+    """Return what the speed lacks after a step: poles, the weights of their exponentials, and what stays."""
+    place = space.outputs.index("dn")
+    poles, modes = np.linalg.eig(space.A)
+    weights = (space.C[place] @ modes) * np.linalg.solve(modes, space.B) / poles
+    return poles, weights, float(space.D[place] - 1.0 - weights.sum().real)
+
+
+def _powers(base: ComplexArray, count: int) -> ComplexArray:
+    """Return base^0, base^1, ... of each base, shape (P, count), as products of few powers."""
+    width = int(np.ceil(np.sqrt(count)))
+    few = base[:, None] ** np.arange(width)
+    many = (base[:, None] ** width) ** np.arange(width)
+    return np.asarray((many[:, :, None] * few[:, None, :]).reshape(len(base), -1)[:, :count])
 
 
 def _fast_torque(structure: Structure, values: Values) -> float:
