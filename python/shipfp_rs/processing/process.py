@@ -9,6 +9,7 @@ from __future__ import annotations
 import dataclasses
 import threading
 from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -112,14 +113,16 @@ def process(
     if not (windows := trial.windows_of(log.name)):
         raise InputError(f"{log.name}: no window of the trial is cut from this log")
     recording = _Recording(log, trial, vessel or Vessel.load(trial.trial.vessel), chunk)
-    point, clock = recording.operating_point(), recording.governor_clock()
-    cut = [recording.signals(_label(window)) for window in windows]
+    point, speeds = recording.operating_point(), recording.speeds_of_windows()
+    with ThreadPoolExecutor(1) as beside:
+        clock = beside.submit(recording.governor_clock, speeds)
+        cut = [recording.signals(_label(window)) for window in windows]
     require_load([signals for signals, _ in cut], recording.vessel)
     shaft = recording.vessel.torque_ratio if "M_b" in point else 1.0
     point = driven_point(point, [signals for signals, _ in cut], trial.operating_point.M_Nm, shaft)
     if trial.channels.asks_for_torque:
         point.setdefault("M_b", point["command"])  # what tau_n is over, in SI units
-    return [recording.experiment(*each, point, clock) for each in zip(windows, cut, strict=True)]
+    return [recording.experiment(*each, point, clock.result()) for each in zip(windows, cut, strict=True)]
 
 
 class _Recording:
@@ -285,10 +288,13 @@ class _Recording:
         )
         return conditioned(experiment, settings.detrend, settings.normalise)
 
-    def governor_clock(self) -> dict[str, float] | None:
+    def speeds_of_windows(self) -> dict[str, Array]:
+        """Return the engine speed [rpm] in every window that was not yet handed over."""
+        return {label: speed.rpm for label, speed in self.speeds.items() if label != STEADY_STRETCH}
+
+    def governor_clock(self, speeds: Mapping[str, Array]) -> dict[str, float] | None:
         """Return a governor's sampling period, from the raw torque where the shaft's speed changes most."""
         sensor = self.trial.channels.torque
-        speeds = {label: speed.rpm for label, speed in self.speeds.items() if label != STEADY_STRETCH}
         most = liveliest_of(speeds, int(LONGEST_S * self.rate_hz))
         if sensor is None or most is None:
             return None

@@ -19,6 +19,7 @@ from shipfp_rs.runs.fit import choice, located, structure_from
 from shipfp_rs.support.files import replacing_folder
 from shipfp_rs.support.progress import part, tell
 from shipfp_rs.support.sentences import Sentence, joined
+from shipfp_rs.support.threads import import_beside
 from shipfp_rs.vessel.vessel import Vessel
 
 MARKER = "fingerprint.json"
@@ -100,10 +101,12 @@ def evaluate(
     declared = None if trial.chooses else structure_from(trial.identify, located(trial))
     with part(0.0, 0.15):
         tell("opening the log", 0.0)
+        logs = trial.logs()
+        import_beside("matplotlib.figure", "matplotlib.backends.backend_svg", "shipfp_rs.report")
         experiments = [
             # Results are passed on to others, so they hold the file's name without its folder.
             replace(experiment, provenance={**experiment.provenance, "log": Path(log.name).name})
-            for log in trial.logs()
+            for log in logs
             for experiment in process(log, trial, vessel)
         ]
     options = trial.identify

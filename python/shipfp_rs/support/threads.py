@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import functools
+import importlib
 import multiprocessing
 import os
 import threading
@@ -124,6 +125,17 @@ def where_alone(jobs: Sequence[Callable[[], T]]) -> list[T]:
     if alone and min(len(jobs), available_workers()) > 1:
         return side_by_side(jobs, threading.Event())
     return [job() for job in jobs]
+
+
+def import_beside(*modules: str) -> None:
+    """Import modules on a thread, while this one computes outside the interpreter; whoever needs them later waits less."""
+
+    def load() -> None:
+        with contextlib.suppress(Exception):  # the one who needs it is told
+            for module in modules:
+                importlib.import_module(module)
+
+    threading.Thread(target=load).start()
 
 
 def _begin(stopped: threading.Event) -> None:
