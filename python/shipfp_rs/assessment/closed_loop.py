@@ -186,7 +186,7 @@ def _pole(
 
 
 def _passed(searched: Array, value: Callable[[float], float]) -> float:
-    """The lowest frequency at which a function of it, known at `SEARCHED_HZ`, falls through zero [Hz]; NaN where it does not."""
+    """The lowest frequency at which a function of it, known at `SEARCHED_HZ`, falls through zero [Hz]; NaN for none."""
     change = np.flatnonzero(np.diff(np.sign(searched)) < 0.0)
     if not len(change):
         return float("nan")
