@@ -29,6 +29,8 @@ LETTER = 0.62
 """Width of a letter over its size."""
 MATH = re.compile(r"\\\w+|[${}^_]")
 """What a label's formulas are written with, but not shown."""
+FINER = re.compile(r"(?<=\.\d)\d+")
+"""Digits of a number behind the first decimal."""
 INK = "#010203"
 """Colour of text and axes in a picture; the page replaces it by its own, light or dark."""
 
@@ -103,7 +105,7 @@ class Pictures:
         svg = svg.replace(INK, "currentColor")
         svg = re.sub(r'(\bid="|href="#|url\(#)', rf"\g<1>picture{self._count}-", svg)
         # A tenth of a point is finer than any screen, and half the size.
-        svg = re.sub(r'\bd="[^"]*"', lambda path: re.sub(r"(\.\d)\d+", r"\1", path.group()), svg)
+        svg = re.sub(r'\bd="[^"]*"', lambda path: FINER.sub("", path.group()), svg)
         return svg.replace("<svg ", f'<svg role="img" aria-label="{escape(caption)}" ', 1)
 
 
