@@ -216,7 +216,7 @@ def _followed(loop: ComplexArray) -> Array:
 def _turned(structure: Structure, followed: Array, values: Values, frequency_hz: float) -> float:
     """Phase of the open loop [deg] without turns lost."""
     angle = np.angle(_loop_at(structure, values, frequency_hz))
-    before = followed[max(np.searchsorted(SEARCHED_HZ, frequency_hz, side="right") - 1, 0)]
+    before = followed[max(int(np.searchsorted(SEARCHED_HZ, frequency_hz, side="right")) - 1, 0)]
     return float(np.degrees(angle + 2.0 * np.pi * np.round((before - angle) / (2.0 * np.pi))))
 
 
