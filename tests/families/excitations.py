@@ -97,7 +97,7 @@ class Excitation:
         return 1.0 + (integral(times + 0.5 * width_s) - integral(times - 0.5 * width_s)) / width_s
 
     def in_time(self, period_s: float, phase_s: float) -> Excitation:
-        """Return steps that a governor sees half a period before it takes a sample; the phase is that of its dead time ago."""
+        """Return steps that a governor sees half a period before it takes a sample."""
         late = np.round((self.start_s + self.table[:, 0] - phase_s) / period_s - 0.5) + 0.5
         at = np.maximum(late * period_s + phase_s - self.start_s, 0.0)
         return replace(self, table=np.column_stack([at, self.table[:, 1]]))

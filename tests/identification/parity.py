@@ -34,6 +34,8 @@ SHIP = {
     "T_set": 0.3,
 }
 FINE_HZ = 1000.0
+BETWEEN_S = 0.0005
+"""First sample of a governor that samples [s], between those of the simulation."""
 BARE = {"tau_act": 0.0, "c_2": 0.0, "T_M": 0.0, "T_B": 0.0, "hold": 0.0, "T_d": 0.0, "T_set": 0.0}
 
 
@@ -57,7 +59,14 @@ CASES = {
     **{f"amplitude {a:g}": Case(a) for a in (0.03, 0.06, 0.1, 0.15)},
     "brake": Case(gauge=False),
     "lag": Case(own={"tau_act": 0.1}),
-    "hold": Case(own={"hold": 1.0, "T_d": 0.15}),
+    **{f"sampling, {T:g} s": Case(own={"T_s": T, "T_0": BETWEEN_S}) for T in (0.01, 0.03, 0.05)},
+    "sampling, 0.05 s, no dead time": Case(
+        own={"T_s": 0.05, "T_0": BETWEEN_S, "T_d": 0.0, "T_set": 0.0}, gauge=False
+    ),
+    "sampling, 0.05 s, lag": Case(own={"T_s": 0.05, "T_0": BETWEEN_S, "tau_act": 0.05}),
+    "sampling, 0.05 s, steps in time": Case(
+        own={"T_s": 0.05, "T_0": 0.025 + BETWEEN_S, "T_set": 0.3}, excitation="steps"
+    ),
     "curvature": Case(own={"c_2": 0.4}),
     "damping": Case(own={"damping": 0.5}),
     "derivative": Case(own={"vK_d": 0.2}),
@@ -120,7 +129,7 @@ def simulated(case: Case) -> tuple[dict[str, float], fp.Experiment]:
     speed_name = "dn_prop" if case.propeller else "dn"
     outputs = [_core.SHIP_OUTPUTS.index(name) for name in (speed_name, *torques)]
     y = _core.simulate_ship(parameters, 1.0 + u, np.empty(0), 1.0 / FINE_HZ, 2, hold, outputs)
-    if case.between == "band-limited" and case.excitation != "chirp":
+    if case.between == "band-limited" and (case.excitation != "chirp" or "T_s" in case.own):
         taps = fp_low_pass(case.rate_hz)
         u, *y = (np.convolve(np.pad(row, len(taps) // 2, mode="edge"), taps, "valid") for row in (u, *y))
         coarse = np.asarray(u)[::every]
@@ -134,6 +143,11 @@ def simulated(case: Case) -> tuple[dict[str, float], fp.Experiment]:
     signals = {"n_set": (1.0 + coarse) * 1000.0, "n_e": speed * 1000.0}
     signals |= {name.removeprefix("d"): 1000.0 * row for name, row in zip(torques, moments, strict=True)}
     point = dict.fromkeys(signals, 1000.0)
+    if every_s := truth.pop("T_s", 0.0):
+        # Half a period is dead time, the sum that is used before it is renewed is half a period late.
+        del truth["T_0"]
+        truth["T_d"] += 0.5 * every_s
+        truth |= {"hold": 0.5 * every_s / truth["T_d"], "vK_p": truth["vK_p"] - 0.5 * every_s * truth["vK_i"]}
     return truth, fp.Experiment("parity", case.rate_hz, signals, operating_point=point, hold=hold)
 
 
@@ -167,6 +181,7 @@ def left(case: Case) -> dict[str, float]:
         fixed=fixed,
     )
     likelihood = question.likelihood(case.between)
+    likelihood = replace(likelihood, steps="T_s" in case.own and case.excitation == "steps")
     vector = likelihood.coordinates.vector({**DEFAULTS, **BARE, "vK_d": 0.0, "T_n": 0.0, **truth})
     return _left(likelihood, vector)
 

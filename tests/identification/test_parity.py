@@ -7,6 +7,10 @@ from tests.identification.parity import CASES, left
 MOST = 2e-4
 WIDER = {
     "twist": 1.2e-3,  # squares of the propeller's speed are taken from the engine's
+    "sampling, 0.01 s": 3e-4,
+    "sampling, 0.05 s": 6e-4,
+    "sampling, 0.05 s, no dead time": 5e-4,
+    "sampling, 0.05 s, steps in time": 9e-4,
     "held, 50 Hz": 4e-4,
     "straight, 20 Hz": 4e-4,
     "held, 20 Hz": 1.5e-3,

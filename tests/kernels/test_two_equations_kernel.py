@@ -117,7 +117,7 @@ def whole(found):
 
 def told(parameters):
     """Parameters that have a derivative at these: an element that is off has a kink there."""
-    off = [name for name in ("tau_twist", "zeta_twist") if parameters[INDEX[name]] == 0.0]
+    off = [name for name in ("tau_twist", "zeta_twist", "hold") if parameters[INDEX[name]] == 0.0]
     return [index for index, name in enumerate(NAMES) if name not in off]
 
 

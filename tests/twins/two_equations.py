@@ -48,7 +48,7 @@ def acting(operator, orders):
 
 
 def ripple(hold, dead, lag):
-    """What a governor sees of its own stairs over the fuel's slope and one over the inertia: Bernoulli's polynomial, a lag."""
+    """What a governor sees of its own stairs, over the fuel's slope and one over the inertia, behind a lag."""
     period, late = 2.0 * hold * dead, (1.0 - hold) / (2.0 * hold)
     if late.real >= PERIODS + 1.0:
         return 0.0

@@ -11,6 +11,8 @@ const TURN: f64 = 0.3;
 /// Bound of the loop gain below which nothing turns about the origin any more, and above which a delay's turns count.
 const SMALL: f64 = 0.9;
 const COUNTS: f64 = 0.3;
+/// Stands for a load that rises as the engine's torque does, as near as makes no difference.
+const NEUTRAL: f64 = 1e-9;
 /// Least step over the frequency.
 const FINEST: f64 = 1e-5;
 
@@ -89,7 +91,10 @@ pub fn is_stable(q: &[f64; COUNT], open_loop: bool) -> bool {
     if !(ki > 0.0 && q[at::TAU_N] + more > 0.0) {
         return false;
     }
-    let shaft = Shaft::new(q, more);
+    let mut shaft = Shaft::new(q, more);
+    if shaft.torque[0] == 0.0 {
+        shaft.torque[0] = NEUTRAL; // a pole at zero turns neither way
+    }
     let own = shaft.torque[0];
     let apart = q[at::HOLD] * q[at::T_D] / 3.0_f64.sqrt();
     // s / (s + c) (1 + L(s)) has no pole at 0 and goes to 1.
