@@ -59,13 +59,16 @@ CASES = {
     **{f"amplitude {a:g}": Case(a) for a in (0.03, 0.06, 0.1, 0.15)},
     "brake": Case(gauge=False),
     "lag": Case(own={"tau_act": 0.1}),
-    **{f"sampling, {T:g} s": Case(own={"T_s": T, "T_0": BETWEEN_S}) for T in (0.01, 0.03, 0.05)},
+    **{
+        f"sampling, {T:g} s": Case(own={"T_s": T, "T_0": BETWEEN_S, "T_d": 0.4 * T})
+        for T in (0.01, 0.03, 0.05)
+    },
     "sampling, 0.05 s, no dead time": Case(
         own={"T_s": 0.05, "T_0": BETWEEN_S, "T_d": 0.0, "T_set": 0.0}, gauge=False
     ),
-    "sampling, 0.05 s, lag": Case(own={"T_s": 0.05, "T_0": BETWEEN_S, "tau_act": 0.05}),
+    "sampling, 0.05 s, lag": Case(own={"T_s": 0.05, "T_0": BETWEEN_S, "T_d": 0.02, "tau_act": 0.05}),
     "sampling, 0.05 s, steps in time": Case(
-        own={"T_s": 0.05, "T_0": 0.025 + BETWEEN_S, "T_set": 0.3}, excitation="steps"
+        own={"T_s": 0.05, "T_0": 0.025 + BETWEEN_S, "T_set": 0.3, "T_d": 0.02}, excitation="steps"
     ),
     "curvature": Case(own={"c_2": 0.4}),
     "damping": Case(own={"damping": 0.5}),

@@ -136,7 +136,7 @@ CASES = {
     "rack, speed, torque": ([2, 0, 1], {}),
     "hold": ([0, 1], {"hold": 0.8}),
     "derivative": ([0, 1], {"vK_d": 0.2}),
-    "derivative and rack": ([0, 1, 2], {"vK_d": 0.2, "hold": 0.5}),
+    "derivative and rack": ([0, 1, 2], {"vK_d": 0.2, "hold": 0.7}),
     "twist": ([0, 1], TWIST),
     "twist and all": ([1, 2, 0], {**TWIST, "vK_d": 0.2, "hold": 0.8, "k_L": 0.4, "x_0": 0.01}),
     "measured load": ([0, 1], {"k_L": 0.4}),

@@ -14,7 +14,7 @@ from shipfp_rs import _core
 NAMES = _core.EQUATION_PARAMETERS
 ORDERS = 4
 POINTS, RADIUS = 8, 0.01
-PERIODS = 3.0
+PERIODS = 0.5
 
 
 def times(a, b):
@@ -50,13 +50,13 @@ def acting(operator, orders):
 def ripple(hold, dead, lag):
     """What a governor sees of its own stairs, over the fuel's slope and one over the inertia, behind a lag."""
     period, late = 2.0 * hold * dead, (1.0 - hold) / (2.0 * hold)
-    if late.real >= PERIODS + 1.0:
+    if late.real >= 2.0 * PERIODS:
         return 0.0
     y = 1.0 - (late - np.floor(late.real))
     found = -0.5 * period**2 * (y * y - y + 1.0 / 6.0) + lag * period * (y - 0.5)
     if lag != 0.0:
         found += lag * period * np.exp(-y * period / lag) / (1.0 - np.exp(-period / lag)) - lag**2
-    part = late - PERIODS if late.real > PERIODS else 0.0
+    part = late / PERIODS - 1.0 if late.real > PERIODS else 0.0
     return found * (1.0 - 3.0 * part**2 + 2.0 * part**3)
 
 

@@ -20,7 +20,7 @@ from shipfp_rs.support.arrays import Array, ComplexArray
 SCALE_DEVIATION, LATEST_S = 0.02, 0.02
 """Prior deviation of the torque's scale, and the most that a torque is late [s]. A torque is over a mean of a minute of
 moving water."""
-SOFT_HZ, FROM_SHAFT = 5.0, 0.6
+SOFT_HZ, FROM_SHAFT = 5.5, 0.6
 """Where a shaft softer than a stiff one by the prior deviation swings [Hz], with this part of the inertia before it."""
 BEHIND, BEHIND_DEVIATION, BEHIND_ENDS = 0.4, 0.12, (0.1, 0.8)
 """Part of the inertia behind the shaft that twists, where the torque is the engine's; its prior deviation and ends."""
