@@ -23,6 +23,7 @@ def fingerprint(*, possible=(), **values):
     """Return what the table needs of a fingerprint."""
     return SimpleNamespace(
         engine_described=True,
+        structure={},
         optimum=QUIET | values,
         settings={"possible": possible},
         adequate={},
