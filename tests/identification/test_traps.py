@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 import shipfp_rs as fp
 from shipfp_rs import _core
@@ -142,3 +143,28 @@ def test_a_speed_that_falls_when_the_set_point_rises_names_whose_sign_to_turn(ma
     turned = 2.0 * made.operating_point["n_set"] - made.signals["n_set"]
     with pytest.raises(fp.InputError, match="turn the sign of the set point's calibration"):
         input_checks.require_excited([replace(made, signals={**made.signals, "n_set": turned})])
+
+
+def in_waves(seed, late_s=0.0):
+    """Return a drive in moving water whose set point moves first, and then hardly; its clock is late."""
+    random, rate_hz = np.random.default_rng(seed), 25.0
+    steps = np.repeat([0.0, 0.03, 0.032, 0.031], [50, 350, 200, 150])
+    steps += (late_s > 0.0) * np.repeat(random.uniform(-0.03, 0.03, 15), 50)
+    late = round(late_s * rate_hz)
+    water = lfilter([1.0], [1.0, -np.exp(-0.27)], random.standard_normal(len(steps)))
+    answer = lfilter([0.2], [1.0, -0.8], np.r_[np.zeros(5), steps[:-5]])
+    asked = np.r_[np.zeros(late), steps[: len(steps) - late]]
+    signals = {"n_set": 1.0 + asked, "n_e": 1.0 + answer + 0.004 * water / np.std(water)}
+    return fp.Experiment("steps", rate_hz, signals, dict.fromkeys(signals, 1.0))
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_moving_water_is_no_answer_that_comes_too_early(seed):
+    """Beside small steps of the set point the water's own motion goes by chance with one that comes later."""
+    input_checks.require_excited([in_waves(seed)])
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_late_clock_is_found_in_moving_water(seed):
+    with pytest.raises(fp.InputError, match=r"n_e moves .* s before the set point"):
+        input_checks.require_excited([in_waves(seed, 0.8)])

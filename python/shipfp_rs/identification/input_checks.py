@@ -20,9 +20,9 @@ LEAST_CORRELATION = 0.3
 """The speed follows the set point if their correlation, at the best delay, is above this."""
 LONGEST_DELAY_S = 5.0
 """Longest delay of the speed behind its set point that is tried [s]."""
-EARLY_S, CLEARLY = 0.15, 0.03
+EARLY_S, CLEARLY, BY_CHANCE = 0.15, 0.03, 3.0
 """The speed moves before the set point if it does by more than the first [s], and the correlation of the slopes is larger
-there by the second than at any delay."""
+there than at any delay: by the second, and by so many standard deviations of what water alone would make it."""
 SAME_SPEED, SAME_RACK = 5e-3, 1e-4
 """Part of a swing by which a speed differs from its set point, and a rack from a torque, at least: no governor is so
 quick, and the rack would have the torque's very noise."""
@@ -235,13 +235,23 @@ def _require_cause(experiment: Experiment, name: str, asked: Array, speed: Array
         moved = answers[middle.start + lag : middle.stop + lag]
         agreement[lag / rate] = float(causes[middle] @ moved / max(size * np.linalg.norm(moved), 1e-300))
     early = max((lag for lag in agreement if lag < -EARLY_S), key=agreement.__getitem__, default=None)
-    if early is not None and agreement[early] > CLEARLY + max(
-        value for lag, value in agreement.items() if lag >= -EARLY_S
-    ):
+    if early is None:
+        return
+    late = max(value for lag, value in agreement.items() if lag >= -EARLY_S)
+    rest = max(1.0 - agreement[early] ** 2, 0.0)
+    chance = np.sqrt(rest) * _chance(causes[middle], answers[middle])
+    if agreement[early] > late + CLEARLY + BY_CHANCE * chance:
         raise InputError(
             f"{experiment.name!r}: {name} moves {-early:.2g} s before the {DRIVES[experiment.driver]}, expected after it; "
             "look at the clocks of the two channels and at delay_s"
         )
+
+
+def _chance(one: Array, other: Array) -> float:
+    """Standard deviation of the correlation of two signals that have nothing to do with each other (Bartlett)."""
+    powers = [np.abs(np.fft.fft(values, 2 * len(values))) ** 2 for values in (one, other)]
+    sizes = float(one @ one) * float(other @ other) * len(one)
+    return float(np.sqrt(np.mean(powers[0] * powers[1]) / max(sizes, 1e-300)))
 
 
 def _require_moving_torque(experiment: Experiment) -> None:
