@@ -7,7 +7,7 @@ from dataclasses import asdict, replace
 import pytest
 
 import shipfp_rs as fp
-from shipfp_rs.assessment.si import in_si
+from shipfp_rs.assessment.si import doubts, in_si
 from shipfp_rs.identification.fingerprint import Estimate, Fingerprint, Identifiability
 from shipfp_rs.identification.ship_verdict import with_verdict
 from shipfp_rs.identification.usability import LARGE_MISS_PCT, LEAST_EXPLAINED_PCT, judged
@@ -114,6 +114,17 @@ def test_gains_that_may_be_off_by_a_third_tune_nothing(found, low: float, high: 
 def test_a_torque_limit_in_si_is_the_engine_s(found) -> None:
     limit = in_si(found, fp.Vessel.load("stan-launch-804"))["torque_limit"]
     assert limit["value"] == pytest.approx(2.0 * 222.93)
+
+
+@pytest.mark.parametrize("point", ["", "[operating_point]\nn_e_rpm = 1243.0\nM_s_Nm = 800.0\n"])
+def test_a_vessel_file_with_the_gear_ratio_alone_gives_figures_in_si_and_says_so(found, tmp_path, point) -> None:
+    file = tmp_path / "vessel.toml"
+    file.write_text(f'name = "Boat"\n[gearbox]\nratio = 3.82\n{point}', encoding="utf-8")
+    boat, known = fp.Vessel.load(file), fp.Vessel.load("stan-launch-804")
+    assert in_si(found, boat).keys() == in_si(found, known).keys()
+    assert in_si(found, boat)["torque_limit"]["value"] == pytest.approx(2.0 * 222.93)
+    assert [line for line in doubts(found, boat) if "lacks gearbox.efficiency" in line]
+    assert not [line for line in doubts(found, known) if "lacks" in line]
 
 
 def test_a_trial_without_torque_is_usable_but_for_what_only_a_torque_tells() -> None:

@@ -36,7 +36,7 @@ def in_si(fingerprint: Fingerprint, vessel: Vessel) -> dict[str, dict[str, Any]]
     fingerprint
         Estimates in normalised terms; the operating points stand in its data.
     vessel
-        Gives the gear ratio and, for a torque of the engine, the efficiency between engine and shaft.
+        Gives the gear ratio and the efficiency between engine and shaft, without which the gearbox loses nothing.
 
     Returns
     -------
@@ -66,7 +66,7 @@ def in_si(fingerprint: Fingerprint, vessel: Vessel) -> dict[str, dict[str, Any]]
         "T_d": (1.0, "s"),
         "T_set": (1.0, "s"),
         "tau_act": (1.0, "s"),
-        "M_max": (abs(shaft_torque) / (vessel.gearbox.ratio * vessel.gearbox.efficiency), "Nm"),
+        "M_max": (abs(shaft_torque) / vessel.torque_ratio, "Nm"),
     }
     rows = {}
     for name, (factor, unit) in factors.items():
@@ -77,24 +77,29 @@ def in_si(fingerprint: Fingerprint, vessel: Vessel) -> dict[str, dict[str, Any]]
 
 
 def doubts(fingerprint: Fingerprint, vessel: Vessel) -> list[str]:
-    """Return a sentence where the torque is far from the one that the vessel's file has for that speed."""
+    """Return sentences where the losses of a gear are not known, or the torque is far from the vessel file's."""
     point = operating_point(fingerprint)
-    if point is None or not (
-        vessel.given("operating_point.M_b_Nm") or vessel.given("operating_point.M_s_Nm")
-    ):
+    if point is None:
         return []
+    lossless = vessel.gearbox.ratio != 1.0 and not vessel.given("gearbox.efficiency")
+    found: list[str] = []
+    if lossless:
+        found.append(Sentence("The vessel file lacks gearbox.efficiency: in SI units the gearbox loses nothing."))
+    known = vessel.given("operating_point.n_e_rpm", "propeller.torque_exponent")
+    if not known or not any(vessel.given(f"operating_point.{name}") for name in ("M_b_Nm", "M_s_Nm")):
+        return found
     engine_rpm, torque, signal = point
     expected = vessel.nominal_brake_torque * (1.0 if signal == ENGINE_SIDE else vessel.torque_ratio)
     expected *= (abs(engine_rpm) / vessel.operating_point.n_e_rpm) ** vessel.propeller.torque_exponent
-    if 1.0 / FAR_OFF < abs(torque) / expected < FAR_OFF:
-        return []
-    return [
-        Sentence(
-            "The torque {signal} is {torque} Nm at {speed} rpm, but {expected} Nm by the vessel file: look at the"
-            " scale of the torque channel. Inertias and gains in SI units are wrong by the same factor.",
-            signal=signal,
-            torque=f"{abs(torque):.4g}",
-            speed=f"{abs(engine_rpm):.4g}",
-            expected=f"{expected:.4g}",
+    if not 1.0 / FAR_OFF < abs(torque) / expected < FAR_OFF:
+        found.append(
+            Sentence(
+                "The torque {signal} is {torque} Nm at {speed} rpm, but {expected} Nm by the vessel file: look at the"
+                " scale of the torque channel. Inertias and gains in SI units are wrong by the same factor.",
+                signal=signal,
+                torque=f"{abs(torque):.4g}",
+                speed=f"{abs(engine_rpm):.4g}",
+                expected=f"{expected:.4g}",
+            )
         )
-    ]
+    return found

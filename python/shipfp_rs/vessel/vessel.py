@@ -283,7 +283,7 @@ class Vessel(Sparse):
             raise InputError(
                 f"vessel {self.name!r}: operating_point.M_b_Nm: found nothing, expected it or M_s_Nm; add one"
             )
-        return (point.M_s_Nm + self.gearbox.drag_Nm) / (self.gearbox.ratio * self.gearbox.efficiency)
+        return (point.M_s_Nm + self.gearbox.drag_Nm) / self.torque_ratio
 
     @property
     def torque_ratio(self) -> float:
