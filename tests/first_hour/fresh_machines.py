@@ -298,9 +298,11 @@ def pod(system: System, folder: Path) -> tuple[Path, Answers]:
     path.write_text("\n".join([heads, *lines]) + "\n", encoding="utf-8")
     return path, {
         'rated_torque_Nm = "to be given"': f"rated_torque_Nm = {rated_Nm}",
-        'calibration = "to be given"': f"held = true\ncalibration = {{ scale = {rated_rpm / 100.0} }}",
-        'column = "to be given"\nunit = "rpm"': (
-            f'column = "POD1_SPEED_ACT_PCT"\nunit = "rpm"\ncalibration = {{ scale = {rated_rpm / 100.0} }}'
+        'unit = "%"\ncalibration = "to be given"': (
+            f'unit = "%"\nheld = true\ncalibration = {{ scale = {rated_rpm / 100.0} }}'
+        ),
+        'shaft = "engine"\ncalibration = "to be given"': (
+            f'shaft = "engine"\ncalibration = {{ scale = {rated_rpm / 100.0} }}'
         ),
     }
 

@@ -25,7 +25,8 @@ from shipfp_rs.processing.plausibility import require_load, require_size, requir
 from shipfp_rs.processing.roles import guess_roles, named_roles
 from shipfp_rs.processing.trial_channels import Load, SetPoint, Tacho, Torque
 from shipfp_rs.processing.trial_tables import Processing
-from shipfp_rs.processing.trial_template import moved, windows_toml
+from shipfp_rs.processing.trial_template import drafted, moved, windows_toml
+from shipfp_rs.support.toml import template
 
 CASES = Path(__file__).parents[1] / "data" / "cases"
 GENSET = {
@@ -134,6 +135,8 @@ def test_cases_units_that_can_t_be_are_refused_by_the_channel_s_key(
         ("f [Hz]", "Hz", "frequency"),
         ("Shaft speed 1_s", "1/s", "speed"),
         ("TORQUE_ACT_PCT", "%", "torque"),
+        ("POD1_SPEED_ACT_PCT", "%", "speed"),
+        ("Fuel level [pct]", "%", "other"),
     ],
 )
 def test_cases_units_at_the_end_of_a_name(name: str, unit: str, quantity: str) -> None:
@@ -225,3 +228,16 @@ def test_cases_a_current_is_no_set_point() -> None:
     leads, follows = (np.sin(0.5 * (time - late)) for late in (0.0, 1.0))
     log = Log.from_arrays({"I1": leads, "U12": follows}, rate_hz=50.0, units={"I1": "A", "U12": "V"})
     assert guess_roles(log).set_point is None
+
+
+def test_cases_a_speed_in_per_cent_is_told_from_its_set_point_and_asked_for_its_calibration() -> None:
+    names = ("POD1_SPEED_REF_PCT", "POD1_SPEED_ACT_PCT")
+    log = Log.from_arrays({name: np.linspace(60.0, 70.0, 900) for name in names}, rate_hz=25.0)
+    roles = guess_roles(log)
+    assert (roles.set_point, list(roles.speeds)) == (names[0], [names[1]])
+    text = drafted(template("TRIAL"), log, [Path("pod.csv")], roles, [])
+    table = text.partition('[channels."POD1_SPEED_ACT_PCT"]')[2].partition("\n\n")[0]
+    assert 'unit = "%"' in table
+    assert 'calibration = "to be given"  # from % to rpm' in table
+    beside = Log.from_arrays({"n_set_rpm": np.ones(9), "SPEED_REF_PCT": np.ones(9)}, rate_hz=1.0)
+    assert guess_roles(beside).set_point == "n_set_rpm"

@@ -117,7 +117,9 @@ def test_a_torque_limit_in_si_is_the_engine_s(found) -> None:
 
 
 @pytest.mark.parametrize("point", ["", "[operating_point]\nn_e_rpm = 1243.0\nM_s_Nm = 800.0\n"])
-def test_a_vessel_file_with_the_gear_ratio_alone_gives_figures_in_si_and_says_so(found, tmp_path, point) -> None:
+def test_a_vessel_file_with_the_gear_ratio_alone_gives_figures_in_si_and_says_so(
+    found, tmp_path, point
+) -> None:
     file = tmp_path / "vessel.toml"
     file.write_text(f'name = "Boat"\n[gearbox]\nratio = 3.82\n{point}', encoding="utf-8")
     boat, known = fp.Vessel.load(file), fp.Vessel.load("stan-launch-804")

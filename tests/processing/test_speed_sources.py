@@ -40,6 +40,7 @@ CHANNELS = {
     "A": wheel(16),
     "B": wheel(16, late=-0.25),
     "volts": (RPM + DRAW.normal(0.0, 3.0, len(TIME))) / 200.0,
+    "share": RPM / 20.0 + DRAW.normal(0.0, 0.05, len(TIME)),
     "drive": RPM / 60.0 * 2 * np.pi + DRAW.normal(0.0, 0.2, len(TIME)),
     "U_set": RPM,
 }
@@ -54,6 +55,8 @@ TABLES = {
     "edges": 'file = "edges.csv"\npulses_per_rev = 4\nshaft = "engine"',
     "edges with levels": 'file = "levels.csv"\nlevel = "level"\npulses_per_rev = 4\nshaft = "engine"',
     "analogue": 'column = "volts"\nunit = "rpm"\ncalibration = { scale = 200.0 }',
+    "analogue as read": 'column = "volts"\nunit = "V"\ncalibration = { scale = 200.0 }',
+    "per cent": 'column = "share"\nunit = "%"\ncalibration = { scale = 20.0 }\nstd = 1.0',
     "drive": 'column = "drive"\nunit = "rad/s"',
 }
 
@@ -131,6 +134,15 @@ def test_a_shaft_that_turns_back_is_refused(tmp_path: Path) -> None:
     [
         ('column = "x"\nunit = "counts"\nshaft = "engine"', "speed.counts_per_rev: found nothing"),
         ('kind = "speed"\ncolumn = "x"\nunit = "kg"', "speed.unit: found 'kg', expected one of rpm"),
+        (
+            'column = "x"\nunit = "%"',
+            r"speed.calibration: found nothing, expected channel 'x' from % to rpm: \{",
+        ),
+        (
+            'column = "x"\nunit = "%"\ncalibration = "to be given"',
+            r"calibration: found 'to be .* from % to rpm",
+        ),
+        ('kind = "speed"\ncolumn = "x"\nunit = "V"', "speed.calibration: found nothing"),
         ('column = "x"\nshaft = "engine"', "speed.pulses_per_rev: found nothing"),
         (
             'file = "none.csv"\npulses_per_rev = 4\nshaft = "engine"',

@@ -84,7 +84,9 @@ def doubts(fingerprint: Fingerprint, vessel: Vessel) -> list[str]:
     lossless = vessel.gearbox.ratio != 1.0 and not vessel.given("gearbox.efficiency")
     found: list[str] = []
     if lossless:
-        found.append(Sentence("The vessel file lacks gearbox.efficiency: in SI units the gearbox loses nothing."))
+        found.append(
+            Sentence("The vessel file lacks gearbox.efficiency: in SI units the gearbox loses nothing.")
+        )
     known = vessel.given("operating_point.n_e_rpm", "propeller.torque_exponent")
     if not known or not any(vessel.given(f"operating_point.{name}") for name in ("M_b_Nm", "M_s_Nm")):
         return found

@@ -99,8 +99,8 @@ def _of_unit(unit: str, tells: frozenset[str]) -> str | None:
     for quantity, known in QUANTITIES.items():
         if unit in known.factors:
             return quantity
-    # An engine tells its torque in per cent of one that is to be given.
-    by_name = unit in ELECTRIC or (unit == "%" and "torque" in tells)
+    # A drive tells torque and speed in per cent of ones that are to be given.
+    by_name = unit in ELECTRIC or (unit == "%" and tells & {"torque", "speed"})
     return None if by_name else "other"
 
 

@@ -158,7 +158,7 @@ def set_points(told: Mapping[str, Named]) -> list[str]:
         and "measured" not in one.tells
         and (one.quantity == "speed" or (one.quantity is None and _may_ask(one)) or one.unit == "%")
     }
-    sure = [name for name, one in wanted.items() if one.quantity == "speed" and not one.is_open]
+    sure = [name for name, one in wanted.items() if one.quantity == "speed" and one.unit in TO_RPM]
     return sure or [name for name, one in wanted.items() if one.quantity == "speed"] or list(wanted)
 
 

@@ -284,7 +284,7 @@ class SpeedLevel(PulseTrain):
     def _pulses(self, rows: Rows, start_s: float, stop_s: float) -> PulseTimes:
         rows.within(start_s, stop_s)
         channel, tacho = rows.channel, self.tacho
-        factor = TO_RPM[told(tacho.unit)] / 60.0 / tacho.pole_pairs
+        factor = TO_RPM.get(told(tacho.unit), 1.0) / 60.0 / tacho.pole_pairs  # a calibration leads to rpm
         first = max(round((start_s - MARGIN_S - channel.start_s) * channel.rate_hz), 0)
         stop = min(round((stop_s + MARGIN_S - channel.start_s) * channel.rate_hz), channel.samples)
         recorded = rows.read(first, stop).astype(np.float64)
@@ -294,7 +294,12 @@ class SpeedLevel(PulseTrain):
         if np.nanmedian(rps) < 0.0:
             rps = -rps
         middle = float(np.nanmedian(rps)) / factor
-        _require_less(f"channels.{self.name}.std", tacho.std, middle, f"{tacho.unit}, the speed itself")
+        _require_less(
+            f"channels.{self.name}.std",
+            tacho.std,
+            middle,
+            f"{tacho.unit if tacho.unit in TO_RPM else 'rpm'}, the speed itself",
+        )
         block = max(int(channel.rate_hz / SPEED_RATE_HZ), 1)
         count = len(rps) // block
         means = rps[: count * block].reshape(count, block).mean(axis=1)

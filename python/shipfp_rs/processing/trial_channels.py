@@ -26,6 +26,8 @@ KEYS_OF_KIND: Mapping[str, Set[str]] = {
     "speed": {"unit", "calibration", "std", "mean_s", "pole_pairs"},
 }
 """Keys that a source of speed takes beside those of every kind."""
+CALIBRATED = {"%", *ELECTRIC} - {"", "counts"}
+"""Units of a reading that a source of speed may have, from which its calibration leads to rpm."""
 KEYS_OF_ALL = {"kind", "column", "shaft", "delay_s"}
 SIGNAL_OF_LOCATION = {"gauge": "M_g", "brake": "M_b", "shaft": "M_s"}
 
@@ -245,8 +247,8 @@ class Load(Level):
 class Tacho(Section):
     """A source of speed: a pulse train, a list of its edges, an encoder's angle, or a speed recorded as such.
 
-    The kind follows from the keys: `counts_per_rev`, or a unit of angle, make an encoder; a unit of speed makes a speed;
-    `file` makes a list of edges; anything else is a pulse train.
+    The kind follows from the keys: `counts_per_rev`, or a unit of angle, make an encoder; a unit of speed makes a speed, and
+    so does per cent, or another reading with a calibration; `file` makes a list of edges; anything else is a pulse train.
     """
 
     kind: Literal["pulses", "edges", "angle", "speed"] = "pulses"
@@ -274,13 +276,14 @@ class Tacho(Section):
     time_std_s: Positive | None = None
     """Standard deviation of an edge of a list [s]; from the digits of its times where it isn't given."""
     unit: str = ""
-    """Unit of an angle (deg, rad, rev or counts) or of a speed (rpm, rad/s, rev/s, Hz over `pole_pairs`)."""
+    """Unit of an angle (deg, rad, rev or counts), of a speed (rpm, rad/s, rev/s, Hz over `pole_pairs`), or of the reading
+    (%, V, mA) from which the calibration leads to rpm."""
     counts_per_rev: Annotated[float, Field(ge=1.0, le=1e9)] | None = None
     """Counts of an encoder in a turn."""
     calibration: Line | None = None
-    """Calibration of an analogue speed or angle, from volts to `unit`."""
+    """Calibration of an analogue speed or angle, from volts to `unit`; from a `unit` of the reading to rpm."""
     std: Positive | None = None
-    """Standard deviation of a sample, in `unit`; from the samples themselves where it isn't given."""
+    """Standard deviation of a sample, calibrated; from the samples themselves where it isn't given."""
     mean_s: Positive | None = None
     """Time over which a recorded speed is a mean [s]; from one sample to the next where it isn't given."""
     pole_pairs: PolePairs = 1
@@ -291,16 +294,18 @@ class Tacho(Section):
     def _kind_from_keys(cls, content: Any) -> Any:
         if not isinstance(content, dict):
             return content
+        unit = told(content["unit"]) if isinstance(content.get("unit"), str) else ""
         wanted = {
             "column": "the name of a channel of the log",
             "pulses_per_rev": "a whole number, the pulses in a turn",
-            "calibration": wanted_line("", str(content.get("unit"))),
+            "calibration": wanted_line(
+                *((unit, "rpm") if unit in CALIBRATED else ("", str(content.get("unit"))))
+            ),
         }
         wanted |= {"shaft": '"engine" or "propeller"'}
         for key, what in wanted.items():
             if content.get(key) == TO_BE_GIVEN:
                 raise unexpected(key, repr(TO_BE_GIVEN), f"{what}, for channel {content.get('column')!r}")
-        unit = told(content["unit"]) if isinstance(content.get("unit"), str) else ""
         if "pole_pairs" in content:
             _require_use("pole_pairs", content, unit)
         if "kind" in content:
@@ -309,7 +314,9 @@ class Tacho(Section):
             kind = "edges"
         elif "counts_per_rev" in content or unit in TO_REV or unit == "counts":
             kind = "angle"
-        elif unit in TO_RPM and "pulses_per_rev" not in content:
+        elif "pulses_per_rev" in content:
+            return content
+        elif unit in TO_RPM or unit == "%" or (unit in CALIBRATED and "calibration" in content):
             kind = "speed"
         else:
             return content
@@ -335,8 +342,11 @@ class Tacho(Section):
             )
         if self.kind == "angle" and told(self.unit) not in TO_REV and self.counts_per_rev is None:
             raise unexpected("counts_per_rev", "nothing", f"it beside unit = {self.unit!r}")
-        if self.kind == "speed" and told(self.unit) not in TO_RPM:
-            raise unexpected("unit", repr(self.unit), f"one of {', '.join(TO_RPM)}")
+        unit = told(self.unit)
+        if self.kind == "speed" and unit in CALIBRATED and self.calibration is None:
+            raise unexpected("calibration", "nothing", f"channel {self.column!r} {wanted_line(unit, 'rpm')}")
+        if self.kind == "speed" and unit not in {*TO_RPM, *CALIBRATED}:
+            raise unexpected("unit", repr(self.unit), f"one of {', '.join(TO_RPM)}, or % with a calibration")
         if self.missing and self.pulses_per_rev < 4 * self.missing:
             raise unexpected(
                 "missing", self.missing, f"less than a quarter of pulses_per_rev, {self.pulses_per_rev}"

@@ -198,7 +198,7 @@ def _speed(name: str, roles: Roles) -> str:
     """Return the table of a recorded speed, or of an encoder's angle."""
     unit = roles.named[name].unit
     known = unit in TO_RPM or unit in TO_REV
-    keys = {"column": name, "unit": unit if known else "rpm", "shaft": roles.speeds[name]}
+    keys = {"column": name, "unit": unit if known or unit == "%" else "rpm", "shaft": roles.speeds[name]}
     table = f"[channels.{_key(name)}]\n{_keys(keys)}"
     if roles.named[name].quantity == "frequency":
         return f'{table}\npole_pairs = "{TO_BE_GIVEN}"  # {SCALING["pole_pairs"][1]}'
