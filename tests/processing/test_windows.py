@@ -224,3 +224,17 @@ def test_two_series_of_steps_are_two_windows():
     steps = [window for window in find_windows(log, "U") if window.kind == "steps"]
     assert [round(window.start_s) for window in steps] == [50, 190]
     assert [round(window.stop_s) for window in steps] == [90, 230]
+
+
+@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("hum", [0.0, 0.01])
+def test_a_stair_of_short_levels_is_steps_whatever_its_crossings_look_like(seed: int, hum: float):
+    """Its levels cross their middle as a chirp does, and the mains' hum about one that lies there as a sine does."""
+    random, rate = np.random.default_rng(seed), 400.0
+    holds = np.round(random.uniform(4.0, 9.0, 4 + seed % 3) * rate).astype(int)
+    heights = np.where(np.arange(len(holds)) % 2, -1.0, 1.0) * random.uniform(0.1, 1.0, len(holds))
+    stair = np.repeat(heights * (1.0 if seed % 2 else np.linspace(1.0, 0.2, len(holds))), holds)
+    time = np.arange(len(stair) + round(40.0 * rate)) / rate
+    volts = np.pad(stair, round(20.0 * rate)) + hum * np.sin(2.0 * np.pi * 50.0 * time)
+    log = Log.from_arrays({"U": volts + random.normal(0.0, 0.003, len(volts))}, rate_hz=rate)
+    assert {window.kind for window in find_windows(log, "U")} == {"steady", "steps"}

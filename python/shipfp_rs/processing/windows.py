@@ -32,6 +32,9 @@ SWINGS = 1.5
 """Where a block's spread is so many times that of the noise, the set point swings faster than blocks can show."""
 STEP_WITHIN_S = 1.5
 """A change from one level to another that takes no longer is a step."""
+STAIR, RISERS = 0.75, 0.2
+"""Of a stair the second share of its blocks, where the level changes most, holds the first of all changes: 0.8 and more, of
+sines, chirps and noise half at most."""
 LONG_HOLD = 2.5
 """A series of steps has ended after so many times its usual hold without a step."""
 LONGEST_S = 4.0 * 3600.0
@@ -85,7 +88,8 @@ def find_windows(
     The set point rests where the medians of half seconds stay at one level to within their noise. What lies between two
     rests is a step where the level changes at once, else one excitation; lines in its spectrum, or a period, tell a
     multisine, the times between its crossings of the mean a sine, several sines and a chirp from one another, and two
-    levels square waves and pseudo-random steps. Excitations that follow one another without a rest are found as one.
+    levels square waves and pseudo-random steps. A stair of levels too short for rests is steps, too. Excitations that
+    follow one another without a rest are found as one.
 
     Parameters
     ----------
@@ -267,7 +271,15 @@ class _Trace:
         swings = np.mean(self.spreads[first:stop] > SWINGS * self.noise + self.level_noise) > 0.5
         level = middle_of(samples)
         kind, frequency_hz = kind_of(samples - level, self.rate_hz, swings=bool(swings))
+        if not swings and kind in ("sine", "sines", "chirp", "other") and self._is_stair(first, stop):
+            kind, frequency_hz = "steps", None
         return FoundWindow("", kind, start_s, stop_s, level, frequency_hz)
+
+    def _is_stair(self, first: int, stop: int) -> bool:
+        """Whether levels are held for a while, and change at once."""
+        changes = np.sort(np.abs(np.diff(self.medians[max(first - 1, 0) : stop + 1])))
+        risers = max(round(RISERS * len(changes)), 1)
+        return bool(changes[-risers:].sum() > STAIR * changes.sum())
 
 
 def _levels(pieces: Iterable[Array], block: int) -> tuple[Array, Array, float]:
