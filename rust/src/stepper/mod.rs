@@ -9,7 +9,8 @@
 //! L = N^p + curvature (N - 1)^2 + damping (N - 1) + load_gain w        tau_n dN/dt = M_b - L
 //! ```
 //!
-//! `hold` makes a share of `T_d` a hold, as of a governor that samples every `2 hold T_d`; beside `T_s` it does nothing.
+//! `hold` makes a share of `T_d` a hold, as of a governor that samples every `2 hold T_d`, to
+//! its mean: sum and ripple are those of one that does not sample. Beside `T_s` it does nothing.
 //!
 //! Before the record the set point stands at its first sample, the rack at `initial_F / v`, the speed at `initial_N`; the sum
 //! starts `initial_E` above where the command is the rack. Outputs: `dn = N - 1`, `dM_b = s_M M_b - 1`,

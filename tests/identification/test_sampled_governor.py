@@ -1,0 +1,87 @@
+"""A governor that samples: its sum of rectangles, the ripple of its own stairs, steps that it takes late."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import shipfp_rs as fp
+from shipfp_rs.identification import automatic
+from shipfp_rs.identification.question import question_of
+from shipfp_rs.identification.ship_fit import fit_ship
+from shipfp_rs.identification.spectra import Spectra
+from tests.identification.parity import BETWEEN_S, Case, simulated
+
+NAMES = ("tau_n", "g", "vK_p", "vK_i", "p", "T_d", "T_set")
+
+
+def recorded(own, excitation, seed=1, *, gauge=False, quiet=1.0):
+    """Truth in the words of the fit, and a record with white noise of speed and torque."""
+    truth, clean = simulated(Case(own=own, excitation=excitation, gauge=gauge))
+    random = np.random.default_rng(seed)
+    levels = {"n_set": 0.0, "n_e": 0.2, "M_b": 1.0, "M_g": 1.0}
+    signals = {
+        name: row + quiet * levels[name] * random.standard_normal(len(row)) for name, row in clean.signals.items()
+    }
+    return truth, replace(clean, signals=signals, provenance={"filter": "as of parity"})
+
+
+def test_steps_that_keep_the_clocks_time_bias_no_gain():
+    own = {"T_s": 0.05, "T_0": 0.025 + BETWEEN_S, "T_d": 0.02, "T_set": 0.1, "vK_p": 4.2, "vK_i": 20.0}
+    truth, experiment = recorded(own, "steps", quiet=0.1)
+    found = fp.identify(experiment)
+    for name in NAMES:
+        low, high = found.parameters[name].ci95
+        assert low <= truth[name] <= high, name
+
+
+def at_rest(count, moves):
+    signal = np.zeros(count)
+    for place, level in moves:
+        signal[place:] = level
+    return signal
+
+
+TIME = np.arange(6000) / 50.0
+SET_POINTS = {
+    "steps": (at_rest(6000, [(600 * k, 0.05 * (-1) ** k) for k in range(1, 10)]), True),
+    "chirp": (0.05 * np.sin(2 * np.pi * 0.05 * np.exp(TIME / 30.0) * TIME), False),
+    "a slow sine and a quick one": (0.05 * np.sin(np.where(TIME < 60.0, 0.1, 1.0) * 2 * np.pi * TIME), False),
+    "noise": (0.02 * np.random.default_rng(0).standard_normal(6000), False),
+}
+
+
+@pytest.mark.parametrize("name", SET_POINTS)
+def test_a_set_point_that_goes_in_steps_is_known(name):
+    signal, steps = SET_POINTS[name]
+    record = fp.Experiment(
+        name,
+        50.0,
+        {"n_set": 1000.0 * (1.0 + signal), "n_e": 1000.0 * (1.0 + signal)},
+        {"n_set": 1000.0, "n_e": 1000.0},
+    )
+    assert Spectra.of(record, ("dn",), signal[None]).goes_in_steps == steps
+
+
+def test_of_ends_as_likely_one_is_told_that_the_loads_side_has(monkeypatch):
+    _, experiment = recorded({"tau_act": 0.05}, "chirp")
+    fit = fit_ship(question_of([experiment]))
+    other = replace(fit, also=())
+    both = replace(fit, also=(other,))
+    known = automatic.undescribed
+    monkeypatch.setattr(
+        automatic, "undescribed", lambda one, *rest: "sides" if one is both else known(one, *rest)
+    )
+    found, _, kind = automatic._described(both)
+    assert kind is None
+    assert found.also[0] is both  # whose intervals count all the same
+    monkeypatch.setattr(automatic, "undescribed", lambda *_: "gain")
+    assert automatic._described(both)[2] == "gain"
+
+
+def test_a_soft_shaft_of_a_small_ship_biases_no_load():
+    own = {"tau_n": 0.38, "tau_prop": 0.08, "vK_p": 0.8, "vK_i": 8.0, "tau_act": 0.18, "T_d": 0.02}
+    truth, experiment = recorded(own | {"tau_twist": 0.0142, "zeta_twist": 0.35}, "chirp")
+    side = fp.load_side(experiment)
+    low, high = side.parameters["tau_n"].ci95
+    assert low <= truth["tau_n"] <= high
