@@ -21,7 +21,8 @@ def recorded(own, excitation, seed=1, *, gauge=False, quiet=1.0):
     random = np.random.default_rng(seed)
     levels = {"n_set": 0.0, "n_e": 0.2, "M_b": 1.0, "M_g": 1.0}
     signals = {
-        name: row + quiet * levels[name] * random.standard_normal(len(row)) for name, row in clean.signals.items()
+        name: row + quiet * levels[name] * random.standard_normal(len(row))
+        for name, row in clean.signals.items()
     }
     return truth, replace(clean, signals=signals, provenance={"filter": "as of parity"})
 

@@ -25,6 +25,7 @@ from shipfp_rs.identification.basins import (
 )
 from shipfp_rs.identification.equation_likelihood import EquationLikelihood
 from shipfp_rs.identification.first_guesses import first_guesses
+from shipfp_rs.identification.load_equation import BEHIND
 from shipfp_rs.identification.load_side import LoadSide, load_side_of
 from shipfp_rs.identification.question import TRIED, Question
 from shipfp_rs.identification.sampling import Between
@@ -54,6 +55,8 @@ COMMON_S = 0.1
 """Least that the governor's lead and the lag gain together elsewhere [s]."""
 HALF_PERIODS_S = (0.005, 0.015, 0.03)
 """Halves of a governor's period to begin with [s]."""
+LEAST_LAG_S = 0.1
+"""Least lag that can be a drive train's [s]."""
 REDIVIDED, MORE = 3, 4
 """How often delays are parted otherwise at most, and how many new ends go down to their minima each time."""
 
@@ -198,6 +201,7 @@ def with_other_delays(fit: ShipFit, until: float | None = None) -> ShipFit:
             break
         states = c.states_at(before.vector)
         parts = [*_redivided(fit.values), *(_scaled(fit.values) if fit.question.gauge else [])]
+        parts += _exchanged(fit.values, gauge=fit.question.gauge)
         starts = [c.vector({**fit.values, **one}, states) for one in parts]
         fit, fell = _elsewhere(fit, starts, until)
         if fell < 1.0:
@@ -300,6 +304,24 @@ def _scaled(values: Mapping[str, float]) -> list[dict[str, float]]:
         {"tau_n": values["tau_n"] * factor, "g": p - (p - g) * factor}
         | {name: values[name] * factor for name in ("vK_p", "vK_i") if name in values}
         for factor in SCALES
+    ]
+
+
+def _exchanged(values: Mapping[str, float], *, gauge: bool) -> list[dict[str, float]]:
+    """The ship whose drive train is as slow as the lag found, and whose sum does what the gain did: both loops are alike."""
+    lag, tau = values.get("tau_act", 0.0), values["tau_n"]
+    if lag < LEAST_LAG_S or "g" not in values:
+        return []
+    own = min(tau, values["tau_prop"] / BEHIND) if gauge else tau
+    integral = values["vK_p"] / tau * own / lag
+    return [
+        {
+            "tau_n": own,
+            "g": values["p"] - own / lag,
+            "vK_i": integral,
+            "vK_p": COMMON_S * integral,
+            "tau_act": 0.2 * lag,
+        }
     ]
 
 
