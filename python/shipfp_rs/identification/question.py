@@ -239,20 +239,7 @@ def question_of(
     speed = next((name for name in ("n_e", "n_s") if name in common), None)
     if speed is None:
         raise InputError("identify: no experiment has a speed, expected the signal n_e or n_s")
-    sides: dict[str, str] = {side: name for name, side in reversed(list(SIGNALS.items())) if name in common}
-    first = next((name for name in SIGNALS if name in common), "")
-    both = outputs is not None and _are_both_torques(outputs)
-    named = next(
-        (SIGNALS[output] for output in outputs or () if output in SIGNALS), SIGNALS.get(first, "brake")
-    )
-    place = torque or ("gauge" if both else named)
-    chosen = sides.get(place, first)
-    if outputs is not None:
-        of_signals = {**OF_SIGNALS, **(dict.fromkeys(("M_b", "M_s"), BRAKE) if both else {})}
-        outputs = [of_signals.get(output, output) for output in outputs]
-    else:
-        outputs = ["dn", *(["dM"] if chosen else []), *(["dX"] if "X_f" in common else [])]
-    signals = {"dn": speed, "dM": chosen, "dX": "X_f", "dE": "E_n", BRAKE: sides.get("brake", "M_b")}
+    place, outputs, signals = _compared(outputs, torque, common, speed)
     _require_outputs(outputs, signals, common)
     gauge = place == "gauge" and "dM" in outputs
     loaded = is_loaded(experiments) and elements.get("load", True)
@@ -359,6 +346,23 @@ def _require_values(fixed: Mapping[str, float], priors: Mapping[str, tuple[float
 def _known_elements(fixed: Mapping[str, float]) -> dict[str, bool]:
     """Elements of which a parameter is known act."""
     return {name: True for name, parameters in TRIED.items() if not fixed.keys().isdisjoint(parameters)}
+
+
+def _compared(
+    outputs: Sequence[str] | None, torque: Torque | None, common: set[str], speed: str
+) -> tuple[Torque, list[str], dict[str, str]]:
+    """The torque's place, the outputs that are compared, and the signals that stand for outputs."""
+    sides: dict[str, str] = {side: name for name, side in reversed(list(SIGNALS.items())) if name in common}
+    first = next((name for name in SIGNALS if name in common), "")
+    both = outputs is not None and _are_both_torques(outputs)
+    named = [SIGNALS[output] for output in (*(outputs or ()), first) if output in SIGNALS]
+    place: Torque = torque or ("gauge" if both else [*named, SIGNALS["M_b"]][0])
+    chosen = sides.get(place, first)
+    of_signals = {**OF_SIGNALS, **(dict.fromkeys(("M_b", "M_s"), BRAKE) if both else {})}
+    measured = ["dn", *(["dM"] if chosen else []), *(["dX"] if "X_f" in common else [])]
+    found = measured if outputs is None else [of_signals.get(output, output) for output in outputs]
+    signals = {"dn": speed, "dM": chosen, "dX": "X_f", "dE": "E_n", BRAKE: sides.get("brake", "M_b")}
+    return place, found, signals
 
 
 def _are_both_torques(outputs: Sequence[str]) -> bool:

@@ -94,6 +94,8 @@ pub mod signal {
 
 /// Where speed and torque are measured, and what drives the ship.
 #[derive(Debug, Clone, Copy, Default)]
+// Each goes with every other one.
+#[allow(clippy::struct_excessive_bools)]
 pub struct Setup {
     /// Whether the torque is read between the inertias.
     pub gauge: bool,
@@ -432,24 +434,25 @@ fn slope_terms(
             at::T_M if torque => add(one.equation, one.signal, risen),
             at::T_N if speed => add(one.equation, one.signal, risen),
             at::T_B if brake => add(one.equation, one.signal, risen),
-            at::S_B if brake => {
-                let scaled = one.coefficients.map(|c| -c / values[at::S_B]);
-                add(one.equation, one.signal, scaled);
-                add(one.equation, signal::ONE, scaled);
-            }
             at::M_0 if torque => add(one.equation, signal::ONE, one.coefficients),
             at::U_0 if set => add(one.equation, signal::ONE, one.coefficients),
-            at::S_M if torque => {
-                let scaled = one.coefficients.map(|c| -c / values[at::S_M]);
+            at::S_M | at::S_B if if by == at::S_M { torque } else { brake } => {
+                let offset = if by == at::S_M { values[at::M_0] } else { 0.0 };
+                let scaled = one.coefficients.map(|c| -c / values[by]);
                 add(one.equation, one.signal, scaled);
-                add(one.equation, signal::ONE, scaled.map(|c| c * (1.0 - values[at::M_0])));
+                add(one.equation, signal::ONE, scaled.map(|c| c * (1.0 - offset)));
             }
             _ => {}
         }
     }
-    for mine in &mut found {
-        mine.length = DEGREES - mine.coefficients.iter().rev().take_while(|value| **value == 0.0).count();
+    trimmed(found)
+}
+
+/// Terms without the coefficients that are zero at their ends.
+fn trimmed(mut terms: Vec<Term>) -> Vec<Term> {
+    for one in &mut terms {
+        one.length = DEGREES - one.coefficients.iter().rev().take_while(|value| **value == 0.0).count();
     }
-    found.retain(|mine| mine.length > 0);
-    found
+    terms.retain(|one| one.length > 0);
+    terms
 }

@@ -122,8 +122,27 @@ pub fn lay_out<S: Simd, const O: usize>(
         }
         raise(simd, plan, omega, shifted(simd, orders, scale, one, rest), known, powers, inner);
     }
+    lay_out_late(simd, plan, turns, omega, place, [scale, rest], powers, inner);
+}
+
+/// The same on those that come late to the governor; the torque has a scale and what is added to it.
+#[inline(always)]
+#[allow(clippy::too_many_arguments)]
+fn lay_out_late<S: Simd, const O: usize>(
+    simd: S,
+    plan: &Plan<'_, O>,
+    turns: &Turns<S>,
+    omega: S::f64s,
+    place: usize,
+    [scale, rest]: [S::f64s; 2],
+    powers: &mut [f64],
+    inner: usize,
+) {
+    let (q, count, lengths) = (plan.q, plan.spectra.count, &plan.lengths);
+    let values = plan.spectra.values;
+    let one = read(simd, &values[signal::ONE * ORDERS * 2 * count..], count, ORDERS, place);
     let places = [
-        (0, signal::LATE_N, signal::APART_N, late),
+        (0, signal::LATE_N, signal::APART_N, q[at::T_N]),
         (1, signal::LATE_U, signal::APART_U, 0.0),
         (2, signal::LATE_M, signal::APART_M, q[at::T_M]),
     ];
