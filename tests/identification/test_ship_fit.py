@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 
 import shipfp_rs as fp
+from shipfp_rs.identification.automatic import _of_a_stiff_shaft
 from shipfp_rs.identification.basins import descend
+from shipfp_rs.identification.estimate import Estimate
 from shipfp_rs.identification.profiles import Profiles, figures_of
 from shipfp_rs.identification.question import question_of
 from shipfp_rs.identification.ship_fit import fit_ship, smooth_ship, with_other_delays
@@ -158,6 +160,20 @@ def test_a_lag_that_stands_for_the_drive_train_is_no_end():
     found = with_other_delays(replace(fit, basins=(end,), also=()))
     assert found.values["g"] == pytest.approx(own["g"], abs=0.1)
     assert found.values["tau_act"] == pytest.approx(own["tau_act"], abs=0.02)
+
+
+@pytest.mark.parametrize(("lowest", "told"), [(3e-4, False), (2e-3, True), (None, False)])
+def test_a_part_of_the_inertia_that_only_a_twist_tells_is_open_where_a_stiff_shaft_fits(lowest, told):
+    """At the brake tau_prop acts through the twist alone (genset 190062: 0.09 s for 0.54)."""
+    question = question_of([trial()], torque="brake", outputs=["dn", "dM"])
+    twist = (
+        Estimate(None, status="unidentifiable") if lowest is None else Estimate(4e-3, 1e-3, (lowest, 6e-3))
+    )
+    parameters = {"tau_prop": Estimate(0.09, 0.02, (0.05, 0.13), "s"), "tau_twist": twist}
+    found = parameters | _of_a_stiff_shaft(parameters, question)
+    assert (found["tau_prop"].value is not None) == told
+    behind = replace(question, gauge=True)
+    assert not _of_a_stiff_shaft(parameters, behind)
 
 
 def test_a_drive_without_elements_is_given_none():

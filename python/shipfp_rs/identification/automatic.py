@@ -115,6 +115,7 @@ def answered(
     parameters = {one.name: told.get(one.name) or _fixed(fit, one) for one in structure.parameters}
     if "dM" not in question.outputs and question.structure is None:
         parameters = _without_torque(parameters, question)
+    parameters |= _of_a_stiff_shaft(parameters, question)
     together = (*(("vK_p", "vK_i") if gains else ()), *TOGETHER)
     derived = {name: _combined(found[name], COMBINATIONS[name][0]) for name in together if name in found}
     if kind:
@@ -341,6 +342,24 @@ def _fixed(fit: ShipFit, parameter: Parameter) -> Estimate:
 def _combined(interval: Interval, unit: str) -> Estimate:
     std = (interval.high - interval.low) / (2.0 * DEVIATIONS_95)
     return Estimate(interval.value, float(std), (float(interval.low), float(interval.high)), unit)
+
+
+def _of_a_stiff_shaft(parameters: Mapping[str, Estimate], question: Question) -> dict[str, Estimate]:
+    """Return the estimate of a part of the inertia that only a twist tells, where a shaft as stiff as any fits as well."""
+    part, twist = parameters.get("tau_prop"), parameters.get("tau_twist")
+    if (
+        question.gauge
+        or question.structure is not None
+        or part is None
+        or twist is None
+        or part.value is None
+    ):
+        return {}
+    stiffest = question.bounds["tau_twist"][0]
+    if twist.status == "fixed" or (twist.ci95 is not None and twist.ci95[0] > stiffest):
+        return {}
+    reason = Sentence("a stiff shaft fits as well, of which the engine's torque tells no part")
+    return {"tau_prop": Estimate(None, unit=part.unit, status="unidentifiable", reason=reason)}
 
 
 def _without_torque(parameters: Mapping[str, Estimate], question: Question) -> dict[str, Estimate]:
