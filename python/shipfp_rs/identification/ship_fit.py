@@ -226,7 +226,10 @@ def with_steps_in_time(fit: ShipFit, until: float | None = None) -> ShipFit:
     found = replace(fit, likelihood=late, basins=(min(ends, key=lambda end: end.cost),), also=())
     if not np.isfinite(found.best.cost):
         return fit
-    found = with_other_delays(settled(found, until), until)
+    found = settled(found, until)
+    if found.total > fit.total + LIKELY:
+        return fit
+    found = with_other_delays(found, until)
     best, other = (found, fit) if found.total < fit.total - 1.0 else (fit, found)
     also = [one for one in (other, *best.also, *other.also) if one.total < best.total + ALIKE]
     return replace(best, also=tuple(one for one in also if _is_apart(best, best.basins, one.best)))
