@@ -52,7 +52,7 @@ def ripple(hold, dead, lag):
     period, late = 2.0 * hold * dead, (1.0 - hold) / (2.0 * hold)
     if late.real >= 2.0 * PERIODS:
         return 0.0
-    y = 1.0 - (late - np.floor(late.real))
+    y = 1.0 - late
     found = -0.5 * period**2 * (y * y - y + 1.0 / 6.0) + lag * period * (y - 0.5)
     if lag != 0.0:
         found += lag * period * np.exp(-y * period / lag) / (1.0 - np.exp(-period / lag)) - lag**2

@@ -24,7 +24,7 @@ pub fn ripple(hold: Dual, dead: Dual, lag: Dual) -> Dual {
         return Dual::new(0.0);
     }
     let period = hold * dead * 2.0;
-    let after = (late + -late.value.floor()) * -1.0 + 1.0;
+    let after = late * -1.0 + 1.0;
     let mut found = period * period * (after * (after + -1.0) + 1.0 / 6.0) * -0.5;
     found = found + lag * period * (after + -0.5);
     if lag.value > 0.0 {
