@@ -36,6 +36,9 @@ by a time of a grid, its rest is what the delay has beyond that [s]. outputs hol
   1 + W])`: products of these rows times the lower triangles `root`, and of the smooth errors (`shapes` times hats, real
   and imaginary size) with them; a loop that is unstable raises `SimulationError`. Instruction sets differ by rounding;
   one gives the same bits in any thread
+- `taken_by_limits(parameters[17], set_point[N], speed[N], torque[N], every) -> ([N], [N])`: what limits take off the
+  engine's torque, and off the rack's part of it, for deviations as they were measured, `every` seconds one;
+  `ENGINE_SIDE_PARAMETERS` are those of `rust/src/engine_side.rs`
 - `loop_is_stable(parameters, open_loop) -> bool`: of a ship's loop about its operating point, by Nyquist's turns
 
 `PulseCrossings(low, high, middle)`: `feed(chunk: float32 | float64 | int16, borrowed) -> float64[...]` times of the
@@ -77,6 +80,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 __all__ = [
+    "ENGINE_SIDE_PARAMETERS",
     "EQUATION_BLOCK",
     "EQUATION_ORDERS",
     "EQUATION_OUTPUTS",
@@ -110,6 +114,7 @@ __all__ = [
     "simulate_ship",
     "simulate_ship_by",
     "slope_at_even_times",
+    "taken_by_limits",
 ]
 
 __version__: str
@@ -124,6 +129,7 @@ SHIP_OUTPUTS: tuple[str, ...]
 SHIP_OFF: tuple[float, ...]
 SHIP_DETAIL: tuple[str, ...]
 
+ENGINE_SIDE_PARAMETERS: tuple[str, ...]
 EQUATION_PARAMETERS: tuple[str, ...]
 EQUATION_SIGNALS: tuple[str, ...]
 EQUATION_OUTPUTS: tuple[str, ...]
@@ -156,6 +162,13 @@ def equation_products(
     hats: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]: ...
 def loop_is_stable(parameters: NDArray[np.float64], open_loop: bool) -> bool: ...
+def taken_by_limits(
+    parameters: NDArray[np.float64],
+    set_point: NDArray[np.float64],
+    speed: NDArray[np.float64],
+    torque: NDArray[np.float64],
+    every: float,
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]: ...
 def simulate_ship(
     parameters: NDArray[np.float64],
     u: NDArray[np.float64],

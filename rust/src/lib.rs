@@ -1,6 +1,7 @@
 //! Kernels of `shipfp_rs`: the ship, linear models, pulse extraction.
 
 pub mod duplicate_rows;
+pub mod engine_side;
 pub mod error;
 pub mod filter;
 mod finite;

@@ -309,7 +309,7 @@ def _estimate(fit: ShipFit, name: str, interval: Interval) -> Estimate:
         # Far above all that was reached no profile finds where it would begin to act.
         reason = (
             Sentence("no limit was reached in the data")
-            if flat
+            if flat or ends[0] <= low
             else Sentence(
                 "no limit was reached in the data: any value above {low} fits as well", low=f"{ends[0]:.4g}"
             )

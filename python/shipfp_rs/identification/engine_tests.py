@@ -215,12 +215,14 @@ def suspected(scores: Mapping[str, Score]) -> str | None:
 def limit_to_try(scores: Mapping[str, Score], among: Container[str]) -> str | None:
     """Return the limit that is worth a fit: a smooth loop takes much of it over, so that little shows; None: none."""
     most = max((score.fall for score in scores.values()), default=0.0)
+    # Something acts there surely: a smooth loop may have taken most of a limit over.
+    surely = any(score.fall > BELIEVED and score.consistency > CONSISTENT for score in scores.values())
     worth = {
         kind: scores[kind].fall
         for kind in scores
         if kind in LIMITS
         and kind in among
-        and (scores[kind].consistency > CONSISTENT or scores[kind].fall > SURE)
+        and (surely or scores[kind].consistency > CONSISTENT or scores[kind].fall > SURE)
         and scores[kind].fall > max(WORTH, most / NEAR)
     }
     return max(worth, key=lambda kind: worth[kind], default=None)

@@ -7,7 +7,7 @@ by the search's coordinates.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Self
 
@@ -71,8 +71,6 @@ class EquationLikelihood(Likelihood):
         Whether the torque is read between the inertias.
     unknowns
         Names of a record's own unknowns.
-    limits
-        Limits of torque and rate that act, by the stepper's names: what they take off the outputs is put back.
     ships
         For each record the ship of a given structure; none: the coordinates' parameters are the kernel's.
     white
@@ -85,7 +83,6 @@ class EquationLikelihood(Likelihood):
     coordinates: Coordinates | StructureCoordinates
     gauge: bool
     unknowns: tuple[str, ...]
-    limits: Mapping[str, float] = field(default_factory=dict)
     ships: tuple[TwoEquations, ...] = ()
     white: bool = False
     steps: bool = False
@@ -463,10 +460,10 @@ class EquationLikelihood(Likelihood):
 
     @property
     def is_corrected_by_model(self) -> bool:
-        """Whether the records follow from the model, too: gaps, squares of a propeller's speed, what limits take off."""
+        """Whether the records follow from the model, too: gaps, squares of a propeller's speed."""
         gaps = any(one.masked.any() for one in self.records)
         slips = "tau_twist" in self.coordinates.free and not self.behind_twist
-        return gaps or bool(self.limits) or slips
+        return gaps or slips
 
     def corrected(self, vector: Array) -> Self:
         """Return the likelihood of the records corrected by the model at a vector; see `Spectra.corrected`."""
@@ -496,16 +493,23 @@ class EquationLikelihood(Likelihood):
         limits = self._limits(vector)
         if not (limits or self.records[record].masked.any()):
             return None, None
+        whole = self._whole(vector, record, limits)
+        if whole is None or not limits:
+            return whole, None
+        smooth = self._whole(vector, record, {})
+        return (None, None) if smooth is None else (whole, whole - smooth)
+
+    def _whole(self, vector: Array, record: int, limits: Mapping[str, float]) -> Array | None:
+        """The model's outputs (O, N); None where it runs away."""
         try:
-            whole = self.simulated(vector, record, limits)
-            return whole, whole - self.simulated(vector, record, {}) if limits else None
+            return self.simulated(vector, record, limits)
         except SimulationError:
-            return None, None
+            return None
 
     def _limits(self, vector: Array) -> Mapping[str, float]:
         """Limits that act at a vector, by the stepper's names."""
         del vector
-        return self.limits
+        return {}
 
     def prior_rows(
         self, vector: Array, values: Mapping[str, float] | None = None, slopes: Slopes | None = None

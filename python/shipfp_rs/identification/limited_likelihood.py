@@ -1,8 +1,10 @@
 """The likelihood of a ship in a limit of torque or rate: the smooth ship's in closed form, and what limits take off.
 
-What limits take off the outputs is the difference of two simulations, with limits and without. At one vector it is put back
-into the records, so that what the closed form leaves is small everywhere near; the rest is a difference to that. Moving
-water decides, too, when a limit holds: both simulations are driven by what the measured torque has beyond the load's law.
+There are two ways to know what limits take off. On the engine's side alone a limit is a clamp on a known signal: the
+governor's command for set point and speed as they were measured. Nothing is simulated, water moves both as it will, and no
+search is led astray by a loop that rings; but noise of the speed blurs the corners. Or it is the difference of two
+simulations of the whole, with limits and without, driven by what the measured torque has beyond the load's law. At one vector
+that is put back into the records, so that what the closed form leaves is small everywhere near. The data choose the way.
 """
 
 from __future__ import annotations
@@ -14,11 +16,16 @@ from typing import Self
 
 import numpy as np
 
+from shipfp_rs import _core
 from shipfp_rs.errors import SimulationError
+from shipfp_rs.identification.coordinates import loop_of
 from shipfp_rs.identification.equation_likelihood import EquationLikelihood
-from shipfp_rs.identification.likelihood import Products
+from shipfp_rs.identification.likelihood import Products, Slopes
 from shipfp_rs.identification.profiles import scaled_inverse
 from shipfp_rs.identification.spectra import Spectra
+from shipfp_rs.structures.outputs import BRAKE
+from shipfp_rs.structures.ship import BRAKE_SCALE
+from shipfp_rs.structures.transfer import SLOWEST, TransferFunctions
 from shipfp_rs.support.arrays import Array, ComplexArray
 from shipfp_rs.support.interpolation import interpolated
 from shipfp_rs.support.threads import where_alone
@@ -28,8 +35,12 @@ LIMITS = ("M_max", "M_soft", "rate")
 FINE_HZ = 100.0
 """Rate of the simulations: what lines between their samples lack counts for what limits take off alone."""
 WATERS_HZ = (2.0, 0.7, 0.0)
-"""Frequencies up to which what a torque has beyond the load's law may be water, the first one to begin with. Above them it
-is the gauge's noise, which moves no ship; at zero there is no water."""
+"""Frequencies up to which what a torque has beyond the load's law may be water. Above them it is the gauge's noise, which
+moves no ship; at zero there is no water."""
+SIDE_HZ, LEADS = 50.0, 1.0
+"""Least rate at which the engine's side is followed, and how fast the measured torque leads a governor's sum back [1/s]."""
+HOLDS = 1e-4
+"""Part of the operating torque that a clamp takes off where it holds."""
 SAMPLING_S, PHASES, FINER = (0.01, 0.03), 3, 4
 """Ends of the interval at which a governor may sample, instants of the first sample, and steps that then make one."""
 STEP = 1e-4
@@ -49,16 +60,19 @@ class LimitedLikelihood(EquationLikelihood):
     about
         Vector about which the derivatives of what limits take off are taken; None: each time anew.
     water_hz
-        Frequency up to which what the torque has beyond the law is water.
+        Frequency up to which what the torque has beyond the law is water, in simulations; None: by the engine's side alone.
     governor
         Parameters of the stepper in place of those of a vector.
+    held
+        For each record the part of its time in which a clamp holds, by the engine's side alone.
     """
 
     beyond: tuple[Array, ...] | None = None
     law: Mapping[str, float] = field(default_factory=dict)
     about: Array | None = None
-    water_hz: float = WATERS_HZ[0]
+    water_hz: float | None = None
     governor: Mapping[str, float] = field(default_factory=dict)
+    held: tuple[float, ...] = ()
 
     @property
     def is_quick(self) -> bool:
@@ -72,13 +86,73 @@ class LimitedLikelihood(EquationLikelihood):
     def taken(self, vector: Array, record: int) -> ComplexArray:
         """Spectra (O, F) of what limits take off the outputs of a record, beyond what was put back before."""
         data = self.records[record]
-        both = {**self._limits(vector), **self.governor}, self.governor
-        with_limits, without = (self.simulated(vector, record, one) for one in both)
-        found = data.see(data.low_passed(with_limits - without) - data.taken)
+        if self.water_hz is None:
+            found = self._taken_off_engine(vector, record)
+        else:
+            both = {**self._limits(vector), **self.governor}, self.governor
+            with_limits, without = (self.simulated(vector, record, one) for one in both)
+            found = data.see(data.low_passed(with_limits - without) - data.taken)
         if not np.isfinite(found).all():
             raise SimulationError("what the limits take off is not finite")
         found[:, 0] = 0.0  # the means belong to the offsets alone
         return found
+
+    def _clamped(self, vector: Array, record: int) -> tuple[Array, Array]:
+        """What clamps take off the engine's torque, and off the rack's part of it, (N,) each, for measured signals."""
+        data, values = self.records[record], self.values_of(vector, record)
+        own = dict(zip(self.unknowns, vector[self.coordinates.states(record)], strict=True))
+        beside = BRAKE in data.outputs
+        scale = 1.0 + own.get(BRAKE_SCALE if beside else "torque scale", 0.0)
+        ahead = values["tau_n"] - values.get("tau_prop", 0.0) if self.gauge and not beside else 0.0
+        known = {
+            "rate": np.inf,
+            "M_max": np.inf,
+            **values,
+            "u_0": own.get("set point offset", 0.0),
+            "s_M": scale,
+        }
+        known |= {"ahead": ahead, "leads": LEADS, "T_M": values.get("T_B" if beside else "T_M", 0.0)}
+        parameters = np.array([known.get(name, 0.0) for name in _core.ENGINE_SIDE_PARAMETERS])
+        every = 1.0 / (data.data_hz * self._side_finer(data))
+        return _core.taken_by_limits(parameters, *self._side[record], every)
+
+    def _taken_off_engine(self, vector: Array, record: int) -> ComplexArray:
+        """The same by the engine's side alone: what clamps take off its torque, through the loop."""
+        data, values = self.records[record], self.values_of(vector, record)
+        own = dict(zip(self.unknowns, vector[self.coordinates.states(record)], strict=True))
+        finer = self._side_finer(data)
+        torque, rack = (data.see(data.low_passed(one[::finer])) for one in self._clamped(vector, record))
+        s = 1j * np.maximum(2.0 * np.pi * data.frequency_hz, SLOWEST)
+        answer = TransferFunctions(data.outputs, self.gauge, "engine").answer_to_torque(loop_of(values), s)
+        late = {"dn": "T_n", "dM": "T_M", BRAKE: "T_B"}
+        scales = {"dM": 1.0 + own.get("torque scale", 0.0), BRAKE: 1.0 + own.get(BRAKE_SCALE, 0.0)}
+        for row, name in zip(answer, data.outputs, strict=True):
+            row *= torque * scales.get(name, 1.0) * np.exp(-s * values.get(late.get(name, ""), 0.0))
+            if name == "dX":
+                row += rack / values.get("v", 1.0)
+        return answer
+
+    def _side_finer(self, record: Spectra) -> int:
+        return max(1, round(SIDE_HZ / record.data_hz))
+
+    @cached_property
+    def _side(self) -> list[tuple[Array, Array, Array]]:
+        """For each record set point, speed and the torque nearest to the engine, as fine as clamps want them."""
+        found: list[tuple[Array, Array, Array]] = []
+        for data in self.records:
+            named, finer = dict(zip(data.outputs, data.whole, strict=True)), self._side_finer(data)
+            rows = data.set_point, named["dn"], named.get(BRAKE, named["dM"])
+            set_point, speed, torque = (interpolated(np.ascontiguousarray(one), finer) for one in rows)
+            found.append((set_point, speed, torque))
+        return found
+
+    def _models(self, vector: Array, record: int) -> tuple[Array | None, Array | None]:
+        """The model's outputs for a record with gaps, and what limits take off them where that is put back."""
+        if self.water_hz is not None:
+            return super()._models(vector, record)
+        if not self.records[record].masked.any():
+            return None, None
+        return self._whole(vector, record, self._limits(vector)), None
 
     def _limits(self, vector: Array) -> Mapping[str, float]:
         values = self.coordinates.values(vector)
@@ -86,8 +160,8 @@ class LimitedLikelihood(EquationLikelihood):
 
     @property
     def is_corrected_by_model(self) -> bool:
-        """Whether the records follow from the model, too: what limits take off always does."""
-        return True
+        """Whether the records follow from the model, too: what limits take off is put back where it is simulated."""
+        return self.water_hz is not None or super().is_corrected_by_model
 
     def simulated(self, vector: Array, record: int, limits: Mapping[str, float]) -> Array:
         """Outputs of a record by the stepper, driven by moving water, at the data's rate, (O, N), with limits."""
@@ -105,8 +179,8 @@ class LimitedLikelihood(EquationLikelihood):
         return found
 
     def near(self, vector: Array) -> Self:
-        """Return the likelihood with derivatives of what limits take off about a vector."""
-        return replace(self, about=vector)
+        """Return the likelihood with derivatives of what limits take off about a vector, where they are simulated."""
+        return self if self.water_hz is None else replace(self, about=vector)
 
     def residual(self, vector: Array, record: int) -> ComplexArray:
         """Residuals (O, F) of a record."""
@@ -144,8 +218,10 @@ class LimitedLikelihood(EquationLikelihood):
         """How far the end moves with the instants at which a governor samples, (PHASES, P).
 
         A smooth ship shows their mean alone. In a limit it counts when a command falls below it. Zero where the loop of a
-        governor that samples runs away.
+        governor that samples runs away, and by measured signals, which have the instants in them.
         """
+        if self.water_hz is None:
+            return np.zeros((PHASES, self.coordinates.size))
         dead = self.values_of(vector, 0).get("T_d", 0.0)
         every = float(np.clip(2.0 * dead, *SAMPLING_S))
         clock = {"T_s": every, "T_d": max(dead - 0.5 * every, 0.0), "hold": 0.0}
@@ -208,7 +284,7 @@ class LimitedLikelihood(EquationLikelihood):
         law += values.get("damping", 0.0) * speed + behind * record.through(speed, lambda s: s, 0.0, 1.0)
         if len(record.load):
             law += values.get("k_L", 1.0) * record.low_passed(record.load)
-        w = 2.0 * np.pi * self.water_hz
+        w = 2.0 * np.pi * (self.water_hz or 0.0)
         return record.through(
             (through - law) * record.tapers[0], lambda s: 1.0 / (1.0 + (s / w) ** 4), 1.0, 0.0
         )
@@ -219,4 +295,38 @@ class LimitedLikelihood(EquationLikelihood):
 
     def with_noise(self, vector: Array) -> Self:
         """Return the likelihood whose noise is that of the residuals at a vector."""
-        return replace(super().with_noise(vector), about=vector)
+        if self.water_hz is not None:
+            return replace(super().with_noise(vector), about=vector)
+        held = [
+            np.mean(np.abs(self._clamped(vector, index)[0]) > HOLDS) for index in range(len(self.records))
+        ]
+        return replace(super().with_noise(vector), held=tuple(float(one) for one in held))
+
+    def prior_rows(
+        self, vector: Array, values: Mapping[str, float] | None = None, slopes: Slopes | None = None
+    ) -> Array:
+        """Those of smooth ships, and a row of what the loop's inverse makes too small while a clamp holds."""
+        rows = super().prior_rows(vector, values, slopes)
+        if self.water_hz is not None or not any(self.held):
+            return rows
+        size, found = self._opened(vector), np.zeros((1, rows.shape[1]))
+        found[0, 0] = -size
+        for place in range(len(self.coordinates.names)):
+            moved = vector.copy()
+            moved[place] += STEP
+            found[0, 1 + place] = (self._opened(moved) - size) / STEP
+        return np.concatenate([rows, found])
+
+    def _opened(self, vector: Array) -> float:
+        """Root of the deviance by which a loop that is open while a clamp holds is dearer than one that is closed.
+
+        Noise of the equations becomes that of the outputs by the inverse of the loop. While a clamp holds there is none:
+        the determinant of noise is larger by the return difference.
+        """
+        found = 0.0
+        for index, (record, share) in enumerate(zip(self.records, self.held, strict=True)):
+            s = 1j * np.maximum(2.0 * np.pi * record.frequency_hz[1:], SLOWEST)
+            loop = TransferFunctions(record.outputs, self.gauge, "engine")
+            turned = loop.return_difference(loop_of(self.values_of(vector, index)), s)
+            found += 4.0 * share * float(np.sum(np.log(np.abs(turned))))
+        return float(np.sqrt(max(found, 0.0)))

@@ -205,7 +205,7 @@ class Question:
             likelihood, LimitedLikelihood
         ):
             known = {one.name: getattr(likelihood, one.name) for one in fields(EquationLikelihood)}
-            return LimitedLikelihood(**{**known, **changed, "limits": {}})
+            return LimitedLikelihood(**known | changed)
         if isinstance(likelihood, LimitedLikelihood):
             changed["about"] = None
         return replace(likelihood, **changed)

@@ -25,6 +25,7 @@ from shipfp_rs.identification.basins import (
 )
 from shipfp_rs.identification.equation_likelihood import EquationLikelihood
 from shipfp_rs.identification.first_guesses import first_guesses
+from shipfp_rs.identification.limited_likelihood import LimitedLikelihood
 from shipfp_rs.identification.load_equation import BEHIND
 from shipfp_rs.identification.load_side import LoadSide, load_side_of
 from shipfp_rs.identification.question import TRIED, Question
@@ -190,14 +191,14 @@ def _begun(
     ]
 
 
-def with_other_delays(fit: ShipFit, until: float | None = None) -> ShipFit:
+def with_other_delays(fit: ShipFit, until: float | None = None, *, limited: bool = False) -> ShipFit:
     """Return the fit, searched again with the sum of the delays divided otherwise among dead times, lag and hold.
 
     The data determine their sum more closely than each of them, so a search may find the right sum but the wrong parts.
     """
     for _ in range(REDIVIDED):
         c, before = fit.likelihood.coordinates, fit.best
-        if len(DELAYS & set(c.free)) < 2 or not fit.is_smooth:
+        if len(DELAYS & set(c.free)) < 2 or not (limited or fit.is_smooth):
             break
         states = c.states_at(before.vector)
         parts = [*_redivided(fit.values), *(_scaled(fit.values) if fit.question.gauge else [])]
@@ -278,26 +279,21 @@ def _is_apart(fit: ShipFit, basins: Sequence[Basin], other: Basin) -> bool:
 def _with_limits_elsewhere(fit: ShipFit, until: float | None) -> ShipFit:
     """Return the fit of a ship with limits, searched again where delays and inertia are parted otherwise.
 
-    What the limits take off the outputs is put back into the records, so that the search is in closed form.
+    The search takes limits by the engine's side alone; an end counts by the fit's own way.
     """
-    before = fit.unlimited
-    if before is None or not before.is_smooth:
-        return fit
-    names = {name for element in LIMITED for name in TRIED[element]}
-    limits = {name: value for name, value in fit.values.items() if name in names}
-    c = before.likelihood.coordinates
-    start = c.vector(fit.values, fit.likelihood.coordinates.states_at(fit.best.vector))
-    smooth = replace(before, likelihood=replace(before.likelihood, limits=limits), also=())
-    smooth = settled(replace(smooth, basins=(Basin(np.inf, start),)), until)
-    found = with_other_delays(smooth, until)
-    own = fit.likelihood.coordinates
+    likelihood = fit.likelihood
+    assert isinstance(likelihood, LimitedLikelihood)
+    alone = replace(
+        likelihood, water_hz=None, records=tuple(replace(one, limited=None) for one in likelihood.records)
+    )
+    found = settled(replace(fit, likelihood=alone.settled_at(fit.best.vector), also=()), until)
+    found = with_other_delays(found, until, limited=True)
     best = fit
     for one in (found, *found.also):
-        values, states = one.values | limits, c.states_at(one.best.vector)
-        end = descend(fit.likelihood, own.vector(values, states), until=until)
+        end = descend(likelihood, one.best.vector, until=until)
         other = settled(replace(fit, basins=(end,)), until)
-        best = other if other.total < best.total - 1.0 else best
-    return best
+        best = min((best, one, other), key=lambda end: end.total + (end is not best))
+    return replace(best, also=())
 
 
 def _scaled(values: Mapping[str, float]) -> list[dict[str, float]]:

@@ -41,8 +41,7 @@ class ShipFit:
 
     `gains` tells of each element tried by how much the deviance fell with it; `elements` those that act in the model;
     `stiff` is the fit before a twist came in; `scores` what the engine's side shows beyond the model, by kind;
-    `side` what the load's side tells by itself; `also` are other ends that are as likely, each under its own noise;
-    `unlimited` is the fit before a limit came in.
+    `side` what the load's side tells by itself; `also` are other ends that are as likely, each under its own noise.
     """
 
     question: Question
@@ -55,7 +54,6 @@ class ShipFit:
     scores: Mapping[str, Score] = field(default_factory=dict)
     side: LoadSide | None = None
     also: tuple[ShipFit, ...] = ()
-    unlimited: ShipFit | None = None
 
     @property
     def best(self) -> Basin:

@@ -63,7 +63,7 @@ def with_limits(fit: ShipFit, until: float | None) -> ShipFit:
         if gain <= LEAST_FALL[suspect] or touched(taken, suspect) < LEAST_TOUCHED:
             continue
         gains = {**fit.gains, suspect: gain}
-        fit = replace(taken, gains=gains, unlimited=fit if fit.is_smooth else fit.unlimited)
+        fit = replace(taken, gains=gains)
         fit = replace(fit, scores=engine_tests(fit))
     return fit
 
@@ -81,7 +81,7 @@ def with_given_limits(fit: ShipFit, given: Sequence[str], until: float | None) -
         if taken is None:
             raise IdentificationError(f"identify: no start leads to a ship with {ELEMENTS[element].words}")
         gains = {**fit.gains, element: np.inf}
-        fit = replace(taken, gains=gains, unlimited=fit if fit.is_smooth else fit.unlimited)
+        fit = replace(taken, gains=gains)
     return fit
 
 
@@ -151,16 +151,18 @@ def _limited(fit: ShipFit, element: str, until: float | None, *, surely: bool = 
     assert isinstance(likelihood, LimitedLikelihood)
     c = likelihood.coordinates
     vectors = [c.vector({**DEFAULTS, **values}, states) for values, states in starts]
-    likelihood = likelihood.driven(vectors[0])
-    vectors = sorted(vectors, key=partial(_total, likelihood))[:KEPT]
-    ends = likelihood.each([partial(_by_own_noise, likelihood, start, 1, until) for start in vectors])
-    ends = sorted(ends, key=lambda end: end.cost)[:2]
-    ends = likelihood.each([partial(_by_own_noise, likelihood, end.vector, ROUNDS, until) for end in ends])
-    best = min(ends, key=lambda end: end.cost)
+    found: list[tuple[LimitedLikelihood, Basin]] = []
+    for way in (likelihood, replace(likelihood, water_hz=WATERS_HZ[0]).driven(vectors[0])):
+        begun = sorted(vectors, key=partial(_total, way))[:KEPT]
+        ends = way.each([partial(_by_own_noise, way, start, 1, until) for start in begun])
+        ends = sorted(ends, key=lambda end: end.cost)[:2]
+        ends = way.each([partial(_by_own_noise, way, end.vector, ROUNDS, until) for end in ends])
+        found.append((way, min(ends, key=lambda end: end.cost)))
+    likelihood, best = min(found, key=lambda pair: pair[1].cost)
     if np.isfinite(best.cost):
-        waters = [replace(likelihood, water_hz=hz) for hz in WATERS_HZ if hz != likelihood.water_hz]
-        jobs = [partial(_by_own_noise, one, best.vector, ROUNDS, until) for one in waters]
-        moved = zip(waters, likelihood.each(jobs), strict=True)
+        ways = [replace(likelihood, water_hz=hz) for hz in (None, *WATERS_HZ) if hz != likelihood.water_hz]
+        jobs = [partial(_by_own_noise, one, best.vector, ROUNDS, until) for one in ways]
+        moved = zip(ways, likelihood.each(jobs), strict=True)
         likelihood, best = min(((likelihood, best), *moved), key=lambda pair: pair[1].cost)
     if not (np.isfinite(best.cost) if surely else _is_inside(likelihood, best, element)):
         return None

@@ -78,6 +78,15 @@ class TransferFunctions:
         }
         return np.array([rows[output] for output in self.outputs])
 
+    def answer_to_torque(self, values: Values, s: Spectrum) -> ComplexArray:
+        """Return the outputs (O, F) over a torque of the engine that no governor asked for."""
+        loop = _Loop.of(values, s)
+        fuel = loop.v * loop.governor * loop.path
+        n_s = np.asarray(1.0 / ((loop.engine + fuel) * loop.twisted + loop.propeller))
+        n_e, M_g = np.asarray(loop.twisted * n_s), np.asarray(loop.propeller * n_s)
+        M_b = np.asarray((loop.engine + loop.g) * n_e + M_g)
+        return self._measured(n_e, n_s, M_b, M_g, np.asarray(-loop.governor * loop.path * n_e))
+
     def return_difference(self, values: Values, s: Spectrum) -> Spectrum:
         """Return 1 + L n_e*/M_b* (F,)."""
         loop = _Loop.of(values, s)

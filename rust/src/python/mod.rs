@@ -5,6 +5,7 @@
 
 mod arrays;
 mod duplicate_rows;
+mod engine_side;
 mod errors;
 mod filter;
 mod guard;
@@ -28,6 +29,7 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     instruction_set::register(module)?;
     pulse::register(module)?;
     duplicate_rows::register(module)?;
+    engine_side::register(module)?;
     pyramid::register(module)?;
     statespace::register(module)?;
     stepper::register(module)?;

@@ -47,4 +47,6 @@ pub use envelope::Envelope;
 pub use explicit::{Method, simulate_explicitly};
 pub use output::{OUTPUTS, Output};
 pub use parameters::{OFF, PARAMETERS, Parameters};
+pub(crate) use rack::{Pace, paced};
 pub use run::{Run, simulate};
+pub(crate) use torque::softly_within;

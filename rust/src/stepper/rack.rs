@@ -45,7 +45,7 @@ impl<const D: bool> Ship<'_, D> {
         if self.acting.rate {
             // The straight line of the command's mean and end.
             let start = 2.0 * late.mean - late.end;
-            let [rack, area] = self.paced(self.rack, start, (late.end - start) / self.h, self.h);
+            let [rack, area] = paced(self.rack, start, (late.end - start) / self.h, self.h, self.pace());
             return [rack, area / self.h];
         }
         if !self.acting.lag {
@@ -56,35 +56,9 @@ impl<const D: bool> Ship<'_, D> {
         [rack, late.mean + (self.lagged - rack) * lag.in_steps]
     }
 
-    /// The rack after so many seconds, and its area over them, behind a command that runs straight: exactly.
-    ///
-    /// It goes at its limit of rate until the lag asks for less, is free until that asks for more, and goes at the limit again.
     #[inline(always)]
-    fn paced(&self, rack: f64, command: f64, slope: f64, length: f64) -> [f64; 2] {
-        let (tau, up, down) = (self.c.lag.time, self.c.fastest_up, self.c.fastest_down);
-        let gap = command - rack;
-        let (mut held, mut reached) = (0.0, rack);
-        if gap > up * tau || gap < down * tau {
-            let pace = if gap > 0.0 { up } else { down };
-            let until = (gap - pace * tau) / (pace - slope);
-            held = if until > 0.0 { until.min(length) } else { length };
-            reached += pace * held;
-        }
-        let mut area = 0.5 * (rack + reached) * held;
-        let (asked, left, pace) = (command + slope * held, length - held, slope.clamp(down, up));
-        if left == 0.0 {
-            return [reached, area];
-        }
-        let (mut free, mut freed) = (0.0, asked);
-        if tau > 0.0 {
-            let beyond = asked - reached - slope * tau;
-            let until = if pace == slope { left } else { tau * (beyond / (tau * (pace - slope))).ln() };
-            free = until.clamp(0.0, left);
-            freed = asked + slope * (free - tau) - beyond * (-free / tau).exp();
-            area += (asked + 0.5 * slope * free) * free + tau * (reached - freed);
-        }
-        let last = freed + pace * (left - free);
-        [last, area + 0.5 * (freed + last) * (left - free)]
+    fn pace(&self) -> Pace {
+        Pace { lag: self.c.lag.time, up: self.c.fastest_up, down: self.c.fastest_down }
     }
 
     /// Within the limits of position.
@@ -153,7 +127,7 @@ impl<const D: bool> Ship<'_, D> {
             let arrived = clock.coming.front().filter(|(time, _)| *time < end);
             let to = arrived.map_or(h, |(time, _)| time - begin);
             let length = (to - from).max(0.0);
-            let [last, more] = self.paced(rack, clock.acting, 0.0, length);
+            let [last, more] = paced(rack, clock.acting, 0.0, length, self.pace());
             area += more;
             (rack, from) = (last, to);
             let Some((_, command)) = arrived else { break };
@@ -163,4 +137,43 @@ impl<const D: bool> Ship<'_, D> {
         self.clock = Some(clock);
         self.limited([rack, area * (1.0 / h)])
     }
+}
+
+/// How a rack follows its command: the actuator's lag [s] and its fastest ways up and down.
+#[derive(Debug, Clone, Copy)]
+pub struct Pace {
+    pub lag: f64,
+    pub up: f64,
+    pub down: f64,
+}
+
+/// The rack after so many seconds, and its area over them, behind a command that runs straight: exactly.
+///
+/// It goes at its limit of rate until the lag asks for less, is free until that asks for more, and goes at the limit again.
+#[inline(always)]
+pub fn paced(rack: f64, command: f64, slope: f64, length: f64, pace: Pace) -> [f64; 2] {
+    let Pace { lag: tau, up, down } = pace;
+    let gap = command - rack;
+    let (mut held, mut reached) = (0.0, rack);
+    if gap > up * tau || gap < down * tau {
+        let pace = if gap > 0.0 { up } else { down };
+        let until = (gap - pace * tau) / (pace - slope);
+        held = if until > 0.0 { until.min(length) } else { length };
+        reached += pace * held;
+    }
+    let mut area = 0.5 * (rack + reached) * held;
+    let (asked, left, pace) = (command + slope * held, length - held, slope.clamp(down, up));
+    if left == 0.0 {
+        return [reached, area];
+    }
+    let (mut free, mut freed) = (0.0, asked);
+    if tau > 0.0 {
+        let beyond = asked - reached - slope * tau;
+        let until = if pace == slope { left } else { tau * (beyond / (tau * (pace - slope))).ln() };
+        free = until.clamp(0.0, left);
+        freed = asked + slope * (free - tau) - beyond * (-free / tau).exp();
+        area += (asked + 0.5 * slope * free) * free + tau * (reached - freed);
+    }
+    let last = freed + pace * (left - free);
+    [last, area + 0.5 * (freed + last) * (left - free)]
 }

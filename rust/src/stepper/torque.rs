@@ -20,7 +20,7 @@ impl<const D: bool> Ship<'_, D> {
         if self.acting.torque_limit {
             let highest = self.highest(apart);
             if self.c.softness > 0.0 {
-                return self.softly_within(torque, highest);
+                return softly_within(torque, highest, self.c.softness);
             }
             if torque > highest {
                 return (highest, 1);
@@ -39,20 +39,20 @@ impl<const D: bool> Ship<'_, D> {
             None => self.c.highest + self.c.highest_slope * apart,
         }
     }
+}
 
-    /// The mean torque below a limit that noise reaches now and then: highest - softness ln(1 + exp z) with
-    /// z = (highest - torque) / softness.
-    #[inline(always)]
-    fn softly_within(&self, torque: f64, highest: f64) -> (f64, i8) {
-        /// From this distance on, in units of the softness, a limit does nothing.
-        const FAR: f64 = 40.0;
-        let z = (highest - torque) / self.c.softness;
-        if z > FAR {
-            return (torque, 0);
-        }
-        let grown = z.exp();
-        let free = grown / (1.0 + grown);
-        let apart = self.c.softness * (z * free - grown.ln_1p());
-        (torque * free + highest * (1.0 - free) + apart, 1)
+/// The mean torque below a limit that noise reaches now and then: highest - softness ln(1 + exp z) with
+/// z = (highest - torque) / softness.
+#[inline(always)]
+pub fn softly_within(torque: f64, highest: f64, softness: f64) -> (f64, i8) {
+    /// From this distance on, in units of the softness, a limit does nothing.
+    const FAR: f64 = 40.0;
+    let z = (highest - torque) / softness;
+    if z > FAR {
+        return (torque, 0);
     }
+    let grown = z.exp();
+    let free = grown / (1.0 + grown);
+    let apart = softness * (z * free - grown.ln_1p());
+    (torque * free + highest * (1.0 - free) + apart, 1)
 }

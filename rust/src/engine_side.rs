@@ -1,0 +1,186 @@
+//! The engine's side alone: what limits of rate and torque take off it, for set point and speed as they were measured.
+//!
+//! ```text
+//! e(t) = u(t - T_set) + u_0 - N       X = K_p e + K_i I - K_d dN/dt       dI/dt = e
+//! tau_act dF/dt = X(t - T_d) - F      A follows as F does, at `rate` at most       M = min(1 + g (N - 1) + A, M_max)
+//! ```
+//!
+//! Nothing is fed back, so a limit is a clamp on a known signal. The sum of a measured error drifts; what the measured torque
+//! has beyond `M` leads it back, slowly. `T_d` and `hold` act as the mean of two delays, in the manner of the ship's stepper.
+
+use std::fmt::Debug;
+
+use crate::error::{Result, require};
+use crate::finite::all_finite;
+use crate::stepper::{Pace, paced, softly_within};
+use crate::stop::{CHECK_EVERY, Stop};
+
+/// Names of the parameters: `ahead` is the inertia between engine and gauge [s], `s_M` the factor that the torque is read by,
+/// `leads` how fast the measured torque leads the sum back [1/s].
+pub const PARAMETERS: [&str; 17] = [
+    "g", "vK_p", "vK_i", "vK_d", "T_d", "T_set", "hold", "tau_act", "rate", "M_max", "M_soft", "u_0", "T_M",
+    "T_n", "s_M", "ahead", "leads",
+];
+
+/// Deviations from the operating point, one number a sample.
+#[derive(Debug, Clone, Copy)]
+pub struct Measured<'a> {
+    /// What the governor is asked for.
+    pub set_point: &'a [f64],
+    /// Of the engine.
+    pub speed: &'a [f64],
+    /// Nearest to the engine.
+    pub torque: &'a [f64],
+    /// Between two samples [s].
+    pub every: f64,
+}
+
+/// What limits take off the engine's torque, and off the rack's part of it, at each sample.
+///
+/// # Errors
+/// [`crate::error::Error::Invalid`] for signals of several lengths, samples that are not finite, or a step, lag, rate, rounding
+/// or scale that can't be; [`crate::error::Error::Stopped`] after a request.
+#[allow(clippy::too_many_lines, clippy::float_cmp)] // What is off is off exactly.
+pub fn taken_by_limits(
+    data: Measured<'_>,
+    parameters: &[f64; PARAMETERS.len()],
+    stop: &Stop,
+) -> Result<[Vec<f64>; 2]> {
+    // long: one pass over the samples, each of whose lines needs the state of the one before
+    let [
+        g,
+        k_p,
+        k_i,
+        k_d,
+        dead,
+        late,
+        hold,
+        lag,
+        rate,
+        highest,
+        softness,
+        offset,
+        torque_late,
+        speed_late,
+        scale,
+        ahead,
+        leads,
+    ] = *parameters;
+    let samples = data.speed.len();
+    require(data.set_point.len() == samples && data.torque.len() == samples, || {
+        "found set point, speed and torque of different lengths, expected one".to_owned()
+    })?;
+    require(all_finite(data.set_point) && all_finite(data.speed) && all_finite(data.torque), || {
+        "found samples that are not finite, expected numbers".to_owned()
+    })?;
+    require(data.every > 0.0 && lag >= 0.0 && rate > 0.0 && softness >= 0.0 && scale > 0.0, || {
+        "found a step, lag, rate, rounding or scale below zero, expected them above".to_owned()
+    })?;
+    let h = data.every;
+    let apart = hold * dead / 3.0_f64.sqrt();
+    let seen = Pair::new((dead - speed_late) / h, apart / h);
+    let asked = Pair::new((dead + late) / h, apart / h);
+    let read = Taps::new(-torque_late / h);
+    let half_rate = 0.5 / h;
+    let pace = Pace { lag, up: rate, down: -rate };
+    let stays = if lag > 0.0 { (-h / lag).exp() } else { 0.0 };
+    let led = leads * h;
+    let mut found = [Vec::with_capacity(samples), Vec::with_capacity(samples)];
+    let (mut sum, mut before, mut commanded, mut free, mut rack) = (0.0, 0.0, 0.0, 0.0, 0.0);
+    for k in 0..samples {
+        if k % CHECK_EVERY == 0 {
+            stop.check()?;
+        }
+        let speed = data.speed[k];
+        let slope = (data.speed[(k + 1).min(samples - 1)] - data.speed[k.saturating_sub(1)]) * half_rate;
+        let engine = (1.0 + read.of(data.torque, k)) / scale - 1.0 + ahead * slope;
+        let error = asked.of(data.set_point, k) + offset - seen.of(data.speed, k);
+        let mut command = k_p * error;
+        if k_d != 0.0 {
+            command -=
+                k_d * half_rate * (seen.of(data.speed, k + 1) - seen.of(data.speed, k.saturating_sub(1)));
+        }
+        if k == 0 {
+            sum = engine - g * speed - command;
+            free = command + sum;
+            rack = free;
+        } else {
+            sum += k_i * 0.5 * (error + before) * h;
+        }
+        command += sum;
+        if k > 0 {
+            let rise = (command - commanded) / h;
+            rack = paced(rack, commanded, rise, h, pace)[0];
+            free = command - rise * lag + (free - commanded + rise * lag) * stays;
+        }
+        let whole = 1.0 + g * speed + rack;
+        let torque =
+            if softness > 0.0 { softly_within(whole, highest, softness).0 } else { whole.min(highest) };
+        found[0].push(torque - whole + rack - free);
+        found[1].push(rack - free);
+        let beyond = (1.0 + engine - torque) * led;
+        sum += beyond;
+        command += beyond;
+        if rate.is_finite() {
+            rack += beyond;
+            free += beyond;
+        }
+        (before, commanded) = (error, command);
+    }
+    Ok(found)
+}
+
+/// Samples late by a delay, by the cubic through the four about it.
+#[derive(Debug, Clone, Copy)]
+struct Taps {
+    first: i64,
+    weights: [f64; 4],
+}
+
+// Records are shorter than 2^62 samples.
+#[allow(clippy::cast_possible_truncation, clippy::cast_possible_wrap, clippy::cast_sign_loss)]
+impl Taps {
+    fn new(delay: f64) -> Self {
+        let whole = (-delay).floor();
+        let x = -delay - whole;
+        let weights = [
+            0.5 * x * (-1.0 + x * (2.0 - x)),
+            1.0 + 0.5 * x * x * (3.0 * x - 5.0),
+            0.5 * x * (1.0 + x * (4.0 - 3.0 * x)),
+            0.5 * x * x * (x - 1.0),
+        ];
+        Self { first: whole as i64 - 1, weights }
+    }
+
+    /// Beyond its ends a signal stands still.
+    #[inline(always)]
+    fn of(&self, signal: &[f64], k: usize) -> f64 {
+        let first = k as i64 + self.first;
+        if first >= 0 && first as usize + 4 <= signal.len() {
+            let near = &signal[first as usize..first as usize + 4];
+            return near.iter().zip(self.weights).map(|(value, weight)| value * weight).sum();
+        }
+        let last = signal.len() as i64 - 1;
+        let at = |place: i64| signal[place.clamp(0, last) as usize];
+        self.weights.iter().zip(first..).map(|(weight, place)| weight * at(place)).sum()
+    }
+}
+
+/// The mean of two delays.
+#[derive(Debug, Clone, Copy)]
+struct Pair {
+    near: Taps,
+    far: Option<Taps>,
+}
+
+impl Pair {
+    fn new(delay: f64, apart: f64) -> Self {
+        Self { near: Taps::new(delay - apart), far: (apart > 0.0).then(|| Taps::new(delay + apart)) }
+    }
+
+    #[inline(always)]
+    fn of(&self, signal: &[f64], k: usize) -> f64 {
+        let near = self.near.of(signal, k);
+        self.far.map_or(near, |far| 0.5 * (near + far.of(signal, k)))
+    }
+}

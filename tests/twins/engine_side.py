@@ -1,0 +1,56 @@
+"""The engine's side alone, in plain NumPy: what limits of rate and torque take off it for measured signals."""
+
+from __future__ import annotations
+
+import numpy as np
+
+SUBSTEPS = 200
+
+
+def late(row, delay):
+    """A signal (N,) late by so many samples: Catmull and Rom's cubic through the four samples about."""
+    at = np.arange(len(row)) - delay
+    first = np.floor(at).astype(int)
+    x = at - first
+    a, b, c, d = (row[np.clip(first + place, 0, len(row) - 1)] for place in (-1, 0, 1, 2))
+    return b + 0.5 * x * (c - a + x * (2.0 * a - 5.0 * b + 4.0 * c - d + x * (3.0 * (b - c) + d - a)))
+
+
+def taken_by_limits(q, set_point, speed, torque, every):
+    """Return what limits take off the torque (N,) and the rack (N,); `q` has the parameters by name."""
+    apart = q["hold"] * q["T_d"] / np.sqrt(3.0)
+
+    def governed(row, delay):
+        return 0.5 * (late(row, (delay - apart) / every) + late(row, (delay + apart) / every))
+
+    seen = governed(speed, q["T_d"] - q["T_n"])
+    error = governed(set_point, q["T_d"] + q["T_set"]) + q["u_0"] - seen
+    turning = np.gradient(np.pad(speed, 1, mode="edge"))[1:-1] / every
+    engine = (1.0 + late(torque, -q["T_M"] / every)) / q["s_M"] - 1.0 + q["ahead"] * turning
+    own = q["vK_p"] * error
+    total = engine[0] - q["g"] * speed[0] - own[0]
+    free = rack = before = own[0] + total
+    found = np.empty((2, len(speed)))
+    for k in range(len(speed)):
+        if k:
+            total += q["vK_i"] * 0.5 * (error[k] + error[k - 1]) * every
+            command, h = own[k] + total, every / SUBSTEPS
+            for asked in before + (command - before) * (np.arange(SUBSTEPS) + 0.5) / SUBSTEPS:
+                if q["tau_act"] > 0.0:
+                    free += h * (asked - free) / q["tau_act"]
+                    rack += h * np.clip((asked - rack) / q["tau_act"], -q["rate"], q["rate"])
+                else:
+                    free = asked
+                    rack += np.clip(asked - rack, -q["rate"] * h, q["rate"] * h)
+            free = command if q["tau_act"] == 0.0 else free
+        before = own[k] + total
+        whole = 1.0 + q["g"] * speed[k] + rack
+        given = min(whole, q["M_max"])
+        if q["M_soft"] > 0.0:
+            given = q["M_max"] - q["M_soft"] * np.logaddexp(0.0, (q["M_max"] - whole) / q["M_soft"])
+        found[:, k] = given - whole + rack - free, rack - free
+        beyond = (1.0 + engine[k] - given) * q["leads"] * every
+        total, before = total + beyond, before + beyond
+        if np.isfinite(q["rate"]):
+            rack, free = rack + beyond, free + beyond
+    return found
