@@ -328,6 +328,25 @@ def test_two_points_calibrate_at_once(visits):
     assert high == pytest.approx(1150.0, abs=60)
 
 
+def test_a_speed_in_per_cent_is_calibrated_on_the_page(browser, tmp_path):
+    time = np.arange(0.0, 60.0, 0.02)
+    share = 60.0 + 5.0 * np.sin(time)
+    heads = "time [s],POD_SPEED_REF_PCT,POD_SPEED_ACT_PCT,shaft_rpm"
+    columns = np.column_stack((time, share, share, 20.0 * share))
+    np.savetxt(tmp_path / "pod.csv", columns, fmt="%.3f", delimiter=",", comments="", header=heads)
+    with served(tmp_path) as caller:
+        doc = caller.server.desk.open(tmp_path / "pod.csv")
+        visit = Visit(browser, f"{caller.server.origin}/{caller.server.token}/look.html?doc={doc}")
+        page = visit.page
+        page.get_by_role("button", name="take the roles that names and units tell").click()
+        page.get_by_label("scale of POD_SPEED_ACT_PCT").fill("20")
+        page.get_by_label("scale of POD_SPEED_ACT_PCT").press("Tab")
+        page.get_by_text("20 × recorded + 0 rpm").wait_for()
+        assert not page.get_by_label("scale of shaft_rpm").count()
+        assert visit.complaints == []
+        page.close()
+
+
 def test_a_newcomer_gets_from_a_csv_to_a_report_without_a_text_editor(browser, tmp_path):
     """One button for the roles, one drag, run, report; and the file that was written says the same on the command line."""
     write_csv(tmp_path / "my.csv")

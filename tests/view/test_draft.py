@@ -7,7 +7,7 @@ import pytest
 from shipfp_rs.errors import InputError
 from shipfp_rs.logs.channel import Channel
 from shipfp_rs.processing.trial import Trial
-from shipfp_rs.view.draft import Draft, checked, guessed, read_draft, written
+from shipfp_rs.view.draft import Draft, DraftCalibration, checked, factors, guessed, read_draft, written
 
 DRAFT = {
     "name": "My trial",
@@ -206,3 +206,42 @@ def test_a_load_and_a_command_are_guessed_written_and_read_as_init_does(tmp_path
     assert [one.role for one in found] == ["command", "speed"]
     text = written(draft(channels=[one.model_dump() for one in found]), None, "my.csv")
     assert checked(text, "TRIAL.toml").channels.command.column == "torque command"
+
+
+def test_a_speed_in_per_cent_is_guessed_asked_for_its_calibration_and_written_as_init_does(tmp_path):
+    units = {"POD1_SPEED_REF_PCT": "%", "POD1_SPEED_ACT_PCT": "%", "TORQUE_ACT_PCT": "%"}
+    found = [
+        one.model_dump() for one in guessed([Channel(name, unit, 1.0, 1) for name, unit in units.items()])
+    ]
+    assert [one["role"] for one in found] == ["set_point", "speed", "torque"]
+    found[0]["calibration"] = found[2]["calibration"] = {"scale": 20.0}
+    with pytest.raises(InputError, match="'POD1_SPEED_ACT_PCT' from % to rpm"):
+        checked(written(draft(channels=found), None, "my.csv"), "TRIAL.toml")
+    found[1]["calibration"] = {"scale": 20.0}
+    text = written(draft(channels=found), None, "my.csv")
+    speed = checked(text, "TRIAL.toml").channels.tachos["POD1_SPEED_ACT_PCT"]
+    assert (speed.kind, speed.unit, speed.calibration.scale) == ("speed", "%", 20.0)
+    path = tmp_path / "TRIAL.toml"
+    path.write_text(text)
+    assert read_draft(path).channels[1].calibration.scale == 20.0
+    assert written(read_draft(path), text, "my.csv") == text
+    assert [factors(unit)["speed"]["asks"] for unit in ("%", "V", "rpm", "rad/s")] == [
+        True,
+        True,
+        False,
+        False,
+    ]
+
+
+@pytest.mark.parametrize(
+    "keys", ['unit = "%"\ncalibration = "to be given"', 'unit = "V"\ncalibration = { scale = 2.0 }']
+)
+def test_a_speed_that_a_calibration_leads_to_is_edited_and_its_other_keys_stay(tmp_path, keys):
+    path = tmp_path / "TRIAL.toml"
+    path.write_text(f'[channels.n]\ncolumn = "x"\n{keys}\nstd = 1.0 # by hand\n')
+    (channel,) = read_draft(path).channels
+    assert channel.role == "speed"
+    changed = channel.model_copy(update={"calibration": DraftCalibration(scale=3.0)})
+    text = written(Draft(channels=(changed,)), path.read_text(), "x")
+    assert tomllib.loads(text)["channels"]["n"]["calibration"] == {"scale": 3.0, "offset": 0.0}
+    assert "std = 1.0 # by hand" in text

@@ -22,6 +22,7 @@ from shipfp_rs.report.language import KINDS
 from shipfp_rs.support.files import read_text, write_text_atomically
 from shipfp_rs.support.threads import side_by_side
 from shipfp_rs.support.toml import built_in, read_tables, validated
+from shipfp_rs.support.units import TO_RPM
 from shipfp_rs.vessel.vessel import Vessel
 from shipfp_rs.view import draft as drafts
 from shipfp_rs.view import vessel_form
@@ -199,6 +200,7 @@ class Desk:
             "kinds": [[kind, KINDS.get(kind, kind)] for kind in WINDOW_KINDS],
             "vessels": self._vessels(),
             "vessel_form": {"fields": vessel_form.fields(), "file": self._free("vessel").name},
+            "speed_units": sorted(TO_RPM),
             "factors": {channel.name: drafts.factors(channel.unit) for channel in channels},
             "guess": [one.model_dump(mode="json") for one in drafts.guessed(channels)],
             "others": [

@@ -18,7 +18,7 @@ from shipfp_rs.errors import InputError
 from shipfp_rs.logs.channel import Channel
 from shipfp_rs.processing.roles import named_roles
 from shipfp_rs.processing.trial import MOST_WINDOWS, Trial
-from shipfp_rs.processing.trial_channels import Command, Level, Load, Rack, SetPoint, Torque
+from shipfp_rs.processing.trial_channels import CALIBRATED, Command, Level, Load, Rack, SetPoint, Torque
 from shipfp_rs.processing.trial_tables import Processing
 from shipfp_rs.support.toml import TO_BE_GIVEN, Section, parsed_toml, read_tables, template, validated
 from shipfp_rs.support.units import TO_RPM, TO_W, told
@@ -182,7 +182,10 @@ def _role(key: str, table: Mapping[str, Any]) -> str | None:
         return key
     if "pulses_per_rev" in table and "file" not in table:
         return "train"
-    return "speed" if told(str(table.get("unit", ""))) in TO_RPM else None
+    unit = told(str(table.get("unit", "")))
+    is_reading = unit == "%" or (unit in CALIBRATED and "calibration" in table)
+    is_other = table.get("kind", "speed") != "speed" or {"counts_per_rev", "file"} & table.keys()
+    return "speed" if unit in TO_RPM or (is_reading and not is_other) else None
 
 
 def _table(content: Mapping[str, Any], key: str) -> Mapping[str, Any]:
@@ -241,7 +244,6 @@ def _put_channel(table: Table, channel: DraftChannel) -> None:
     _put(table, "unit", channel.unit)
     if channel.role == "speed":
         _put(table, "shaft", channel.shaft)
-        return
     line, old = _line(channel.calibration), table.get("calibration")
     if line is None:
         table.pop("calibration", None)
@@ -314,7 +316,7 @@ def guessed(channels: Sequence[Channel]) -> list[DraftChannel]:
             if role == "torque":
                 content["location"] = roles.location
             found.append(DraftChannel.model_validate(content | {"calibration": {"scale": known["factor"]}}))
-        elif name in roles.speeds and one.unit in TO_RPM:
+        elif name in roles.speeds and (one.unit in TO_RPM or one.unit == "%"):
             found.append(DraftChannel(column=name, role="speed", unit=one.unit))
         elif one.is_open and "pulses" in one.tells:
             found.append(DraftChannel(column=name, role="train"))
@@ -322,7 +324,11 @@ def guessed(channels: Sequence[Channel]) -> list[DraftChannel]:
 
 
 def factors(unit: str) -> dict[str, dict[str, Any]]:
-    """Return by role the factor of a unit that needs no calibration, None for others, and what a load of the unit is."""
+    """Return by role the factor of a unit that needs no calibration, None for others, and what a load of the unit is.
+
+    Of a speed it is whether the unit asks for a calibration: no factor is written for one that is known.
+    """
     unit = told(unit)
     given = {"quantity": "power" if unit in TO_W else "torque"}
-    return {role: {"factor": level.factor(unit, given)[0], **given} for role, level in LEVELS.items()}
+    levels = {role: {"factor": level.factor(unit, given)[0], **given} for role, level in LEVELS.items()}
+    return {**levels, "speed": {"asks": unit not in TO_RPM}}

@@ -39,6 +39,11 @@ export class Draft extends EventTarget {
     return this.columnOf("set_point") ?? this.columnOf("command") ?? this.columnOf("load");
   }
 
+  // Whether a speed's unit leads to rpm by a calibration alone: per cent, volts.
+  asks({ column, unit }) {
+    return !this.speed_units.includes(unit) && (this.factors[column]?.speed?.asks ?? true);
+  }
+
   // Say what a channel is; a unit that needs no calibration gets that unit's factor.
   setRole(column, role, unit) {
     this.state.channels = this.state.channels.filter((channel) => channel.column !== column);
@@ -197,12 +202,15 @@ export class Draft extends EventTarget {
 
 const round = (seconds) => Math.round(seconds * 1000) / 1000;
 
-export const unitOf = ({ role, quantity }) => ({ set_point: "rpm", torque: "Nm", load: quantity === "power" ? "W" : "Nm" })[role] ?? "";
+const READINGS = ["", "%", "V", "mV", "A", "mA"];
+export const unitOf = ({ role, quantity, unit = "" }) =>
+  ({ set_point: "rpm", torque: "Nm", load: quantity === "power" ? "W" : "Nm", speed: READINGS.includes(unit) ? "rpm" : unit })[role] ?? "";
 
 // The straight line of a calibration: as given, or by least squares through its table; nothing where it is not complete.
-export const lineOf = ({ role, calibration, quantity }) => {
-  if (role === "train" || role === "speed") return null;
-  const unit = unitOf({ role, quantity });
+export const lineOf = (channel) => {
+  const { role, calibration } = channel;
+  if (role === "train") return null;
+  const unit = unitOf(channel);
   if (!calibration.table) return calibration.scale ? { scale: calibration.scale, offset: calibration.offset, unit } : null;
   const rows = calibration.table;
   const mean = (column) => rows.reduce((sum, row) => sum + row[column], 0) / rows.length;

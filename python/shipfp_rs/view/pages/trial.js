@@ -70,8 +70,8 @@ export class ChannelsPanel {
     if (isTrain || channel.role === "speed") {
       make(line, "span", { class: "soft" }, "of the");
       menu(line, `shaft of ${name}`, [["engine", "engine"], ["propeller", "propeller shaft"]], channel.shaft, (value) => { channel.shaft = value; draft.change(); });
-      return;
     }
+    if (isTrain) return;
     if (channel.role === "torque") {
       make(line, "span", { class: "soft" }, "measured by");
       menu(line, `place of ${name}`, PLACES, channel.location, (value) => { channel.location = value; draft.change(); });
@@ -84,7 +84,7 @@ export class ChannelsPanel {
       make(line, "span", { class: "soft" }, "recorded in");
       field(line, `unit of ${name}`, channel.unit, (text) => { channel.unit = text.trim(); draft.change(); }, { class: "short" });
     }
-    this.calibration(card, channel, series);
+    if (channel.role !== "speed" || draft.asks(channel)) this.calibration(card, channel, series);
   }
 
   calibration(card, channel, series) {
