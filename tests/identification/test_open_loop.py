@@ -66,6 +66,7 @@ def test_the_speed_alone_tells_a_torque_drive() -> None:
     assert found["tau_n"].value == pytest.approx(TRUTH["tau_n"], rel=0.05)
     assert found["p"].value == pytest.approx(TRUTH["p"], rel=0.02)
     assert (found["g"].status, found["v"].status) == ("fixed", "fixed")
+    assert (found["g"].reason, found["v"].reason) == ("assumed", "assumed")
     assert TAKEN_FOR_TORQUE in found.verdict
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -11,6 +11,7 @@ from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.experiments.frames import Frame, of_frames
 from shipfp_rs.frequency import FrequencyResponse
 from shipfp_rs.identification.automatic import identified
+from shipfp_rs.identification.estimate import ASSUMED
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.identification.inertia import inertias
 from shipfp_rs.identification.input_checks import require_excited
@@ -172,7 +173,7 @@ def _full_ship(
         require_excited(experiments)
         structure = structure_in_open_loop(experiments, **asked)
         return with_caveat(_with(fitted(experiments, structure, options, vessel=vessel), experiments), fixed)
-    return _answered(question_of(experiments, **asked), options, vessel)
+    return _as_given(_answered(question_of(experiments, **asked), options, vessel), fixed or {})
 
 
 def _given_ship(
@@ -190,7 +191,17 @@ def _given_ship(
     ):
         return None
     question = question_of_ship(experiments, structure)
-    return None if question is None else _answered(question, options, vessel)
+    return None if question is None else _as_given(_answered(question, options, vessel), structure.names)
+
+
+def _as_given(fingerprint: Fingerprint, names: Collection[str]) -> Fingerprint:
+    """Return the fingerprint with what somebody gave called so, and not assumed."""
+    given = {
+        name: replace(estimate, reason="given")
+        for name, estimate in fingerprint.parameters.items()
+        if name in names and estimate.reason == ASSUMED
+    }
+    return replace(fingerprint, parameters={**fingerprint.parameters, **given})
 
 
 def _answered(question: Question, options: Options, vessel: str | None) -> Fingerprint:

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment
+from shipfp_rs.identification.estimate import ASSUMED
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.identification.input_checks import is_loaded
 from shipfp_rs.identification.question import OF_SIGNALS, PRIORS, SIGNALS
@@ -87,7 +88,13 @@ def structure_in_open_loop(
 
 
 def with_caveat(fingerprint: Fingerprint, fixed: Mapping[str, float] | None) -> Fingerprint:
-    """Return the fingerprint with a word on what the command is taken for, where neither a torque nor the user says it."""
+    """Return the fingerprint with a word on what is assumed, and on what the command is taken for where nothing says it."""
+    assumed = {
+        name: replace(estimate, reason=ASSUMED)
+        for name, estimate in fingerprint.parameters.items()
+        if name in ("g", "k_L", "v") and estimate.status == "fixed" and name not in (fixed or {})
+    }
+    fingerprint = replace(fingerprint, parameters={**fingerprint.parameters, **assumed})
     if "v" in (fixed or {}) or fingerprint.parameters["v"].status != "fixed":
         return fingerprint
     return replace(fingerprint, verdict=(*fingerprint.verdict, TAKEN_FOR_TORQUE))
