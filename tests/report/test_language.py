@@ -11,10 +11,10 @@ import pytest
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment
-from shipfp_rs.identification.fingerprint import Fingerprint, Identifiability
+from shipfp_rs.identification import driven
+from shipfp_rs.identification.driven import instead
+from shipfp_rs.identification.fingerprint import Estimate, Fingerprint, Identifiability
 from shipfp_rs.identification.fit_statistics import information_criteria
-from shipfp_rs.report import driven
-from shipfp_rs.report.driven import instead
 from shipfp_rs.report.findings import FIGURES
 from shipfp_rs.report.language import Say
 from shipfp_rs.structures import glossary, names
@@ -145,6 +145,20 @@ def test_a_ship_keeps_its_words_and_a_measured_load_has_no_propeller() -> None:
         assert "propeller" not in Say("en", words).meaning("p")
     say = Say("en", instead(NAMED, [MEASURED_LOAD]))
     assert say.name("v") == "slope of engine torque with fuel rack"
+
+
+def test_tables_name_a_parameter_as_the_report_does() -> None:
+    known = {"p": Estimate(1.0), "v": Estimate(1.0)}
+    genset = replace(UNNAMED, parameters=known, vessel="Genset", structure={"elements": ["load"]})
+    motor = replace(UNNAMED, parameters=known, vessel="Motor", settings=driven.of_vessel(DIRECT))
+    tug = replace(UNNAMED, parameters=known, vessel=TUG.name, settings=driven.of_vessel(TUG))
+    for found in (genset, motor, tug):
+        name = Say("en", instead(found, found.experiments)).name
+        for text in (str(found), found._repr_html_(), found.to_csv(), found.to_latex()):
+            assert {name("p") in text, name("v") in text} == {True}
+    assert "propeller exponent" in str(tug)
+    assert "load exponent" in str(genset)
+    assert "slope of drive torque with control signal" in str(motor)
 
 
 def test_an_experiment_is_called_by_name_and_by_what_the_set_point_did() -> None:

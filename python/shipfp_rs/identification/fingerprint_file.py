@@ -50,6 +50,7 @@ SETTINGS: Mapping[str, tuple[Any, str]] = {
     "message": (str, "a text"),
     "minima": (Sequence[Mapping[str, Any]], "a list of tables"),
     "possible": (Sequence[Mapping[str, float]], "a list of tables of numbers"),
+    "vessel_gives": (Sequence[str], "a list of texts"),
 }
 """Settings that a search writes: an annotation of each value, and its words. Others are kept as they are."""
 ADEQUATE: Mapping[str, tuple[Any, str]] = {

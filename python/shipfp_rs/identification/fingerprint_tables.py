@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from shipfp_rs.errors import InputError
+from shipfp_rs.experiments.experiment import Experiment
+from shipfp_rs.identification.driven import fitting, instead, pairs_of
 from shipfp_rs.identification.estimate import Estimate, Identifiability, Row, rounded_rows
 from shipfp_rs.structures.names import plain_name
 from shipfp_rs.support import hints
@@ -51,6 +53,7 @@ class FingerprintTables:
     adequate: Mapping[str, Any]
     load_side: Mapping[str, Estimate]
     usable: str
+    experiments: tuple[Experiment, ...]
 
     @property
     def engine_described(self) -> bool:
@@ -116,7 +119,7 @@ class FingerprintTables:
 
     def __str__(self) -> str:
         lead = self.usable or (self.verdict[0] if self.verdict else "No verdict was given.")
-        rows = [HEAD, *((row.name, plain_name(row.name), *_figures(row), row.unit) for row in self._rows())]
+        rows = [HEAD, *((row.name, self._name(row.name), *_figures(row), row.unit) for row in self._rows())]
         widths = [max(len(row[column]) for row in rows) for column in range(len(HEAD))]
         lines = [
             "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)) for row in rows
@@ -149,7 +152,7 @@ class FingerprintTables:
             f"Fingerprint of {self.vessel or 'a drive train not named'}",
             ["symbol", "name", "value", "std", "95 % from", "to", "unit", "status"],
             [
-                [row.name, plain_name(row.name), row.value, row.std, row.low, row.high, row.unit, row.status]
+                [row.name, self._name(row.name), row.value, row.std, row.low, row.high, row.unit, row.status]
                 for row in self._rows()
             ],
             self.verdict,
@@ -217,9 +220,13 @@ class FingerprintTables:
         began = "" if start is None else f" (init = {start:.6g})"
         return f"{label}{estimate.value:.8g}{spread}{began}"
 
+    def _name(self, symbol: str) -> str:
+        """Return a symbol's plain name in words that go with the drive and its load, as in the report."""
+        return fitting(plain_name(symbol), pairs_of(instead(self, self.experiments)))
+
     def _records(self) -> list[tuple[Any, ...]]:
         return [
-            (name, plain_name(name), e.value, e.std, *(e.ci95 or (None, None)), e.unit, e.status, e.reason)
+            (name, self._name(name), e.value, e.std, *(e.ci95 or (None, None)), e.unit, e.status, e.reason)
             for name, e in self.items()
         ]
 
@@ -256,7 +263,7 @@ class FingerprintTables:
         for row in self._rows():
             value, interval = _figures(row)
             unit = "" if row.unit == "-" else rf"$\mathrm{{{_latex_text(row.unit)}}}$"
-            cells = [_latex_symbol(row.name), _latex_text(plain_name(row.name)), value, interval, unit]
+            cells = [_latex_symbol(row.name), _latex_text(self._name(row.name)), value, interval, unit]
             lines.append(" & ".join(cells) + r" \\")
         return "\n".join([*lines, r"\bottomrule", r"\end{tabular}"]) + "\n"
 

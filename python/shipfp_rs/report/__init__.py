@@ -20,11 +20,11 @@ from shipfp_rs.errors import SimulationError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.frequency import FrequencyResponse
 from shipfp_rs.identification.automatic import FULL_SHIP
+from shipfp_rs.identification.driven import instead
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.plot.frequency import windows
 from shipfp_rs.report import answer, fate, findings, loop, markup, sides
 from shipfp_rs.report.charts import charts, of_the_tachometer
-from shipfp_rs.report.driven import instead
 from shipfp_rs.report.language import Say
 from shipfp_rs.report.operating import facts
 from shipfp_rs.report.pictures import Pictures

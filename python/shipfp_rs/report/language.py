@@ -6,6 +6,7 @@ import re
 from collections.abc import Callable, Iterable
 from typing import Any
 
+from shipfp_rs.identification import driven
 from shipfp_rs.structures import glossary
 from shipfp_rs.structures.names import plain_name
 from shipfp_rs.support.checks import one_of
@@ -46,8 +47,7 @@ class Say:
         self.language = language
         self._translated = catalogue(language).gettext
         self._decimal = self._translated("1.5")[1]
-        pairs = [pair.split(" = ") for words in instead for pair in self._translated(words).split("; ")]
-        self._instead = [(re.compile(rf"\b{re.escape(said)}\b"), word) for said, word in pairs]
+        self._instead = driven.pairs_of(map(self._translated, instead))
 
     def __call__(self, text: str, /, **values: Any) -> str:
         """Return a text, its fields in braces filled in; as it is where the catalogue does not know it."""
@@ -71,12 +71,7 @@ class Say:
 
     def fitting(self, text: str) -> str:
         """Return a text of the report in words that go with the trial's drive and load."""
-        for pattern, word in self._instead:
-            if self.language == "en":
-                article = r"\1n " if word[0] in "aeiou" else r"\1 "
-                text = re.sub(rf"\b([Aa])n? (?={pattern.pattern})", article, text)
-            text = pattern.sub(word, text)
-        return text
+        return driven.fitting(text, self._instead, is_english=self.language == "en")
 
     def figure(self, text: str) -> str:
         """Return a value; of a number with the language's decimal sign."""

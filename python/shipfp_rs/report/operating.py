@@ -7,11 +7,11 @@ from collections.abc import Iterable
 from dataclasses import replace
 
 from shipfp_rs.experiments.experiment import Experiment
+from shipfp_rs.identification.driven import is_loaded
 from shipfp_rs.identification.estimate import Estimate, rounded_rows
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.identification.inertia import ENGINE_SIDE, operating_point
 from shipfp_rs.report.answer import interval, short_name, unit_shown
-from shipfp_rs.report.driven import is_loaded
 from shipfp_rs.report.language import Say
 from shipfp_rs.vessel.vessel import Vessel
 

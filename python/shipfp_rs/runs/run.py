@@ -11,6 +11,7 @@ from shipfp_rs.assessment.prediction import structure_of as rebuilt
 from shipfp_rs.assessment.si import doubts, in_si
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.experiments.parquet import write_experiments
+from shipfp_rs.identification.driven import of_vessel
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.identification.identify import identify
 from shipfp_rs.processing.process import process
@@ -125,7 +126,8 @@ def evaluate(
             fingerprint, verdict=(*fingerprint.verdict, *_without_torque(fingerprint, trial))
         )
     fingerprint = replace(fingerprint, verdict=(*fingerprint.verdict, *doubts(fingerprint, vessel)))
-    fingerprint = replace(fingerprint, si=in_si(fingerprint, vessel))
+    settings = {**fingerprint.settings, **of_vessel(vessel)}
+    fingerprint = replace(fingerprint, si=in_si(fingerprint, vessel), settings=settings)
     notify("writing the report")
     tell("writing the report", 0.7)
     fingerprint.save(folder / MARKER)

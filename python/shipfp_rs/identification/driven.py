@@ -1,0 +1,81 @@
+"""Words that go with the drive and the load of a trial: a genset has no propeller, an electric motor no fuel rack."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+from shipfp_rs.experiments.experiment import Experiment
+from shipfp_rs.support.sentences import Sentence
+from shipfp_rs.vessel.vessel import Vessel
+
+if TYPE_CHECKING:
+    from shipfp_rs.identification.fingerprint_tables import FingerprintTables
+
+Words = Sequence[tuple[re.Pattern[str], str]]
+"""Words to be replaced, each with what to write in its place."""
+
+LOADS = Sentence("a load beside the propeller's = a second load; propeller = load")
+"""Words of a propeller, each with that of any load: a catalogue lists those of its own language."""
+DRIVES = Sentence(
+    "engine = drive; fuel rack = control signal; fuel actuator = actuator; fuel path = actuator path; "
+    "fuel's torque = drive's torque; the rack = the control signal"
+)
+"""Words of a combustion engine, each with that of any drive."""
+COMMANDS = Sentence("set point = command")
+"""Words of a governor's set point, each with that of a drive in open loop."""
+GIVEN = ("propeller", "engine.cylinders")
+"""What a vessel's file gives of a ship with an engine and a propeller."""
+
+
+def of_vessel(vessel: Vessel) -> dict[str, Any]:
+    """Return the settings of a fingerprint that say which of `GIVEN` its vessel's file gives."""
+    return {"vessel_gives": [name for name in GIVEN if vessel.given(name)]}
+
+
+def pairs_of(lists: Iterable[str]) -> Words:
+    """Return the pairs of words in lists of them, such as `LOADS`."""
+    pairs = [pair.split(" = ") for words in lists for pair in words.split("; ")]
+    return [(re.compile(rf"\b{re.escape(said)}\b"), word) for said, word in pairs]
+
+
+def fitting(text: str, words: Words, *, is_english: bool = True) -> str:
+    """Return a text with words replaced, and an English article before them by how they begin."""
+    for pattern, word in words:
+        if is_english:
+            article = r"\1n " if word[0] in "aeiou" else r"\1 "
+            text = re.sub(rf"\b([Aa])n? (?={pattern.pattern})", article, text)
+        text = pattern.sub(word, text)
+    return text
+
+
+def is_loaded(fingerprint: FingerprintTables, experiments: Iterable[Experiment]) -> bool:
+    """Whether a load was measured: of a generator, a dynamometer or a brake."""
+    return "load" in fingerprint.structure.get("elements", ()) or any(
+        "M_load" in experiment.signals for experiment in experiments
+    )
+
+
+def instead(
+    fingerprint: FingerprintTables, experiments: Sequence[Experiment], vessel: Vessel | None = None
+) -> list[str]:
+    """Return lists of words to write in place of a ship's; nothing for an engine that turns a propeller.
+
+    A propeller is spoken of only where there is one: its vessel's file has it, or the fingerprint names its ship, and no
+    load was measured. A vessel without cylinders, whose fuel rack was not measured, either, has a drive of any kind; one
+    in open loop has a command. Without the vessel it is what the fingerprint's settings tell of its file.
+    """
+    told: Mapping[str, Any] = fingerprint.settings if vessel is None else of_vessel(vessel)
+    gives = told.get("vessel_gives")
+    signals = {name for experiment in experiments for name in experiment.signals}
+    signals |= {name for record in fingerprint.data for name in record.get("signals", {}).values()}
+    words: list[str] = []
+    turns = bool(fingerprint.vessel) if gives is None else "propeller" in gives
+    if is_loaded(fingerprint, experiments) or not turns:
+        words.append(LOADS)
+    if gives is not None and "engine.cylinders" not in gives and "X_f" not in signals:
+        words.append(DRIVES)
+    if "command" in signals or fingerprint.structure.get("kind") == "commanded":
+        words.append(COMMANDS)
+    return words
