@@ -13,6 +13,7 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 
+from shipfp_rs import plot
 from shipfp_rs.errors import SimulationError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.identification.fingerprint import Estimate, Fingerprint, Identifiability
@@ -252,6 +253,20 @@ def test_every_recorded_sample_has_one_fate(fingerprint, experiments) -> None:
         "U_M": [1_000_000, 599_970, 0, 30, 0, 400_000],
         "PTM_1": [1_000_000, 0, 0, 0, 600_000, 400_000],
     }
+
+
+def test_figures_of_the_account_have_units_and_no_row_is_empty(fingerprint, experiments) -> None:
+    one = experiments[0]
+    page = render(
+        fingerprint,
+        [replace(one, provenance={**one.provenance, "gauge_accuracy": {}, "normalise": "global"})],
+    )
+    assert "operating point n_set = 1183.8 rpm, n_e = 1183.8 rpm, M_g = 1725 Nm." in page
+    assert "normalise" in page
+    assert "gauge_accuracy" not in page
+    told = {"vK_i/tau_n": Estimate(2.0, 0.1, (1.8, 2.2), unit="1/s2")}
+    axes = plot.intervals(replace(fingerprint, derived=told))
+    assert "vK_i/tau_n = 2 1/s²" in [label.get_text() for label in axes.get_yticklabels()]
 
 
 def charted(page: str) -> list[dict]:

@@ -12,6 +12,7 @@ from shipfp_rs.identification.estimate import OPEN, ROUGH, SMALL, Estimate, roug
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.plot.style import BLUE, GREY, ORANGE, PURPLE, RED, dress, panels_of
 from shipfp_rs.support.arguments import checked
+from shipfp_rs.support.units import unit_shown
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -213,5 +214,4 @@ def _write_end(ax: Axes, end: float, edge: float, place: int, color: str) -> Non
 
 
 def _row_label(name: str, estimate: Estimate) -> str:
-    unit = "" if estimate.unit == "-" else f" {estimate.unit}"
-    return f"{name} = {estimate.value:.4g}{unit}"
+    return f"{name} = {estimate.value:.4g} {unit_shown(estimate.unit)}".rstrip()

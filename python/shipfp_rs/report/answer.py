@@ -33,6 +33,7 @@ from shipfp_rs.structures.elements import LATE_CHANNELS
 from shipfp_rs.structures.names import as_looked_at
 from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.sentences import Sentence, joined
+from shipfp_rs.support.units import unit_shown
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -248,11 +249,6 @@ def may_be_zero(row: Row, estimate: Estimate) -> bool:
     if row.name in DELAYS:
         return low < NONE * high
     return low >= 0.0 and float(row.value) == 0.0
-
-
-def unit_shown(unit: str) -> str:
-    """Return a unit as a reader writes it; nothing for a ratio."""
-    return "" if unit == "-" else unit.replace("kg m2", "kg m²").replace("1/s2", "1/s²").replace("deg", "°")
 
 
 def loop_rows(loop: Mapping[str, Estimate], say: Say) -> list[tuple[str, str, str, str, str]]:

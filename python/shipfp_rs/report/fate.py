@@ -9,7 +9,7 @@ from itertools import groupby
 import numpy as np
 import numpy.typing as npt
 
-from shipfp_rs.experiments.experiment import Experiment
+from shipfp_rs.experiments.experiment import UNITS, Experiment
 from shipfp_rs.identification import wording
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.report.language import Say
@@ -234,14 +234,17 @@ def log_quality(experiments: Sequence[Experiment], say: Say) -> Iterable[str]:
         )
         yield table(say("pulse trains that the speed was taken from"), head, rows)
     for experiment in experiments:
-        about = ", ".join(f"{name} = {value:.6g}" for name, value in experiment.operating_point.items())
+        about = ", ".join(
+            f"{name} = {value:.6g} {UNITS.get(name, '')}".rstrip()
+            for name, value in experiment.operating_point.items()
+        )
         yield paragraph(
             say("{name}: operating point {point}.", name=experiment.name, point=say.number(about))
         )
         account = [
             [str(key), plain(value)]
             for key, value in experiment.provenance.items()
-            if key not in ("faults", "recorded") and value is not None
+            if key not in ("faults", "recorded") and value is not None and plain(value)
         ]
         if account:
             made = say("How the signals of {name} were made", name=experiment.name)

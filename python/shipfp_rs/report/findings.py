@@ -18,13 +18,13 @@ from shipfp_rs.report.answer import (
     may_be_zero,
     of_operating_torque,
     undetermined,
-    unit_shown,
 )
 from shipfp_rs.report.language import Say
 from shipfp_rs.report.markup import Cell, Row, bullets, link, number, paragraph, piece, table
 from shipfp_rs.report.pictures import NARROW, Pictures
 from shipfp_rs.structures import glossary
 from shipfp_rs.support.sentences import Sentence
+from shipfp_rs.support.units import unit_shown
 
 TONES = {"on its bound": "warn", "not identifiable": "bad"}
 FIGURES: Mapping[str, str] = {

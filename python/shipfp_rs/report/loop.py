@@ -17,7 +17,7 @@ from shipfp_rs.identification import wording
 from shipfp_rs.identification.estimate import Estimate, rounded_rows
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.plot.style import BLUE, GREY, ORANGE, SET_POINT, dress
-from shipfp_rs.report.answer import at_an_end, interval, unit_shown
+from shipfp_rs.report.answer import at_an_end, interval
 from shipfp_rs.report.language import Say
 from shipfp_rs.report.markup import Cell, Row, number, paragraph, piece, table
 from shipfp_rs.report.operating import feeds_a_generator
@@ -26,6 +26,7 @@ from shipfp_rs.structures.elements import LATE_CHANNELS
 from shipfp_rs.structures.linearised import loop_of, state_space
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.support.arrays import Array
+from shipfp_rs.support.units import unit_shown
 from shipfp_rs.vessel.vessel import Vessel
 
 if TYPE_CHECKING:

@@ -11,8 +11,9 @@ from shipfp_rs.identification.driven import is_loaded
 from shipfp_rs.identification.estimate import Estimate, rounded_rows
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.identification.inertia import ENGINE_SIDE, operating_point
-from shipfp_rs.report.answer import interval, short_name, unit_shown
+from shipfp_rs.report.answer import interval, short_name
 from shipfp_rs.report.language import Say
+from shipfp_rs.support.units import unit_shown
 from shipfp_rs.vessel.vessel import Vessel
 
 Fact = tuple[str, str, str, str, str]

@@ -11,10 +11,10 @@ from shipfp_rs.identification.estimate import Row
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.identification.fingerprint_tables import agreement, beside_the_whole
 from shipfp_rs.plot.style import BLUE, GREY, ORANGE, dress
-from shipfp_rs.report.answer import unit_shown
 from shipfp_rs.report.language import Say
 from shipfp_rs.report.markup import Cell, number, paragraph, piece, table
 from shipfp_rs.report.pictures import NARROW, Pictures
+from shipfp_rs.support.units import unit_shown
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

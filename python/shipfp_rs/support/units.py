@@ -163,3 +163,8 @@ def is_unit(text: str) -> bool:
     return bool(
         PLAIN.fullmatch(known) or known == "rpm" or known in NAMED.values() or TIME_FORMAT.fullmatch(text)
     )
+
+
+def unit_shown(unit: str) -> str:
+    """Return a unit as a reader writes it; nothing for a ratio."""
+    return "" if unit == "-" else unit.replace("kg m2", "kg m²").replace("1/s2", "1/s²").replace("deg", "°")
