@@ -110,7 +110,13 @@ pub fn taken_by_limits(
         command += sum;
         if k > 0 {
             let rise = (command - commanded) / h;
-            rack = paced(rack, commanded, rise, h, pace)[0];
+            let gap = commanded - rack;
+            // Its slope goes from gap / lag towards the command's: within the limit at both, it never meets it.
+            rack = if gap.abs() <= rate * lag && rise.abs() <= rate && lag > 0.0 {
+                command - rise * lag + (rise * lag - gap) * stays
+            } else {
+                paced(rack, commanded, rise, h, pace)[0]
+            };
             free = command - rise * lag + (free - commanded + rise * lag) * stays;
         }
         let whole = 1.0 + g * speed + rack;

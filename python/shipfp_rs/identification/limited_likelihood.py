@@ -3,8 +3,8 @@
 There are two ways to know what limits take off. On the engine's side alone a limit is a clamp on a known signal: the
 governor's command for set point and speed as they were measured. Nothing is simulated, water moves both as it will, and no
 search is led astray by a loop that rings; but noise of the speed blurs the corners. Or it is the difference of two
-simulations of the whole, with limits and without, driven by what the measured torque has beyond the load's law. At one vector
-that is put back into the records, so that what the closed form leaves is small everywhere near. The data choose the way.
+simulations of the whole, with limits and without, driven by what the measured torque has beyond the load's law. At one
+vector that is put back into the records, so that what the closed form leaves is small everywhere near. The data choose.
 """
 
 from __future__ import annotations
