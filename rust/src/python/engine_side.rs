@@ -2,6 +2,7 @@
 
 use numpy::{IntoPyArray, PyArray1};
 use pyo3::prelude::*;
+use pyo3::types::PyTuple;
 
 use super::arrays::{Vector, borrow, expect_shape};
 use super::guard;
@@ -38,6 +39,6 @@ fn followed<'py>(
 }
 
 pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
-    module.add("ENGINE_SIDE_PARAMETERS", PARAMETERS)?;
+    module.add("ENGINE_SIDE_PARAMETERS", PyTuple::new(module.py(), PARAMETERS)?)?;
     module.add_function(wrap_pyfunction!(followed, module)?)
 }
