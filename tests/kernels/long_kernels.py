@@ -17,7 +17,7 @@ from functools import cache
 import numpy as np
 
 from shipfp_rs import _core
-from tests.twins import drive_train, ship
+from tests.twins import drive_train, engine_side, ship
 
 KERNELS: dict[str, Callable[[], object]] = {
     "spin": lambda: _core._spin_for_test(),
@@ -77,6 +77,7 @@ KERNELS: dict[str, Callable[[], object]] = {
     "slope_at_even_times": lambda: _core.slope_at_even_times(
         np.arange(100_001.0), np.ones((4, 100_000)), 0.0, 300.0, 30_000_000
     ),
+    "taken_by_limits": lambda: _core.taken_by_limits(engine_side.vector(M_max=1.1), *(_noise(),) * 3, 0.01),
     "RepeatScan": lambda: _core.RepeatScan().feed(_train_of_pulses().astype(np.float32)),
     "Extremes": lambda: _core.Extremes(8).feed(np.zeros(30_000_000)),
     "coarser_extremes": lambda: _core.coarser_extremes(np.zeros((20_000_000, 2)), 2),

@@ -8,7 +8,7 @@ import pytest
 
 from shipfp_rs import _core
 from shipfp_rs.errors import InputError
-from tests.twins import ship
+from tests.twins import engine_side, ship
 from tests.twins.drive_train import detail
 
 TRAIN = (ship.vector(), detail(), np.ones(6), np.empty((3, 0)))
@@ -22,6 +22,7 @@ KERNELS = {
     "find_spikes": (np.ones(9), 2, 1, 3, 5.0, 0.1),
     "running_median": (np.ones(9), 3),
     "slope_at_even_times": (np.arange(5.0), np.ones((4, 4)), 0.0, 2.0, 8),
+    "taken_by_limits": (engine_side.vector(), *[np.ones(4)] * 3, 0.01),
     "pulse_levels": (np.ones(9),),
     "interval_speeds": (np.arange(4.0), np.ones(3, dtype=np.int64), *[np.ones(1)] * 4, 0.0),
     "pulses_are_even": (np.arange(9.0), 0.6, 1.6),

@@ -10,16 +10,10 @@ from hypothesis import strategies as st
 from shipfp_rs import _core
 from shipfp_rs.errors import InputError
 from tests.twins import engine_side
+from tests.twins.engine_side import GOVERNOR, OFF
 from tests.twins.ship import vector as ship
 
 EVERY = 0.02
-OFF = dict.fromkeys(_core.ENGINE_SIDE_PARAMETERS, 0.0) | {
-    "rate": np.inf,
-    "M_max": np.inf,
-    "s_M": 1.0,
-    "leads": 1.0,
-}
-GOVERNOR = {"g": -0.6, "vK_p": 4.0, "vK_i": 5.0}
 
 
 def signals(seed: int = 1, count: int = 400) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -35,9 +29,7 @@ def signals(seed: int = 1, count: int = 400) -> tuple[np.ndarray, np.ndarray, np
 
 
 def taken(q: dict[str, float], rows: tuple[np.ndarray, ...], every: float = EVERY) -> np.ndarray:
-    return np.array(
-        _core.taken_by_limits(np.array([q[name] for name in _core.ENGINE_SIDE_PARAMETERS]), *rows, every)
-    )
+    return np.array(_core.taken_by_limits(engine_side.vector(**q), *rows, every))
 
 
 @pytest.mark.parametrize(

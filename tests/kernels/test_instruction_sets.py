@@ -14,7 +14,7 @@ from shipfp_rs.errors import InputError
 from tests.kernels import test_two_equations_kernel as two_equations
 from tests.kernels.test_plant_kernel import ENVELOPES, METHODS
 from tests.kernels.test_ship_kernel import SHIPS, record
-from tests.twins import ship
+from tests.twins import engine_side, ship
 from tests.twins.drive_train import detail
 from tests.twins.plant import N_E
 
@@ -127,6 +127,11 @@ EXACT = {
     "slope_at_even_times": lambda: _core.slope_at_even_times(EDGES, CUBICS, 0.0, 1000.0, 8000)[1],
     "find_spikes": lambda: _core.find_spikes(N_SET, 20, 7, 51, 6.0, 1e-6),
     "running_median": lambda: _core.running_median(N_SET, 31),
+    "taken_by_limits": lambda: np.array(
+        _core.taken_by_limits(
+            engine_side.vector(T_d=0.04, M_max=1.01, rate=0.1), DN_SET, 0.9 * DN_SET, DN_SET, 0.01
+        )
+    ),
     "loop_is_stable": lambda: np.array([float(_core.loop_is_stable(EQUATIONS[0], False))]),
     "PulseCrossings": crossings,
     "PulseTracker": tracked,

@@ -4,7 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 
+from shipfp_rs._core import ENGINE_SIDE_PARAMETERS
+
+OFF = dict.fromkeys(ENGINE_SIDE_PARAMETERS, 0.0) | {"rate": np.inf, "M_max": np.inf, "s_M": 1.0, "leads": 1.0}
+GOVERNOR = {"g": -0.6, "vK_p": 4.0, "vK_i": 5.0}
 SUBSTEPS = 200
+
+
+def vector(**changes):
+    """Return the kernel's parameters of a governor, some of them changed."""
+    values = OFF | GOVERNOR | changes
+    return np.array([float(values[name]) for name in ENGINE_SIDE_PARAMETERS])
 
 
 def late(row, delay):
