@@ -53,6 +53,7 @@ def main() -> int:
         for height, line in enumerate(reversed(layers))
         for room in line.replace("(", "").replace(")", "").replace(" ", "").replace(":", "|").split("|")
     }
+    sys.path.insert(0, str(ROOT / "python"))  # the tree's package, not one that is installed
     graph = grimp.build_graph(PACKAGE, cache_dir=None)
     modules = {module for module in graph.modules if module != PACKAGE}
     imports = {

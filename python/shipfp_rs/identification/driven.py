@@ -4,14 +4,11 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.support.sentences import Sentence
 from shipfp_rs.vessel.vessel import Vessel
-
-if TYPE_CHECKING:
-    from shipfp_rs.identification.fingerprint_tables import FingerprintTables
 
 Words = Sequence[tuple[re.Pattern[str], str]]
 """Words to be replaced, each with what to write in its place."""
@@ -27,6 +24,26 @@ COMMANDS = Sentence("set point = command")
 """Words of a governor's set point, each with that of a drive in open loop."""
 GIVEN = ("propeller", "engine.cylinders")
 """What a vessel's file gives of a ship with an engine and a propeller."""
+
+
+class Identified(Protocol):
+    """What of a fingerprint tells its drive and its load."""
+
+    @property
+    def structure(self) -> Mapping[str, Any]:
+        """Parts of the ship, and what drives it."""
+
+    @property
+    def vessel(self) -> str | None:
+        """Name of the ship."""
+
+    @property
+    def data(self) -> tuple[Mapping[str, Any], ...]:
+        """A row for each experiment."""
+
+    @property
+    def settings(self) -> Mapping[str, Any]:
+        """What the fit was asked for."""
 
 
 def of_vessel(vessel: Vessel) -> dict[str, Any]:
@@ -50,7 +67,7 @@ def fitting(text: str, words: Words, *, is_english: bool = True) -> str:
     return text
 
 
-def is_loaded(fingerprint: FingerprintTables, experiments: Iterable[Experiment]) -> bool:
+def is_loaded(fingerprint: Identified, experiments: Iterable[Experiment]) -> bool:
     """Whether a load was measured: of a generator, a dynamometer or a brake."""
     return "load" in fingerprint.structure.get("elements", ()) or any(
         "M_load" in experiment.signals for experiment in experiments
@@ -58,7 +75,7 @@ def is_loaded(fingerprint: FingerprintTables, experiments: Iterable[Experiment])
 
 
 def instead(
-    fingerprint: FingerprintTables, experiments: Sequence[Experiment], vessel: Vessel | None = None
+    fingerprint: Identified, experiments: Sequence[Experiment], vessel: Vessel | None = None
 ) -> list[str]:
     """Return lists of words to write in place of a ship's; nothing for an engine that turns a propeller.
 
