@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import importlib
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -151,17 +150,13 @@ class Draw:
         asked, speed, torque = (sensors.to_middle(one, motion.step_s) for one in (asked, speed, torque))
         return asked, speed, torque
 
-    @cached_property
-    def _step_s(self) -> float:
-        return getattr(self.module, "EXPERIMENT_STEP_S", STEP_S)
-
     def experiment(self) -> dict[str, Any]:
         """Return the trial at 50 Hz: `signals` in the units of a log, `operating_point` from its steady stretch.
 
         All signals have gone through one and the same filter; the noise joins before it. The torque is late by
         `torque_delay_s`.
         """
-        motion = self.motion(self._step_s)
+        motion = self.motion()
         asked, speed, torque = self.clean(motion)
         random = self.random(2)
         speed = speed + self.noise[0].samples(random, len(speed))
@@ -394,7 +389,7 @@ def slopes(found, motion):
 
 
 def fast_motion(found: Draw, plant: Plant | None = None, step_s: float = 1e-3):
-    """Simulate a draw, or the same trial of another drive train, by small steps, whatever integrator its family has."""
+    """Simulate a draw, or the same trial of another drive train, by small steps."""
     from tests.families.small_steps import simulate
 
     plant = found.plant if plant is None else plant

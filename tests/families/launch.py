@@ -1,25 +1,20 @@
 """Launches: a small diesel whose brake torque is measured at its flange, with a torque limit that may act.
 
-M_b = N^p + tau_n dN/dt over the operating torque. Integrated by scipy's solve_ivp, by small steps where the rate is limited.
+M_b = N^p + tau_n dN/dt over the operating torque.
 """
 
 from __future__ import annotations
 
-import numpy as np
-
-from tests.families import events, recording, sensors, tug
+from tests.families import recording, sensors, tug
 from tests.families.draw import Ranges
-from tests.families.plant import normalised
-from tests.families.small_steps import Motion
 from tests.families.tug import rippled
 
-# Shorter sampling periods and records are left to the other families: each period is a call of solve_ivp.
 RANGES = Ranges(tau_n=(0.3, 2.5), p=(1.5, 2.4), T_s=(0.015, 0.05), twist_hz=(4.0, 10.0), longest_s=320.0)
 LATEST_TORQUE_S = 0.003
-EXPERIMENT_STEP_S = 1e-3
 
 
 law = tug.law
+simulated = tug.simulated
 
 
 def scale(random):
@@ -34,24 +29,6 @@ def scale(random):
 
 def place(random):
     return "brake"
-
-
-def simulated(draw, step_s):
-    """Run the trial by solve_ivp, in relative numbers, and return it in physical units."""
-    plant = draw.plant
-    if np.isfinite(plant.rack_rate):
-        return tug.simulated(draw, step_s)
-    found = events.simulate(normalised(plant), draw.excitation, step_s=step_s, water=draw.water)
-    count = len(found.N_e)
-    return Motion(
-        step_s=step_s,
-        asked=plant.engine_speed * draw.excitation.mean(np.arange(count) * step_s, step_s),
-        engine_speed=plant.engine_speed * found.N_e,
-        load_speed=plant.shaft_speed * found.N_p,
-        brake_torque=plant.brake_torque * found.M_b,
-        gauge_torque=plant.shaft_torque * found.M_g,
-        load_torque=np.zeros(count),
-    )
 
 
 def recorded(draw):

@@ -2,7 +2,7 @@
 
     python -m tests.families.one tug 7 experiments OUT.json
 
-The only place here that imports the package, beside `load_side` and `limited_parity`.
+The only generator or study here that imports the package, beside `undescribed`.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The generators of simulated trials themselves: equations, normalisation and sensors."""
+"""The families' generators: they move as the package's ship does, seeds give the same trial, sensors do what they state."""
 
 from __future__ import annotations
 
@@ -6,95 +6,73 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from benches import rival_ship
-from scipy.signal import csd, welch
+from scipy.signal import welch
 
-from tests.families import events as by_events
+from shipfp_rs import _core
+from shipfp_rs.structures.ship import INDEX, KERNEL
 from tests.families import excitations, matters, recording, sensors, small_steps, wrong
-from tests.families.draw import FAMILIES, Loads, draw, fast_motion, has_margins, open_loop
-from tests.families.plant import ELEMENTS, LIMITS, normalised, physical, without
-from tests.families.water import Water
+from tests.families.draw import CHANNELS, FAMILIES, Loads, draw, has_margins
+from tests.families.plant import ELEMENTS, LIMITS, Plant, normalised, physical, without
 
 BASE = {"tau_n": 1.2, "g": -0.5, "vK_p": 4.5, "vK_i": 10.0, "p": 2.15, "tau_prop": 0.38}
 TUG = {"engine_speed": 19.73, "ratio": 3.82, "efficiency": 0.97, "shaft_torque": 1725.0}
-ALL = {
-    "T_s": 0.03,
-    "T_0": 0.013,
-    "T_d": 0.05,
-    "T_set": 0.1,
-    "M_max": 1.1,
-    "tau_act": 0.05,
-    "rate": 2.0,
-    "tau_twist": 0.004,
-    "zeta_twist": 0.5,
-}
+TWIST = {"tau_twist": 0.004, "zeta_twist": 0.5}
+SAMPLED = {"T_s": 0.03, "T_0": 0.013, "T_d": 0.05, "T_set": 0.1}
+ALL = {**SAMPLED, **TWIST, "M_max": 1.1, "tau_act": 0.05, "rate": 2.0, "damping": 0.3, "update": 1.0}
+STEP_S = 5e-4
 
 
-def nightly(cases, *always):
-    """Return cases of which those named, or at these places, are always run, and the others at night."""
-    return [
-        case if place in always or case in always else pytest.param(case, marks=pytest.mark.slow)
-        for place, case in enumerate(cases)
-    ]
+def nightly(family, others):
+    """Return a family that is always run, and the others at night."""
+    return [family, *(pytest.param(one, marks=pytest.mark.slow) for one in others if one != family)]
 
 
-def chirp(swing=0.06, seconds=20.0, low=0.05, high=3.0):
-    growth = np.log(high / low) / seconds
-    return excitations.Excitation("chirp", 1.0, 1.0 + seconds, np.array([[low, growth, swing]]))
-
-
-def relative_outputs(relative, excitation, step_s=2.5e-4, water=None):
-    plant = physical(relative, **TUG)
-    motion = small_steps.simulate(plant, excitation, excitation.stop_s, step_s=step_s, water=water)
-    return np.vstack(
-        [
-            motion.engine_speed / plant.engine_speed,
-            motion.load_speed / plant.shaft_speed,
-            motion.brake_torque / plant.brake_torque,
-            motion.gauge_torque / plant.shaft_torque,
-        ]
-    )
+def of_package(relative, asked):
+    """Return speed, brake and gauge torque over the operating point by the package's stepper."""
+    vector = np.array(_core.SHIP_OFF)
+    true = normalised(physical(BASE | relative, **TUG))
+    for name, value in {"v": 1.0, **true, "rate_down": true["rate"]}.items():
+        vector[INDEX[KERNEL.get(name, name)]] = value
+    outputs = [_core.SHIP_OUTPUTS.index(name) for name in ("dn", "dM_b", "dM_g")]
+    return 1.0 + _core.simulate_ship(vector, asked, np.empty(0), STEP_S, 1, "first", outputs)
 
 
 @pytest.mark.parametrize(
     "elements",
-    nightly(
-        [
-            {},
-            {"T_d": 0.07, "T_set": 0.3},
-            {"T_s": 0.02, "T_0": 0.003},
-            {"T_s": 0.03, "T_0": 0.013, "T_d": 0.05, "T_set": 0.1, "update": 1.0},
-            {"tau_act": 0.1, "T_d": 0.03},
-            {"tau_act": 0.1, "rate": 0.4, "c_2": 0.45},
-            {"M_max": 1.08},
-            {"tau_twist": 0.004, "zeta_twist": 0.5},
-            ALL,
-        ],
+    [
+        {},
+        {"T_d": 0.07, "T_set": 0.3},
+        SAMPLED,
+        {**SAMPLED, "update": 1.0},
+        {"tau_act": 0.1, "T_d": 0.03},
+        {"tau_act": 0.1, "rate": 0.4},
+        {"rate": 0.3},
+        {"M_max": 1.08},
+        {"damping": 0.8, "p": 0.0},
+        TWIST,
         ALL,
-    ),
+    ],
     ids=lambda elements: "+".join(elements) or "none",
 )
-def test_two_integrators_agree(elements):
-    """Small steps in physical units, and solve_ivp with events in relative ones, were written apart."""
-    excitation, water = chirp(), Water(0.01, 0.5, 25.0, 3)
-    one = relative_outputs(BASE | elements, excitation, water=water)
-    other = np.vstack(by_events.simulate(BASE | elements, excitation, step_s=2.5e-4, water=water))
-    assert np.abs(one - other).max() < 5e-6
-    assert np.abs(one - other).mean() < 1e-7
+def test_a_generated_ship_moves_as_the_package_s(elements):
+    """Small steps in physical units, and the package's stepper in relative ones, were written apart."""
+    drawn = excitations.drawn(np.random.default_rng(5), "multisine")
+    excitation = excitations.Excitation("multisine", 1.0, 20.0, drawn.table)
+    plant = physical(BASE | elements, **TUG)
+    motion = small_steps.simulate(plant, excitation, excitation.stop_s, step_s=STEP_S)
+    speed, brake, gauge = of_package(elements, motion.asked / plant.engine_speed)
+    mean, late = (
+        np.abs(motion.brake_torque / plant.brake_torque - brake).mean(),
+        {"rate", "T_s"} & set(elements),
+    )
+    # A rack without a lag follows its limit, or a governor's clock, between the steps.
+    jumps = late and "tau_act" not in elements
+    assert np.ptp(speed) > 0.05
+    assert np.abs(motion.engine_speed / plant.engine_speed - speed).max() < (5e-5 if jumps else 5e-8)
+    assert mean < (2e-4 if jumps else 5e-8)
+    assert np.abs(motion.gauge_torque / plant.shaft_torque - gauge).mean() < (6e-5 if jumps else 5e-8)
     if "M_max" in elements:
-        assert 0.01 < np.mean(other[2] > elements["M_max"] - 1e-9) < 0.7
-
-
-@pytest.mark.parametrize("kind", nightly(excitations.KINDS, "steps"))
-def test_integrators_agree_on_every_excitation(kind):
-    drawn = excitations.drawn(np.random.default_rng(5), kind)
-    excitation = excitations.Excitation(kind, 1.0, 16.0, drawn.table)
-    relative = BASE | {"T_d": 0.05, "T_set": 0.1}
-    one = relative_outputs(relative, excitation)
-    other = np.vstack(by_events.simulate(relative, excitation, step_s=2.5e-4))
-    # At a step the torque jumps; small steps spread that over one of them.
-    assert np.abs(one - other).mean() < (5e-6 if kind == "steps" else 1e-7)
-    assert np.abs(one - other)[0].max() < 5e-5
+        assert 0.01 < np.mean(brake > elements["M_max"] - 1e-9) < 0.7
 
 
 def test_a_step_of_the_load_slows_the_set_as_in_closed_form():
@@ -109,77 +87,55 @@ def test_a_step_of_the_load_slows_the_set_as_in_closed_form():
     assert motion.gauge_torque[-1] / 1000.0 - 1.0 == pytest.approx(0.01 + n[-1], abs=1e-6)
 
 
-@pytest.mark.parametrize(
-    "elements",
-    nightly(
-        [
-            {},
-            {"T_d": 0.07, "T_set": 0.3},
-            {"tau_act": 0.1, "T_d": 0.03},
-            {"tau_twist": 0.004, "zeta_twist": 0.5},
-            {"damping": 0.8, "p": 0.0, "c_2": 0.5},
-        ],
-        1,
-    ),
-    ids=lambda elements: "+".join(elements) or "none",
-)
-@pytest.mark.parametrize("frequency", nightly([0.1, 1.0, 3.0], 1.0))
-def test_small_motion_is_the_linear_model(elements, frequency):
-    """n*/n_set* = L / (tau_n s + p - g + L), M_b* = (p + tau_n s) n*, M_g* = (p + tau_prop s) n*.
-
-    Eq. 3.31 to 3.38 of the thesis, with p, two inertias, dead times and an actuator.
-    """
-    relative = BASE | elements
-    periods = max(3, round(3.0 * frequency))
-    seconds = 15.0 + periods / frequency
-    table = np.array([[0.0, frequency, 1e-5]])
-    excitation = excitations.Excitation("sines", 1.0, 1.0 + seconds, table)
-    out = relative_outputs(relative, excitation, step_s=5e-4) - 1.0
-    last = slice(-round(periods / frequency / 5e-4), None)
-    times = np.arange(out.shape[1]) * 5e-4
-    turn = np.exp(-2j * np.pi * frequency * (times[last] - 1.0))
-    found = 2.0 * (out[:, last] * turn).mean(axis=1) / (1e-5 / 1j)
-    s = 2j * np.pi * frequency
-    loop = open_loop(relative, s)
-    closed = loop / (1.0 + loop) * np.exp(-s * relative.get("T_set", 0.0))
-    slope = relative["p"] + relative.get("damping", 0.0)
-    assert found[0] == pytest.approx(closed, rel=2e-3)
-    # At the load, whose speed a twisting shaft sets apart.
-    assert found[3] == pytest.approx((slope + relative["tau_prop"] * s) * found[1], rel=2e-3)
-    behind = (relative["tau_n"] - relative["tau_prop"]) * s * found[0] + found[3]
-    assert found[2] == pytest.approx(behind, rel=2e-3)
+@pytest.mark.parametrize("drift", [-0.5, 0.3])
+def test_the_load_of_a_drifting_exponent_is_its_formula(drift):
+    """L = N^(p + c_2 (N - 1)), in steady running at 105 per cent; to the second order N^p + c_2 (N - 1)^2."""
+    plant = physical(BASE | {"c_2": drift}, **TUG)
+    excitation = excitations.Excitation("steps", 1.0, 60.0, np.array([[0.0, 1.05]]))
+    motion = small_steps.simulate(plant, excitation, 60.0, step_s=1e-3)
+    load = motion.gauge_torque[-1] / plant.shaft_torque
+    assert motion.engine_speed[-1] / plant.engine_speed == pytest.approx(1.05, abs=1e-6)
+    assert load == pytest.approx(1.05 ** (2.15 + drift * 0.05), abs=1e-5)
+    assert load - 1.05**2.15 == pytest.approx(drift * 0.05**2, rel=0.1)
 
 
-@pytest.mark.parametrize("update", nightly([0.0, 1.0], 1.0))
-def test_a_sampling_governor_is_late_by_half_its_period(update):
-    """With a sum updated before use it is also stronger by vK_i T_s / 2, after use weaker."""
-    period, excitation = 0.04, chirp(swing=0.01, high=0.5)
-    sampled = relative_outputs(BASE | {"T_s": period, "T_d": 0.03, "update": update}, excitation)
-    gain = 4.5 + 10.0 * period * (update - 0.5)
-    smooth = relative_outputs(BASE | {"T_d": 0.03 + period / 2.0, "vK_p": gain}, excitation)
-    plain = relative_outputs(BASE | {"T_d": 0.03}, excitation)
-    assert np.std(sampled[0] - smooth[0]) < 0.05 * np.std(sampled[0] - plain[0])
+def test_truth_is_normalised_at_the_operating_point():
+    """Stan Launch 804 (Table 3.5): tau_n = 2 pi 21.2 * 7.222 / 635.77 = 1.513 s; A1, A2 and the gains of section 2."""
+    n_e = 1300.0 / 60.0
+    plant = Plant(
+        engine_speed=n_e,
+        ratio=3.0,
+        efficiency=635.77 / (3.0 * 222.93),
+        shaft_torque=635.77,
+        engine_inertia=15.0,
+        load_inertia=6.2,
+        exponent=2.0,
+        load_damping=0.0,
+        engine_slope=-0.100 * 60.0,
+        rack=13.07,
+        rack_slope=27.0,
+        gain=0.1005 * 60.0,
+        integral_gain=0.01005 * 60.0,
+    )
+    found = normalised(plant)
+    assert found["tau_n"] == pytest.approx(1.513, abs=1e-3)
+    assert found["tau_prop"] == pytest.approx(1.513 * 6.2 / 21.2, abs=1e-3)
+    assert found["g"] == pytest.approx(-0.583, abs=1e-3)
+    assert found["vK_p"] == pytest.approx(15.83, abs=0.02)
+    assert found["vK_i"] == pytest.approx(1.583, abs=0.002)
+    assert plant.brake_torque == pytest.approx(222.93)
 
 
-def test_physical_and_relative_numbers_lead_back_to_each_other():
-    relative = BASE | ALL | {"damping": 0.3, "update": 1.0}
-    found = normalised(physical(relative, **TUG))
-    assert {name: found[name] for name in relative} == pytest.approx(relative)
-
-
-@pytest.mark.parametrize("element", ELEMENTS)
-def test_an_element_switched_off_is_off_and_nothing_else(element):
-    plant = physical(BASE | ALL, **TUG)
-    before, after = normalised(plant), normalised(without(plant, element))
-    assert after[element] == (np.inf if element in LIMITS else 0.0)
-    with_it = {"T_s": {"T_0", "update"}, "tau_twist": {"zeta_twist"}}.get(element, set()) | {element}
-    assert all(after[name] == before[name] for name in before if name not in with_it)
-
-
-def test_margins_tell_a_stable_loop_from_an_unstable_one():
-    assert has_margins(BASE)
-    assert not has_margins(BASE | {"T_d": 0.6})
-    assert not has_margins(BASE | {"vK_p": 40.0, "T_d": 0.15})
+def test_physical_and_relative_numbers_lead_back_to_each_other_and_each_element_to_off():
+    relative = BASE | ALL
+    plant = physical(relative, **TUG)
+    before = normalised(plant)
+    assert {name: before[name] for name in relative} == pytest.approx(relative)
+    for element in ELEMENTS:
+        after = normalised(without(plant, element))
+        assert after[element] == (np.inf if element in LIMITS else 0.0)
+        off = {"T_s": {"T_0", "update"}, "tau_twist": {"zeta_twist"}}.get(element, set()) | {element}
+        assert [name for name in before if after[name] != before[name] and name not in off] == []
 
 
 @pytest.mark.parametrize(
@@ -208,12 +164,9 @@ def test_draws_are_seeded_and_keep_their_ranges(family, draws):
     assert draws < 16 or ((on > 0) & (on < len(some))).all()
 
 
-@pytest.mark.parametrize(
-    "family", ["tug", *(pytest.param(one, marks=pytest.mark.slow) for one in FAMILIES if one != "tug")]
-)
+@pytest.mark.parametrize("family", nightly("tug", FAMILIES))
 def test_experiments_hold_the_trial(family):
-    # The launch is integrated by solve_ivp, where sampling governors take long.
-    one = replace(draw(family, 0 if family == "launch" else 2, longest_s=200.0), late_s=None)
+    one = replace(draw(family, 2, longest_s=200.0), late_s=None)
     made, again = one.experiment(), one.experiment()
     truth = one.truth()
     torque = "M_g" if truth["place"] == "gauge" else "M_b"
@@ -230,88 +183,7 @@ def test_experiments_hold_the_trial(family):
         assert made["operating_point"][name] == pytest.approx(truth["operating_point"][key], rel=slack)
 
 
-def test_all_signals_of_an_experiment_pass_one_filter():
-    """A sine far below the band passes unchanged, one above half the rate is gone."""
-    t = np.arange(0.0, 20.0, 5e-4)
-    for frequency, gain in ((1.0, 1.0), (10.0, 1.0), (28.0, 0.0)):
-        through = sensors.to_common(sensors.to_middle(np.sin(2.0 * np.pi * frequency * t), 5e-4))
-        expected = gain * np.sin(2.0 * np.pi * frequency * np.arange(len(through)) / 50.0)
-        assert np.abs(through - expected)[50:-50].max() < 2e-3
-
-
-def test_noise_has_the_spectrum_that_it_states():
-    random = np.random.default_rng(4)
-    for noise in (sensors.speed_noise(random), sensors.torque_noise(random)):
-        samples = sensors.to_common(noise.samples(random, 400_000))
-        f, power = welch(samples, 50.0, nperseg=2048)
-        use = (f > 0.2) & (f < 17.0)
-        # One-sided density times half the rate: variance a sample.
-        ratio = power[use] * 25.0 / noise.spectrum(f[use])
-        assert np.median(ratio) == pytest.approx(1.0, abs=0.03)
-        assert ((ratio > 0.5) & (ratio < 1.6)).all()
-
-
-def test_water_has_its_share_and_memory():
-    water = Water(0.01, 0.8, 4000.0, 7)
-    values = water(np.arange(0.0, 4000.0, 0.1))
-    assert values.std() == pytest.approx(0.01, rel=0.08)
-    assert np.corrcoef(values[:-8], values[8:])[0, 1] == pytest.approx(2.0 / np.e, abs=0.06)
-
-
-def test_telemetry_is_late_by_what_it_states():
-    step, telemetry = 1e-4, sensors.Telemetry(300.0, 250.0)
-    t = np.arange(0.0, 8.0, step)
-    given = 1000.0 * (1.0 + 0.05 * np.sin(2.0 * np.pi * 1.5 * t))
-    heard = telemetry(given, step)
-    _, cross = csd(given, heard, 1.0 / step, nperseg=len(t) // 3)
-    k = np.argmax(np.abs(cross[1:])) + 1
-    late = -np.angle(cross[k]) / (2.0 * np.pi * 1.5)
-    assert late == pytest.approx(telemetry.delay_s, abs=6e-5)
-    assert len(np.unique(heard[10_000:11_000])) <= 51
-
-
-def test_pulses_stand_where_the_reflectors_are():
-    random = np.random.default_rng(1)
-    positions = sensors.reflectors(random, 4, 0.02)
-    pulses = sensors.Pulses(positions, width=0.3, rise_s=3e-4, noise=0.02)
-    step = 2.5e-4
-    turns = 5.0 * np.arange(0.0, 10.0, step)
-    times = np.arange(0.0, 10.0, 5e-4)
-    volts = pulses(turns, step, times, random).astype(float)
-    high = volts > 2.45
-    rises = np.flatnonzero(~high[:-1] & high[1:])
-    at = times[rises] + 5e-4 * (2.45 - volts[rises]) / (volts[rises + 1] - volts[rises])
-    edges = pulses.edges(turns, step)
-    assert abs(len(at) - 200) <= 2
-    nearest = edges[np.abs(np.subtract.outer(at, edges)).argmin(axis=1)]
-    # The middle level is reached half a rise late; the rest is the sampling, Ts / sqrt(12) at most.
-    assert np.abs(at - nearest - 1.5e-4).max() < 5e-4
-    assert np.std(at - nearest) < 5e-4 / np.sqrt(12.0) * 1.2
-    angle = np.sort(np.interp(edges, np.arange(len(turns)) * step, turns)[:40] % 1.0)
-    assert np.abs(np.subtract.outer(angle, positions)).min(axis=1).max() < 1e-9
-    assert volts.min() > -0.1
-    assert volts.max() < 5.0
-
-
-def test_faults_of_pulses_come_at_their_rate():
-    random = np.random.default_rng(2)
-    turns, step = 10.0 * np.arange(0.0, 100.0, 2.5e-4), 2.5e-4
-    times = np.arange(0.0, 100.0, 2e-4)
-
-    def count(**faults):
-        pulses = sensors.Pulses(np.array([0.1]), width=0.3, noise=0.0, **faults)
-        high = pulses(turns, step, times, random) > 2.45
-        return int((~high[:-1] & high[1:]).sum())
-
-    whole = count()
-    assert whole == pytest.approx(1000, abs=2)
-    assert 0.03 < count(double=0.05) / whole - 1.0 < 0.08
-    assert 0.03 < 1.0 - count(broken=0.05) / whole < 0.08
-
-
-@pytest.mark.parametrize(
-    "family", ["genset", *(pytest.param(one, marks=pytest.mark.slow) for one in ("tug", "lab_drive"))]
-)
+@pytest.mark.parametrize("family", nightly("genset", ("tug", "lab_drive")))
 def test_raw_logs_hold_the_trial(family, tmp_path):
     """Pulses count the turns, volts and their line give the set point, and nothing of the truth is in the files."""
     one = draw(family, 6, longest_s=200.0, load=False)
@@ -337,47 +209,87 @@ def test_raw_logs_hold_the_trial(family, tmp_path):
         assert f"{truth[key]:.4g}" not in told or truth[key] == 0.0
 
 
-def only(elements, kind):
-    """Return a draw with these elements and noise, all else that it had switched off."""
-    some = (draw("tug", seed, kind=kind, longest_s=220.0) for seed in range(40))
-    one = next(d for d in some if elements <= set(d.on) and not d.noise_free)
-    for name in set(one.on) - elements - {"water"}:
-        one = replace(one, plant=without(one.plant, name))
-    return replace(one, water=None, late_s=None)
+def test_a_window_that_begins_late_holds_the_rest_of_the_same_trial():
+    whole = replace(draw("genset", 2, longest_s=200.0), late_s=None)
+    late = replace(whole, late_s=3.5)
+    made, cut = whole.experiment(), late.experiment()
+    first = round((whole.excitation.start_s + 3.5) * sensors.COMMON_HZ)
+    for name, samples in made["signals"].items():
+        assert np.array_equal(cut["signals"][name], samples[first:])
+    assert cut["operating_point"] == made["operating_point"]
+    assert late.truth()["late_s"] == 3.5
+
+
+def test_channels_without_noise_are_the_motion_itself():
+    quiet = replace(
+        draw("tug", 2, longest_s=200.0), noise_free=CHANNELS, noise=(sensors.Noise(()),) * 2, late_s=None
+    )
+    signals = quiet.experiment()["signals"]
+    for made, clean in zip(signals.values(), quiet.clean(), strict=True):
+        clean = sensors.to_common(clean)
+        assert made / made[0] == pytest.approx(clean / clean[0], abs=1e-12)
+
+
+def test_all_signals_of_an_experiment_pass_one_filter():
+    """A sine far below the band passes unchanged, one above half the rate is gone."""
+    t = np.arange(0.0, 20.0, 5e-4)
+    for frequency, gain in ((1.0, 1.0), (10.0, 1.0), (28.0, 0.0)):
+        through = sensors.to_common(sensors.to_middle(np.sin(2.0 * np.pi * frequency * t), 5e-4))
+        expected = gain * np.sin(2.0 * np.pi * frequency * np.arange(len(through)) / 50.0)
+        assert np.abs(through - expected)[50:-50].max() < 2e-3
+
+
+def test_noise_has_the_spectrum_that_it_states():
+    random = np.random.default_rng(4)
+    for noise in (sensors.speed_noise(random), sensors.torque_noise(random)):
+        samples = sensors.to_common(noise.samples(random, 400_000))
+        f, power = welch(samples, 50.0, nperseg=2048)
+        use = (f > 0.2) & (f < 17.0)
+        # One-sided density times half the rate: variance a sample.
+        ratio = power[use] * 25.0 / noise.spectrum(f[use])
+        assert np.median(ratio) == pytest.approx(1.0, abs=0.03)
+        assert ((ratio > 0.5) & (ratio < 1.6)).all()
+
+
+def test_pulses_stand_where_the_reflectors_are():
+    random = np.random.default_rng(1)
+    positions = sensors.reflectors(random, 4, 0.02)
+    pulses = sensors.Pulses(positions, width=0.3, rise_s=3e-4, noise=0.02)
+    step = 2.5e-4
+    turns = 5.0 * np.arange(0.0, 10.0, step)
+    times = np.arange(0.0, 10.0, 5e-4)
+    volts = pulses(turns, step, times, random).astype(float)
+    high = volts > 2.45
+    rises = np.flatnonzero(~high[:-1] & high[1:])
+    at = times[rises] + 5e-4 * (2.45 - volts[rises]) / (volts[rises + 1] - volts[rises])
+    edges = pulses.edges(turns, step)
+    assert abs(len(at) - 200) <= 2
+    nearest = edges[np.abs(np.subtract.outer(at, edges)).argmin(axis=1)]
+    # The middle level is reached half a rise late; the rest is the sampling, Ts / sqrt(12) at most.
+    assert np.abs(at - nearest - 1.5e-4).max() < 5e-4
+    assert np.std(at - nearest) < 5e-4 / np.sqrt(12.0) * 1.2
+    angle = np.sort(np.interp(edges, np.arange(len(turns)) * step, turns)[:40] % 1.0)
+    assert np.abs(np.subtract.outer(angle, positions)).min(axis=1).max() < 1e-9
+    assert volts.min() > -0.1
+    assert volts.max() < 5.0
 
 
 @pytest.mark.slow
 def test_an_element_matters_by_its_effect_against_the_noise():
     """A dead time of 0.1 s does, one of a tenth of a millisecond does not; less noise makes more matter."""
-    one = only({"T_set"}, kind="multisine")
-    found = matters.judged(one)
-    assert found["T_set"]["verdict"] == "matters"
-    assert found["T_set"]["distinct"] <= found["T_set"]["size"]
+    some = (draw("tug", seed, kind="multisine", longest_s=220.0) for seed in range(40))
+    one = next(d for d in some if "T_set" in d.on and not d.noise_free)
+    for name in set(one.on) - {"T_set", "water"}:
+        one = replace(one, plant=without(one.plant, name))
+    one = replace(one, water=None, late_s=None)
+    found = matters.judged(one)["T_set"]
+    assert found["verdict"] == "matters"
+    assert found["distinct"] <= found["size"]
     little = replace(one, plant=one.plant._replace(set_point_dead_time=1e-4))
     assert matters.judged(little)["T_set"]["verdict"] == "idle"
 
 
-def test_the_weight_of_white_noise_is_one_a_degree_of_freedom():
-    noise = sensors.Noise(((0.01, ()),))
-    random = np.random.default_rng(3)
-    parts = matters._weigh(sensors.to_common(noise.samples(random, 80_000)), noise)
-    assert np.mean(parts[1:] ** 2) == pytest.approx(1.0, abs=0.03)
-
-
-@pytest.mark.slow  # small steps on drawn elements agree above
-def test_launch_agrees_with_small_steps_on_a_draw():
-    one = next(
-        d
-        for d in (draw("launch", seed, longest_s=200.0) for seed in range(20))
-        if not {"T_s", "rate"} & set(d.on)
-    )
-    ours, other = one.motion(1e-3), fast_motion(one, step_s=2.5e-4)
-    apart = ours.engine_speed - other.engine_speed[::4][: len(ours.engine_speed)]
-    assert np.abs(apart).max() < 1e-4 * one.plant.engine_speed
-    assert np.abs(apart).mean() < 2e-6 * one.plant.engine_speed
-
-
-@pytest.mark.parametrize("seed", nightly(range(len(wrong.KINDS)), 0))
+@pytest.mark.parametrize("seed", nightly(0, range(len(wrong.KINDS))))
 def test_wrong_data_are_wrong_in_the_way_they_say(seed):
     made = wrong.wrong(seed)
     signals, point = made.experiment["signals"], made.experiment["operating_point"]
@@ -390,18 +302,3 @@ def test_wrong_data_are_wrong_in_the_way_they_say(seed):
     if made.kind == "torque of the wrong sign":
         torque = next(name for name in signals if name.startswith("M_"))
         assert np.corrcoef(signals[torque], signals["n_e"])[0, 1] < 0.0
-
-
-@pytest.mark.parametrize("some", [{"T_d", "T_set"}, pytest.param({"T_d"}, marks=pytest.mark.slow)])
-def test_a_third_simulation_finds_the_truth_in_an_experiment(some):
-    """The rival's ship, at the truth and on the set point at 50 Hz, leaves far less than the noise.
-
-    What it leaves is its set point's straight lines between samples.
-    """
-    one = replace(only(some, kind="chirp"), torque_delay_s=0.0)
-    asked, speed, torque = (sensors.to_common(signal) for signal in one.clean())
-    values = one.truth()["parameters"]
-    numbers = np.array([values.get(name, 1.0) for name in rival_ship.NAMES])
-    left = np.vstack([speed, torque]) - rival_ship.ship(numbers, asked, 0.02, 20)
-    for residual, noise in zip(left, one.noise, strict=True):
-        assert residual[100:].std() < 0.15 * noise.samples(np.random.default_rng(0), 40_000).std()

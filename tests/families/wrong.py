@@ -49,7 +49,6 @@ def wrong(seed: int) -> Wrong:
     family = FAMILIES[seed // len(KINDS) % len(FAMILIES)]
     if kind == "gauge called brake":
         family = "tug"
-    # The launch's integrator is slow, and its trials are as good as any here.
     longest = 320.0 if seed // len(KINDS) % 2 else 201.0
     good = replace(draw(family, 50_000 + seed, load=False, longest_s=longest), late_s=None)
     experiment = good.experiment()
