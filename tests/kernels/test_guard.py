@@ -16,7 +16,7 @@ ENDS_WITHIN_S = 0.5
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no SIGINT to send")
-@pytest.mark.parametrize("kernel", [*KERNELS][:: len(KERNELS) // 3])
+@pytest.mark.parametrize("kernel", ["spin", "simulate_ship"])
 def test_ctrl_c_ends_a_kernel_that_would_run_for_long(kernel):
     """`-s` shows how long the end took; the limit is that of a machine with much else to do."""
     with subprocess.Popen(
@@ -48,7 +48,7 @@ def test_every_kernel_is_among_those_that_are_stopped():
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no SIGPROF")
 def test_every_kernel_ends_within_little_work():
-    """`-s` shows how much, of two stops of each soon after it has begun."""
+    """`-s` shows how much, of two stops of each soon after it has begun; `python -m benches.bench_looks` makes more."""
     done = subprocess.run(
         [sys.executable, "-m", "tests.kernels.long_kernels", "all", "2"],
         capture_output=True,
@@ -61,23 +61,6 @@ def test_every_kernel_ends_within_little_work():
     print(longest)
     assert longest.keys() == KERNELS.keys() - {"spin"}
     assert {kernel: took for kernel, took in longest.items() if took >= ENDS_WITHIN_S} == {}
-
-
-@pytest.mark.slow  # all kernels are stopped above, soon after they have begun
-@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no SIGPROF")
-@pytest.mark.parametrize("kernel", [kernel for kernel in KERNELS if kernel != "spin"])
-def test_a_kernel_ends_within_little_work(kernel):
-    """`-s` shows how much, of two stops; `python -m benches.bench_looks` prints that of all kernels and more stops."""
-    done = subprocess.run(
-        [sys.executable, "-m", "tests.kernels.long_kernels", kernel, "2"],
-        capture_output=True,
-        text=True,
-        timeout=300.0,
-        check=True,
-    )
-    longest = float(done.stdout.split()[-1])
-    print(f"{kernel}: {1e3 * longest:.1f} ms")
-    assert longest < ENDS_WITHIN_S
 
 
 def test_a_panic_is_an_ordinary_exception(capfd):

@@ -127,6 +127,7 @@ def compare(found, expected, tolerance=1e-7):
 
 
 TWIST = {"tau_twist": 0.02, "zeta_twist": 0.7}
+EVERY = {**TWIST, "vK_d": 0.2, "hold": 0.8, "k_L": 0.4, "x_0": 0.01}
 CASES = {
     "speed": ([0], {}),
     "speed and torque": ([0, 1], {}),
@@ -138,54 +139,37 @@ CASES = {
     "derivative": ([0, 1], {"vK_d": 0.2}),
     "derivative and rack": ([0, 1, 2], {"vK_d": 0.2, "hold": 0.7}),
     "twist": ([0, 1], TWIST),
-    "twist and all": ([1, 2, 0], {**TWIST, "vK_d": 0.2, "hold": 0.8, "k_L": 0.4, "x_0": 0.01}),
+    "twist and all": ([1, 2, 0], EVERY),
     "measured load": ([0, 1], {"k_L": 0.4}),
     "measured load, speed alone": ([0], {"k_L": 0.4}),
+    "both torques": ([0, 1, 3], {}),
+    "both torques, twist": ([3, 2, 1, 0], TWIST),
+    "both torques, all": ([0, 1, 3], EVERY),
+    "all torques and rack, all": ([3, 2, 1, 0], EVERY),
 }
+PAIRS = [(False, False, False), (False, True, True), (True, False, True), (True, True, False)]
+"""Late, gauge, open loop: every two of them in every way."""
 
 
-@pytest.mark.parametrize("late", [False, True])
-@pytest.mark.parametrize("gauge", [False, True])
-@pytest.mark.parametrize("open_loop", [False, True])
+@pytest.mark.parametrize(("late", "gauge", "open_loop"), PAIRS)
 @pytest.mark.parametrize("case", CASES)
-class TestAgainstTheTwin:
-    def test_residuals_and_derivatives(self, case, open_loop, gauge, late):
-        outputs, values = CASES[case]
-        parameters = vector(**LOOP, **(LATE if late else {}), **values)
-        asked = arguments(parameters, record(), outputs, gauge, open_loop)
-        wrt = told(parameters)
-        found = whole(_core.equation_residuals(*asked, wrt))
-        compare(found, twin.rows(*asked, wrt))
-
-    def test_products(self, case, open_loop, gauge, late):
-        outputs, values = CASES[case]
-        parameters = vector(**LOOP, **(LATE if late else {}), **values)
-        data = record()
-        asked = arguments(parameters, data, outputs, gauge, open_loop)
-        units = noise(len(outputs), data[0].shape[3])
-        wrt = told(parameters)[::2]
-        rows = whole(_core.equation_residuals(*asked, wrt))
-        for found, expected in zip(
-            _core.equation_products(*asked, wrt, *units), twin.products(rows, *units), strict=True
-        ):
-            np.testing.assert_allclose(found, expected, rtol=1e-10, atol=1e-11 * np.abs(expected).max())
-
-
-@pytest.mark.parametrize("late", [False, True])
-@pytest.mark.parametrize("open_loop", [False, True])
-@pytest.mark.parametrize("outputs", [[0, 1, 3], [3, 2, 1, 0]])
-@pytest.mark.parametrize("more", [{}, TWIST, {**TWIST, "vK_d": 0.2, "hold": 0.8, "k_L": 0.4, "x_0": 0.01}])
-def test_both_torques_are_those_of_the_twin(more, outputs, open_loop, late):
-    parameters = vector(**LOOP, **(LATE if late else {}), **more)
-    asked = arguments(parameters, record(), outputs, True, open_loop)
+def test_residuals_derivatives_and_products_are_those_of_the_twin(case, open_loop, gauge, late):
+    outputs, values = CASES[case]
+    parameters, data = vector(**LOOP, **(LATE if late else {}), **values), record()
+    asked = arguments(parameters, data, outputs, gauge or 3 in outputs, open_loop)
     wrt = told(parameters)
-    compare(whole(_core.equation_residuals(*asked, wrt)), twin.rows(*asked, wrt))
+    rows = whole(_core.equation_residuals(*asked, wrt))
+    compare(rows, twin.rows(*asked, wrt))
+    units = noise(len(outputs), data[0].shape[3])
+    for found, expected in zip(
+        _core.equation_products(*asked, wrt, *units), twin.products(rows, *units), strict=True
+    ):
+        np.testing.assert_allclose(found, expected, rtol=1e-10, atol=1e-11 * np.abs(expected).max())
 
 
-@pytest.mark.parametrize("late", [False, True])
-@pytest.mark.parametrize("open_loop", [False, True])
+@pytest.mark.parametrize(("late", "open_loop"), [(False, True), (True, False)])
 @pytest.mark.parametrize("outputs", [[0, 1], [1, 2, 0], [3, 2, 1, 0]])
-@pytest.mark.parametrize("more", [{}, TWIST, {**TWIST, "vK_d": 0.2, "hold": 0.8, "k_L": 0.4, "x_0": 0.01}])
+@pytest.mark.parametrize("more", [{}, TWIST, EVERY])
 def test_a_propellers_speed_is_that_of_the_twin(more, outputs, open_loop, late):
     parameters = vector(**LOOP, **(LATE if late else {}), **more)
     asked = arguments(parameters, record(), outputs, True, open_loop, propeller=True)
@@ -408,14 +392,11 @@ BAD_UNITS = [
 ]
 
 
-@pytest.mark.parametrize(("changes", "message"), BAD)
-def test_arguments_are_checked(changes, message):
-    with pytest.raises(InputError, match=message) as raised:
-        _core.equation_residuals(*(GOOD | changes).values())
-    assert "\n" not in str(raised.value)
-
-
 @pytest.mark.parametrize(("changes", "message"), [*BAD, *BAD_UNITS])
-def test_arguments_of_products_are_checked(changes, message):
-    with pytest.raises(InputError, match=message):
-        _core.equation_products(*(GOOD | UNITS | changes).values())
+def test_arguments_are_checked(changes, message):
+    calls = [(_core.equation_products, GOOD | UNITS)]
+    calls += [(_core.equation_residuals, GOOD)] if changes.keys() <= GOOD.keys() else []
+    for call, good in calls:
+        with pytest.raises(InputError, match=message) as raised:
+            call(*(good | changes).values())
+        assert "\n" not in str(raised.value)

@@ -18,7 +18,7 @@ from shipfp_rs.errors import InputError, SimulationError
 from shipfp_rs.sweeps import Plan, Progress, draw, sweep
 from shipfp_rs.sweeps.store import MANIFEST
 from shipfp_rs.sweeps.time_limit import TimedOut, within
-from tests.sweep_folders import cheap_plan, results, rows, sweep_toml
+from tests.sweep_folders import KNOWN, cheap_plan, results, rows, sweep_toml
 
 DRAWS = 8
 
@@ -59,7 +59,9 @@ class TestRows:
             for name in ("n_e", "M_b")
         }
         experiment = fp.simulate(ship, chirp, noise=noise, seed=row["seed"])
-        found = fp.identify(experiment, fp.Structure.ship(), noise="white", seed=row["seed"])
+        found = fp.identify(
+            experiment, fp.Structure.ship().with_fixed(**KNOWN), noise="white", seed=row["seed"]
+        )
         assert math.isclose(found["tau_n"].value or 0.0, row["estimate.tau_n"], rel_tol=1e-9)
 
     def test_noise_is_a_share_of_the_operating_point_whatever_the_amplitude(self, tmp_path: Path) -> None:
@@ -301,6 +303,7 @@ class TestCommand:
                 sweep={"vessel": "stan-launch-804", "design": "grid", "repeats": 4},
                 factors={"excitation.duration_s": {"values": [5.0, 10.0, 20.0]}},
                 excitation={"start_hz": 0.2, "rate_hz": 20.0},
+                identify={"noise": "white", "fixed": {"g": -0.583}},
             )
         )
         arguments = ["sweep", str(path), "--out", str(out), "--executor", "threads", "--workers", "1"]

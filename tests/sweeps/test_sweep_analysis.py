@@ -75,7 +75,7 @@ def test_a_factor_that_does_harm_shows_in_its_bins() -> None:
 
 
 def test_a_draw_without_an_estimate_is_as_wrong_as_can_be() -> None:
-    plan = cheap_plan(100)
+    plan = cheap_plan(100, identify={"noise": "white"})
     truth, value = np.full(100, 1.0), [1.01] * 93 + [None] * 7
     status = ["done"] * 95 + ["failed"] * 4 + ["timed_out"]
     batch = table(

@@ -64,7 +64,7 @@ def test_breakage_d5_a_sweep_does_not_wait_for_its_draws(tmp_path, executor, num
     while not (tmp_path / "out" / "manifest.json").exists():
         assert process.poll() is None, process.communicate()
         time.sleep(0.05)
-    time.sleep(3.0)
+    time.sleep(1.0)
     took, told = ended(process, number)
     assert process.returncode == status
     assert "what is done is in out" in told
