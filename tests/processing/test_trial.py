@@ -106,7 +106,11 @@ def test_a_vessel_file_beside_the_trial_is_found(tmp_path: Path) -> None:
     ("old", "new", "message"),
     [
         ("[channels.set_point]", "[channels.setpoint]", r"channels\.set_point: found nothing"),
-        ('location = "gauge"', 'location = "gague"', r"channels\.torque\.location: found 'gague'"),
+        (
+            'location = "gauge"',
+            'location = "gague"',
+            r"channels\.torque\.location: found 'gague', expected .*'gauge', 'brake'",
+        ),
         ('column = "U_torque"', "", r"channels\.torque\.column: found nothing"),
         ("scale = 1059.0, offset", "offset", r"channels\.torque\.calibration\.scale: found neither or both"),
         ("scale = 1059.0", "scale = 0.0", r"channels\.torque\.calibration\.scale: found 0"),

@@ -380,7 +380,7 @@ def test_a_fingerprint_without_experiments_or_verdict_still_makes_a_page(tmp_pat
 
 def test_a_ship_that_runs_away_has_a_report_without_its_signals(tmp_path, monkeypatch, caplog):
     _, record = simulated(Case(seconds=60.0))
-    found = identify(record)
+    found = identify(record, intervals="symmetric")
 
     def runs_away(*_):
         raise SimulationError("simulation diverged at sample 4")

@@ -126,8 +126,9 @@ def visit(browser, report):
         page.close()
 
 
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-@pytest.mark.parametrize("viewport", [DESKTOP, PHONE], ids=["desktop", "phone"])
+@pytest.mark.parametrize(
+    ("viewport", "scheme"), [(DESKTOP, "light"), (PHONE, "dark")], ids=["desktop", "phone"]
+)
 def test_it_draws_in_either_light_at_either_width_and_calls_nobody(visit, report, viewport, scheme) -> None:
     opened = visit(viewport, color_scheme=scheme)
     page = opened.page

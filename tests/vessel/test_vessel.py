@@ -173,15 +173,6 @@ def test_a_wrong_file_gets_one_line_that_names_the_key(
     assert "\n" not in str(caught.value)
 
 
-def test_an_unknown_key_is_answered_with_the_nearest_known_one(tmp_path: Path) -> None:
-    path = tmp_path / "bad.toml"
-    path.write_text(LAUNCH_TOML.replace("cylinders = 4", "cylinders = 4\ncylinder = 4"), encoding="utf-8")
-    with pytest.raises(
-        InputError, match=r"engine\.cylinder: found an unknown key, did you mean 'cylinders'\?$"
-    ):
-        Vessel.load(path)
-
-
 def test_missing_and_unreadable_files_are_named(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"absent\.toml: No such file or directory; expected a TOML file"):
         Vessel.load(tmp_path / "absent.toml")

@@ -151,8 +151,9 @@ def visits(browser, tug):
             visit.page.close()
 
 
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-@pytest.mark.parametrize("viewport", [DESKTOP, PHONE], ids=["desktop", "phone"])
+@pytest.mark.parametrize(
+    ("viewport", "scheme"), [(DESKTOP, "light"), (PHONE, "dark")], ids=["desktop", "phone"]
+)
 def test_it_draws_in_either_light_at_either_width_and_asks_nobody(visits, viewport, scheme):
     visit = visits(viewport=viewport, color_scheme=scheme)
     page = visit.page
