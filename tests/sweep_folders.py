@@ -19,17 +19,11 @@ DEADLY = 5
 KNOWN = {"g": -0.583, "p": 2.0, "vK_i": 1.583}
 """What is taken as known, so that a draw takes a seventh of the time."""
 CHEAP: dict[str, Any] = {
-    "excitation": {
-        "kind": "chirp",
-        "duration_s": 10.0,
-        "start_hz": 0.2,
-        "rate_hz": 20.0,
-        "amplitude_rpm": 40.0,
-    },
+    "excitation": {"kind": "chirp", "duration_s": 10.0, "start_hz": 0.2, "rate_hz": 20.0, "amplitude_rpm": 40.0},
     "noise": {"n_e": 0.001, "M_b": 0.005},
     "identify": {"noise": "white", "fixed": KNOWN},
     "factors": {"noise.level": {"low": 0.5, "high": 2.0}},
-}
+}  # fmt: skip
 
 
 def sweep_toml(**changes: Any) -> str:

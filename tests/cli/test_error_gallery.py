@@ -59,30 +59,14 @@ COMMANDS = [
     (typed("simulate stan-launch-804 --amplitude-rpm 0.03"), "--amplitude-rpm 0.03", "a fraction for rpm?"),
     (typed("simulate stan-launch-804 --noise 5"), "--noise is 5 times the signal", "percent for a fraction?"),
     (typed("simulate stan-launch-804 --amplitude-rpm 1300"), "deviates by up to 1300 rpm", "give deviations"),
-    (
-        typed("convert log.csv out.csv", {"log.csv": "time,torque\n0,1\n"}),
-        "time column 'time'",
-        "give rate_hz (--rate)",
-    ),
+    (typed("convert log.csv out.csv", {"log.csv": "time,torque\n0,1\n"}), "time column 'time'", "give rate_hz (--rate)"),
     (typed("convert log.zip out.parquet", {"log.zip": "PK"}), "a compressed file", "unpack it first"),
-    (
-        typed("convert log.csv out.parquet", {"log.csv": "torque\n1\n2\n3\n"}),
-        "no time base",
-        "give rate_hz (--rate)",
-    ),
-    (
-        typed("inspect TRIAL.toml", {"TRIAL.toml": template("TRIAL")}),
-        "a TRIAL.toml",
-        "shipfp inspect LOG TRIAL.toml",
-    ),
+    (typed("convert log.csv out.parquet", {"log.csv": "torque\n1\n2\n3\n"}), "no time base", "give rate_hz (--rate)"),
+    (typed("inspect TRIAL.toml", {"TRIAL.toml": template("TRIAL")}), "a TRIAL.toml", "shipfp inspect LOG TRIAL.toml"),
     (typed("init .", {"TRIAL.toml": "mine"}), "TRIAL.toml: exists already", "rename it"),
-    (
-        typed("sweep SWEEP.toml", {"SWEEP.toml": "[sweep]\ndraw = 10\n"}),
-        "SWEEP.toml: sweep.draw",
-        "mean 'draws'?",
-    ),
+    (typed("sweep SWEEP.toml", {"SWEEP.toml": "[sweep]\ndraw = 10\n"}), "SWEEP.toml: sweep.draw", "mean 'draws'?"),
     (typed("reproduce virtul"), "Did you mean 'virtual'?; see shipfp --help"),
-]
+]  # fmt: skip
 
 
 def experiment(**changes: object) -> Experiment:
@@ -120,23 +104,11 @@ def deviations(percent: float) -> dict[str, np.ndarray]:
 
 CALLS = [
     (lambda: fp.simulate(SHIP, STEPS, n_e_rpm=21.667), "'Stan Launch 804': set point", "rev/s for rpm?"),
-    (
-        lambda: fp.simulate(SHIP, STEPS, noise={"n_e": 5.0}),
-        "noise['n_e'] is 5 times the signal",
-        "percent for a fraction?",
-    ),
+    (lambda: fp.simulate(SHIP, STEPS, noise={"n_e": 5.0}), "noise['n_e'] is 5 times the signal", "percent for a fraction?"),
     (lambda: experiment(operating_point={"n_set": 1300.0, "n_e": 21.667}), "signal 'n_e'", "rev/s for rpm?"),
     (lambda: experiment(operating_point={"n_set": 1300.0, "M_s": 0.6358}), "signal 'M_s'", "kNm for Nm?"),
-    (
-        lambda: experiment(signals={"n_set": np.ones(10), "Ms": np.ones(10)}),
-        "signal 'Ms' is unknown",
-        "mean 'M_s'?",
-    ),
-    (
-        lambda: experiment(signals={"n_e": np.ones(10)}),
-        "neither of 'n_set' and 'command'",
-        "a governor's set point",
-    ),
+    (lambda: experiment(signals={"n_set": np.ones(10), "Ms": np.ones(10)}), "signal 'Ms' is unknown", "mean 'M_s'?"),
+    (lambda: experiment(signals={"n_e": np.ones(10)}), "neither of 'n_set' and 'command'", "a governor's set point"),
     (lambda: fit(response(2.0)), "'S': n_e follows the set point", "peak to peak for amplitude?"),
     (lambda: fit(response(conjugate=True)), "'S': n_e leads the set point", "give the complex conjugate"),
     (
@@ -159,23 +131,15 @@ CALLS = [
     (lambda: calibrated(4 * 1184.0, 1725.0), "channels.set_point", "wrong by 4? check pulses_per_rev"),
     (lambda: calibrated(1184.0 / 3.82, 1725.0), "channels.set_point", "check shaft of the pulse trains"),
     (lambda: fp.Structure.linear().with_fixed(tau=1.17), "has no parameter 'tau'", "mean 'tau_n'?"),
-    (
-        lambda: fp.Structure.linear(dead_time_loop=True).with_fixed(T_d=120.0),
-        "parameter T_d: fixed at 120 s",
-        "ms for s?",
-    ),
+    (lambda: fp.Structure.linear(dead_time_loop=True).with_fixed(T_d=120.0), "parameter T_d: fixed at 120 s", "ms for s?"),
     (lambda: fp.signals.chirp(0.01, 60.0, 100.0, 13.0), "stop_hz is 60 Hz", "sample faster"),
     (
         lambda: Log.from_arrays({"U_torque": np.zeros(9)}, rate_hz=9.0).read("torque"),
         "memory: no channel 'torque'",
         "mean 'U_torque'?",
     ),
-    (
-        lambda: Calibration.from_table([1.0, 1.0], [2.0, 3.0]),
-        "calibration table",
-        "at least two different readings",
-    ),
-]
+    (lambda: Calibration.from_table([1.0, 1.0], [2.0, 3.0]), "calibration table", "at least two different readings"),
+]  # fmt: skip
 
 
 def told_as(line: str, words: list[str]) -> None:

@@ -156,7 +156,7 @@ class TestPlan:
         assert first.start_s >= settle_s - 0.02
         assert plan.excitation.duration - last.stop_s >= settle_s - 0.02
 
-    @pytest.mark.parametrize("share", [0.5, 0.6, 0.7, 0.8, 0.9])
+    @pytest.mark.parametrize("share", [0.5, 0.9])
     def test_the_time_for_an_accuracy_is_found_and_kept(self, share: float) -> None:
         exact = {"n_e": Noise(0.003, 10.0, 0.0), "M_g": Noise(0.01, 10.0, 0.0)}
         plan = fp.design(TUG, amplitude_rpm=76.0, accuracy_pct=3.0, kind="sines", sensors=exact)

@@ -319,36 +319,24 @@ def short() -> Experiment:
     [
         (lambda: multisine_response(short(), 100.0), "1 whole periods after settling, expected 2"),
         (lambda: multisine_response(short(), -1.0), "period_s, settle_periods: found -1.0"),
-        (
-            lambda: multisine_response(short(), PERIOD, signals=["M_g"]),
-            "signals: found 'M_g', expected some of",
-        ),
+        (lambda: multisine_response(short(), PERIOD, signals=["M_g"]), "signals: found 'M_g', expected some of"),
         (lambda: spectral_response(short(), 200.0), "1 windows of 200 s"),
         (lambda: spectral_response(short(), float("nan")), "segment_s: found nan"),
-        (
-            lambda: spectral_response(short(), 20.0, estimator="H3"),
-            "estimator is 'H3', expected 'H1' or 'H2'",
-        ),
-        (
-            lambda: spectral_response(short(), 20.0, band_hz=(0.01, 0.02)),
-            "holds none of the bins every 0.1 Hz",
-        ),
+        (lambda: spectral_response(short(), 20.0, estimator="H3"), "estimator is 'H3', expected 'H1' or 'H2'"),
+        (lambda: spectral_response(short(), 20.0, band_hz=(0.01, 0.02)), "holds none of the bins every 0.1 Hz"),
         (lambda: spectral_response([], 20.0), "experiments: found none"),
         (lambda: local_response(short(), (1.0, 0.5)), "band_hz: found 1.0 to 0.5 Hz"),
         (lambda: local_response(short(), (0.1, 0.11)), "holds 2.5 bins of 0.004 Hz, expected 13 or more"),
         (lambda: local_response(short(), (0.1, 1.0)), "too little power near .* multisine_response"),
         (lambda: by_sines(with_integral()), r"no operating point for 'E_n'"),
         (lambda: stepped_sine_response([]), "experiments: found none"),
-        (
-            lambda: stepped_sine_response([short()] * 2, sines().segments),
-            "found with 2 experiments, expected with one",
-        ),
+        (lambda: stepped_sine_response([short()] * 2, sines().segments), "found with 2 experiments, expected with one"),
         (
             lambda: stepped_sine_response(short(), [signals.Segment("a", 0, 9, 0.1)]),
             "experiment 'a': 0.9 periods of 0.1 Hz, expected",
         ),
     ],
-)
+)  # fmt: skip
 def test_what_tells_no_response_is_refused(call, said):
     with pytest.raises(InputError, match=said):
         call()

@@ -368,14 +368,8 @@ BAD = [
     ({"signals": np.zeros((7, 4, 2, 64))}, r"signals: found an array of shape \[7, 4, 2, 64\]"),
     ({"signals": np.zeros((8, 4, 2, 40))}, "expected"),
     ({"spacing": 0.0}, "spacing: found 0, expected more than 0"),
-    (
-        {"late": [(np.zeros((4, 2, 32)), 0.0), LATE_OF_64]},
-        r"late speed: found an array of shape \[4, 2, 32\]",
-    ),
-    (
-        {"late": [LATE_OF_64, (np.zeros((3, 2, 64)), 0.0)]},
-        r"late set point: found an array of shape \[3, 2, 64\]",
-    ),
+    ({"late": [(np.zeros((4, 2, 32)), 0.0), LATE_OF_64]}, r"late speed: found an array of shape \[4, 2, 32\]"),
+    ({"late": [LATE_OF_64, (np.zeros((3, 2, 64)), 0.0)]}, r"late set point: found an array of shape \[3, 2, 64\]"),
     ({"late": [LATE_OF_64, (np.zeros((4, 2, 64)), np.inf)]}, "late signals: .* rest inf"),
     ({"late": [LATE_OF_64]}, "late: found 1 signals, expected speed and set point"),
     ({"late": [LATE_OF_64] * 3}, "late: .* by the torque of a gauge"),
@@ -384,7 +378,7 @@ BAD = [
     ({"outputs": [0, 4]}, r"outputs: found \[0, 4\]"),
     ({"outputs": [0, 1, 3]}, r"outputs: found \[0, 1, 3\], expected .* beside the torque 1 of a gauge only"),
     ({"wrt": [25]}, r"wrt: found \[25\], expected indices below 25"),
-]
+]  # fmt: skip
 BAD_UNITS = [
     ({"root": np.zeros((1, 1, 2, 64))}, r"root: found an array of shape \[1, 1, 2, 64\]"),
     ({"shapes": np.zeros((2, 2, 2, 32))}, r"shapes: found an array of shape \[2, 2, 2, 32\]"),

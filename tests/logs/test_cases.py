@@ -147,18 +147,12 @@ def test_cases_first_bytes_decide_under_a_suffix_of_other_formats(
 @pytest.mark.parametrize(
     ("name", "expected"),
     [
-        (
-            "sl_one.mat",
-            {"ScopeData/signals/values 1": (1000, 100.0), "ScopeData/signals/values 2": (1000, 100.0)},
-        ),
+        ("sl_one.mat", {"ScopeData/signals/values 1": (1000, 100.0), "ScopeData/signals/values 2": (1000, 100.0)}),
         ("sl_3d.mat", {"out/signals": (1000, 100.0)}),
         ("robometry.mat", {"robot/shaft_speed": (1000, 100.0), "robot/shaft_torque": (1000, 100.0)}),
-        (
-            "pu.mat",
-            {"N15_M07_F10_K001_1/Y/speed": (250, 25.0), "N15_M07_F10_K001_1/Y/vibration_1": (1000, 100.0)},
-        ),
+        ("pu.mat", {"N15_M07_F10_K001_1/Y/speed": (250, 25.0), "N15_M07_F10_K001_1/Y/vibration_1": (1000, 100.0)}),
     ],
-)
+)  # fmt: skip
 def test_cases_vectors_that_are_no_channels_are_left_out_of_matlab(
     name: str, expected: dict[str, tuple[int, float]]
 ) -> None:

@@ -68,10 +68,7 @@ def test_breakage_e1_every_public_function_refuses_a_wrong_argument_in_one_line(
 
 
 WRONG = {
-    "a vessel that is none": (
-        lambda: fp.Vessel.load(None),
-        "load: name_or_path is None, expected a text or a Path",
-    ),
+    "a vessel that is none": (lambda: fp.Vessel.load(None), "load: name_or_path is None, expected a text or a Path"),
     "a rate in quotes": (
         lambda: fp.Experiment("S1", "25", TRIAL.signals, TRIAL.operating_point),
         "experiment 'S1': rate_hz is '25', expected a number",
@@ -93,15 +90,9 @@ WRONG = {
         "samples is an array of complex128, .*real numbers",
     ),
     "no data": (lambda: fp.identify(None, LINEAR), "identify: data is None, expected an Experiment or"),
-    "swapped arguments": (
-        lambda: fp.identify(LINEAR, TRIAL),
-        "data is a Structure, .*; swap it with structure",
-    ),
+    "swapped arguments": (lambda: fp.identify(LINEAR, TRIAL), "data is a Structure, .*; swap it with structure"),
     "a ship and its excitation swapped": (lambda: fp.simulate(SHORT, LAUNCH), "; swap it with excitation"),
-    "an empty array for a list": (
-        lambda: fp.signals.join(np.empty(0)),
-        "excitations is empty, expected at least one",
-    ),
+    "an empty array for a list": (lambda: fp.signals.join(np.empty(0)), "excitations is empty, expected at least one"),
     "a seed below zero": (
         lambda: fp.identify(TRIAL, LINEAR, seed=-1),
         "identify: seed is -1, expected a whole number of 0 or more",
@@ -110,33 +101,15 @@ WRONG = {
         lambda: fp.identify(TRIAL, LINEAR, time_limit_s=-1),
         "time_limit_s is -1, expected a positive number",
     ),
-    "a value in quotes": (
-        lambda: LINEAR.with_fixed(tau_n="1"),
-        "with_fixed: tau_n is '1', expected a number",
-    ),
-    "a value below zero": (
-        lambda: LINEAR.with_fixed(tau_n=-5),
-        "tau_n: fixed at -5 s, expected 0.01 to 10 s",
-    ),
+    "a value in quotes": (lambda: LINEAR.with_fixed(tau_n="1"), "with_fixed: tau_n is '1', expected a number"),
+    "a value below zero": (lambda: LINEAR.with_fixed(tau_n=-5), "tau_n: fixed at -5 s, expected 0.01 to 10 s"),
     "a value that is no number": (lambda: LINEAR.with_fixed(g=float("nan")), "parameter g: start is nan"),
-    "experiments compared": (
-        lambda: fp.compare(TRIAL, TRIAL),
-        "compare: before is an Experiment, expected a Fingerprint",
-    ),
-    "a picture of a number": (
-        lambda: fp.plot.bode(3.0),
-        "bode: measured is 3.0, expected a FrequencyResponse",
-    ),
-    "a plan of nothing": (
-        lambda: fp.design(None),
-        "design: expected is None, expected a Vessel or a Fingerprint or",
-    ),
+    "experiments compared": (lambda: fp.compare(TRIAL, TRIAL), "compare: before is an Experiment, expected a Fingerprint"),
+    "a picture of a number": (lambda: fp.plot.bode(3.0), "bode: measured is 3.0, expected a FrequencyResponse"),
+    "a plan of nothing": (lambda: fp.design(None), "design: expected is None, expected a Vessel or a Fingerprint or"),
     "a window in quotes": (lambda: TRIAL.window("0", "1"), "window: start_s is '0', expected a number"),
-    "truth for a count": (
-        lambda: bootstrap(TRIAL, LINEAR, draws=True),
-        "draws is True, expected a whole number",
-    ),
-}
+    "truth for a count": (lambda: bootstrap(TRIAL, LINEAR, draws=True), "draws is True, expected a whole number"),
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("case", WRONG)

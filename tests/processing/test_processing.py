@@ -345,35 +345,20 @@ def test_speed_alone_is_an_experiment(sound: Simulated, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("edits", "message"),
     [
-        (
-            [('column = "U_torque"', 'column = "torque"')],
-            "no channel 'torque', found .*did you mean 'U_torque'",
-        ),
+        ([('column = "U_torque"', 'column = "torque"')], "no channel 'torque', found .*did you mean 'U_torque'"),
         ([('column = "PTM_1"', 'column = "PTM_2"')], "no channel 'PTM_2'"),
-        (
-            [('unit = "V"', 'unit = "mV"')],
-            "channel 'U_setpoint' is in 'V', channels.set_point.unit says 'mV'",
-        ),
+        ([('unit = "V"', 'unit = "mV"')], "channel 'U_setpoint' is in 'V', channels.set_point.unit says 'mV'"),
         ([("scale = 1059.0", "scale = 1.059")], "channels.torque: 1.72.* Nm on average"),
         ([("scale = -251.38", "scale = -200.0")], "channels.set_point: 924.* rpm on average"),
-        (
-            [("start_s = 30.0", "start_s = 30000.0"), ("stop_s = 90.0", "stop_s = 30100.0")],
-            "'chirp'.*runs from 0 to",
-        ),
+        ([("start_s = 30.0", "start_s = 30000.0"), ("stop_s = 90.0", "stop_s = 30100.0")], "'chirp'.*runs from 0 to"),
         ([("stop_s = 90.0", "stop_s = 30.004")], "window 'chirp': 30 to 30.004 s hold 0 samples at 200 Hz"),
-        (
-            [("pulses_per_rev = 4", "pulses_per_rev = 3")],
-            "'PTM_4' .* check pulses_per_rev|check pulses_per_rev",
-        ),
+        ([("pulses_per_rev = 4", "pulses_per_rev = 3")], "'PTM_4' .* check pulses_per_rev|check pulses_per_rev"),
         ([('shaft = "engine"', 'shaft = "propeller"')], "check pulses_per_rev, shaft and the gear ratio"),
         ([("steady_s = [0.0, 30.0]", "steady_s = [30.0, 90.0]")], "steady_s: the set point varies by 4"),
-        (
-            [("steady_s = [0.0, 30.0]", "steady_s = [0.0, 3000.0]")],
-            "operating_point.steady_s: .*runs from 0 to",
-        ),
+        ([("steady_s = [0.0, 30.0]", "steady_s = [0.0, 3000.0]")], "operating_point.steady_s: .*runs from 0 to"),
         ([("rate_hz = 200.0", "rate_hz = 3000.0")], "processing.rate_hz is 3000"),
     ],
-)
+)  # fmt: skip
 def test_trials_that_can_t_be_right_are_refused_in_one_line(
     sound: Simulated, tmp_path: Path, edits: list[tuple[str, str]], message: str
 ) -> None:

@@ -134,23 +134,14 @@ def test_a_shaft_that_turns_back_is_refused(tmp_path: Path) -> None:
     [
         ('column = "x"\nunit = "counts"\nshaft = "engine"', "speed.counts_per_rev: found nothing"),
         ('kind = "speed"\ncolumn = "x"\nunit = "kg"', "speed.unit: found 'kg', expected one of rpm"),
-        (
-            'column = "x"\nunit = "%"',
-            r"speed.calibration: found nothing, expected channel 'x' from % to rpm: \{",
-        ),
-        (
-            'column = "x"\nunit = "%"\ncalibration = "to be given"',
-            r"calibration: found 'to be .* from % to rpm",
-        ),
+        ('column = "x"\nunit = "%"', r"speed.calibration: found nothing, expected channel 'x' from % to rpm: \{"),
+        ('column = "x"\nunit = "%"\ncalibration = "to be given"', r"calibration: found 'to be .* from % to rpm"),
         ('kind = "speed"\ncolumn = "x"\nunit = "V"', "speed.calibration: found nothing"),
         ('column = "x"\nshaft = "engine"', "speed.pulses_per_rev: found nothing"),
-        (
-            'file = "none.csv"\npulses_per_rev = 4\nshaft = "engine"',
-            "none.csv: no such file, expected a list of edges",
-        ),
+        ('file = "none.csv"\npulses_per_rev = 4\nshaft = "engine"', "none.csv: no such file, expected a list of edges"),
         ('column = "x"\npulses_per_rev = 4\nmissing = 2\nshaft = "engine"', "speed.missing: found 2"),
     ],
-)
+)  # fmt: skip
 def test_a_slip_in_a_source_is_named(table: str, message: str, log: Log, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=message):
         process(log, trial(tmp_path, table))

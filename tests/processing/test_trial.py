@@ -213,28 +213,16 @@ def test_breakage_a5_a_run_without_a_torque_channel_says_so(tmp_path):
     ("key", "value", "said"),
     [
         ("windows.0.name", "", "windows.0.name: found an empty text, expected a text that is not empty"),
-        (
-            "windows.0.name",
-            "x" * 100_000,
-            "windows.0.name: found 100000 characters, expected at most 200 characters",
-        ),
+        ("windows.0.name", "x" * 100_000, "windows.0.name: found 100000 characters, expected at most 200 characters"),
         ("windows.0.kind", "chrip", "windows.0.kind: found 'chrip', expected one of steady, sine"),
         ("trial.log", "a\nb", "trial.log: found 'a\\nb', expected a text without control characters"),
-        (
-            "operating_point.steady_s",
-            [1.0],
-            "operating_point.steady_s: found [1.0], expected a list of more than 1",
-        ),
+        ("operating_point.steady_s", [1.0], "operating_point.steady_s: found [1.0], expected a list of more than 1"),
         (
             "operating_point.steady_s",
             [1.0, 2.0, 3.0],
             "operating_point.steady_s: found 3 values, expected a list of at most 2",
         ),
-        (
-            "channels.speed.pulses_per_rev",
-            10**20,
-            "found 100000000000000000000, expected a number of at most 1e+15",
-        ),
+        ("channels.speed.pulses_per_rev", 10**20, "found 100000000000000000000, expected a number of at most 1e+15"),
         (
             "channels.speed.pulses_per_rev",
             10**9,
@@ -250,45 +238,17 @@ def test_breakage_a5_a_run_without_a_torque_channel_says_so(tmp_path):
             "processing.faults.mains_hz: found 1000000.0, expected less than or equal to 1000",
         ),
         ("identify.priors", {"g": []}, "identify.priors.g: found [], expected a list of more than 0"),
-        (
-            "channels.speed.threshold",
-            1e9,
-            "channels.speed.threshold: found 1000000000.0, expected nothing: a",
-        ),
-        (
-            "channels.speed.time_std_s",
-            1e9,
-            "channels.speed.time_std_s: found 1000000000.0, expected nothing: a",
-        ),
-        (
-            "channels.speed.hysteresis",
-            1.0,
-            "channels.speed.hysteresis: found 1.0, expected nothing: a source of",
-        ),
-        (
-            "channels.speed.missing",
-            1,
-            "channels.speed.missing: found 1, expected nothing: a source of kind 'spe",
-        ),
-        (
-            "channels.speed.level",
-            "up",
-            "channels.speed.level: found 'up', expected nothing: a source of kind",
-        ),
-        (
-            "channels.torque.unit",
-            "N\nm",
-            "channels.torque.unit: found 'N\\nm', expected a text without control",
-        ),
+        ("channels.speed.threshold", 1e9, "channels.speed.threshold: found 1000000000.0, expected nothing: a"),
+        ("channels.speed.time_std_s", 1e9, "channels.speed.time_std_s: found 1000000000.0, expected nothing: a"),
+        ("channels.speed.hysteresis", 1.0, "channels.speed.hysteresis: found 1.0, expected nothing: a source of"),
+        ("channels.speed.missing", 1, "channels.speed.missing: found 1, expected nothing: a source of kind 'spe"),
+        ("channels.speed.level", "up", "channels.speed.level: found 'up', expected nothing: a source of kind"),
+        ("channels.torque.unit", "N\nm", "channels.torque.unit: found 'N\\nm', expected a text without control"),
         ("windows.0.kind", "a\x7fb", "windows.0.kind: found 'a\\x7fb', expected a text without control"),
-        (
-            "trial.time_column",
-            "t\u202e",
-            "trial.time_column: found 't\\u202e', expected a text without control",
-        ),
+        ("trial.time_column", "t\u202e", "trial.time_column: found 't\\u202e', expected a text without control"),
         ("channels.a\tb", {}, "channels.a key: found 'a\\tb', expected a text without control"),
     ],
-)
+)  # fmt: skip
 def test_breakage_d3_d4_values_beyond_sense_are_told_in_the_words_of_the_file(key, value, said):
     content = tomllib.loads(SMALL)
     owner = content

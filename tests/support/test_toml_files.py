@@ -39,36 +39,18 @@ MAIN: dict[str, Any] = {"height_m": 12.0}
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        (
-            {"rig": {"main": {"hight_m": 12.0}}},
-            "rig.main.hight_m: found an unknown key, did you mean 'height_m'?",
-        ),
+        ({"rig": {"main": {"hight_m": 12.0}}}, "rig.main.hight_m: found an unknown key, did you mean 'height_m'?"),
         ({"rig": {"main": {"xyz": 1, **MAIN}}}, "rig.main.xyz: found an unknown key, expected one of h"),
-        (
-            {"rig": {"mizzen": {"hight_m": 1.0, **MAIN}, "main": MAIN}},
-            "rig.mizzen.hight_m: found an unknown key",
-        ),
-        (
-            {"rig": {"main": {"sails": [{"area_m": 9.0}], **MAIN}}},
-            "rig.main.sails.0.area_m: found an unknown key",
-        ),
-        (
-            {"rig": {"main": MAIN}, "flags": {"red": {"aera_m2": 1.0}}},
-            "flags.red.aera_m2: found an unknown key",
-        ),
-        (
-            {"rig": {"main": {**MAIN, "wood": "steel"}}},
-            "rig.main.wood: found 'steel', expected 'oak' or 'pine'",
-        ),
+        ({"rig": {"mizzen": {"hight_m": 1.0, **MAIN}, "main": MAIN}}, "rig.mizzen.hight_m: found an unknown key"),
+        ({"rig": {"main": {"sails": [{"area_m": 9.0}], **MAIN}}}, "rig.main.sails.0.area_m: found an unknown key"),
+        ({"rig": {"main": MAIN}, "flags": {"red": {"aera_m2": 1.0}}}, "flags.red.aera_m2: found an unknown key"),
+        ({"rig": {"main": {**MAIN, "wood": "steel"}}}, "rig.main.wood: found 'steel', expected 'oak' or 'pine'"),
         ({"rig": {"main": 3}}, "rig.main: found 3, expected a table"),
         ({"rig": {"main": {"height_m": True}}}, "rig.main.height_m: found True, expected a valid number"),
-        (
-            {"rig": {"main": {**MAIN, "sails": "x" * 200}}},
-            f"rig.main.sails: found '{'x' * 56}..., expected a list",
-        ),
+        ({"rig": {"main": {**MAIN, "sails": "x" * 200}}}, f"rig.main.sails: found '{'x' * 56}..., expected a list"),
         ({"rig": {}}, "rig.main: found nothing, expected this key to be given"),
     ],
-)
+)  # fmt: skip
 def test_the_mistake_is_named_with_its_place(content: dict[str, Any], message: str) -> None:
     with pytest.raises(InputError) as caught:
         validated(content, Ship, "ship.toml")

@@ -247,20 +247,14 @@ def test_only_the_method_that_knows_all_elements_is_taken() -> None:
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        (
-            {"actuator.dead_time_s": -0.1},
-            r"actuator\.dead_time_s: found -0\.1, expected greater than or equal",
-        ),
+        ({"actuator.dead_time_s": -0.1}, r"actuator\.dead_time_s: found -0\.1, expected greater than or equal"),
         ({"actuator.delay": 0.1}, r"actuator\.delay: found an unknown key, expected one of dead_time_s"),
         ({"governor.once_a_firing": True}, r"once_a_firing: found true, expected a table engine\.firing"),
         (
             {"engine.firing": {}, "governor.once_a_firing": True, "governor.sample_rate_hz": 50.0},
             r"governor\.sample_rate_hz: found 50, expected nothing beside once_a_firing = true",
         ),
-        (
-            {"engine.firing": {"strength": [1.0, 1.0]}},
-            r"strength: found 2 values, expected 6 as engine\.cylin",
-        ),
+        ({"engine.firing": {"strength": [1.0, 1.0]}}, r"strength: found 2 values, expected 6 as engine\.cylin"),
         ({"engine.firing": {"stroke_deg": 800.0}}, r"stroke_deg: found 800, expected at most .* 720"),
         (
             {"propeller.four_quadrant": {**FOUR_QUADRANT, "C_T": [1.0]}},
@@ -268,7 +262,7 @@ def test_only_the_method_that_knows_all_elements_is_taken() -> None:
         ),
         ({"ship": {"mass_kg": 2e4}}, r"ship\.resistance_N_s2_m2: found nothing, expected this key"),
     ],
-)
+)  # fmt: skip
 def test_a_wrong_element_gets_one_line(changes: dict[str, Any], message: str) -> None:
     with pytest.raises(InputError, match=message) as error:
         TUG.replace(changes)

@@ -78,28 +78,12 @@ BAD_FILES = {
         "shaft.inertia_kg_m2: found 1e+09, with which the shaft would run up in 7.14e+07 s, expected 0.001",
     ),
     "not TOML": ("name =", "name = = ", "not TOML: Invalid value (at line 3, column 8)"),
-    "unknown key": (
-        "inertia_kg_m2 = 21.2",
-        "inertia_kg_m2 = 21.2\ninerta = 1",
-        "shaft.inerta: found an unknown key, ",
-    ),
-    "misspelt section": (
-        "[gearbox]",
-        "[gear_box]",
-        "gear_box: found an unknown key, did you mean 'gearbox'?",
-    ),
-    "misspelt key": (
-        "diameter_m",
-        "diameter_mm",
-        "propeller.diameter_mm: found an unknown key, did you mean 'diameter_m'?",
-    ),
+    "unknown key": ("inertia_kg_m2 = 21.2", "inertia_kg_m2 = 21.2\ninerta = 1", "shaft.inerta: found an unknown key, "),
+    "misspelt section": ("[gearbox]", "[gear_box]", "gear_box: found an unknown key, did you mean 'gearbox'?"),
+    "misspelt key": ("diameter_m", "diameter_mm", "propeller.diameter_mm: found an unknown key, did you mean 'diameter_m'?"),
     "key left out": ("ratio = 3.0", "", "gearbox.ratio: found nothing, expected this key to be given"),
     "number for a table": ("[water]\ndensity_kg_m3", "water", "water: found 1000.0, expected a table"),
-    "text for a number": (
-        "ratio = 3.0",
-        'ratio = "3.0"',
-        "gearbox.ratio: found '3.0', expected a valid number",
-    ),
+    "text for a number": ("ratio = 3.0", 'ratio = "3.0"', "gearbox.ratio: found '3.0', expected a valid number"),
     "not a number": ("ratio = 3.0", "ratio = nan", "gearbox.ratio: found nan, expected "),
     "half a blade": ("blades = 3", "blades = 2.5", "propeller.blades: found 2.5, expected a valid integer"),
     "negative inertia": (
@@ -122,11 +106,7 @@ BAD_FILES = {
         "g = 2.0",
         "operating_point.g: found 2, expected less than the propeller's torque exponent 2",
     ),
-    "no response to fuel": (
-        "v = 1.583",
-        "v = 0",
-        "operating_point.v: found 0, expected greater than or equal to 0.01",
-    ),
+    "no response to fuel": ("v = 1.583", "v = 0", "operating_point.v: found 0, expected greater than or equal to 0.01"),
     "two torques": (
         "M_b_Nm = 222.93",
         "M_b_Nm = 222.93\nM_s_Nm = 635.0",
@@ -157,7 +137,7 @@ BAD_FILES = {
         "cylinders = 4\nminimum_torque_Nm = 300.0",
         "engine.minimum_torque_Nm: found 300, expected less than the operating point's brake torque 222.9 Nm",
     ),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize(("good", "bad", "message"), BAD_FILES.values(), ids=BAD_FILES.keys())
