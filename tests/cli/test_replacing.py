@@ -24,8 +24,6 @@ def folder(tmp_path_factory):
         ("inspect", "log.parquet", "--out", "vessel.toml"),
         ("compare", "fingerprint.json", "fingerprint.json", "--out", "vessel.toml"),
         ("compare", "fingerprint.json", "fingerprint.json", "--out", "fingerprint.json", "--force"),
-        ("convert", "log.parquet", "records.parquet"),
-        ("convert", "log.parquet", "log.parquet", "--force"),
         ("simulate", "vessel.toml", "--duration", "5", "--out", "log.parquet"),
         ("design", "vessel.toml", "--duration", "100", "--out", "."),
         ("run", "TRIAL.toml", "--out", "."),
@@ -57,7 +55,7 @@ def test_an_inspection_replaces_its_own_pictures(folder, monkeypatch, capsys, tm
     assert (tmp_path / "found" / "notes.txt").read_text() == "mine"
 
 
-@pytest.mark.parametrize("name", ["12:30", "file:x", "a b", "%20", "#1", "[x]"])
+@pytest.mark.parametrize("name", ["12:30", "file:x #1", "[%20]"])
 def test_names_of_any_kind_are_names(folder, monkeypatch, tmp_path, name):
     monkeypatch.chdir(tmp_path)
     for wanted in ("log.parquet", "SWEEP.toml"):

@@ -68,14 +68,6 @@ def test_chunks_are_never_longer_than_asked_and_miss_nothing(path: Path, size: i
     np.testing.assert_array_equal(np.concatenate(chunks), PULSES[600:1800])
 
 
-@pytest.mark.parametrize("kind", [np.float32, np.float64, np.int16])
-def test_parquet_and_feather_keep_the_loggers_number_type(tmp_path: Path, kind: type) -> None:
-    log = Log.from_arrays({"u": np.arange(10, dtype=kind)}, rate_hz=10.0)
-    assert Log.open(log.write(tmp_path / "u.parquet")).read("u").dtype == kind
-    pa.feather.write_feather(pa.table({"u": np.arange(10, dtype=kind)}), tmp_path / "u.feather")
-    assert Log.open(tmp_path / "u.feather", rate_hz=10.0).read("u").dtype == kind
-
-
 def test_a_written_log_reads_back_with_units_rate_and_start(tmp_path: Path, path: Path) -> None:
     log = Log.open(path)
     again = Log.open(log.write(tmp_path / "copy.parquet"))

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import copy
 import inspect
 import logging
 import os
-import pickle
 import subprocess
 import sys
 from functools import partial
@@ -58,14 +56,6 @@ def same_response(one: FrequencyResponse, other: FrequencyResponse) -> None:
     for name in one.response:
         np.testing.assert_array_equal(one.response[name], other.response[name])
         np.testing.assert_array_equal(one.phase_std[name], other.phase_std[name])
-
-
-def test_experiments_and_responses_go_to_other_processes(
-    chirp: Experiment, response: FrequencyResponse
-) -> None:
-    same_experiment(pickle.loads(pickle.dumps(chirp)), chirp)
-    same_experiment(copy.deepcopy(chirp), chirp)
-    same_response(pickle.loads(pickle.dumps(response)), response)
 
 
 POLARS = """

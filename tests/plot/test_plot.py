@@ -25,12 +25,6 @@ from shipfp_rs.tacho import PulseTimes, ReflectorAngles
 UNIT = re.compile(r"\[(rpm|Nm|rev|rev/s|mm|s|Hz|deg|-|%)\]$")
 
 
-@pytest.fixture(autouse=True)
-def _close_figures():
-    yield
-    pyplot.close("all")
-
-
 @pytest.fixture
 def trial() -> Experiment:
     time = np.arange(0.0, 100.0, 0.02)

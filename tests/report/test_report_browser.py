@@ -126,6 +126,14 @@ def visit(browser, report):
         page.close()
 
 
+@pytest.fixture(scope="module")
+def still(browser, report):
+    """A page that is looked at and not touched."""
+    page = browser.new_page(viewport=DESKTOP)
+    yield Visit(page, report).page
+    page.close()
+
+
 @pytest.mark.parametrize(
     ("viewport", "scheme"), [(DESKTOP, "light"), (PHONE, "dark")], ids=["desktop", "phone"]
 )
@@ -148,12 +156,11 @@ def test_it_draws_in_either_light_at_either_width_and_calls_nobody(visit, report
         page.screenshot(path=Path(folder) / f"report-{viewport['width']}-{scheme}.png", full_page=True)
 
 
-def test_nothing_that_a_log_names_runs_or_becomes_an_element(visit) -> None:
-    page = visit().page
-    assert page.evaluate("window.broken") is None
-    assert page.locator("img").count() == 0
-    assert page.locator("body script:not([type])").count() == 3
-    assert HOSTILE in page.locator("h1").inner_text()
+def test_nothing_that_a_log_names_runs_or_becomes_an_element(still) -> None:
+    assert still.evaluate("window.broken") is None
+    assert still.locator("img").count() == 0
+    assert still.locator("body script:not([type])").count() == 3
+    assert HOSTILE in still.locator("h1").inner_text()
 
 
 def test_a_script_that_slipped_in_would_not_run(browser, report, tmp_path) -> None:
@@ -221,9 +228,9 @@ def test_fault_after_fault_is_shown_by_name(visit) -> None:
     assert told[0].startswith("mains hum on the set point (D2), U_set: taken out")
 
 
-def test_a_peak_of_one_sample_among_120000_is_seen_before_the_zoom(visit) -> None:
+def test_a_peak_of_one_sample_among_120000_is_seen_before_the_zoom(still) -> None:
     """The torque's axis reaches the spike, and its path goes there, at its time."""
-    chart = visit().page.locator("figure.chart").first
+    chart = still.locator("figure.chart").first
     frame = chart.locator("rect.frame").nth(2)
     left, top, wide = (float(frame.get_attribute(name)) for name in ("x", "y", "width"))
     path = chart.locator("path.series").nth(4).get_attribute("d")
@@ -256,13 +263,13 @@ def test_eight_hours_are_drawn_anew_in_less_time_than_it_took_to_open_them(brows
     page.close()
 
 
-def test_masked_samples_leave_a_gap(visit) -> None:
-    chart = visit().page.locator("figure.chart").first
+def test_masked_samples_leave_a_gap(still) -> None:
+    chart = still.locator("figure.chart").first
     assert chart.locator("path.series").nth(4).get_attribute("d").count("M") == 2
 
 
-def test_kinds_of_faults_have_signs_of_their_own_in_plot_and_legend(visit) -> None:
-    chart = visit().page.locator("figure.chart").first
+def test_kinds_of_faults_have_signs_of_their_own_in_plot_and_legend(still) -> None:
+    chart = still.locator("figure.chart").first
     plotted = [sign.get_attribute("d") for sign in chart.locator(".plot path.sign").all()]
     assert len(plotted) == 3  # two stretches of hum, one spike
     explained = [sign.get_attribute("d") for sign in chart.locator(".legend .sign path").all()]
@@ -270,8 +277,8 @@ def test_kinds_of_faults_have_signs_of_their_own_in_plot_and_legend(visit) -> No
     assert list(dict.fromkeys(plotted)) == explained
 
 
-def test_measurement_model_and_what_is_left_are_told_apart(visit) -> None:
-    chart = visit().page.locator("figure.chart").first
+def test_measurement_model_and_what_is_left_are_told_apart(still) -> None:
+    chart = still.locator("figure.chart").first
     asked, measured, model, left = (
         line.evaluate(
             "line => [getComputedStyle(line).stroke, parseFloat(getComputedStyle(line).strokeWidth)]"
@@ -479,9 +486,8 @@ def test_what_the_zoom_shows_is_saved_as_a_picture(visit, tmp_path) -> None:
     assert (pixels[0, 0] == pixels[-1, -1]).all()
 
 
-def test_every_picture_has_what_it_shows_as_csv(visit) -> None:
-    page = visit().page
-    figures = page.locator("figure:not(.chart)")
+def test_every_picture_has_what_it_shows_as_csv(still) -> None:
+    figures = still.locator("figure:not(.chart)")
     assert figures.count() >= 3
     for place in range(figures.count()):
         address = figures.nth(place).locator('a[download$=".csv"]').get_attribute("href")

@@ -12,13 +12,10 @@ from scipy.signal import find_peaks
 
 from shipfp_rs import signals
 from shipfp_rs.errors import InputError
-from shipfp_rs.identification.options import Options
-from shipfp_rs.identification.structure_answer import fitted
 from shipfp_rs.inspection.spectrum import amplitude_spectrum
 from shipfp_rs.simulation.raw_log import simulate_raw_log
 from shipfp_rs.simulation.sensors import TABLE_6_6
 from shipfp_rs.simulation.simulate import simulate
-from shipfp_rs.structures.structure import Structure
 from shipfp_rs.support.toml import built_in
 from shipfp_rs.vessel.drive_train import drive_train
 from shipfp_rs.vessel.linear_model import LinearModel, linearise, linearise_numerically
@@ -85,16 +82,6 @@ def _error(ship: Vessel, model: LinearModel, frequency: float) -> float:
 def test_each_element_is_off_until_it_is_configured(element: str) -> None:
     assert not drive_train(TUG).extends_the_plant
     assert drive_train(TUG.replace(ELEMENTS[element])).extends_the_plant
-
-
-@pytest.mark.parametrize("element", ELEMENTS)
-def test_each_element_can_be_simulated(element: str) -> None:
-    step = signals.steps([60.0], 4.0)
-    found, plain = simulate(TUG.replace(ELEMENTS[element]), step), simulate(TUG, step)
-    assert set(found.signals) == set(plain.signals)
-    # The stops are not reached, the ship is held, and held or not a plain propeller has one torque.
-    if element not in ("rack stops", "four quadrants", "ship"):
-        assert np.abs(found.signals["n_e"] - plain.signals["n_e"]).max() > 0.1
 
 
 @pytest.mark.parametrize("frequency", [0.05, 0.5, 2.0])
@@ -202,26 +189,6 @@ def test_the_full_tug_is_the_tug_of_the_trial() -> None:
     assert 0.2 <= model.T_set <= 0.4
     assert 0.45 < (model.p - model.g) / (model.v * model.K_i) + model.T_set < 0.49
     assert steady_state(FULL).M_s == pytest.approx(1725.0)  # Table 6.12
-
-
-def test_a_twin_study_finds_the_full_tugs_dead_times_and_gauge_side_inertia() -> None:
-    """With g known; its governor's zero lies on the plant's pole, so that the trial can't tell g from v K_i.
-
-    The lag is off and the shaft rigid: fitted as dead times they shift T_d by 12 and 4 ms.
-    """
-    ship = SMOOTH.replace({"actuator.lag_s": 0.0, "shaft.stiffness_Nm_rad": None})
-    truth = linearise(ship)
-    experiment = simulate(ship, signals.chirp(0.02, 1.5, 60.0, 10.0, rate_hz=20.0))
-    structure = Structure.linear(
-        products=True, torque="gauge", free_exponent=True, dead_time_loop=True, dead_time_set_point=True
-    ).with_fixed(tau_n=truth.tau_n, g=truth.g)
-    fingerprint = fitted(experiment, structure, Options(noise="white", at_rest=True))
-    found = {name: entry.value for name, entry in fingerprint.parameters.items()}
-    assert found["T_d"] == pytest.approx(truth.T_d, abs=0.003)
-    assert found["T_set"] == pytest.approx(truth.T_set, abs=0.003)
-    assert found["tau_prop"] == pytest.approx(truth.tau_prop, rel=0.015)
-    assert found["p"] == pytest.approx(truth.p, rel=0.005)
-    assert found["vK_p"] == pytest.approx(truth.v * truth.K_p, rel=0.015)
 
 
 def test_a_raw_log_of_the_full_tug_has_its_own_ripple_and_only_that() -> None:

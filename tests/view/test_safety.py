@@ -230,14 +230,6 @@ def test_two_pages_do_not_overwrite_each_other(caller, folder):
     assert 'name = "second"' in (folder / "TRIAL.toml").read_text()
 
 
-def test_nothing_listens_afterwards(folder):
-    with served(folder) as caller:
-        port = caller.server.server_port
-        socket.create_connection(("127.0.0.1", port), 5).close()
-    with pytest.raises(ConnectionRefusedError):
-        socket.create_connection(("127.0.0.1", port), 5)
-
-
 def test_a_page_that_says_nothing_holds_nobody_up(caller: Caller):
     silent = [socket.create_connection(("127.0.0.1", caller.server.server_port)) for _ in range(40)]
     assert caller.until_read()["status"] == 200
