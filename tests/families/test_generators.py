@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.signal import welch
+from scipy.signal import csd, welch
 
 from shipfp_rs import _core
 from shipfp_rs.structures.ship import INDEX, KERNEL
@@ -249,6 +249,18 @@ def test_noise_has_the_spectrum_that_it_states():
         ratio = power[use] * 25.0 / noise.spectrum(f[use])
         assert np.median(ratio) == pytest.approx(1.0, abs=0.03)
         assert ((ratio > 0.5) & (ratio < 1.6)).all()
+
+
+def test_telemetry_is_late_by_what_it_states():
+    step, telemetry = 1e-4, sensors.Telemetry(300.0, 250.0)
+    t = np.arange(0.0, 8.0, step)
+    given = 1000.0 * (1.0 + 0.05 * np.sin(2.0 * np.pi * 1.5 * t))
+    heard = telemetry(given, step)
+    _, cross = csd(given, heard, 1.0 / step, nperseg=len(t) // 3)
+    k = np.argmax(np.abs(cross[1:])) + 1
+    late = -np.angle(cross[k]) / (2.0 * np.pi * 1.5)
+    assert late == pytest.approx(telemetry.delay_s, abs=6e-5)
+    assert len(np.unique(heard[10_000:11_000])) <= 51
 
 
 def test_pulses_stand_where_the_reflectors_are():

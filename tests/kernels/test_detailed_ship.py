@@ -19,6 +19,7 @@ from tests.twins.ship import vector
 from tests.vessel.test_drive_train import ELEMENTS, FOUR_QUADRANT, FULL, SHIP, SMOOTH, TUG
 
 NONE = np.empty((3, 0))
+HOLDS = ("zero", "first")
 ALL = [0, 1, 2, 3, 4, 5]
 DAMPED = {"shaft.stiffness_Nm_rad": 8e4, "shaft.damping_Nms_rad": 65.0}
 LIMITS = {"governor.minimum_rack_mm": 8.0, "governor.maximum_rack_mm": 11.0, "governor.anti_windup": True}
@@ -60,8 +61,14 @@ def detailed(u, dt=0.01, substeps=4, hold="zero", outputs=ALL, more=None, **chan
     return dict(zip(_core.SHIP_OUTPUTS, rows, strict=True))
 
 
-@pytest.mark.parametrize("hold", ["zero", "first"])
-@pytest.mark.parametrize("name", SHIPS)
+# Each ship with one of both holds, all elements with both.
+@pytest.mark.parametrize(
+    ("name", "hold"),
+    [
+        *((name, HOLDS[place % 2]) for place, name in enumerate(SHIPS) if name != "all"),
+        *(("all", hold) for hold in HOLDS),
+    ],
+)
 def test_agrees_with_the_equations_as_they_stand(name, hold):
     ship, wave = SHIPS[name], excitation(hold)
     found, expected = simulate(ship, wave), twin.simulate(ship, wave, 20)
