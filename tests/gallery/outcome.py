@@ -1,4 +1,4 @@
-"""What became of an input: its status, its lines and memory, what it left, and what of the contract it broke."""
+"""What became of an input: its status, its lines, time and memory, what it left, and what of the contract it broke."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import os
 import re
 import shutil
 import signal
+import time
 import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -19,6 +20,7 @@ from shipfp_rs.errors import InternalError, ShipfpError
 from tests.gallery.calls import Call
 from tests.gallery.inputs import KEPT, Input
 
+SLOW_S = 10.0
 MOST_MIB = 1024.0
 WORDS = re.compile(
     r"Error\b|after validation|NoneType|numpy|pydantic|Traceback|<class|__|object has no|\bfloat64\b|_pct\b|"
@@ -36,12 +38,15 @@ class Outcome:
     status: int | None
     """None: it raised."""
     line: str
+    took_s: float
     peak_mib: float
     """Most memory that the process took meanwhile beyond what it had; 0 where the system does not tell."""
     left: tuple[str, ...]
     """Files that were not there before."""
     changed: tuple[str, ...]
     """Inputs that are not what they were."""
+    said: str = ""
+    """On stdout, or what a call returned."""
     python: bool = False
 
     @property
@@ -54,6 +59,8 @@ class Outcome:
             found.append(f"status {self.status}")
         if "Traceback" in self.line:
             found.append("traceback")
+        if self.took_s > SLOW_S:
+            found.append("slow")
         if self.peak_mib > MOST_MIB:
             found.append("memory")
         # A sweep keeps the draws that are done, so that the next one goes on from them.
@@ -97,28 +104,31 @@ def outcome(given: Input | Call, folder: Path, limit_s: float = 600.0) -> Outcom
     for name, text in files.items():
         (folder / name).write_bytes(text.encode("utf-8", "surrogatepass"))
     before = _files(folder)
-    said, here = io.StringIO(), Path.cwd()
+    said, told, here = io.StringIO(), io.StringIO(), Path.cwd()
     status: int | None = None
     _forget_peak()
     had_mib = _peak_mib()
+    began = time.process_time()  # what else the machine does is no fault of the input
     os.chdir(folder)
     try:
         with (
-            contextlib.redirect_stdout(io.StringIO()),
+            contextlib.redirect_stdout(told),
             contextlib.redirect_stderr(said),
             warnings.catch_warnings(),
             _limit(limit_s),
         ):
             # As in a process of its own: a warning is a line, and no error.
             warnings.simplefilter("default" if isinstance(given, Input) else "ignore")
-            status = cli.main(list(given.arguments)) if isinstance(given, Input) else _called(given, said)
+            status = (
+                cli.main(list(given.arguments)) if isinstance(given, Input) else _called(given, said, told)
+            )
     except BaseException as error:
         if isinstance(error, KeyboardInterrupt):
             raise
         said.write(f"{type(error).__name__}: {error}")
     finally:
         os.chdir(here)
-        peak_mib = _peak_mib() - had_mib
+        took_s, peak_mib = time.process_time() - began, _peak_mib() - had_mib
     after = _files(folder)
     for path in folder.iterdir():
         if path.name not in KEPT:
@@ -128,14 +138,16 @@ def outcome(given: Input | Call, folder: Path, limit_s: float = 600.0) -> Outcom
     for name in changed:
         if name in KEPT:
             (folder / name).write_bytes(before[name])
-    return Outcome(status, said.getvalue(), peak_mib, left, changed, isinstance(given, Call))
+    return Outcome(
+        status, said.getvalue(), took_s, peak_mib, left, changed, told.getvalue(), isinstance(given, Call)
+    )
 
 
-def _called(given: Call, said: io.StringIO) -> int:
+def _called(given: Call, said: io.StringIO, told: io.StringIO) -> int:
     try:
         found = given.function(**given.arguments)
         # What is computed as it is asked for is asked for.
-        repr(list(itertools.islice(found, 100)) if isinstance(found, Iterator) else found)
+        told.write(repr(list(itertools.islice(found, 100)) if isinstance(found, Iterator) else found)[:2000])
     except ShipfpError as error:
         if isinstance(error, InternalError):
             raise
