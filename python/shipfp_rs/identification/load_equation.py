@@ -61,6 +61,7 @@ class Record:
         self.weight = np.ones(len(self.s))
         self.Z, self.count, self.share = self.N, len(self.s), 1.0
         self.left, self.answer, self.A = self.M, self.N, np.empty((0, len(self.s)), complex)
+        self.noise = self.M
 
     @cached_property
     def _bandwidth(self) -> float:
@@ -196,7 +197,23 @@ class Fit:
                 self._instruments(x)
                 again = True
         spread = inverse @ self._normal(x, instruments=True)[0] @ inverse.T
+        self.x, self.inverse = x, inverse
         return x, spread[: self.main, : self.main]
+
+    def influence(self, unknown: int, index: int) -> ComplexArray:
+        """How far a torque beyond the model, at each frequency of a record, moves an unknown that was found (F,)."""
+        record, hats, x = self.records[index], self.hats[index], self.x
+        told, B = self._columns(x, record, record.Z, record.s * record.Z)
+        along = self.inverse[unknown]
+        amplitude, phase = along[self.main :].reshape(2, -1)
+        found = along[[*range(len(SHARED)), len(SHARED) + index]] @ B
+        found += self.accuracy * told * ((amplitude + 1j * phase) @ hats)
+        found[record.count :] = 0.0
+        return np.asarray(found * record.weight**2)
+
+    def answer_to(self, speed: ComplexArray, index: int) -> ComplexArray:
+        """The torque by which the load answers to a small speed, (F,)."""
+        return self._columns(self.x, self.records[index], speed, self.records[index].s * speed)[0]
 
     def _begun(self) -> Array:
         """Unknowns by plain least squares of torque on speed and slope, and the noise that these leave."""
@@ -278,8 +295,9 @@ class Fit:
         for index, (record, hats) in enumerate(zip(self.records, self.hats, strict=True)):
             own = found[[*range(len(SHARED)), len(SHARED) + index]]
             smooth = self.accuracy * record.answer * ((amplitude + 1j * phase) @ hats)
-            left = record.left - own @ record.A - smooth
-            record.weight = np.abs(noise_root(left[None])[:, 0, 0]) ** share * record.weight ** (1.0 - share)
+            record.noise = record.left - own @ record.A - smooth
+            root = np.abs(noise_root(record.noise[None])[:, 0, 0])
+            record.weight = root**share * record.weight ** (1.0 - share)
 
 
 def _products(B: ComplexArray, told: ComplexArray, A: ComplexArray, bent: ComplexArray, hats: Array) -> Array:

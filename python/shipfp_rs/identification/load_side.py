@@ -53,7 +53,7 @@ class LoadSide:
 
     `parameters` has p, c_2, T_M, "tau_prop" behind a gauge or "tau_n" at the brake, "k_L" with a measured load, and
     "torque scale" where there is one experiment. `covariance` (P, P) is in their order. `si` is the inertia in kg m2, with
-    the place it is seen from.
+    the place it is seen from. `equation` is what was fitted.
     """
 
     torque: Torque
@@ -61,6 +61,9 @@ class LoadSide:
     covariance: Array
     records: tuple[LoadRecord, ...]
     si: Mapping[str, Mapping[str, Any]]
+    equation: Fit
+    places: Mapping[str, int]
+    """Of the parameters among the equation's unknowns."""
 
     def __repr__(self) -> str:
         rows = [
@@ -156,7 +159,7 @@ def _told(
         for one, record, scale in zip(spectra, fit.records, scales, strict=True)
     )
     si = _si(several, speed, signal, QUANTITIES[inertia], parameters[inertia], vessel)
-    return LoadSide(side, parameters, covariance[np.ix_(places, places)], records, si)
+    return LoadSide(side, parameters, covariance[np.ix_(places, places)], records, si, fit, told)
 
 
 def load_side_of(question: Question, records: Sequence[Spectra] | None = None) -> LoadSide | None:

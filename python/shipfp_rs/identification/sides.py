@@ -15,16 +15,15 @@ import numpy as np
 from shipfp_rs.identification.engine_tests import suspected
 from shipfp_rs.identification.estimate import ASSUMED, Estimate
 from shipfp_rs.identification.load_side import LoadSide
-from shipfp_rs.identification.profiles import Profiles
 from shipfp_rs.identification.ship_found import ShipFit
-from shipfp_rs.identification.stretches import Stretches
+from shipfp_rs.identification.stretches import Stretches, by_stretch
 from shipfp_rs.identification.usability import LARGE_MISS_PCT, LEAST_EXPLAINED_PCT
-from shipfp_rs.support.quantiles import DEVIATIONS_95
+from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.sentences import Sentence
 
 APART = 3.5
-"""Difference of both estimates, over the root of the sum of their variances, from which the sides do not agree. They share
-data, so that the difference varies by less: chance exceeds it less than once in two thousand."""
+"""Difference of both estimates, over its own deviation, from which the sides do not agree: chance exceeds it once in two
+thousand."""
 KINDS: Mapping[str, Sentence] = {
     "gain": Sentence("the governor's gain changes with the error: a dead band, or a gain in steps"),
     "asymmetry": Sentence("the governor is faster in one direction than in the other"),
@@ -55,7 +54,6 @@ def _is_a_load(side: LoadSide) -> bool:
 def _agree(fit: ShipFit, side: LoadSide) -> bool:
     """Whether p and the inertia behind the torque's place are the same by the load's side and by the whole."""
     c, vector, values = fit.likelihood.coordinates, fit.best.vector, fit.values
-    profiles = Profiles(fit.likelihood, list(fit.basins))
     stretches = Stretches(fit.likelihood, vector)
     for name in ("p", "tau_prop" if fit.question.gauge else "tau_n"):
         if name not in c.free:
@@ -64,15 +62,43 @@ def _agree(fit: ShipFit, side: LoadSide) -> bool:
         def figure(known: Mapping[str, float], name: str = name) -> float:
             return known[name] + (known.get("damping", 0.0) if name == "p" else 0.0)
 
-        ends = profiles.symmetric(figure)
-        deviation = (ends.high - ends.low) / (2.0 * DEVIATIONS_95)
-        deviation *= stretches.widening(c.gradient(figure, vector))
-        alone = side.parameters[name]
-        assert alone.value is not None
-        assert alone.std is not None
-        if abs(figure(values) - alone.value) > APART * np.hypot(deviation, alone.std):
+        alone = side.parameters[name].value
+        assert alone is not None
+        if abs(figure(values) - alone) > APART * _deviation_apart(
+            fit, side, name, c.gradient(figure, vector), stretches
+        ):
             return False
     return True
+
+
+def _deviation_apart(fit: ShipFit, side: LoadSide, name: str, gradient: Array, stretches: Stretches) -> float:
+    """Standard deviation of the difference of two estimates that share data, smooth errors and priors, by influences.
+
+    Each is moved by every stretch of the records, every smooth error and every prior; what moves both alike moves no
+    difference (Hampel 1974, doi:10.1080/01621459.1974.10482962).
+    """
+    likelihood, equation, unknown = fit.likelihood, side.equation, side.places[name]
+    apart, errors, priors = stretches.influence(gradient)
+    alone, first = [], likelihood.records[0].outputs
+    speed, torque = first.index("dn"), first.index("dM")
+    for index, record in enumerate(likelihood.records):
+        along = equation.influence(unknown, index)
+        count = len(along)
+        rows = np.zeros((2, 1, len(record.frequency_hz)), complex)
+        rows[:, 0, :count] = along, equation.records[index].noise
+        alone.append(by_stretch(record, rows[:1], rows[1])[0])
+        shapes = likelihood._shapes[index][..., :count]
+        bent = shapes[:, torque] - np.array([equation.answer_to(one, index) for one in shapes[:, speed]])
+        errors = errors - (bent @ along.conj()).real
+    own = equation.inverse[unknown, : equation.main] * np.sqrt(equation.prior[: equation.main])
+    shared = {"c_2": 2, "T_M": 3}
+    rows_of = {key: row for row, key in enumerate(likelihood.priors)}
+    for key, place in shared.items():
+        if key in rows_of:
+            priors[rows_of[key]] -= own[place]
+            own[place] = 0.0
+    parts = (apart - np.concatenate(alone), errors, priors, own)
+    return float(np.sqrt(sum(float(one @ one) for one in parts)))
 
 
 def load_alone(

@@ -15,6 +15,8 @@ import numpy as np
 from scipy.fft import irfft
 
 from shipfp_rs.identification.likelihood import Likelihood, turned
+from shipfp_rs.identification.profiles import scaled_inverse
+from shipfp_rs.identification.spectra import Spectra
 from shipfp_rs.support.arrays import Array, ComplexArray
 
 STRETCH_S = 3.0
@@ -52,18 +54,24 @@ class Stretches:
     columns: Sequence[ComplexArray] = ()
 
     @cached_property
+    def _smooth(self) -> list[ComplexArray]:
+        """Shapes of the smooth errors of each record in units of noise, (E, O, F)."""
+        found = []
+        for index, shapes in enumerate(self.likelihood._shapes):
+            found.append(turned(self.likelihood.root(index), shapes))
+            found[-1][..., 0] = 0.0
+        return found
+
+    @cached_property
     def _white(self) -> list[ComplexArray]:
         """Residual, derivatives and columns of each record (1 + P + C, O, F) in units of noise, smooth errors taken out."""
-        found, errors = [], []
+        found, errors = [], self._smooth
         for index in range(len(self.likelihood.records)):
             residual, jacobian = self.likelihood.spectra(self.vector, index)
             more = self.columns[index] if self.columns else np.empty((0, *residual.shape), complex)
             rows = turned(self.likelihood.root(index), np.concatenate([residual[None], jacobian, more]))
             rows[..., 0] = 0.0
-            shapes = turned(self.likelihood.root(index), self.likelihood._shapes[index])
-            shapes[..., 0] = 0.0
             found.append(rows)
-            errors.append(shapes)
         square = np.eye(len(errors[0])) + sum(_products(one, one) for one in errors)
         sizes = np.linalg.solve(
             square, sum(_products(one, rows) for one, rows in zip(errors, found, strict=True))
@@ -87,15 +95,8 @@ class Stretches:
     @cached_property
     def _slopes(self) -> Array:
         """Residual times derivatives and columns in each stretch, (P + C, S)."""
-        found = []
-        for record, rows in zip(self.likelihood.records, self._white, strict=True):
-            count = record.decimated.shape[1]
-            in_time = irfft(rows, count, axis=-1)
-            local = 0.5 * count * np.sum(in_time[1:] * in_time[0], axis=1)
-            length = min(max(int(STRETCH_S * record.data_hz / record.down), 1), count)
-            kept = count // length * length
-            found.append(local[:, :kept].reshape(len(local), -1, length).sum(axis=2))
-        return np.concatenate(found, axis=1)
+        pairs = zip(self.likelihood.records, self._white, strict=True)
+        return np.concatenate([by_stretch(record, rows[1:], rows[0]) for record, rows in pairs], axis=1)
 
     @cached_property
     def _inverse(self) -> Array:
@@ -112,6 +113,17 @@ class Stretches:
         along = self._inverse @ gradient
         scatter = float(np.sum((along @ self._slopes[:size]) ** 2) + np.sum((self._priors @ along) ** 2))
         return float(np.sqrt(max(scatter / max(float(gradient @ along), 1e-300), 1.0)))
+
+    def influence(self, gradient: Array) -> tuple[Array, Array, Array]:
+        """Return how far a figure is moved by stretches (S,), and by smooth errors (E,) and priors (K,) of their size."""
+        along = scaled_inverse(self.likelihood.products(self.vector).matrix) @ gradient
+        size = len(along)
+        pairs = zip(self._white, self._smooth, strict=True)
+        errors = [
+            _products(shapes, np.tensordot(along, rows[1 : 1 + size], 1)[None])[:, 0]
+            for rows, shapes in pairs
+        ]
+        return along @ self._slopes[:size], np.sum(errors, axis=0), self._priors @ along
 
     def scores(self) -> list[Score]:
         """Return the test of each column."""
@@ -133,6 +145,16 @@ class Stretches:
             consistency = along**2 / max(float(np.sum(local**2)), 1e-300)
             found.append(Score(along**2 / own, consistency, along / own, float(explained)))
         return found
+
+
+def by_stretch(record: Spectra, rows: ComplexArray, residual: ComplexArray) -> Array:
+    """Products of rows of outputs (A, O, F) with a residual (O, F) in each stretch of a record, (A, S)."""
+    count = record.decimated.shape[1]
+    in_time, left = (irfft(one, count, axis=-1) for one in (rows, residual))
+    local = 0.5 * count * np.sum(in_time * left, axis=1)
+    length = min(max(int(STRETCH_S * record.data_hz / record.down), 1), count)
+    kept = count // length * length
+    return np.asarray(local[:, :kept].reshape(len(local), -1, length).sum(axis=2))
 
 
 def _power(spectra: Sequence[ComplexArray]) -> Array:
