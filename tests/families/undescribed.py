@@ -1,6 +1,6 @@
 """Count what is told of ships whose governor the package has not, and of smooth ships beside them.
 
-    python -m tests.families.undescribed --draws 20 --seed 160000
+    python -m tests.families.undescribed --draws 20 --seed 160000 --out FOLDER
 
 Of each ship: whether engine and governor are called not described, whether p and the inertia behind the torque's place are
 told and hold, and whether a gain that is off by a third is called usable for control tuning.
@@ -9,10 +9,13 @@ told and hold, and whether a gain that is off by a third is called usable for co
 from __future__ import annotations
 
 import argparse
+import json
 import os
 import time
 import warnings
 from concurrent.futures import ProcessPoolExecutor
+from functools import partial
+from pathlib import Path
 
 from tests.families import other_governors
 from tests.families.draw import FAMILIES, draw
@@ -30,20 +33,36 @@ def main() -> None:
     )
     parser.add_argument("--seed", type=int, default=160000)
     parser.add_argument("--processes", type=int, default=2)
+    parser.add_argument(
+        "--out", type=Path, help="folder of a JSON for each ship; what is there is not done again"
+    )
     options = parser.parse_args()
+    if options.out:
+        options.out.mkdir(parents=True, exist_ok=True)
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     tasks = [
         (name, seed)
-        for name in (*other_governors.KINDS, *FAMILIES)
         for seed in range(options.seed, options.seed + options.draws)
+        for name in (*other_governors.KINDS, *FAMILIES)
     ]
     rows = []
     with ProcessPoolExecutor(options.processes) as pool:
-        for row in pool.map(told, tasks):
+        for row in pool.map(partial(kept, out=options.out), tasks):
             if row is not None:
                 rows.append(row)
                 print(row["text"], flush=True)
     print(counted(rows))
+
+
+def kept(task, out: Path | None) -> dict | None:
+    """Identify a ship, or read what was found of it before."""
+    file = out and out / f"{task[0]}-{task[1]}.json"
+    if file and file.exists():
+        return json.loads(file.read_text(encoding="utf-8"))
+    row = told(task)
+    if file:
+        file.write_text(json.dumps(row), encoding="utf-8")
+    return row
 
 
 def told(task) -> dict | None:
@@ -77,14 +96,16 @@ def told(task) -> dict | None:
     inertia = "tau_prop" if truth["place"] == "gauge" else "tau_n"
     sides = {"p": true["p"] + (true.get("damping") or 0.0), inertia: true[inertia]}
     known = [key for key in sides if key in found.load_side]
-    inside = [found.load_side[key].ci95[0] <= sides[key] <= found.load_side[key].ci95[1] for key in known]
+    inside = [
+        bool(found.load_side[key].ci95[0] <= sides[key] <= found.load_side[key].ci95[1]) for key in known
+    ]
     off = [
         key
         for key in ("vK_p", "vK_i")
         if (value := found.parameters[key].value) is not None and abs(value / true[key] - 1.0) > OFF
     ]
     tuning = found.usable.startswith("Usable for simulation, control tuning")
-    described = found.adequate["sides"]["engine"]
+    described = bool(found.adequate["sides"]["engine"])
     words = [
         f"{name} {seed}: {time.perf_counter() - began:.1f} s",
         "described" if described else "not described",
