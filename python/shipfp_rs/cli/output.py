@@ -99,12 +99,21 @@ def print_estimates(
 ) -> None:
     """Print a table of estimates, beside the truth where it is known."""
     from shipfp_rs.identification.estimate import rounded_rows
+    from shipfp_rs.support.units import unit_shown
 
     print_table(
         title,
         ["parameter", *(["truth"] if truth else []), "estimate", "95 % from", "to", "unit", "status"],
         [
-            [row.name, *([row.truth] if truth else []), row.value, row.low, row.high, row.unit, row.status]
+            [
+                row.name,
+                *([row.truth] if truth else []),
+                row.value,
+                row.low,
+                row.high,
+                unit_shown(row.unit) or "-",
+                row.status,
+            ]
             for row in rounded_rows(estimates, truth)
         ],
     )

@@ -9,6 +9,7 @@ from shipfp_rs.identification.fingerprint import ALARM, Estimate, Identifiabilit
 from shipfp_rs.identification.fit_statistics import missed_pct
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.support.sentences import Sentence, joined
+from shipfp_rs.support.units import unit_shown
 
 SMALL_PCT = 0.1
 """Part of an output's spread below which what is missed is no fault of the structure: no sensor of a ship is better [%]."""
@@ -202,5 +203,5 @@ def shown(name: str, estimate: Estimate) -> Sentence:
     spread: str = ""
     if estimate.ci95 is not None:
         spread = Sentence(" ({ends})", ends=Sentence("{low} to {high}", low=row.low, high=row.high))
-    unit = "" if estimate.unit == "-" else f" {estimate.unit}"
+    unit = f" {unit_shown(estimate.unit)}".rstrip()
     return Sentence("{name} = {value}{spread}{unit}", name=name, value=row.value, spread=spread, unit=unit)
