@@ -9,6 +9,7 @@ import pytest
 
 from shipfp_rs import cli
 from shipfp_rs.logs.log import Log
+from shipfp_rs.support.json_files import finite
 from tests.logger_files import TYPES, WRITERS, extremes, write_tdms
 
 LACKS = {
@@ -51,6 +52,10 @@ def test_every_type_survives_reading_and_converting(kind: str, tmp_path: Path) -
             np.testing.assert_array_equal(read, array)
             if array.dtype.kind == "f":
                 np.testing.assert_array_equal(np.signbit(read), np.signbit(array))
+
+
+def test_an_array_of_no_dimension_is_a_number_of_json() -> None:
+    assert finite([np.array(7.0), np.float64("nan"), np.int64(2)]) == [7.0, None, 2]
 
 
 @pytest.mark.parametrize("dtype", ["int64", "uint64"])

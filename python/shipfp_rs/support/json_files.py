@@ -20,7 +20,7 @@ HALF = re.compile(r"\\u[dD][89a-fA-F]")
 
 def finite(content: Any) -> Any:
     """Return content with None in place of numbers that are not finite, and Python's own numbers in place of NumPy's."""
-    if isinstance(content, np.generic):
+    if isinstance(content, np.generic | np.ndarray) and content.ndim == 0:
         content = content.item()
     if isinstance(content, float):
         return content if math.isfinite(content) else None
