@@ -345,8 +345,9 @@ def test_speed_alone_is_an_experiment(sound: Simulated, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("edits", "message"),
     [
-        ([('column = "U_torque"', 'column = "torque"')], "no channel 'torque', found .*did you mean 'U_torque'"),
-        ([('column = "PTM_1"', 'column = "PTM_2"')], "no channel 'PTM_2'"),
+        ([('column = "U_torque"', 'column = "torque"')],
+         "channels.torque.column: .*no channel 'torque', found .*did you mean 'U_torque'"),
+        ([('column = "PTM_1"', 'column = "PTM_2"')], "channels.PTM_1.column: .*no channel 'PTM_2'"),
         ([('unit = "V"', 'unit = "mV"')], "channel 'U_setpoint' is in 'V', channels.set_point.unit says 'mV'"),
         ([("scale = 1059.0", "scale = 1.059")], "channels.torque: 1.72.* Nm on average"),
         ([("scale = -251.38", "scale = -200.0")], "channels.set_point: 924.* rpm on average"),

@@ -42,6 +42,8 @@ MAIN: dict[str, Any] = {"height_m": 12.0}
         ({"rig": {"main": {"hight_m": 12.0}}}, "rig.main.hight_m: found an unknown key, did you mean 'height_m'?"),
         ({"rig": {"main": {"xyz": 1, **MAIN}}}, "rig.main.xyz: found an unknown key, expected one of h"),
         ({"rig": {"mizzen": {"hight_m": 1.0, **MAIN}, "main": MAIN}}, "rig.mizzen.hight_m: found an unknown key"),
+        ({"rig": {"mian": {"hight_m": 1.0}, "main": MAIN}},
+         "rig.mian: found a table with an unknown key, 'hight_m'; did you mean 'main'?"),
         ({"rig": {"main": {"sails": [{"area_m": 9.0}], **MAIN}}}, "rig.main.sails.0.area_m: found an unknown key"),
         ({"rig": {"main": MAIN}, "flags": {"red": {"aera_m2": 1.0}}}, "flags.red.aera_m2: found an unknown key"),
         ({"rig": {"main": {**MAIN, "wood": "steel"}}}, "rig.main.wood: found 'steel', expected 'oak' or 'pine'"),

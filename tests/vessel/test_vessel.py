@@ -160,6 +160,10 @@ def test_missing_and_unreadable_files_are_named(tmp_path: Path) -> None:
     latin.write_bytes("name = 'Bö'".encode("latin-1"))
     with pytest.raises(InputError, match=r"latin\.toml: found bytes that are not UTF-8 at 9"):
         Vessel.load(latin)
+    marked = tmp_path / "marked.toml"
+    marked.write_text("name = 'Bö'", encoding="utf-8-sig")
+    with pytest.raises(InputError, match="gearbox: found nothing"):
+        Vessel.load(marked)
 
 
 def test_an_unknown_ship_is_answered_with_the_nearest_known_one() -> None:

@@ -102,7 +102,7 @@ def require_file(path: Path) -> None:
         kind = "a folder" if path.is_dir() else "a pipe or a device" if path.exists() else "no such file"
         raise InputError(f"{path}: {kind}, expected a log file")
     if not path.stat().st_size:
-        raise InputError(f"{path}: the file is empty")
+        raise InputError(f"{path}: the file is empty, expected a log file")
 
 
 def require_size(path: Path, samples: int) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 from shipfp_rs.errors import InputError, LogWarning
 from shipfp_rs.logs.log import Log
 from shipfp_rs.processing.channel_names import named
-from shipfp_rs.processing.trial_channels import Level, Load, Tacho, Torque
+from shipfp_rs.processing.trial_channels import Channels, Level, Load, Tacho, Torque
 from shipfp_rs.support import hints
 from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.calibration import Calibration
@@ -71,6 +71,22 @@ def require_size(
         LogWarning,
         stacklevel=2,
     )
+
+
+def require_columns(log: Log, channels: Channels) -> None:
+    """Refuse a column that the log has not, by the key that names it."""
+    tables = {key: getattr(channels, key) for key in type(channels).model_fields}
+    columns = {f"{key}.column": table.column for key, table in tables.items() if table is not None}
+    for name, tacho in (channels.__pydantic_extra__ or {}).items():
+        if tacho.kind != "edges":
+            columns[f"{name}.column"] = tacho.column
+        if tacho.quadrature is not None:
+            columns[f"{name}.quadrature"] = tacho.quadrature
+    for key, column in columns.items():
+        try:
+            log.channel(column)
+        except InputError as error:
+            raise InputError(f"channels.{key}: {error}") from error
 
 
 def require_unit(log: Log, key: str, sensor: Level) -> None:

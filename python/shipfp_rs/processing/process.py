@@ -28,7 +28,13 @@ from shipfp_rs.processing.engine_speed import EngineSpeed
 from shipfp_rs.processing.governor_clock import LONGEST_S, RATE_HZ, governor_clock, liveliest_of
 from shipfp_rs.processing.grid import Grid
 from shipfp_rs.processing.low_pass import nearest_rate
-from shipfp_rs.processing.plausibility import require_load, require_sense, require_size, require_unit
+from shipfp_rs.processing.plausibility import (
+    require_columns,
+    require_load,
+    require_sense,
+    require_size,
+    require_unit,
+)
 from shipfp_rs.processing.pulse_train import PulseTrain
 from shipfp_rs.processing.ripple import Ripple, without_ripple
 from shipfp_rs.processing.speed_sources import require_one_direction, source_of
@@ -135,6 +141,7 @@ class _Recording:
         self._chunk = chunk
         self._stopped = threading.Event()
         channels = trial.channels
+        require_columns(log, channels)
         for key in ("set_point", "command", "torque", "rack", "actuator", "load"):
             if (sensor := getattr(channels, key)) is not None:
                 require_unit(log, key, sensor)

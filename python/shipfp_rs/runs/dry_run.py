@@ -15,6 +15,7 @@ from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.identification.foresight import foresee
 from shipfp_rs.identification.question import TRIED
 from shipfp_rs.logs.log import Log
+from shipfp_rs.processing.plausibility import require_columns
 from shipfp_rs.processing.process import process
 from shipfp_rs.processing.trial import Trial
 from shipfp_rs.processing.trial_channels import Load, Rack, Tacho, Torque
@@ -128,6 +129,7 @@ def _named(trial: Trial, expected: Fingerprint) -> str:
 
 def _channels(trial: Trial, log: Log) -> list[dict[str, Any]]:
     channels = trial.channels
+    require_columns(log, channels)
     sensors = [(DRIVES[channels.driver_signal], channels.driver.column)]
     sensors += [(_read_as(sensor), sensor.column) for sensor in channels.levels.values()]
     sensors += [(_source(tacho), tacho.column) for tacho in channels.tachos.values() if tacho.kind != "edges"]

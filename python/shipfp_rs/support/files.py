@@ -52,10 +52,10 @@ def read_text(path: Path, expected: str) -> str:
     if len(content) > MOST_BYTES:
         raise InputError(f"{path}: more than {MOST_BYTES / 2**20:.0f} MB, expected {expected}")
     try:
-        return content.decode().replace("\r\n", "\n").replace("\r", "\n")
+        return content.decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")
     except UnicodeDecodeError as error:
         raise InputError(
-            f"{path}: found bytes that are not UTF-8 at {error.start}, expected {expected}"
+            f"{path}: found bytes that are not UTF-8 at {error.start}, expected {expected}; save it as UTF-8"
         ) from error
 
 

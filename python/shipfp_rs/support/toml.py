@@ -15,7 +15,7 @@ from pydantic_core import ErrorDetails, PydanticCustomError
 from shipfp_rs.errors import InputError
 from shipfp_rs.support.checks import LINES, is_one_line
 from shipfp_rs.support.files import read_text
-from shipfp_rs.support.hints import suggestion
+from shipfp_rs.support.hints import nearest, suggestion
 
 Model = TypeVar("Model", bound=BaseModel)
 
@@ -204,6 +204,13 @@ def _one_line(error: ErrorDetails, model: type[BaseModel]) -> str:
             known = sorted(
                 {key for owner in _models_at(model, error["loc"][:-1]) for key in owner.model_fields}
             )
+            beside = {name for owner in _models_at(model, error["loc"][:-2]) for name in owner.model_fields}
+            if (
+                len(location) > 1
+                and location[-2] not in beside
+                and (near := nearest(location[-2], [*beside], 0.7))
+            ):
+                return f"{'.'.join(location[:-1])}: found a table with an unknown key, {location[-1]!r}{near}"
             return f"{key}: found an unknown key, {suggestion(location[-1], known)}"
         case "missing" if isinstance(error["loc"][-1], int):
             key = ".".join(location[:-1])
