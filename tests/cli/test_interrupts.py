@@ -20,6 +20,7 @@ import pytest
 
 from shipfp_rs import cli
 from shipfp_rs.logs.log import Log
+from shipfp_rs.logs.readers.child_process import end_idle
 from tests.cli.small_trial import SMALL
 from tests.gallery.inputs import LAUNCH
 from tests.sweeps.test_sweep_ends import ENDS, ended, started
@@ -116,6 +117,7 @@ def remove(path: Path) -> None:
 def test_a_command_ends_at_once_and_leaves_nothing(folder, command, number, status):
     before = {path.name for path in folder.iterdir()}
     shared = set(Path("/dev/shm").iterdir()) if Path("/dev/shm").is_dir() else set()
+    end_idle()  # else its seconds may be counted along
     process = started(folder, *command.split(), *COMMANDS[command])
     while command != "view" and process.poll() is None and not is_due(folder, command, process.pid):
         time.sleep(0.02)
