@@ -14,6 +14,7 @@ import numpy as np
 
 from shipfp_rs.identification.engine_tests import suspected
 from shipfp_rs.identification.estimate import ASSUMED, Estimate
+from shipfp_rs.identification.load_equation import SHARED
 from shipfp_rs.identification.load_side import LoadSide
 from shipfp_rs.identification.ship_found import ShipFit
 from shipfp_rs.identification.stretches import Stretches, by_stretch
@@ -91,12 +92,10 @@ def _deviation_apart(fit: ShipFit, side: LoadSide, name: str, gradient: Array, s
         bent = shapes[:, torque] - np.array([equation.answer_to(one, index) for one in shapes[:, speed]])
         errors = errors - (bent @ along.conj()).real
     own = equation.inverse[unknown, : equation.main] * np.sqrt(equation.prior[: equation.main])
-    shared = {"c_2": 2, "T_M": 3}
     rows_of = {key: row for row, key in enumerate(likelihood.priors)}
-    for key, place in shared.items():
-        if key in rows_of:
-            priors[rows_of[key]] -= own[place]
-            own[place] = 0.0
+    for key in {"c_2", "T_M"} & rows_of.keys():
+        priors[rows_of[key]] -= own[SHARED.index(key)]
+        own[SHARED.index(key)] = 0.0
     parts = (apart - np.concatenate(alone), errors, priors, own)
     return float(np.sqrt(sum(float(one @ one) for one in parts)))
 

@@ -107,6 +107,11 @@ class Stretches:
         inverse = np.linalg.pinv(square * scale[:, None] * scale, rcond=1e-12, hermitian=True)
         return np.asarray(inverse * scale[:, None] * scale)
 
+    @cached_property
+    def _covariance(self) -> Array:
+        """Of the parameters by the deviance's own curvature, (P, P)."""
+        return scaled_inverse(self.likelihood.products(self.vector).matrix)
+
     def widening(self, gradient: Array) -> float:
         """Return a figure's deviation by the scatter of the stretches over that by the curvature, at least 1."""
         size = self._priors.shape[1]
@@ -116,7 +121,7 @@ class Stretches:
 
     def influence(self, gradient: Array) -> tuple[Array, Array, Array]:
         """Return how far a figure is moved by stretches (S,), and by smooth errors (E,) and priors (K,) of their size."""
-        along = scaled_inverse(self.likelihood.products(self.vector).matrix) @ gradient
+        along = self._covariance @ gradient
         size = len(along)
         pairs = zip(self._white, self._smooth, strict=True)
         errors = [
