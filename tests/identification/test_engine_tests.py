@@ -10,6 +10,7 @@ from shipfp_rs.identification.engine_tests import engine_curves, engine_tests, s
 from shipfp_rs.identification.question import question_of
 from shipfp_rs.identification.ship_fit import smooth_ship
 from shipfp_rs.identification.ship_found import likelihood_of
+from shipfp_rs.identification.stretches import Stretches
 from tests.families import other_governors
 from tests.identification.parity import Case, simulated
 
@@ -45,11 +46,38 @@ def test_a_limit_that_acts_is_shown(own, element):
 
 @pytest.mark.parametrize(
     ("kind", "seed", "shown"),
-    [("dead_band", 150000, "gain"), ("gain", 150003, "gain"), ("way_down", 150002, "asymmetry")],
+    [
+        ("dead_band", 150000, "gain"),
+        ("gain", 150003, "gain"),
+        ("way_down", 150002, "rack_rate"),
+        ("schedule", 224003, "asymmetry"),
+        ("cascade", 224006, "lag"),
+    ],
 )
 def test_a_governor_that_the_model_has_not_is_shown(kind, seed, shown):
     ship = other_governors.draw(kind, seed)
     assert suspected(scores(fp.Experiment(**ship.experiment()), ship.place)) == shown
+
+
+def test_a_score_is_how_far_the_deviance_falls_with_the_shape_as_one_unknown_more():
+    ship = other_governors.draw("cascade", 224006)
+    fit = smooth_ship(question_of([fp.Experiment(**ship.experiment())], torque=ship.place))
+    likelihood, vector = fit.likelihood, fit.best.vector
+    shape = np.array([likelihood.records[0].see(likelihood.modelled(vector, 0)[0] ** 2)] * 2)
+    shape[:, 0] = 0.0
+    score = Stretches(likelihood, vector, [shape[None]]).scores()[0]
+    rows = likelihood.whitened(vector)
+    white = likelihood.in_units_of_noise(shape, 0)
+    more = np.concatenate([white, np.zeros(len(rows) - len(white))])
+    low, high = likelihood.coordinates.bounds
+    moves = np.ones(rows.shape[1] - 1, bool)
+    moves[: len(vector)] = (vector > low + 1e-9) & (vector < high - 1e-9)
+
+    def left(columns):
+        return np.sum((rows[:, 0] - columns @ np.linalg.lstsq(columns, rows[:, 0], rcond=None)[0]) ** 2)
+
+    known = rows[:, 1:][:, moves]
+    assert score.fall == pytest.approx(left(known) - left(np.column_stack([known, more])), rel=1e-3)
 
 
 def test_without_a_torque_nothing_is_asked():

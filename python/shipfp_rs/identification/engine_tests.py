@@ -1,4 +1,4 @@
-"""Whether the engine's side has what the model has not: limits, and a governor whose gain changes, by tests of a score.
+"""Whether the engine's side has what the model has not: limits, a gain that changes, another lag, by tests of a score.
 
 What a limiter takes away, or a governor adds, is known from the model's own signals, and acts on speed and torque as any
 disturbance of the engine's torque does. What the residuals show of it is one unknown for each shape, and nothing is fitted.
@@ -23,10 +23,12 @@ LEVELS, SLOPES = (0.8, 0.9, 0.97, 0.995), (0.5, 0.8, 0.95, 0.99)
 """Quantiles of the torque, and of its slope, at which a limit is tried."""
 BANDS = (0.3, 0.6, 0.85)
 """Quantiles of the error inside which a governor's gain may be another one."""
+LAGS_S = (0.02, 0.06, 0.2, 0.6, 2.0)
+"""Lags behind which the governor's command may act."""
 LIMITS = {"torque_limit", "rack_rate"}
 """Shapes that a limiter takes away: a negative part of them is none."""
-SEEN = 1.5
-"""Least share of a shape that is there, over what gauge and calibration leave open."""
+SHOWN = 16.0
+"""Least fall of a shape that is there: chance exceeds it with any of these shapes once in a thousand."""
 CONSISTENT = 2.7
 """Least consistency of a shape that is there: chance exceeds it once in twenty, to one side."""
 NEAR = 3.0
@@ -49,7 +51,8 @@ def engine_tests(fit: ShipFit) -> dict[str, Score]:
     """Return the strongest score of each kind of shape; none where no torque was measured.
 
     "torque_limit" and "rack_rate" are limits, "gain" is a gain that changes with the error, as beside a dead band,
-    "asymmetry" what goes one way only, as a slower way down.
+    "asymmetry" what goes one way only, as a slower way down, "lag" a command that acts sooner or later than the model's,
+    as behind an inner loop.
     """
     if "dM" not in fit.question.outputs:
         return {}
@@ -163,13 +166,15 @@ def _shapes(fit: ShipFit, index: int) -> dict[str, list[ComplexArray]]:
         "asymmetry": [error**2, np.abs(np.gradient(rack)) * rate_hz],
     }
     seen = _answers(values, record, fit)
-    return {
+    found = {
         kind: [
             seen(row, kind == "gain" or (kind == "asymmetry" and place == 0))
             for place, row in enumerate(rows)
         ]
         for kind, rows in shapes.items()
     }
+    s, command = 1j * np.maximum(2.0 * np.pi * record.frequency_hz, SLOWEST), seen(rack, False)
+    return {**found, "lag": [command * (lag * s / (1.0 + lag * s)) for lag in LAGS_S]}
 
 
 def _rate_limited(signal: Array, most: float) -> Array:
@@ -207,16 +212,18 @@ def suspected(scores: Mapping[str, Score]) -> str | None:
     sure = {
         kind: score.fall * (NEAR if kind in LIMITS else 1.0)
         for kind, score in scores.items()
-        if score.fall > BELIEVED and score.consistency > CONSISTENT and score.share > SEEN * ACCURACY
+        if score.fall > SHOWN and score.consistency > CONSISTENT and score.share > ACCURACY
     }
     return max(sure, key=lambda kind: sure[kind], default=None)
 
 
 def limit_to_try(scores: Mapping[str, Score], among: Container[str]) -> str | None:
     """Return the limit that is worth a fit: a smooth loop takes much of it over, so that little shows; None: none."""
-    most = max((score.fall for score in scores.values()), default=0.0)
+    # A limit that a smooth loop takes over leaves another lag behind, which says nothing against the limit.
+    shapes = [score for kind, score in scores.items() if kind != "lag"]
+    most = max((score.fall for score in shapes), default=0.0)
     # Something acts there surely: a smooth loop may have taken most of a limit over.
-    surely = any(score.fall > BELIEVED and score.consistency > CONSISTENT for score in scores.values())
+    surely = any(score.fall > BELIEVED and score.consistency > CONSISTENT for score in shapes)
     worth = {
         kind: scores[kind].fall
         for kind in scores

@@ -28,6 +28,7 @@ thousand."""
 KINDS: Mapping[str, Sentence] = {
     "gain": Sentence("the governor's gain changes with the error: a dead band, or a gain in steps"),
     "asymmetry": Sentence("the governor is faster in one direction than in the other"),
+    "lag": Sentence("the governor's command acts with another lag than the model's, as behind an inner loop"),
     "torque_limit": Sentence("the engine's torque is limited, but by no limit that was tried"),
     "rack_rate": Sentence("the rack's rate is limited, but by no limit that was tried"),
     "misfit": Sentence("the model misses most of the response to the set point"),

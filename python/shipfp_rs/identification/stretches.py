@@ -14,8 +14,9 @@ from typing import NamedTuple
 import numpy as np
 from scipy.fft import irfft
 
-from shipfp_rs.identification.likelihood import Likelihood, turned
-from shipfp_rs.identification.profiles import scaled_inverse
+from shipfp_rs.identification.basins import Basin
+from shipfp_rs.identification.likelihood import Likelihood, Products, turned
+from shipfp_rs.identification.profiles import Profiles
 from shipfp_rs.identification.spectra import Spectra
 from shipfp_rs.support.arrays import Array, ComplexArray
 
@@ -63,30 +64,37 @@ class Stretches:
         return found
 
     @cached_property
-    def _white(self) -> list[ComplexArray]:
-        """Residual, derivatives and columns of each record (1 + P + C, O, F) in units of noise, smooth errors taken out."""
-        found, errors = [], self._smooth
+    def _rows(self) -> list[ComplexArray]:
+        """Residual, derivatives and columns of each record (1 + P + C, O, F) in units of noise."""
+        found = []
         for index in range(len(self.likelihood.records)):
             residual, jacobian = self.likelihood.spectra(self.vector, index)
             more = self.columns[index] if self.columns else np.empty((0, *residual.shape), complex)
-            rows = turned(self.likelihood.root(index), np.concatenate([residual[None], jacobian, more]))
-            rows[..., 0] = 0.0
-            found.append(rows)
+            found.append(
+                turned(self.likelihood.root(index), np.concatenate([residual[None], jacobian, more]))
+            )
+            found[-1][..., 0] = 0.0
+        return found
+
+    @cached_property
+    def _white(self) -> list[ComplexArray]:
+        """The same rows, smooth errors taken out by their priors."""
+        errors, found = self._smooth, [rows.copy() for rows in self._rows]
         square = np.eye(len(errors[0])) + sum(_products(one, one) for one in errors)
-        sizes = np.linalg.solve(
-            square, sum(_products(one, rows) for one, rows in zip(errors, found, strict=True))
-        )
+        along = sum(_products(one, rows) for one, rows in zip(errors, found, strict=True))
+        sizes = np.linalg.solve(square, along)
         for rows, one in zip(found, errors, strict=True):
             _flat(rows)[:] -= sizes.T @ _flat(one)
         return found
 
     @cached_property
     def _gram(self) -> Array:
-        """Products of derivatives and columns (P + C, P + C), priors included."""
-        gram = np.array(sum(_products(rows[1:], rows[1:]) for rows in self._white))
-        size = self._priors.shape[1]
-        gram[:size, :size] += self._priors.T @ self._priors
-        return gram
+        """Products of residual, derivatives and columns as the deviance has them, (1 + P + C, 1 + P + C)."""
+        gram = np.array(sum(_products(one, rows) for one, rows in zip(self._white, self._rows, strict=True)))
+        priors = self.likelihood.prior_rows(self.vector)
+        size = priors.shape[1]
+        gram[:size, :size] += priors.T @ priors
+        return 0.5 * (gram + gram.T)
 
     @cached_property
     def _priors(self) -> Array:
@@ -99,25 +107,16 @@ class Stretches:
         return np.concatenate([by_stretch(record, rows[1:], rows[0]) for record, rows in pairs], axis=1)
 
     @cached_property
-    def _inverse(self) -> Array:
-        """Of the curvature by the parameters alone, (P, P)."""
-        size = self._priors.shape[1]
-        square = self._gram[:size, :size]
-        scale = 1.0 / np.sqrt(np.maximum(np.diag(square), 1e-12))
-        inverse = np.linalg.pinv(square * scale[:, None] * scale, rcond=1e-12, hermitian=True)
-        return np.asarray(inverse * scale[:, None] * scale)
-
-    @cached_property
     def _covariance(self) -> Array:
-        """Of the parameters by the deviance's own curvature, (P, P)."""
-        return scaled_inverse(self.likelihood.products(self.vector).matrix)
+        """Of the parameters by the deviance's own curvature, none where a bound holds one, (P, P)."""
+        end = 1 + self._priors.shape[1]
+        now = Products(float(self._gram[0, 0]), self._gram[0, 1:end], self._gram[1:end, 1:end])
+        return Profiles(self.likelihood, []).covariance(Basin(now.cost, self.vector, now))
 
     def widening(self, gradient: Array) -> float:
         """Return a figure's deviation by the scatter of the stretches over that by the curvature, at least 1."""
-        size = self._priors.shape[1]
-        along = self._inverse @ gradient
-        scatter = float(np.sum((along @ self._slopes[:size]) ** 2) + np.sum((self._priors @ along) ** 2))
-        return float(np.sqrt(max(scatter / max(float(gradient @ along), 1e-300), 1.0)))
+        scatter = sum(float(moves @ moves) for moves in self.influence(gradient))
+        return float(np.sqrt(max(scatter / max(float(gradient @ self._covariance @ gradient), 1e-300), 1.0)))
 
     def influence(self, gradient: Array) -> tuple[Array, Array, Array]:
         """Return how far a figure is moved by stretches (S,), and by smooth errors (E,) and priors (K,) of their size."""
@@ -133,21 +132,22 @@ class Stretches:
     def scores(self) -> list[Score]:
         """Return the test of each column."""
         size, found = self._priors.shape[1], []
+        gram, slopes = self._gram[1:, 1:], self._gram[0, 1:]
         response = _power([record.spectrum[None] for record in self.likelihood.records])[0]
-        shares = self._gram[size:, :size] @ self._inverse
+        shares = gram[size:, :size] @ self._covariance
         bare = [np.array(one, order="C") for one in self.columns]
         for index, one in enumerate(bare):
             _flat(one)[:] -= shares @ _flat(self.likelihood.spectra(self.vector, index)[1])
         power = _power(bare)
         for place, share in enumerate(shares, size):
             local = self._slopes[place] - share @ self._slopes[:size]
-            own = self._gram[place, place] - share @ self._gram[:size, place]
-            if not own > 1e-9 * self._gram[place, place]:
+            own = gram[place, place] - share @ gram[:size, place]
+            if not own > 1e-9 * gram[place, place]:
                 found.append(Score(0.0, 0.0, 0.0, 0.0))
                 continue
-            along = float(local.sum())
+            along = float(slopes[place] - share @ slopes[:size])
             explained = abs(along / own) * np.sqrt(np.max(power[place - size] / response))
-            consistency = along**2 / max(float(np.sum(local**2)), 1e-300)
+            consistency = float(local.sum()) ** 2 / max(float(np.sum(local**2)), 1e-300)
             found.append(Score(along**2 / own, consistency, along / own, float(explained)))
         return found
 
