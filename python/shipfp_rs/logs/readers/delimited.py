@@ -19,6 +19,7 @@ from shipfp_rs.errors import InputError, LogWarning
 from shipfp_rs.logs.log import Log, register_reader
 from shipfp_rs.logs.readers.delimited_layout import GROUPED, NUMBER, Layout, find_layout
 from shipfp_rs.logs.readers.table import METADATA_KEY, Options, log_of_table
+from shipfp_rs.logs.readers.time_words import is_time
 
 PART = 1 << 22
 """Bytes of text parsed at once."""
@@ -47,7 +48,7 @@ def open_delimited(path: Path, rate_hz: float | None, time: str | None = None) -
     kept = [
         k
         for k in range(len(layout.headings))
-        if not (index.kinds[k] == pa.null() and not layout.named_column(k))
+        if not (index.kinds[k] == pa.null() and _tells_nothing(layout, k))
         and not (k == 0 and layout.counted and not time)
     ]
     began = {METADATA_KEY: json.dumps({"start_s": layout.start_s}).encode()} if layout.start_s else None
@@ -90,6 +91,11 @@ def open_delimited(path: Path, rate_hz: float | None, time: str | None = None) -
         options,
         notes,
     )
+
+
+def _tells_nothing(layout: Layout, place: int) -> bool:
+    """Whether an empty column is the end of a line, or the time where a rate is told instead."""
+    return not layout.named_column(place) or (layout.rate_hz is not None and is_time(layout.headings[place]))
 
 
 def _parts(path: Path, layout: Layout, offset: int) -> Iterator[tuple[int, bytes, int]]:

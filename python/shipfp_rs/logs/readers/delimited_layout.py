@@ -58,6 +58,9 @@ RATE = re.compile(
 INLINE = re.compile(r"(?P<name>\w+)\s*=\s*(?P<value>[+-]?\d[\d.]*(?:[eE][+-]?\d+)?)\s*s?")
 SCALES = {"kHz": 1e3, "ms": 1e-3}
 COMMENT = "#%!/"
+NAME_LINES = frozenset(("label", "labels", "tracename"))
+UNIT_LINES = frozenset(("vertical units", "y_unit_label", "vunit"))
+"""First words of lines, somewhere above the records, that tell the names or units of the columns."""
 
 
 @dataclass(frozen=True)
@@ -134,13 +137,15 @@ def find_layout(path: Path) -> Layout:
     )
     before = mark + sum(len((line + "\n").encode(encoding)) for line in whole.split("\n")[:first])
     end, footer = _footer(path, encoding, delimiter, decimal, before)
-    rate = stated_rate([*beside, *(fact for line in lines[:first] for fact in _facts(line, decimal))])
     across = [
         (name, _number(cell, decimal))
         for row in above
         for name, cell in pairwise(row)
         if is_number(cell, decimal) and not looks_like_time(cell)
     ]
+    rate = stated_rate(
+        [*beside, *(fact for line in lines[:first] for fact in _facts(line, decimal)), *across]
+    )
     start = stated_start([*beside, *across]) if rate else 0.0
     counted = bool(rate) and is_time(headings[0]) and (not own[0] or own[0].lower() not in SECONDS)
     counted = counted and _is_count([row[0] for row in full], decimal)
@@ -169,12 +174,17 @@ def _first_record(rows: Sequence[list[str]], width: int, decimal: str) -> int | 
     """Return the index of the first line of records; None where no line is one."""
     holds_number = [any(is_number(cell, decimal) for cell in row) for row in rows]
     filled = [k for k, row in enumerate(rows) if any(row)]
+    # What is known of each trace, in figures behind its name, is no record where records begin with a figure.
+    worded = [bool(row and row[0]) and not is_number(row[0], decimal) for row in rows]
+    full = [worded[k] for k in filled if _is_record(rows[k], width, decimal)]
+    may_begin_with_word = 2 * sum(full) > len(full)
     # Lines like "Sample rate;2000" look like records, but the headings come soon after them.
     return next(
         (
             k
             for place, k in enumerate(filled)
             if _is_record(rows[k], width, decimal)
+            and (may_begin_with_word or not worded[k])
             and all(
                 holds_number[j] or (j > filled[-1] - PREAMBLE and not _is_record(rows[j], width, decimal))
                 for j in filled[place : place + PREAMBLE]
@@ -251,6 +261,8 @@ def _headings(above: list[list[str]], width: int) -> tuple[tuple[str, ...], tupl
             if full and len(full) > 1:
                 break
             continue
+        if len(row) == width + 1 and row[-1].lower() == "comment":  # records without one end before it
+            row = row[:-1]
         short = width - len(row)
         # A delimiter that ends every record may be missing after the names.
         if len(full) == HEADING_ROWS or not (short == 0 or (short == 1 and len(row) > 1)):
@@ -265,12 +277,23 @@ def _headings(above: list[list[str]], width: int) -> tuple[tuple[str, ...], tupl
         own = [_bare(cell) for cell in full[at]]
         full = full[:at] or full[at + 1 :]
     names = full[-1] if full else [""] * width
+    names = [label or name for label, name in zip(_line_of(NAME_LINES, above, width), names, strict=True)]
+    own = [unit or cell for unit, cell in zip(_line_of(UNIT_LINES, above, width), own, strict=True)]
     split = [split_unit(name or f"column {k + 1}") for k, name in enumerate(names)]
     both = [
         "" if unit == "-" and is_time(name) else unit or inner
         for unit, (name, inner) in zip(own, split, strict=True)
     ]
     return tuple(_unique([name for name, _ in split])), tuple(map(units.told, both)), any(names)
+
+
+def _line_of(words: frozenset[str], above: list[list[str]], width: int) -> list[str]:
+    """Return what a line that one of these words begins tells of each column; empty cells where there is none.
+
+    The last line above the records has headings, whatever it begins with.
+    """
+    row = next((row for row in above[:-1] if row and row[0].lower() in words), [])
+    return ["", *row[1:width], *[""] * width][:width]
 
 
 def _is_bracketed(row: Sequence[str]) -> bool:

@@ -57,7 +57,7 @@ RATE_NAMES = frozenset(RATES_TEXT.split())
 INTERVALS_TEXT = """
 dt ts delta_x deltax sample_interval sampling_interval sample_period sampling_period sample_time
 interval wf_increment abtastintervall abtastzeit abtastperiode periode_d'échantillonnage
-período_de_muestreo tinc increment xincrement x_increment xinc
+período_de_muestreo tinc hresolution increment xincrement x_increment xinc
 """
 INTERVAL_NAMES = frozenset(INTERVALS_TEXT.split())
 """What a sample rate [Hz] or the time between two samples [s] may be called, in lower case with underscores."""
@@ -122,8 +122,15 @@ def plain(name: str) -> str:
 
 
 def is_time(name: str) -> bool:
-    """Whether a column's name says that it is a time, or a date and a time."""
-    return plain(name) in WORDS
+    """Whether a column's name says that it is a time, or a date and a time.
+
+    Examples
+    --------
+    >>> is_time("Zeit  1 - Standardmessrate"), is_time("X 1 - Position")
+    (True, False)
+    """
+    counted = re.fullmatch(r"(\w{4,})\s+\d+\s+-\s+.+", name)
+    return plain(counted[1] if counted else name) in WORDS
 
 
 def is_date(name: str) -> bool:
@@ -132,7 +139,7 @@ def is_date(name: str) -> bool:
 
 
 START_NAMES = frozenset(
-    ["start", "xstart", "x_start", "t0", "x0", "xorigin", "x_origin", "xorg", "xzero", "x_zero"]
+    ["start", "xstart", "x_start", "t0", "x0", "xorigin", "x_origin", "xorg", "xzero", "x_zero", "hoffset"]
 )
 """What the time of the first sample [s] may be called, in lower case with underscores."""
 
