@@ -21,6 +21,7 @@ from shipfp_rs.logs.channel import BLOCK, Blocks, Channel, Samples
 from shipfp_rs.logs.formats import one_line_errors
 from shipfp_rs.logs.log import Log
 from shipfp_rs.logs.readers.found_channels import tell_left_out
+from shipfp_rs.logs.readers.long_table import log_of_long_table, long_columns
 from shipfp_rs.logs.readers.time_cells import TimePlan, looks_like_time
 from shipfp_rs.logs.readers.time_column import SAMPLE_ROWS, Column, Wish, find_time
 from shipfp_rs.logs.readers.time_words import is_date, is_time, split_unit, stated_rate
@@ -65,6 +66,8 @@ def log_of_table(
     plans = find_plans(path, fields, rows, batches, options)
     times = {key for plan in plans for key in plan.keys}
     fields = {name: entry for name, entry in fields.items() if entry[0].name not in times}
+    if len(plans) == 1 and (long := long_columns(fields)):
+        return log_of_long_table(path, long, plans[0], batches, rate_hz)
     same = _same_rows(batches, [field.name for field, _ in fields.values() if _is_number(field.type)])
     apart: dict[str, tuple[TimeAxis, Blocks] | None] = {}
     if len(plans) == 1 and rate_hz is None:

@@ -1,0 +1,90 @@
+"""Tables of one value a row, each beside its time and the name of its signal, as historians and databases give them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+
+from shipfp_rs.errors import InputError
+from shipfp_rs.logs.channel import BLOCK, Blocks, Channel, blocks_of
+from shipfp_rs.logs.formats import one_line_errors
+from shipfp_rs.logs.log import Log
+from shipfp_rs.logs.readers.found_channels import tell_left_out
+from shipfp_rs.logs.readers.time_cells import TimePlan
+from shipfp_rs.logs.readers.time_words import plain
+from shipfp_rs.logs.time_axis import TimeAxis, time_axis
+from shipfp_rs.support.units import told
+
+NAMES_TEXT = """
+name tag tagname tagid signal signalname channel channelname variable variablename parameter point
+pointname bezeichnung kanal kanalname naam signaal variabele nom nombre señal nome segnale nazwa
+sygnał navn namn nimi имя сигнал
+"""
+NAMES = frozenset(NAMES_TEXT.split())
+VALUES_TEXT = "value val wert messwert waarde valeur valor valore wartość verdi værdi värde arvo значение"
+VALUES = frozenset(VALUES_TEXT.split())
+UNITS_TEXT = "unit units einheit eenheid unité unidad unità unidade jednostka enhet enhed yksikkö единица"
+UNITS = frozenset(UNITS_TEXT.split())
+"""What the columns of the signals' names, of values and of units are called, in lower case without marks."""
+
+Fields = Mapping[str, tuple[pa.Field, dict[str, Any]]]
+
+
+def long_columns(fields: Fields) -> tuple[str, str, str | None] | None:
+    """Return the fields of names, of values and of units, if a table without its time has them; None of another table."""
+
+    def first(words: frozenset[str], is_kind: Callable[[pa.DataType], bool]) -> str | None:
+        found = (
+            field.name for name, (field, _) in fields.items() if plain(name) in words and is_kind(field.type)
+        )
+        return next(found, None)
+
+    names = first(NAMES, pa.types.is_string)
+    values = first(VALUES, lambda kind: pa.types.is_floating(kind) or pa.types.is_integer(kind))
+    return (names, values, first(UNITS, pa.types.is_string)) if names and values else None
+
+
+def log_of_long_table(
+    path: Path,
+    columns: tuple[str, str, str | None],
+    plan: TimePlan,
+    batches: Callable[[str, int, int], Iterator[pa.Array]],
+    rate_hz: float | None,
+) -> Log:
+    """Return a channel for each name, at the times of its own rows; those without a time base are left out."""
+    names, values, units = columns
+    with one_line_errors(path):
+        whole = {key: pa.chunked_array(list(batches(key, 0, BLOCK))) for key in columns if key}
+        times = np.concatenate(list(plan.seconds(path, lambda key: batches(key, 0, BLOCK))))
+    numbers = np.asarray(whole[values].to_numpy(), dtype=np.float64)
+    coded = whole[names].combine_chunks().dictionary_encode()
+    codes = np.asarray(coded.indices.fill_null(-1).to_numpy(zero_copy_only=False))
+    channels: list[Channel] = []
+    held: dict[str, Blocks] = {}
+    axes: list[TimeAxis] = []
+    lost: list[str] = []
+    for code, name in enumerate(coded.dictionary.to_pylist()):
+        rows = np.flatnonzero((codes == code) & np.isfinite(numbers) & np.isfinite(times))
+        rows = rows[np.argsort(times[rows], kind="stable")]
+        try:
+            axis = time_axis(path, f"{plan.name} of {name}", partial(iter, (times[rows],)), rate_hz=rate_hz)
+        except InputError:
+            lost.append(name)
+            continue
+        unit = whole[units][int(rows[0])].as_py() if units else None
+        channels.append(Channel(name, told(unit or ""), axis.rate_hz, axis.samples, axis.start_s))
+        held[name] = axis.on_grid(blocks_of({name: numbers[rows]}))
+        axes.append(axis)
+    tell_left_out(path, "no time base in rows of their own", lost, all_of_them=not channels)
+    for axis in axes:
+        axis.tell(path)
+    faults = tuple(fault for axis in axes for fault in axis.faults)
+    notes = (f"one value a row, a channel for each {names!r}", *filter(None, (plan.note,)))
+    return Log(
+        str(path), channels, lambda name, *rows: held[name](name, *rows), plan.zero, faults, notes=notes
+    )
