@@ -37,6 +37,10 @@ GAP = 3.0
 """Times the step that nine in ten keep to, from which on a step is a gap, kept as such, rather than a straight line."""
 MOST_GROWTH = 8.0
 """Samples of the even grid to recorded ones, at most; what is recorded denser than the grid is averaged over its cells."""
+CHANGES_GROWTH = 32.0
+"""The same, of rows where a state changed."""
+CHANGE_STEPS = 4.0
+"""Steps of the grid between two changes of a state, but for one in twenty."""
 FAR_OFF = 1.5
 """Ratio of a given rate and that of a column of time, or its inverse, from which on the difference is told."""
 MOST_EQUAL = 0.1
@@ -80,6 +84,7 @@ def time_axis(
     *,
     rate_hz: float | None = None,
     same: Same = lambda row, earlier, count: False,
+    changes: bool = False,
 ) -> TimeAxis:
     """Find the grid of a column of times.
 
@@ -102,6 +107,9 @@ def time_axis(
         A rate that is trusted above the times; only their start counts then.
     same
         (row, earlier row, count) to whether the rows hold the same samples in every channel.
+    changes
+        Whether there is a row where a channel of two states changed, and none between: the grid is finer then, and a
+        long step no gap.
 
     Raises
     ------
@@ -114,10 +122,10 @@ def time_axis(
     try:
         clock = scan.finish(str(path), column, same, trusted=rate_hz is None)
     except InputError as error:
-        return _uneven(path, column, np.concatenate([np.empty(0), *times()]), error, same)
+        return _uneven(path, column, np.concatenate([np.empty(0), *times()]), error, same, changes)
     if rate_hz is None and scan.bends():
         told = InputError(f"{path}: time column {column!r} is not uniform: its rate changes by and by")
-        return _uneven(path, column, np.concatenate(list(times())), told, same)
+        return _uneven(path, column, np.concatenate(list(times())), told, same, changes)
     return _even(clock, rate_hz)
 
 
@@ -133,7 +141,9 @@ def _even(clock: Clock, rate_hz: float | None) -> TimeAxis:
     return TimeAxis(clock.start_s, rate, clock.samples, clock.faults, note, on_grid)
 
 
-def _uneven(path: Path | str, column: str, times: Array, told: InputError, same: Same) -> TimeAxis:
+def _uneven(
+    path: Path | str, column: str, times: Array, told: InputError, same: Same, changes: bool
+) -> TimeAxis:
     """Return the grid of times that are not even; `told` where they are no times at all."""
     known = np.isfinite(times)
     count = len(times) if not known.any() else int(np.flatnonzero(known)[-1]) + 1
@@ -158,7 +168,7 @@ def _uneven(path: Path | str, column: str, times: Array, told: InputError, same:
             f"{path}: time column {column!r} has the same time in {np.count_nonzero(steps == 0.0)} of {count} rows as in "
             "the row before, and no even rate; give rate_hz (--rate), or a finer column (--time)"
         ) from told
-    return _resampled(path, column, times, steps)
+    return _resampled(path, column, times, steps, changes=changes)
 
 
 def _plain(start_s: float, rate_hz: float, count: int) -> TimeAxis:
@@ -186,7 +196,7 @@ def _seen_through(path: Path | str, column: str, coarse: CoarseClock, same: Same
     return TimeAxis(clock.start_s, rate, clock.samples, faults, note, lambda blocks: spliced(blocks, known))
 
 
-def _resampled(path: Path | str, column: str, times: Array, steps: Array) -> TimeAxis:
+def _resampled(path: Path | str, column: str, times: Array, steps: Array, *, changes: bool) -> TimeAxis:
     positive = steps[steps > 0.0]
     median, short, long = (float(value) for value in np.quantile(positive, (0.5, 0.05, 0.9), method="lower"))
     far = LONGEST_GAP * float(np.minimum(positive, GAP * long).sum())
@@ -196,15 +206,16 @@ def _resampled(path: Path | str, column: str, times: Array, steps: Array) -> Tim
     later = np.cumsum(apart - by)
     times = times + np.concatenate([[0.0], later])[np.searchsorted(parts, np.arange(len(times)))]
     steps = np.diff(times)
-    gaps = np.flatnonzero(steps > GAP * long)
+    gaps = parts if changes else np.flatnonzero(steps > GAP * long)
     covered = float(times[-1] - times[0] - steps[gaps].sum())
     if not covered > 0.0:
         raise InputError(f"{path}: time column {column!r} has nothing but gaps; give rate_hz (--rate)")
     step = median if short > 0.8 * median else short
-    step = max(step, covered / (MOST_GROWTH * len(times)))
+    growth = CHANGES_GROWTH if changes else MOST_GROWTH
+    step = max(short / CHANGE_STEPS if changes else step, covered / (growth * len(times)))
     rate = float(f"{1.0 / step:.6g}")
     samples = int(np.floor((times[-1] - times[0]) * rate + 1e-6)) + 1
-    if samples > 100 * MOST_GROWTH * len(times):
+    if samples > 100 * growth * len(times):
         worst = int(gaps[np.argmax(steps[gaps])])
         raise InputError(
             f"{path}: time column {column!r} jumps by {steps[worst]:g} s at row {worst + 2}; cut the file there, or give "
@@ -222,8 +233,9 @@ def _resampled(path: Path | str, column: str, times: Array, steps: Array) -> Tim
         f"time column {column!r} is not uniform, steps of {short:.3g} to {long:.3g} s: resampled at {rate:.6g} Hz by "
         "straight lines, means where samples are denser, two states held; give rate_hz (--rate) to take the rows as even"
     )
-    grid = _Grid(times, float(times[0]), rate, samples, spans)
-    return TimeAxis(grid.start_s, rate, samples, tuple(f for f in faults if len(f.spans)), note, grid.on_grid)
+    grid = _Grid(times, float(times[0]), rate, samples, spans, changes)
+    told = tuple(fault for fault in faults if len(fault.spans))
+    return TimeAxis(grid.start_s, rate, samples, told, "" if changes else note, grid.on_grid)
 
 
 @dataclass(frozen=True)
@@ -235,6 +247,8 @@ class _Grid:
     rate_hz: float
     samples: int
     gaps: npt.NDArray[np.int64]
+    changes: bool
+    """Whether each row is a change of a state."""
 
     def on_grid(self, blocks: Blocks) -> Blocks:
         held: dict[str, bool] = {}
@@ -250,10 +264,13 @@ class _Grid:
     def _block(self, blocks: Blocks, channel: str, first: int, stop: int, held: bool) -> Array:
         half = 0.5 / self.rate_hz
         at = self.start_s + np.arange(first, stop) / self.rate_hz
-        low = max(int(np.searchsorted(self.times, at[0] - half, side="right")) - 1, 0)
-        high = min(int(np.searchsorted(self.times, at[-1] + half)) + 1, len(self.times))
+        reach, beside = (4.0 * half, 3) if self.changes else (half, 1)
+        low = max(int(np.searchsorted(self.times, at[0] - reach, side="right")) - beside, 0)
+        high = min(int(np.searchsorted(self.times, at[-1] + reach)) + beside, len(self.times))
         values = _rows(blocks, channel, low, high)
-        if held:
+        if held and self.changes:
+            sampled = _on_ramps(self.times[low:high], values, at, 2.0 * half)
+        elif held:
             last = np.searchsorted(self.times[low:high], at + 1e-6 / self.rate_hz, side="right") - 1
             sampled = values[np.maximum(last, 0)]
         else:
@@ -296,6 +313,23 @@ def _on_lines(times: Array, values: Array, at: Array, half: float) -> Array:
     if dense.size:
         sampled[dense] = _means(time, values, at[dense] - half, at[dense] + half)
     return sampled
+
+
+def _on_ramps(times: Array, values: Array, at: Array, step: float) -> Array:
+    """Samples of a state that goes over two steps of the grid from one to the next: a line between two tells its time.
+
+    Examples
+    --------
+    >>> _on_ramps(np.array([0.0, 2.3]), np.array([0.0, 1.0]), np.arange(5.0), 1.0)
+    array([0.  , 0.  , 0.35, 0.85, 1.  ])
+    """
+    rows = np.flatnonzero(values[1:] != values[:-1]) + 1
+    if not rows.size:
+        return np.full(len(at), values[0])
+    apart = np.diff(times[rows], prepend=-np.inf, append=np.inf)
+    half = np.minimum(step, 0.5 * np.minimum(apart[1:], apart[:-1]))
+    ends = np.column_stack([times[rows] - half, times[rows] + half]).ravel()
+    return np.interp(at, ends, np.column_stack([values[rows - 1], values[rows]]).ravel())
 
 
 def _means(time: Array, values: Array, begins: Array, ends: Array) -> Array:

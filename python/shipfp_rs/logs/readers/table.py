@@ -33,6 +33,10 @@ with contextlib.suppress(ImportError):
 
 LEAST_SCATTERED = 8
 """Fewest numbers, among the first rows, of a column that has rows of its own."""
+LEAST_CHANGES = 100
+"""Fewest rows of which it is told that each is a change of a state."""
+CHANGING = 0.95
+"""Share of them that is: a logger repeats a state at its start and end."""
 METADATA_KEY = b"shipfp"
 """Key under which a field carries unit, rate, start and length of its channel, as JSON."""
 
@@ -73,7 +77,10 @@ def log_of_table(
     if len(plans) == 1 and rate_hz is None:
         apart = _rows_apart(path, fields, plans[0], batches, options)
     shared = [name for name, (field, _) in fields.items() if _is_number(field.type) and name not in apart]
-    axes = [_axis(path, plan, batches, rate_hz, same) for plan in plans] if shared or not apart else []
+    changes = rows >= LEAST_CHANGES and _are_changes(batches, [fields[name][0].name for name in shared])
+    axes = (
+        [_axis(path, plan, batches, rate_hz, same, changes) for plan in plans] if shared or not apart else []
+    )
     zero = min((plan.zero for plan in plans if plan.zero), default=None)
     without = [name for name, (field, _) in fields.items() if not _is_number(field.type)]
     if without and len(without) == len(fields):
@@ -128,6 +135,10 @@ def log_of_table(
         return readers.get(channel, blocks)(channel, first, size)
 
     told = (*notes, *(plan.note for plan in plans if plan.note))
+    if changes and axes[0].samples > rows:
+        told += (
+            f"rows where a state changes alone: each is held until the next, at {axes[0].rate_hz:.6g} Hz",
+        )
     faults = tuple(fault for axis in axes for fault in axis.faults)
     start_utc = _start_utc(path, schema) or zero
     return Log(str(path), channels, at_their_times, start_utc, faults, notes=told)
@@ -220,6 +231,21 @@ def _same_rows(batches: Batches, columns: Sequence[str]) -> Callable[[int, int, 
     return same
 
 
+def _are_changes(batches: Batches, columns: Sequence[str]) -> bool:
+    """Whether columns have two states each, and almost every row a change of one: a logic analyser's list of edges."""
+    changed: list[npt.NDArray[np.bool_]] = []
+    with contextlib.suppress(InputError):  # a cell that is no number is told of where the column is read
+        for name in columns:
+            values = np.ma.filled(
+                np.ma.asarray(_rows(batches, name, 0, SAMPLE_ROWS), dtype=np.float64), np.nan
+            )
+            if len(np.unique(values)) > 2:
+                return False
+            changed.append(values[1:] != values[:-1])
+        return bool(changed) and bool(np.mean(np.any(changed, axis=0)) > CHANGING)
+    return False
+
+
 def _time_before(column: str, plans: Sequence[TimePlan], order: Sequence[str]) -> int:
     """Return which time column belongs to a column: the last one to its left, or the first if there is none."""
     before = (k for k, plan in enumerate(plans) if order.index(plan.keys[0]) <= order.index(column))
@@ -283,7 +309,12 @@ def _first(batches: Iterator[pa.Array]) -> list[pa.Array]:
 
 
 def _axis(
-    path: Path, plan: TimePlan, batches: Batches, rate_hz: float | None, same: Callable[[int, int, int], bool]
+    path: Path,
+    plan: TimePlan,
+    batches: Batches,
+    rate_hz: float | None,
+    same: Callable[[int, int, int], bool],
+    changes: bool,
 ) -> TimeAxis:
     def cells(key: str) -> Iterator[pa.Array]:
         return batches(key, 0, BLOCK)
@@ -292,7 +323,7 @@ def _axis(
         with one_line_errors(path):
             yield from plan.seconds(path, cells)
 
-    return time_axis(path, plan.name, times, rate_hz=rate_hz, same=same)
+    return time_axis(path, plan.name, times, rate_hz=rate_hz, same=same, changes=changes)
 
 
 def _without_time(fields: Mapping[str, tuple[pa.Field, dict[str, Any]]], without: Sequence[str]) -> str:
