@@ -23,6 +23,17 @@ from shipfp_rs.structures.structure import Structure
 from shipfp_rs.support.units import TO_NM, TO_RPM, TO_W, told
 from shipfp_rs.vessel.linear_model import linearise
 from shipfp_rs.vessel.vessel import Vessel
+from tests.first_hour.exports import (
+    catman,
+    controller,
+    edges,
+    labview,
+    long_table,
+    picoscope,
+    tektronix,
+    two_rates,
+    yokogawa,
+)
 from tests.logger_files import START
 from tests.logs.test_buses import DBC, mf4
 from tests.twins.ship import vector
@@ -114,6 +125,14 @@ SUFFIXES: Mapping[Callable[[Path, float, Columns], None], str] = {
     tdms: ".tdms",
     mdf: ".mf4",
     hdf5: ".h5",
+    tektronix: ".csv",
+    picoscope: ".csv",
+    labview: ".lvm",
+    catman: ".asc",
+    yokogawa: ".csv",
+    long_table: ".csv",
+    two_rates: ".csv",
+    controller: ".csv",
 }
 
 
@@ -239,7 +258,7 @@ class Row:
         recorded, draw = self.recorded(), np.random.default_rng(len(self.name))
         columns: dict[tuple[str, str], Any] = {}
         for signal, (name, unit) in self.signals.items():
-            factor = {**TO_RPM, **TO_NM, **TO_W, "V": 1.0}[told(unit) or "deg/s"]
+            factor = {**TO_RPM, **TO_NM, **TO_W, "V": 1.0, "%": FULL_NM / 100.0}[told(unit) or "deg/s"]
             rpm_a_unit = 60.0 if signal == "n_s" else 1.0
             columns[name, unit] = recorded[signal][FINER // 2 :: FINER] * rpm_a_unit / factor
         count = len(next(iter(columns.values())))
@@ -344,6 +363,30 @@ class Encoder(Row):
             "n_e": 0.1 + 4.8 * high + 0.02 * np.random.default_rng(5).standard_normal(len(turns)),
             "M_b": signals["M_b"] / self.nm_a_volt,
         }
+
+
+@dataclass(frozen=True)
+class Edges(Encoder):
+    """An encoder whose changes alone a logic analyser recorded, beside a table of the rest on the same clock."""
+
+    def recorded(self) -> Mapping[str, np.ndarray]:
+        return Row.recorded(self)
+
+    def written(self, folder: Path) -> list[Path]:
+        columns, rpm = self.columns(), self.recorded()["n_e"][FINER // 2 :]
+        name = self.signals["n_e"][0]
+        turns = self.pulses * (np.cumsum(rpm) - 0.5 * rpm) / (60.0 * FINER * self.rate_hz)
+        rises, falls = (
+            np.interp(
+                np.arange(1.0, turns[-1] - 1.0) + part, turns, np.arange(len(turns)) / (FINER * self.rate_hz)
+            )
+            for part in (0.0, 0.4)
+        )
+        edges(folder / "digital.csv", name, rises, falls)
+        self.write(
+            folder / "rest.csv", self.rate_hz, {key: x for key, x in columns.items() if key[0] != name}
+        )
+        return [folder / "digital.csv", folder / "rest.csv"]
 
 
 @dataclass(frozen=True)
@@ -469,6 +512,29 @@ ROWS = (
     TwoLoggers("German load steps by two loggers, one for the load", tdms, genset, steps, 50.0,
         {"n_set": ("Solldrehzahl", "1/min"), "n_e": ("Istdrehzahl", "1/min"), "M_b": ("Motormoment", "Nm"),
          "M_load": ("Generatorleistung", "kW")}, share=0.0),
+    Row("Tektronix text with labels, chirp of a launch", tektronix, launch, chirp, 100.0,
+        {"n_set": ("Speed demand", "rpm"), "n_e": ("Engine speed", "rpm"), "M_b": ("Engine torque", "Nm")}),
+    Row("PicoScope text, multisine of a laboratory drive", picoscope, lab_drive, multisine, 100.0,
+        {"n_e": ("Channel A", "rpm"), "n_set": ("Channel B", "rpm"), "M_g": ("Channel C", "Nm")}),
+    Row("LabVIEW text, sines of a laboratory drive", labview, lab_drive, sines, 100.0,
+        {"n_set": ("Speed setpoint", "rad/s"), "n_e": ("Speed", "rad/s"), "M_b": ("Motor torque", "Nm")}),
+    Row("German catman text, sines of a tug", catman, tug, sines, 50.0,
+        {"n_set": ("Solldrehzahl", "1/min"), "n_e": ("Istdrehzahl", "1/min"), "M_g": ("Wellenmoment", "kNm")},
+        {("Öltemperatur", "°C"): 71.0}),
+    Loaded("Yokogawa text, load steps of a generating set", yokogawa, genset, steps, 100.0,
+        {"n_set": ("Speed reference", "rpm"), "n_e": ("Engine speed", "rpm"), "M_b": ("Engine torque", "Nm"),
+         "M_load": ("Generator power", "kW")}, share=0.02),
+    Edges("A tachometer's edges beside a table, chirp of a launch", csv_with_units, launch, chirp, 50.0,
+        {"n_set": ("Speed demand", "rpm"), "n_e": ("Tacho", ""), "M_b": ("Engine torque", "Nm")}),
+    Row("Italian text of two rates, multisine of a tug", two_rates, tug, multisine, 100.0,
+        {"n_set": ("Velocità richiesta", "giri/min"), "n_e": ("Velocità motore", "giri/min"),
+         "M_g": ("Coppia albero", "kNm")}),
+    Row("One signal a row, multisine of a generating set", long_table, genset, multisine, 20.0,
+        {"n_set": ("DG1_SPEED_REF", "rpm"), "n_e": ("DG1_SPEED_ACT", "rpm"), "M_b": ("DG1_ENGINE_TORQUE", "kNm")},
+        {("DG1_OIL_TEMP", "°C"): 82.0}),
+    Row("German controller's held values, steps of a launch", controller, launch, steps, 50.0,
+        {"n_set": ("Drehzahl Sollwert", "1/min"), "n_e": ("Drehzahl Istwert", "1/min"), "M_b": ("Motormoment", "%")},
+        answers={'rated_torque_Nm = "to be given"': "rated_torque_Nm = 400.0"}),
 )  # fmt: skip
-QUICK = tuple(ROWS[number] for number in (1, 2, 8, 13, 14, 15))
+QUICK = tuple(ROWS[number] for number in (1, 2, 8, 13, 14, 15, 26))
 """Rows that are fitted in every run of the tests."""
