@@ -270,10 +270,13 @@ def structure_of(fit: ShipFit) -> Structure:
 
 
 def _named(fit: ShipFit, structure: Structure, values: Mapping[str, float]) -> dict[str, float]:
-    """Return a ship by the structure's parameters: those searched within their bounds, those given as they were given."""
-    found = {}
+    """Return a ship by the structure's parameters: those searched within their bounds, those given as they were given.
+
+    What was searched along has no interval of its own, and is each ship's own here.
+    """
+    found, along = {}, (NUISANCES | fit.along) & set(fit.likelihood.coordinates.names)
     for one in structure.parameters:
-        if one.fixed:
+        if one.fixed and one.name not in along:
             found[one.name] = float(one.start)
         elif one.name in values:
             bounds = fit.question.bounds.get(one.name, BOUNDS.get(one.name, (-np.inf, np.inf)))

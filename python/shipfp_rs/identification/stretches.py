@@ -94,7 +94,7 @@ class Stretches:
         priors = self.likelihood.prior_rows(self.vector)
         size = priors.shape[1]
         gram[:size, :size] += priors.T @ priors
-        return 0.5 * (gram + gram.T)
+        return np.asarray(0.5 * (gram + gram.T))
 
     @cached_property
     def _priors(self) -> Array:
@@ -111,7 +111,7 @@ class Stretches:
         """Of the parameters by the deviance's own curvature, none where a bound holds one, (P, P)."""
         end = 1 + self._priors.shape[1]
         now = Products(float(self._gram[0, 0]), self._gram[0, 1:end], self._gram[1:end, 1:end])
-        return Profiles(self.likelihood, []).covariance(Basin(now.cost, self.vector, now))
+        return Profiles(self.likelihood, []).covariance(Basin(now.cost, self.vector, products=now))
 
     def widening(self, gradient: Array) -> float:
         """Return a figure's deviation by the scatter of the stretches over that by the curvature, at least 1."""
