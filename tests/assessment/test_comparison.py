@@ -201,6 +201,8 @@ def test_the_command_prints_and_draws_what_changed(pair, tmp_path, capsys):
     assert cli.main(["compare", str(before), str(after), "--out", str(picture)]) == 0
     shown = capsys.readouterr().out
     assert "tau_prop changed by" in shown
+    assert "1/s²" in shown
+    assert "1/s2" not in shown
     assert picture.stat().st_size > 10_000
     assert cli.main(["compare", str(before), str(after), "--json"]) == 0
     assert {change["name"] for change in json.loads(capsys.readouterr().out)["changes"]} >= {"p", "tau_prop"}

@@ -52,6 +52,10 @@ def test_breakage_e3_print_gives_an_aligned_table_below_the_verdict(found) -> No
     assert all(row[column - 2 : column] == "  " and row[column] != " " for row in rows)
     assert "inertia time constant" in rows[0]
     assert "given" in next(row for row in rows if row.startswith("T_d"))
+    squared = replace(found, parameters={"K_i": replace(found["tau_n"], unit="1/s2")}, derived={})
+    assert str(squared).endswith("1/s²")
+    assert "1/s²" in squared._repr_html_()
+    assert r"$\mathrm{1/s\ensuremath{^2}}$" in squared.to_latex()
 
 
 def test_breakage_e2_a_fingerprint_is_asked_by_name(found) -> None:

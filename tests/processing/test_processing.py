@@ -235,6 +235,21 @@ def test_the_torque_is_named_by_its_place(sound: Simulated, tmp_path: Path, loca
     assert set(experiment.signals) == {"n_set", "n_e", name}
 
 
+def test_a_wrong_rate_of_a_log_without_times_is_named(sound: Simulated, tmp_path: Path) -> None:
+    log, truth = sound
+    for rate_hz, edits, said in (
+        (4000.0, [], "is empty or outside"),
+        (1300.0, [], "where the engine turns 769.5 rpm"),
+        (2000.0, [("steady_s = [0.0, 30.0]", "steady_s = [0.0, 80.0]")], "the set point varies by"),
+    ):
+        fast = Log.from_arrays(
+            {name: log.read(name) for name in log.channels}, rate_hz=rate_hz, units={"U_torque": "V"}
+        )
+        given = [("log = ", f"rate_hz = {rate_hz}\nlog = "), *edits]
+        with pytest.raises(InputError, match=rf"{said}.*trial\.rate_hz, {rate_hz:g}, the logger's"):
+            process(fast, trial_of(truth, tmp_path, edits=given))
+
+
 def test_pieces_make_no_difference(real: Simulated, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     recording, truth = real
     arrays = {name: recording.read(name).copy() for name in recording.channels}

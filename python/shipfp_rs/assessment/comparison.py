@@ -20,6 +20,7 @@ from shipfp_rs.support.arguments import checked
 from shipfp_rs.support.arrays import Array, Brief
 from shipfp_rs.support.quantiles import DEVIATIONS_95
 from shipfp_rs.support.threads import with_one_blas_thread
+from shipfp_rs.support.units import unit_shown
 
 SAME_DIRECTION = 1e-8
 """Part of the strongest direction of the correlations below which a quantity repeats the others."""
@@ -356,7 +357,7 @@ def _verdict(changes: Sequence[Change], joint: Joint, level: float, count: int) 
     found = [change for change in changes if change.significant]
     lines = [
         f"{change.name} changed by {change.change_pct:+.1f} % ({change.before:.4g} to {change.after:.4g}"
-        f"{'' if change.unit == '-' else ' ' + change.unit}; p = {change.p:.1g})."
+        f"{f' {unit_shown(change.unit)}'.rstrip()}; p = {change.p:.1g})."
         for change in found
     ]
     together = f"{'all ' if count == len(changes) else ''}{count} quantities together: "

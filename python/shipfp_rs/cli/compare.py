@@ -60,6 +60,7 @@ def compare(
 
 def _print(title: str, comparison: Comparison) -> None:
     from shipfp_rs.identification.estimate import decimals, rounded
+    from shipfp_rs.support.units import unit_shown
 
     print_table(
         title,
@@ -73,7 +74,7 @@ def _print(title: str, comparison: Comparison) -> None:
                 ),
                 f"{change.change_pct:+.2g}",
                 f"{change.p:.2g}" + (" *" if change.significant else ""),
-                change.unit,
+                unit_shown(change.unit) or "-",
             ]
             for change in comparison.changes
         ],

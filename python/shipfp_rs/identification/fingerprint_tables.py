@@ -6,6 +6,7 @@ import csv
 import io
 import re
 from collections.abc import ItemsView, Iterator, KeysView, Mapping, ValuesView
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,6 +24,7 @@ from shipfp_rs.support.files import ending_in, write_text_atomically
 from shipfp_rs.support.html import shown
 from shipfp_rs.support.sentences import Sentence
 from shipfp_rs.support.tables import package
+from shipfp_rs.support.units import unit_shown
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -32,7 +34,10 @@ COLUMNS = ("symbol", "name", "value", "std", "low", "high", "unit", "status", "r
 SHORT = 8
 """Parameters in the short form of a fingerprint."""
 GREEK = ("tau", "eta", "rho")
-LATEX = {"\\": r"\textbackslash{}", **{sign: f"\\{sign}" for sign in "&%$#_{}"}, "~": r"\textasciitilde{}"}
+LATEX = {
+    **{sign: f"\\{sign}" for sign in "&%$#_{}"},
+    **{"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "²": r"\ensuremath{^2}", "°": r"\ensuremath{^\circ}"},
+}
 
 LOAD_ALONE = "The load's side by itself (speed and torque alone, no model of the engine):"
 
@@ -159,7 +164,8 @@ class FingerprintTables:
         )
 
     def _rows(self) -> Iterator[Row]:
-        return rounded_rows({**self.parameters, **self.derived})
+        rows = rounded_rows({**self.parameters, **self.derived})
+        return (replace(row, unit=unit_shown(row.unit) or "-") for row in rows)
 
     @checked
     def fit_report(self, min_correl: float = 0.1) -> str:

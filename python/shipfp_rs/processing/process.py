@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import dataclasses
 import threading
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -119,8 +120,8 @@ def process(
     if not (windows := trial.windows_of(log.name)):
         raise InputError(f"{log.name}: no window of the trial is cut from this log")
     recording = _Recording(log, trial, vessel or Vessel.load(trial.trial.vessel), chunk)
-    point, speeds = recording.operating_point(), recording.speeds_of_windows()
-    with ThreadPoolExecutor(1) as beside:
+    with recording.naming_the_rate(), ThreadPoolExecutor(1) as beside:
+        point, speeds = recording.operating_point(), recording.speeds_of_windows()
         clock = beside.submit(recording.governor_clock, speeds)
         cut = [recording.signals(_label(window)) for window in windows]
     require_load([signals for signals, _ in cut], recording.vessel)
@@ -155,7 +156,8 @@ class _Recording:
         sensors = (channels.driver, *channels.levels.values(), *recorded)
         self._channels = {sensor.column: self._rows(sensor).channel for sensor in sensors}
         self.rate_hz = nearest_rate(self._base.channel, trial.processing.rate_hz)
-        self.grids = {label: self._grid(label) for label in self.stretches}
+        with self.naming_the_rate():
+            self.grids = {label: self._grid(label) for label in self.stretches}
         self._read()
 
     def _rows(self, sensor: Level | Tacho, kept_bytes: int = 0) -> Rows:
@@ -197,6 +199,16 @@ class _Recording:
             return rows.within(*self.stretches[label])
         except InputError as error:
             raise InputError(f"{label}: {error}") from error
+
+    @contextmanager
+    def naming_the_rate(self) -> Iterator[None]:
+        """Name the rate of a log without times in an error in the block: where it is wrong, all times and speeds are."""
+        try:
+            yield
+        except InputError as error:
+            rate_hz = self.trial.trial.rate_hz
+            told = "" if rate_hz is None else f"; is trial.rate_hz, {rate_hz:g}, the logger's?"
+            raise InputError(f"{error}{told}") from error
 
     def _read(self) -> None:
         """Read, clean and resample every channel, then find the speed in every stretch."""

@@ -8,6 +8,7 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 from pydantic import ConfigDict, Field, model_validator
 
 from shipfp_rs.support.calibration import Calibration
+from shipfp_rs.support.hints import nearest
 from shipfp_rs.support.toml import TO_BE_GIVEN, FilePath, Name, Section, unexpected
 from shipfp_rs.support.units import ELECTRIC, FREQUENCIES, QUANTITIES, TO_NM, TO_REV, TO_RPM, TO_W, told
 
@@ -383,6 +384,10 @@ class Channels(Section):
     @classmethod
     def _is_driven(cls, content: Any) -> Any:
         if isinstance(content, dict) and ("set_point" in content) == ("command" in content):
+            drivers = ("set_point", "command")
+            for key in content.keys() - cls.model_fields.keys():
+                if near := nearest(str(key), drivers, 0.7):
+                    raise unexpected(key, "an unknown table", f"one of {', '.join(drivers)}{near}")
             raise unexpected(
                 "set_point",
                 "command as well" if "command" in content else "nothing",

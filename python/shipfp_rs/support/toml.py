@@ -199,17 +199,12 @@ def _one_line(error: ErrorDetails, model: type[BaseModel]) -> str:
     match error["type"]:
         case "unexpected":
             key = ".".join([*location, context["key"]])
-            return f"{key}: found {context['found']}, expected {context['expected']}"
+            return f"{key}: found {context['found']}, expected {context['expected']}{_near_table(model, location)}"
         case "extra_forbidden":
             known = sorted(
                 {key for owner in _models_at(model, error["loc"][:-1]) for key in owner.model_fields}
             )
-            beside = {name for owner in _models_at(model, error["loc"][:-2]) for name in owner.model_fields}
-            if (
-                len(location) > 1
-                and location[-2] not in beside
-                and (near := nearest(location[-2], [*beside], 0.7))
-            ):
+            if near := _near_table(model, location[:-1]):
                 return f"{'.'.join(location[:-1])}: found a table with an unknown key, {location[-1]!r}{near}"
             return f"{key}: found an unknown key, {suggestion(location[-1], known)}"
         case "missing" if isinstance(error["loc"][-1], int):
@@ -222,6 +217,12 @@ def _one_line(error: ErrorDetails, model: type[BaseModel]) -> str:
     if location != [str(part) for part in error["loc"]]:
         return f"{key}: found {_shown(found)}, expected a number, a text in quotes, true or false"
     return f"{key}: found {_shown(found)}, expected {_expected(error)}"
+
+
+def _near_table(model: type[BaseModel], location: Sequence[str]) -> str:
+    """Name the known table that one of a user's own, or a misspelt one, is near to; empty where it is near to none."""
+    beside = [name for owner in _models_at(model, location[:-1]) for name in owner.model_fields]
+    return nearest(location[-1], beside, 0.7) if location and location[-1] not in beside else ""
 
 
 def _expected(error: ErrorDetails) -> str:
