@@ -16,7 +16,6 @@ from shipfp_rs.errors import IdentificationError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.identification.adequacy import explained_pct, misses_pct, strain
 from shipfp_rs.identification.basins import Basin, descend
-from shipfp_rs.identification.driven import LOADS, fitting, pairs_of
 from shipfp_rs.identification.engine_tests import engine_curves
 from shipfp_rs.identification.estimate import ALONG, ASSUMED, KNOWN, Estimate, Identifiability
 from shipfp_rs.identification.fingerprint import Fingerprint
@@ -194,7 +193,6 @@ def intervals_of(
         profiles = Profiles(fit.likelihood, list(fit.basins))
         return fit, {name: profiles.symmetric(figure) for name, figure in figures.items()}, []
     possible: list[Array] = []
-    words = pairs_of([LOADS] if fit.question.loaded else [])
     for left in reversed(range(RESTARTS + 1)):
         likelihood, c = fit.likelihood, fit.likelihood.coordinates
         profiles = Profiles(likelihood, [descend(likelihood, one.vector) for one in fit.basins])
@@ -207,7 +205,7 @@ def intervals_of(
             else {name: profiles.symmetric(one, surely=True) for name, one in figures.items()}
         )
         for place, (name, figure) in enumerate(figures.items()) if fit.is_smooth else ():
-            tell(f"interval: {fitting(plain_name(name), words)}", place / len(figures))
+            tell(f"interval: {plain_name(name)}", place / len(figures))
             bounds = fit.question.bounds.get(name, (-np.inf, np.inf))
             found[name] = profiles.interval(figure, TRIES if name in c.names else COMBINED_TRIES, bounds)
             lower = min(profiles.visited, key=lambda point: point.cost, default=profiles.best)

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 from shipfp_rs.experiments.experiment import Experiment
+from shipfp_rs.support.progress import said_as
 from shipfp_rs.support.sentences import Sentence
 from shipfp_rs.vessel.vessel import Vessel
 
@@ -44,6 +47,24 @@ class Identified(Protocol):
     @property
     def settings(self) -> Mapping[str, Any]:
         """What the fit was asked for."""
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What is to be identified, of which only the ship's name is known yet."""
+
+    vessel: str | None
+    structure: Mapping[str, Any] = field(default_factory=dict)
+    data: tuple[Mapping[str, Any], ...] = ()
+    settings: Mapping[str, Any] = field(default_factory=dict)
+
+
+@contextmanager
+def progress_of(experiments: Sequence[Experiment], name: str | None, vessel: Vessel | None = None) -> Iterator[None]:
+    """Say progress in the block in words that go with the drive and its load, as a report does."""
+    words = pairs_of(instead(Asked(name), experiments, vessel))
+    with said_as(lambda what: fitting(what, words)):
+        yield
 
 
 def of_vessel(vessel: Vessel) -> dict[str, Any]:

@@ -11,6 +11,7 @@ from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.experiments.frames import Frame, of_frames
 from shipfp_rs.frequency import FrequencyResponse
 from shipfp_rs.identification.automatic import identified
+from shipfp_rs.identification.driven import progress_of
 from shipfp_rs.identification.estimate import ASSUMED
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.identification.inertia import inertias
@@ -126,16 +127,20 @@ def identify(
                 f"{name}: found with a structure, expected without one; the structure says it itself"
             )
     require_driver([data] if isinstance(data, Experiment | FrequencyResponse) else list(data), structure)
-    return _given_ship(data, structure, options, vessel) or _with(
-        fitted(data, structure, options, vessel=vessel), data
-    )
+    with progress_of(_experiments(data), vessel):
+        return _given_ship(data, structure, options, vessel) or _with(
+            fitted(data, structure, options, vessel=vessel), data
+        )
 
 
 def _with(fingerprint: Fingerprint, data: Data | Sequence[Data]) -> Fingerprint:
     """Return the fingerprint with the experiments that it is of, and its inertia in kg m2 where these tell it."""
+    return replace(fingerprint, experiments=tuple(_experiments(data)), si=inertias(fingerprint))
+
+
+def _experiments(data: Data | Sequence[Data]) -> list[Experiment]:
     given = [data] if isinstance(data, Experiment | FrequencyResponse) else data
-    experiments = tuple(one for one in given if isinstance(one, Experiment))
-    return replace(fingerprint, experiments=experiments, si=inertias(fingerprint))
+    return [one for one in given if isinstance(one, Experiment)]
 
 
 def _full_ship(
@@ -172,8 +177,11 @@ def _full_ship(
     if in_open_loop(experiments):
         require_excited(experiments)
         structure = structure_in_open_loop(experiments, **asked)
-        return with_caveat(_with(fitted(experiments, structure, options, vessel=vessel), experiments), fixed)
-    return _as_given(_answered(question_of(experiments, **asked), options, vessel), fixed or {})
+        with progress_of(experiments, vessel):
+            found = fitted(experiments, structure, options, vessel=vessel)
+        return with_caveat(_with(found, experiments), fixed)
+    with progress_of(experiments, vessel):
+        return _as_given(_answered(question_of(experiments, **asked), options, vessel), fixed or {})
 
 
 def _given_ship(
@@ -181,7 +189,7 @@ def _given_ship(
 ) -> Fingerprint | None:
     """Fit a given ship as the full one is; None where its search has not what the structure or an option asks for."""
     given = [data] if isinstance(data, Experiment | FrequencyResponse) else list(data)
-    experiments = [item for item in given if isinstance(item, Experiment)]
+    experiments = _experiments(given)
     if (
         options.noise not in (None, "coloured")
         or not experiments

@@ -11,7 +11,7 @@ from shipfp_rs.assessment.prediction import structure_of as rebuilt
 from shipfp_rs.assessment.si import doubts, in_si
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.experiments.parquet import write_experiments
-from shipfp_rs.identification.driven import of_vessel
+from shipfp_rs.identification.driven import of_vessel, progress_of
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.identification.identify import identify
 from shipfp_rs.processing.process import process
@@ -112,7 +112,7 @@ def evaluate(
         ]
     options = trial.identify
     own_seed = options.seed if seed is None else seed
-    with part(0.15, 0.7):
+    with part(0.15, 0.7), progress_of(experiments, vessel.name, vessel):
         if declared is None:
             notify("choosing the elements and identifying")
             fingerprint = identify(experiments, vessel=vessel.name, seed=own_seed, **choice(trial))

@@ -39,6 +39,17 @@ def heard_by(listener: Listener) -> Iterator[None]:
 
 
 @contextlib.contextmanager
+def said_as(words: Callable[[str], str]) -> Iterator[None]:
+    """Say what is reported in the block in other words."""
+    outer = _LISTENER.get()
+    if outer is None:
+        yield
+        return
+    with heard_by(lambda what, share: outer(words(what), share)):
+        yield
+
+
+@contextlib.contextmanager
 def part(first: float, last: float) -> Iterator[None]:
     """Scale progress that is reported in the block to a part of the work, from one share of it to another."""
     outer = _LISTENER.get()
