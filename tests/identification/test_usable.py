@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import asdict, replace
+from types import SimpleNamespace
 
 import pytest
 
 import shipfp_rs as fp
 from shipfp_rs.assessment.si import doubts, in_si
 from shipfp_rs.identification.fingerprint import Estimate, Fingerprint, Identifiability
-from shipfp_rs.identification.ship_verdict import with_verdict
+from shipfp_rs.identification.ship_verdict import element_rows, with_verdict
+from shipfp_rs.identification.sides import KINDS
+from shipfp_rs.identification.stretches import Score
 from shipfp_rs.identification.usability import LARGE_MISS_PCT, LEAST_EXPLAINED_PCT, judged
+from shipfp_rs.identification.wording import missed
 from shipfp_rs.structures.combinations import true_values
+from shipfp_rs.support.sentences import Sentence
 
 NOT_FOR_TUNING = "Usable for simulation and comparison, but not for control tuning: "
 LOST = Estimate(None, unit="s", status="unidentifiable")
@@ -54,6 +59,47 @@ def test_a_search_that_ended_in_no_minimum_is_not_usable(found) -> None:
     told = with_verdict(replace(found, settings={"converged": False}))
     assert told.usable == "Not usable, because the search did not end in a minimum; no figure is an estimate."
     assert (told.usability, told.why_not) == ("not usable", "no minimum")
+
+
+def test_a_load_told_alone_has_the_share_that_the_statistics_have(found) -> None:
+    reason = Sentence("engine and governor are not described: {what}", what=KINDS["misfit"])
+    fields = {
+        "adequate": {**found.adequate, "stands": False, "misses_pct": {"dn": 15.2, "dM": 3.0}},
+        "parameters": {**found.parameters, "g": replace(LOST, reason=reason)},
+        "load_side": {"p": LOST},
+    }
+    told = with_verdict(replace(found, **fields), kind="misfit")
+    assert "(the model misses 15 % of the drive train's response)" in told.usable
+    assert told["g"].reason.endswith("the model misses 15 % of the drive train's response")
+    assert "15 % of the speed" in missed(told.adequate)
+
+
+def test_what_is_called_not_determined_is_not_listed_as_known(found) -> None:
+    open_too = {
+        **found.parameters,
+        "g": Estimate(-0.5, 1.5, (-3.5, 2.5)),
+        "hold": Estimate(0.28, 0.02, (0.24, 0.32)),
+    }
+    told = with_verdict(replace(found, parameters=open_too))
+    assert "do not determine g" in told.usable
+    lines = {line.partition(":")[0]: line for line in told.verdict}
+    assert "g = " not in lines["Known"]
+    assert "hold = 0.280 (0.240 to 0.320) of T_d" in lines["Known"]
+    assert lines["Estimated, but hardly known"].startswith("Estimated, but hardly known: g = -0.5")
+
+
+@pytest.mark.parametrize(("fall", "state"), [(4550.0, "open"), (3.0, "off")])
+def test_a_limit_that_the_data_show_is_not_called_absent(fall: float, state: str) -> None:
+    question = SimpleNamespace(tried=("rack_rate",), loaded=False, experiments=())
+    fit = SimpleNamespace(
+        question=question,
+        along=frozenset(),
+        elements=(),
+        gains={"rack_rate": 9e3},
+        scores={"rack_rate": Score(fall, 0.0, 0.0, 0.0)},
+    )
+    row = element_rows(fit, {})["rack_rate"]
+    assert (row["state"], row["evidence"]) == (state, fall)
 
 
 def test_a_model_that_misses_much_and_data_that_tell_nothing_are_not_usable(found) -> None:
@@ -148,8 +194,7 @@ def test_a_given_structure_is_judged_too(found) -> None:
     fit = {"dn": tested, "dM": tested, "overall": {"structure_p": 1e-9}}
     told = judged(replace(found, fit=fit, adequate={}), 5000)
     assert told.usable == NOT_FOR_TUNING + (
-        "its intervals hold for the model, not for the drive train, of whose response to the set point the model misses "
-        "4.4 %."
+        "its intervals hold for the model, not for the drive train, of whose response the model misses 4.4 %."
     )
     assert (told.usability, told.adequate["stands"]) == ("usable except", False)
     assert told.verdict == found.verdict

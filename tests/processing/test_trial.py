@@ -105,7 +105,11 @@ def test_a_vessel_file_beside_the_trial_is_found(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("[channels.set_point]", "[channels.setpoint]", r"channels\.setpoint: found an unknown table.*mean 'set_point'"),
+        (
+            "[channels.set_point]",
+            "[channels.setpoint]",
+            r"channels\.setpoint: found an unknown table.*mean 'set_point'",
+        ),
         ("[channels.torque]", "[channels.torqe]", r"channels\.torqe: found a table.*did you mean 'torque'"),
         (
             'location = "gauge"',

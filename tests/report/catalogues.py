@@ -28,7 +28,7 @@ from shipfp_rs.report.findings import FIGURES, STATES
 from shipfp_rs.report.language import KINDS, LABEL
 from shipfp_rs.structures import glossary
 from shipfp_rs.structures.elements import ELEMENTS
-from shipfp_rs.structures.names import NAMES
+from shipfp_rs.structures.names import NAMES, OF_WHAT
 from shipfp_rs.support.languages import CATALOGUES, DOMAIN
 from shipfp_rs.support.sentences import FIELD
 
@@ -67,7 +67,7 @@ LABELS = (
 """Words of axes and legends that `plot` writes."""
 TABLES: tuple[Iterable[str], ...] = (
     *(BUTTONS, [HELP], KNOWN, STATES.values(), FIGURES.values(), LABELS),
-    *(NAMES.values(), [one.meaning for one in (*glossary.LINEAR, *glossary.FORMULAS)]),
+    *(NAMES.values(), OF_WHAT.values(), [one.meaning for one in (*glossary.LINEAR, *glossary.FORMULAS)]),
     *([one.words for one in ELEMENTS.values()], STATUS.values(), [ALONG, ASSUMED], wording.OUTPUTS.values()),
     *(FATES.values(), wording.FAULTS.values(), [KINDS.get(kind, kind) for kind in WINDOWS]),
     [LABEL.fullmatch(label)[1] for label in (*style.LABELS.values(), *style.QUANTITIES.values())],

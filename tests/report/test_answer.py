@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from markupsafe import Markup
+from markupsafe import Markup, escape
 
 import shipfp_rs as fp
 from shipfp_rs.assessment.si import in_si
@@ -15,7 +15,7 @@ from shipfp_rs.identification.estimate import Estimate, Identifiability, rounded
 from shipfp_rs.identification.inertia import operating_point
 from shipfp_rs.identification.input_checks import doubts
 from shipfp_rs.identification.ship_verdict import BENT
-from shipfp_rs.identification.usability import usability
+from shipfp_rs.identification.usability import missing, usability
 from shipfp_rs.identification.wording import rank
 from shipfp_rs.report import render
 from shipfp_rs.report.answer import interval, loop_rows, open_questions, ship_rows
@@ -290,6 +290,8 @@ def test_what_was_assumed_is_not_called_given(found) -> None:
 def test_a_rank_without_a_condition_number_is_told_without_one() -> None:
     told = rank(Identifiability(3, 3, np.inf))
     assert told == "All 3 free parameters are identifiable."
+    helped = rank(Identifiability(3, 3, np.inf), helped=["p", "g"])
+    assert helped == f"{told} Of these, p and g are told only with the help of an expected range."
     assert "inf" not in told
 
 
@@ -319,9 +321,7 @@ SENTENCES = {
         "values fit as well.",
         unknown=listed(["tau_n", "g"]),
     ),
-    "misfit": Sentence(
-        "Not usable, because the model misses {share} % of the response to the set point.", share="12.5"
-    ),
+    "misfit": Sentence("Not usable, because {what}.", what=missing(12.5)),
     "nothing explained": Sentence(
         "Not usable, because the model explains nothing of {outputs}.",
         outputs=Sentence("the {name}", name=Sentence("torque")),
@@ -394,7 +394,7 @@ def test_a_fingerprint_that_can_not_be_used_says_what_to_do_and_shows_no_loop(fo
         unusable = replace(found, usable=SENTENCES[why_not], **judged(why_not))
         page = render(unusable, [trial], simulated=[found.predict(trial)])
         screen = first_screen(page)
-        assert f'<p class="answer bad">{SENTENCES[why_not]}' in page
+        assert f'<p class="answer bad">{escape(SENTENCES[why_not])}' in page
         assert step in screen
         assert "phase margin" not in screen
         assert "Elements that act" not in screen

@@ -163,6 +163,7 @@ def test_tables_name_a_parameter_as_the_report_does() -> None:
 
 def test_an_experiment_is_called_by_name_and_by_what_the_set_point_did() -> None:
     assert Say("en").called("X1", "chirp") == "X1 (set point: chirp, a gliding sine)"
+    assert Say("en").called("X1", "steps", "load") == "X1 (load: steps)"
     assert Say("de").called("X1", "chirp") == "X1 (Sollwert: Gleitsinus)"
     assert Say("en").called("X1", "") == "X1"
 

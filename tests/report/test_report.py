@@ -205,7 +205,7 @@ def test_a_fit_without_correlation_tests_says_what_its_model_misses(fingerprint)
     adequate = {"stands": True, "misses_pct": {"dn": 0.0, "dM": 0.088}, "dispersion": 1.0}
     page = render(replace(fingerprint, fit=fit, residuals={}, adequate=adequate), [])
     assert "only for given structures" in page
-    assert "Missed share of the response to the set point: 0 % of the speed, 0.088 % of the torque." in page
+    assert "Missed share of the drive train&#39;s response: 0 % of the speed, 0.088 % of the torque." in page
 
 
 def recorded(experiment: Experiment) -> Experiment:

@@ -24,7 +24,10 @@ def test_parts_of_parts_are_told_as_shares_of_the_whole():
 
 
 def test_progress_has_words_that_go_with_the_vessel_where_no_load_is_measured():
-    heard, still = [], [Experiment("still", 10.0, {"n_set": np.ones(9), "n_e": np.ones(9)}, {"n_set": 1.0, "n_e": 1.0})]
+    heard, still = (
+        [],
+        [Experiment("still", 10.0, {"n_set": np.ones(9), "n_e": np.ones(9)}, {"n_set": 1.0, "n_e": 1.0})],
+    )
     vessels = ("stan-tug-1205", "direct-drive")
     with heard_by(lambda what, share: heard.append(what)):
         for vessel in map(Vessel.load, vessels):

@@ -60,7 +60,9 @@ class Asked:
 
 
 @contextmanager
-def progress_of(experiments: Sequence[Experiment], name: str | None, vessel: Vessel | None = None) -> Iterator[None]:
+def progress_of(
+    experiments: Sequence[Experiment], name: str | None, vessel: Vessel | None = None
+) -> Iterator[None]:
     """Say progress in the block in words that go with the drive and its load, as a report does."""
     words = pairs_of(instead(Asked(name), experiments, vessel))
     with said_as(lambda what: fitting(what, words)):

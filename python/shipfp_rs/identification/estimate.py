@@ -15,7 +15,7 @@ Status = Literal["free", "fixed", "prior", "at_bound", "unidentifiable"]
 STATUS: Mapping[str, str] = {
     "free": "estimated",
     "fixed": "given",
-    "prior": "estimated, with prior knowledge",
+    "prior": "estimated, with the help of an expected range",
     "at_bound": "on its bound",
     "unidentifiable": "not identifiable",
 }

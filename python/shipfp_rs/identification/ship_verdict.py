@@ -11,10 +11,10 @@ import numpy as np
 from shipfp_rs.identification.estimate import KNOWN, Estimate
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.identification.question import BOUNDS, TRIED
-from shipfp_rs.identification.ship_found import ShipFit
+from shipfp_rs.identification.ship_found import BELIEVED, ShipFit
 from shipfp_rs.identification.sides import KINDS
-from shipfp_rs.identification.usability import Usability, usability
-from shipfp_rs.identification.verdict import not_identifiable, shown
+from shipfp_rs.identification.usability import Usability, missing, usability
+from shipfp_rs.identification.verdict import known, not_identifiable, shown
 from shipfp_rs.structures.elements import ELEMENTS
 from shipfp_rs.support.sentences import Sentence, joined, listed
 
@@ -72,9 +72,11 @@ def element_rows(fit: ShipFit, parameters: Mapping[str, Estimate]) -> dict[str, 
         told = parameters.get(TRIED[name][0])
         acts = told is not None and told.status != "unidentifiable" and TRIED[name][0] not in fit.along
         if acts or name in fit.question.tried:
-            undecided = TRIED[name][0] in fit.along and fit.gains[name] > UNDECIDED
-            state = "on" if acts else "open" if undecided else "off"
+            # What a limit would still bring is another figure once others act.
             gain = fit.gains.get(name, np.inf)
+            gain = fit.scores[name].fall if name in fit.scores and name not in fit.elements else gain
+            undecided = gain > (UNDECIDED if TRIED[name][0] in fit.along else BELIEVED)
+            state = "on" if acts else "open" if undecided and np.isfinite(gain) else "off"
             rows[name] = _row(name, state, None, gain if np.isfinite(gain) else None)
     if fit.question.loaded:
         rows["load"] = _row("load", "on", None)
@@ -142,8 +144,18 @@ def with_verdict(fingerprint: Fingerprint, strain: float = 0.0, kind: str | None
     `strain` is that of `adequacy`, `kind` what contradicts the model's engine and governor, of `sides.KINDS`.
     """
     found = usability(fingerprint)
-    if kind is not None and (found.state != "not usable" or fingerprint.load_side):
-        found = Usability("usable except", Sentence(LOAD_ONLY, what=KINDS[kind]))
+    if kind is not None:
+        misses = fingerprint.adequate.get("misses_pct", {}).values()
+        what = missing(max(misses)) if kind == "misfit" and misses else KINDS[kind]
+        told = {
+            name: replace(one, reason=Sentence(one.reason.template, what=what))
+            if isinstance(one.reason, Sentence) and one.reason.values.get("what") == KINDS[kind]
+            else one
+            for name, one in fingerprint.parameters.items()
+        }
+        fingerprint = replace(fingerprint, parameters=told)
+        if found.state != "not usable" or fingerprint.load_side:
+            found = Usability("usable except", Sentence(LOAD_ONLY, what=what))
     ended = [name for name, one in fingerprint.parameters.items() if _is_on_bound(name, one)]
     if ended and found.state != "not usable":
         sentence = Sentence(
@@ -159,11 +171,7 @@ def with_verdict(fingerprint: Fingerprint, strain: float = 0.0, kind: str | None
         found = replace(found, state="usable except", sentence=BENT)
     elif _is_limited(fingerprint) and found.state == "usable":
         found = replace(found, state="usable except", sentence=LIMITED)
-    known = [name for name, one in fingerprint.parameters.items() if one.status in KNOWN]
-    lines = [found.sentence]
-    if known and found.state != "not usable":
-        estimates = [shown(name, fingerprint.parameters[name]) for name in known]
-        lines.append(Sentence("Known: {estimates}.", estimates=joined(estimates, "; ")))
+    lines = [found.sentence, *([] if found.state == "not usable" else known(fingerprint.parameters))]
     if fingerprint.derived and found.state != "not usable":
         estimates = [shown(*item) for item in fingerprint.derived.items()]
         lines.append(Sentence("Known together: {estimates}.", estimates=joined(estimates, "; ")))
@@ -179,7 +187,11 @@ def with_verdict(fingerprint: Fingerprint, strain: float = 0.0, kind: str | None
         if by_state[state]:
             lines.append(Sentence(said, elements=joined(by_state[state])))
     if "sampling" in fingerprint.elements:
-        lines.append(Sentence("T_d holds half the sampling period of the governor, if it samples."))
+        lines.append(
+            Sentence(
+                "If the governor computes at intervals, half of such an interval is part of the dead time T_d."
+            )
+        )
     return replace(
         fingerprint,
         usable=found.sentence,

@@ -74,7 +74,7 @@ def usability(fingerprint: Fingerprint) -> Usability:
     if not fingerprint.adequate["stands"] and fingerprint.adequate["dispersion"] == 1.0:
         bent = Sentence(
             "Usable for simulation and comparison, but not for control tuning: its intervals hold for the model, not for "
-            "the drive train, of whose response to the set point the model misses {share} %."
+            "the drive train, of whose response the model misses {share} %."
         )
         return Usability("usable except", Sentence(bent, share=share))
     estimates = fingerprint.parameters
@@ -107,8 +107,8 @@ def usability(fingerprint: Fingerprint) -> Usability:
         )
     elif not fingerprint.adequate["stands"]:
         said = Sentence(
-            "Usable for simulation and comparison, but not for control tuning: the model misses {share} % of the response "
-            "to the set point."
+            "Usable for simulation and comparison, but not for control tuning: the model misses {share} % of the drive "
+            "train's response."
         )
     elif rough:
         said = Sentence(
@@ -131,6 +131,11 @@ def _tunes(gain: Estimate) -> bool:
         return False
     low, high = gain.ci95
     return gain.value - low <= TO_TUNE * low and high - gain.value <= TO_TUNE * high
+
+
+def missing(share_pct: float) -> Sentence:
+    """Say which share of the response the model misses, that of the output of which it misses most."""
+    return Sentence("the model misses {share} % of the drive train's response", share=f"{share_pct:.2g}")
 
 
 def _worst(fingerprint: Fingerprint) -> float:
@@ -157,10 +162,7 @@ def _why_not(fingerprint: Fingerprint) -> Usability | None:
         why, said = "nothing told", Sentence("Not usable, because the data determine no parameter.")
     elif not fingerprint.adequate["stands"] and (worst := _worst(fingerprint)) > LARGE_MISS_PCT:
         why = "misfit"
-        said = Sentence(
-            "Not usable, because the model misses {share} % of the response to the set point.",
-            share=f"{worst:.2g}",
-        )
+        said = Sentence("Not usable, because {what}.", what=missing(worst))
     else:
         return None
     return Usability("not usable", said, why)

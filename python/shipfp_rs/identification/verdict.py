@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
-from shipfp_rs.identification.estimate import rounded_rows
+from shipfp_rs.identification.estimate import KNOWN, OPEN, is_rough, rounded_rows
 from shipfp_rs.identification.fingerprint import ALARM, Estimate, Identifiability
 from shipfp_rs.identification.fit_statistics import missed_pct
+from shipfp_rs.structures.names import OF_WHAT
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.support.sentences import Sentence, joined
 from shipfp_rs.support.units import unit_shown
@@ -38,7 +39,7 @@ def verdict(
             if trouble
             else []
         ),
-        *_known(parameters, derived, structure),
+        *_known(parameters, derived),
         *_unknown(parameters),
         *_gaps(identifiability),
         *_contradictions(fit, structure),
@@ -55,19 +56,22 @@ def verdict(
     return tuple(lines)
 
 
-def _known(
-    parameters: Mapping[str, Estimate], derived: Mapping[str, Estimate], structure: Structure
-) -> Iterator[str]:
-    known = [
-        shown(name, e)
-        for name, e in parameters.items()
-        if e.status in ("free", "prior") and e.value is not None
-    ]
-    if known:
-        yield Sentence("Known: {estimates}.", estimates=joined(known, "; "))
+def _known(parameters: Mapping[str, Estimate], derived: Mapping[str, Estimate]) -> Iterator[str]:
+    yield from known(parameters)
     together = [shown(name, estimate) for name, estimate in derived.items()]
     if together:
         yield Sentence("Known only together: {estimates}.", estimates=joined(together, "; "))
+
+
+def known(parameters: Mapping[str, Estimate]) -> Iterator[Sentence]:
+    """Yield what is known, and apart from it what is called not determined, since its interval is wider than it is large."""
+    found = {name: e for name, e in parameters.items() if e.status in KNOWN and e.value is not None}
+    sure = [shown(name, e) for name, e in found.items() if not is_rough(e, OPEN)]
+    unsure = [shown(name, e) for name, e in found.items() if is_rough(e, OPEN)]
+    if sure:
+        yield Sentence("Known: {estimates}.", estimates=joined(sure, "; "))
+    if unsure:
+        yield Sentence("Estimated, but hardly known: {estimates}.", estimates=joined(unsure, "; "))
 
 
 def _unknown(parameters: Mapping[str, Estimate]) -> Iterator[str]:
@@ -203,5 +207,6 @@ def shown(name: str, estimate: Estimate) -> Sentence:
     spread: str = ""
     if estimate.ci95 is not None:
         spread = Sentence(" ({ends})", ends=Sentence("{low} to {high}", low=row.low, high=row.high))
-    unit = f" {unit_shown(estimate.unit)}".rstrip()
-    return Sentence("{name} = {value}{spread}{unit}", name=name, value=row.value, spread=spread, unit=unit)
+    unit = unit_shown(estimate.unit) or Sentence(OF_WHAT.get(name, ""))
+    text = "{name} = {value}{spread} {unit}" if unit else "{name} = {value}{spread}"
+    return Sentence(text, name=name, value=row.value, spread=spread, unit=unit)

@@ -28,8 +28,16 @@ FAULTS: Mapping[str, str] = {
 """Faults of a log, those of Table 6.10 with their letters."""
 
 
-def rank(found: Identifiability, unknown: Sequence[str] = ()) -> Sentence:
-    """Say how many directions of the free parameters are identifiable; `unknown` ones have intervals that tell nothing."""
+def rank(found: Identifiability, unknown: Sequence[str] = (), helped: Sequence[str] = ()) -> Sentence:
+    """Say how many directions of the free parameters are identifiable.
+
+    `unknown` ones have intervals that tell nothing, `helped` ones are told by data and a prior together.
+    """
+    if helped:
+        helps = Sentence(
+            "Of these, {names} are told only with the help of an expected range.", names=listed(helped)
+        )
+        return joined([rank(found, unknown), helps], " ")
     if found.rank < found.free:
         return Sentence(
             "The data determine {rank} independent combinations of the {free} free parameters.",

@@ -234,7 +234,8 @@ def _signals(
     for index, (experiment, chart) in enumerate(
         zip(experiments, charts(experiments, simulated, say), strict=True)
     ):
-        name = say.called(experiment.name, experiment.kind)
+        driver = answer.driver_of(experiment)
+        name = say.called(experiment.name, experiment.kind, driver)
         yield markup.piece("heading", name)
         yield chart
         if simulated and (said := of_the_tachometer(experiment, simulated[index].outputs, say)):
@@ -243,11 +244,11 @@ def _signals(
             continue
         if simulated:
             panels, paint = len(simulated[index].outputs), partial(plot.fit, experiment, simulated[index])
-            said = Sentence("{name}: measured signals, and the model's answer to the same set point.")
+            said = Sentence("{name}: measured signals, and the model's answer to the same {driver}.")
         else:
             panels, paint = len(plot.signals.units(experiment)), partial(plot.time_series, experiment)
             said = Sentence("{name}: signals; masked samples, marked at the bottom, are not fitted.")
-        still = pictures.draw(panels, paint, say(said, name=name), saved=False)
+        still = pictures.draw(panels, paint, say(said, name=name, driver=driver), saved=False)
         yield markup.piece("unscripted", still)
 
 

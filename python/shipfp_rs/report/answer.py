@@ -24,13 +24,14 @@ from shipfp_rs.identification.estimate import (
 )
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.identification.inertia import operating_point
+from shipfp_rs.identification.ship_found import BELIEVED
 from shipfp_rs.identification.wording import DOUBT, something_missing
 from shipfp_rs.plot.style import COLOURS, LABELS, dress, envelope
 from shipfp_rs.report.language import Say
 from shipfp_rs.report.markup import piece
 from shipfp_rs.report.pictures import NARROW, Pictures
 from shipfp_rs.structures.elements import LATE_CHANNELS
-from shipfp_rs.structures.names import as_looked_at
+from shipfp_rs.structures.names import OF_WHAT, as_looked_at
 from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.sentences import Sentence, joined
 from shipfp_rs.support.units import unit_shown
@@ -142,6 +143,11 @@ def acting(fingerprint: Fingerprint, say: Say) -> list[str]:
     if fingerprint.why_not:
         return []
     named: dict[str, list[str]] = {"on": [], "open": [], "off": []}
+    fit_along = all(
+        (row["evidence"] or 0.0) <= BELIEVED
+        for row in fingerprint.elements.values()
+        if row["state"] == "open"
+    )
     for row in fingerprint.elements.values():
         named[row["state"]].append(say(row["words"]))
     sentences = {
@@ -149,7 +155,9 @@ def acting(fingerprint: Fingerprint, say: Say) -> list[str]:
         "open": say(
             "Elements that may act or not: {names}. The intervals cover both cases.",
             names=", ".join(named["open"]),
-        ),
+        )
+        if fit_along
+        else say("Elements that may act or not: {names}.", names=", ".join(named["open"])),
         "off": say("Elements absent, or too weak to show: {names}.", names=", ".join(named["off"])),
     }
     told = [sentence for state, sentence in sentences.items() if named[state]]
@@ -205,7 +213,7 @@ def ship_rows(fingerprint: Fingerprint, say: Say) -> list[tuple[str, str, str, s
             or not row.value
             or quantity["unit"] in ("-", row.unit)
         ):
-            more = of_operating_torque(row.name, known[row.name].value, fingerprint, say) if row.value else ""
+            more = of_what(row.name, known[row.name].value, fingerprint, say) if row.value else ""
             rows.append((name or row.name, row.name if name else "", value, told, more))
             continue
         inertia = name
@@ -301,13 +309,11 @@ def undetermined(fingerprint: Fingerprint) -> list[str]:
     )
 
 
-def of_operating_torque(name: str, value: float | None, fingerprint: Fingerprint, say: Say) -> str:
-    """Say what the limit of the torque is measured by, and how much it is where that is known; nothing of any other."""
-    if name != "M_max":
-        return ""
+def of_what(name: str, value: float | None, fingerprint: Fingerprint, say: Say) -> str:
+    """Say what a figure without a unit is a share of, and of a torque how much that is where it is known; else nothing."""
     point = operating_point(fingerprint)
-    if point is None or value is None:
-        return say("times the operating torque")
+    if name != "M_max" or point is None or value is None:
+        return say(OF_WHAT.get(name, ""))
     return say("times the operating torque ({torque} Nm)", torque=f"{value * abs(point[1]):.4g}")
 
 
@@ -408,8 +414,8 @@ def _picture(
         say(
             "{name}, {start} to {stop} s: measurement, and the model's answer to the same {driver}. Shaded: 95 % of the "
             "measured samples lie this close to the model.",
-            driver=_driver(experiment),
-            name=say.called(experiment.name, experiment.kind),
+            driver=driver_of(experiment),
+            name=say.called(experiment.name, experiment.kind, driver_of(experiment)),
             start=f"{stretch[0]:.0f}",
             stop=f"{stretch[1]:.0f}",
         ),
@@ -419,7 +425,7 @@ def _picture(
     )
 
 
-def _driver(experiment: Experiment) -> Sentence:
+def driver_of(experiment: Experiment) -> Sentence:
     """Return what moves the drive in an experiment."""
     if "M_load" not in experiment.signals:
         return Sentence("set point")

@@ -16,7 +16,7 @@ from shipfp_rs.report.answer import (
     at_an_end,
     interval,
     may_be_zero,
-    of_operating_torque,
+    of_what,
     undetermined,
 )
 from shipfp_rs.report.language import Say
@@ -186,7 +186,7 @@ def _estimates(
                 say("may be zero") if none else interval(row, estimate, say, with_end=False),
                 key=estimate.ci95 and estimate.ci95[1] - estimate.ci95[0],
             ),
-            of_operating_torque(row.name, estimate.value, fingerprint, say) or unit_shown(row.unit),
+            of_what(row.name, estimate.value, fingerprint, say) or unit_shown(row.unit),
         ]
         if truth:
             cells.append(
@@ -249,7 +249,7 @@ def _limit(name: str, row: Mapping[str, Any], fingerprint: Fingerprint, say: Say
         return ""
     side = say("above") if name == "torque_limit" else say("below")
     value = say.number(f"{limit['value']:.3g}")
-    unit = of_operating_torque(limit["parameter"], limit["value"], fingerprint, say)
+    unit = of_what(limit["parameter"], limit["value"], fingerprint, say)
     return f"{limit['parameter']} {side} {value} {unit or unit_shown(limit['unit'])}".strip()
 
 
@@ -269,7 +269,11 @@ def statistics(fingerprint: Fingerprint, pictures: Pictures, say: Say) -> Iterab
 
 def _rank(fingerprint: Fingerprint, say: Say) -> Iterable[str]:
     found = fingerprint.identifiability
-    yield paragraph(say(wording.rank(found, undetermined(fingerprint))))
+    unknown = undetermined(fingerprint)
+    helped = [
+        name for name, one in fingerprint.parameters.items() if one.status == "prior" and name not in unknown
+    ]
+    yield paragraph(say(wording.rank(found, unknown, helped)))
     if found.null_space:
         yield paragraph(
             say("The model's outputs stay the same when these change together, in the proportion given:")
@@ -346,7 +350,7 @@ def _residual_tests(fingerprint: Fingerprint, pictures: Pictures, say: Say) -> I
             )
         )
         if missed := wording.missed(fingerprint.adequate):
-            yield paragraph(say("Missed share of the response to the set point: {outputs}.", outputs=missed))
+            yield paragraph(say("Missed share of the drive train's response: {outputs}.", outputs=missed))
         return
     threshold = ALARM / len(tested)
     yield paragraph(

@@ -85,11 +85,11 @@ class Say:
         """Return a page whose cells of figures have the language's decimal sign."""
         return CELL.sub(lambda found: found[1] + self.number(found[2]), page)
 
-    def called(self, experiment: str, kind: str) -> str:
-        """Return an experiment's name and what the set point did in it, where that is known."""
+    def called(self, experiment: str, kind: str, driver: str = "set point") -> str:
+        """Return an experiment's name and what the set point, or another driver, did in it, where that is known."""
         if not kind:
             return experiment
-        return f"{experiment} ({self('set point: {kind}', kind=self(KINDS.get(kind, kind)))})"
+        return f"{experiment} ({self(driver)}: {self(KINDS.get(kind, kind))})"
 
     def name(self, symbol: str) -> str:
         """Return the plain name of a parameter or combination, the part of a joint structure in brackets behind it."""

@@ -23,7 +23,7 @@ NAMES: Mapping[str, str] = {
     "T_s": "sampling period of the governor",
     "T_0": "first sample of the governor",
     "c_2": "second-order coefficient of the load",
-    "hold": "share of T_d from sampling and holding",
+    "hold": "share of the dead time in the loop that the governor's sampling causes",
     "M_soft": "rounding of the torque limit",
     "T_M": "delay of the torque channel",
     "T_B": "delay of the brake's torque channel",
@@ -46,11 +46,19 @@ NAMES: Mapping[str, str] = {
     "(p-g)/tau_n": "corner frequency without governor",
     "vK_p/tau_n": "proportional gain over inertia",
     "vK_i/tau_n": "integral gain over inertia",
-    "tau_prop/tau_n": "share of the inertia behind the gauge",
+    "tau_prop/tau_n": "share of the whole inertia that is behind the gauge",
     "(p-g)/(vK_i)": "lag behind a slow ramp of the set point",
     "(p-g)/(vK_i)+T_set": "lag behind a slow ramp of the set point, dead time included",
 }
 """Symbol, or figure of the loop, to its plain name."""
+
+OF_WHAT: Mapping[str, str] = {
+    "hold": "of T_d",
+    "tau_prop/tau_n": "of tau_n",
+    "M_max": "times the operating torque",
+    "M_soft": "times the operating torque",
+}
+"""What a figure without a unit is a share or a multiple of."""
 
 LOOKED_AT = (
     *("k_L", "tau_prop", "T_M", "T_B", "T_n", "T_0"),
