@@ -184,3 +184,32 @@ stop_s = 28.0
 
     assert height("") < 0.99
     assert abs(height(f"mean_s = {mean}") - 1.0) < 2e-3
+
+
+@pytest.mark.parametrize(("rate_hz", "held"), [(10.0, 1), (20.0, 1), (50.0, 1), (50.0, 5), (100.0, 5)])
+def test_spikes_of_a_slow_or_held_speed_are_masked_and_nothing_after_a_step(
+    rate_hz: float, held: int, tmp_path: Path
+) -> None:
+    """The frequency of a generator, as a power analyser tells it, behind steps of the set point."""
+    time, draw = np.arange(round(300.0 * rate_hz)) / rate_hz, np.random.default_rng(3)
+    steps = np.arange(10.0, 295.0, 15.0)
+    answers = np.array([-np.expm1(-np.maximum(time - at, 0.0) / 0.15) for at in steps])
+    signs = np.resize([1.0, -1.0], len(steps))
+    asked = 1500.0 + 60.0 * signs @ (time > steps[:, None])
+    frequency = 50.0 + 2.0 * signs @ answers + draw.normal(0.0, 0.01, len(time))
+    sound = np.repeat(frequency[::held], held)[: len(time)]
+    struck = sound.copy()
+    starts = held * (np.linspace(8.0, 285.0, 12) * rate_hz / held).astype(int)
+    for place, start in enumerate(starts):
+        struck[start : start + held] *= 1.08 if place % 2 else 0.92
+    table = 'column = "f"\nunit = "Hz"\npole_pairs = 2'
+    found = []
+    for values in (sound, struck):
+        log = Log.from_arrays({"U_set": asked, "f": values}, rate_hz=rate_hz, units={"U_set": "rpm", "f": "Hz"})
+        trial(tmp_path, table)
+        path = tmp_path / "TRIAL.toml"
+        text = path.read_text().replace("1184.0", "1500.0").replace("20.0", f"{min(rate_hz, 50.0)}")
+        path.write_text(text.replace("= 2.5", "= 3.0").replace("= 11.0", "= 295.0"))
+        found.append(process(log, Trial.load(path)))
+    told = [[f["spans"] for f in one[0].provenance["faults"] if f["channel"] == "f"] for one in found]
+    assert told == [[], [[[start, start + held] for start in starts.tolist()]]]

@@ -5,6 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from shipfp_rs.logs.faults.spikes import spikes_between
+from shipfp_rs.processing.trial_tables import Spikes
 from shipfp_rs.support.spans import runs
 from shipfp_rs.support.spikes import bridge, find_spikes
 
@@ -114,3 +116,21 @@ def test_the_crest_of_a_coarsely_sampled_swing_is_no_spike() -> None:
     struck[1003:1005] += 60.0
     found = find_spikes(struck, 100.0, longest_s=0.05, threshold=6.0, least=0.05)
     assert any(start <= 1003 and stop >= 1005 for start, stop in found.tolist())
+
+
+@pytest.mark.parametrize(("rate_hz", "held"), [(20.0, 1), (50.0, 1), (50.0, 5), (500.0, 50)])
+def test_a_slow_channels_spikes_are_found_and_its_kicks_are_not(rate_hz: float, held: int) -> None:
+    """Torque that a bus or a power analyser tells, with the kick that each step of the set point brings."""
+    time, draw = np.arange(round(200.0 * rate_hz)) / rate_hz, np.random.default_rng(5)
+    torque = 900.0 + draw.normal(0.0, 3.0, len(time))
+    for place, at in enumerate(np.arange(8.3, 190.0, 9.7)):
+        late = np.maximum(time - at, 0.0)
+        torque += (time > at) * (-1.0) ** place * (40.0 + 200.0 * np.exp(-late / 0.2))
+    told = np.repeat(torque[::held], held)[: len(time)]
+    missing, limits = np.zeros(len(time), dtype=bool), Spikes()
+    assert spikes_between(told, missing, rate_hz, limits).size == 0
+    starts = [held * int(at * rate_hz / held) for at in (5.0, 23.0, 71.0, 150.0)]
+    for start in starts:
+        told[start : start + held] *= 1.15
+    found = spikes_between(told, missing, rate_hz, limits)
+    assert found.tolist() == [[start, start + held] for start in starts]

@@ -36,12 +36,10 @@ SHORT = 8
 GREEK = ("tau", "eta", "rho")
 LATEX = {
     **{sign: f"\\{sign}" for sign in "&%$#_{}"},
-    **{
-        "\\": r"\textbackslash{}",
-        "~": r"\textasciitilde{}",
-        "²": r"\ensuremath{^2}",
-        "°": r"\ensuremath{^\circ}",
-    },
+    "\\": r"\textbackslash{}",
+    "~": r"\textasciitilde{}",
+    "²": r"\ensuremath{^2}",
+    "°": r"\ensuremath{^\circ}",
 }
 
 LOAD_ALONE = "The load's side by itself (speed and torque alone, no model of the engine):"

@@ -236,7 +236,9 @@ def _recorded(log: Log, reports: Sequence[ChannelReport], trial: Trial | None) -
                 spans.pop("stuck", None)  # beside a load that moves a set point may rest
             kind, limits = spike_rule(sensor, processing)
             line = None if sensor is None else sensor.calibration.calibration("")
-            spans[kind] = spikes_of(rows, joined(spans.values()), limits, report.noise, line)
+            spans[kind] = spikes_of(
+                rows, joined(spans.values()), limits, report.noise, line, steps=sensor is None or kind == "D1"
+            )
         else:
             spans = {"gap": report.gaps}
         found += [Fault(kind, channel.name, "as recorded", where) for kind, where in spans.items()]

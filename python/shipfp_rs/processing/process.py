@@ -245,7 +245,9 @@ class _Recording:
 
     def _train(self, name: str, tacho: Tacho) -> PulseTrain:
         rows = None if tacho.kind == "edges" else self._rows(tacho)
-        found = source_of(rows, name, tacho, self.vessel.gearbox.ratio, self.stretches)
+        found = source_of(
+            rows, name, tacho, self.vessel.gearbox.ratio, self.stretches, self.trial.processing.torque_spikes
+        )
         self._step()
         return found
 

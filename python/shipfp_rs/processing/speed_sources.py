@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,11 +12,15 @@ import numpy as np
 from shipfp_rs.errors import InputError
 from shipfp_rs.logs.channel import Channel
 from shipfp_rs.logs.channel_reader import Rows
+from shipfp_rs.logs.faults.record import Fault
+from shipfp_rs.logs.faults.spikes import spikes_between
 from shipfp_rs.processing.pulse_train import MARGIN_S, PulseTrain
 from shipfp_rs.processing.trial_channels import Tacho
+from shipfp_rs.processing.trial_tables import Spikes
 from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.files import local
-from shipfp_rs.support.spans import runs
+from shipfp_rs.support.sentences import Sentence
+from shipfp_rs.support.spans import Spans, apart_from, clipped_to, marks, runs
 from shipfp_rs.support.spikes import ROBUST_SIGMA
 from shipfp_rs.support.units import TO_REV, TO_RPM, told
 from shipfp_rs.tacho import IntervalSpeed, PulseTimes, ReflectorAngles
@@ -274,10 +279,13 @@ def _step(steps: Array) -> float:
 
 
 class SpeedLevel(PulseTrain):
-    """A speed that a drive, a bus or an analogue converter recorded: a mean over each of its samples."""
+    """A speed that a drive, a bus or an analogue converter recorded: a mean over each of its samples, spikes masked."""
 
-    def __init__(self, rows: Rows, name: str, tacho: Tacho, gear_ratio: float, stretches: Stretches) -> None:
+    def __init__(
+        self, rows: Rows, name: str, tacho: Tacho, gear_ratio: float, stretches: Stretches, spikes: Spikes
+    ) -> None:
         self._held: dict[tuple[float, float], IntervalSpeed] = {}
+        self._spikes, self._spiky = spikes, dict[tuple[float, float], Spans]()
         self._stretches = stretches
         super().__init__(rows, name, tacho, gear_ratio, stretches)
 
@@ -293,6 +301,9 @@ class SpeedLevel(PulseTrain):
         rps = (recorded if line is None else line(recorded)) * factor
         if np.nanmedian(rps) < 0.0:
             rps = -rps
+        spiky = spikes_between(rps, ~np.isfinite(rps), channel.rate_hz, self._spikes)
+        rps[marks(spiky, 0, len(rps))] = np.nan
+        self._spiky[start_s, stop_s] = first + spiky
         middle = float(np.nanmedian(rps)) / factor
         _require_less(
             f"channels.{self.name}.std",
@@ -334,6 +345,18 @@ class SpeedLevel(PulseTrain):
         """Return the samples of a stretch as means over their intervals [rev/s]."""
         return self._held[self._stretches[label]]
 
+    def faults(self, label: str, speed: IntervalSpeed, start_s: float, stop_s: float) -> list[Fault]:
+        """What was wrong in a stretch, spikes included, and what was done."""
+        channel = self.channel
+        spans = clipped_to(
+            self._spiky[self._stretches[label]],
+            *(round((time_s - channel.start_s) * channel.rate_hz) for time_s in (start_s, stop_s)),
+        )
+        others = super().faults(label, speed, start_s, stop_s)
+        found = [replace(one, spans=apart_from(one.spans, spans)) for one in others]
+        found.append(Fault("spike", channel.name, Sentence("masked"), spans))
+        return [one for one in found if len(one.spans)]
+
     def score(self, speed: IntervalSpeed) -> float:
         """Return a score below that of any source that counts turns, since a converter's filter is unknown."""
         return -1.0 / (1.0 + len(speed.time_s))
@@ -346,13 +369,14 @@ def _require_less(key: str, std: float | None, limit: float, what: str) -> None:
 
 
 def source_of(
-    rows: Rows | None, name: str, tacho: Tacho, gear_ratio: float, stretches: Stretches
+    rows: Rows | None, name: str, tacho: Tacho, gear_ratio: float, stretches: Stretches, spikes: Spikes
 ) -> PulseTrain:
-    """Return the source that a table of a trial describes."""
+    """Return the source that a table of a trial describes; `spikes` says what counts as one of a recorded speed."""
     if tacho.kind == "edges" or rows is None:
         return EdgeList(name, tacho, gear_ratio, stretches)
-    kinds: dict[str, type[PulseTrain]] = {"angle": Encoder, "speed": SpeedLevel}
-    kind = kinds.get(tacho.kind, MarkedWheel if tacho.missing else PulseTrain)
+    if tacho.kind == "speed":
+        return SpeedLevel(rows, name, tacho, gear_ratio, stretches, spikes)
+    kind = Encoder if tacho.kind == "angle" else MarkedWheel if tacho.missing else PulseTrain
     return kind(rows, name, tacho, gear_ratio, stretches)
 
 

@@ -125,7 +125,7 @@ class Processing(Section):
     """From the train with the most good intervals, or from the pulses of all trains together, each weighed by its
     timing and reflectors; takes some ten seconds more for an hour of log, and tells the speed's standard deviation."""
     torque_spikes: Spikes = Spikes()
-    """What counts as a spike of the torque, and of the rack."""
+    """What counts as a spike of the torque, of the rack, of the load, and of a recorded speed."""
     set_point_jumps: Spikes = Spikes()
     faults: Faults = Faults()
 

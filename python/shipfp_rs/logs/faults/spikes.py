@@ -17,6 +17,8 @@ PIECE = 1 << 18
 """Samples that are looked at together."""
 SHORTEST = 2
 """Samples of a slow channel that may be a spike, whose longest is shorter."""
+BY_A_CLOCK, LONGEST_HELD_S = 0.9, 0.2
+"""Part of the changes that come whole periods apart in a held channel, and its longest period [s]."""
 BESIDE_S, LEAST_BESIDE = 2.0, 64
 """Seconds and samples beside them that show the noise about the first and the last."""
 
@@ -33,14 +35,16 @@ class SpikeLimits(Protocol):
 
 
 def spikes_between(
-    samples: Array, missing: Mask, rate_hz: float, limits: SpikeLimits, shortest: int = 1
+    samples: Array, missing: Mask, rate_hz: float, limits: SpikeLimits, shortest: int = 1, *, steps: bool = False
 ) -> Spans:
     """Return the spikes of calibrated samples of which some are missing; none in what bridges a long gap.
 
-    A spike may have `shortest` samples however slow the channel is.
+    A spike may have `shortest` samples however slow the channel is, and is held as long as any value is: a power analyser's
+    or a bus's. `steps` says of a channel that it goes in steps by itself, as a set point does.
     """
-    longest_s = max(limits.longest_s, shortest / rate_hz)
     filled = bridge(samples, missing)
+    held = 1 if steps else held_samples(filled, rate_hz)
+    longest_s = max(limits.longest_s, shortest / rate_hz, held / rate_hz)
     # A long bridge has no noise in it and would make its neighbours' noise look like spikes.
     absent = np.zeros(len(samples), dtype=np.bool_)
     gaps = runs(missing)
@@ -55,8 +59,24 @@ def spikes_between(
     )
 
 
+def held_samples(samples: Array, rate_hz: float) -> int:
+    """Return how many samples a value stands for before the next one comes; 1 where they do not come by a clock."""
+    lasting = np.diff(np.flatnonzero(np.diff(samples)))
+    if len(lasting) < LEAST_BESIDE:
+        return 1
+    held = int(np.median(lasting))
+    on_the_clock = np.abs(lasting - held * np.rint(lasting / held)) <= held / 8
+    return held if np.mean(on_the_clock) > BY_A_CLOCK and held <= LONGEST_HELD_S * rate_hz else 1
+
+
 def spikes_of(
-    rows: Rows, lost: Spans, limits: SpikeLimits, noise: float, calibration: Calibration | None = None
+    rows: Rows,
+    lost: Spans,
+    limits: SpikeLimits,
+    noise: float,
+    calibration: Calibration | None = None,
+    *,
+    steps: bool = False,
 ) -> Spans:
     """Return the spikes of a whole channel on its own index.
 
@@ -73,6 +93,8 @@ def spikes_of(
         as many times higher than this as it is higher than what is around it.
     calibration
         Of the channel, where it is known: the share of the magnitude is one of calibrated values.
+    steps
+        Whether the channel may go in steps by itself.
     """
     rate_hz, count = rows.channel.rate_hz, rows.channel.samples
     beside = max(round(BESIDE_S * rate_hz), LEAST_BESIDE)
@@ -84,7 +106,7 @@ def spikes_of(
             raw = rows.read(low, high).astype(np.float64)
             samples = raw if calibration is None else calibration(raw)
             spans = spikes_between(
-                samples, ~np.isfinite(raw) | marks(lost, low, high), rate_hz, limits, SHORTEST
+                samples, ~np.isfinite(raw) | marks(lost, low, high), rate_hz, limits, SHORTEST, steps=steps
             )
             starts, stops = (low + spans).T
             own = (starts >= begin) & (starts < end)
