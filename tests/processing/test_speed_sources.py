@@ -205,7 +205,9 @@ def test_spikes_of_a_slow_or_held_speed_are_masked_and_nothing_after_a_step(
     table = 'column = "f"\nunit = "Hz"\npole_pairs = 2'
     found = []
     for values in (sound, struck):
-        log = Log.from_arrays({"U_set": asked, "f": values}, rate_hz=rate_hz, units={"U_set": "rpm", "f": "Hz"})
+        log = Log.from_arrays(
+            {"U_set": asked, "f": values}, rate_hz=rate_hz, units={"U_set": "rpm", "f": "Hz"}
+        )
         trial(tmp_path, table)
         path = tmp_path / "TRIAL.toml"
         text = path.read_text().replace("1184.0", "1500.0").replace("20.0", f"{min(rate_hz, 50.0)}")

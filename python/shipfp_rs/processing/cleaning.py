@@ -192,9 +192,7 @@ class Cleaner:
     def _spiky(self, samples: Array, missing: Mask) -> tuple[Mask, Spans]:
         """Mark the spikes of a piece, shape (N,), and tell where they begin and end in it."""
         spiky = np.zeros(len(samples), dtype=np.bool_)
-        found = spikes_between(
-            samples, missing, self.channel.rate_hz, self.spikes, steps=self._spike == "D1"
-        )
+        found = spikes_between(samples, missing, self.channel.rate_hz, self.spikes, steps=self._spike == "D1")
         for begin, end in found:
             # One sample more on either side: the receiver's filter widens a spike's foot.
             spiky[max(begin - 1, 0) : end + 1] = True

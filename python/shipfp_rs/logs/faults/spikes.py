@@ -35,7 +35,13 @@ class SpikeLimits(Protocol):
 
 
 def spikes_between(
-    samples: Array, missing: Mask, rate_hz: float, limits: SpikeLimits, shortest: int = 1, *, steps: bool = False
+    samples: Array,
+    missing: Mask,
+    rate_hz: float,
+    limits: SpikeLimits,
+    shortest: int = 1,
+    *,
+    steps: bool = False,
 ) -> Spans:
     """Return the spikes of calibrated samples of which some are missing; none in what bridges a long gap.
 
