@@ -15,7 +15,7 @@ from shipfp_rs.identification.estimate import Estimate, Identifiability, rounded
 from shipfp_rs.identification.inertia import operating_point
 from shipfp_rs.identification.input_checks import doubts
 from shipfp_rs.identification.ship_verdict import BENT
-from shipfp_rs.identification.usability import missing, usability
+from shipfp_rs.identification.usability import MISSES, usability
 from shipfp_rs.identification.wording import rank
 from shipfp_rs.report import render
 from shipfp_rs.report.answer import interval, loop_rows, open_questions, ship_rows
@@ -321,10 +321,12 @@ SENTENCES = {
         "values fit as well.",
         unknown=listed(["tau_n", "g"]),
     ),
-    "misfit": Sentence("Not usable, because {what}.", what=missing(12.5)),
+    "misfit": Sentence("Not usable, because {what}.", what=Sentence(MISSES, share="12.5")),
     "nothing explained": Sentence(
-        "Not usable, because the model explains nothing of {outputs}.",
-        outputs=Sentence("the {name}", name=Sentence("torque")),
+        "Not usable, because {what}.",
+        what=Sentence(
+            "the model explains nothing of {outputs}", outputs=Sentence("the {name}", name=Sentence("torque"))
+        ),
     ),
     "nothing told": "Not usable, because the data determine no parameter.",
     "no minimum": "Not usable, because the search did not end in a minimum; no figure is an estimate.",

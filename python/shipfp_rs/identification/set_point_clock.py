@@ -22,8 +22,8 @@ OWN, CAUSES = 3, 6
 STRETCHES, EDGE, SHORTEST = 24, 5, 20
 """Stretches of the record; those at either end within which no move is looked for; least samples of one."""
 BETTER, AGREED = 1.15, 0.8
-"""The move takes so much off the variance, and so many stretches agree on either side. On 180 simulated trials without one
-no side that lost this much off the variance had more than 0.6 agree."""
+"""The move takes so much off the variance, and so many stretches agree on either side. Of 176 simulated trials none was told
+to have one; 0.4 s from the middle on were told in 142, in three of these at another time or by another size."""
 
 
 def moved_from(experiment: Experiment) -> tuple[float, float] | None:

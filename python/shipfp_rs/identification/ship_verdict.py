@@ -13,7 +13,7 @@ from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.identification.question import BOUNDS, TRIED
 from shipfp_rs.identification.ship_found import BELIEVED, ShipFit
 from shipfp_rs.identification.sides import KINDS
-from shipfp_rs.identification.usability import Usability, missing, usability
+from shipfp_rs.identification.usability import Usability, misfit, usability
 from shipfp_rs.identification.verdict import known, not_identifiable, shown
 from shipfp_rs.structures.elements import ELEMENTS
 from shipfp_rs.support.sentences import Sentence, joined, listed
@@ -145,8 +145,7 @@ def with_verdict(fingerprint: Fingerprint, strain: float = 0.0, kind: str | None
     """
     found = usability(fingerprint)
     if kind is not None:
-        misses = fingerprint.adequate.get("misses_pct", {}).values()
-        what = missing(max(misses)) if kind == "misfit" and misses else KINDS[kind]
+        what = misfit(fingerprint) if kind == "misfit" else KINDS[kind]
         told = {
             name: replace(one, reason=Sentence(one.reason.template, what=what))
             if isinstance(one.reason, Sentence) and one.reason.values.get("what") == KINDS[kind]

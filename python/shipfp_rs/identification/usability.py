@@ -21,6 +21,7 @@ LARGE_MISS_PCT = 10.0
 LEAST_EXPLAINED_PCT = 2.0
 """Part of an output's spread that a usable model explains at least: below it the output is not the ship's answer."""
 
+MISSES = Sentence("the model misses {share} % of the drive train's response")
 GAINS = ("vK_p", "vK_i", "K_p", "K_i")
 TO_TUNE = 1.0 / 3.0
 """Error of a gain, over the true one, that control tuning bears: less than what most loops' margins leave."""
@@ -133,9 +134,16 @@ def _tunes(gain: Estimate) -> bool:
     return gain.value - low <= TO_TUNE * low and high - gain.value <= TO_TUNE * high
 
 
-def missing(share_pct: float) -> Sentence:
-    """Say which share of the response the model misses, that of the output of which it misses most."""
-    return Sentence("the model misses {share} % of the drive train's response", share=f"{share_pct:.2g}")
+def misfit(fingerprint: Fingerprint) -> Sentence:
+    """Say of which output the model explains nothing, or else which share it misses of the one of which it misses most."""
+    unexplained = [
+        Sentence("the {name}", name=Sentence(OUTPUTS.get(name, name)))
+        for name, row in fingerprint.fit.items()
+        if name != "overall" and (share := row.get("nrmse_pct")) is not None and share < LEAST_EXPLAINED_PCT
+    ]
+    if unexplained:
+        return Sentence("the model explains nothing of {outputs}", outputs=listed(unexplained))
+    return Sentence(MISSES, share=f"{_worst(fingerprint):.2g}")
 
 
 def _worst(fingerprint: Fingerprint) -> float:
@@ -144,25 +152,18 @@ def _worst(fingerprint: Fingerprint) -> float:
 
 def _why_not(fingerprint: Fingerprint) -> Usability | None:
     """Return why nothing of a fingerprint can be used; None where something can."""
-    unexplained = [
-        Sentence("the {name}", name=Sentence(OUTPUTS.get(name, name)))
-        for name, row in fingerprint.fit.items()
-        if name != "overall" and (share := row.get("nrmse_pct")) is not None and share < LEAST_EXPLAINED_PCT
-    ]
+    what = misfit(fingerprint)
+    said = Sentence("Not usable, because {what}.", what=what)
     why: WhyNot
     if not fingerprint.settings.get("converged", True):
         why = "no minimum"
         said = Sentence("Not usable, because the search did not end in a minimum; no figure is an estimate.")
-    elif unexplained:
+    elif what.template != MISSES:
         why = "nothing explained"
-        said = Sentence(
-            "Not usable, because the model explains nothing of {outputs}.", outputs=listed(unexplained)
-        )
     elif not any(estimate.status in KNOWN for estimate in fingerprint.parameters.values()):
         why, said = "nothing told", Sentence("Not usable, because the data determine no parameter.")
-    elif not fingerprint.adequate["stands"] and (worst := _worst(fingerprint)) > LARGE_MISS_PCT:
+    elif not fingerprint.adequate["stands"] and _worst(fingerprint) > LARGE_MISS_PCT:
         why = "misfit"
-        said = Sentence("Not usable, because {what}.", what=missing(worst))
     else:
         return None
     return Usability("not usable", said, why)

@@ -13,7 +13,7 @@ from shipfp_rs.errors import InputError
 from shipfp_rs.logs.channel import Channel
 from shipfp_rs.logs.channel_reader import Rows
 from shipfp_rs.logs.faults.record import Fault
-from shipfp_rs.logs.faults.spikes import spikes_between
+from shipfp_rs.logs.faults.spikes import spikes_along
 from shipfp_rs.processing.pulse_train import MARGIN_S, PulseTrain
 from shipfp_rs.processing.trial_channels import Tacho
 from shipfp_rs.processing.trial_tables import Spikes
@@ -301,7 +301,7 @@ class SpeedLevel(PulseTrain):
         rps = (recorded if line is None else line(recorded)) * factor
         if np.nanmedian(rps) < 0.0:
             rps = -rps
-        spiky = spikes_between(rps, ~np.isfinite(rps), channel.rate_hz, self._spikes)
+        spiky = spikes_along(rps, channel.rate_hz, self._spikes)
         rps[marks(spiky, 0, len(rps))] = np.nan
         self._spiky[start_s, stop_s] = first + spiky
         middle = float(np.nanmedian(rps)) / factor

@@ -12,6 +12,7 @@ from shipfp_rs.support.arrays import Array, Mask
 from shipfp_rs.support.calibration import Calibration
 from shipfp_rs.support.spans import Spans, joined, marks, runs
 from shipfp_rs.support.spikes import bridge, find_spikes
+from shipfp_rs.support.threads import require_going
 
 PIECE = 1 << 18
 """Samples that are looked at together."""
@@ -63,6 +64,21 @@ def spikes_between(
         )
         for start, stop in runs(~absent)
     )
+
+
+def spikes_along(samples: Array, rate_hz: float, limits: SpikeLimits) -> Spans:
+    """Return the spikes of a long signal, NaN where it is missing; Ctrl-C ends it after each piece."""
+    beside = max(round(BESIDE_S * rate_hz), LEAST_BESIDE)
+
+    def found() -> Iterator[Spans]:
+        for begin in range(0, len(samples), PIECE):
+            require_going()
+            low = max(begin - beside, 0)
+            part = samples[low : begin + PIECE + beside]
+            spans = low + spikes_between(part, ~np.isfinite(part), rate_hz, limits)
+            yield spans[(spans[:, 0] >= begin) & (spans[:, 0] < begin + PIECE)]
+
+    return joined(found())
 
 
 def held_samples(samples: Array, rate_hz: float) -> int:
