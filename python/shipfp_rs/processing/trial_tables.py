@@ -86,7 +86,7 @@ class Spikes(Section):
     """Short excursions from the running median that are taken for faults."""
 
     longest_s: Stretch = 0.05
-    """Longest spike [s]; what the plant itself does lasts longer."""
+    """Longest spike [s], or one value of a channel that holds each for longer; what the plant itself does lasts longer."""
     threshold: Sigmas = 6.0
     """Height in robust standard deviations about the running median."""
     least: Share = 0.05
