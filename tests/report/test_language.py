@@ -72,9 +72,8 @@ def test_a_language_is_added_by_its_own_files_alone(tmp_path, monkeypatch) -> No
 
 def test_a_sentence_is_said_from_its_parts_whatever_they_hold() -> None:
     outputs = [Sentence("the {name}", name=Sentence(name)) for name in ("speed", "torque")]
-    sentence = Sentence(
-        "Not usable, because the model explains nothing of {outputs}.", outputs=listed(outputs)
-    )
+    what = Sentence("the model explains nothing of {outputs}", outputs=listed(outputs))
+    sentence = Sentence("Not usable, because {what}.", what=what)
     assert sentence == "Not usable, because the model explains nothing of the speed and the torque."
     assert Say()(sentence) == sentence
     german = Say("de")(sentence)
