@@ -34,7 +34,9 @@ def main() -> None:
     ships = [draw(family, seed) for family in ("tug", "launch") for seed in seeds]
     ships = [ship for ship in ships if not {"M_max", "rate"} & set(ship.truth()["on"])]
     print(f"{len(ships)} ships without a limit")
-    print(f"{'noise of the speed':>20}{'of the response':>17}{'told':>6}{'within 10 %':>13}{'interval 10 %':>15}")
+    print(
+        f"{'noise of the speed':>20}{'of the response':>17}{'told':>6}{'within 10 %':>13}{'interval 10 %':>15}"
+    )
     for level in LEVELS:
         rows = [row for ship in ships for row in gains(ship, level)]
         errors, widths, shares = np.array(rows).T

@@ -146,13 +146,6 @@ def with_verdict(fingerprint: Fingerprint, strain: float = 0.0, kind: str | None
     found = usability(fingerprint)
     if kind is not None:
         what = misfit(fingerprint) if kind == "misfit" else KINDS[kind]
-        told = {
-            name: replace(one, reason=Sentence(one.reason.template, what=what))
-            if isinstance(one.reason, Sentence) and one.reason.values.get("what") == KINDS[kind]
-            else one
-            for name, one in fingerprint.parameters.items()
-        }
-        fingerprint = replace(fingerprint, parameters=told)
         if found.state != "not usable" or fingerprint.load_side:
             found = Usability("usable except", Sentence(LOAD_ONLY, what=what))
     ended = [name for name, one in fingerprint.parameters.items() if _is_on_bound(name, one)]

@@ -31,7 +31,7 @@ KINDS: Mapping[str, Sentence] = {
     "lag": Sentence("the governor's command acts with another lag than the model's, as behind an inner loop"),
     "torque_limit": Sentence("the engine's torque is limited, but by no limit that was tried"),
     "rack_rate": Sentence("the rack's rate is limited, but by no limit that was tried"),
-    "misfit": Sentence("the model misses most of the response to the set point"),
+    "misfit": Sentence("the model misses too much of the drive train's response"),
     "sides": Sentence("speed and torque alone give another load than the whole model"),
 }
 """What the engine's side looks like, by the kind of shape that it shows."""

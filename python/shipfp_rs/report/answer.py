@@ -272,16 +272,20 @@ def loop_rows(loop: Mapping[str, Estimate], say: Say) -> list[tuple[str, str, st
     rows = []
     for row in rounded_rows({name: loop[name] for name in WORTH if name in loop}):
         estimate = loop[row.name]
+        value, told = say.number(row.value), interval(row, estimate, say)
+        if row.value and told and is_rough(estimate, KNOWN_WELL):
+            # A value that may be off by more would be taken for one that is known.
+            value, told = interval(row, estimate, say, with_end=False), say("known only roughly")
         value = (
-            f"{say.number(row.value)}\u00a0{unit_shown(row.unit)}".strip().replace("\u00a0°", "°")
+            f"{value}\u00a0{unit_shown(row.unit)}".strip().replace("\u00a0°", "°")
             if row.value
             else say("none")
         )
         if row.value and row.name == "gain margin":
-            value = say("{factor} times", factor=row.value)
+            value = say("{factor} times", factor=value.strip())
         if not row.value and row.name == "gain margin" and estimate.reason == "there is none":
             value = say("no limit")
-        rows.append((say(row.name), "", value, interval(row, estimate, say), meanings[row.name]))
+        rows.append((say(row.name), "", value, told, meanings[row.name]))
     return rows
 
 
