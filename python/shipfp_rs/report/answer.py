@@ -48,6 +48,8 @@ TONES: Mapping[str, str] = {"usable": "good", "usable except": "warn", "not usab
 """What colour the first sentence has."""
 KNOWN_WELL = 0.2
 """Half of an interval over its value up to which a parameter is known well enough for green."""
+OPEN_ABOVE = 3.0
+"""Upper end of an interval, over its value, from which it is open above: only what it is at least helps."""
 RELATED = 0.9
 """Correlation above which parameters are known only roughly because of each other."""
 AT_AN_END = 0.05
@@ -276,6 +278,8 @@ def loop_rows(loop: Mapping[str, Estimate], say: Say) -> list[tuple[str, str, st
         if row.value and told and is_rough(estimate, KNOWN_WELL):
             # A value that may be off by more would be taken for one that is known.
             value, told = interval(row, estimate, say, with_end=False), say("known only roughly")
+            if estimate.ci95 is not None and estimate.ci95[1] > OPEN_ABOVE * abs(estimate.value or 0.0):
+                value = say("at least {low}", low=row.low)
         value = (
             f"{value}\u00a0{unit_shown(row.unit)}".strip().replace("\u00a0°", "°")
             if row.value
