@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from shipfp_rs.errors import InputError
-from shipfp_rs.reproduce import Row, fullscale_figures, fullscale_trial
+from shipfp_rs.reproduce import Row, fullscale_figures, trial
 from shipfp_rs.reproduce.fullscale import measured_response
 from shipfp_rs.reproduce.fullscale_figures import Material
 from tests.pictures import check_figures
@@ -158,14 +158,14 @@ def test_the_extended_structure_predicts_the_simulated_trial_best(reproduction, 
 
 @pytest.mark.parametrize(("name", "duration_s"), [("S2", 3 / 0.0044), ("C11", 500.0), ("St1", 450.0)])
 def test_the_trial_has_the_printed_plan(name, duration_s):
-    excitation = fullscale_trial.excitation(name)
+    excitation = trial.excitation(name)
     assert excitation.duration == pytest.approx(duration_s, abs=0.1)
     assert np.abs(excitation.samples).max() == pytest.approx(502.8 if name == "St1" else 76.0, rel=1e-3)
 
 
 def test_an_experiment_that_was_not_made_is_refused():
     with pytest.raises(InputError, match=r"experiment 'S18', expected one of S1, S2"):
-        fullscale_trial.excitation("S18")
+        trial.excitation("S18")
 
 
 def test_the_ladder_from_the_thesis_structure_ends_with_both_dead_times(reproduction):

@@ -11,10 +11,10 @@ import pytest
 
 matplotlib.use("Agg")
 
-from shipfp_rs.reproduce import Reproduction, Row, virtual, virtual_data, virtual_figures, virtual_verdict
+from shipfp_rs.reproduce import Reproduction, Row, virtual, virtual_data, virtual_figures
 from shipfp_rs.reproduce.virtual_data import euler_bias, launch, launch_of_the_thesis, settled_response
 from shipfp_rs.reproduce.virtual_figures import Material
-from shipfp_rs.reproduce.virtual_tables import relations_of
+from shipfp_rs.reproduce.virtual import relations_of
 from shipfp_rs.vessel.linear_model import linearise
 from tests.pictures import check_figures
 
@@ -38,7 +38,7 @@ def reproduction() -> Reproduction:
         patch.setattr(virtual_data, "SUBSTEPS", 5)
         jobs = [job for job in virtual._our_jobs() if job.structure.name != "plant" or job.case in QUICK]
         patch.setattr(virtual, "_our_jobs", lambda: jobs)
-        patch.setattr(virtual_verdict, "SMALL", QUICK[:1])
+        patch.setattr(virtual, "SMALL", QUICK[:1])
         return virtual.reproduce()
 
 

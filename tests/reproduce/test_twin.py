@@ -19,7 +19,7 @@ from shipfp_rs.assessment.ship_parameters import parameters_of
 from shipfp_rs.identification.fingerprint import Estimate
 from shipfp_rs.reproduce import twin
 from shipfp_rs.reproduce.twin import ALL, CHIRP, FREE, PARTS, Outcome
-from shipfp_rs.reproduce.twin_trial import LAST_HZ, PAUSE_S, STEADY_S, Twin, drawn
+from shipfp_rs.reproduce.trial import LAST_HZ, PAUSE_S, STEADY_S, Twin, drawn
 from shipfp_rs.simulation.replay import replay
 
 CHOICES = {"": (CHIRP,), "joint": (CHIRP, ALL), "everything": (*PARTS, ALL)}
@@ -44,7 +44,8 @@ def test_twin_study_of_many_ships_in_many_seas() -> None:
                     flush=True,
                 )
             if set(PARTS) <= set(parts):
-                print("", *twin.agreement_table(found), sep="\n", flush=True)
+                shares = ", ".join(f"{name} {share:.1%}" for name, share in twin.agreements(found).items())
+                print("\nPairs of sines, short and long chirps that agree at 95 %:", shares, flush=True)
     low, high = (binom.ppf(q, draws, 0.95) / draws for q in (1e-3, 0.999))
     for part in parts:
         assert twin.standing(found, part) >= 0.95

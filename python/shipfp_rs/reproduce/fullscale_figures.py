@@ -2,39 +2,48 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from functools import cached_property
+from collections.abc import Mapping, Sequence
+from functools import cache, cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from shipfp_rs import plot, published
+from shipfp_rs import plot
 from shipfp_rs.assessment.prediction import predict_response, structure_of
 from shipfp_rs.frequency import FrequencyResponse
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.plot import style
 from shipfp_rs.reproduce import Reproduction, fullscale_sensors
-from shipfp_rs.reproduce.fullscale import WEIGHTED, best_of, measured_response, thesis_structure
-from shipfp_rs.reproduce.fullscale_tables import BEYOND_THE_GAUGE_KG_M2, printed_parameters
-from shipfp_rs.reproduce.fullscale_trial import AMPLITUDE_RPM, VESSEL, simulated
-from shipfp_rs.reproduce.fullscale_verdict import bic, chi_squared
+from shipfp_rs.reproduce.fullscale import (
+    USABLE_HZ,
+    WEIGHTED,
+    best_of,
+    bic,
+    chi_squared,
+    ladder,
+    measured_response,
+    thesis_structure,
+)
+from shipfp_rs.reproduce.fullscale_tables import BEYOND_THE_GAUGE_KG_M2, printed_parameters, set_point_line
 from shipfp_rs.reproduce.pictures import (
+    DEVIATIONS,
     Picture,
+    Progress,
     Stretch,
     against,
     bode_of_sets,
+    dress,
     figure_of,
-    legend_above,
     record,
     save,
 )
+from shipfp_rs.reproduce.trial import AMPLITUDE_RPM, VESSEL, simulated
 from shipfp_rs.signals import sine_sequence
 from shipfp_rs.simulation.sensors import EQUATION_6_7
 from shipfp_rs.simulation.simulate import simulate
 from shipfp_rs.structures.prediction import simulated_about
 from shipfp_rs.support.arrays import Array
-from shipfp_rs.support.calibration import Calibration
 from shipfp_rs.support.quantiles import DEVIATIONS_95
 from shipfp_rs.vessel.vessel import Vessel
 
@@ -64,10 +73,11 @@ class Material:
     def __init__(self, found: Reproduction) -> None:
         self.rows = found.rows
         self.fingerprints = found.fingerprints
-        self.measured = measured_response(1.637)
-        self._answers: dict[str, dict[str, Mapping[str, Array]]] = {}
+        self.measured = measured_response(USABLE_HZ)
+        self.answers = cache(self._answers)
         self.best: Fingerprint = best_of(found)
         self.experiment = simulated
+        self.fitted = predict_response(self.best, self.measured)
 
     @cached_property
     def curves(self) -> dict[str, FrequencyResponse]:
@@ -79,16 +89,13 @@ class Material:
             curves[case] = FrequencyResponse(case, BODE_HZ, dict(zip(("n_e", "M_g"), response, strict=True)))
         return curves
 
-    def answers(self, experiment: str) -> dict[str, Mapping[str, Array]]:
+    def _answers(self, experiment: str) -> dict[str, Mapping[str, Array]]:
         """What the printed sets and our best structure make of an experiment on the simulated tug."""
-        if experiment not in self._answers:
-            record, thesis = simulated(experiment), thesis_structure()
-            sets = {
-                case: simulated_about(thesis, values, record) for case, values in printed_parameters().items()
-            }
-            ours = simulated_about(structure_of(self.best), self.best.settings["optimum"], record)
-            self._answers[experiment] = sets | {"ours": ours}
-        return self._answers[experiment]
+        record, thesis = simulated(experiment), thesis_structure()
+        sets = {
+            case: simulated_about(thesis, values, record) for case, values in printed_parameters().items()
+        }
+        return sets | {"ours": simulated_about(structure_of(self.best), self.best.optimum, record)}
 
     def fits(self, experiment: str) -> str:
         """Fits to an experiment in words, from Tables 7.2 and 7.3."""
@@ -106,15 +113,10 @@ class Material:
 
 def _set_point_line(material: Material, figure: Figure) -> str:
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
-    points = published.set_point_calibration()
-    volts = np.array([point.setpoint_v for point in points])
-    speed = np.array([point.engine_speed_rpm for point in points])
-    ours = Calibration.from_table(volts, speed, "rpm")
+    volts, speed, ours = set_point_line()
     line = np.linspace(-6.5, -2.5, 50)
-    for calibration, color, label in (
-        (EQUATION_6_7, style.GREY, "eq. 6.7"),
-        (ours, style.BLUE, "least squares"),
-    ):
+    lines = ((EQUATION_6_7, style.GREY, "eq. 6.7"), (ours, style.BLUE, "least squares"))
+    for calibration, color, label in lines:
         upper.plot(line, calibration(line), color=color, label=label)
         lower.plot(line, calibration(line) - ours(line), color=color)
     error = DEVIATIONS_95 * ours.standard_error(line)
@@ -122,8 +124,7 @@ def _set_point_line(material: Material, figure: Figure) -> str:
     upper.plot(volts, speed, "o", color=style.ORANGE, label="Table 6.11")
     lower.plot(volts, speed - ours(volts), "o", color=style.ORANGE)
     style.dress(upper, "engine speed [rpm]")
-    style.dress(lower, "off the line [rpm]", legend=False)
-    lower.set_xlabel("set point [V]")
+    dress(lower, "off the line [rpm]", "set point [V]", legend=False)
     return (
         f"{ours.scale:.2f} rpm/V and {ours.offset:.2f} rpm by least squares, with its 95 % band below; the line of eq. 6.7 "
         "lies within it."
@@ -133,10 +134,8 @@ def _set_point_line(material: Material, figure: Figure) -> str:
 def _measured_bode(material: Material, figure: Figure, *, signal: str) -> str:
     panels = [*figure.subplots(2, 1, sharex=True)]
     whole = measured_response()
-    size, phase = {signal: whole.amplitude_std[signal]}, {signal: whole.phase_std[signal]}
-    points = FrequencyResponse("", whole.frequency_hz, {signal: whole.response[signal]}, size, phase)
-    model = predict_response(material.best, material.measured)
-    plot.bode(points, FrequencyResponse("", model.frequency_hz, {signal: model.response[signal]}), panels)
+    rows = ({signal: part[signal]} for part in (whole.response, whole.amplitude_std, whole.phase_std))
+    plot.bode(FrequencyResponse("", whole.frequency_hz, *rows), material.fitted, panels)
     return (
         "Points: sine fits of Tables E.1 to E.3 with two standard deviations; phases above 0.085 Hz are lost, since each "
         "channel was fitted with a frequency of its own. Line: extended structure with both dead times, fitted to "
@@ -146,8 +145,7 @@ def _measured_bode(material: Material, figure: Figure, *, signal: str) -> str:
 
 def _identified_bode(material: Material, figure: Figure, *, signal: str) -> str:
     panels = [*figure.subplots(2, 1, sharex=True)]
-    model = predict_response(material.best, material.measured)
-    bode_of_sets(figure, panels, {"ours": model, **material.curves}, signal, material.measured)
+    bode_of_sets(figure, panels, {"ours": material.fitted, **material.curves}, signal, material.measured)
     return (
         "The thesis draws cases ii to iv on top of each other; their printed parameters are three different systems. Only "
         "phases that are known are drawn."
@@ -167,11 +165,10 @@ def _lively(material: Material, figure: Figure) -> str:
         size = [abs(_answer(ship, frequency)) for frequency in LIVELY_HZ]
         ax.plot(LIVELY_HZ, size, "o-", ms=3, color=color, label=label)
     structure = structure_of(material.best)
-    response, _ = structure.equations.response(material.best.settings["optimum"], LIVELY_HZ, ())
+    response, _ = structure.equations.response(material.best.optimum, LIVELY_HZ, ())
     ax.plot(LIVELY_HZ, np.abs(response[1]), color=style.GREY, lw=3.0, zorder=0, label="linear, ours")
     ax.set_xscale("log")
-    ax.set_xlabel("frequency [Hz]")
-    style.dress(ax, "torque over set point [-]")
+    dress(ax, "torque over set point [-]", "frequency [Hz]")
     return (
         f"Gauge torque at the frequency of the sine, {AMPLITUDE_RPM:g} rpm through the simulated tug, beside the linear "
         "structure fitted to the published sine fits. The thesis sketches what ramps, sampling and single firings would do; "
@@ -193,13 +190,10 @@ def _answer(ship: Vessel, frequency_hz: float) -> complex:
 def _against(
     material: Material, figure: Figure, *, experiment: str, stretch: Stretch, cases: Sequence[str]
 ) -> str:
-    panels = figure.subplots(2, 1, sharex=True)
     answers = material.answers(experiment)
-    for ax, signal in zip(panels, ("n_e", "M_g"), strict=True):
-        models = {case: answers[case][signal] for case in cases}
-        against(ax, simulated(experiment), models, signal, stretch, ship="tug")
-    panels[-1].set_xlabel("time [s]")
-    legend_above(figure, panels[0])
+    models = {case: answers[case] for case in cases}
+    panels = {DEVIATIONS[signal]: signal for signal in ("n_e", "M_g")}
+    against(figure, simulated(experiment), models, panels, stretch, ship="tug")
     fits = material.fits(experiment)
     return f"i to iv: printed parameters. Fit of speed/torque to the whole experiment: {fits}. {SIMULATED}"
 
@@ -223,9 +217,8 @@ def _inertias(material: Material, figure: Figure) -> str:
         ax.text(0.5, place + 0.4, label, va="center", fontsize="small")
     ax.errorbar(found, 2, xerr=[[found - low], [high - found]], color="k", capsize=3)
     ax.set_yticks([])
-    ax.set_xlabel("inertia seen from the propeller [kg m$^2$]")
     ax.set_xlim(0.0, 75.0)
-    style.dress(ax, "", legend=False)
+    dress(ax, "", "inertia seen from the propeller [kg m$^2$]", legend=False)
     return (
         "What the gauge sees behind it is tau_prop M_s0 / (2 pi n_s0), with its 95 % interval. The thesis expected the "
         "whole inertia less 12 kg m2 in tau_n; its structure, fitted to gauge torque, can only find the propeller's side."
@@ -234,7 +227,7 @@ def _inertias(material: Material, figure: Figure) -> str:
 
 def _causes(material: Material, figure: Figure) -> str:
     ax = figure.subplots()
-    found = [value for name, value in material.fingerprints.items() if name.startswith(f"{WEIGHTED}:")]
+    found = ladder(material.fingerprints)
     best = min(map(bic, found))
     for place, fit in enumerate(reversed(found)):
         left = chi_squared(fit)
@@ -245,8 +238,7 @@ def _causes(material: Material, figure: Figure) -> str:
     ax.set_xlim(10.0, 3000.0)
     freedom = found[-1].fit["overall"]["degrees_of_freedom"] or 0.0
     ax.axvline(freedom, color=style.RED, lw=1.0, ls="--", label=f"{freedom:.0f} degrees of freedom")
-    ax.set_xlabel("chi-squared of S2 to S13 [-]")
-    style.dress(ax, "")
+    dress(ax, "", "chi-squared of S2 to S13 [-]")
     return (
         "Each cause that the thesis lists as possible, added in turn: the gauge's place, the propeller's exponent, the dead "
         "times of the loop and of the set point's path. Where chi-squared is near the degrees of freedom nothing is left "
@@ -309,9 +301,8 @@ PICTURES: tuple[Picture[Material], ...] = (
     figure_of("7.23", "why the fits failed", _causes, 4.2),
 )
 FILES = tuple(picture.file for picture in PICTURES)
-"""Names of the files that `draw` writes."""
 
 
-def draw(folder: Path, found: Reproduction, progress: Callable[[int, int], None] | None = None) -> None:
+def draw(folder: Path, found: Reproduction, progress: Progress | None = None) -> None:
     """Write every figure into a folder as PNG; `progress` gets (figures done, figures in all)."""
-    save(PICTURES, Material(found), folder, progress)
+    save(PICTURES, folder, Material(found), progress)

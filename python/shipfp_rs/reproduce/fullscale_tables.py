@@ -16,7 +16,7 @@ from shipfp_rs.identification.fit_statistics import nrmse_pct
 from shipfp_rs.inspection.checks import static_torque
 from shipfp_rs.inspection.spectrum import rates_of
 from shipfp_rs.reproduce import Row, Way
-from shipfp_rs.reproduce.fullscale_trial import simulated
+from shipfp_rs.reproduce.trial import simulated
 from shipfp_rs.reproduce.virtual_data import model_of
 from shipfp_rs.simulation.sensors import EQUATION_6_7
 from shipfp_rs.structures.prediction import simulated_about
@@ -49,17 +49,14 @@ def before_the_fit(vessel: Vessel) -> list[Row]:
 def cross_checks(vessel: Vessel, fingerprints: Mapping[str, Fingerprint]) -> list[Row]:
     """Return the rows of eq. 7.9: time constants and inertias from drawings, and what sine fits tell of them.
 
-    The total comes from the torsional vibration calculation, the entrained water from Schwanecke's formula
-    (`Vessel.entrained_water_inertia`), the propeller's side is J_2 = tau_prop M_s0 / (2 pi n_s0) of each fingerprint.
+    The total is of the torsional vibration calculation, the propeller's side J_2 = tau_prop M_s0 / (2 pi n_s0).
     """
     per_inertia = 2.0 * math.pi * vessel.nominal_shaft_speed / float(vessel.operating_point.M_s_Nm or 0.0)
     total, water = vessel.shaft.inertia_kg_m2, vessel.entrained_water_inertia()
     beyond = BEYOND_THE_GAUGE_KG_M2
     drawings = {"tau_n [s]": total * per_inertia, "I_p [kg m2]": total}
-    less = (
-        f"less the {beyond:g} kg m2 that the thesis puts beyond the gauge {(total - beyond) * per_inertia:.2f} s; it "
-        f"expects about 1 s"
-    )
+    left = f"{(total - beyond) * per_inertia:.2f} s; it expects about 1 s"
+    less = f"less the {beyond:g} kg m2 that the thesis puts beyond the gauge {left}"
     rows = [
         Row(EQUATION, "torsional calculation", "printed", "", {"tau_n [s]": 1.17, "I_p [kg m2]": 62.3}),
         Row(EQUATION, "torsional calculation", "ours", "", drawings, less),
@@ -94,9 +91,9 @@ def _fitted(
 def _static_torque(vessel: Vessel) -> list[Row]:
     """Table 6.8 by eq. 6.3 with V_a = 0."""
     points = published.static_torque()
-    speed = np.array([point.engine_speed_rpm for point in points])
-    measured = np.array([point.measured_torque_nm for point in points])
-    printed = np.array([point.calculated_torque_nm for point in points])
+    speed, measured, printed = np.array(
+        [(point.engine_speed_rpm, point.measured_torque_nm, point.calculated_torque_nm) for point in points]
+    ).T
     calculated = static_torque(vessel, speed, TORQUE_COEFFICIENT)
     error = 100.0 * (calculated - measured) / calculated
     power = _fitted(lambda n, c, p: c * n**p, speed, measured, (1700.0, 2.0))
@@ -107,25 +104,18 @@ def _static_torque(vessel: Vessel) -> list[Row]:
         columns = {f"{rpm:g} rpm": float(value) for rpm, value in zip(speed, values, strict=True)}
         return Row("6.8", case, way, "eq. 6.3" if way == "ours" else "", columns, notes)
 
+    one = f"one C_Q* = {TORQUE_COEFFICIENT} (K_Q = {K_Q:.4f}) gives all five to {np.abs(calculated - printed).max():.1f} Nm"
+    slip = (
+        f"of the calculated torque; at 1184 rpm {error[2]:.2f}, printed 0.99. Measured torque goes with n^p, p = "
+        "{:.3f} +- {:.3f} ({:.0f} Nm left); ".format(*power)
+        + "the square alone needs a gauge zero of {:.0f} +- {:.0f} Nm ({:.0f} Nm left)".format(*square)
+    )
     return [
         row("measured [Nm]", "printed", measured),
         row("calculated [Nm]", "printed", printed),
-        row(
-            "calculated [Nm]",
-            "ours",
-            calculated,
-            f"one C_Q* = {TORQUE_COEFFICIENT} (K_Q = {K_Q:.4f}) gives all five to "
-            f"{np.abs(calculated - printed).max():.1f} Nm",
-        ),
+        row("calculated [Nm]", "ours", calculated, one),
         row("error [%]", "printed", (point.error_pct for point in points)),
-        row(
-            "error [%]",
-            "ours",
-            error,
-            f"of the calculated torque; at 1184 rpm {error[2]:.2f}, printed 0.99. Measured torque goes with n^p, p = "
-            "{:.3f} +- {:.3f} ({:.0f} Nm left); ".format(*power)
-            + "the square alone needs a gauge zero of {:.0f} +- {:.0f} Nm ({:.0f} Nm left)".format(*square),
-        ),
+        row("error [%]", "ours", error, slip),
     ]
 
 
@@ -144,17 +134,21 @@ def _peaks(vessel: Vessel) -> list[Row]:
     ]
 
 
-def _set_point_line() -> list[Row]:
-    """Table 6.11 and eq. 6.7: the line through four steady points."""
+def set_point_line() -> tuple[Array, Array, Calibration]:
+    """Return the voltages and speeds [rpm] of Table 6.11, and the line through them."""
     points = published.set_point_calibration()
     volts = np.array([point.setpoint_v for point in points])
     speed = np.array([point.engine_speed_rpm for point in points])
-    line = Calibration.from_table(volts, speed, "rpm")
+    return volts, speed, Calibration.from_table(volts, speed, "rpm")
+
+
+def _set_point_line() -> list[Row]:
+    """Table 6.11 and eq. 6.7: the line through four steady points."""
+    volts, speed, line = set_point_line()
     slope_std = 0.0 if line.covariance is None else math.sqrt(line.covariance[0][0])
-    labels = [f"{value:g} V" for value in volts]
 
     def row(case: str, way: Way, line: Calibration, notes: str = "") -> Row:
-        left = dict(zip(labels, (line(volts) - speed).tolist(), strict=True))
+        left = {f"{at:g} V": off for at, off in zip(volts, (line(volts) - speed).tolist(), strict=True)}
         return Row("6.11", case, way, "", {"rpm/V": line.scale, "rpm at 0 V": line.offset, **left}, notes)
 
     told = f"line less measured speed [rpm]; slope +- {DEVIATIONS_95 * slope_std:.2f} rpm/V"
@@ -177,16 +171,7 @@ def _normalisation_points() -> list[Row]:
 
 
 def cross_validation(structure: Structure, best: Fingerprint) -> list[Row]:
-    """Return the printed fits [%] beside those of the same parameters to the trial on the simulated tug.
-
-    Parameters
-    ----------
-    structure
-        The thesis's.
-    best
-        Fingerprint of the best supported structure, fitted to the published sine fits: what it makes of the
-        simulated trial comes last.
-    """
+    """Return the printed fits [%] beside those of the same and the best parameters to the trial on the simulated tug."""
     rows = []
     for printed in published.full_scale_cross_validation():
         fits = (printed.multisine_pct, printed.short_chirp_pct, printed.long_chirp_pct, printed.steps_pct)

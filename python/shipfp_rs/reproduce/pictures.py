@@ -27,6 +27,7 @@ Painter = Callable[..., str]
 """(material, figure, what is painted) to the caption."""
 Stretch = tuple[float, float]
 """Part of a record on a panel of its own: from when to when [s]."""
+Progress = Callable[[int, int], None]
 
 DPI = 130
 CAPTION_COLUMNS = 140
@@ -37,8 +38,12 @@ NAMES = {
     "M_g": "gauge torque",
     "E_n": "integrated error",
 }
-DEVIATIONS = {"n_e": r"$\delta n^*$ [-]", "M_b": r"$\delta M_s^*$ [-]", "E_n": r"$\delta E_n^*$ [s]"}
-DEVIATIONS["M_g"] = r"$\delta M^*$ [-]"
+DEVIATIONS = {
+    "n_e": r"$\delta n^*$ [-]",
+    "M_b": r"$\delta M_s^*$ [-]",
+    "E_n": r"$\delta E_n^*$ [s]",
+    "M_g": r"$\delta M^*$ [-]",
+}
 
 
 @dataclass(frozen=True)
@@ -59,10 +64,7 @@ def figure_of(number: str, shows: str, paint: Painter, height: float = 5.0, **wh
 
 
 def save(
-    pictures: Sequence[Picture[Material]],
-    material: Material,
-    folder: Path,
-    progress: Callable[[int, int], None] | None = None,
+    pictures: Sequence[Picture[Any]], folder: Path, material: Any, progress: Progress | None = None
 ) -> None:
     """Write every picture into a folder as PNG; `progress` gets (figures done, figures in all)."""
     for done, picture in enumerate(pictures, 1):
@@ -71,7 +73,7 @@ def save(
             progress(done, len(pictures))
 
 
-def painted(picture: Picture[Material], material: Material) -> Figure:
+def painted(picture: Picture[Any], material: Any) -> Figure:
     """Return a figure with its title above and its caption below."""
     from matplotlib.figure import Figure
 
@@ -80,6 +82,12 @@ def painted(picture: Picture[Material], material: Material) -> Figure:
     figure.suptitle(picture.title, x=0.01, ha="left", fontsize="large")
     figure.supxlabel(textwrap.fill(caption, CAPTION_COLUMNS), x=0.01, ha="left", fontsize="small")
     return figure
+
+
+def dress(ax: Axes, ylabel: str, xlabel: str = "", *, legend: bool = True) -> None:
+    """Label both axes; give a grid and, where wanted, a legend."""
+    ax.set_xlabel(xlabel)
+    style.dress(ax, ylabel, legend=legend)
 
 
 def record(
@@ -102,9 +110,8 @@ def record(
             line(ax, start + part.time, part.normalised(name), style.COLOURS[name], NAMES[name])
         for at, value in points:
             ax.plot(at, value, "o", color=style.RED, label="section 5.1.2")
-        style.dress(ax, "deviation [-]", legend=ax is panels[0])
+        dress(ax, "deviation [-]", "time [s]" if ax is panels[-1] else "", legend=ax is panels[0])
         ax.margins(x=0.01)
-    panels[-1].set_xlabel("time [s]")
     return caption
 
 
@@ -114,23 +121,27 @@ def line(ax: Axes, time: Array, samples: Array, color: str, label: str | None = 
 
 
 def against(
-    ax: Axes,
+    figure: Figure,
     data: Experiment,
-    models: Mapping[str, Array],
-    signal: str,
+    models: Mapping[str, Mapping[str, Array]],
+    panels: Mapping[str, str],
     stretch: Stretch,
-    *,
     ship: str = "plant",
-    difference: bool = False,
 ) -> None:
-    """Draw a stretch of a signal's deviations and what models make of it, or how far these are from it."""
+    """Draw a stretch of signals and what models make of them; panels are axis label to signal, or how far models are off."""
     inside = (data.time >= stretch[0]) & (data.time < stretch[1])
-    time, measured = data.time[inside], data.normalised(signal)[inside]
-    base = measured if difference else 0.0
-    line(ax, time, measured - base, style.GREY, ship, lw=3.0)
-    for (label, samples), color in zip(models.items(), style.COMPARED, strict=False):
-        line(ax, time, samples[inside] - base, color, label)
-    style.dress(ax, DEVIATIONS[signal], legend=False)
+    axes = figure.subplots(len(panels), 1, sharex=True)
+    for ax, (ylabel, signal) in zip(axes, panels.items(), strict=True):
+        time, measured = data.time[inside], data.normalised(signal)[inside]
+        base = measured if ylabel == LESS else 0.0
+        line(ax, time, measured - base, style.GREY, ship, lw=3.0)
+        for (label, answers), color in zip(models.items(), style.COMPARED, strict=False):
+            line(ax, time, answers[signal][inside] - base, color, label)
+        dress(ax, ylabel, "time [s]" if ax is axes[-1] else "", legend=False)
+    legend_above(figure, axes[0])
+
+
+LESS = "linear less plant [-]"
 
 
 def bode_of_sets(

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import logging
 import math
-import multiprocessing
-import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import as_completed
 from dataclasses import dataclass
 from itertools import combinations
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,19 +19,19 @@ from shipfp_rs.identification.fit_statistics import nrmse_pct
 from shipfp_rs.identification.identify import identify
 from shipfp_rs.reproduce import Reproduction, Row, Way, row_of
 from shipfp_rs.reproduce.fullscale import thesis_structure
-from shipfp_rs.reproduce.fullscale_trial import VESSEL
-from shipfp_rs.reproduce.twin_trial import EVERYTHING, Twin
+from shipfp_rs.reproduce.trial import EVERYTHING, LONG_CHIRP, SINES, VESSEL, Twin
 from shipfp_rs.simulation.replay import replay
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.support.quantiles import DEVIATIONS_95
+from shipfp_rs.sweeps.pools import pool_of
 from shipfp_rs.vessel.vessel import Vessel
 
 LOGGER = logging.getLogger("shipfp_rs")
 
 PARTS: Mapping[str, tuple[str, ...]] = {
-    "sines S2-S12": tuple(f"S{number}" for number in range(2, 13)),
+    "sines S2-S12": SINES[:-1],
     "chirp C11": ("C11",),
-    "chirps C21-C23": ("C21", "C22", "C23"),
+    "chirps C21-C23": LONG_CHIRP,
 }
 CHIRP, ALL = "chirp C11", "all"
 STEPS = ("St1", "St2")
@@ -49,26 +48,18 @@ def experiments_of(part: str) -> tuple[str, ...]:
     return sum(PARTS.values(), ()) if part == ALL else PARTS[part]
 
 
-def structure_for(truth: Mapping[str, float]) -> Structure:
-    """Return the structure that is fitted, with what is known of the ship; of the truth only `KNOWN` is looked at."""
-    known = {name: truth[name] for name in KNOWN}
-    return Structure.ship(ELEMENTS, torque="gauge", propeller_speed=True).with_fixed(**known, zeta_twist=0.5)
-
-
-def fitted(twin: Twin, part: str, *, near: Fingerprint | None = None) -> Fingerprint:
-    """Identify a part of a trial without a look at the truth, beyond `KNOWN`; the search may begin where another ended."""
-    structure = structure_for(twin.truth)
-    if near is not None:
-        structure = structure.with_start(**{name: near.settings["optimum"][name] for name in FREE})
-    records = twin.experiments(experiments_of(part))
-    return identify(records, structure, starts=1, vessel=VESSEL)
-
-
 def fitted_parts(twin: Twin, parts: Sequence[str]) -> dict[str, Fingerprint]:
-    """Identify parts of a trial, each by itself; where one ended the next begins."""
+    """Identify parts of a trial, each by itself, of the truth only with `KNOWN`; where one ended the next begins."""
+    known = {name: twin.truth[name] for name in KNOWN}
+    ship = Structure.ship(ELEMENTS, torque="gauge", propeller_speed=True)
+    structure = ship.with_fixed(**known, zeta_twist=0.5)
     told: dict[str, Fingerprint] = {}
     for part in sorted(parts, key=lambda part: part != CHIRP):
-        told[part] = fitted(twin, part, near=told.get(CHIRP))
+        records = twin.experiments(experiments_of(part))
+        told[part] = identify(records, structure, starts=1, vessel=VESSEL)
+        if part == CHIRP:
+            ended = told[part].settings["optimum"]
+            structure = structure.with_start(**{name: ended[name] for name in FREE})
     return told
 
 
@@ -100,34 +91,20 @@ def outcome(seed: int, parts: Sequence[str]) -> Outcome:
 
 def outcomes(seeds: Sequence[int], parts: Sequence[str]) -> Iterator[Outcome]:
     """Yield the trials of many seeds as they are done, on all processors."""
-    # Forked, the workers would inherit locks that the parent's threads hold.
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(os.cpu_count(), mp_context=context) as pool:
-        try:
-            for future in as_completed([pool.submit(outcome, seed, parts) for seed in seeds]):
-                yield future.result()
-        finally:
-            pool.shutdown(cancel_futures=True)
+    with pool_of("processes", None, None) as pool:
+        for future in as_completed([pool.submit(outcome, seed, parts) for seed in seeds]):
+            yield future.result()
 
 
-@dataclass(frozen=True)
-class Score:
-    """How a parameter came out over many trials.
-
-    Parameters
-    ----------
-    trials
-        Number of trials in which all parameters were told: now and then noise takes the dead time to its bound.
-    inside
-        Share of them whose 95 % interval holds the truth.
-    error_pct, std_pct
-        Medians of the error's size and of the predicted standard deviation, over the truth.
-    """
+class Score(NamedTuple):
+    """How a parameter came out over the trials that told it: now and then noise takes the dead time to its bound."""
 
     trials: int
     inside: float
+    """Share of the trials whose 95 % interval holds the truth."""
     error_pct: float
     std_pct: float
+    """Medians of the error's size and of the predicted standard deviation, over the truth."""
 
 
 def scores(found: Sequence[Outcome], part: str) -> dict[str, Score]:
@@ -141,13 +118,10 @@ def _score(found: Sequence[Outcome], part: str, name: str) -> Score:
         if part in outcome.told:
             estimate, truth = outcome.told[part].parameters[name], outcome.truth[name]
             if estimate.value is not None and estimate.std is not None and estimate.ci95 is not None:
-                low, high = estimate.ci95
-                rows.append(
-                    (low <= truth <= high, abs(estimate.value / truth - 1.0), estimate.std / abs(truth))
-                )
+                held = not _missed({name: estimate}, outcome.truth)
+                rows.append((held, abs(estimate.value / truth - 1.0), estimate.std / abs(truth)))
     inside, error, std = np.array(rows, dtype=np.float64).reshape(-1, 3).T
-    error_pct, std_pct = (100.0 * float(np.median(part)) for part in (error, std))
-    return Score(len(rows), float(inside.mean()), error_pct, std_pct)
+    return Score(len(rows), float(inside.mean()), *(100.0 * float(np.median(part)) for part in (error, std)))
 
 
 def standing(found: Sequence[Outcome], part: str) -> float:
@@ -157,8 +131,12 @@ def standing(found: Sequence[Outcome], part: str) -> float:
 
 def agreement(told: Mapping[str, Fingerprint], name: str) -> list[float]:
     """Return the differences of each two parts' estimates of a parameter in their joint deviations."""
-    pairs = combinations((told[part].parameters[name] for part in PARTS), 2)
-    return [_distance(one, other) for one, other in pairs]
+    return [
+        math.nan
+        if one.value is None or other.value is None or not one.std or not other.std
+        else abs(one.value - other.value) / math.hypot(one.std, other.std)
+        for one, other in combinations((told[part].parameters[name] for part in PARTS), 2)
+    ]
 
 
 def agreements(found: Sequence[Outcome]) -> dict[str, float]:
@@ -170,32 +148,19 @@ def agreements(found: Sequence[Outcome]) -> dict[str, float]:
     }
 
 
-def agreement_table(found: Sequence[Outcome]) -> list[str]:
-    """Return lines of text: the share of pairs of parts that agree."""
-    shares = ", ".join(f"{name} {share:.1%}" for name, share in agreements(found).items())
-    return [f"Pairs of sines, short and long chirps whose estimates agree at 95 %: {shares}"]
-
-
-def _distance(one: Estimate, other: Estimate) -> float:
-    """Difference of two estimates in joint standard deviations."""
-    if one.value is None or other.value is None or not one.std or not other.std:
-        return math.nan
-    return abs(one.value - other.value) / math.hypot(one.std, other.std)
-
-
 def fit_to_steps(twin: Twin, told: Fingerprint) -> dict[str, dict[str, float]]:
     """Return how well the simulated ship with the estimates fits the steps, which run into its limits [%]."""
     known = {name: twin.truth[name] for name in KNOWN}
     estimates = {name: float(e.value) for name in FREE if (e := told.parameters[name]).value is not None}
     ship = with_parameters(Vessel.load(VESSEL), {**known, **estimates})
-    found: dict[str, dict[str, float]] = {}
-    for record in twin.experiments(STEPS):
-        model = replay(ship, record, at_the_shaft=True)
-        found[record.name] = {}
-        for signal in ("n_e", "M_g"):
-            measured = record.normalised(signal)
-            found[record.name][signal] = nrmse_pct(measured, measured - model.normalised(signal))
-    return found
+    return {
+        record.name: {
+            signal: nrmse_pct(record.normalised(signal), record.normalised(signal) - model.normalised(signal))
+            for signal in ("n_e", "M_g")
+        }
+        for record in twin.experiments(STEPS)
+        for model in (replay(ship, record, at_the_shaft=True),)
+    }
 
 
 def reproduce(draws: int = 1, progress: Callable[[int, int], None] | None = None) -> Reproduction:
@@ -229,12 +194,9 @@ def reproduce(draws: int = 1, progress: Callable[[int, int], None] | None = None
         for one in outcomes(range(1, draws), (CHIRP,)):
             told.append(one)
             step()
-    return Reproduction(
-        "The tug's trial on a ship whose parameters are known",
-        tuple(rows),
-        tuple(_verdict(tug.truth, fingerprints, steps, told)),
-        fingerprints,
-    )
+    title = "The tug's trial on a ship whose parameters are known"
+    verdict = tuple(_verdict(tug.truth, fingerprints, steps, told))
+    return Reproduction(title, tuple(rows), verdict, fingerprints)
 
 
 def table(found: Mapping[str, Score]) -> list[str]:
@@ -253,7 +215,7 @@ def _verdict(
 ) -> Iterator[str]:
     ours = {part: fingerprints[f"ours, {part}"] for part in (*PARTS, ALL)}
     for part, fingerprint in ours.items():
-        outside = _missed(fingerprint, truth)
+        outside = _missed(fingerprint.parameters, truth)
         alone = f"the truth is outside of {', '.join(outside)}" if outside else "all intervals hold the truth"
         yield f"{part}: {alone}"
     yield "Largest difference between the parts, in joint standard deviations: " + ", ".join(
@@ -262,7 +224,7 @@ def _verdict(
     for part in PARTS:
         thesis = fingerprints[f"thesis, {part}"]
         bound = [name for name, e in thesis.parameters.items() if e.status == "at_bound"]
-        wrong = _missed(thesis, truth)
+        wrong = _missed(thesis.parameters, truth)
         called = "called wrong" if thesis.model_adequate is False else "stands"
         yield (
             f"thesis's structure, {part}: on bounds {', '.join(bound) or 'none'}; intervals that miss the truth "
@@ -277,12 +239,7 @@ def _verdict(
         yield f"The residuals leave the structure standing in {standing(told, CHIRP):.1%}"
 
 
-def _missed(fingerprint: Fingerprint, truth: Mapping[str, float]) -> list[str]:
-    """Names of parameters whose interval misses the truth."""
-    return [
-        name
-        for name, estimate in fingerprint.parameters.items()
-        if name in SHOWN
-        and estimate.ci95 is not None
-        and not estimate.ci95[0] <= truth[name] <= estimate.ci95[1]
-    ]
+def _missed(estimates: Mapping[str, Estimate], truth: Mapping[str, float]) -> list[str]:
+    """Names of shown parameters whose interval misses the truth."""
+    intervals = {name: one.ci95 for name, one in estimates.items() if name in SHOWN and one.ci95 is not None}
+    return [name for name, (low, high) in intervals.items() if not low <= truth[name] <= high]

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from pathlib import Path
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,11 +15,6 @@ from shipfp_rs.reproduce.twin import FREE
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-
-def draw(folder: Path, found: Reproduction, progress: Callable[[int, int], None] | None = None) -> None:
-    """Write the figure into a folder as PNG; `progress` gets (figures done, figures in all)."""
-    save(PICTURES, found, folder, progress)
 
 
 def _parts(found: Reproduction, figure: Figure) -> str:
@@ -49,4 +43,4 @@ PICTURES: tuple[Picture[Reproduction], ...] = (
     Picture("twin.png", "The twin's trial: parts beside the truth", _parts, 6.2),
 )
 FILES = tuple(picture.file for picture in PICTURES)
-"""Names of the files that `draw` writes."""
+draw = partial(save, PICTURES)

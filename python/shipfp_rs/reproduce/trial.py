@@ -1,0 +1,172 @@
+"""The tug's trial of 5 November 2019 again, on simulated ships: its logs were never published, its plan was (Table 6.7)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import cache
+
+import numpy as np
+
+from shipfp_rs import published
+from shipfp_rs.assessment.ship_parameters import parameters_of
+from shipfp_rs.errors import InputError
+from shipfp_rs.experiments.experiment import Experiment
+from shipfp_rs.logs.log import Log
+from shipfp_rs.processing.process import process
+from shipfp_rs.processing.trial import Trial
+from shipfp_rs.signals import Excitation, chirp, join, sine_sequence, steps
+from shipfp_rs.simulation.inflow import Inflow
+from shipfp_rs.simulation.raw_log import Truth, simulate_raw_log, trial_tables
+from shipfp_rs.simulation.sensors import EQUATION_6_7, Kind, Sensors, TrueWindow
+from shipfp_rs.simulation.simulate import simulate
+from shipfp_rs.vessel.vessel import Vessel
+
+VESSEL = "stan-tug-1205-full"
+AMPLITUDE_RPM = 76.0
+"""Of sines and chirps: 0.6 V peak to peak by eq. 6.7 (the sine fits of Table E.1)."""
+CHIRP_S = 500.0
+"""Longest sweep of the signal generator (section 6.2.2)."""
+OPERATING_V = -5.0
+STEPS_LEAD_S = 20.0
+"""Time from the operating point to the first level of the steps, cut off the record."""
+SINES = tuple(f"S{number}" for number in range(2, 14))
+LONG_CHIRP = ("C21", "C22", "C23")
+TOGETHER = {"sines": SINES, "short chirp": ("C11",), "long chirp": LONG_CHIRP, "steps": ("St1",)}
+"""Experiments that the thesis treats as one signal (Tables 7.1 to 7.3)."""
+EVERYTHING = (*SINES, "C11", *LONG_CHIRP, "St1", "St2")
+LOGGED = ("n_set", "n_e", "M_g")
+LAST_HZ = 0.9
+"""Up to here no limit acts at the trial's amplitude on any ship drawn: of the most lively ones the smoke limit acts from
+0.94 Hz on, of the tug itself the torque's limit of rate from 1.16 Hz. No structure that is fitted has
+them. S13 (1.637 Hz) is not fitted therefore, and the chirps are cut where they pass this frequency."""
+RATE_HZ = 20.0
+"""So fast that the set point's course between its samples is as good as straight."""
+SIMULATED_HZ = 200.0
+STEADY_S, PAUSE_S, LEAD_S = 300.0, 20.0, 2.0
+"""Time before the first experiment, between two, and kept of it before each, so that it begins at rest."""
+SPREAD = 0.1
+"""Half width of the ranges, over the tug's own values, in which each trial's ship is drawn."""
+DRAWN = (
+    "shaft.inertia_kg_m2",
+    "shaft.propeller_side_inertia_kg_m2",
+    "governor.K_p",
+    "governor.K_i",
+    "governor.set_point_dead_time_s",
+    "actuator.dead_time_s",
+    "operating_point.v",
+    "operating_point.g",
+)
+FAULTS: tuple[Kind, ...] = ("A", "B", "C", "D1", "D2", "gap", "dropout")
+"""Those of section 6.4 and two of any logger's; D3 makes a sine of the signal generator's chirp."""
+
+
+@cache
+def plan() -> dict[str, published.FullScaleExperiment]:
+    """Return the experiments of Table 6.7, name to row."""
+    return {experiment.name: experiment for experiment in published.full_scale_experiments()}
+
+
+def excitation(name: str, *, rate_hz: float = 100.0) -> Excitation:
+    """Return the set point of an experiment of Table 6.7, "S1" to "St2", about the operating point.
+
+    Sines last for whole periods within their time of the log, chirps are logarithmic and last 500 s, steps climb from
+    the level of the lowest voltage to the highest and down again, each level for the same time.
+    """
+    if name not in plan():
+        raise InputError(f"experiment {name!r}, expected one of {', '.join(plan())}")
+    row = plan()[name]
+    lasts, frequency = row.jvs_stop_s - row.jvs_start_s, float(row.frequency_hz or 0.0)
+    if row.kind == "chirp":
+        stop = float(row.stop_frequency_hz or 0.0)
+        return chirp(frequency, stop, CHIRP_S, AMPLITUDE_RPM, rate_hz=rate_hz, name=name)
+    if row.kind == "sine":
+        share = float(row.peak_to_peak_v or 0.0) / 0.6
+        periods = max(1, int(frequency * lasts))
+        return sine_sequence([frequency], periods, share * AMPLITUDE_RPM, rate_hz=rate_hz, name=name)
+    lowest, highest = abs(float(row.min_v or 0.0)), abs(float(row.max_v or 0.0))
+    climb = np.arange(lowest, highest + 0.5, float(row.step_v or 1.0))
+    volts = -np.concatenate((climb, climb[-2::-1]))
+    levels = EQUATION_6_7(volts) - float(EQUATION_6_7(OPERATING_V))
+    return steps(np.diff(levels, prepend=0.0), lasts / len(levels), lead_s=0.0, rate_hz=rate_hz, name=name)
+
+
+@cache
+def simulated(name: str) -> Experiment:
+    """Return what the tug answers, seen by perfect sensors, to an experiment or to several of `TOGETHER`."""
+    parts = [excitation(part) for part in TOGETHER.get(name, (name,))]
+    record = simulate(Vessel.load(VESSEL), join(parts, name=name) if len(parts) > 1 else parts[0])
+    record = replace(record, name=name, signals={signal: record.signals[signal] for signal in LOGGED})
+    if parts[0].kind != "steps":
+        return record
+    return record.window(min(STEPS_LEAD_S, record.duration / 16.0), record.duration, name=name)
+
+
+def drawn(seed: int) -> Vessel:
+    """Return the tug with every parameter drawn anew; the seed 0 gives the tug itself."""
+    tug = Vessel.load(VESSEL)
+    if seed == 0:
+        return tug
+    random = np.random.default_rng([0x7, seed])
+    changes = {}
+    for key in DRAWN:
+        section, name = key.split(".")
+        changes[key] = getattr(getattr(tug, section), name) * random.uniform(1.0 - SPREAD, 1.0 + SPREAD)
+    changes["propeller.torque_exponent"] = random.uniform(2.0, 2.3)
+    return tug.replace(changes)
+
+
+@dataclass(frozen=True)
+class Twin:
+    """A ship's trial as a raw log at 2 kHz with noise and faults, in moving water, and the truth."""
+
+    vessel: Vessel
+    log: Log
+    recorded: Truth
+    processed: dict[float, dict[str, Experiment]] = field(default_factory=dict, repr=False)
+    """Experiments by rate and name, once they have been asked for."""
+
+    @classmethod
+    def of(cls, seed: int, names: Sequence[str] = EVERYTHING, *, still: bool = False) -> Twin:
+        """Make the trial of a seed: its ship, its sea, its faults; `still` leaves out water, noise and faults."""
+        vessel = drawn(seed)
+        silent = Sensors(set_point_noise_V=0.0, torque_noise_V=0.0, pulse_noise_V=0.0)
+        log, truth = simulate_raw_log(
+            vessel,
+            [excitation(name, rate_hz=SIMULATED_HZ) for name in names],
+            sensors=silent if still else None,
+            faults=() if still else FAULTS,
+            steady_s=STEADY_S,
+            pause_s=PAUSE_S,
+            inflow=None if still else Inflow(),
+            simulated_hz=SIMULATED_HZ,
+            seed=seed,
+        )
+        return cls(vessel, log, truth)
+
+    @property
+    def truth(self) -> dict[str, float]:
+        """Parameters of the linear structure at the operating point."""
+        return parameters_of(self.vessel)
+
+    def experiments(self, names: Sequence[str], rate_hz: float = RATE_HZ) -> list[Experiment]:
+        """Cut experiments out of the log as `shipfp process` does; nothing of the truth but their times is used."""
+        if rate_hz not in self.processed:
+            recorded = replace(self.recorded, windows=tuple(map(_fitted, self.recorded.windows)))
+            trial = Trial.model_validate(trial_tables(VESSEL, self.log.name, Sensors(), recorded))
+            processing = trial.processing.model_copy(update={"rate_hz": rate_hz})
+            found = process(
+                self.log, trial.model_copy(update={"processing": processing}), Vessel.load(VESSEL)
+            )
+            self.processed[rate_hz] = {one.name: replace(one, hold="first") for one in found}
+        return [self.processed[rate_hz][name] for name in names]
+
+
+def _fitted(window: TrueWindow) -> TrueWindow:
+    """Return which part of an experiment is fitted: from the rest before it to its end or to `LAST_HZ`."""
+    row = plan()[window.name]
+    start, stop, length = row.frequency_hz, row.stop_frequency_hz, window.stop_s - window.start_s
+    if start is not None and stop is not None and stop > LAST_HZ:
+        length *= math.log(LAST_HZ / start) / math.log(stop / start)
+    return TrueWindow(window.name, window.kind, window.start_s - LEAD_S, window.start_s + length)
