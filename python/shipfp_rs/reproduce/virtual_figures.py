@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
-from functools import cached_property, partial
+from functools import cache, cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,11 +17,14 @@ from shipfp_rs.plot import style
 from shipfp_rs.reproduce import Reproduction
 from shipfp_rs.reproduce.pictures import (
     DEVIATIONS,
+    LESS,
     NAMES,
     Picture,
+    Progress,
     Stretch,
     against,
     bode_of_sets,
+    dress,
     figure_of,
     legend_above,
     line,
@@ -66,15 +69,11 @@ class Material:
         self.rows = [row for row in found.rows if row.table == "5.2"]
         self.vessel = launch()
         self.model = linearise(self.vessel)
-        self._experiments: dict[str, Experiment] = {}
+        self.experiment = cache(self._experiment)
 
-    def experiment(self, case: str) -> Experiment:
+    def _experiment(self, case: str) -> Experiment:
         """Accurate data of a fitted case, or of the validation steps."""
-        if case not in self._experiments:
-            steps = case == "steps"
-            made = validation_steps(self.vessel) if steps else run(self.vessel, excitation(case))
-            self._experiments[case] = made
-        return self._experiments[case]
+        return validation_steps(self.vessel) if case == "steps" else run(self.vessel, excitation(case))
 
     @cached_property
     def settled(self) -> FrequencyResponse:
@@ -87,11 +86,10 @@ class Material:
         rows = structure.equations.simulate(asdict(model), experiment)
         return dict(zip(("n_e", "M_b", "E_n"), rows, strict=True))
 
-    def answers(self, signal: str) -> dict[str, Array]:
+    def answers(self) -> dict[str, dict[str, Array]]:
         """What three models of Table 5.2 make of the validation steps."""
         models, steps = self.models(), self.experiment("steps")
-        shown = ("true", "ii printed", "v printed")
-        return {label: self.simulated(models[label], steps)[signal] for label in shown}
+        return {label: self.simulated(models[label], steps) for label in ("true", "ii printed", "v printed")}
 
     def models(self) -> dict[str, LinearModel]:
         """Models of Table 5.2: the true one, every printed case, and what the plant finds in case v."""
@@ -103,9 +101,8 @@ class Material:
         return models
 
 
-def _response(model: LinearModel, signals: Sequence[str] = ("n_e", "M_b", "E_n")) -> FrequencyResponse:
-    rows = model.response(BODE_HZ, [OUTPUTS[signal] for signal in signals])
-    return FrequencyResponse("linear", BODE_HZ, dict(zip(signals, rows, strict=True)))
+def _response(model: LinearModel, signal: str) -> FrequencyResponse:
+    return FrequencyResponse("linear", BODE_HZ, {signal: model.response(BODE_HZ, [OUTPUTS[signal]])[0]})
 
 
 def _bollard_pull(material: Material, figure: Figure) -> str:
@@ -114,8 +111,7 @@ def _bollard_pull(material: Material, figure: Figure) -> str:
     pull = bollard_curve(material.vessel, speed).bollard_pull / TONNE_N
     ax.plot(speed, pull, color=style.BLUE, label="plant")
     ax.plot(1100.0, 0.036 / 0.07, "o", color=style.ORANGE, label="section 3.2.2: 0.036 t is 7 % at 1100 rpm")
-    ax.set_xlabel("engine speed [rpm]")
-    style.dress(ax, "bollard pull [t]")
+    dress(ax, "bollard pull [t]", "engine speed [rpm]")
     return (
         "The dots of the sea trial were never printed as numbers; the one point is what the text implies. K_T 0.41 "
         "is chosen to meet it within 10 %, so this figure validates the shape, not the level."
@@ -130,8 +126,7 @@ def _brake_power(material: Material, figure: Figure) -> str:
     ax.plot(speed, curve.brake_power / 1e3, color=style.BLUE, label="plant")
     ax.plot(point.n_e_rpm, 30.3, "o", color=style.ORANGE, label="Table 3.5: 30.3 kW")
     ax.plot(1800.0, 89.0, "s", color=style.PURPLE, label="Table 3.2: 89 kW")
-    ax.set_xlabel("engine speed [rpm]")
-    style.dress(ax, "brake power [kW]")
+    dress(ax, "brake power [kW]", "engine speed [rpm]")
     return (
         "The dots of the sea trial and the limit were never printed as numbers: the limit here goes through the "
         "rating and through twice the operating torque near 1300 rpm, where case v saturates."
@@ -143,12 +138,12 @@ def _parameters(material: Material, figure: Figure) -> str:
     speed = np.linspace(800.0, 1750.0, 60)
     models = [linearise(material.vessel, value) for value in speed]
     printed = {row.quantity: row.value for row in published.virtual_operating_point()}
-    for ax, names in zip(panels, (("tau_n",), ("v", "g"), ("K_p", "K_i")), strict=True):
+    shown = {"time [s]": ("tau_n",), "slopes [-]": ("v", "g"), "gains [-], [1/s]": ("K_p", "K_i")}
+    for ax, (ylabel, names) in zip(panels, shown.items(), strict=True):
         for name, color in zip(names, style.COMPARED, strict=False):
             ax.plot(speed, [getattr(model, name) for model in models], color=color, label=PARAMETERS[name])
             ax.plot(1300.0, printed[name.replace("K_", "K")], "o", color=color)
-        style.dress(ax, {"tau_n": "time [s]", "v": "slopes [-]", "K_p": "gains [-], [1/s]"}[names[0]])
-    panels[-1].set_xlabel("engine speed of the operating point [rpm]")
+        dress(ax, ylabel, "engine speed of the operating point [rpm]" if ax is panels[-1] else "")
     return (
         "Lines: the plant linearised at each steady state, governor and engine map unchanged. Dots: Table 3.6, "
         "printed for 1300 rpm; its tau_n 1.44 s leaves out the losses of the gearbox."
@@ -166,18 +161,18 @@ def _single_steps(material: Material, figure: Figure, *, signal: str) -> str:
         differences.append(f"{100 * abs(nonlinear[-1] / final - 1):.1f}")
         for ax, stop in zip(row, (60.0, 2.0), strict=True):
             until = limited.time < stop
-            time = limited.time[until]
-            line(ax, time, linear[until], style.GREY, "linear", lw=3.0)
-            unlimited = free.normalised(signal)[until]
-            line(ax, time, unlimited, style.PURPLE, "plant without its limit", lw=1.2, ls="--")
-            line(ax, time, nonlinear[until], style.ORANGE, "plant", lw=1.2)
+            for samples, color, label, width, ls in (
+                (linear, style.GREY, "linear", 3.0, "-"),
+                (free.normalised(signal), style.PURPLE, "plant without its limit", 1.2, "--"),
+                (nonlinear, style.ORANGE, "plant", 1.2, "-"),
+            ):
+                line(ax, limited.time[until], samples[until], color, label, lw=width, ls=ls)
             ax.axhline(final, color=style.GREEN, lw=0.8, ls=":", label="gain at rest (Table 3.4)")
-            style.dress(ax, DEVIATIONS[signal] if ax is row[0] else "", legend=False)
+            xlabel = "time [s]" if size == STEP_SIZES[-1] else ""
+            dress(ax, DEVIATIONS[signal] if ax is row[0] else "", xlabel, legend=False)
         row[0].set_title(f"{100 * size:g} %", loc="left")
         if signal == "M_b":
             row[0].set_ylim(0.0, 2.0 * final)
-    for ax in panels[-1]:
-        ax.set_xlabel("time [s]")
     legend_above(figure, panels[0, 0])
     return (
         f"After 60 s the plant stands {', '.join(differences)} % off the linear gain. Left the whole step, right its "
@@ -187,7 +182,7 @@ def _single_steps(material: Material, figure: Figure, *, signal: str) -> str:
 
 def _bode(material: Material, figure: Figure, *, signal: str) -> str:
     panels = [*figure.subplots(2, 1, sharex=True)]
-    settled, curve = material.settled, _response(material.model, (signal,))
+    settled, curve = material.settled, _response(material.model, signal)
     points = FrequencyResponse("", settled.frequency_hz, {signal: settled.response[signal]})
     plot.bode(points, curve, panels)
     if signal == "E_n":
@@ -215,8 +210,7 @@ def _unavoidable(material: Material, figure: Figure) -> str:
         how = {"color": style.BLUE, "lw": 0.8, "ls": "--" if amplitude == 0.08 else "-"}
         lower.axvline(-amplitude, **how)
         lower.axvline(amplitude, label=label, **how)
-    style.dress(lower, "difference [-]")
-    lower.set_xlabel(r"speed deviation $\delta n^*$ [-]")
+    dress(lower, "difference [-]", r"speed deviation $\delta n^*$ [-]")
     return (
         "What a linear structure can't explain however well it is fitted: the curvature of the propeller's torque, "
         "1e-4 at the small amplitude and 6.4e-3 at the large one. The thesis's own figure is a sketch."
@@ -226,10 +220,8 @@ def _unavoidable(material: Material, figure: Figure) -> str:
 def _identified_bode(material: Material, figure: Figure, *, signal: str) -> str:
     *panels, change = figure.subplots(3, 1, sharex=True)
     models = material.models()
-    curves = {
-        label: _response(models[label], (signal,))
-        for label in ("true", "ii printed", "iv printed", "v printed", "v plant")
-    }
+    drawn = ("true", "ii printed", "iv printed", "v printed", "v plant")
+    curves = {label: _response(models[label], signal) for label in drawn}
     bode_of_sets(figure, panels, curves, signal, material.settled)
     panels[1].set_xlabel("")
     _changes(change, curves, signal)
@@ -247,17 +239,13 @@ def _changes(ax: Axes, curves: Mapping[str, FrequencyResponse], signal: str) -> 
         change = np.abs(curve.response[signal] / first.response[signal])
         ax.plot(curve.frequency_hz, 100.0 * (change - 1.0), color=color, lw=1.2, label=label)
     ax.set_xscale("log")
-    ax.set_xlabel("frequency [Hz]")
-    style.dress(ax, "change of amplitude [%]", legend=False)
+    dress(ax, "change of amplitude [%]", "frequency [Hz]", legend=False)
 
 
 def _against_steps(material: Material, figure: Figure) -> str:
-    panels = figure.subplots(2, 1, sharex=True)
     steps, models = material.experiment("steps"), material.models()
-    for ax, signal in zip(panels, ("n_e", "M_b"), strict=True):
-        against(ax, steps, material.answers(signal), signal, (0.0, 80.0))
-    panels[-1].set_xlabel("time [s]")
-    legend_above(figure, panels[0])
+    panels = {DEVIATIONS[signal]: signal for signal in ("n_e", "M_b")}
+    against(figure, steps, material.answers(), panels, (0.0, 80.0))
     fits = []
     for label in ("true", "ii printed", "iii printed", "iv printed", "v printed"):
         fit = fit_pct(thesis_structure(), asdict(models[label]), steps)
@@ -269,13 +257,8 @@ def _against_steps(material: Material, figure: Figure) -> str:
 
 
 def _third_step(material: Material, figure: Figure) -> str:
-    panels = figure.subplots(2, 1, sharex=True)
-    steps, answers = material.experiment("steps"), material.answers("M_b")
-    for ax, difference in zip(panels, (False, True), strict=True):
-        against(ax, steps, answers, "M_b", (59.5, 62.0), difference=difference)
-    legend_above(figure, panels[0])
-    panels[1].set_ylabel("linear less plant [-]")
-    panels[1].set_xlabel("time [s]")
+    panels = {DEVIATIONS["M_b"]: "M_b", LESS: "M_b"}
+    against(figure, material.experiment("steps"), material.answers(), panels, (59.5, 62.0))
     return (
         "At rest the plant's torque is (1 + n*)^2 - 1, and every linear set stays below it by about n*^2; the sets "
         "differ from each other in the first half second only."
@@ -286,10 +269,11 @@ def _sensitivity(material: Material, figure: Figure, *, name: str) -> str:
     panels = figure.subplots(3, 2, sharex=True)
     symbol = PARAMETERS[name]
     for column, signal in zip(panels.T, ("n_e", "M_b"), strict=True):
-        values = {factor: {name: factor * getattr(material.model, name)} for factor in FACTORS}
         curves = {
-            f"{factor:g} {symbol}": _response(replace(material.model, **change), (signal,))
-            for factor, change in values.items()
+            f"{factor:g} {symbol}": _response(
+                replace(material.model, **{name: factor * getattr(material.model, name)}), signal
+            )
+            for factor in FACTORS
         }
         plot.responses(curves, signal, [*column[:2]])
         _changes(column[2], curves, signal)
@@ -321,10 +305,8 @@ _LIMITED = (
     f"{_LARGE} From 1172 s on the engine's limit cuts the top of each swing: this is what biases case v."
 )
 _SPEED_READ = f"{_LINEAR} The text reads 0.9 of the set point at 6 s; here 0.89."
-_TORQUE_READ = (
-    f"{_LINEAR} The text reads 1.9 times the set point at 6 s; here 1.84, and 1.90 at the crest half a second "
-    "before."
-)
+_CREST = "here 1.84, and 1.90 at the crest half a second before."
+_TORQUE_READ = f"{_LINEAR} The text reads 1.9 times the set point at 6 s; {_CREST}"
 _STEPS = "Three steps of 5 %, 20 s apart: with 1 % as section 5.1.3 says the printed validation can't be had."
 _AGAIN = "Three steps of 5 %, 20 s apart, as in Figure 5.13."
 _SET, _N, _M = ("n_set",), ("n_set", "n_e"), ("n_set", "M_b")
@@ -367,8 +349,12 @@ PICTURES: tuple[Picture[Material], ...] = (
         figure_of(
             f"5.{number}",
             title,
-            partial(record, of=case, signals=signals, stretches=stretches, caption=caption),
+            record,
             3.0 + len(stretches),
+            of=case,
+            signals=signals,
+            stretches=stretches,
+            caption=caption,
             points=_READ.get(number, ()),
         )
         for number, (title, case, signals, stretches, caption) in enumerate(_RECORDS, 1)
@@ -384,9 +370,8 @@ PICTURES: tuple[Picture[Material], ...] = (
     ),
 )
 FILES = tuple(picture.file for picture in PICTURES)
-"""Names of the files that `draw` writes."""
 
 
-def draw(folder: Path, found: Reproduction, progress: Callable[[int, int], None] | None = None) -> None:
+def draw(folder: Path, found: Reproduction, progress: Progress | None = None) -> None:
     """Write every figure into a folder as PNG; `progress` gets (figures done, figures in all)."""
-    save(PICTURES, Material(found), folder, progress)
+    save(PICTURES, folder, Material(found), progress)
