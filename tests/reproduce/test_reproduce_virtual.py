@@ -12,9 +12,9 @@ import pytest
 matplotlib.use("Agg")
 
 from shipfp_rs.reproduce import Reproduction, Row, virtual, virtual_data, virtual_figures
+from shipfp_rs.reproduce.virtual import relations_of
 from shipfp_rs.reproduce.virtual_data import euler_bias, launch, launch_of_the_thesis, settled_response
 from shipfp_rs.reproduce.virtual_figures import Material
-from shipfp_rs.reproduce.virtual import relations_of
 from shipfp_rs.vessel.linear_model import linearise
 from tests.pictures import check_figures
 

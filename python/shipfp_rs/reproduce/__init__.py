@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 from shipfp_rs import published
+from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.identification.fingerprint import Fingerprint
-from shipfp_rs.support.arrays import attributes
+from shipfp_rs.identification.fit_statistics import nrmse_pct
+from shipfp_rs.support.arrays import Array, attributes
 
 Way = Literal["printed", "truth", "thesis", "ours"]
+Progress = Callable[[int, int], None]
+"""Gets (jobs done, jobs in all)."""
+Job = TypeVar("Job")
 
 
 @dataclass(frozen=True)
@@ -75,3 +80,17 @@ def row_of(fingerprint: Fingerprint, table: str, case: str, way: Way, notes: str
 def fits_of(fingerprint: Fingerprint) -> dict[str, float | None]:
     """Return the fit of each output [%]."""
     return {output: fit["nrmse_pct"] for output, fit in fingerprint.fit.items() if output != "overall"}
+
+
+def fits_to(experiment: Experiment, answers: Mapping[str, Array]) -> dict[str, float]:
+    """Return the fit of models' answers, signal to deviation, to an experiment [%] (eq. 4.9)."""
+    measured = {signal: experiment.normalised(signal) for signal in answers}
+    return {signal: nrmse_pct(measured[signal], measured[signal] - answers[signal]) for signal in answers}
+
+
+def counted(jobs: Sequence[Job], progress: Progress | None) -> Iterator[Job]:
+    """Yield jobs; after each, tell how many are done."""
+    for done, job in enumerate(jobs, 1):
+        yield job
+        if progress is not None:
+            progress(done, len(jobs))

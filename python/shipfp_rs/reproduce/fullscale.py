@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
 from itertools import product
 from typing import NamedTuple
 
@@ -16,7 +17,7 @@ from shipfp_rs.frequency import FrequencyResponse, sine_response
 from shipfp_rs.identification.fingerprint import Estimate, Fingerprint
 from shipfp_rs.identification.identify import identify
 from shipfp_rs.identification.options import NoiseModel
-from shipfp_rs.reproduce import Reproduction, Row, Way, printed_row, row_of
+from shipfp_rs.reproduce import Progress, Reproduction, Row, Way, counted, printed_row, row_of
 from shipfp_rs.reproduce.fullscale_tables import before_the_fit, cross_checks, cross_validation
 from shipfp_rs.reproduce.virtual_data import BOUNDS
 from shipfp_rs.structures.structure import Structure
@@ -107,8 +108,8 @@ def extended_structure(*, loop: bool = True, set_point: bool = True) -> Structur
     """Return the structure that suits the tug: gauge torque, free exponent, and the dead times asked for."""
     times = [name for wanted, name in ((loop, "T_d"), (set_point, "T_set")) if wanted]
     name = "extended, " + (" and ".join(times) or "no dead time")
-    dead = {"dead_time_loop": loop, "dead_time_set_point": set_point}
-    return Structure.linear(torque="gauge", free_exponent=True, name=name, **dead)
+    linear = partial(Structure.linear, torque="gauge", free_exponent=True, name=name)
+    return linear(dead_time_loop=loop, dead_time_set_point=set_point)
 
 
 def steps() -> tuple[Structure, ...]:
@@ -137,14 +138,13 @@ def _jobs() -> tuple[_Job, ...]:
     )
 
 
-def reproduce(progress: Callable[[int, int], None] | None = None) -> Reproduction:
+def reproduce(progress: Progress | None = None) -> Reproduction:
     """Refit Table 7.1 (ii) the thesis's way, then with the extended structure, and say what can't be known."""
     vessel = Vessel.load(VESSEL)
     rows: list[Row] = before_the_fit(vessel)
     rows += [printed_row(result, "7.1", "thesis") for result in published.full_scale_results()]
     fingerprints: dict[str, Fingerprint] = {}
-    jobs = _jobs()
-    for done, job in enumerate(jobs, 1):
+    for job in counted(_jobs(), progress):
         fingerprint = identify(job.data, job.structure, noise=job.noise, starts=STARTS, vessel=VESSEL)
         notes = job.notes
         if job.noise == "std":
@@ -152,8 +152,6 @@ def reproduce(progress: Callable[[int, int], None] | None = None) -> Reproductio
             notes += f"; chi-squared {overall['chi_squared']:.1f} at {overall['degrees_of_freedom']:.0f} degrees of freedom"
         fingerprints[f"{job.case}: {job.structure.name}"] = fingerprint
         rows.append(row_of(fingerprint, "7.1", job.case, job.way, notes))
-        if progress is not None:
-            progress(done, len(jobs))
     extended = extended_structure().name
     drawn = {name: fingerprints[f"{name}: {extended}"] for name in (WEIGHTED, WITH_PRIOR)}
     rows += _counts(drawn[WEIGHTED])

@@ -14,7 +14,7 @@ from shipfp_rs.assessment.prediction import predict_response, structure_of
 from shipfp_rs.frequency import FrequencyResponse
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.plot import style
-from shipfp_rs.reproduce import Reproduction, fullscale_sensors
+from shipfp_rs.reproduce import Progress, Reproduction, fullscale_sensors
 from shipfp_rs.reproduce.fullscale import (
     USABLE_HZ,
     WEIGHTED,
@@ -29,7 +29,6 @@ from shipfp_rs.reproduce.fullscale_tables import BEYOND_THE_GAUGE_KG_M2, printed
 from shipfp_rs.reproduce.pictures import (
     DEVIATIONS,
     Picture,
-    Progress,
     Stretch,
     against,
     bode_of_sets,
@@ -134,8 +133,9 @@ def _set_point_line(material: Material, figure: Figure) -> str:
 def _measured_bode(material: Material, figure: Figure, *, signal: str) -> str:
     panels = [*figure.subplots(2, 1, sharex=True)]
     whole = measured_response()
-    rows = ({signal: part[signal]} for part in (whole.response, whole.amplitude_std, whole.phase_std))
-    plot.bode(FrequencyResponse("", whole.frequency_hz, *rows), material.fitted, panels)
+    size, phase = {signal: whole.amplitude_std[signal]}, {signal: whole.phase_std[signal]}
+    points = FrequencyResponse("", whole.frequency_hz, {signal: whole.response[signal]}, size, phase)
+    plot.bode(points, material.fitted, panels)
     return (
         "Points: sine fits of Tables E.1 to E.3 with two standard deviations; phases above 0.085 Hz are lost, since each "
         "channel was fitted with a frequency of its own. Line: extended structure with both dead times, fitted to "

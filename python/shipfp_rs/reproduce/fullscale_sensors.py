@@ -109,11 +109,13 @@ def _spectrum(material: Any, figure: Figure) -> str:
     ax.loglog(frequency[shown], amplitude[shown], color=style.GREEN, lw=0.8, label="simulated")
     for peak in published.torque_spectrum_peaks():
         ax.axvline(peak.frequency_hz, color=style.RED, lw=0.8, ls="--")
-        at, how = (
-            (peak.frequency_hz, 1.0),
-            {"color": style.RED, "fontsize": "small", "rotation": 90, "va": "top"},
-        )
-        place = {"xycoords": ("data", "axes fraction"), "xytext": (2, -4), "textcoords": "offset points"}
+        at = (peak.frequency_hz, 1.0)
+        how: dict[str, Any] = {"color": style.RED, "fontsize": "small", "rotation": 90, "va": "top"}
+        place: dict[str, Any] = {
+            "xycoords": ("data", "axes fraction"),
+            "xytext": (2, -4),
+            "textcoords": "offset points",
+        }
         ax.annotate(f"{peak.frequency_hz:g} Hz, {peak.source}", at, **place, **how)
     dress(ax, "amplitude of the torque [Nm]", "frequency [Hz]", legend=False)
     return (

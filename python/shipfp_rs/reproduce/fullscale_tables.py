@@ -12,10 +12,9 @@ from scipy.optimize import curve_fit
 from shipfp_rs import published
 from shipfp_rs.assessment.prediction import structure_of
 from shipfp_rs.identification.fingerprint import Fingerprint
-from shipfp_rs.identification.fit_statistics import nrmse_pct
 from shipfp_rs.inspection.checks import static_torque
 from shipfp_rs.inspection.spectrum import rates_of
-from shipfp_rs.reproduce import Row, Way
+from shipfp_rs.reproduce import Row, Way, fits_to
 from shipfp_rs.reproduce.trial import simulated
 from shipfp_rs.reproduce.virtual_data import model_of
 from shipfp_rs.simulation.sensors import EQUATION_6_7
@@ -188,10 +187,11 @@ def printed_parameters() -> dict[str, dict[str, float]]:
 
 
 def _rows(case: str, structure: Structure, values: Mapping[str, float], notes: str) -> list[Row]:
-    fits: dict[str, dict[str, float | None]] = {signal: {} for signal in TABLES}
+    found = {}
     for column in COLUMNS:
         experiment = simulated(column)
-        for signal, model in simulated_about(structure, values, experiment).items():
-            measured = experiment.normalised(signal)
-            fits[signal][column] = nrmse_pct(measured, measured - model)
-    return [Row(TABLES[signal], case, "ours", structure.name, fits[signal], notes) for signal in TABLES]
+        found[column] = fits_to(experiment, simulated_about(structure, values, experiment))
+    return [
+        Row(table, case, "ours", structure.name, {column: found[column][signal] for column in COLUMNS}, notes)
+        for signal, table in TABLES.items()
+    ]

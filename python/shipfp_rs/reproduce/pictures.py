@@ -15,6 +15,7 @@ from shipfp_rs import plot
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.frequency import FrequencyResponse
 from shipfp_rs.plot import style
+from shipfp_rs.reproduce import Progress, counted
 from shipfp_rs.support.arrays import Array
 
 if TYPE_CHECKING:
@@ -27,7 +28,6 @@ Painter = Callable[..., str]
 """(material, figure, what is painted) to the caption."""
 Stretch = tuple[float, float]
 """Part of a record on a panel of its own: from when to when [s]."""
-Progress = Callable[[int, int], None]
 
 DPI = 130
 CAPTION_COLUMNS = 140
@@ -67,10 +67,8 @@ def save(
     pictures: Sequence[Picture[Any]], folder: Path, material: Any, progress: Progress | None = None
 ) -> None:
     """Write every picture into a folder as PNG; `progress` gets (figures done, figures in all)."""
-    for done, picture in enumerate(pictures, 1):
+    for picture in counted(pictures, progress):
         painted(picture, material).savefig(folder / picture.file, dpi=DPI)
-        if progress is not None:
-            progress(done, len(pictures))
 
 
 def painted(picture: Picture[Any], material: Any) -> Figure:

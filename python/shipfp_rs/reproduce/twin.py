@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import as_completed
 from dataclasses import dataclass
 from itertools import combinations
@@ -15,14 +15,12 @@ import numpy as np
 from shipfp_rs.assessment.ship_parameters import with_parameters
 from shipfp_rs.errors import IdentificationError, InputError
 from shipfp_rs.identification.fingerprint import Estimate, Fingerprint
-from shipfp_rs.identification.fit_statistics import nrmse_pct
 from shipfp_rs.identification.identify import identify
-from shipfp_rs.reproduce import Reproduction, Row, Way, row_of
+from shipfp_rs.reproduce import Progress, Reproduction, Row, Way, fits_to, row_of
 from shipfp_rs.reproduce.fullscale import thesis_structure
 from shipfp_rs.reproduce.trial import EVERYTHING, LONG_CHIRP, SINES, VESSEL, Twin
 from shipfp_rs.simulation.replay import replay
 from shipfp_rs.structures.structure import Structure
-from shipfp_rs.support.quantiles import DEVIATIONS_95
 from shipfp_rs.sweeps.pools import pool_of
 from shipfp_rs.vessel.vessel import Vessel
 
@@ -139,31 +137,19 @@ def agreement(told: Mapping[str, Fingerprint], name: str) -> list[float]:
     ]
 
 
-def agreements(found: Sequence[Outcome]) -> dict[str, float]:
-    """Return, for each free parameter, the share of pairs of parts whose estimates agree at 95 %."""
-    told = [outcome.told for outcome in found if outcome.told]
-    return {
-        name: float(np.mean([apart < DEVIATIONS_95 for each in told for apart in agreement(each, name)]))
-        for name in FREE
-    }
-
-
 def fit_to_steps(twin: Twin, told: Fingerprint) -> dict[str, dict[str, float]]:
     """Return how well the simulated ship with the estimates fits the steps, which run into its limits [%]."""
     known = {name: twin.truth[name] for name in KNOWN}
     estimates = {name: float(e.value) for name in FREE if (e := told.parameters[name]).value is not None}
     ship = with_parameters(Vessel.load(VESSEL), {**known, **estimates})
-    return {
-        record.name: {
-            signal: nrmse_pct(record.normalised(signal), record.normalised(signal) - model.normalised(signal))
-            for signal in ("n_e", "M_g")
-        }
-        for record in twin.experiments(STEPS)
-        for model in (replay(ship, record, at_the_shaft=True),)
-    }
+    found = {}
+    for record in twin.experiments(STEPS):
+        model = replay(ship, record, at_the_shaft=True)
+        found[record.name] = fits_to(record, {name: model.normalised(name) for name in ("n_e", "M_g")})
+    return found
 
 
-def reproduce(draws: int = 1, progress: Callable[[int, int], None] | None = None) -> Reproduction:
+def reproduce(draws: int = 1, progress: Progress | None = None) -> Reproduction:
     """Identify the tug's trial on the tug itself, part by part, then the short chirp on as many drawn ships."""
     parts = (*PARTS, ALL)
     jobs, done = 1 + len(parts) + len(PARTS) + draws - 1, 0

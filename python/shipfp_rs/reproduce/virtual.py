@@ -18,7 +18,7 @@ from shipfp_rs.identification.identify import identify
 from shipfp_rs.identification.options import NoiseModel, Options
 from shipfp_rs.identification.structure_answer import fitted
 from shipfp_rs.identification.wording import rank
-from shipfp_rs.reproduce import Reproduction, Row, Way, fits_of, printed_row
+from shipfp_rs.reproduce import Progress, Reproduction, Row, Way, counted, fits_of, printed_row
 from shipfp_rs.reproduce.virtual_data import (
     STEP_S,
     VESSEL,
@@ -79,7 +79,7 @@ class _Job(NamedTuple):
     notes: str
 
 
-def reproduce(progress: Callable[[int, int], None] | None = None) -> Reproduction:
+def reproduce(progress: Progress | None = None) -> Reproduction:
     """Reproduce the tables of chapters 3 to 5 and refit Table 5.2; `progress` gets (fits done, fits in all)."""
     relations, fingerprints = _internal_relations()
     rows = [*_gains(), *_operating_point(), *_normalised(), *relations, *_schedule()]
@@ -89,15 +89,12 @@ def reproduce(progress: Callable[[int, int], None] | None = None) -> Reproductio
     rows += _true_parameters()
     steps = {"thesis": validation_steps(launch_of_the_thesis(), "euler"), "ours": validation_steps(launch())}
     truth = shown(asdict(linearise(launch())))
-    jobs = (*_thesis_jobs(), *_our_jobs())
-    for done, job in enumerate(jobs, 1):
+    for job in counted((*_thesis_jobs(), *_our_jobs()), progress):
         # The trials start at rest and hold neither noise nor offset: section 5.2 has all three at zero too.
         options = Options(noise=job.noise, intervals="symmetric", at_rest=True)
         fingerprint = fitted(job.data(), job.structure, options, vessel=VESSEL)
         fingerprints[f"{job.case}, {job.way}: {job.structure.name}"] = fingerprint
         rows.append(_row(job, fingerprint, steps[job.way], truth))
-        if progress is not None:
-            progress(done, len(jobs))
     return Reproduction("Chapters 3 to 5, virtual ship", tuple(rows), _verdict(rows), fingerprints)
 
 
@@ -190,7 +187,22 @@ def relations_of(values: LinearModel) -> dict[str, tuple[float, float]]:
     }
 
 
-def _gains() -> list[Row]:
+def _beside(
+    table: str,
+    case: str,
+    structure: str,
+    printed: Figures,
+    ours: Figures,
+    notes: str,
+    printed_notes: str = "",
+) -> tuple[Row, Row]:
+    return (
+        Row(table, case, "printed", structure, printed, printed_notes),
+        Row(table, case, "ours", structure, ours, notes),
+    )
+
+
+def _gains() -> tuple[Row, Row]:
     """Table 3.4, with the parameters of eq. 5.1 where it is printed as a formula."""
     model, structure = linearise(launch()), "linear, eq. 3.31, 3.35, 3.38"
     printed = {"dn(0)": 1.0, "dE(0)": 2.583 / 1.583, "dM(0)": 2.0, "dM(inf)": 15.83}
@@ -198,11 +210,8 @@ def _gains() -> list[Row]:
     gains = (
         "gains of n*, E_n*, M_s* to a slow set point, and of M_s* to a fast one (eq. 3.32, 3.36, 3.39, 3.40)"
     )
-    ours = dict(zip(printed, found, strict=True))
-    return [
-        Row("3.4", "gains", "printed", structure, printed, gains),
-        Row("3.4", "gains", "ours", structure, ours, "gain of E_n* in s, the others without unit"),
-    ]
+    notes = "gain of E_n* in s, the others without unit"
+    return _beside("3.4", "gains", structure, printed, dict(zip(printed, found, strict=True)), notes, gains)
 
 
 def _printed_point() -> dict[str, float]:
@@ -211,7 +220,7 @@ def _printed_point() -> dict[str, float]:
     return {SYMBOLS.get(name, name): value for name, value in named.items()}
 
 
-def _operating_point() -> list[Row]:
+def _operating_point() -> tuple[Row, Row]:
     point, printed = steady_state(launch()), _printed_point()
     values = (point.n_e, point.X_f, point.M_b, point.M_s, point.n_s, point.brake_power / 1e3)
     ours = dict(zip(SYMBOLS.values(), values, strict=False))
@@ -221,10 +230,7 @@ def _operating_point() -> list[Row]:
         f"n_0 is 1300/60 = {point.n_e:.3f} rev/s, printed {printed['n_0']} with its last digits wrong; the "
         f"printed torques are {ratio:.4f} apart, 3 x 0.95 is 2.85: M_b0 or M_s0 is off by {100 * (ratio / 2.85 - 1):.2f} %"
     )
-    return [
-        Row("3.5", "1300 rpm", "printed", "plant", known, "rev/s, mm, Nm, Nm, rev/s, kW"),
-        Row("3.5", "1300 rpm", "ours", "plant", ours, notes),
-    ]
+    return _beside("3.5", "1300 rpm", "plant", known, ours, notes, "rev/s, mm, Nm, Nm, rev/s, kW")
 
 
 def _normalised() -> list[Row]:
@@ -284,16 +290,13 @@ def _internal_relations() -> tuple[list[Row], dict[str, Fingerprint]]:
     return found, fingerprints
 
 
-def _schedule() -> list[Row]:
+def _schedule() -> tuple[Row, Row]:
     """Table 5.1: the frequencies that the printed times imply."""
     rows = published.virtual_schedule()
     printed = {f"{row.begin_s:g} s": row.frequency_hz for row in rows}
     exact = {f"{row.begin_s:g} s": 4.0 / (row.end_s - row.begin_s) for row in rows}
     notes = "four periods between the printed times, each of whole hundredths of a second"
-    return [
-        Row("5.1", "frequency [Hz]", "printed", "", printed),
-        Row("5.1", "frequency [Hz]", "ours", "", exact, notes),
-    ]
+    return _beside("5.1", "frequency [Hz]", "", printed, exact, notes)
 
 
 def _verdict(rows: Iterable[Row]) -> tuple[str, ...]:

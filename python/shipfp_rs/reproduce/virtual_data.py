@@ -12,7 +12,7 @@ import numpy as np
 from shipfp_rs import signals
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.frequency import FrequencyResponse
-from shipfp_rs.identification.fit_statistics import nrmse_pct
+from shipfp_rs.reproduce import fits_to
 from shipfp_rs.signals import Excitation
 from shipfp_rs.simulation.simulate import Method, simulate
 from shipfp_rs.structures.ship import ShipEquations
@@ -194,12 +194,10 @@ def model_of(figures: Mapping[str, float | None]) -> LinearModel:
 
 def fit_pct(structure: Structure, values: Mapping[str, float], experiment: Experiment) -> dict[str, float]:
     """Return the fit of a structure that starts from rest to an experiment, "dn" and "dM" in per cent (eq. 4.9)."""
-    simulated = structure.equations.simulate(values, experiment)
-    fits = {}
-    for output, row in zip(structure.outputs, simulated, strict=True):
-        measured = experiment.normalised(structure.signal_for(output, experiment.signals, experiment.name))
-        fits[output] = nrmse_pct(measured, measured - row)
-    return fits
+    rows = structure.equations.simulate(values, experiment)
+    names = {out: structure.signal_for(out, experiment.signals, experiment.name) for out in structure.outputs}
+    fits = fits_to(experiment, dict(zip(names.values(), rows, strict=True)))
+    return {output: fits[name] for output, name in names.items()}
 
 
 def euler_bias(model: LinearModel, step_s: float = STEP_S) -> float:

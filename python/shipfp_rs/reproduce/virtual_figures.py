@@ -14,13 +14,12 @@ from shipfp_rs import plot, published
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.frequency import FrequencyResponse
 from shipfp_rs.plot import style
-from shipfp_rs.reproduce import Reproduction
+from shipfp_rs.reproduce import Progress, Reproduction
 from shipfp_rs.reproduce.pictures import (
     DEVIATIONS,
     LESS,
     NAMES,
     Picture,
-    Progress,
     Stretch,
     against,
     bode_of_sets,
