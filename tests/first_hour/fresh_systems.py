@@ -194,9 +194,8 @@ def table(results: Sequence[Mapping[str, Any]]) -> str:
         margins = np.array([[*margin_of(one, 0), *margin_of(one, 1)] for one in of]).sum(axis=0)
         row = (len(of), errors, usable, *margins, sum(map(is_far, of)))
         lines.append(f"{kind:8}" + "".join(f"{one:>10}" for one in row))
-    return "\n".join(
-        [*lines, "", "asked: 90 % hold, margins are shown in 70 % and close there, no gain is far; what is not shown has its interval"]
-    )
+    asked = "asked: 90 % hold, margins are shown in 70 % and close there, no gain is far; one not shown has its interval"
+    return "\n".join([*lines, "", asked])
 
 
 def main() -> None:
