@@ -107,6 +107,10 @@ def test_the_loop_s_figures_are_those_of_the_linearisation(found) -> None:
     assert {row[0]: row[2] for row in loop_rows(unlimited, Say())}["gain margin"] == "no limit"
     limited = {**loop, "gain margin": Estimate(3.862, 0.1, (3.666, 4.058))}
     assert {row[0]: row[2] for row in loop_rows(limited, Say())}["gain margin"] == "3.86 times"
+    for ends, told in (((2.1, 6.4), "2.1 to 6.4 times"), ((2.9, 812.0), "at least 2.9 times")):
+        rough = {**loop, "gain margin": Estimate(3.9, (ends[1] - ends[0]) / 4.0, ends)}
+        value, beside = next(row[2:4] for row in loop_rows(rough, Say()) if row[0] == "gain margin")
+        assert (value, beside) == (told, "known only roughly")
 
 
 def test_what_stands_in_the_way_is_told_in_the_order_in_which_one_looks(found) -> None:

@@ -80,6 +80,15 @@ def test_operating_point_and_inertia_stand_on_top(undescribed) -> None:
     assert float(inertia[2].split("\u00a0")[0]) == pytest.approx(expected, rel=1e-2)
 
 
+def test_a_large_torque_is_in_kNm_and_a_large_power_without_powers_of_ten(undescribed) -> None:
+    data = [
+        {**row, "operating_point": {**row["operating_point"], "M_b": 241_100.0, "n_e": 150.0}}
+        for row in undescribed.data
+    ]
+    row = facts(replace(undescribed, data=tuple(data)), [], None, Say())[0]
+    assert row[2] == "150\u00a0rpm, 241.1\u00a0kNm, 3787\u00a0kW"
+
+
 def test_a_generating_set_has_its_inertia_constant(undescribed) -> None:
     load = {**undescribed.first().signals, "M_load": undescribed.first().signals["M_b"]}
     loaded = replace(

@@ -279,7 +279,7 @@ def loop_rows(loop: Mapping[str, Estimate], say: Say) -> list[tuple[str, str, st
             # A value that may be off by more would be taken for one that is known.
             value, told = interval(row, estimate, say, with_end=False), say("known only roughly")
             if estimate.ci95 is not None and estimate.ci95[1] > OPEN_ABOVE * abs(estimate.value or 0.0):
-                value = say("at least {low}", low=row.low)
+                value = say("at least {low}", low=say.number(f"{estimate.ci95[0]:.2g}"))
         value = (
             f"{value}\u00a0{unit_shown(row.unit)}".strip().replace("\u00a0°", "°")
             if row.value

@@ -17,6 +17,8 @@ from shipfp_rs.support.units import unit_shown
 from shipfp_rs.vessel.vessel import Vessel
 
 Fact = tuple[str, str, str, str, str]
+LARGE_NM, LARGE_KW = 1e4, 1e3
+"""Torque that is given in kNm, and power that is given without decimals."""
 
 
 def feeds_a_generator(
@@ -37,10 +39,12 @@ def facts(
         return []
     speed_rpm, torque_Nm, signal = point
     ratio = 1.0 if signal == ENGINE_SIDE else vessel and vessel.gearbox.ratio
-    told = [f"{speed_rpm:.4g}\u00a0rpm", f"{torque_Nm:.4g}\u00a0Nm"]
+    torque = f"{torque_Nm / 1e3:.4g}\u00a0kNm" if abs(torque_Nm) >= LARGE_NM else f"{torque_Nm:.4g}\u00a0Nm"
+    told = [f"{speed_rpm:.4g}\u00a0rpm", torque]
     if ratio:
         turning = 2.0 * math.pi * speed_rpm / 60.0 / ratio
-        told.append(f"{abs(torque_Nm * turning) / 1e3:.3g}\u00a0kW")
+        power_kW = abs(torque_Nm * turning) / 1e3
+        told.append(f"{power_kW:.0f}\u00a0kW" if power_kW >= LARGE_KW else f"{power_kW:.3g}\u00a0kW")
     rows = [(say("operating point"), "", say.number(", ".join(told)), "", _place(signal, say))]
     if fingerprint.why_not:
         return rows
