@@ -20,6 +20,7 @@ KNOWN = {
     "T_d": 0.06,
     "tau_act": 0.05,
     "rate": 0.4,
+    "rate_down": 0.4,
     "M_max": 1.1,
     "s_M": 1.0,
     "leads": 1.0,

@@ -36,7 +36,7 @@ by a time of a grid, its rest is what the delay has beyond that [s]. outputs hol
   1 + W])`: products of these rows times the lower triangles `root`, and of the smooth errors (`shapes` times hats, real
   and imaginary size) with them; a loop that is unstable raises `SimulationError`. Instruction sets differ by rounding;
   one gives the same bits in any thread
-- `taken_by_limits(parameters[17], set_point[N], speed[N], torque[N], every) -> ([N], [N])`: what limits take off the
+- `taken_by_limits(parameters[18], set_point[N], speed[N], torque[N], every) -> ([N], [N])`: what limits take off the
   engine's torque, and off the rack's part of it, for deviations as they were measured, `every` seconds one;
   `ENGINE_SIDE_PARAMETERS` are those of `rust/src/engine_side.rs`
 - `loop_is_stable(parameters, open_loop) -> bool`: of a ship's loop about its operating point, by Nyquist's turns

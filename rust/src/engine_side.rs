@@ -2,7 +2,7 @@
 //!
 //! ```text
 //! e(t) = u(t - T_set) + u_0 - N       X = K_p e + K_i I - K_d dN/dt       dI/dt = e
-//! tau_act dF/dt = X(t - T_d) - F      A follows as F does, at `rate` at most       M = min(1 + g (N - 1) + A, M_max)
+//! tau_act dF/dt = X(t - T_d) - F      A follows as F does, -rate_down <= dA/dt <= rate       M = min(1 + g (N - 1) + A, M_max)
 //! ```
 //!
 //! Nothing is fed back, so a limit is a clamp on a known signal. The sum of a measured error drifts; what the measured torque
@@ -17,8 +17,8 @@ use crate::stop::{CHECK_EVERY, Stop};
 
 /// Names of the parameters: `ahead` is the inertia between engine and gauge [s], `s_M` the factor that the torque is read by,
 /// `leads` how fast the measured torque leads the sum back [1/s].
-pub const PARAMETERS: [&str; 17] = [
-    "g", "vK_p", "vK_i", "vK_d", "T_d", "T_set", "hold", "tau_act", "rate", "M_max", "M_soft", "u_0", "T_M",
+pub const PARAMETERS: [&str; 18] = [
+    "g", "vK_p", "vK_i", "vK_d", "T_d", "T_set", "hold", "tau_act", "rate", "rate_down", "M_max", "M_soft", "u_0", "T_M",
     "T_n", "s_M", "ahead", "leads",
 ];
 
@@ -57,6 +57,7 @@ pub fn taken_by_limits(
         hold,
         lag,
         rate,
+        rate_down,
         highest,
         softness,
         offset,
@@ -73,7 +74,7 @@ pub fn taken_by_limits(
     require(all_finite(data.set_point) && all_finite(data.speed) && all_finite(data.torque), || {
         "found samples that are not finite, expected numbers".to_owned()
     })?;
-    require(data.every > 0.0 && lag >= 0.0 && rate > 0.0 && softness >= 0.0 && scale > 0.0, || {
+    require(data.every > 0.0 && lag >= 0.0 && rate.min(rate_down) > 0.0 && softness >= 0.0 && scale > 0.0, || {
         "found a step, lag, rate, rounding or scale below zero, expected them above".to_owned()
     })?;
     let h = data.every;
@@ -82,9 +83,10 @@ pub fn taken_by_limits(
     let asked = Pair::new((dead + late) / h, apart / h);
     let read = Taps::new(-torque_late / h);
     let half_rate = 0.5 / h;
-    let pace = Pace { lag, up: rate, down: -rate };
+    let pace = Pace { lag, up: rate, down: -rate_down };
     let stays = if lag > 0.0 { (-h / lag).exp() } else { 0.0 };
     let led = leads * h;
+    let within = |slope: f64, over: f64| (-rate_down * over..=rate * over).contains(&slope);
     let mut found = [Vec::with_capacity(samples), Vec::with_capacity(samples)];
     let (mut sum, mut before, mut commanded, mut free, mut rack) = (0.0, 0.0, 0.0, 0.0, 0.0);
     for k in 0..samples {
@@ -112,7 +114,7 @@ pub fn taken_by_limits(
             let rise = (command - commanded) / h;
             let gap = commanded - rack;
             // Its slope goes from gap / lag towards the command's: within the limit at both, it never meets it.
-            rack = if gap.abs() <= rate * lag && rise.abs() <= rate && lag > 0.0 {
+            rack = if lag > 0.0 && within(gap, lag) && within(rise, 1.0) {
                 command - rise * lag + (rise * lag - gap) * stays
             } else {
                 paced(rack, commanded, rise, h, pace)[0]
@@ -127,7 +129,7 @@ pub fn taken_by_limits(
         let beyond = (1.0 + engine - torque) * led;
         sum += beyond;
         command += beyond;
-        if rate.is_finite() {
+        if rate.min(rate_down).is_finite() {
             rack += beyond;
             free += beyond;
         }

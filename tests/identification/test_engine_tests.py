@@ -44,6 +44,14 @@ def test_a_limit_that_acts_is_shown(own, element):
     assert suspected(scores(noisy(own))) == element
 
 
+@pytest.mark.parametrize("down", [0.25, 0.5])
+def test_a_rack_that_is_slower_down_has_two_rates_and_another_one(down):
+    found = fp.identify(noisy({"rate": 0.5, "rate_down": down}), torque="brake")
+    assert ("rate_down" in found.parameters) == (down < 0.5)
+    for name, true in {"rate": 0.5, **({"rate_down": down} if down < 0.5 else {})}.items():
+        assert found[name].value == pytest.approx(true, rel=0.1)
+
+
 @pytest.mark.parametrize(
     ("kind", "seed", "shown"),
     [

@@ -6,7 +6,7 @@ import numpy as np
 
 from shipfp_rs._core import ENGINE_SIDE_PARAMETERS
 
-OFF = dict.fromkeys(ENGINE_SIDE_PARAMETERS, 0.0) | {"rate": np.inf, "M_max": np.inf, "s_M": 1.0, "leads": 1.0}
+OFF = dict.fromkeys(ENGINE_SIDE_PARAMETERS, 0.0) | {"rate": np.inf, "rate_down": np.inf, "M_max": np.inf, "s_M": 1.0, "leads": 1.0}
 GOVERNOR = {"g": -0.6, "vK_p": 4.0, "vK_i": 5.0}
 SUBSTEPS = 200
 
@@ -48,10 +48,10 @@ def taken_by_limits(q, set_point, speed, torque, every):
             for asked in before + (command - before) * (np.arange(SUBSTEPS) + 0.5) / SUBSTEPS:
                 if q["tau_act"] > 0.0:
                     free += h * (asked - free) / q["tau_act"]
-                    rack += h * np.clip((asked - rack) / q["tau_act"], -q["rate"], q["rate"])
+                    rack += h * np.clip((asked - rack) / q["tau_act"], -q["rate_down"], q["rate"])
                 else:
                     free = asked
-                    rack += np.clip(asked - rack, -q["rate"] * h, q["rate"] * h)
+                    rack += np.clip(asked - rack, -q["rate_down"] * h, q["rate"] * h)
             free = command if q["tau_act"] == 0.0 else free
         before = own[k] + total
         whole = 1.0 + q["g"] * speed[k] + rack
@@ -61,6 +61,6 @@ def taken_by_limits(q, set_point, speed, torque, every):
         found[:, k] = given - whole + rack - free, rack - free
         beyond = (1.0 + engine[k] - given) * q["leads"] * every
         total, before = total + beyond, before + beyond
-        if np.isfinite(q["rate"]):
+        if np.isfinite(min(q["rate"], q["rate_down"])):
             rack, free = rack + beyond, free + beyond
     return found

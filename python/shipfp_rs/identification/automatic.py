@@ -308,7 +308,7 @@ def _estimate(fit: ShipFit, name: str, interval: Interval) -> Estimate:
     )
     c, found = fit.likelihood.coordinates, fit.best.products
     flat = name in c.free and found is not None and found.matrix[c.place(name), c.place(name)] == 0.0
-    if name in ("M_max", "rate") and (flat or ends[1] >= high):
+    if name in ("M_max", "rate", "rate_down") and (flat or ends[1] >= high):
         # Far above all that was reached no profile finds where it would begin to act.
         reason = (
             Sentence("no limit was reached in the data")

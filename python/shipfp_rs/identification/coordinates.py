@@ -18,7 +18,7 @@ from shipfp_rs.support.arrays import Array, Values
 
 STATE_REACH = 0.3
 """How far a record's set point and torque may be read wrong, over the operating point's."""
-LOGARITHMS = ("tau_n", "rate", "tau_twist", "v", "M_soft")
+LOGARITHMS = ("tau_n", "rate", "rate_down", "tau_twist", "v", "M_soft")
 """Parameters that are searched by their logarithm."""
 SQUARES = ("hold",)
 """Parameters that act by their square, and are searched by it: about zero they would have no slope."""

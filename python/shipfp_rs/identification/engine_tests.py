@@ -130,7 +130,11 @@ def touched(fit: ShipFit, element: str) -> float:
         if element == "torque_limit":
             near = 1.0 + engine > values["M_max"] - ROUNDED * values["M_soft"]
         else:
-            near = np.abs(np.gradient(rack)) * record.rate_hz > NEARLY * values["rate"]
+            slope = np.gradient(rack) * record.rate_hz
+            up, down = values["rate"], values.get("rate_down", values["rate"])
+            near = slope < -NEARLY * down
+            if element == "rack_rate":
+                near |= slope > NEARLY * up
         found += float(np.count_nonzero(near)) * record.down
     return found
 

@@ -30,7 +30,7 @@ from shipfp_rs.support.arrays import Array, ComplexArray
 from shipfp_rs.support.interpolation import interpolated
 from shipfp_rs.support.threads import where_alone
 
-LIMITS = ("M_max", "M_soft", "rate")
+LIMITS = ("M_max", "M_soft", "rate", "rate_down")
 """Parameters of limits."""
 FINE_HZ = 100.0
 """Rate of the simulations: what lines between their samples lack counts for what limits take off alone."""
@@ -106,6 +106,7 @@ class LimitedLikelihood(EquationLikelihood):
         ahead = values["tau_n"] - values.get("tau_prop", 0.0) if self.gauge and not beside else 0.0
         known = {
             "rate": np.inf,
+            "rate_down": values.get("rate", np.inf),
             "M_max": np.inf,
             **values,
             "u_0": own.get("set point offset", 0.0),

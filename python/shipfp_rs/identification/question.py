@@ -70,6 +70,7 @@ BOUNDS: Mapping[str, tuple[float, float]] = {
     "M_max": (1.005, 5.0),
     "M_soft": (SHARPEST, 0.1),
     "rate": (0.01, 100.0),
+    "rate_down": (0.01, 100.0),
     "tau_twist": (3e-4, 0.1),
     "zeta_twist": (0.0, 6.0),
 }
@@ -87,6 +88,7 @@ RACK_OFFSET = "rack offset"
 TRIED: Mapping[str, tuple[str, ...]] = {
     "torque_limit": ("M_max", "M_soft"),
     "rack_rate": ("rate",),
+    "rack_rate_down": ("rate_down",),
     "twist": ("tau_twist", "zeta_twist"),
 }
 """Elements that are tried, with their parameters."""
@@ -130,7 +132,7 @@ class Question:
     structure: Structure | None = None
 
     def __post_init__(self) -> None:
-        for name in ("tau_n", "v", *(limit for limit in ("M_max", "rate") if limit in self.always)):
+        for name in ("tau_n", "v", *(limit for limit in ("M_max", "rate", "rate_down") if limit in self.always)):
             if self.fixed.get(name, 1.0) <= 0.0:
                 raise InputError(f"parameter {name}: fixed at {self.fixed[name]:g}, expected more than 0")
         for one in self.experiments:
@@ -235,6 +237,9 @@ def question_of(
     _require_parameters({"fixed": known, "priors": priors or {}})
     _require_values(known, priors or {})
     elements = _known_elements(known) | elements
+    for name in [name for name, acts in elements.items() if acts and ELEMENTS[name].needs in TRIED]:
+        if not elements.setdefault(needs := ELEMENTS[name].needs, True):
+            raise InputError(f"elements: {name!r} needs {needs!r}, expected both")
     common = set.intersection(*(set(one.signals) for one in experiments))
     speed = next((name for name in ("n_e", "n_s") if name in common), None)
     if speed is None:

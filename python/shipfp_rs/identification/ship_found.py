@@ -19,7 +19,7 @@ from shipfp_rs.identification.sampling import Between
 from shipfp_rs.identification.stretches import Score
 from shipfp_rs.structures.elements import ELEMENTS
 
-LIMITED = {"torque_limit", "rack_rate"}
+LIMITED = {"torque_limit", "rack_rate", "rack_rate_down"}
 """Elements of which only simulations know what they take off."""
 BELIEVED = 25.0
 """Fall of the deviance from which an element that is tried is called on. Chance gives 14 once in 1,000 with two parameters;

@@ -69,6 +69,8 @@ def element_rows(fit: ShipFit, parameters: Mapping[str, Estimate]) -> dict[str, 
         limit = None if state == "on" else _limit(parameter.name, high, parameter.unit)
         rows[name] = _row(name, state, limit)
     for name in TRIED:
+        if (needs := ELEMENTS[name].needs) and TRIED[needs][0] not in parameters:
+            continue
         told = parameters.get(TRIED[name][0])
         acts = told is not None and told.status != "unidentifiable" and TRIED[name][0] not in fit.along
         if acts or name in fit.question.tried:
@@ -126,7 +128,8 @@ def _element(row: Mapping[str, Any]) -> Sentence:
 def _is_limited(fingerprint: Fingerprint) -> bool:
     """Whether a limit of torque or rate acts."""
     return any(
-        fingerprint.elements.get(name, {}).get("state") == "on" for name in ("torque_limit", "rack_rate")
+        fingerprint.elements.get(name, {}).get("state") == "on"
+        for name in ("torque_limit", "rack_rate", "rack_rate_down")
     )
 
 

@@ -6,7 +6,7 @@ on where the deviance falls by much more (`ship_found.BELIEVED`). Ends are compa
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -33,7 +33,7 @@ from shipfp_rs.support.progress import tell
 
 CHANCE = 6.0
 """Fall of the deviance by two parameters that chance exceeds once in twenty: less says nothing of an element."""
-LEAST_FALL = {"torque_limit": CHANCE, "rack_rate": 2.0 * BELIEVED}
+LEAST_FALL = {"torque_limit": CHANCE, "rack_rate": 2.0 * BELIEVED, "rack_rate_down": 2.0 * BELIEVED}
 """Fall of the total from which a limit is fitted along; one of rate, whose intervals are rough, must be sure."""
 LEAST_TOUCHED = 10.0
 """Samples that must lie in a limit: one that the record never reaches stands in for something else."""
@@ -46,6 +46,8 @@ KEPT = 5
 LEVELS, SLOPES, GAINS = (0.9, 0.97, 0.995), (0.9, 0.99), (1.0, 2.0, 4.0)
 """Quantiles of torque and of its slope at which limits are tried, and factors of the gains: without a rate limit they are
 taken for too small."""
+WAYS_DOWN = (0.5, 0.7, 1.0, 1.4, 2.0)
+"""Rates of a rack's way down to begin with, over the one found for both ways."""
 
 
 def with_limits(fit: ShipFit, until: float | None) -> ShipFit:
@@ -53,7 +55,7 @@ def with_limits(fit: ShipFit, until: float | None) -> ShipFit:
     tried, scores = set(fit.question.tried) & LIMITED, engine_tests(fit)
     falls = {name: scores[name].fall for name in sorted(tried) if name in scores}
     fit = replace(fit, scores=scores, gains={**fit.gains, **falls})
-    while (suspect := limit_to_try(fit.scores, tried)) is not None:
+    while (suspect := _suspect(fit, tried)) is not None:
         tell(f"trying {ELEMENTS[suspect].words}", 0.3 * len(fit.elements))
         tried.remove(suspect)
         taken = _limited(fit, suspect, until)
@@ -66,6 +68,13 @@ def with_limits(fit: ShipFit, until: float | None) -> ShipFit:
         fit = replace(taken, gains=gains)
         fit = replace(fit, scores=engine_tests(fit))
     return fit
+
+
+def _suspect(fit: ShipFit, tried: Container[str]) -> str | None:
+    """Return the limit that is to be tried next; None: none."""
+    if "rack_rate_down" in tried and "rack_rate" in fit.elements:
+        return "rack_rate_down"
+    return limit_to_try(fit.scores, tried)
 
 
 def with_given_limits(fit: ShipFit, given: Sequence[str], until: float | None) -> ShipFit:
@@ -222,6 +231,8 @@ def _starts(
         ]
     if "dM" not in fit.question.outputs:
         return []
+    if element == "rack_rate_down":
+        return [({**values, "rate_down": values["rate"] * factor}, states) for factor in WAYS_DOWN]
     records, place = fit.likelihood.records, fit.question.outputs.index("dM")
     every = [values, *({**values, **one} for one in _other_loops(fit))]
     if element == "torque_limit":

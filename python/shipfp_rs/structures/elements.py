@@ -23,7 +23,7 @@ class Element:
     parameters
         What it adds to a structure's parameters.
     needs
-        "load": a measured load torque; "": nothing.
+        "load": a measured load torque, or another element's name; "": nothing.
     """
 
     name: str
@@ -60,6 +60,12 @@ ELEMENTS: dict[str, Element] = {
         ),
         Element("rack_rate", "rate limit of the fuel rack", (Parameter("rate", "1/s", 1.0, 1e-3, 100.0),)),
         Element(
+            "rack_rate_down",
+            "rate limit of the fuel rack on its way down",
+            (Parameter("rate_down", "1/s", 1.0, 1e-3, 100.0),),
+            "rack_rate",
+        ),
+        Element(
             "twist",
             "torsionally flexible shaft",
             (Parameter("tau_twist", "s", 1e-3, 3e-4, 0.1), Parameter("zeta_twist", "-", 0.5, 0.0, 6.0)),
@@ -91,7 +97,7 @@ def chosen(names: Names) -> tuple[Element, ...]:
     Raises
     ------
     InputError
-        For an unknown or doubled name.
+        For an unknown or doubled name, or one without what it needs.
     """
     for name in names:
         if name not in ELEMENTS:
@@ -100,4 +106,6 @@ def chosen(names: Names) -> tuple[Element, ...]:
             )
         if list(names).count(name) > 1:
             raise InputError(f"element {name!r} is named twice, expected each once")
+        if (needs := ELEMENTS[name].needs) in ELEMENTS and needs not in names:
+            raise InputError(f"element {name!r} needs {needs!r}, expected both")
     return tuple(element for element in ELEMENTS.values() if element.name in names)

@@ -34,6 +34,7 @@ NAMES: Mapping[str, str] = {
     "damping": "load damping",
     "M_max": "upper torque limit",
     "rate": "rate limit of the fuel rack",
+    "rate_down": "rate limit of the fuel rack on its way down",
     "k_L": "gain of the measured load",
     "dM_b(0)": "torque over speed, for slow motions",
     "dM_g(0)": "torque over speed, for slow motions",
@@ -62,7 +63,7 @@ OF_WHAT: Mapping[str, str] = {
 
 LOOKED_AT = (
     *("k_L", "tau_prop", "T_M", "T_B", "T_n", "T_0"),
-    *("v", "T_set", "T_d", "hold", "T_s", "tau_act", "M_max", "M_soft", "rate"),
+    *("v", "T_set", "T_d", "hold", "T_s", "tau_act", "M_max", "M_soft", "rate", "rate_down"),
     *("tau_n", "g", "p", "c_2", "damping", "tau_twist", "zeta_twist"),
     *("K_p", "K_i", "K_d", "vK_p", "vK_i", "vK_d"),
 )

@@ -103,7 +103,7 @@ class ShipEquations(Equations):
         if values.get("tau_twist") and values["tau_prop"] >= 0.99 * values["tau_n"]:
             raise SimulationError("nothing is left of the inertia on the engine's side of the twisting shaft")
         if "rate" in values:
-            vector[INDEX["rate_down"]] = values["rate"]
+            vector[INDEX["rate_down"]] = values.get("rate_down", values["rate"])
         return vector
 
     def _inputs(self, experiment: Experiment) -> tuple[Array, Array, float, int, Hold]:
