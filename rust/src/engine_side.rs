@@ -18,8 +18,24 @@ use crate::stop::{CHECK_EVERY, Stop};
 /// Names of the parameters: `ahead` is the inertia between engine and gauge [s], `s_M` the factor that the torque is read by,
 /// `leads` how fast the measured torque leads the sum back [1/s].
 pub const PARAMETERS: [&str; 18] = [
-    "g", "vK_p", "vK_i", "vK_d", "T_d", "T_set", "hold", "tau_act", "rate", "rate_down", "M_max", "M_soft", "u_0", "T_M",
-    "T_n", "s_M", "ahead", "leads",
+    "g",
+    "vK_p",
+    "vK_i",
+    "vK_d",
+    "T_d",
+    "T_set",
+    "hold",
+    "tau_act",
+    "rate",
+    "rate_down",
+    "M_max",
+    "M_soft",
+    "u_0",
+    "T_M",
+    "T_n",
+    "s_M",
+    "ahead",
+    "leads",
 ];
 
 /// Deviations from the operating point, one number a sample.
@@ -74,9 +90,10 @@ pub fn taken_by_limits(
     require(all_finite(data.set_point) && all_finite(data.speed) && all_finite(data.torque), || {
         "found samples that are not finite, expected numbers".to_owned()
     })?;
-    require(data.every > 0.0 && lag >= 0.0 && rate.min(rate_down) > 0.0 && softness >= 0.0 && scale > 0.0, || {
-        "found a step, lag, rate, rounding or scale below zero, expected them above".to_owned()
-    })?;
+    require(
+        data.every > 0.0 && lag >= 0.0 && rate > 0.0 && rate_down > 0.0 && softness >= 0.0 && scale > 0.0,
+        || "found a step, lag, rate, rounding or scale below zero, expected them above".to_owned(),
+    )?;
     let h = data.every;
     let apart = hold * dead / 3.0_f64.sqrt();
     let seen = Pair::new((dead - speed_late) / h, apart / h);

@@ -120,3 +120,13 @@ def test_residuals_of_a_ship_in_its_limit_make_no_curve():
     fit = smooth_ship(question_of([noisy({})], torque="brake"))
     limited_fit = replace(fit, likelihood=likelihood_of(fit, ["rack_rate"]))
     assert engine_curves(limited_fit) == {}
+
+
+def test_a_way_down_of_its_own_needs_a_rate_limit():
+    with pytest.raises(fp.InputError, match="needs 'rack_rate', expected both"):
+        fp.Structure.ship(["rack_rate_down"])
+    with pytest.raises(fp.InputError, match="needs 'rack_rate', expected both"):
+        question_of([noisy({})], elements={"rack_rate": False, "rack_rate_down": True})
+    known = question_of([noisy({})], fixed={"rate_down": 0.3})
+    assert "rate" in known.always
+    assert known.tried == ("torque_limit", "twist")

@@ -41,7 +41,7 @@ def taken(q: dict[str, float], rows: tuple[np.ndarray, ...], every: float = EVER
         {"rate_down": 0.1},
         {"rate": 0.3, "rate_down": 0.15, "tau_act": 0.05},
         {"rate": 0.2, "rate_down": 0.2, "tau_act": 0.1, "T_d": 0.033, "hold": 0.5},
-        {"rate": 0.3, "rate_down": 0.3, "M_max": 1.02, "tau_act": 0.05, "u_0": 1e-3, "s_M": 1.01, "T_M": 0.013, "T_n": 0.004},
+        {"rate": 0.3, "M_max": 1.02, "tau_act": 0.05, "u_0": 1e-3, "s_M": 1.01, "T_M": 0.013, "T_n": 0.004},
         {"M_max": 1.03, "ahead": 0.4, "leads": 0.3},
     ],
 )
@@ -66,7 +66,10 @@ def test_nothing_is_taken_where_no_limit_is_reached_and_never_added(
 
 @pytest.mark.parametrize(
     ("limit", "inside"),
-    [({"M_max": 1.05}, {"M_max": 1.05}), ({"rate": 0.08, "rate_down": 0.05}, {"rate_up": 0.08, "rate_down": 0.05})],
+    [
+        ({"M_max": 1.05}, {"M_max": 1.05}),
+        ({"rate": 0.08, "rate_down": 0.05}, {"rate_up": 0.08, "rate_down": 0.05}),
+    ],
 )
 def test_known_answer_of_a_ship_in_its_limit(limit: dict[str, float], inside: dict[str, float]) -> None:
     t = np.arange(8000) * 0.005

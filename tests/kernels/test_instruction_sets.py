@@ -129,7 +129,11 @@ EXACT = {
     "running_median": lambda: _core.running_median(N_SET, 31),
     "taken_by_limits": lambda: np.array(
         _core.taken_by_limits(
-            engine_side.vector(T_d=0.04, M_max=1.01, rate=0.1, rate_down=0.08), DN_SET, 0.9 * DN_SET, DN_SET, 0.01
+            engine_side.vector(T_d=0.04, M_max=1.01, rate=0.1, rate_down=0.08),
+            DN_SET,
+            0.9 * DN_SET,
+            DN_SET,
+            0.01,
         )
     ),
     "loop_is_stable": lambda: np.array([float(_core.loop_is_stable(EQUATIONS[0], False))]),

@@ -6,7 +6,8 @@ import numpy as np
 
 from shipfp_rs._core import ENGINE_SIDE_PARAMETERS
 
-OFF = dict.fromkeys(ENGINE_SIDE_PARAMETERS, 0.0) | {"rate": np.inf, "rate_down": np.inf, "M_max": np.inf, "s_M": 1.0, "leads": 1.0}
+OFF = dict.fromkeys(ENGINE_SIDE_PARAMETERS, 0.0) | {"s_M": 1.0, "leads": 1.0}
+OFF |= dict.fromkeys(("rate", "rate_down", "M_max"), np.inf)
 GOVERNOR = {"g": -0.6, "vK_p": 4.0, "vK_i": 5.0}
 SUBSTEPS = 200
 

@@ -407,7 +407,11 @@ class EquationLikelihood(Likelihood):
     ) -> Array:
         """The same, driven by a torque of the load beyond its law at the rate of the simulation, too."""
         data, values = self.records[record], self.values_of(vector, record)
-        values = {name: value for name, value in values.items() if name not in ("M_max", "M_soft", "rate", "rate_down")}
+        values = {
+            name: value
+            for name, value in values.items()
+            if name not in ("M_max", "M_soft", "rate", "rate_down")
+        }
         if self.ships and self.ships[record].is_linear:
             # The law of the second order is a straight line again.
             values["c_2"] = -0.5 * values["p"] * (values["p"] - 1.0)

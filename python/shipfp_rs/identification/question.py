@@ -132,7 +132,11 @@ class Question:
     structure: Structure | None = None
 
     def __post_init__(self) -> None:
-        for name in ("tau_n", "v", *(limit for limit in ("M_max", "rate", "rate_down") if limit in self.always)):
+        for name in (
+            "tau_n",
+            "v",
+            *(limit for limit in ("M_max", "rate", "rate_down") if limit in self.always),
+        ):
             if self.fixed.get(name, 1.0) <= 0.0:
                 raise InputError(f"parameter {name}: fixed at {self.fixed[name]:g}, expected more than 0")
         for one in self.experiments:

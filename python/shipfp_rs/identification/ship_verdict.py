@@ -77,8 +77,9 @@ def element_rows(fit: ShipFit, parameters: Mapping[str, Estimate]) -> dict[str, 
             # What a limit would still bring is another figure once others act.
             gain = fit.gains.get(name, np.inf)
             gain = fit.scores[name].fall if name in fit.scores and name not in fit.elements else gain
-            undecided = gain > (UNDECIDED if TRIED[name][0] in fit.along else BELIEVED)
-            state = "on" if acts else "open" if undecided and np.isfinite(gain) else "off"
+            undecided = np.isfinite(gain) and gain > (UNDECIDED if TRIED[name][0] in fit.along else BELIEVED)
+            undecided |= any(ELEMENTS[other].needs == name for other in fit.elements)
+            state = "on" if acts else "open" if undecided else "off"
             rows[name] = _row(name, state, None, gain if np.isfinite(gain) else None)
     if fit.question.loaded:
         rows["load"] = _row("load", "on", None)

@@ -161,13 +161,18 @@ def _limited(fit: ShipFit, element: str, until: float | None, *, surely: bool = 
     c = likelihood.coordinates
     vectors = [c.vector({**DEFAULTS, **values}, states) for values, states in starts]
     found: list[tuple[LimitedLikelihood, Basin]] = []
-    for way in (likelihood, replace(likelihood, water_hz=WATERS_HZ[0]).driven(vectors[0])):
+    ways = [likelihood]
+    if element != "rack_rate_down":  # the limit beside it has chosen its way
+        ways.append(replace(likelihood, water_hz=WATERS_HZ[0]).driven(vectors[0]))
+    for way in ways:
         begun = sorted(vectors, key=partial(_total, way))[:KEPT]
         ends = way.each([partial(_by_own_noise, way, start, 1, until) for start in begun])
         ends = sorted(ends, key=lambda end: end.cost)[:2]
         ends = way.each([partial(_by_own_noise, way, end.vector, ROUNDS, until) for end in ends])
         found.append((way, min(ends, key=lambda end: end.cost)))
     likelihood, best = min(found, key=lambda pair: pair[1].cost)
+    if element == "rack_rate_down" and not surely and best.cost > fit.total - LEAST_FALL[element]:
+        return None
     if np.isfinite(best.cost):
         ways = [replace(likelihood, water_hz=hz) for hz in (None, *WATERS_HZ) if hz != likelihood.water_hz]
         jobs = [partial(_by_own_noise, one, best.vector, ROUNDS, until) for one in ways]

@@ -143,8 +143,9 @@ class Structure(Editable):
         elements
             Names of what acts beside this, of `structures.elements.ELEMENTS`: "dead_time_loop" (T_d),
             "dead_time_set_point" (T_set), "actuator_lag" (tau_act), "derivative" (vK_d, on the speed), "sampling" (T_s),
-            "torque_limit" (M_max), "rack_rate" (rate), "rack_rate_down" (rate_down, beside it), "twist" (tau_twist, zeta_twist; between
-            the inertias, of which tau_prop is the propeller's), "damping" (of the load), "load" (measured).
+            "torque_limit" (M_max), "rack_rate" (rate), "rack_rate_down" (rate_down, beside "rack_rate"), "twist"
+            (tau_twist, zeta_twist; between the inertias, of which tau_prop is the propeller's), "damping" (of the load),
+            "load" (measured).
         torque
             "brake": the engine's, M_b; "gauge": M_g = N^p + tau_prop dN/dt, with part of the inertia behind it.
         outputs
