@@ -11,12 +11,10 @@ import shipfp_rs as fp
 from shipfp_rs.assessment.si import doubts, in_si
 from shipfp_rs.identification.fingerprint import Estimate, Fingerprint, Identifiability
 from shipfp_rs.identification.ship_verdict import element_rows, with_verdict
-from shipfp_rs.identification.sides import KINDS
 from shipfp_rs.identification.stretches import Score
 from shipfp_rs.identification.usability import LARGE_MISS_PCT, LEAST_EXPLAINED_PCT, judged
 from shipfp_rs.identification.wording import missed
 from shipfp_rs.structures.combinations import true_values
-from shipfp_rs.support.sentences import Sentence
 
 NOT_FOR_TUNING = "Usable for simulation and comparison, but not for control tuning: "
 LOST = Estimate(None, unit="s", status="unidentifiable")
@@ -62,15 +60,12 @@ def test_a_search_that_ended_in_no_minimum_is_not_usable(found) -> None:
 
 
 def test_a_load_told_alone_has_the_share_that_the_statistics_have(found) -> None:
-    reason = Sentence("engine and governor are not described: {what}", what=KINDS["misfit"])
     fields = {
         "adequate": {**found.adequate, "stands": False, "misses_pct": {"dn": 15.2, "dM": 3.0}},
-        "parameters": {**found.parameters, "g": replace(LOST, reason=reason)},
         "load_side": {"p": LOST},
     }
     told = with_verdict(replace(found, **fields), kind="misfit")
     assert "(the model misses 15 % of the drive train's response)" in told.usable
-    assert told["g"].reason.endswith("the model misses 15 % of the drive train's response")
     assert "15 % of the speed" in missed(told.adequate)
 
 

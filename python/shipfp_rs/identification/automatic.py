@@ -26,7 +26,7 @@ from shipfp_rs.identification.load_side import load_side_of
 from shipfp_rs.identification.profiles import NEAR, RISE, TRIES, Interval, Profiles, figures_of
 from shipfp_rs.identification.question import BOUNDS, OF_LOADED, PRIORS, Question
 from shipfp_rs.identification.ship_fit import fit_ship, refined
-from shipfp_rs.identification.ship_found import ShipFit
+from shipfp_rs.identification.ship_found import DISCREPANCY, ShipFit
 from shipfp_rs.identification.ship_verdict import element_rows, with_verdict
 from shipfp_rs.identification.sides import covariance_of, load_alone, undescribed
 from shipfp_rs.identification.stretches import Stretches
@@ -45,9 +45,6 @@ TOGETHER = ("K_p/K_i", "(p-g)/tau_n", "vK_p/tau_n", "vK_i/tau_n", "(p-g)/(vK_i)"
 """Combinations that a fingerprint tells beside the parameters."""
 FULL_SHIP = "the full ship"
 """What a fingerprint's settings call the structure that is fitted where none is given."""
-DISCREPANCY = 2.0
-"""Deviations of a ship in a limit over those of its likelihood. What its simulations miss, corners and the water's shape,
-moves all parameters together; on some twenty simulated ships the truth lay twice as far away as chance explains."""
 LOWER, RESTARTS = 0.5, 2
 """A profile that meets a deviance lower by this begins again from there, so often."""
 COMBINED_TRIES = 3

@@ -211,12 +211,17 @@ def _answers(values: Values, record: Spectra, fit: ShipFit) -> Callable[[Array, 
     return answer
 
 
-def suspected(scores: Mapping[str, Score]) -> str | None:
-    """Return the kind of shape that the engine's side shows most, more than chance and a calibration's error; None: none."""
+def suspected(scores: Mapping[str, Score], beyond: float = 1.0) -> str | None:
+    """Return the kind of shape that the engine's side shows most, more than chance and a calibration's error; None: none.
+
+    `beyond` is how many times as far as chance explains an estimate may lie, as in a limit.
+    """
     sure = {
         kind: score.fall * (NEAR if kind in LIMITS else 1.0)
         for kind, score in scores.items()
-        if score.fall > SHOWN and score.consistency > CONSISTENT and score.share > ACCURACY
+        if score.fall > SHOWN * beyond**2
+        and score.consistency > CONSISTENT
+        and score.share > ACCURACY * beyond
     }
     return max(sure, key=lambda kind: sure[kind], default=None)
 

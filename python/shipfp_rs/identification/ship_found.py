@@ -24,6 +24,9 @@ LIMITED = {"torque_limit", "rack_rate", "rack_rate_down"}
 BELIEVED = 25.0
 """Fall of the deviance from which an element that is tried is called on. Chance gives 14 once in 1,000 with two parameters;
 what the model leaves out elsewhere gives as much again."""
+DISCREPANCY = 2.0
+"""Deviations of a ship in a limit over those of its likelihood. What its simulations miss, corners and the water's shape,
+moves all parameters together; on some twenty simulated ships the truth lay twice as far away as chance explains."""
 RECORRECTED, STILL = 8, 0.1
 """How often records are corrected by the model at most, and the square of a move, in deviations, that ends it."""
 DEFAULTS: Mapping[str, float] = {

@@ -16,7 +16,7 @@ from shipfp_rs.identification.engine_tests import suspected
 from shipfp_rs.identification.estimate import ASSUMED, Estimate
 from shipfp_rs.identification.load_equation import SHARED
 from shipfp_rs.identification.load_side import LoadSide
-from shipfp_rs.identification.ship_found import ShipFit
+from shipfp_rs.identification.ship_found import DISCREPANCY, ShipFit
 from shipfp_rs.identification.stretches import Stretches, by_stretch
 from shipfp_rs.identification.usability import LARGE_MISS_PCT, LEAST_EXPLAINED_PCT
 from shipfp_rs.support.arrays import Array
@@ -39,7 +39,7 @@ KINDS: Mapping[str, Sentence] = {
 
 def undescribed(fit: ShipFit, misses_pct: Sequence[float], explained_pct: Sequence[float]) -> str | None:
     """Return the kind of what contradicts the model's engine and governor, of `KINDS`; None where nothing does."""
-    if (kind := suspected(fit.scores)) is not None:
+    if (kind := suspected(fit.scores, 1.0 if fit.is_smooth else DISCREPANCY)) is not None:
         return kind
     poor = max(misses_pct) > LARGE_MISS_PCT or min(explained_pct) < LEAST_EXPLAINED_PCT
     if poor and fit.side is not None and _is_a_load(fit.side):
