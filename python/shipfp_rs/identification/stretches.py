@@ -16,7 +16,7 @@ from scipy.fft import irfft
 
 from shipfp_rs.identification.basins import Basin
 from shipfp_rs.identification.likelihood import Likelihood, Products, turned
-from shipfp_rs.identification.profiles import Profiles
+from shipfp_rs.identification.profiles import Profiles, scaled_inverse
 from shipfp_rs.identification.spectra import Spectra
 from shipfp_rs.support.arrays import Array, ComplexArray
 
@@ -115,12 +115,18 @@ class Stretches:
 
     def widening(self, gradient: Array) -> float:
         """Return a figure's deviation by the scatter of the stretches over that by the curvature, at least 1."""
-        scatter = sum(float(moves @ moves) for moves in self.influence(gradient))
-        return float(np.sqrt(max(scatter / max(float(gradient @ self._covariance @ gradient), 1e-300), 1.0)))
+        # What a bound holds moves here, too: the truth may lie inside it.
+        end = 1 + self._priors.shape[1]
+        along = scaled_inverse(self._gram[1:end, 1:end]) @ gradient
+        scatter = sum(float(moves @ moves) for moves in self._moved(along))
+        return float(np.sqrt(max(scatter / max(float(gradient @ along), 1e-300), 1.0)))
 
     def influence(self, gradient: Array) -> tuple[Array, Array, Array]:
         """Return how far a figure is moved by stretches (S,), and by smooth errors (E,) and priors (K,) of their size."""
-        along = self._covariance @ gradient
+        return self._moved(self._covariance @ gradient)
+
+    def _moved(self, along: Array) -> tuple[Array, Array, Array]:
+        """The same of a direction (P,)."""
         size = len(along)
         pairs = zip(self._white, self._smooth, strict=True)
         errors = [
