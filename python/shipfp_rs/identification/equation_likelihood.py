@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Self
 
 import numpy as np
@@ -30,6 +30,7 @@ from shipfp_rs.identification.likelihood import (
 from shipfp_rs.identification.spectra import Spectra
 from shipfp_rs.identification.structure_coordinates import StructureCoordinates
 from shipfp_rs.structures.commanded import CommandedEquations, stepper_parameters
+from shipfp_rs.structures.outputs import BRAKE
 from shipfp_rs.structures.ship import BRAKE_SCALE, with_brake
 from shipfp_rs.structures.ship import INDEX as SHIP_INDEX
 from shipfp_rs.structures.structure import Structure
@@ -55,6 +56,10 @@ parts in a thousand: set point and speed differ by an offset, the torque is rela
 
 Asked = tuple[Array, Array, float, list[tuple[Array, float]], list[int], bool, bool, bool]
 """Arguments that the kernel's functions have in common."""
+LATE = {"dn": "T_n", "dM": "T_M", BRAKE: "T_B"}
+"""How late each output is read."""
+STEP = 1e-4
+"""Step of a difference, of a vector's entries."""
 QUICK = 60_000
 """Numbers of a derivative matrix below which threads cost more than they bring: a kernel's call of half a millisecond."""
 FINE_HZ = 200.0
@@ -77,6 +82,8 @@ class EquationLikelihood(Likelihood):
         Whether each record's noise is one covariance over all frequencies.
     steps
         Whether a governor that samples takes the set point's steps late, and does not smooth them.
+    about
+        Vector about which the derivatives of what is taken off are taken; None: each time anew.
     """
 
     records: tuple[Spectra, ...]
@@ -86,6 +93,7 @@ class EquationLikelihood(Likelihood):
     ships: tuple[TwoEquations, ...] = ()
     white: bool = False
     steps: bool = False
+    about: Array | None = None
 
     @cached_property
     def _outputs(self) -> list[int]:
@@ -184,6 +192,20 @@ class EquationLikelihood(Likelihood):
             return np.inf
 
     def _gram(self, vector: Array, *, derivatives: bool) -> Array:
+        if not self.takes:
+            return self._gram_in_closed_form(vector, derivatives=derivatives)
+        if derivatives:
+            none = [np.empty((0, len(one.outputs), len(one.frequency_hz)), complex) for one in self.records]
+            gram = self.with_columns(vector, none)
+        else:
+            gram = self._gram_of(
+                vector, [self.residual(vector, index)[None] for index in range(len(self.records))]
+            )
+        if not np.isfinite(gram).all():
+            raise SimulationError("the deviance is not finite")
+        return gram
+
+    def _gram_in_closed_form(self, vector: Array, *, derivatives: bool) -> Array:
         size = 1 + self.coordinates.size if derivatives else 1
         values = self.coordinates.values(vector)
         jacobian = self.coordinates.jacobian(values)
@@ -343,7 +365,11 @@ class EquationLikelihood(Likelihood):
         rows = self._residuals(vector, record, self._moving[record])
         jacobian = np.zeros((self.coordinates.size, *rows.shape[1:]), complex)
         jacobian[self._places(record)] = np.tensordot(turn[1:, 1:].T, rows[1:], 1)
-        return rows[0], jacobian
+        if not self.takes:
+            return rows[0], jacobian
+        taken = self.taken(vector, record)
+        moves = self._moves(vector, record, taken) if self.about is None else self._moves_about[record]
+        return rows[0] - taken, jacobian + moves
 
     def _residuals(self, vector: Array, record: int, moving: list[int]) -> ComplexArray:
         asked = self._asked(self.coordinates.values(vector), vector, record)
@@ -357,7 +383,45 @@ class EquationLikelihood(Likelihood):
 
     def residual(self, vector: Array, record: int) -> ComplexArray:
         """Residuals (O, F) of a record."""
-        return np.asarray(self._residuals(vector, record, [])[0])
+        found = self._residuals(vector, record, [])[0]
+        return np.asarray(found - self.taken(vector, record) if self.takes else found)
+
+    @cached_property
+    def takes(self) -> bool:
+        """Whether the closed form leaves something out, which is taken off its residuals."""
+        return any(one.between == "held" for one in self.records)
+
+    def taken(self, vector: Array, record: int) -> ComplexArray:
+        """Spectra (O, F) of what the closed form leaves out, beyond what was taken off the record before.
+
+        Here it is the images of a held set point in outputs that were read as seldom.
+        """
+        data = self.records[record]
+        if data.between != "held":
+            return np.zeros_like(data.spectrum)
+        stairs = data.stairs(self.values_of(vector, record), self._response)
+        return stairs if data.shown is None else stairs - data.shown
+
+    def _moves(self, vector: Array, record: int, taken: ComplexArray) -> ComplexArray:
+        """Derivatives of what limits take off a record, by differences, (P, O, F)."""
+        states, (_, high) = self.coordinates.states(record), self.coordinates.bounds
+        places = [*range(len(self.coordinates.names)), *range(states.start, states.stop)]
+
+        def move(place: int) -> ComplexArray:
+            step = STEP if vector[place] + STEP <= high[place] else -STEP
+            moved = vector.copy()
+            moved[place] += step
+            return np.asarray((self.taken(moved, record) - taken) / step)
+
+        found = np.zeros((self.coordinates.size, *taken.shape), complex)
+        found[places] = self.each([partial(move, place) for place in places])
+        return found
+
+    @cached_property
+    def _moves_about(self) -> list[ComplexArray]:
+        assert self.about is not None
+        about = self.about
+        return [self._moves(about, index, self.taken(about, index)) for index in range(len(self.records))]
 
     def residuals(self, vector: Array) -> list[Numbers]:
         """For each record the residuals at a vector, (O, F)."""
@@ -455,19 +519,24 @@ class EquationLikelihood(Likelihood):
         ]
 
     def _response(self, values: Mapping[str, float], frequency_hz: Array) -> ComplexArray:
-        """Response (O, F) of the outputs to what drives a ship of the kernel's parameters."""
+        """Response (O, F) of the outputs, as late as they are read, to what drives a ship of the kernel's parameters."""
         outputs = self.records[0].outputs
         if self.open_loop:
-            return CommandedEquations(outputs, self.gauge).response(values, frequency_hz, ())[0]
-        place: Place = "propeller" if self.behind_twist else "engine"
-        return TransferFunctions(outputs, self.gauge, place).response(loop_of(values), frequency_hz, ())[0]
+            found = CommandedEquations(outputs, self.gauge).response(values, frequency_hz, ())[0]
+        else:
+            place: Place = "propeller" if self.behind_twist else "engine"
+            found = TransferFunctions(outputs, self.gauge, place).response(loop_of(values), frequency_hz, ())[
+                0
+            ]
+        late = np.array([values.get(LATE.get(name, ""), 0.0) for name in outputs])
+        return np.asarray(found * np.exp(-2j * np.pi * late[:, None] * frequency_hz))
 
     @property
     def is_corrected_by_model(self) -> bool:
         """Whether the records follow from the model, too: gaps, squares of a propeller's speed."""
         gaps = any(one.masked.any() for one in self.records)
         slips = "tau_twist" in self.coordinates.free and not self.behind_twist
-        return gaps or slips
+        return gaps or slips or any(one.between == "held" for one in self.records)
 
     def corrected(self, vector: Array) -> Self:
         """Return the likelihood of the records corrected by the model at a vector; see `Spectra.corrected`."""

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Self
 
 import numpy as np
@@ -19,8 +19,8 @@ import numpy as np
 from shipfp_rs import _core
 from shipfp_rs.errors import SimulationError
 from shipfp_rs.identification.coordinates import loop_of
-from shipfp_rs.identification.equation_likelihood import EquationLikelihood
-from shipfp_rs.identification.likelihood import Products, Slopes
+from shipfp_rs.identification.equation_likelihood import LATE, STEP, EquationLikelihood
+from shipfp_rs.identification.likelihood import Slopes
 from shipfp_rs.identification.profiles import scaled_inverse
 from shipfp_rs.identification.spectra import Spectra
 from shipfp_rs.structures.outputs import BRAKE
@@ -28,7 +28,6 @@ from shipfp_rs.structures.ship import BRAKE_SCALE
 from shipfp_rs.structures.transfer import SLOWEST, TransferFunctions
 from shipfp_rs.support.arrays import Array, ComplexArray
 from shipfp_rs.support.interpolation import interpolated
-from shipfp_rs.support.threads import where_alone
 
 LIMITS = ("M_max", "M_soft", "rate", "rate_down")
 """Parameters of limits."""
@@ -43,8 +42,6 @@ HOLDS = 1e-4
 """Part of the operating torque that a clamp takes off where it holds."""
 SAMPLING_S, PHASES, FINER = (0.01, 0.03), 3, 4
 """Ends of the interval at which a governor may sample, instants of the first sample, and steps that then make one."""
-STEP = 1e-4
-"""Step of a difference, of a vector's entries."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -57,8 +54,6 @@ class LimitedLikelihood(EquationLikelihood):
         For each record what the measured torque has beyond the load's law, decimated (K,); None: nothing.
     law
         Parameters of the load's law, the torque's lateness and scale, by the load's side alone; none: by the vector.
-    about
-        Vector about which the derivatives of what limits take off are taken; None: each time anew.
     water_hz
         Frequency up to which what the torque has beyond the law is water, in simulations; None: by the engine's side alone.
     governor
@@ -69,7 +64,6 @@ class LimitedLikelihood(EquationLikelihood):
 
     beyond: tuple[Array, ...] | None = None
     law: Mapping[str, float] = field(default_factory=dict)
-    about: Array | None = None
     water_hz: float | None = None
     governor: Mapping[str, float] = field(default_factory=dict)
     held: tuple[float, ...] = ()
@@ -95,7 +89,12 @@ class LimitedLikelihood(EquationLikelihood):
         if not np.isfinite(found).all():
             raise SimulationError("what the limits take off is not finite")
         found[:, 0] = 0.0  # the means belong to the offsets alone
-        return found
+        return found + super().taken(vector, record)
+
+    @property
+    def takes(self) -> bool:
+        """Whether the closed form leaves something out: what limits take off."""
+        return True
 
     def _clamped(self, vector: Array, record: int) -> tuple[Array, Array]:
         """What clamps take off the engine's torque, and off the rack's part of it, (N,) each, for measured signals."""
@@ -125,10 +124,9 @@ class LimitedLikelihood(EquationLikelihood):
         torque, rack = (data.see(data.low_passed(one[::finer])) for one in self._clamped(vector, record))
         s = 1j * np.maximum(2.0 * np.pi * data.frequency_hz, SLOWEST)
         answer = TransferFunctions(data.outputs, self.gauge, "engine").answer_to_torque(loop_of(values), s)
-        late = {"dn": "T_n", "dM": "T_M", BRAKE: "T_B"}
         scales = {"dM": 1.0 + own.get("torque scale", 0.0), BRAKE: 1.0 + own.get(BRAKE_SCALE, 0.0)}
         for row, name in zip(answer, data.outputs, strict=True):
-            row *= torque * scales.get(name, 1.0) * np.exp(-s * values.get(late.get(name, ""), 0.0))
+            row *= torque * scales.get(name, 1.0) * np.exp(-s * values.get(LATE.get(name, ""), 0.0))
             if name == "dX":
                 row += rack / values.get("v", 1.0)
         return answer
@@ -183,38 +181,6 @@ class LimitedLikelihood(EquationLikelihood):
         """Return the likelihood with derivatives of what limits take off about a vector, where they are simulated."""
         return self if self.water_hz is None else replace(self, about=vector)
 
-    def residual(self, vector: Array, record: int) -> ComplexArray:
-        """Residuals (O, F) of a record."""
-        return np.asarray(super().residual(vector, record) - self.taken(vector, record))
-
-    def spectra(self, vector: Array, record: int) -> tuple[ComplexArray, ComplexArray]:
-        """Residuals (O, F) of a record and the model's derivatives by the whole vector (P, O, F)."""
-        residual, jacobian = super().spectra(vector, record)
-        taken = self.taken(vector, record)
-        moves = self._moves(vector, record, taken) if self.about is None else self._moves_about[record]
-        return residual - taken, jacobian + moves
-
-    def _moves(self, vector: Array, record: int, taken: ComplexArray) -> ComplexArray:
-        """Derivatives of what limits take off a record, by differences, (P, O, F)."""
-        states, (_, high) = self.coordinates.states(record), self.coordinates.bounds
-        places = [*range(len(self.coordinates.names)), *range(states.start, states.stop)]
-
-        def move(place: int) -> ComplexArray:
-            step = STEP if vector[place] + STEP <= high[place] else -STEP
-            moved = vector.copy()
-            moved[place] += step
-            return np.asarray((self.taken(moved, record) - taken) / step)
-
-        found = np.zeros((self.coordinates.size, *taken.shape), complex)
-        found[places] = where_alone([partial(move, place) for place in places])
-        return found
-
-    @cached_property
-    def _moves_about(self) -> list[ComplexArray]:
-        assert self.about is not None
-        about = self.about
-        return [self._moves(about, index, self.taken(about, index)) for index in range(len(self.records))]
-
     def moved_by_sampling(self, vector: Array) -> Array:
         """How far the end moves with the instants at which a governor samples, (PHASES, P).
 
@@ -237,28 +203,6 @@ class LimitedLikelihood(EquationLikelihood):
         size = 1 + self.coordinates.size
         gram = self.with_columns(vector, rows)
         return np.asarray(gram[size:, 1:size] @ -scaled_inverse(gram[1:size, 1:size]))
-
-    def products(self, vector: Array) -> Products:
-        """Deviance, gradient and Gauss-Newton matrix at a vector.
-
-        Raises
-        ------
-        SimulationError
-            Where the loop is unstable.
-        """
-        none = [np.empty((0, len(one.outputs), len(one.frequency_hz)), complex) for one in self.records]
-        gram = self.with_columns(vector, none)
-        if not np.isfinite(gram).all():
-            raise SimulationError("the deviance is not finite")
-        return Products(float(gram[0, 0]), gram[1:, 0], gram[1:, 1:])
-
-    def cost(self, vector: Array) -> float:
-        """Deviance at a vector; infinite where the loop is unstable."""
-        try:
-            rows = [self.residual(vector, index)[None] for index in range(len(self.records))]
-            return float(self._gram_of(vector, rows)[0, 0])
-        except SimulationError:
-            return np.inf
 
     def driven(self, vector: Array) -> Self:
         """Return the likelihood of the ship driven by what speed and torque show of moving water at a vector."""

@@ -9,11 +9,12 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property, lru_cache
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
 from scipy.fft import irfft, next_fast_len, prev_fast_len, rfft
+from scipy.interpolate import CubicSpline
 from scipy.signal import firwin, upfirdn
 
 from shipfp_rs import _core
@@ -46,6 +47,8 @@ IMAGES = {"held": 24, "straight": 4}
 
 KRIGED_S, MOST_KRIGED = 0.6, 100
 """Stretch on either side of a gap that foretells it [s], and samples of it at most."""
+FEW = 13
+"""Frequencies at which images are computed where they are only compared: but for a delay they change slowly."""
 AT_ONCE = 1e4
 """Frequency over the sample rate at which a response is that to a jump at once."""
 SLOW_PACE, QUICK_PACE = 5.0, 16.0
@@ -80,6 +83,8 @@ class Spectra:
         Model's outputs (O, N) in place of masked samples; None: lines between their neighbours.
     images
         What the outputs (O, N) show of the set point's images about multiples of the sample rate; None: not known yet.
+    shown
+        Spectra (O, F) of the images of a held set point that were taken off; None: none were.
     limited
         What limits of torque and rate take off the outputs (O, N), by a model; None: nothing.
     slip
@@ -99,6 +104,7 @@ class Spectra:
     between: Between
     model: Array | None = None
     images: Array | None = None
+    shown: ComplexArray | None = None
     limited: Array | None = None
     slip: Array | None = None
     is_linear: bool = False
@@ -149,8 +155,8 @@ class Spectra:
         seen_hz = min(most_hz, 0.4 * experiment.rate_hz)
         band_hz = excited_hz([set_point, loads], experiment.rate_hz, seen_hz)
         if between is None:
-            held = experiment.hold == "zero"
-            between = "band-limited" if experiment.is_low_passed else "held" if held else "straight"
+            low_passed: Between = "band-limited" if experiment.is_low_passed else "straight"
+            between = "held" if experiment.hold == "zero" else low_passed
         return cls(
             name=experiment.name,
             outputs=outputs,
@@ -372,8 +378,11 @@ class Spectra:
         come back through the closed loop and, where the data are not low-passed, fold into the band.
         """
         images = None if self.between == "band-limited" else self._images(values, respond)
+        shown = self.stairs(values, respond) if self.between == "held" else None
         known = {key: late for key, late in [*self._delayed.items()] if key[0] == "set point"}
-        found = replace(self, model=model, images=images, limited=limited, slip=None, _delayed=known)
+        found = replace(
+            self, model=model, images=images, shown=shown, limited=limited, slip=None, _delayed=known
+        )
         return replace(found, slip=found._slip(values)) if slips else found
 
     def _slip(self, values: Mapping[str, float]) -> Array:
@@ -392,7 +401,8 @@ class Spectra:
 
     def running(self, between: Between) -> Spectra:
         """Return the record whose set point runs otherwise between its samples, without corrections."""
-        return replace(self, between=between, model=None, images=None, limited=None, slip=None, _delayed={})
+        none: dict[str, Any] = dict.fromkeys(("model", "images", "shown", "limited", "slip"))
+        return replace(self, between=between, _delayed={}, **none)
 
     def _images(self, values: Mapping[str, float], respond: Respond) -> Array:
         """What the outputs show of the set point's images, (O, N)."""
@@ -401,24 +411,51 @@ class Spectra:
         frequency = np.fft.rfftfreq(len(wide), 1.0 / self.data_hz)
         answer = np.zeros((len(self.outputs), len(frequency)), complex)
         kept = frequency <= 1.25 * self.band_hz
+        answer[:, kept] = self._folded(values, respond, np.asarray(frequency[kept], dtype=np.float64))
+        # At multiples themselves the images of the mean have no power.
+        answer[:, 0] = 0.0
+        found = irfft(answer * rfft(wide), len(wide), axis=-1)
+        return np.asarray(found[:, pad : pad + len(self.set_point)])
+
+    def _folded(self, values: Mapping[str, float], respond: Respond, frequency_hz: Array) -> ComplexArray:
+        """Response of the outputs to the set point's samples by its images, folded to frequencies, (O, F)."""
         most = IMAGES[self.between]
         # What the course between samples makes of each: a sine of the same size over the multiple.
-        at, order = frequency[kept] / self.data_hz, 1 if self.between == "held" else 2
+        at, order = frequency_hz / self.data_hz, 1 if self.between == "held" else 2
         course = (np.sin(np.pi * at) / np.pi) ** order
         course = course * np.exp(-1j * np.pi * at) if self.between == "held" else course
-        for multiple in (*range(-most, 0), *range(1, most + 1)):
-            one = respond(values, np.abs(at + multiple) * self.data_hz)
-            answer[:, kept] += (one if multiple > 0 else one.conj()) * (course / (at + multiple) ** order)
+        multiples = np.array([*range(-most, 0), *range(1, most + 1)])[:, None]
+        there = at + multiples
+        every = respond(values, np.abs(there).ravel() * self.data_hz).reshape(-1, *there.shape)
+        every = np.where(multiples > 0, every, every.conj())
+        answer = np.sum(every * (course / there**order), axis=1)
         late_s = sum(values.get(name, 0.0) for name in ("T_d", "T_set", "tau_act"))
         if self.between == "held" and late_s < 0.5 / (most * self.data_hz):
             # A sample at a jump shows what comes after it, a Fourier sum the mean of both.
             at_once = {**values, "T_d": 0.0, "T_set": 0.0, "tau_act": 0.0}
             jump = respond(at_once, np.array([AT_ONCE * self.data_hz])).real
-            answer[:, kept] -= 0.5 * jump * np.expm1(-2j * np.pi * frequency[kept] / self.data_hz)
-        # At multiples themselves the images of the mean have no power.
-        answer[:, 0] = 0.0
-        found = irfft(answer * rfft(wide), len(wide), axis=-1)
-        return np.asarray(found[:, pad : pad + len(self.set_point)])
+            answer = answer - 0.5 * jump * np.expm1(-2j * np.pi * at)
+        return np.asarray(answer)
+
+    def stairs(self, values: Mapping[str, float], respond: Respond) -> ComplexArray:
+        """Spectra (O, F) of what the outputs show of a held set point's images, from few frequencies in between."""
+        few, between = self._few
+        late_s = values.get("T_d", 0.0) + values.get("T_set", 0.0)
+        turned = self._folded(values, respond, few) * np.exp(2j * np.pi * late_s * few)
+        return np.asarray(turned @ between * np.exp(-2j * np.pi * late_s * self.frequency_hz) * self._asked)
+
+    @cached_property
+    def _few(self) -> tuple[Array, Array]:
+        """Few frequencies [Hz] and the cubic splines (FEW, F) that lead from values at them to all others."""
+        few: Array = np.linspace(0.0, float(self.frequency_hz[-1]), FEW)
+        return few, np.ascontiguousarray(CubicSpline(few, np.eye(FEW))(self.frequency_hz).T)
+
+    @cached_property
+    def _asked(self) -> ComplexArray:
+        """Spectrum (F,) of the set point's samples; the mean has no images."""
+        found = self.see(self.set_point_low)
+        found[0] = 0.0
+        return found
 
 
 @cache

@@ -41,6 +41,8 @@ TWISTS_S, DAMPINGS = (1e-3, 4e-3), (0.3, 2.0)
 """A shaft's stiffness and damping to begin with."""
 ROUNDS, STEPS, STILL = 6, 12, 1.0
 """Rounds of descents to a limit at most, steps of each, and the fall of the deviance below which they end."""
+BEHIND = 0.2
+"""Part of a limit's fall of the deviance by which another way to it may be behind after a round."""
 KEPT = 5
 """Starts that go down, those of the least deviance."""
 LEVELS, SLOPES, GAINS = (0.9, 0.97, 0.995), (0.9, 0.99), (1.0, 2.0, 4.0)
@@ -160,27 +162,49 @@ def _limited(fit: ShipFit, element: str, until: float | None, *, surely: bool = 
     assert isinstance(likelihood, LimitedLikelihood)
     c = likelihood.coordinates
     vectors = [c.vector({**DEFAULTS, **values}, states) for values, states in starts]
-    found: list[tuple[LimitedLikelihood, Basin]] = []
-    ways = [likelihood]
-    if element != "rack_rate_down":  # the limit beside it has chosen its way
-        ways.append(replace(likelihood, water_hz=WATERS_HZ[0]).driven(vectors[0]))
-    for way in ways:
-        begun = sorted(vectors, key=partial(_total, way))[:KEPT]
-        ends = way.each([partial(_by_own_noise, way, start, 1, until) for start in begun])
-        ends = sorted(ends, key=lambda end: end.cost)[:2]
-        ends = way.each([partial(_by_own_noise, way, end.vector, ROUNDS, until) for end in ends])
-        found.append((way, min(ends, key=lambda end: end.cost)))
-    likelihood, best = min(found, key=lambda pair: pair[1].cost)
-    if element == "rack_rate_down" and not surely and best.cost > fit.total - LEAST_FALL[element]:
+    best = _lowest(likelihood, vectors, np.inf, until)
+    alone = likelihood.water_hz is None and element != "rack_rate_down"
+    if alone and not best.cost < fit.total - LEAST_FALL[element]:
+        # Noise of the speed may hide corners from the engine's side; simulations, which take long, show them.
+        simulated = replace(likelihood, water_hz=WATERS_HZ[0]).driven(vectors[0])
+        end = _lowest(simulated, vectors, np.inf if surely else fit.total, until)
+        likelihood, best = min((likelihood, best), (simulated, end), key=lambda pair: pair[1].cost)
+    least = LEAST_FALL[element] if element == "rack_rate_down" else 0.0
+    if not surely and not best.cost < fit.total - least:
         return None
-    if np.isfinite(best.cost):
-        ways = [replace(likelihood, water_hz=hz) for hz in (None, *WATERS_HZ) if hz != likelihood.water_hz]
-        jobs = [partial(_by_own_noise, one, best.vector, ROUNDS, until) for one in ways]
-        moved = zip(ways, likelihood.each(jobs), strict=True)
-        likelihood, best = min(((likelihood, best), *moved), key=lambda pair: pair[1].cost)
+    likelihood, best = _other_way(likelihood, best, fit.total, until)
     if not (np.isfinite(best.cost) if surely else _is_inside(likelihood, best, element)):
         return None
     return _taken(fit, element, likelihood.resettled_at(best.vector), best, until)
+
+
+def _lowest(
+    likelihood: LimitedLikelihood, vectors: Sequence[Array], most: float, until: float | None
+) -> Basin:
+    """Return the end of the lowest total from some starts; only from ends of a first round below `most` it goes on."""
+    begun = sorted(vectors, key=partial(_total, likelihood))[:KEPT]
+    ends = likelihood.each([partial(_by_own_noise, likelihood, start, 1, until) for start in begun])
+    ends = sorted(ends, key=lambda end: end.cost)[:2]
+    jobs = [partial(_by_own_noise, likelihood, end.vector, ROUNDS, until) for end in ends if end.cost < most]
+    return min((*ends[:1], *likelihood.each(jobs)), key=lambda end: end.cost)
+
+
+def _other_way(
+    likelihood: LimitedLikelihood, best: Basin, smooth: float, until: float | None
+) -> tuple[LimitedLikelihood, Basin]:
+    """Return the end, by another way to know what limits take off where that makes it likelier.
+
+    A way that after one round explains far less of what the smooth ship leaves is not followed.
+    """
+    if not np.isfinite(best.cost):
+        return likelihood, best
+    ways = [replace(likelihood, water_hz=hz) for hz in (None, *WATERS_HZ) if hz != likelihood.water_hz]
+    ends = likelihood.each([partial(_by_own_noise, one, best.vector, 1, until) for one in ways])
+    near = best.cost + BEHIND * max(smooth - best.cost, 0.0)
+    kept = [(way, end) for way, end in zip(ways, ends, strict=True) if end.cost < near]
+    jobs = [partial(_by_own_noise, way, end.vector, ROUNDS, until) for way, end in kept]
+    moved = zip([way for way, _ in kept], likelihood.each(jobs), strict=True)
+    return min(((likelihood, best), *kept, *moved), key=lambda pair: pair[1].cost)
 
 
 def _total(likelihood: EquationLikelihood, vector: Array) -> float:

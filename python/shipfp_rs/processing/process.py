@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from shipfp_rs.errors import InputError
-from shipfp_rs.experiments.experiment import DRIVES, Experiment
+from shipfp_rs.experiments.experiment import DRIVES, Experiment, Hold
 from shipfp_rs.logs.channel_reader import STRETCH_BYTES, Rows
 from shipfp_rs.logs.faults.chirp import constant_frequency
 from shipfp_rs.logs.faults.record import Fault
@@ -28,7 +28,7 @@ from shipfp_rs.processing.conditioning import conditioned, driven_point
 from shipfp_rs.processing.engine_speed import EngineSpeed
 from shipfp_rs.processing.governor_clock import LONGEST_S, RATE_HZ, governor_clock, liveliest_of
 from shipfp_rs.processing.grid import Grid
-from shipfp_rs.processing.low_pass import nearest_rate
+from shipfp_rs.processing.low_pass import SAME_RATE, nearest_rate
 from shipfp_rs.processing.plausibility import (
     require_columns,
     require_load,
@@ -40,7 +40,7 @@ from shipfp_rs.processing.pulse_train import PulseTrain
 from shipfp_rs.processing.ripple import Ripple, without_ripple
 from shipfp_rs.processing.speed_sources import require_one_direction, source_of
 from shipfp_rs.processing.trial import Trial
-from shipfp_rs.processing.trial_channels import Level, Load, Rack, Tacho, Torque
+from shipfp_rs.processing.trial_channels import Level, Load, Rack, SetPoint, Tacho, Torque
 from shipfp_rs.processing.trial_tables import Window
 from shipfp_rs.support.arguments import checked
 from shipfp_rs.support.arrays import Array
@@ -151,20 +151,34 @@ class _Recording:
             stretches[STEADY_STRETCH] = trial.operating_point.steady_s
         # In the order of time, in which the channels are read.
         self.stretches = dict(sorted(stretches.items(), key=lambda item: item[1]))
+        self.rate_hz = nearest_rate(log.channel(channels.driver.column), trial.processing.rate_hz)
+        self.hold: Hold = "zero" if self._shows_stairs() else "first"
         self._base = self._rows(channels.driver)
         recorded = [tacho for tacho in channels.tachos.values() if tacho.kind != "edges"]
         sensors = (channels.driver, *channels.levels.values(), *recorded)
         self._channels = {sensor.column: self._rows(sensor).channel for sensor in sensors}
-        self.rate_hz = nearest_rate(self._base.channel, trial.processing.rate_hz)
         with self.naming_the_rate():
             self.grids = {label: self._grid(label) for label in self.stretches}
         self._read()
 
+    def _shows_stairs(self) -> bool:
+        """Whether what answers to a held set point was read as seldom: then it shows the stairs, and no low-pass."""
+        driver, channels = self.trial.channels.driver, self.trial.channels
+        recorded = [one for one in channels.tachos.values() if one.kind != "edges"]
+        answers = recorded if channels.torque is None else [channels.torque]
+        rates = [self.log.channel(one.column).rate_hz for one in answers]
+        held = isinstance(driver, SetPoint) and driver.held
+        return held and np.allclose(
+            [self.log.channel(driver.column).rate_hz, *rates], self.rate_hz, rtol=SAME_RATE
+        )
+
     def _rows(self, sensor: Level | Tacho, kept_bytes: int = 0) -> Rows:
+        # What follows the mean of a held sample follows it late; stairs that show are the model's.
+        late = getattr(sensor, "late", 0.0) if self.hold == "first" else 0.0
         return Rows(
             self.log,
             sensor.column,
-            delay_s=sensor.delay_s - getattr(sensor, "late", 0.0) / self.log.channel(sensor.column).rate_hz,
+            delay_s=sensor.delay_s - late / self.log.channel(sensor.column).rate_hz,
             size=self._chunk,
             kept_bytes=kept_bytes,
             stopped=self._stopped,
@@ -292,7 +306,7 @@ class _Recording:
             rate_hz=self.rate_hz,
             signals=signals,
             operating_point=point,
-            hold="first",
+            hold=self.hold,
             kind=window.kind,
             provenance={
                 "log": self.log.name,

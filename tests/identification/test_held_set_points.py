@@ -1,0 +1,118 @@
+"""A set point that a bus brings and the engine holds: stairs show in what is read as seldom, by a plant of no package's."""
+
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import shipfp_rs as fp
+from shipfp_rs.identification.load_side import load_side_of
+from shipfp_rs.identification.question import question_of
+from shipfp_rs.logs.channel import Channel, blocks_of
+from tests.first_hour.fresh_machines import REST_S, STEP_S, System, drawn, moved
+
+CYCLE_S = 0.04
+TRUE = {
+    "tau_n": 2.4, "g": -0.05, "p": 2.1, "vK_p": 8.0, "vK_i": 8.0, "T_d": 0.05, "T_set": 0.02, "tau_act": 0.015,
+    "tau_prop": 0.5, "T_s": 0.0, "update": 1.0,
+}  # fmt: skip
+
+
+@cache
+def read(every_s: float = CYCLE_S) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Set point, speed and torque of a pod, each over its operating point, read every so many seconds."""
+    begun = drawn("pod", 226103, 100.0)
+    system = System("pod", begun.seed, TRUE, begun.rpm, begun.torque_Nm, 1.0, 100.0)
+    motion = moved(system, CYCLE_S)
+    random, every = np.random.default_rng(5), round(every_s / STEP_S)
+    speed, torque = (row[::every] for row in (motion.speed, motion.brake))
+    speed = speed + 1e-4 * random.standard_normal(len(speed))
+    return motion.asked[::every], speed, torque + 1e-3 * random.standard_normal(len(torque))
+
+
+def asked(hold: str = "zero"):
+    """The question of what was read, and the vector of the truth."""
+    set_point, speed, torque = read()
+    signals = {"n_set": 120.0 * set_point, "n_e": 120.0 * speed, "M_b": 5e4 * torque}
+    point = {"n_set": 120.0, "n_e": 120.0, "M_b": 5e4}
+    question = question_of([fp.Experiment("pod", 1.0 / CYCLE_S, signals, point, hold=hold)])
+    likelihood = question.likelihood(None)
+    known = {**TRUE, "T_M": 0.0, "T_n": 0.0, "hold": 0.01, "c_2": 0.0}
+    return question, likelihood, likelihood.coordinates.vector(known)
+
+
+def test_images_that_are_only_compared_are_those_that_are_taken_off():
+    _, likelihood, vector = asked()
+    before = likelihood.taken(vector, 0)
+    after = likelihood.corrected(vector).taken(vector, 0)
+    assert np.abs(before[1]).max() > 0.01 * np.abs(likelihood.records[0].spectrum[1]).max()
+    assert np.abs(after).max() < 1e-12 * np.abs(before).max()
+    gone = likelihood.records[0].spectrum - likelihood.corrected(vector).records[0].spectrum
+    np.testing.assert_allclose(gone[:, 1:], before[:, 1:], atol=0.03 * np.abs(before).max())
+
+
+def test_the_truth_leaves_noise_alone_before_and_after_images_are_taken_off():
+    _, likelihood, vector = asked()
+    truth = likelihood.with_noise(vector)
+    for one in (likelihood, likelihood.corrected(vector)):
+        torque = one.residual(vector, 0)[1]
+        expected = truth.residual(vector, 0)[1]
+        assert np.abs(torque - expected).max() < 0.3 * np.sqrt(np.mean(np.abs(expected) ** 2))
+
+
+def test_derivatives_are_those_of_the_residuals_with_images():
+    _, likelihood, vector = asked()
+    _, jacobian = likelihood.spectra(vector, 0)
+    for place, name in enumerate(likelihood.coordinates.names):
+        if name == "hold":
+            continue  # it counts by its square there
+        step = np.zeros(len(vector))
+        step[place] = 1e-5
+        up, down = (likelihood.residual(vector + sign * step, 0) for sign in (1.0, -1.0))
+        slopes = (up - down) / 2e-5
+        np.testing.assert_allclose(-jacobian[place], slopes, atol=0.02 * np.abs(slopes).max() + 1e-9)
+
+
+def test_the_drive_behind_stairs_is_the_plant_and_its_torque_is_not_read_late():
+    question, likelihood, vector = asked()
+    found = fp.identify(question.experiments)
+    for name in ("tau_n", "p", "vK_p", "vK_i", "T_d", "T_M"):
+        low, high = found[name].ci95
+        assert low <= TRUE.get(name, 0.0) <= high, name
+    alone = load_side_of(question, likelihood.corrected(vector).records).parameters
+    assert abs(alone["T_M"].value) < 2.0 * alone["T_M"].std
+    assert abs(alone["tau_n"].value - TRUE["tau_n"]) < 2.0 * alone["tau_n"].std
+    # As if nothing were held, stairs turn the torque's phase as if it were read early.
+    smooth, likelihood, vector = asked("first")
+    plain = load_side_of(smooth, likelihood.corrected(vector).records).parameters
+    assert plain["T_M"].value < -2.5 * plain["T_M"].std
+
+
+@pytest.mark.parametrize(("torque_s", "hold"), [(CYCLE_S, "zero"), (CYCLE_S / 10.0, "first")])
+def test_a_torque_that_is_read_often_shows_no_stairs_behind_the_low_pass(torque_s, hold, tmp_path: Path):
+    set_point, speed, _ = read()
+    _, _, torque = read(torque_s)
+    rows = {"n_set": 120.0 * set_point, "n": 120.0 * speed, "torque": 50.0 * torque}
+    rates = {"torque": 1.0 / torque_s}
+    channels = [Channel(key, "", rates.get(key, 1.0 / CYCLE_S), len(row)) for key, row in rows.items()]
+    log = fp.Log("pod", channels, blocks_of(rows))
+    (tmp_path / "TRIAL.toml").write_text(
+        f'[trial]\nname = "pod"\nlog = "pod"\n[channels.set_point]\ncolumn = "n_set"\nunit = "rpm"\nheld = true\n'
+        f'[channels.torque]\ncolumn = "torque"\nunit = "kNm"\nlocation = "brake"\n'
+        f'[channels.n]\ncolumn = "n"\nunit = "rpm"\nshaft = "engine"\n'
+        f"[operating_point]\nsteady_s = [0.0, {REST_S}]\n[processing]\nrate_hz = 25.0\n"
+        f'[[windows]]\nname = "chirp"\nkind = "chirp"\nstart_s = {REST_S - 3.0}\nstop_s = {REST_S + 100.0}\n',
+        encoding="utf-8",
+    )
+    (found,) = fp.process(log, fp.Trial.load(tmp_path / "TRIAL.toml"))
+    assert found.hold == hold
+    # What follows the mean of a held sample follows it half a cycle late; stairs are the model's.
+    first = round((REST_S - 3.0) / CYCLE_S)
+    late = np.interp(
+        np.arange(len(found)) - (0.5 if hold == "first" else 0.0) + first,
+        np.arange(len(set_point)),
+        set_point,
+    )
+    inner = slice(100, -100)
+    assert np.abs(found.signals["n_set"] / 120.0 - late)[inner].max() < 5e-3
