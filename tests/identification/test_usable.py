@@ -126,16 +126,18 @@ def test_a_deviation_without_a_value_is_refused(found, tmp_path) -> None:
 def test_what_is_told_roughly_or_not_at_all_is_named(found) -> None:
     rough = {**found.parameters, "tau_n": Estimate(1.5, 0.2, (1.1, 1.9), "s")}
     assert with_verdict(replace(found, parameters=rough)).usable.endswith(
-        "every parameter, tau_n only roughly."
+        "every parameter, but tau_n only roughly."
     )
     told = with_verdict(replace(found, parameters={**found.parameters, "tau_n": LOST}))
-    assert told.usable == (NOT_FOR_TUNING + "the data do not determine tau_n; other values fit as well.")
+    assert told.usable == (
+        NOT_FOR_TUNING + "the data do not determine tau_n, for which other values fit as well."
+    )
     assert (told.usability, told.why_not) == ("usable except", "")
     wide = {**found.parameters, "tau_n": Estimate(0.24, 4.0, (0.01, 8.2), "s")}
     assert with_verdict(replace(found, parameters=wide)).usable == told.usable
     rough = {**found.parameters, "tau_n": LOST, "vK_p": Estimate(15.8, 4.0, (8.0, 24.0), "-")}
     assert (
-        "determine tau_n, and give vK_p only roughly; other"
+        "determine tau_n, for which other values fit as well, and give vK_p only"
         in with_verdict(replace(found, parameters=rough)).usable
     )
 

@@ -127,7 +127,7 @@ def test_what_stands_in_the_way_is_told_in_the_order_in_which_one_looks(found) -
             missing, parameters={**missing.parameters, **known}, adequate={"stands": True, "misses_pct": {}}
         )
     )
-    assert "do not determine tau_prop, T_d, tau_n and vK_p; " in told.sentence
+    assert "do not determine tau_prop, T_d, tau_n and vK_p, for " in told.sentence
 
 
 def test_a_sensor_in_doubt_stands_above_all_else_that_is_open(found, trial) -> None:
@@ -169,7 +169,7 @@ def test_what_would_sharpen_is_one_quantity_and_by_how_much(found) -> None:
     known = {"names": ["p", "g", "vK_p"], "matrix": matrix}
     (line,) = open_questions(replace(found, parameters=rough, covariance=known), Say())
     assert line.count("were known from elsewhere") == 1
-    assert line.endswith("would be 28 % as wide.")  # the root of 1 - 0.96**2
+    assert line.endswith("would shrink to 28 % of its width.")  # the root of 1 - 0.96**2
 
 
 def test_the_correlations_of_all_parameters_are_a_table(page: str, found) -> None:
@@ -317,12 +317,12 @@ def test_where_parameters_are_open_their_combinations_are_told(partly) -> None:
 
 SENTENCES = {
     "all": Sentence(
-        "Usable for simulation, control tuning and comparison: the data determine every parameter, {rough} only roughly.",
+        "Usable for simulation, control tuning and comparison: the data determine every parameter, but {rough} only roughly.",
         rough="g",
     ),
     "some": Sentence(
-        "Usable for simulation and comparison, but not for control tuning: the data do not determine {unknown}; other "
-        "values fit as well.",
+        "Usable for simulation and comparison, but not for control tuning: the data do not determine {unknown}, for "
+        "which other values fit as well.",
         unknown=listed(["tau_n", "g"]),
     ),
     "misfit": Sentence("Not usable, because {what}.", what=Sentence(MISSES, share="12.5")),

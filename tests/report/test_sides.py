@@ -119,7 +119,7 @@ def test_a_load_is_shown_above_what_it_drives() -> None:
 def test_an_engine_that_is_not_described_is_not_said_to_lack_excitation(undescribed) -> None:
     screen = text_of(first_screen(rendered(undescribed)))
     assert "More excitation" not in screen
-    assert "What engine and governor do otherwise is drawn below" in screen
+    assert "What engine and governor do beyond the model is drawn below" in screen
 
 
 def test_a_reason_that_several_parameters_share_is_told_once(undescribed) -> None:

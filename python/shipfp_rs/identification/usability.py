@@ -94,13 +94,13 @@ def usability(fingerprint: Fingerprint) -> Usability:
     names = {"unknown": listed(left_open), "rough": listed(rough), "gains": listed(unsure)}
     if left_open and rough:
         said = Sentence(
-            "Usable for simulation and comparison, but not for control tuning: the data do not determine {unknown}, and "
-            "give {rough} only roughly; other values fit as well."
+            "Usable for simulation and comparison, but not for control tuning: the data do not determine {unknown}, for "
+            "which other values fit as well, and give {rough} only roughly."
         )
     elif left_open:
         said = Sentence(
-            "Usable for simulation and comparison, but not for control tuning: the data do not determine {unknown}; other "
-            "values fit as well."
+            "Usable for simulation and comparison, but not for control tuning: the data do not determine {unknown}, for "
+            "which other values fit as well."
         )
     elif unsure:
         said = Sentence(
@@ -113,7 +113,7 @@ def usability(fingerprint: Fingerprint) -> Usability:
         )
     elif rough:
         said = Sentence(
-            "Usable for simulation, control tuning and comparison: the data determine every parameter, {rough} only roughly."
+            "Usable for simulation, control tuning and comparison: the data determine every parameter, but {rough} only roughly."
         )
     else:
         said = Sentence(

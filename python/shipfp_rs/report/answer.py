@@ -117,7 +117,10 @@ def next_steps(fingerprint: Fingerprint, say: Say) -> list[str]:
     bent = not fingerprint.adequate.get("stands", True) or "hold for the model" in fingerprint.usable
     if not fingerprint.why_not and not fingerprint.engine_described:
         return [
-            say("What engine and governor do otherwise is drawn below, under the sides of load and engine.")
+            say(
+                "What engine and governor do beyond the model is drawn below, under the sides of load and engine. "
+                "Gains need a structure of your own that has it."
+            )
         ]
     if not fingerprint.why_not and not bent:
         return []
@@ -369,7 +372,7 @@ def _sharpened(fingerprint: Fingerprint, names: Sequence[str], say: Say) -> str:
     if not RELATED < strength < 1.0:
         return ""
     return say(
-        "If the {other} were known from elsewhere, the interval of the {one} would be {share} % as wide.",
+        "If the {other} were known from elsewhere, the interval of the {one} would shrink to {share} % of its width.",
         one=f"{short_name(one, say)} ({one})",
         other=f"{short_name(other, say)} ({other})",
         share=f"{100.0 * np.sqrt(1.0 - strength**2):.2g}",
