@@ -61,7 +61,7 @@ ELEMENTS: dict[str, Element] = {
         Element("rack_rate", "rate limit of the fuel rack", (Parameter("rate", "1/s", 1.0, 1e-3, 100.0),)),
         Element(
             "rack_rate_down",
-            "rate limit of the fuel rack on its way down",
+            "other rate limit of the fuel rack on its way down",
             (Parameter("rate_down", "1/s", 1.0, 1e-3, 100.0),),
             "rack_rate",
         ),

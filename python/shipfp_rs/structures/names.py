@@ -34,7 +34,7 @@ NAMES: Mapping[str, str] = {
     "damping": "load damping",
     "M_max": "upper torque limit",
     "rate": "rate limit of the fuel rack",
-    "rate_down": "rate limit of the fuel rack on its way down",
+    "rate_down": "other rate limit of the fuel rack on its way down",
     "k_L": "gain of the measured load",
     "dM_b(0)": "torque over speed, for slow motions",
     "dM_g(0)": "torque over speed, for slow motions",
