@@ -230,6 +230,16 @@ def test_cases_a_current_is_no_set_point() -> None:
     assert guess_roles(log).set_point is None
 
 
+@pytest.mark.parametrize(("rate_hz", "asked"), [(25.0, True), (100.0, True), (2000.0, False)])
+def test_cases_a_set_point_that_comes_as_seldom_as_the_torque_may_be_held(
+    rate_hz: float, asked: bool
+) -> None:
+    names = ("SPEED_REF_RPM", "SPEED_ACT_RPM", "TORQUE_KNM")
+    log = Log.from_arrays({name: np.linspace(60.0, 70.0, 900) for name in names}, rate_hz=rate_hz)
+    text = drafted(template("TRIAL"), log, [Path("plc.csv")], guess_roles(log), [])
+    assert ("\n# held = true " in text.partition("[channels.set_point]")[2].partition("\n\n")[0]) == asked
+
+
 def test_cases_a_speed_in_per_cent_is_told_from_its_set_point_and_asked_for_its_calibration() -> None:
     names = ("POD1_SPEED_REF_PCT", "POD1_SPEED_ACT_PCT")
     log = Log.from_arrays({name: np.linspace(60.0, 70.0, 900) for name in names}, rate_hz=25.0)

@@ -317,7 +317,8 @@ def test_where_parameters_are_open_their_combinations_are_told(partly) -> None:
 
 SENTENCES = {
     "all": Sentence(
-        "Usable for simulation, control tuning and comparison: the data determine every parameter, but {rough} only roughly.",
+        "Usable for simulation, control tuning and comparison: the data determine every parameter, but {rough} "
+        "only roughly.",
         rough="g",
     ),
     "some": Sentence(

@@ -113,7 +113,8 @@ def usability(fingerprint: Fingerprint) -> Usability:
         )
     elif rough:
         said = Sentence(
-            "Usable for simulation, control tuning and comparison: the data determine every parameter, but {rough} only roughly."
+            "Usable for simulation, control tuning and comparison: the data determine every parameter, but {rough} "
+            "only roughly."
         )
     else:
         said = Sentence(

@@ -23,6 +23,8 @@ from shipfp_rs.support.units import TO_NM, TO_REV, TO_RPM, TO_W
 
 KEPT = ("processing", "processing.torque_spikes", "processing.set_point_jumps", "processing.faults")
 """Tables of the template that are settings, and claim nothing of a log."""
+SELDOM_HZ = 100.0
+"""Rate up to which a set point may be a bus's or PLC's, with stairs that the torque shows."""
 LEAST_LOAD = 0.1
 """A rest of a load counts as loaded from this share of its largest level on."""
 
@@ -148,7 +150,7 @@ def _channels(log: Log, roles: Roles, windows: Sequence[FoundWindow]) -> list[st
     elif roles.set_point is None:
         tables = [_resting(log, roles, windows)]
     else:
-        tables = [_level("set_point", log.channel(roles.set_point), roles, TO_RPM, "rpm")]
+        tables = [_level("set_point", log.channel(roles.set_point), roles, TO_RPM, "rpm") + _held(log, roles)]
     if roles.torque is not None:
         torque = _level("torque", log.channel(roles.torque), roles, TO_NM, "Nm")
         tables.append(f'{torque}\nlocation = "{roles.location}"  # {roles.located_by}')
@@ -166,6 +168,15 @@ def _channels(log: Log, roles: Roles, windows: Sequence[FoundWindow]) -> list[st
     if not roles.speeds and not roles.trains:
         tables.append(f'[channels.speed]\ncolumn = "{TO_BE_GIVEN}"\nunit = "rpm"')
     return tables
+
+
+def _held(log: Log, roles: Roles) -> str:
+    """Return a line to uncomment where set point and torque come as seldom, as from a bus or PLC; else nothing."""
+    names = (roles.set_point, roles.torque)
+    rates = {log.channel(name).rate_hz for name in names if name is not None}
+    if roles.torque is None or len(rates) > 1 or rates.pop() > SELDOM_HZ:
+        return ""
+    return "\n# held = true                 # of a bus or PLC: the drive holds each value until the next one comes"
 
 
 def _resting(log: Log, roles: Roles, windows: Sequence[FoundWindow]) -> str:
