@@ -47,15 +47,9 @@ def tables(count: int) -> tuple[np.ndarray, ...]:
     return numbers(9, ORDERS, count), coefficients, turns, numbers(2, 2, count) * lower, turns * lower, hats
 
 
-def by_numpy(
-    signals: np.ndarray,
-    coefficients: np.ndarray,
-    inverse: np.ndarray,
-    root: np.ndarray,
-    shapes: np.ndarray,
-    hats: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray]:
+def by_numpy(data: tuple[np.ndarray, ...]) -> tuple[np.ndarray, np.ndarray]:
     """Whole arrays at a time."""
+    signals, coefficients, inverse, root, shapes, hats = data
     s = 0.01j * np.arange(signals.shape[2])
     raised = []
     for orders, powers in zip(signals, POWERS, strict=True):
@@ -74,15 +68,9 @@ def by_numpy(
 
 
 @njit(fastmath=True)
-def by_numba(
-    signals: np.ndarray,
-    coefficients: np.ndarray,
-    inverse: np.ndarray,
-    root: np.ndarray,
-    shapes: np.ndarray,
-    hats: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray]:
+def by_numba(data: tuple[np.ndarray, ...]) -> tuple[np.ndarray, np.ndarray]:
     """The loop that one would write, a frequency at a time."""
+    signals, coefficients, inverse, root, shapes, hats = data
     columns, outputs, size = coefficients.shape
     knots = len(hats)
     gram, errors = np.zeros((columns, columns)), np.zeros((columns, outputs, 2, knots))
@@ -180,11 +168,11 @@ def main() -> None:
     finally:
         _core._set_instruction_set(None)
     data = tables(count)
-    expected = by_numpy(*data)
-    for mine, theirs in zip(by_numba(*data), expected, strict=True):
+    expected = by_numpy(data)
+    for mine, theirs in zip(by_numba(data), expected, strict=True):
         whole = np.tril(theirs) if theirs.ndim == 2 else theirs
         np.testing.assert_allclose(mine, whole, rtol=1e-9, atol=1e-9 * np.abs(whole).max())
-    calls = {"NumPy": lambda: by_numpy(*data), "Numba": lambda: by_numba(*data)}
+    calls = {"NumPy": lambda: by_numpy(data), "Numba": lambda: by_numba(data)}
     for name, times in in_turn(calls, max(options.repeats // 10, 3)).items():
         rows.append([f"{name}, {len(WRT)} derivatives", f"{1e3 * np.median(times):.3f}", "", ""])
     print_table(["call", "ms", "M multiply-adds", "% of the limit"], rows)

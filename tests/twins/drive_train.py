@@ -206,7 +206,6 @@ class _Run:
             rates=np.array(list(rates.values())),
             row=row,
             command=command,
-            fuel=fuel,
             rack=rack,
             demand=demand,
             mean=mean,
