@@ -171,15 +171,8 @@ class Draw:
         if self.loads:
             load = self.plant.shaft_torque + motion.load_torque
             signals["M_load"] = sensors.to_middle(load, motion.step_s)
-        signals = {key: sensors.to_common(one) for key, one in signals.items()}
-        steady = slice(int(2.0 * sensors.COMMON_HZ), int((self.excitation.start_s - 1.0) * sensors.COMMON_HZ))
-        return {
-            "name": f"{self.family}-{self.seed}",
-            "rate_hz": sensors.COMMON_HZ,
-            "kind": self.excitation.kind,
-            "signals": {key: self.windowed(one) for key, one in signals.items()},
-            "operating_point": {key: float(one[steady].mean()) for key, one in signals.items()},
-        }
+        whole = sensors.experiment(f"{self.family}-{self.seed}", self.excitation, signals)
+        return whole | {"signals": {key: self.windowed(one) for key, one in whole["signals"].items()}}
 
     def windowed(self, samples):
         """Return what the window holds of a signal at `COMMON_HZ`."""

@@ -19,12 +19,7 @@ simulated = tug.simulated
 
 def scale(random):
     """Size of the launch."""
-    return {
-        "engine_speed": random.uniform(1100.0, 1700.0) / 60.0,
-        "ratio": round(random.uniform(1.5, 3.0), 2),
-        "efficiency": random.uniform(0.94, 0.98),
-        "shaft_torque": 10.0 ** random.uniform(2.5, 3.1),
-    }
+    return tug.size(random, (1100.0, 1700.0), (1.5, 3.0), (2.5, 3.1))
 
 
 def place(random):

@@ -69,15 +69,7 @@ class OtherGovernor:
         torque = torque + self.noise[1].samples(random, len(torque))
         name = "M_g" if self.place == "gauge" else "M_b"
         signals = {"n_set": 1200.0 * asked, "n_e": 1200.0 * speed, name: 2500.0 * torque}
-        signals = {key: sensors.to_common(one) for key, one in signals.items()}
-        steady = slice(int(2.0 * sensors.COMMON_HZ), int((self.excitation.start_s - 1.0) * sensors.COMMON_HZ))
-        return {
-            "name": f"{self.kind}-{self.seed}",
-            "rate_hz": sensors.COMMON_HZ,
-            "kind": self.excitation.kind,
-            "signals": signals,
-            "operating_point": {key: float(one[steady].mean()) for key, one in signals.items()},
-        }
+        return sensors.experiment(f"{self.kind}-{self.seed}", self.excitation, signals)
 
 
 def draw(kind: str, seed: int, *, kind_of_excitation: str | None = None) -> OtherGovernor:

@@ -38,6 +38,19 @@ def to_common(samples):
     return decimated(samples, LAST_FILTER, round(MIDDLE_HZ / COMMON_HZ))
 
 
+def experiment(name, excitation, signals):
+    """Return an experiment of signals at `MIDDLE_HZ`, its operating point from the steady stretch."""
+    signals = {key: to_common(one) for key, one in signals.items()}
+    steady = slice(int(2.0 * COMMON_HZ), int((excitation.start_s - 1.0) * COMMON_HZ))
+    return {
+        "name": name,
+        "rate_hz": COMMON_HZ,
+        "kind": excitation.kind,
+        "signals": signals,
+        "operating_point": {key: float(one[steady].mean()) for key, one in signals.items()},
+    }
+
+
 @dataclass(frozen=True)
 class Noise:
     """Coloured noise at `MIDDLE_HZ`: independent autoregressive parts, each (standard deviation, coefficients a_1..a_n)."""

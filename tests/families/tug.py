@@ -24,16 +24,20 @@ def law(random, ranges):
     }
 
 
+def size(random, rpm, ratio, decades):
+    """Draw speed, gear and torque of a geared engine, the torque by its power of ten."""
+    return {
+        "engine_speed": random.uniform(*rpm) / 60.0,
+        "ratio": round(random.uniform(*ratio), 2),
+        "efficiency": random.uniform(0.94, 0.98),
+        "shaft_torque": 10.0 ** random.uniform(*decades),
+    }
+
+
 def scale(random):
     """Size of the ship: what the relative numbers are relative to."""
-    return {
-        "engine_speed": random.uniform(1000.0, 1500.0) / 60.0,
-        "ratio": round(random.uniform(2.5, 4.5), 2),
-        "efficiency": random.uniform(0.94, 0.98),
-        "shaft_torque": 10.0 ** random.uniform(2.9, 3.7),
-        "rack": random.uniform(6.0, 15.0),
-        "v": random.uniform(0.9, 1.6),
-    }
+    drawn = size(random, (1000.0, 1500.0), (2.5, 4.5), (2.9, 3.7))
+    return {**drawn, "rack": random.uniform(6.0, 15.0), "v": random.uniform(0.9, 1.6)}
 
 
 def place(random):
