@@ -73,12 +73,8 @@ def damaged(whole: Bytes, kind: str, draw: np.random.Generator) -> Bytes:
 class Tally:
     """What became of the damaged copies of one file."""
 
-    tried: int = 0
-    read: int = 0
-    refused: int = 0
-    crashed: int = 0
-    """Refused because the child process of the reader died."""
-    hung: int = 0
+    copies: Counter[str] = field(default_factory=Counter)
+    """Tried, read, refused; of these crashed, where the reader's child process died, and hung."""
     slowest_s: float = 0.0
     worst_bytes: int = 0
     """Growth of the process that reads, above what it had before the file."""
@@ -87,8 +83,8 @@ class Tally:
 
     def __str__(self) -> str:
         return (
-            f"{self.tried:6d} {self.read:6d} {self.refused:8d} {self.crashed:8d} {self.hung:5d} "
-            f"{self.slowest_s:8.2f} {self.worst_bytes / 1e6:9.0f} {sum(self.faults.values()):7d}"
+            "{tried:6d} {read:6d} {refused:8d} {crashed:8d} {hung:5d} ".format_map(self.copies)
+            + f"{self.slowest_s:8.2f} {self.worst_bytes / 1e6:9.0f} {sum(self.faults.values()):7d}"
         )
 
     HEADER = "files   read  refused  crashes hangs slowest/s memory/MB faults"
@@ -107,15 +103,15 @@ def try_damaged(whole: Path, folder: Path, count: int, seed: int = 1) -> Tally:
         process = idle_process() or os.getpid()
         before = _reset_peak(process)
         begin = time.monotonic()
-        tally.tried += 1
+        tally.copies["tried"] += 1
         try:
             _read(target)
-            tally.read += 1
+            tally.copies["read"] += 1
         except ShipfpError as error:
             message = str(error)
-            tally.refused += 1
-            tally.crashed += " crashes on it " in message
-            tally.hung += "not read within" in message
+            tally.copies["refused"] += 1
+            tally.copies["crashed"] += " crashes on it " in message
+            tally.copies["hung"] += "not read within" in message
             if "\n" in message or str(target) not in message:
                 tally.faults[message] += 1
         except Exception as error:  # this is what is looked for

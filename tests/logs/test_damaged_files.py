@@ -26,7 +26,7 @@ def _short_patience(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def check(tally: Tally, whole: Path) -> None:
     assert not tally.faults, tally.faults.most_common(5)
-    assert tally.read + tally.refused == tally.tried
+    assert tally.copies["read"] + tally.copies["refused"] == tally.copies["tried"]
     assert tally.worst_bytes <= 3 * whole.stat().st_size + SPARE
 
 
