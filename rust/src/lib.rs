@@ -8,6 +8,7 @@ mod finite;
 pub mod hold;
 pub mod instruction_set;
 pub mod memory;
+mod places;
 pub mod power;
 pub mod pulse;
 pub mod pyramid;

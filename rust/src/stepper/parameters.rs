@@ -1,117 +1,64 @@
 //! Parameters of the ship model by name and by place: their values without effect, the checks on them.
 
 use crate::error::{Error, Result, require};
-
-/// Number of parameters.
-pub const COUNT: usize = 37;
+use crate::places::named_places;
 
 const INF: f64 = f64::INFINITY;
 const NAN: f64 = f64::NAN;
 
-/// A parameter: its name, and the value at which it has no effect; not a number where there is none.
-const TABLE: [(&str, f64); COUNT] = [
-    ("tau_n", NAN),
-    ("g", NAN),
-    ("v", NAN),
-    ("K_p", NAN),
-    ("K_i", NAN),
-    ("K_d", 0.0),
-    ("p", NAN),
-    ("tau_prop", 0.0),
-    ("T_d", 0.0),
-    ("T_set", 0.0),
-    ("T_s", 0.0),
-    ("T_0", 0.0),
-    ("tau_act", 0.0),
-    ("M_max", INF),
-    ("M_max_slope", 0.0),
-    ("M_min", -INF),
-    ("rate_up", INF),
-    ("rate_down", INF),
-    ("X_max", INF),
-    ("X_min", -INF),
-    ("anti_windup", 0.0),
-    ("damping", 0.0),
-    ("load_gain", 0.0),
-    ("tau_twist", 0.0),
-    ("zeta_twist", 0.0),
-    ("T_n", 0.0),
-    ("T_M", 0.0),
-    ("s_u", 1.0),
-    ("s_M", 1.0),
-    ("initial_N", 1.0),
-    ("initial_F", 0.0),
-    ("update", 0.0),
-    ("curvature", 0.0),
-    ("initial_E", 0.0),
-    ("u_0", 0.0),
-    ("M_soft", 0.0),
-    ("hold", 0.0),
-];
-
-/// Names of the parameters, in the order of every parameter vector.
-pub const PARAMETERS: [&str; COUNT] = {
-    let mut names = [""; COUNT];
-    let mut i = 0;
-    while i < COUNT {
-        names[i] = TABLE[i].0;
-        i += 1;
-    }
-    names
-};
-
-/// Values at which the parameters have no effect, not a number where there is none.
-pub const OFF: [f64; COUNT] = {
-    let mut values = [0.0; COUNT];
-    let mut i = 0;
-    while i < COUNT {
-        values[i] = TABLE[i].1;
-        i += 1;
-    }
-    values
-};
-
-/// Places in a parameter vector.
-#[allow(missing_docs)]
-pub mod at {
-    pub const TAU_N: usize = 0;
-    pub const G: usize = 1;
-    pub const V: usize = 2;
-    pub const K_P: usize = 3;
-    pub const K_I: usize = 4;
-    pub const K_D: usize = 5;
-    pub const P: usize = 6;
-    pub const TAU_PROP: usize = 7;
-    pub const T_D: usize = 8;
-    pub const T_SET: usize = 9;
-    pub const T_S: usize = 10;
-    pub const T_0: usize = 11;
-    pub const TAU_ACT: usize = 12;
-    pub const M_MAX: usize = 13;
-    pub const M_MAX_SLOPE: usize = 14;
-    pub const M_MIN: usize = 15;
-    pub const RATE_UP: usize = 16;
-    pub const RATE_DOWN: usize = 17;
-    pub const X_MAX: usize = 18;
-    pub const X_MIN: usize = 19;
-    pub const ANTI_WINDUP: usize = 20;
-    pub const DAMPING: usize = 21;
-    pub const LOAD_GAIN: usize = 22;
-    pub const TAU_TWIST: usize = 23;
-    pub const ZETA_TWIST: usize = 24;
-    pub const T_N: usize = 25;
-    pub const T_M: usize = 26;
-    pub const S_U: usize = 27;
-    pub const S_M: usize = 28;
-    pub const INITIAL_N: usize = 29;
-    pub const INITIAL_F: usize = 30;
-    pub const UPDATE: usize = 31;
-    pub const CURVATURE: usize = 32;
-    pub const INITIAL_E: usize = 33;
-    pub const U_0: usize = 34;
-    pub const M_SOFT: usize = 35;
-    pub const HOLD: usize = 36;
+/// Parameters: place, name, and the value at which one has no effect; not a number where there is none.
+macro_rules! table {
+    ($($place:ident $name:literal $off:expr,)+) => {
+        named_places! {
+            /// Names of the parameters, in the order of every parameter vector.
+            PARAMETERS: $($place $name,)+
+        }
+        /// Values at which the parameters have no effect, not a number where there is none.
+        pub const OFF: [f64; COUNT] = [$($off),+];
+    };
 }
+
+table! {
+    TAU_N "tau_n" NAN,
+    G "g" NAN,
+    V "v" NAN,
+    K_P "K_p" NAN,
+    K_I "K_i" NAN,
+    K_D "K_d" 0.0,
+    P "p" NAN,
+    TAU_PROP "tau_prop" 0.0,
+    T_D "T_d" 0.0,
+    T_SET "T_set" 0.0,
+    T_S "T_s" 0.0,
+    T_0 "T_0" 0.0,
+    TAU_ACT "tau_act" 0.0,
+    M_MAX "M_max" INF,
+    M_MAX_SLOPE "M_max_slope" 0.0,
+    M_MIN "M_min" -INF,
+    RATE_UP "rate_up" INF,
+    RATE_DOWN "rate_down" INF,
+    X_MAX "X_max" INF,
+    X_MIN "X_min" -INF,
+    ANTI_WINDUP "anti_windup" 0.0,
+    DAMPING "damping" 0.0,
+    LOAD_GAIN "load_gain" 0.0,
+    TAU_TWIST "tau_twist" 0.0,
+    ZETA_TWIST "zeta_twist" 0.0,
+    T_N "T_n" 0.0,
+    T_M "T_M" 0.0,
+    S_U "s_u" 1.0,
+    S_M "s_M" 1.0,
+    INITIAL_N "initial_N" 1.0,
+    INITIAL_F "initial_F" 0.0,
+    UPDATE "update" 0.0,
+    CURVATURE "curvature" 0.0,
+    INITIAL_E "initial_E" 0.0,
+    U_0 "u_0" 0.0,
+    M_SOFT "M_soft" 0.0,
+    HOLD "hold" 0.0,
+}
+/// Number of parameters.
+pub const COUNT: usize = PARAMETERS.len();
 
 /// A checked parameter vector, by the places of [`at`].
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -4,68 +4,42 @@
 //! the damped twist's, so that only polynomials and delays are left.
 
 use crate::error::{Result, require};
+use crate::places::named_places;
 
 use super::clock;
 use super::dual::Dual;
 
-/// Names of the parameters: `u_0` set point offset, `s_M` and `m_0` scale and offset of the torque, `x_0` offset of the rack
-/// or the fuel, `T_B` and `s_B` lateness and scale of the brake's torque beside a gauge's.
-pub const PARAMETERS: [&str; 25] = [
-    "tau_n",
-    "g",
-    "vK_p",
-    "vK_i",
-    "vK_d",
-    "p",
-    "tau_prop",
-    "damping",
-    "c_2",
-    "k_L",
-    "T_d",
-    "T_set",
-    "hold",
-    "tau_act",
-    "T_M",
-    "T_n",
-    "tau_twist",
-    "zeta_twist",
-    "v",
-    "u_0",
-    "s_M",
-    "x_0",
-    "m_0",
-    "T_B",
-    "s_B",
-];
-pub const COUNT: usize = PARAMETERS.len();
-
-pub mod at {
-    pub const TAU_N: usize = 0;
-    pub const G: usize = 1;
-    pub const VK_P: usize = 2;
-    pub const VK_I: usize = 3;
-    pub const VK_D: usize = 4;
-    pub const P: usize = 5;
-    pub const TAU_PROP: usize = 6;
-    pub const DAMPING: usize = 7;
-    pub const C_2: usize = 8;
-    pub const K_L: usize = 9;
-    pub const T_D: usize = 10;
-    pub const T_SET: usize = 11;
-    pub const HOLD: usize = 12;
-    pub const TAU_ACT: usize = 13;
-    pub const T_M: usize = 14;
-    pub const T_N: usize = 15;
-    pub const TAU_TWIST: usize = 16;
-    pub const ZETA_TWIST: usize = 17;
-    pub const V: usize = 18;
-    pub const U_0: usize = 19;
-    pub const S_M: usize = 20;
-    pub const X_0: usize = 21;
-    pub const M_0: usize = 22;
-    pub const T_B: usize = 23;
-    pub const S_B: usize = 24;
+named_places! {
+    /// Names of the parameters: `u_0` set point offset, `s_M` and `m_0` scale and offset of the torque, `x_0` offset of the rack
+    /// or the fuel, `T_B` and `s_B` lateness and scale of the brake's torque beside a gauge's.
+    PARAMETERS:
+    TAU_N "tau_n",
+    G "g",
+    VK_P "vK_p",
+    VK_I "vK_i",
+    VK_D "vK_d",
+    P "p",
+    TAU_PROP "tau_prop",
+    DAMPING "damping",
+    C_2 "c_2",
+    K_L "k_L",
+    T_D "T_d",
+    T_SET "T_set",
+    HOLD "hold",
+    TAU_ACT "tau_act",
+    T_M "T_M",
+    T_N "T_n",
+    TAU_TWIST "tau_twist",
+    ZETA_TWIST "zeta_twist",
+    V "v",
+    U_0 "u_0",
+    S_M "s_M",
+    X_0 "x_0",
+    M_0 "m_0",
+    T_B "T_B",
+    S_B "s_B",
 }
+pub const COUNT: usize = PARAMETERS.len();
 
 /// Signals that a record holds, deviations from the operating point: speed, torque, rack, load, the speed's square and cube, one,
 /// and the brake's torque beside a gauge's.
@@ -75,21 +49,10 @@ pub const ORDERS: usize = 4;
 
 /// Signals of the equations: those of a record, then delayed ones; "apart" are those with sinh for cosh of a hold.
 pub mod signal {
-    pub const N: usize = 0;
-    pub const M: usize = 1;
-    pub const X: usize = 2;
-    pub const LOAD: usize = 3;
-    pub const N2: usize = 4;
-    pub const N3: usize = 5;
-    pub const ONE: usize = 6;
-    pub const M_B: usize = 7;
-    pub const LATE_N: usize = 8;
-    pub const LATE_U: usize = 9;
-    pub const LATE_M: usize = 10;
-    pub const APART_N: usize = 11;
-    pub const APART_U: usize = 12;
-    pub const APART_M: usize = 13;
-    pub const COUNT: usize = 14;
+    crate::places::places! {
+        N, M, X, LOAD, N2, N3, ONE, M_B,
+        LATE_N, LATE_U, LATE_M, APART_N, APART_U, APART_M, COUNT
+    }
 }
 
 /// Where speed and torque are measured, and what drives the ship.
