@@ -86,22 +86,9 @@ impl<S: Simd> Complex<S> {
         }
     }
 
-    /// `conj(self) other`.
     #[inline(always)]
-    pub fn conjugate_times(self, simd: S, other: Self) -> Self {
-        Self {
-            re: simd.mul_add_e_f64s(self.im, other.im, simd.mul_f64s(self.re, other.re)),
-            im: simd.negate_mul_add_e_f64s(self.im, other.re, simd.mul_f64s(self.re, other.im)),
-        }
-    }
-
-    /// `self + conj(a) b`.
-    #[inline(always)]
-    pub fn plus_conjugate_product(self, simd: S, a: Self, b: Self) -> Self {
-        Self {
-            re: simd.mul_add_e_f64s(a.im, b.im, simd.mul_add_e_f64s(a.re, b.re, self.re)),
-            im: simd.negate_mul_add_e_f64s(a.im, b.re, simd.mul_add_e_f64s(a.re, b.im, self.im)),
-        }
+    pub fn conjugate(self, simd: S) -> Self {
+        Self { re: self.re, im: negative(simd, self.im) }
     }
 
     #[inline(always)]

@@ -164,7 +164,7 @@ impl Sums<'_> {
                         re: white[2 * a * vectors + place],
                         im: white[(2 * a + 1) * vectors + place],
                     };
-                    sum = sum.plus_conjugate_product(simd, shape, row);
+                    sum = sum.plus_product(simd, row, shape.conjugate(simd));
                 }
                 turned[2 * b * vectors + place] = sum.re;
                 turned[(2 * b + 1) * vectors + place] = sum.im;

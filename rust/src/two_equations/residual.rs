@@ -200,7 +200,7 @@ fn shown<S: Simd, const O: usize>(
         let mut row = inverse[index];
         if plan.outputs[index] == 0 && plan.q[at::T_N] != 0.0 {
             for value in &mut row {
-                *value = turns.speed.now.conjugate_times(simd, *value);
+                *value = value.times(simd, turns.speed.now.conjugate(simd));
             }
         }
         for (output, turn, scale) in
@@ -209,7 +209,7 @@ fn shown<S: Simd, const O: usize>(
             if plan.outputs[index] == output {
                 let scale = simd.splat_f64s(scale);
                 for value in &mut row {
-                    *value = turn.conjugate_times(simd, *value).scaled(simd, scale);
+                    *value = value.times(simd, turn.conjugate(simd)).scaled(simd, scale);
                 }
             }
         }
