@@ -42,19 +42,19 @@ from shipfp_rs.support.quantiles import DEVIATIONS_95
 from shipfp_rs.support.sentences import Sentence
 
 TOGETHER = ("K_p/K_i", "(p-g)/tau_n", "vK_p/tau_n", "vK_i/tau_n", "(p-g)/(vK_i)", "(p-g)/(vK_i)+T_set")
-"""Combinations that a fingerprint tells beside the parameters."""
+"""Combinations of parameters that a fingerprint also gives."""
 FULL_SHIP = "the full ship"
-"""What a fingerprint's settings call the structure that is fitted where none is given."""
+"""Name, in a fingerprint's settings, of the structure that is fitted where none is given."""
 LOWER, RESTARTS = 0.5, 2
-"""A profile that meets a deviance lower by this begins again from there, so often."""
+"""Profiles start again where one finds a deviance lower than the minimum by this much; most such restarts."""
 COMBINED_TRIES = 3
-"""Tries of a combination's profile: those of its members have found most of its interval already."""
+"""Most tries of the profile of a combination: its members' profiles have already found most of the interval."""
 NUISANCES = {one.name for element in ELEMENTS.values() for one in element.parameters if one.fixed}
-"""What elements declare as fixed: estimated, without an interval, where the search has them."""
+"""Parameters that elements declare as fixed: where the search includes them, they are estimated without an interval."""
 EXPLAINED = 0.3
-"""Part of the speed that the set point explains through the load's side from which it follows its set point."""
+"""Share of the speed that the set point explains through the load's side, above which the speed counts as following it."""
 UNTOLD = 0.9
-"""An interval that is this part of what the search allows tells nothing."""
+"""An interval that covers this share of the searched range determines nothing."""
 
 
 def identified(
@@ -67,9 +67,9 @@ def identified(
     vessel: str | None = None,
     time_limit_s: float | None = None,
 ) -> Fingerprint:
-    """Fit the ship and say what the data tell."""
+    """Fit the ship and return the fingerprint."""
     side = load_side_of(question)
-    # Where torque and speed go together as a load's do, the speed is what it is called, whatever the governor does.
+    # If torque and speed are related as in a load, the speed channel is the right one, whatever the governor does.
     explained = 0.0 if side is None else min(record.explained for record in side.records)
     require_excited(experiments, follows=explained < EXPLAINED)
     with part(0.0, 0.5):
@@ -85,7 +85,7 @@ def answered(
     seed: int | None = None,
     vessel: str | None = None,
 ) -> Fingerprint:
-    """Say what the data tell about the ship found."""
+    """Return the fingerprint of the ship that the search found."""
     question = fit.question
     fit, (missed, rows), kind = _described(fit)
     before, values, c = fit, fit.values, fit.likelihood.coordinates
@@ -95,10 +95,10 @@ def answered(
     figures = figures_of([*names, *gains]) | {
         name: COMBINATIONS[name][1] for name in TOGETHER if _applies(name, values)
     }
-    # Intervals of an engine that is not the ship's are not told.
+    # If the data contradict the engine's model, its intervals are not reported, and need no profiles.
     fit, found, possible = intervals_of(fit, figures, "symmetric" if kind else intervals)
     if fit.stiff is not None and "tau_twist" in fit.along and fit.is_smooth:
-        # Neither is decided: intervals hold what either model allows.
+        # The data decide for neither model: intervals cover what either allows.
         with suppress(IdentificationError):
             _, other, _ = intervals_of(refined(fit.stiff), figures, "symmetric")
             found = {name: _either(one, other[name]) for name, one in found.items()}
@@ -148,7 +148,7 @@ def answered(
 
 
 def _adequate(fit: ShipFit, misses: Mapping[str, float], kind: str | None) -> dict[str, Any]:
-    """Return what the residuals say of the model; `kind` is what contradicts its engine and governor."""
+    """Return the residual tests of the model; `kind` is the contradiction to its engine and governor, if any."""
     return {
         "stands": max(misses.values()) <= SMALL_MISS_PCT,
         "misses_pct": misses,
@@ -161,7 +161,10 @@ def _adequate(fit: ShipFit, misses: Mapping[str, float], kind: str | None) -> di
 
 
 def _described(fit: ShipFit) -> tuple[ShipFit, tuple[list[float], list[list[float]]], str | None]:
-    """Return the fit, what it misses and explains, what contradicts it; of ends as likely one that the load's side has."""
+    """Return the fit, what it misses and explains, and what contradicts it.
+
+    Where load and engine contradict each other, an equally likely minimum without a contradiction is preferred.
+    """
     missed, rows = _missed(fit)
     kind = undescribed(fit, missed, [min(row) for row in rows])
     if kind != "sides":
@@ -177,7 +180,7 @@ def _described(fit: ShipFit) -> tuple[ShipFit, tuple[list[float], list[list[floa
 
 
 def _missed(fit: ShipFit) -> tuple[list[float], list[list[float]]]:
-    """What the fit misses of each output, and what it explains of each record's outputs [%]."""
+    """Per cent of each output that the fit misses, and per cent of each record's outputs that it explains."""
     at = fit.likelihood, fit.best.vector
     return misses_pct(*at), explained_pct(*at)
 
@@ -185,7 +188,7 @@ def _missed(fit: ShipFit) -> tuple[list[float], list[list[float]]]:
 def intervals_of(
     fit: ShipFit, figures: Mapping[str, Figure], intervals: Literal["profile", "symmetric"]
 ) -> tuple[ShipFit, dict[str, Interval], list[dict[str, float]]]:
-    """Return the fit, which a profile may have led to a lower minimum, each figure's interval, and ships within them."""
+    """Return the fit, each figure's interval, and ships within these; profiles may have led the fit to a lower minimum."""
     if intervals == "symmetric":
         profiles = Profiles(fit.likelihood, list(fit.basins))
         return fit, {name: profiles.symmetric(figure) for name, figure in figures.items()}, []
@@ -193,9 +196,9 @@ def intervals_of(
     for left in reversed(range(RESTARTS + 1)):
         likelihood, c = fit.likelihood, fit.likelihood.coordinates
         profiles = Profiles(likelihood, [descend(likelihood, one.vector) for one in fit.basins])
-        # What the profiles before found possible counts on.
+        # Ships that earlier profiles found possible still count.
         profiles.visited += [Basin(likelihood.cost(vector), vector) for vector in possible]
-        # In a limit the derivatives are those at the end: no profile leads far from it.
+        # With limits, the derivatives hold only close to the minimum, too close for a profile.
         found = (
             {}
             if fit.is_smooth
@@ -211,7 +214,7 @@ def intervals_of(
                 possible = [point.vector for point in points if point.cost < lower.cost + RISE]
                 try:
                     fit = refined(replace(fit, basins=(descend(likelihood, lower.vector),)))
-                except IdentificationError:  # under its own noise it is none
+                except IdentificationError:  # with the noise estimated anew it is no minimum
                     continue
                 break
         else:
@@ -234,7 +237,7 @@ def intervals_of(
 
 
 def _either(one: Interval, other: Interval) -> Interval:
-    """An interval that holds both, about the value of the first."""
+    """Return the smallest interval that contains both intervals, with the value of the first."""
     lower, higher = one.low <= other.low, one.high >= other.high
     kinds = (one if lower else other).kinds[0], (one if higher else other).kinds[1]
     return Interval(one.value, min(one.low, other.low), max(one.high, other.high), kinds)
@@ -265,9 +268,9 @@ def structure_of(fit: ShipFit) -> Structure:
 
 
 def _named(fit: ShipFit, structure: Structure, values: Mapping[str, float]) -> dict[str, float]:
-    """Return a ship by the structure's parameters: those searched within their bounds, those given as they were given.
+    """Return the values of the structure's parameters in a ship: searched ones within their bounds, given ones as given.
 
-    What was searched along has no interval of its own, and is each ship's own here.
+    Nuisance parameters, which have no interval, take the ship's own values.
     """
     found, along = {}, (NUISANCES | fit.along) & set(fit.likelihood.coordinates.names)
     for one in structure.parameters:
@@ -306,7 +309,7 @@ def _estimate(fit: ShipFit, name: str, interval: Interval) -> Estimate:
     c, found = fit.likelihood.coordinates, fit.best.products
     flat = name in c.free and found is not None and found.matrix[c.place(name), c.place(name)] == 0.0
     if name in ("M_max", "rate", "rate_down") and (flat or ends[1] >= high):
-        # Far above all that was reached no profile finds where it would begin to act.
+        # Far above all that the record reached, no profile finds the level at which a limit would begin to act.
         reason = (
             Sentence("no limit was reached in the data")
             if flat or ends[0] <= low
@@ -331,9 +334,9 @@ def _estimate(fit: ShipFit, name: str, interval: Interval) -> Estimate:
 
 
 def _fixed(fit: ShipFit, parameter: Parameter) -> Estimate:
-    """What was given, assumed, or stands where the search left it."""
+    """Estimate without an interval: of a parameter that was given, assumed, or searched as a nuisance."""
     reason = ALONG if parameter.name in fit.likelihood.coordinates.free else "given"
-    # Without a torque a measured load is taken as it is called: `question_of` fixes its gain at 1.
+    # Without a measured torque the load's gain is unknown, and `question_of` fixes it at 1.
     if parameter.name == "k_L" and parameter.start == 1.0 and "dM" not in fit.question.outputs:
         reason = ASSUMED
     return Estimate(parameter.start, unit=parameter.unit, status="fixed", reason=reason)
@@ -345,7 +348,10 @@ def _combined(interval: Interval, unit: str) -> Estimate:
 
 
 def _of_a_stiff_shaft(parameters: Mapping[str, Estimate], question: Question) -> dict[str, Estimate]:
-    """Return the estimate of a part of the inertia that only a twist tells, where a shaft as stiff as any fits as well."""
+    """Return the estimate of the inertia on one side of the shaft, for when a stiff shaft fits as well as a twisting one.
+
+    Only the twist determines that part of the inertia.
+    """
     part, twist = parameters.get("tau_prop"), parameters.get("tau_twist")
     if (
         question.gauge
@@ -363,7 +369,7 @@ def _of_a_stiff_shaft(parameters: Mapping[str, Estimate], question: Question) ->
 
 
 def _without_torque(parameters: Mapping[str, Estimate], question: Question) -> dict[str, Estimate]:
-    """Return estimates of which the speed alone tells only ratios to the inertia."""
+    """Return the estimates for data without torque: the speed alone determines only their ratios to the inertia."""
     found = dict(parameters)
     if question.loaded or "tau_n" in (question.priors or {}):
         return found
@@ -381,7 +387,7 @@ def _identifiability(parameters: Mapping[str, Estimate]) -> Identifiability:
 
 
 def _covariance(profiles: Profiles, fit: ShipFit, parameters: Mapping[str, Estimate]) -> dict[str, Any]:
-    """Return covariances with the deviations of the intervals and the correlations of the curvature."""
+    """Return the covariances: standard deviations from the intervals, correlations from the curvature of the deviance."""
     names = [
         name
         for name in fit.likelihood.coordinates.names

@@ -92,11 +92,11 @@ def descend(
             break
         try:
             step = _step(now, x, low, high, damping)
-        except np.linalg.LinAlgError:  # directions that nothing tells, by rounding
+        except np.linalg.LinAlgError:  # singular to rounding: the data do not determine some direction
             damping = max(damping * MORE, 1e-9)
             continue
         promised = 2.0 * step @ now.downhill - step @ now.matrix @ step
-        if promised < 0.0:  # bounds cut off what would have made up for the rest
+        if promised < 0.0:  # the bounds cut the step so that it would rise
             damping *= MORE
             continue
         if promised < 0.1 * settled:

@@ -91,13 +91,13 @@ class Coordinates:
         return self._place_of[name]
 
     def states(self, record: int) -> slice:
-        """Places of a record's states."""
+        """Slice of a record's states in the vector."""
         first = len(self.free) + record * len(self.unknowns)
         return slice(first, first + len(self.unknowns))
 
     @cached_property
     def bounds(self) -> tuple[Array, Array]:
-        """Bounds of a vector; what is searched as a ratio has wide ones, its own are looked after by the intervals."""
+        """Bounds of a vector. A parameter that is searched as a ratio has wide ones; the intervals apply its own bounds."""
         rows = [self._bounds(name, *self.free[name]) for name in self.free]
         rows += [(-STATE_REACH, STATE_REACH)] * (self.records * len(self.unknowns))
         low, high = np.array(rows).T

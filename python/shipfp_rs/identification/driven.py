@@ -1,4 +1,4 @@
-"""Words that go with the drive and the load of a trial: a genset has no propeller, an electric motor no fuel rack."""
+"""Words that suit the drive and the load of a trial: a generating set has no propeller, an electric motor no fuel rack."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ Words = Sequence[tuple[re.Pattern[str], str]]
 """Words to be replaced, each with what to write in its place."""
 
 LOADS = Sentence("a load beside the propeller's = a second load; propeller = load")
-"""Words of a propeller, each with that of any load: a catalogue lists those of its own language."""
+"""Words for a propeller, each with the word for a load of any kind; each translation lists the pairs of its language."""
 DRIVES = Sentence(
     "engine = drive; fuel rack = control signal; fuel actuator = actuator; fuel path = actuator path; "
     "fuel's torque = drive's torque; the rack = the control signal"
 )
-"""Words of a combustion engine, each with that of any drive."""
+"""Words for a combustion engine, each with the word for a drive of any kind."""
 COMMANDS = Sentence("set point = command")
-"""Words of a governor's set point, each with that of a drive in open loop."""
+"""Words for a governor's set point, each with the word for the command of a drive in open loop."""
 GIVEN = ("propeller", "engine.cylinders")
-"""What a vessel's file gives of a ship with an engine and a propeller."""
+"""Keys of a vessel file that say that the ship has a propeller, and a combustion engine."""
 
 
 class Identified(Protocol):
-    """What of a fingerprint tells its drive and its load."""
+    """The parts of a fingerprint from which its drive and its load are known."""
 
     @property
     def structure(self) -> Mapping[str, Any]:
@@ -51,7 +51,7 @@ class Identified(Protocol):
 
 @dataclass(frozen=True)
 class Asked:
-    """What is to be identified, of which only the ship's name is known yet."""
+    """A fit that has not begun, of which only the ship's name is known."""
 
     vessel: str | None
     structure: Mapping[str, Any] = field(default_factory=dict)
@@ -63,7 +63,7 @@ class Asked:
 def progress_of(
     experiments: Sequence[Experiment], name: str | None, vessel: Vessel | None = None
 ) -> Iterator[None]:
-    """Say progress in the block in words that go with the drive and its load, as a report does."""
+    """Within the block, report progress in words that suit the drive and its load, as a report does."""
     words = pairs_of(instead(Asked(name), experiments, vessel))
     with said_as(lambda what: fitting(what, words)):
         yield
@@ -75,13 +75,13 @@ def of_vessel(vessel: Vessel) -> dict[str, Any]:
 
 
 def pairs_of(lists: Iterable[str]) -> Words:
-    """Return the pairs of words in lists of them, such as `LOADS`."""
+    """Return the pairs of words that lists such as `LOADS` contain."""
     pairs = [pair.split(" = ") for words in lists for pair in words.split("; ")]
     return [(re.compile(rf"\b{re.escape(said)}\b"), word) for said, word in pairs]
 
 
 def fitting(text: str, words: Words, *, is_english: bool = True) -> str:
-    """Return a text with words replaced, and an English article before them by how they begin."""
+    """Return a text with words replaced; an English article before a new word becomes "a" or "an" as its sound asks."""
     for pattern, word in words:
         if is_english:
             article = r"\1n " if word[0] in "aeiou" else r"\1 "
@@ -102,9 +102,9 @@ def instead(
 ) -> list[str]:
     """Return lists of words to write in place of a ship's; nothing for an engine that turns a propeller.
 
-    A propeller is spoken of only where there is one: its vessel's file has it, or the fingerprint names its ship, and no
-    load was measured. A vessel without cylinders, whose fuel rack was not measured, either, has a drive of any kind; one
-    in open loop has a command. Without the vessel it is what the fingerprint's settings tell of its file.
+    The words name a propeller only where no load was measured, and either the vessel file has a propeller or the
+    fingerprint names its ship. They name an engine unless the vessel file has no cylinders and no fuel rack was measured.
+    In open loop the set point is called a command. Without a vessel the fingerprint's settings say what its file gave.
     """
     told: Mapping[str, Any] = fingerprint.settings if vessel is None else of_vessel(vessel)
     gives = told.get("vessel_gives")

@@ -22,7 +22,7 @@ from shipfp_rs.support.arrays import Array, ComplexArray, Values
 LEVELS, SLOPES = (0.8, 0.9, 0.97, 0.995), (0.5, 0.8, 0.95, 0.99)
 """Quantiles of the torque, and of its slope, at which a limit is tried."""
 BANDS = (0.3, 0.6, 0.85)
-"""Quantiles of the error inside which a governor's gain may be another one."""
+"""Quantiles of the speed error: within each of these bands a different gain of the governor is tried."""
 LAGS_S = (0.02, 0.06, 0.2, 0.6, 2.0)
 """Lags behind which the governor's command may act."""
 LIMITS = {"torque_limit", "rack_rate"}

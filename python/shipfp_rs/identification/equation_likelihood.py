@@ -553,7 +553,7 @@ class EquationLikelihood(Likelihood):
         return self
 
     def resettled_at(self, vector: Array) -> Self:
-        """Return the same where images were taken off before, which move little with the vector."""
+        """Return the likelihood settled at a vector; images that were taken off before stay, since they hardly change."""
         return (self.corrected(vector) if self.is_corrected_by_model else self).with_noise(vector)
 
     def settled_at(self, vector: Array) -> Self:
@@ -562,7 +562,7 @@ class EquationLikelihood(Likelihood):
         return (self.corrected(vector) if needs else self).with_noise(vector)
 
     def _models(self, vector: Array, record: int) -> tuple[Array | None, Array | None]:
-        """The model's outputs (O, N) for a record with gaps, and what limits take off them; None where it runs away."""
+        """The model's outputs (O, N) for a record with gaps, and what limits take off them; None where it diverges."""
         limits = self._limits(vector)
         if not (limits or self.records[record].masked.any()):
             return None, None
@@ -573,7 +573,7 @@ class EquationLikelihood(Likelihood):
         return (None, None) if smooth is None else (whole, whole - smooth)
 
     def _whole(self, vector: Array, record: int, limits: Mapping[str, float]) -> Array | None:
-        """The model's outputs (O, N); None where it runs away."""
+        """The model's outputs (O, N); None where the simulation diverges."""
         try:
             return self.simulated(vector, record, limits)
         except SimulationError:

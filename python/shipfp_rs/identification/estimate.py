@@ -197,7 +197,7 @@ def decimals(std: float | None) -> int | None:
 
 
 def rounded(value: float | None, places: int | None) -> str:
-    """Write a value with that many digits behind the point, or four significant ones; empty text for None."""
+    """Write a value with `places` digits after the point; None: four significant digits. No value: empty text."""
     if value is None:
         return ""
     if places is None or not math.isfinite(value):

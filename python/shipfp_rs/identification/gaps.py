@@ -10,7 +10,7 @@ from scipy.linalg import solve
 from shipfp_rs.support.arrays import Array
 
 NUGGET = 1e-4
-"""Part of the variance that no neighbour foretells."""
+"""Share of the variance that no neighbouring sample predicts."""
 
 
 def kriged(values: Array, gaps: npt.NDArray[np.bool_], reach: int) -> Array:

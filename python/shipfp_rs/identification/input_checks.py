@@ -30,15 +30,15 @@ quick, and the rack would have the torque's very noise."""
 APART = 0.02
 """Difference of set point and speed at the operating point that draws a word; an integrating governor leaves none."""
 STILL = 1e-7
-"""Standard deviation of a torque over its operating point below which it stands still."""
+"""Relative standard deviation of a torque below which it counts as constant."""
 SLOW_HZ = 1.0
 """Band in which channels are compared [Hz]."""
 SAMPLES_A_PERIOD = 8.0
-"""Of the band's end: more samples tell a correlation no better."""
+"""Samples a period of the band's upper end; more samples do not improve a correlation."""
 LEAST_AGREEMENT = 0.5
 """A torque goes against the load from this correlation on."""
 LEAST_OWN = 0.2
-"""Least part of a torque's power that the set point causes, for its sign to be told by it."""
+"""Least share of a torque's power that the set point must cause for the torque's sign to be checked by it."""
 POINT_OFF = 0.3
 """Largest difference of a signal's mean from its operating point, relative."""
 

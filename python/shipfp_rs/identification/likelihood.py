@@ -147,11 +147,11 @@ class Likelihood:
 
     @property
     def is_quick(self) -> bool:
-        """Whether an evaluation is over before a thread of its own would be worth its while."""
+        """Whether an evaluation is too short for a thread of its own to pay off."""
         return False
 
     def each(self, jobs: Sequence[Callable[[], T]]) -> list[T]:
-        """Run jobs that evaluate it, side by side where that is quicker, and return their results in order."""
+        """Run jobs that evaluate this likelihood, in parallel where that is quicker; return their results in order."""
         return [job() for job in jobs] if self.is_quick else where_alone(jobs)
 
     def spectra(self, vector: Array, record: int) -> tuple[Numbers, Numbers]:

@@ -215,7 +215,7 @@ class LimitedLikelihood(EquationLikelihood):
         return replace(self, beyond=tuple(found))
 
     def _beyond(self, record: Spectra, values: Mapping[str, float], scale: float) -> Array:
-        """Torque of the load beyond its law (K,), faded in and out; `scale` is what the torque is read by."""
+        """Load torque that the load's law does not explain (K,), faded in and out; `scale` is the torque gauge's scale."""
         speed, torque = (record.decimated[record.outputs.index(name)] for name in ("dn", "dM"))
         late, twist = values.get("T_M", 0.0), values.get("tau_twist", 0.0)
         through = (1.0 + record.through(torque, lambda s: np.exp(s * late), 1.0, late)) / scale - 1.0

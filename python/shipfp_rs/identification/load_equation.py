@@ -21,27 +21,28 @@ SCALE_DEVIATION, LATEST_S = 0.02, 0.02
 """Prior deviation of the torque's scale, and the most that a torque is late [s]. A torque is over a mean of a minute of
 moving water."""
 SOFT_HZ, FROM_SHAFT = 5.5, 0.6
-"""Where a shaft softer than a stiff one by the prior deviation swings [Hz], with this part of the inertia before it."""
+"""Prior of the twist: natural frequency [Hz] of a shaft softer than a stiff one by the prior's standard deviation, and the
+share of the inertia on the engine's side of it."""
 BEHIND, BEHIND_DEVIATION, BEHIND_ENDS = 0.4, 0.12, (0.1, 0.8)
-"""Part of the inertia behind the shaft that twists, where the torque is the engine's; its prior deviation and ends."""
+"""Share of the inertia behind a shaft that twists, where the torque is the engine's; its prior deviation and range."""
 BANDWIDTHS, DEAD_TIMES_S = np.geomspace(0.2, 30.0, 16), np.arange(0.0, 1.2, 0.1)
-"""First-order loops [rad/s] that the speed's answer is held against, and their dead times."""
+"""Bandwidths [rad/s] and dead times [s] of the first-order loops that are compared with the speed's response."""
 POLES, ORDER = (0.35, 1.0, 3.0), 4
 """Poles of the lags (Laguerre) over the loop's bandwidth, and lags of each."""
 INERTIA = (0.05, 5.0)
-"""Ends of the inertia by which a shaft's softness is measured [s]."""
+"""Range of the inertia that serves as a unit for the shaft's compliance [s]."""
 FIXED = 1e-6
-"""Prior deviation of what is not unknown."""
+"""Prior deviation of a quantity that is known."""
 EXPLAINED, LEAST_EXPLAINED = 0.995, 0.1
 """Part of the explained slope's power up to the highest frequency that counts; least part of the speed that is explained."""
 MOST_HZ = 1.5
-"""Highest frequency that counts [Hz]: above it a shaft's twist and a torque's lateness tell more than load and inertia."""
+"""Highest frequency that counts [Hz]: above it twist and delay of the torque matter more than load and inertia."""
 SOFTEST, SOFT_BELOW = 0.6, 0.25
 """Most that a twist softens: the square of the highest frequency over the inertia's resonance; part of it below zero."""
 ROUNDS, PATIENCE, STILL, CLOSE = 40, 8, 0.02, 0.5
 """Most rounds, and most before the instrument is made anew; steps in standard deviations that end them."""
 SHARED = ("p", "tau", "c_2", "T_M", "tau_twist", "behind", "k_L")
-"""Unknowns of all records; each one's torque scale comes behind, then the smooth errors."""
+"""Unknowns that all records share; after them come the torque scale of each record and the smooth errors."""
 
 
 class Record:
@@ -201,7 +202,7 @@ class Fit:
         return x, spread[: self.main, : self.main]
 
     def influence(self, unknown: int, index: int) -> ComplexArray:
-        """How far a torque beyond the model, at each frequency of a record, moves an unknown that was found (F,)."""
+        """How far a torque that the model lacks moves an estimated unknown, at each frequency of a record (F,)."""
         record, hats, x = self.records[index], self.hats[index], self.x
         told, B = self._columns(x, record, record.Z, record.s * record.Z)
         along = self.inverse[unknown]
@@ -212,7 +213,7 @@ class Fit:
         return np.asarray(found * record.weight**2)
 
     def answer_to(self, speed: ComplexArray, index: int) -> ComplexArray:
-        """The torque by which the load answers to a small speed, (F,)."""
+        """Response of the load's torque to a small deviation of the speed, (F,)."""
         return self._columns(self.x, self.records[index], speed, self.records[index].s * speed)[0]
 
     def _begun(self) -> Array:

@@ -80,9 +80,10 @@ class Profiles:
         return Interval(value, min(low, value), max(high, value), (first, last))
 
     def symmetric(self, figure: Figure, *, surely: bool = False) -> Interval:
-        """Return the interval by the curvature alone, without a profile; what the figure holds may leave its bound.
+        """Return the interval from the curvature alone, without a profile. Parameters of the figure may leave their bounds.
 
-        Surely: so may what presses against its bound by less than an interval of 95 per cent. From a bound all go inward.
+        `surely`: so may a parameter that the deviance holds to its bound by less than an interval of 95 per cent. A
+        parameter leaves its bound inward only.
         """
         best = self.best
         slope, now = self.gradient(figure, best.vector), self._products(best)
@@ -255,7 +256,10 @@ class Profiles:
 
 
 def _scale_uphill(uphill: float, spread: float) -> float:
-    """Deviation of a figure on a bound: the deviance rises along a slope, too; slope d + d^2 / spread is the quantile."""
+    """Standard deviation of a figure on a bound, where the deviance also has a slope.
+
+    At a distance d the deviance has risen by `uphill` d + d^2 / `spread`; the interval ends where this is `RISE`.
+    """
     half = 0.5 * uphill * spread
     straight = np.sqrt(half**2 + RISE * spread) - half
     return max(float(straight / np.sqrt(RISE)), 1e-12)

@@ -196,8 +196,8 @@ def _whiteness(fit: StructureFit, output: int) -> ResidualTest | None:
 def input_dispersion(figures: Mapping[str, Any], samples: int) -> float:
     """Return the ratio of an output's residual power that the set point explains to that of noise, at least one.
 
-    `figures` are those of `OutputTests.figures`: the share that the set point explains, of so many numbers, over the
-    degrees of freedom of the test.
+    `figures` are those of `OutputTests.figures`. The ratio is the share of the power that the set point explains, times
+    the number of samples, over the degrees of freedom of the test.
     """
     share = float(figures.get("input_explained_pct") or 0.0) / 100.0
     return max(share * samples / (INPUT_LAGS + 1.0), 1.0)

@@ -19,7 +19,7 @@ EXCITED = 0.99
 LEAST_HZ, LEAST_PERIODS = 0.5, 40
 """Least end of a band [Hz], and least number of the record's own frequencies in it, from which the noise is estimated."""
 EDGE_S = 2.0
-"""Over which a record fades in and out [s], so that its ends leave nothing in the band."""
+"""Time over which a record fades in and out [s], so that its ends leave nothing in the band."""
 SHORTEST_S = 10.0 * EDGE_S
 """Shortest record that has a spectrum [s]."""
 BEFORE_S = 2.0
@@ -28,7 +28,7 @@ before, and dead times carry that into it."""
 
 
 def down_of(rate_hz: float, seen_hz: float) -> int:
-    """Samples of data at a rate between two that are kept: three or more a period of the highest frequency seen."""
+    """Factor of decimation that keeps three samples or more a period of the highest frequency."""
     return max(1, int(rate_hz / (3.0 * seen_hz) + 1e-9))
 
 

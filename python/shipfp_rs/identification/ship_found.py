@@ -1,4 +1,4 @@
-"""A ship as a search found it, and by which step its loop is simulated."""
+"""The ship that a search found, and the time step with which its loop is simulated."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ class ShipFit:
 
     @cached_property
     def total(self) -> float:
-        """Deviance of the best minimum under the noise of its own residuals, with that noise's determinant."""
+        """Deviance of the best minimum, log determinant included, with the noise estimated from its own residuals."""
         return self.likelihood.total(self.best.vector)
 
     @property

@@ -1,7 +1,7 @@
-"""Spectra of a record: all that the two equations of a ship need of an experiment, computed once.
+"""Spectra of a record, computed once: all that the two equations of a ship need of an experiment.
 
-A taper w and an operator H do not commute: F[w (H x)] = sum_k (-1)^k / k! H^(k)(s) F[w^(k) x]. So each signal has a spectrum
-with the taper and with each of its first three derivatives, which are exact.
+A taper w and an operator H do not commute: F[w (H x)] = sum_k (-1)^k / k! H^(k)(s) F[w^(k) x]. So each signal has one
+spectrum with the taper and one with each of the taper's first three derivatives, which are exact.
 """
 
 from __future__ import annotations
@@ -27,40 +27,42 @@ from shipfp_rs.structures.transfer import TransferFunctions
 from shipfp_rs.support.arrays import Array, ComplexArray
 
 QUICK, MOMENTS = 0.1, 0.03
-"""Part of its fastest motion that a set point which goes in steps exceeds in no more than a part of the samples."""
+"""A set point goes in steps if it moves faster than `QUICK` times its fastest motion in at most `MOMENTS` of the samples."""
 ORDERS: int = _core.EQUATION_ORDERS
-"""Orders of the taper's derivatives that count, the taper itself included."""
+"""Number of terms of the series: the taper and the derivatives of it that are used."""
 EDGE_S, EDGE_SHARE, BEFORE_S = 3.0, 0.025, 2.0
-"""Least time over which a record fades in and out [s] and its share of the record, and time before it that is left out: dead
-times carry into it what went on before the record began. Noise that goes through both equations and the inverse of their
-loop comes out as it went in but for these edges: at steep ones much noise of one output becomes noise of the other, too."""
+"""Least length of the taper's edges [s], their least share of the record, and time at its beginning that is left out [s].
+Dead times carry into that time what went on before the record began. Both equations followed by the inverse of their loop
+leave noise unchanged, except at the edges: steep edges turn much noise of one output into noise of the other."""
 GRID_S = 0.05
-"""Distance of the delays that a signal is moved by before it is tapered [s]; a series does the rest."""
+"""Step of the delays by which a signal is moved before it is tapered [s]; a series does the rest of a delay."""
 TAPS_A_SAMPLE, PASSED, WINDOW_80_DB = 24, 0.43, ("kaiser", 9.0)
-"""Length and end of the low-pass before a decimation, over the decimated interval and rate."""
+"""Low-pass before a decimation: its length in decimated samples, its passband edge over the decimated rate, its window."""
 RISE = np.polynomial.Polynomial([0, 0, 0, 0, 35, -84, 70, -20])
 """Edge of the taper: from 0 to 1 with three continuous derivatives."""
 PAD_S = 6.0
-"""Stretch before and behind a signal that is moved by a delay [s]."""
+"""Padding at either end of a signal that is moved by a delay [s]."""
 IMAGES = {"held": 24, "straight": 4}
-"""Multiples of the sample rate on either side about which images of a set point count."""
+"""Number of multiples of the sample rate, on either side of zero, whose images of the set point are computed."""
 
 KRIGED_S, MOST_KRIGED = 0.6, 100
-"""Stretch on either side of a gap that foretells it [s], and samples of it at most."""
+"""Stretch on either side of a gap from which the missing samples are estimated [s], and the most samples of it."""
 FEW = 13
-"""Frequencies at which images are computed where they are only compared: but for a delay they change slowly."""
+"""Number of frequencies at which images are computed for a comparison: apart from a delay they vary slowly."""
 AT_ONCE = 1e4
-"""Frequency over the sample rate at which a response is that to a jump at once."""
+"""Frequency over the sample rate at which a frequency response equals the instant response to a jump."""
 SLOW_PACE, QUICK_PACE = 5.0, 16.0
-"""Paces of loops [rad/s]: above the first a record may be shorter than `SHORTEST_S`, above the second the band is wider."""
+"""Bandwidths of loops [rad/s]: above the first a record may be shorter than `SHORTEST_S`; above the second more frequencies
+are compared."""
 WHOLE_EDGES_S = 24.0
-"""Length from which on edges are whole; those of a shorter record are shorter in proportion [s]."""
+"""Length of a record from which its edges have full length [s]; a shorter record has shorter edges in proportion."""
 PACES, DEAD_TIMES_S, STRONGEST = np.geomspace(1.0, 400.0, 32), np.arange(0.0, 0.6, 0.02), 300
-"""First-order loops [rad/s] behind dead times that a speed's answer is held against, at so many frequencies."""
+"""Bandwidths [rad/s] and dead times [s] of the first-order loops that are compared with the speed, and the number of
+frequencies, the strongest of the set point, at which they are compared."""
 
 
 Respond = Callable[[Mapping[str, float], Array], ComplexArray]
-"""Outputs' response (O, F) to what drives the ship, by its parameters and frequencies [Hz]."""
+"""Maps parameters and frequencies [Hz] to the outputs' response (O, F) to the ship's input."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,15 +82,16 @@ class Spectra:
     between
         How the set point runs between its samples.
     model
-        Model's outputs (O, N) in place of masked samples; None: lines between their neighbours.
+        Model's outputs (O, N), which stand in for masked samples; None: masked samples are estimated from the data alone.
     images
-        What the outputs (O, N) show of the set point's images about multiples of the sample rate; None: not known yet.
+        Part of the outputs (O, N) that the set point's images about multiples of the sample rate cause; None: not known yet.
     shown
         Spectra (O, F) of the images of a held set point that were taken off; None: none were.
     limited
         What limits of torque and rate take off the outputs (O, N), by a model; None: nothing.
     slip
-        Speed of the engine's end of a shaft that twists over the propeller's, decimated (K,); None: a stiff one.
+        Difference in speed between the engine's and the propeller's end of a shaft that twists, decimated (K,); None: a
+        stiff shaft.
     is_linear
         Whether the load's law is a straight line, without squares of the speed.
     """
@@ -127,14 +130,15 @@ class Spectra:
         Parameters
         ----------
         experiment, outputs, measured
-            What was recorded, and of it the normalised outputs (O, N) by name.
+            The recorded experiment, the names of its outputs, and the normalised outputs (O, N).
         load
             Whether the experiment's load torque drives the ship, too.
         between
             How the set point runs between its samples; None: band-limited where processing low-passed it, else as the
             experiment says.
         wide
-            Whether the band goes as far up as inputs excite: nobody knows what an own structure answers to.
+            Whether the band goes up to the highest frequency that the inputs excite. It must for a user's own structure,
+            whose bandwidth is unknown.
 
         Raises
         ------
@@ -171,7 +175,7 @@ class Spectra:
 
     @cached_property
     def down(self) -> int:
-        """Samples of the data between two that are kept."""
+        """Samples of the data for one decimated sample."""
         return down_of(self.data_hz, self.seen_hz)
 
     @property
@@ -181,18 +185,18 @@ class Spectra:
 
     @cached_property
     def count(self) -> int:
-        """Decimated samples; the transform is quick at this number."""
+        """Number of decimated samples, chosen so that the Fourier transform is fast."""
         return int(prev_fast_len(-(-self.measured.shape[1] // self.down), real=True))
 
     @cached_property
     def frequency_hz(self) -> Array:
-        """Frequencies that are compared [Hz], from the mean at 0 on, shape (F,)."""
+        """Frequencies that are compared [Hz], shape (F,); the first is 0, the mean."""
         frequency = np.fft.rfftfreq(self.count, 1.0 / self.rate_hz)
         return np.asarray(frequency[: np.searchsorted(frequency, self.band_hz, side="right")])
 
     @cached_property
     def spacing(self) -> float:
-        """Distance of the frequencies [rad/s]."""
+        """Spacing of the frequencies [rad/s]."""
         return 2.0 * np.pi * self.rate_hz / self.count
 
     @cached_property
@@ -203,7 +207,7 @@ class Spectra:
 
     @cached_property
     def masked(self) -> npt.NDArray[np.bool_]:
-        """What the data have not, shape (N, O)."""
+        """Whether each sample of each output is missing, shape (N, O)."""
         return np.ascontiguousarray(np.isnan(self.measured).T)
 
     @cached_property
@@ -226,7 +230,7 @@ class Spectra:
 
     @cached_property
     def whole(self) -> Array:
-        """The data (O, N) without images, masked samples in place: the model's and what the rest beside them foretells."""
+        """The data (O, N) without images; masked samples are the model's, plus the residual estimated from those beside."""
         measured = self.measured if self.images is None else self.measured - self.images
         if not self.masked.any():
             return measured
@@ -244,12 +248,12 @@ class Spectra:
 
     @cached_property
     def taken(self) -> Array:
-        """What limits take off the outputs, behind the low-pass, shape (O, K) or (1, 1) of nothing."""
+        """What limits take off the outputs, behind the low-pass, shape (O, K); zero, shape (1, 1), without limits."""
         return np.zeros((1, 1)) if self.limited is None else self.low_passed(self.limited)
 
     @cached_property
     def unlimited(self) -> Array:
-        """The data as a ship without limits would have given them, shape (O, K)."""
+        """The data that a ship without limits would have given, shape (O, K)."""
         return self.decimated - self.taken
 
     def _once(self, name: str, signals: Array) -> Array:
@@ -260,11 +264,11 @@ class Spectra:
 
     @cached_property
     def spectrum(self) -> ComplexArray:
-        """Spectra of the data as without limits, shape (O, F)."""
+        """Spectra of the data that a ship without limits would have given, shape (O, F)."""
         return self.see(self.unlimited)
 
     def in_time(self, spectra: ComplexArray) -> Array:
-        """Return tapered signals of spectra (..., F) at the decimated rate, shape (..., K)."""
+        """Return the tapered signals (..., K), at the decimated rate, that have the spectra (..., F)."""
         spectra = spectra * np.sqrt(0.5 * self.count)
         spectra[..., 0] *= np.sqrt(2.0)
         return np.asarray(irfft(spectra, self.count, axis=-1))
@@ -275,13 +279,13 @@ class Spectra:
 
     def _scaled(self, found: ComplexArray) -> ComplexArray:
         found = found[..., : len(self.frequency_hz)] / np.sqrt(0.5 * self.count)
-        # The mean is a real number, with twice the variance of either part of the others.
+        # The mean is real; its variance is twice that of the real part of any other frequency.
         found[..., 0] *= np.sqrt(0.5)
         return found
 
     @cached_property
     def goes_in_steps(self) -> bool:
-        """Whether the set point rests but for few moments."""
+        """Whether the set point rests except at a few moments."""
         moves = np.abs(np.diff(self.set_point))
         return bool(np.mean(moves > QUICK * moves.max()) < MOMENTS)
 
@@ -320,7 +324,7 @@ class Spectra:
         return found
 
     def delayed(self, signal: Literal["speed", "set point", "torque"], delay_s: float) -> tuple[Array, float]:
-        """Return a signal late by a delay of the grid, (ORDERS, 2, padded), and the rest of the delay [s]."""
+        """Return the signal delayed by a whole number of `GRID_S` (ORDERS, 2, padded), and the rest of the delay [s]."""
         steps = round(delay_s / GRID_S)
         if (signal, steps) not in self._delayed:
             if signal == "set point":
@@ -338,7 +342,7 @@ class Spectra:
     def through(
         self, row: Array, transfer: Callable[[ComplexArray], ComplexArray], gain: float, slope: float
     ) -> Array:
-        """A decimated signal (K,) through a transfer function of s; at zero it is `gain`, and its slope `slope`."""
+        """Filter a decimated signal (K,) by a transfer function of s, whose value at s = 0 is `gain`, its slope `slope`."""
         pad = int(PAD_S * self.rate_hz)
         wide = _beyond(row, pad)
         line = np.linspace(wide[0], wide[-1], len(wide))
@@ -354,7 +358,7 @@ class Spectra:
         return set_point, self.tapered(self.low_passed(self.load), 1)[0] if len(self.load) else None
 
     def _between_samples(self, frequency_hz: Array) -> ComplexArray:
-        """What the course of the set point between its samples makes of their spectrum, (F,)."""
+        """Frequency response (F,) of the hold, or the straight lines, between the set point's samples."""
         at = frequency_hz / self.data_hz
         if self.between == "held":
             return np.asarray(np.sinc(at) * np.exp(-1j * np.pi * at))
@@ -369,13 +373,13 @@ class Spectra:
         *,
         slips: bool = False,
     ) -> Spectra:
-        """Return the record without the set point's images, a model's outputs (O, N) in place of masked samples.
+        """Return the record corrected by a model: without images, masked samples filled, the effect of limits undone.
 
-        `respond` gives the outputs' response to the set point. What limits take off the outputs by a model (O, N) is put
-        back. Where the propeller's end of the shaft `slips`, the squares in the load's law are of its speed.
+        `respond` gives the outputs' response to the set point, `model` the outputs (O, N) for masked samples, `limited`
+        what limits take off the outputs (O, N). With `slips`, squares in the load's law are of the propeller's own speed.
 
-        A set point that is held or runs straight between its samples has images about multiples of the sample rate. They
-        come back through the closed loop and, where the data are not low-passed, fold into the band.
+        A set point that is held, or straight, between its samples has images about multiples of the sample rate. They
+        pass through the closed loop and, where the data are not low-passed, fold into the band.
         """
         images = None if self.between == "band-limited" else self._images(values, respond)
         shown = self.stairs(values, respond) if self.between == "held" else None
@@ -386,7 +390,7 @@ class Spectra:
         return replace(found, slip=found._slip(values)) if slips else found
 
     def _slip(self, values: Mapping[str, float]) -> Array:
-        """Speed that the shaft twists by where the set point moves it (K,), the model's: the torque's noise is steep."""
+        """Rate of twist of the shaft (K,) in the model's response to the set point: the measured torque is too noisy."""
         known = loop_of(values)
 
         def transfer(s: ComplexArray) -> ComplexArray:
@@ -400,27 +404,27 @@ class Spectra:
         return self.through(self.set_point_low, transfer, 0.0, values["tau_twist"] * values["p"])
 
     def running(self, between: Between) -> Spectra:
-        """Return the record whose set point runs otherwise between its samples, without corrections."""
+        """Return the record with another course of the set point between its samples, and without corrections."""
         none: dict[str, Any] = dict.fromkeys(("model", "images", "shown", "limited", "slip"))
         return replace(self, between=between, _delayed={}, **none)
 
     def _images(self, values: Mapping[str, float], respond: Respond) -> Array:
-        """What the outputs show of the set point's images, (O, N)."""
+        """Part of the outputs that the set point's images cause, (O, N)."""
         pad = int(PAD_S * self.data_hz)
         wide = _beyond(self.set_point, pad)
         frequency = np.fft.rfftfreq(len(wide), 1.0 / self.data_hz)
         answer = np.zeros((len(self.outputs), len(frequency)), complex)
         kept = frequency <= 1.25 * self.band_hz
         answer[:, kept] = self._folded(values, respond, np.asarray(frequency[kept], dtype=np.float64))
-        # At multiples themselves the images of the mean have no power.
+        # The mean has no images: they would lie at the multiples themselves, where the hold has no gain.
         answer[:, 0] = 0.0
         found = irfft(answer * rfft(wide), len(wide), axis=-1)
         return np.asarray(found[:, pad : pad + len(self.set_point)])
 
     def _folded(self, values: Mapping[str, float], respond: Respond, frequency_hz: Array) -> ComplexArray:
-        """Response of the outputs to the set point's samples by its images, folded to frequencies, (O, F)."""
+        """Response of the sampled outputs to the set point's samples through its images, folded into the band (O, F)."""
         most = IMAGES[self.between]
-        # What the course between samples makes of each: a sine of the same size over the multiple.
+        # Gain of the hold, or the straight lines, at an image: its sine is the same at all images, its divisor is not.
         at, order = frequency_hz / self.data_hz, 1 if self.between == "held" else 2
         course = (np.sin(np.pi * at) / np.pi) ** order
         course = course * np.exp(-1j * np.pi * at) if self.between == "held" else course
@@ -431,14 +435,14 @@ class Spectra:
         answer = np.sum(every * (course / there**order), axis=1)
         late_s = sum(values.get(name, 0.0) for name in ("T_d", "T_set", "tau_act"))
         if self.between == "held" and late_s < 0.5 / (most * self.data_hz):
-            # A sample at a jump shows what comes after it, a Fourier sum the mean of both.
+            # A sample at a jump has the value after the jump; a Fourier sum has the mean of both values.
             at_once = {**values, "T_d": 0.0, "T_set": 0.0, "tau_act": 0.0}
             jump = respond(at_once, np.array([AT_ONCE * self.data_hz])).real
             answer = answer - 0.5 * jump * np.expm1(-2j * np.pi * at)
         return np.asarray(answer)
 
     def stairs(self, values: Mapping[str, float], respond: Respond) -> ComplexArray:
-        """Spectra (O, F) of what the outputs show of a held set point's images, from few frequencies in between."""
+        """Spectra (O, F) of what a held set point's images add to the outputs, interpolated from few frequencies."""
         few, between = self._few
         late_s = values.get("T_d", 0.0) + values.get("T_set", 0.0)
         turned = self._folded(values, respond, few) * np.exp(2j * np.pi * late_s * few)
@@ -446,7 +450,7 @@ class Spectra:
 
     @cached_property
     def _few(self) -> tuple[Array, Array]:
-        """Few frequencies [Hz] and the cubic splines (FEW, F) that lead from values at them to all others."""
+        """Few frequencies [Hz], and the matrix (FEW, F) of cubic splines that interpolates from them to all frequencies."""
         few: Array = np.linspace(0.0, float(self.frequency_hz[-1]), FEW)
         return few, np.ascontiguousarray(CubicSpline(few, np.eye(FEW))(self.frequency_hz).T)
 
@@ -460,13 +464,13 @@ class Spectra:
 
 @cache
 def _low_pass(down: int) -> Array:
-    """Taps of the low-pass before so many samples become one."""
+    """Taps of the low-pass before a decimation by `down`."""
     return np.asarray(firwin(TAPS_A_SAMPLE * down + 1, PASSED / down, window=WINDOW_80_DB, fs=1.0))
 
 
 @lru_cache(maxsize=16)
 def _tapers(count: int, rate_hz: float) -> Array:
-    """The taper of so many samples and its time derivatives, shape (ORDERS, K)."""
+    """The taper of `count` samples and its time derivatives, shape (ORDERS, K)."""
     at = np.arange(count) / rate_hz
     shorter = min(at[-1] / WHOLE_EDGES_S, 1.0)
     edge_s = max(EDGE_S * shorter, EDGE_SHARE * at[-1])
@@ -482,13 +486,13 @@ def _tapers(count: int, rate_hz: float) -> Array:
 
 
 def _beyond(row: Array, pad: int) -> Array:
-    """A signal that stands still before and behind, at least `pad` samples, in a length of a quick transform."""
+    """Extend a signal by constant values, at least `pad` samples at either end, to a length with a fast transform."""
     length = next_fast_len(len(row) + 2 * pad, real=True)
     return np.pad(row, (pad, length - len(row) - pad), mode="edge")
 
 
 def _pace(set_point: Array, speed: Array, rate_hz: float) -> float:
-    """Return the pace [rad/s] of the first-order loop, behind a dead time, that explains most of a speed; 0: none."""
+    """Return the bandwidth [rad/s] of the first-order loop with dead time that explains most of a speed; 0: none does."""
     kept, at = np.isfinite(speed), np.arange(len(speed))
     taper = np.hanning(len(speed))
     driver, answer = (
@@ -500,7 +504,7 @@ def _pace(set_point: Array, speed: Array, rate_hz: float) -> float:
     if not power[strong].any():
         return 0.0
     s, driver, answer = 2j * np.pi * frequency[strong], driver[strong], answer[strong]
-    # Slopes weigh all frequencies of a step alike.
+    # Time derivatives are compared: all frequencies of a step then have the same weight.
     shapes = s * driver / (1.0 + s / PACES[:, None])
     along = ((shapes.conj() * s * answer) @ np.exp(s * DEAD_TIMES_S[:, None]).T).real
     told = np.where(along > 0.0, along**2, 0.0).max(axis=1) / np.sum(np.abs(shapes) ** 2, axis=1)

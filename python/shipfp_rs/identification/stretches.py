@@ -65,7 +65,7 @@ class Stretches:
 
     @cached_property
     def _rows(self) -> list[ComplexArray]:
-        """Residual, derivatives and columns of each record (1 + P + C, O, F) in units of noise."""
+        """Residual, derivatives and further columns of each record, stacked (1 + P + C, O, F), in units of noise."""
         found = []
         for index in range(len(self.likelihood.records)):
             residual, jacobian = self.likelihood.spectra(self.vector, index)
@@ -108,14 +108,14 @@ class Stretches:
 
     @cached_property
     def _covariance(self) -> Array:
-        """Of the parameters by the deviance's own curvature, none where a bound holds one, (P, P)."""
+        """Covariance of the parameters from the curvature of the deviance, zero for a parameter on its bound, (P, P)."""
         end = 1 + self._priors.shape[1]
         now = Products(float(self._gram[0, 0]), self._gram[0, 1:end], self._gram[1:end, 1:end])
         return Profiles(self.likelihood, []).covariance(Basin(now.cost, self.vector, products=now))
 
     def widening(self, gradient: Array) -> float:
-        """Return a figure's deviation by the scatter of the stretches over that by the curvature, at least 1."""
-        # What a bound holds moves here, too: the truth may lie inside it.
+        """Return a figure's standard deviation from the scatter of stretches over that from the curvature, at least 1."""
+        # Parameters on a bound are free here, too: their true values may lie inside it.
         end = 1 + self._priors.shape[1]
         along = scaled_inverse(self._gram[1:end, 1:end]) @ gradient
         scatter = sum(float(moves @ moves) for moves in self._moved(along))
@@ -126,7 +126,7 @@ class Stretches:
         return self._moved(self._covariance @ gradient)
 
     def _moved(self, along: Array) -> tuple[Array, Array, Array]:
-        """The same of a direction (P,)."""
+        """How far stretches, smooth errors and priors move the parameters along a direction (P,)."""
         size = len(along)
         pairs = zip(self._white, self._smooth, strict=True)
         errors = [

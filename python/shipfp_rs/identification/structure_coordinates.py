@@ -23,9 +23,9 @@ class StructureCoordinates:
 
     structure: Structure
     unknowns: tuple[tuple[str, ...], ...]
-    """Of each record."""
+    """Names of the unknowns of each record."""
     state_deviation: float = STATE_DEVIATION
-    """Prior deviation of the records' unknowns, over the operating point."""
+    """Prior standard deviation of the records' unknowns, relative to the operating point."""
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:

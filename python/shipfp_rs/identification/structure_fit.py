@@ -31,22 +31,23 @@ from shipfp_rs.support.arrays import Array
 LOGGER = logging.getLogger("shipfp_rs")
 
 ROUNDS, STILL = 200, 0.01
-"""Most descents, each under the noise of the end before, and the fall of the total below which they end. Noise is
-told in few; what a model misses of computed data, in place of noise, may take a hundred."""
+"""Most descents, each with the noise estimated at the end of the one before, and the fall of the total deviance below
+which they end. True noise settles in few; the misfit of a model to computed data may take a hundred."""
 UNMOVED = 3e-7
-"""A round that moves no entry of the vector by more ends them, too: data without noise have no noise to settle."""
+"""Largest move of any entry of the vector in a descent after which they end, too: without noise the total never settles."""
 STEPS, SETTLED, LAST = 100, 1e-4, 1e-9
-"""Most steps of a descent, and the decrease below which it ends; of the last one, since it costs a step or two."""
+"""Most steps of a descent, the decrease below which it ends, and a finer one for the last descent, which then costs only a
+step or two."""
 ROUNDING = 1e-9
-"""Part of a deviance below which a decrease may be one of the processor's rounding."""
+"""Relative decrease of a deviance below which it may be rounding."""
 OFF_BY = 0.1
 """Prior deviation of the offsets and scales of a ship's records, over the operating point."""
 DRAWS = 100
-"""Draws of a start of a stable loop at most."""
+"""Most random draws until a start with a stable loop is found."""
 
 
 GUESSED = 2
-"""Starts by regressions that are followed, of those whose deviance is least."""
+"""Number of starts from regressions that are followed, those of least deviance."""
 
 
 Fitted = StructureLikelihood | EquationLikelihood

@@ -38,7 +38,7 @@ class StructureLikelihood(Likelihood):
 
     @classmethod
     def of(cls, records: Sequence[Seen], structure: Structure, *, accurate: bool = False) -> Self:
-        """Return it with no noise estimated yet; accurate: without smooth errors, as of data that were computed."""
+        """Return a likelihood with its noise not yet estimated; `accurate`: for computed data, without smooth errors."""
         accuracy = np.zeros(len(structure.outputs))
         for record in records if not accurate else ():
             if isinstance(record, InBand):

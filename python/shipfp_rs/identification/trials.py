@@ -1,7 +1,8 @@
-"""Elements that are tried beside the full smooth model: limits of torque and rate, and a shaft that twists.
+"""Tries further elements in the full smooth model: limits of torque and rate, and a shaft that twists.
 
-An element is fitted along where the deviance falls by more than chance gives, so that intervals allow for it; it is called
-on where the deviance falls by much more (`ship_found.BELIEVED`). Ends are compared under the noise of their own residuals.
+An element stays in the fit where it lowers the deviance by more than chance does, so that intervals allow for it. It is
+called on where the deviance falls by much more (`ship_found.BELIEVED`). Minima are compared by their total deviance, each
+with the noise estimated from its own residuals.
 """
 
 from __future__ import annotations
@@ -32,28 +33,30 @@ from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.progress import tell
 
 CHANCE = 6.0
-"""Fall of the deviance by two parameters that chance exceeds once in twenty: less says nothing of an element."""
+"""Fall of the deviance that two parameters exceed by chance once in twenty; a smaller fall is no evidence of an element."""
 LEAST_FALL = {"torque_limit": CHANCE, "rack_rate": 2.0 * BELIEVED, "rack_rate_down": 2.0 * BELIEVED}
-"""Fall of the total from which a limit is fitted along; one of rate, whose intervals are rough, must be sure."""
+"""Least fall of the total deviance for a limit to stay in the fit; for rate limits, whose intervals are rough, it is
+higher."""
 LEAST_TOUCHED = 10.0
-"""Samples that must lie in a limit: one that the record never reaches stands in for something else."""
+"""Least samples at a limit: a limit that the record hardly reaches only stands in for something else."""
 TWISTS_S, DAMPINGS = (1e-3, 4e-3), (0.3, 2.0)
-"""A shaft's stiffness and damping to begin with."""
+"""Starting values of the shaft's twist [s] and its damping."""
 ROUNDS, STEPS, STILL = 6, 12, 1.0
-"""Rounds of descents to a limit at most, steps of each, and the fall of the deviance below which they end."""
+"""Most rounds of descents with a limit, most steps of each, and the fall of the deviance below which they end."""
 BEHIND = 0.2
-"""Part of a limit's fall of the deviance by which another way to it may be behind after a round."""
+"""Another way to compute a limit's effect is followed if, after a round, its deviance is higher by at most this share of
+the limit's fall."""
 KEPT = 5
-"""Starts that go down, those of the least deviance."""
+"""Number of starts, those of least deviance, from which a descent begins."""
 LEVELS, SLOPES, GAINS = (0.9, 0.97, 0.995), (0.9, 0.99), (1.0, 2.0, 4.0)
-"""Quantiles of torque and of its slope at which limits are tried, and factors of the gains: without a rate limit they are
-taken for too small."""
+"""Quantiles of torque and of its slope at which limits are tried, and factors of the gains: a fit without the rate limit
+underestimates the gains."""
 WAYS_DOWN = (0.5, 0.7, 1.0, 1.4, 2.0)
-"""Rates of a rack's way down to begin with, over the one found for both ways."""
+"""Starting values of the rack's rate on its way down, over the rate found for both directions."""
 
 
 def with_limits(fit: ShipFit, until: float | None) -> ShipFit:
-    """Return the fit with the limits that the data ask for, one after the other, and what its engine's side still shows."""
+    """Add the limits that the data ask for, one after the other; the fit returned has the tests of its engine's side."""
     tried, scores = set(fit.question.tried) & LIMITED, engine_tests(fit)
     falls = {name: scores[name].fall for name in sorted(tried) if name in scores}
     fit = replace(fit, scores=scores, gains={**fit.gains, **falls})
@@ -73,7 +76,7 @@ def with_limits(fit: ShipFit, until: float | None) -> ShipFit:
 
 
 def _suspect(fit: ShipFit, tried: Container[str]) -> str | None:
-    """Return the limit that is to be tried next; None: none."""
+    """Return the limit to try next; None where there is none."""
     if "rack_rate_down" in tried and "rack_rate" in fit.elements:
         return "rack_rate_down"
     return limit_to_try(fit.scores, tried)
@@ -85,7 +88,7 @@ def with_given_limits(fit: ShipFit, given: Sequence[str], until: float | None) -
     Raises
     ------
     IdentificationError
-        Where no start leads to one.
+        Where no start leads to a ship with such a limit.
     """
     for element in given:
         taken = _limited(fit, element, until, surely=True)
@@ -99,7 +102,7 @@ def with_given_limits(fit: ShipFit, given: Sequence[str], until: float | None) -
 def with_twist(fit: ShipFit, before: ShipFit, until: float | None) -> ShipFit:
     """Return the fit with a shaft that twists where the data ask for it.
 
-    `before` is the fit with delays parted otherwise: a twist that is left out leads the search for them astray.
+    `before` is the fit with the delays distributed otherwise: a fit without the twist may place delays wrongly.
     """
     if "twist" not in fit.question.tried:
         return fit
@@ -119,15 +122,15 @@ def with_twist(fit: ShipFit, before: ShipFit, until: float | None) -> ShipFit:
 def _taken(
     fit: ShipFit, element: str, likelihood: EquationLikelihood, end: Basin, until: float | None
 ) -> ShipFit:
-    """Return the fit with an element: with less left over the noise is less, and what else acts is seen."""
+    """Return the fit with an element, settled anew: smaller residuals mean less noise, so that other elements show."""
     elements = (*fit.elements, element)
     return settled(replace(fit, likelihood=likelihood, basins=(end,), elements=elements, also=()), until)
 
 
 def _trial(fit: ShipFit, element: str, until: float | None) -> tuple[EquationLikelihood, Basin] | None:
-    """Return the best end with an element beside those that act, with the noise of before.
+    """Return the best minimum with one more element, under the noise estimated without it.
 
-    None where the record comes near none, or the element ends on its bound: there it is off or stands in for something else.
+    None where the record never comes near it, or it ends on its bound, where it is off or stands in for something else.
     """
     starts = [start for basin in fit.basins[:2] for start in _starts(fit, element, basin)]
     if not starts:
@@ -144,16 +147,16 @@ def _trial(fit: ShipFit, element: str, until: float | None) -> tuple[EquationLik
 
 
 def _is_inside(likelihood: EquationLikelihood, end: Basin, element: str) -> bool:
-    """Whether a search came to an end that is not on a bound of the element's first parameter."""
+    """Whether a search ended inside the bounds of the element's first parameter."""
     low, high = likelihood.coordinates.bounds
     place = likelihood.coordinates.place(TRIED[element][0])
     return bool(np.isfinite(end.cost) and low[place] + 1e-6 < end.vector[place] < high[place] - 1e-6)
 
 
 def _limited(fit: ShipFit, element: str, until: float | None, *, surely: bool = False) -> ShipFit | None:
-    """Return the fit with a limit; None where the record comes near none, or, if not surely, the limit ends on its bound.
+    """Return the fit with a limit; None where the record never comes near it, or, unless `surely`, it ends on its bound.
 
-    A smooth loop that stands in for a limit has noise of its own shape: each end is judged under its own.
+    A smooth loop in place of a limit leaves noise of another shape, so each minimum is judged with its own noise.
     """
     starts = [start for basin in fit.basins[:2] for start in _starts(fit, element, basin)]
     if not starts:
@@ -165,7 +168,7 @@ def _limited(fit: ShipFit, element: str, until: float | None, *, surely: bool = 
     best = _lowest(likelihood, vectors, np.inf, until)
     alone = likelihood.water_hz is None and element != "rack_rate_down"
     if alone and not best.cost < fit.total - LEAST_FALL[element]:
-        # Noise of the speed may hide corners from the engine's side; simulations, which take long, show them.
+        # Noise of the speed may hide a limit from the engine's equation; slow simulations still show it.
         simulated = replace(likelihood, water_hz=WATERS_HZ[0]).driven(vectors[0])
         end = _lowest(simulated, vectors, np.inf if surely else fit.total, until)
         likelihood, best = min((likelihood, best), (simulated, end), key=lambda pair: pair[1].cost)
@@ -181,7 +184,7 @@ def _limited(fit: ShipFit, element: str, until: float | None, *, surely: bool = 
 def _lowest(
     likelihood: LimitedLikelihood, vectors: Sequence[Array], most: float, until: float | None
 ) -> Basin:
-    """Return the end of the lowest total from some starts; only from ends of a first round below `most` it goes on."""
+    """Return the minimum of lowest total from several starts; a start goes on only if its first round ends below `most`."""
     begun = sorted(vectors, key=partial(_total, likelihood))[:KEPT]
     ends = likelihood.each([partial(_by_own_noise, likelihood, start, 1, until) for start in begun])
     ends = sorted(ends, key=lambda end: end.cost)[:2]
@@ -192,9 +195,9 @@ def _lowest(
 def _other_way(
     likelihood: LimitedLikelihood, best: Basin, smooth: float, until: float | None
 ) -> tuple[LimitedLikelihood, Basin]:
-    """Return the end, by another way to know what limits take off where that makes it likelier.
+    """Return the likelihood and minimum of the likeliest way to compute what limits take off.
 
-    A way that after one round explains far less of what the smooth ship leaves is not followed.
+    A way that explains far less than the best one after one round is not followed.
     """
     if not np.isfinite(best.cost):
         return likelihood, best
@@ -208,7 +211,7 @@ def _other_way(
 
 
 def _total(likelihood: EquationLikelihood, vector: Array) -> float:
-    """Deviance at a vector under the corrections and the noise of its own."""
+    """Total deviance at a vector, with corrections and noise estimated there."""
     try:
         own = likelihood.resettled_at(vector)
         return own.cost(vector) + own.spread()
@@ -217,7 +220,7 @@ def _total(likelihood: EquationLikelihood, vector: Array) -> float:
 
 
 def _by_own_noise(likelihood: EquationLikelihood, start: Array, rounds: int, until: float | None) -> Basin:
-    """Go down from a vector, in each round under the noise of the end before; the cost is the total."""
+    """Descend from a vector, in each round with the noise of the previous end; the cost is the total deviance."""
     end = Basin(np.inf, start, False)
     for _ in range(rounds):
         try:
@@ -233,7 +236,7 @@ def _by_own_noise(likelihood: EquationLikelihood, start: Array, rounds: int, unt
 
 
 def _other_loops(fit: ShipFit) -> list[dict[str, float]]:
-    """Loops of some bandwidths before the load that its side tells: a limit may mislead a smooth one wherever it acts."""
+    """Starts with loops of several bandwidths around the load that its side determines: a limit misleads the smooth fit."""
     if fit.side is None:
         return []
     told = fit.side.parameters
@@ -247,7 +250,7 @@ def _other_loops(fit: ShipFit) -> list[dict[str, float]]:
 def _starts(
     fit: ShipFit, element: str, basin: Basin
 ) -> list[tuple[dict[str, float], list[dict[str, float]]]]:
-    """Values to begin with: from the record's own plateaus and steepest slopes."""
+    """Starting values from the record's own plateaus and steepest slopes."""
     c = fit.likelihood.coordinates
     values = c.values(basin.vector)
     states = c.states_at(basin.vector)
@@ -265,7 +268,7 @@ def _starts(
     records, place = fit.likelihood.records, fit.question.outputs.index("dM")
     every = [values, *({**values, **one} for one in _other_loops(fit))]
     if element == "torque_limit":
-        # A gauge behind the engine's inertia shows more than the engine gives while the shaft slows.
+        # While the shaft slows, a gauge behind the engine's inertia measures more torque than the engine gives.
         levels = np.quantile(np.concatenate([one.decimated[place] for one in records]), LEVELS)
         limits = np.clip(1.0 + levels, 1.02, 4.5).tolist()
         return [({**one, "M_max": limit}, states) for one in every for limit in limits]

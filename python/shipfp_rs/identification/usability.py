@@ -56,8 +56,8 @@ def judged(fingerprint: Fingerprint, samples: int) -> Fingerprint:
 def misses_of(fit: Mapping[str, Mapping[str, float | None]], samples: int) -> dict[str, float]:
     """Return what a model misses of each output, in per cent of its spread.
 
-    What the set point still explains of an output's whitened residual, less what chance explains, is its miss: the root
-    of that share of the residual.
+    The set point still explains some share of the power of an output's whitened residual. The miss is the root of that
+    share, less the share that chance explains, times the residual.
     """
     misses = {}
     for name, row in fit.items():
