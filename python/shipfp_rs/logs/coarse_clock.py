@@ -1,4 +1,4 @@
-"""A clock coarser than the rows it stamps, of whole seconds for instance: the own times of the rows, and what is missing."""
+"""Finds evenly spaced rows, and missing ones, under a clock that is coarser than the rows, such as one of whole seconds."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from shipfp_rs.support.arrays import Array
 Rows = npt.NDArray[np.int64]
 
 UNEVEN_TICKS = 0.01
-"""Ticks of a clock are alike where its steps are whole numbers of the shortest one but for this share of it."""
+"""Ticks count as equal where all steps of the clock are multiples of the shortest step, to within this share of it."""
 USUAL = 0.9
-"""Share of ticks with the same number of rows, from which on a tick with fewer lacks some."""
+"""Where this share of the ticks has the same number of rows, a tick with fewer rows lacks some."""
 WITHIN = 1.05
-"""Rows by which even rows may leave the line through the first rows of their ticks."""
+"""Largest deviation [rows] of evenly spaced rows from a line through the first rows of their ticks."""
 
 EARLY = 0.25
 """Share of a tick by which rows may be stamped early or late."""
@@ -26,20 +26,20 @@ EARLY = 0.25
 
 @dataclass(frozen=True)
 class CoarseClock:
-    """Even rows behind a coarse clock.
+    """Evenly spaced rows under a coarse clock.
 
     Parameters
     ----------
     rate_hz
-        Of the rows, the roundest that the ticks allow.
+        Rate of the rows: the roundest number that the ticks allow.
     resolution_s
         One tick [s].
     times
-        Of every row [s], known to a row; they jump where rows are missing or the clock was set.
+        Time of every row [s], to within one row; it jumps where rows are missing or the clock was set.
     jumps
         Whether rows are missing or the clock was set.
     masked
-        Rows [first, stop) whose place within their tick nobody knows, since others of it are missing; shape (K, 2).
+        Rows [first, stop) whose place within their tick is unknown, since other rows of it are missing; shape (K, 2).
     """
 
     rate_hz: float
@@ -50,7 +50,7 @@ class CoarseClock:
 
 
 def find_coarse(times: Array) -> CoarseClock | None:
-    """Find the even rows behind a clock with fewer steps than rows; None where there are none."""
+    """Find evenly spaced rows under a clock that has fewer steps than rows; None where the rows are not even."""
     steps = np.diff(times)
     rises = np.flatnonzero(steps != 0.0) + 1
     if len(rises) < 3 or not (steps > 0.0).any():
@@ -58,22 +58,22 @@ def find_coarse(times: Array) -> CoarseClock | None:
     tick = float(steps[steps > 0.0].min())
     passed = steps[rises - 1] / tick
     alike = np.abs(passed - np.rint(passed)).max() < UNEVEN_TICKS
-    if not alike:  # no rows are found missing between ticks of any length
+    if not alike:  # where ticks differ in length, missing rows can't be found
         return _through(times, rises, tick, [])
     slips, early = _slips(np.rint(passed), np.diff(rises))
-    # Where some rows are stamped early, a tick with fewer lacks none if all keep to one line.
+    # Where some rows are stamped early, a tick with fewer rows lacks none, as long as all rows lie on one line.
     return (_through(times, rises, tick, []) if early else None) or _through(times, rises, tick, slips)
 
 
 def _through(times: Array, rises: Rows, tick: float, slips: Sequence[_Slip]) -> CoarseClock | None:
-    """Return the even rows through all changes of the clock but those where it slips; None where rows are not even."""
+    """Return evenly spaced rows that fit all changes of the clock except at slips; None where the rows are not even."""
     ends = [0, *(k for slip in slips for k in (slip.before, slip.behind)), len(rises) - 1]
     spans = rises[np.reshape(ends, (-1, 2))]
     count = int(np.diff(spans).sum())
     period = float(np.diff(times[spans]).sum()) / count if count else 0.0
     if not period > 0.0:
         return None
-    known = 1.5 / count  # to a row in all: the roundest number within that is the logger's
+    known = 1.5 / count  # the count is known to a row; the roundest rate within this error is the logger's
     rate = next(
         rounded
         for digits in range(1, 13)
@@ -98,31 +98,31 @@ def _through(times: Array, rises: Rows, tick: float, slips: Sequence[_Slip]) -> 
 
 
 class _Slip(NamedTuple):
-    """Changes of the clock by number: the last one before rows are missing or it was set, and the first one behind."""
+    """Where rows are missing or the clock was set: indices of the clock's last change before and of its first one after."""
 
     before: int
     behind: int
     at: int
-    """From which on the rows go by the ones behind."""
+    """Index of the change from which on rows belong to the changes after the slip."""
     hides: bool
-    """Whether nobody knows where the rows between belong."""
+    """Whether the times of the rows in between are unknown."""
 
 
 def _rows(slip: _Slip, rises: Rows, count: int) -> tuple[int, int]:
-    """Rows between; at an end of the file there are no whole ticks to tell it."""
+    """Rows [first, stop) of a slip; at an end of the file, where no tick is whole, all rows up to that end."""
     first = 0 if slip.before == 0 else int(rises[slip.before])
     return first, count if slip.behind == len(rises) - 1 else int(rises[slip.behind])
 
 
 def _rows_a_tick(counts: Rows) -> float:
-    """Rows of a whole tick: a whole number where the ticks that differ can only lack rows, else the mean."""
+    """Number of rows in a whole tick: the usual number where other ticks can only lack rows, else the mean."""
     if not len(counts):
         return np.nan
     usual = float(np.median(counts))
     near = counts[np.abs(counts - usual) <= 2.0]
     mean = float(near.mean()) if len(near) else usual
     fewer = float((usual - near).sum())
-    if fewer >= 2.0:  # the slips of a rate are even
+    if fewer >= 2.0:  # a rate that is no whole number lacks rows at even intervals
         walk, slopes = np.cumsum(near - mean)[:, None], np.linspace(-1.0, 1.0, 41) / len(near)
         if np.ptp(walk + np.arange(len(near))[:, None] * slopes, axis=0).min() <= WITHIN:
             return mean
@@ -130,9 +130,9 @@ def _rows_a_tick(counts: Rows) -> float:
 
 
 def _slips(passed: Array, counts: Rows) -> tuple[list[_Slip], bool]:
-    """Find where rows are missing or the clock was set, from the ticks that passed at each change and the rows between.
+    """Find where rows are missing or the clock was set, from the ticks at each change and the rows between changes.
 
-    Beside them: whether some rows are stamped too early.
+    Returns these slips, and whether some rows are stamped too early.
     """
     steps = passed[1:]
     usual = _rows_a_tick(counts[steps == 1.0])

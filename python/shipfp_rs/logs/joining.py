@@ -22,7 +22,7 @@ from shipfp_rs.support.sentences import Sentence
 RATES_AGREE = 1e-4
 """Two pieces have the same rate where their rates, each estimated from its own times, differ by less, relative."""
 LONGEST_GAP = 100.0
-"""With more missing samples per recorded one two pieces are taken for two recordings."""
+"""Most missing samples for one recorded sample; with more, two pieces count as two recordings."""
 OFF_GRID = 0.25
 """Share of a sample by which the samples of two pieces that overlap may lie beside each other: stamps are rounded."""
 COMPARED = 1 << 16

@@ -1,4 +1,4 @@
-"""What is done to an experiment's signals before a fit: operating point, trend, torque at another place of the shaft."""
+"""Prepares an experiment's signals for a fit: operating point, trend, torque at another place of the shaft."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ Side = Literal["engine", "propeller"]
 MOST_DEGREE = 3
 """Highest degree of a trend; a higher polynomial would follow the slow sines of a trial."""
 LEAST_LOADED = 0.5
-"""Least torque of an operating point under a load that is measured, or in open loop, over the torque's swing."""
+"""Least ratio of the operating point's torque to the torque's swing, with a measured load or in open loop."""
 TORQUES = ("M_b", "M_s", "M_g")
 LEAST_OWN = 0.2
 """Least share of the set point's power that is not a polynomial trend."""
@@ -32,8 +32,8 @@ def about_local_point(experiment: Experiment) -> Experiment:
     """Return the experiment about the means of its own signals, in place of the trial's operating point.
 
     The offset of the torque differs from experiment to experiment (1651 to 1721 Nm in appendix E); deviations from
-    one point for all of them would carry that along. A swing's whole periods have the mean of their operating point;
-    of steps, or of a part of a period, the mean is none.
+    one point for all of them would contain that offset. Over whole periods of an oscillation the mean is the operating
+    point; over steps, or over part of a period, it is not.
 
     Examples
     --------
@@ -57,11 +57,11 @@ def driven_point(
     torque_Nm: float | None,
     to_shaft: float = 1.0,
 ) -> dict[str, float]:
-    """Return the operating point, or the means of the windows where a load or command starts from next to nothing.
+    """Return the operating point; the means of the windows where a load or command starts from next to nothing.
 
-    Torques are ratios to that of the operating point, which of an engine that idles are large and mean little. The mean
-    under load is a steady state as well as the idle engine is. What nothing tells of the point is a mean, too, but a load
-    beside a torque that is given, `torque_Nm`: it is apart from its mean by as much, times `to_shaft`.
+    Torques are normalised by the torque of the operating point. For an idling engine these ratios are large and mean
+    little, so the mean under load is the better steady state. A quantity that the point lacks also takes its mean. Only a
+    load beside a given torque, `torque_Nm`, is shifted from its mean by as much as the torque is, times `to_shaft`.
     """
     every = {name: np.concatenate([signals[name] for signals in windows]) for name in windows[0]}
     means = {name: float(np.nanmean(values)) for name, values in every.items()}
@@ -76,7 +76,10 @@ def driven_point(
 
 
 def conditioned(experiment: Experiment, detrend: int, normalise: Literal["global", "local"]) -> Experiment:
-    """Return the experiment without a drift of a degree, of less where the set point is such a trend, about its point."""
+    """Return the experiment without drift of degree `detrend`, lower where the set point is such a trend itself.
+
+    With `normalise` "local" it is about its own means.
+    """
     if detrend:
         degree = 0 if set_point_is_trend(experiment, detrend) else detrend
         experiment = detrended(experiment, degree) if degree else experiment
@@ -87,21 +90,21 @@ def conditioned(experiment: Experiment, detrend: int, normalise: Literal["global
 def detrended(experiment: Experiment, degree: int = 1) -> Experiment:
     """Return the experiment without the slow drift of its outputs; what drives the model stays as it is.
 
-    Every output is fitted by a polynomial of time together with the set point and its slope, which stand for the plant's
-    answer; the polynomial is taken off but for its mean, so that levels, and with them the operating point, stay. Drift
-    of a gauge with temperature is the use.
+    A polynomial of time is fitted to every output, together with the set point and its slope, which stand for the plant's
+    response. The polynomial without its mean is subtracted, so that the operating point stays. This removes, for example,
+    the drift of a gauge with temperature.
 
     Parameters
     ----------
     experiment
-        Signals with NaN where masked; these stay.
+        Signals with NaN where masked; the result has NaN there, too.
     degree
         Of the polynomial, 1 to 3.
 
     Raises
     ------
     InputError
-        For another degree, or where the set point itself runs along such a polynomial: its answer looks like drift.
+        For another degree, or where the set point itself is such a polynomial: the response to it looks like drift.
     """
     if not 1 <= degree <= MOST_DEGREE:
         raise InputError(f"degree: found {degree}, expected 1 to {MOST_DEGREE}")
@@ -129,7 +132,7 @@ def detrended(experiment: Experiment, degree: int = 1) -> Experiment:
 
 
 def set_point_is_trend(experiment: Experiment, degree: int = 1) -> bool:
-    """Whether the set point runs along a polynomial of time, so that its answer can't be distinguished from drift."""
+    """Whether the set point is close to a polynomial of time, so that the response to it looks like drift."""
     set_point = experiment.signals[experiment.driver] - experiment.signals[experiment.driver].mean()
     basis = np.column_stack([np.ones(len(experiment)), _polynomials(experiment, degree)])
     left = set_point - basis @ np.linalg.lstsq(basis, set_point)[0]
@@ -140,8 +143,8 @@ def torque_across_inertia(experiment: Experiment, vessel: Vessel, side: Side) ->
     """Return the shaft torque on one side of both inertias from that of the gauge between them [Nm], shape (N,).
 
     On the engine's side M_s = M_g + 2 pi J_1 dn_s/dt, normalised M_b* = M_g* + tau_1 s n* with
-    tau_1 = 2 pi J_1 n_s0 / M_s0; on the propeller's side M_p = M_g - 2 pi J_2 dn_s/dt. The gauge sees what turns the
-    propeller's side, so no constant factor does this.
+    tau_1 = 2 pi J_1 n_s0 / M_s0; on the propeller's side M_p = M_g - 2 pi J_2 dn_s/dt. A constant factor can't convert
+    between them, since the inertias' torques depend on the acceleration.
 
     Parameters
     ----------
@@ -155,8 +158,8 @@ def torque_across_inertia(experiment: Experiment, vessel: Vessel, side: Side) ->
     Returns
     -------
     ndarray
-        NaN where torque or speed is. The speed's slope is that of a cubic spline: right to 0.1 % up to a tenth of the
-        sample rate, 2 % too small at a fifth.
+        Torque, NaN where torque or speed is. The speed's slope is that of a cubic spline: its error is 0.1 % up to a tenth
+        of the sample rate; at a fifth it is 2 % too small.
 
     Raises
     ------
@@ -176,7 +179,7 @@ def torque_across_inertia(experiment: Experiment, vessel: Vessel, side: Side) ->
     if missing.all():
         return np.full(len(n_s), np.nan)
     slope = CubicSpline(experiment.time, bridge(n_s, missing))(experiment.time, 1)
-    # Beside a gap the slope would be that of the bridge.
+    # Beside a gap the slope would be that of the interpolation.
     beside = missing.copy()
     beside[1:] |= missing[:-1]
     beside[:-1] |= missing[1:]

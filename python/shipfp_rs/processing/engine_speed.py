@@ -83,7 +83,7 @@ def _beside(counted: Source, levels: Sequence[_Level], std_rpm: float, base: Cha
 
 
 class EngineSpeed:
-    """Interval speeds of all trains in a stretch, and what they tell of the engine.
+    """Interval speeds of all trains in a stretch, and the engine speed that follows from them.
 
     Parameters
     ----------
@@ -101,7 +101,7 @@ class EngineSpeed:
     Raises
     ------
     InputError
-        Where there are no pulses, or the trains tell different speeds.
+        Where there are no pulses, or the speeds of the trains differ.
     """
 
     def __init__(
@@ -140,7 +140,7 @@ class EngineSpeed:
                 )
 
     def _typical_rpm(self, train: PulseTrain) -> float:
-        """Median speed that a train tells of the engine [rpm], by that of the best train over the time that they share."""
+        """Median engine speed by a train [rpm]: that of the best train, times their ratio over the time that both cover."""
         own, best = self.speeds[train.name], self.speeds[self.train.name]
         typical = best.typical_rps() * self.train.rpm_per_rps
         ratio = (
@@ -151,7 +151,7 @@ class EngineSpeed:
         return typical * ratio if np.isfinite(ratio) else own.typical_rps() * train.rpm_per_rps
 
     def best(self) -> tuple[Source, dict[str, Any]]:
-        """Return the speed [rpm] that the train with the most good intervals tells, and an account of it."""
+        """Return the engine speed [rpm] by the train with the most good intervals, and an account of it."""
         train, speed, base = self.train, self.speeds[self.train.name], self.base
 
         def sampled(first: int, stop: int) -> Array:
@@ -163,10 +163,10 @@ class EngineSpeed:
         return sampled, self._account(speed.bandwidth_hz)
 
     def fused(self) -> tuple[Source, dict[str, Any]]:
-        """Return the speed [rpm] that all trains tell together, and an account of it with its standard deviation.
+        """Return the engine speed [rpm] fused from all trains, and an account of it with its standard deviation.
 
-        It is that of the best train's shaft; how fast the other shaft turns beside it is estimated, since gear ratios are
-        mostly known to a few digits only.
+        The speed is that of the shaft with the best train. The ratio of the other shaft's speed to it is estimated, since
+        gear ratios are mostly known to a few digits only.
         """
         own, base = self.train, self.base
         useful = [
@@ -196,7 +196,7 @@ class EngineSpeed:
         def sampled(first: int, stop: int) -> Array:
             time = base.start_s + np.arange(first, stop) / base.rate_hz
             rps = fit.fit.speed(time)
-            # The standard deviation shows where the spline only bridges a gap. It takes longer than the speed.
+            # The standard deviation is large where the spline only bridges a gap. Computing it takes longer than the speed.
             lost = np.isnan(fit.at(time[::every])[0])
             rps[np.repeat(lost, every)[: len(time)]] = np.nan
             return rps * own.rpm_per_rps
@@ -237,7 +237,7 @@ class EngineSpeed:
         ]
 
     def forget_pulses(self) -> None:
-        """Keep the stretch's pulses no longer; of a log of days they are hundreds of MiB."""
+        """Free the stretch's pulses; those of a log of days take hundreds of MiB."""
         for train in self.trains:
             train.pulses.pop(self.label, None)
 
@@ -258,10 +258,10 @@ class EngineSpeed:
         }
 
     def _resolution_rpm(self, bandwidth_hz: float) -> float | None:
-        """Return what the times of edges, known to part of a sample, leave in the speed below the low-pass [rpm].
+        """Return the speed error [rpm], below the low-pass, due to edges whose times are known to part of a sample.
 
-        Errors of the angle are white over the edges, so that their derivative has a power that rises with the square of
-        the frequency, up to the passband or half the intervals per second. None where no pulses were sampled.
+        Errors of the angle are white from edge to edge. The power of their derivative rises with the square of the
+        frequency, up to the passband or half the intervals per second. None where no pulses were sampled.
         """
         if self.train.tacho.kind != "pulses" or not bandwidth_hz > 0.0:
             return None

@@ -15,21 +15,21 @@ from shipfp_rs.support.arrays import Array, ComplexArray
 from shipfp_rs.support.spikes import bridge
 
 RATE_HZ = 800.0
-"""Rate at which the torque is searched, where it was recorded as fast: stairs of 5 ms have two harmonics below it."""
+"""Highest sample rate at which the torque is searched: stairs of 5 ms then have two harmonics in the band."""
 SHORTEST_S = 10.0
 """Shortest stretch that is searched."""
 LEAST_TOLD = 0.5
-"""Part of the samples that must not be masked."""
+"""Least share of samples that are not masked."""
 LONGEST_S = 1000.0
-"""Longest stretch that is searched: it tells a clock that acts, and longer ones cost memory."""
+"""Longest stretch that is searched: it suffices to find a clock that acts, and longer ones cost memory."""
 DRIVEN_HZ = 6.0
 """Highest frequency at which the set point moves the shaft, and so at which the height of the command's stairs changes."""
 SLOWEST_HZ, FASTEST_HZ = 14.0, 200.0
 """Clocks looked for: periods of 5 to 71 ms."""
 HARMONICS = 6
-"""Of the clock that are looked at."""
+"""Number of the clock's harmonics that are searched."""
 SEEN = 0.45
-"""Part of the sample rate up to which the torque is taken to be true."""
+"""Share of the sample rate up to which the torque's spectrum is trusted."""
 FLOOR_HZ = 2.0
 """Width over which the noise beside a line is taken."""
 MEDIAN = 1.678

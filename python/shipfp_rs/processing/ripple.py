@@ -1,8 +1,8 @@
-"""A torque less the ripple that goes with the angle of shaft and engine: unbalance, blades, firing.
+"""Removes the torque ripple that is periodic in the angle of shaft and engine: unbalance, blades, firing.
 
-A blade in the wake and a cylinder that fires swing the torque at a multiple of the turns. Such a line is of no use to a fit,
-and where it lies below half the sample rate it may be twenty times the rest of the noise. Its frequency follows the speed,
-so that no filter takes it; its angle is known from the tachometers.
+Blades in the wake and firing cylinders make the torque oscillate at multiples of the rotation frequency. Such a line is of
+no use to a fit, and below half the sample rate it may be twenty times the rest of the noise. Its frequency varies with the
+speed, so no filter removes it; its angle is known from the tachometers.
 """
 
 from __future__ import annotations
@@ -19,29 +19,29 @@ from shipfp_rs.support.fir import taps
 from shipfp_rs.support.spikes import bridge
 
 FINER = 8
-"""Steps of the angle for one sample."""
+"""Steps in which the angle is computed, for one sample."""
 SLOWEST_HZ = 1.0
-"""Lowest mean frequency of a line that is taken off: what is slower may be the set point's doing."""
+"""Lowest mean frequency of a line that is removed: slower motion may come from the set point."""
 BESIDE_HZ = 1.0
-"""Width to either side over which the noise beside a line is taken, turned with it."""
+"""Bandwidth on either side of a line in which its noise is estimated, in the line's rotating frame."""
 NEAR = 3
-"""Frequencies beside the line that are not noise: its own amplitude may change slowly."""
+"""Frequency bins on either side of a line that do not count as noise, since the line's amplitude may change slowly."""
 LINE = 30.0
-"""Power over that noise from which on a line is ripple; noise alone gives it once in 1e13."""
+"""Least ratio of a line's power to the noise beside it; noise alone reaches it once in 1e13."""
 SLOW_S = 0.2
-"""Length of the running mean of the torque with which the amplitude may change."""
+"""Length of the running mean of the torque [s]; the amplitude of a line may vary with this mean."""
 LEVEL_S = 1.0
-"""Length of the running mean beyond which lines are looked at."""
+"""Length of the running mean [s] that is subtracted before lines are searched."""
 ROUNDED = 2e-4
-"""Part of an order by which it may be off: gear ratios are written with four digits."""
+"""Largest relative error of an order: gear ratios are written with four digits."""
 FINER_LINES = 4
-"""Frequencies for one of the record's own at which a line is looked for."""
+"""Frequencies at which a line is searched, for one bin of the record's spectrum."""
 SHORTEST_S = 20.0
 """Shortest record in which lines can be separated from the response to the set point."""
 TURNS = 24
-"""Multiples of the engine's and of the shaft's turns that are looked at: two harmonics of any propeller's blades."""
+"""Highest multiple of the engine's and the shaft's rotation that is searched: two harmonics of any propeller's blades."""
 MOST = 12
-"""Lines at most."""
+"""Most lines that are removed."""
 
 
 class Ripple(NamedTuple):
@@ -54,18 +54,18 @@ class Ripple(NamedTuple):
 
 
 def without_ripple(torque: Array, speed: Array, rate_hz: float, ratio: float) -> tuple[Array, list[Ripple]]:
-    """Return the torque less its lines, and what they are, the strongest first.
+    """Return the torque without its ripple lines, and the lines, the strongest first.
 
-    Amplitude and phase are each a constant and a part that goes with the torque: four numbers a line, by least squares. No
-    part goes with the speed: with steps it differs from the torque's while the shaft runs up only, and would take what the
-    torque does then.
+    Cosine and sine amplitude of a line are each a constant and a part proportional to the mean torque: four numbers a line,
+    by least squares. No part is proportional to the speed: in a step test speed and torque differ only while the shaft
+    runs up, so that such a part would absorb the torque's own motion.
 
     Parameters
     ----------
     torque
-        Behind the low-pass, shape (N,), any unit, NaN where masked.
+        Torque behind the low-pass, shape (N,), any unit, NaN where masked.
     speed
-        Of the engine [rpm], shape (N,), NaN where masked.
+        Engine speed [rpm], shape (N,), NaN where masked.
     rate_hz
         Sample rate.
     ratio
@@ -99,7 +99,7 @@ def without_ripple(torque: Array, speed: Array, rate_hz: float, ratio: float) ->
             break
         del turning[nominal]
         found.append(line)
-        # A gear ratio that is rounded, or speeds that are: the line itself tells its order.
+        # Gear ratio or speeds may be rounded, so the order is estimated from the line itself.
         turned = _turning(line.order, angle)
         own = np.array([part * shape for shape in shapes for part in (turned.real, turned.imag)])
         columns = np.vstack([columns, own])
@@ -111,7 +111,7 @@ def without_ripple(torque: Array, speed: Array, rate_hz: float, ratio: float) ->
 
 
 def _orders(mean_hz: float, rate_hz: float, ratio: float) -> list[float]:
-    """Multiples of the engine's turns that lie in the record: half turns of the engine, whole ones of the shaft."""
+    """Multiples of the engine's rotation within the record's band: half orders of the engine, whole ones of the shaft."""
     if mean_hz < SLOWEST_HZ:
         return []
     engine, shaft = 0.5 * np.arange(1, 2 * TURNS + 1), np.arange(1, TURNS + 1) / ratio
@@ -130,7 +130,7 @@ def _angle(turns_hz: Array, rate_hz: float) -> Array:
 
 
 def _turning(order: float, angle: Array) -> ComplexArray:
-    """exp(i order angle) as the low-pass of the record leaves it, shape (N,)."""
+    """exp(i order angle) behind the record's low-pass, shape (N,)."""
     turned, kernel = order * angle, taps(1.0 / FINER, 0.0)
     real, imaginary = (
         resample_poly(part, 1, FINER, window=kernel) for part in (np.cos(turned), np.sin(turned))
@@ -141,7 +141,7 @@ def _turning(order: float, angle: Array) -> ComplexArray:
 def _line(
     rest: Array, turned: ComplexArray, valid: Mask, order: float, turns_hz: Array, rate_hz: float
 ) -> Ripple:
-    """What the rest holds near an order, against what lies beside it."""
+    """The strongest line near an order in the rest of the torque, with its power over the noise beside it."""
     mean = float(turns_hz.mean())
     weight = float(np.sum(np.abs(turned[valid]) ** 2))
     if weight < NEAR * rate_hz:

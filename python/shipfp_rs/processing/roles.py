@@ -20,7 +20,7 @@ LAG_RATE_HZ = 20.0
 LONGEST_LAG_S = 3.0
 LEAST_CORRELATION = 0.3
 SAME_SHAFT = 0.1
-"""A speed is that of the set point's shaft where their medians differ by less, relative."""
+"""Largest relative difference of a speed's median from the set point's, for both to belong to the same shaft."""
 WHOLE = 0.02
 """Pulses in a turn are a whole number to within this share, or the train is another shaft's."""
 
@@ -163,7 +163,7 @@ def set_points(told: Mapping[str, Named]) -> list[str]:
 
 
 def _may_ask(told: Named) -> bool:
-    """Whether a channel without a unit of speed may ask for one: a current flows in a machine, and asks for none."""
+    """Whether a channel in an electrical unit may be a set point of speed; a current [A] never is one."""
     return told.is_open and told.unit != "A"
 
 

@@ -21,22 +21,22 @@ from shipfp_rs.support.spikes import ROBUST_SIGMA
 COARSE_HZ = 200.0
 """Rate to which the set point is averaged: sines of 30 Hz keep their shape."""
 BLOCK_S = 0.5
-"""Length of the blocks whose medians are the levels [s], many times that of a relay's jump."""
+"""Length of the blocks whose medians are the levels [s]; a jump of a relay takes much less."""
 LEAST_REST_S = 10.0
-"""Shortest rest [s]. The crest of a slow sine stays level for less, or is curved."""
+"""Shortest rest of the set point [s]. The crest of a slow sine is level for a shorter time, or visibly curved."""
 AT_REST = 6.0
 """A block is at the level of a rest where its median differs by at most so many of its standard deviations."""
 BEND = 2.5
 """A parabola through a rest rises by at most so many standard deviations; through the crest of a slow sine by more."""
 SWINGS = 1.5
-"""Where a block's spread is so many times that of the noise, the set point swings faster than blocks can show."""
+"""Ratio of a block's spread to the noise above which the set point oscillates faster than blocks can resolve."""
 STEP_WITHIN_S = 1.5
 """A change from one level to another that takes no longer is a step."""
 STAIR, RISERS = 0.75, 0.2
-"""Of a stair the second share of its blocks, where the level changes most, holds the first of all changes: 0.8 and more, of
-sines, chirps and noise half at most."""
+"""A signal is a stair if the `RISERS` of its blocks with the largest changes hold at least `STAIR` of all change. Stairs
+reach 0.8 and more; sines, chirps and noise half at most."""
 LONG_HOLD = 2.5
-"""A series of steps has ended after so many times its usual hold without a step."""
+"""A series of steps has ended when no step comes for this many times its usual hold."""
 LONGEST_S = 4.0 * 3600.0
 """Longest excitation [s]; what goes on for longer without a rest is the ship's own doing."""
 _LETTERS: Mapping[Kind, str] = {

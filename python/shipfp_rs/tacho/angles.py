@@ -129,7 +129,8 @@ def _period_ratios(
 def align_angles(track: Track, angles: ReflectorAngles) -> tuple[Array, Array]:
     """Fractions and their relative standard deviations, turned to begin with the track's first interval.
 
-    Even fractions, in doubt by the scatter of the true ones, where the track is too short to tell which comes first.
+    Where the track is too short to tell which interval comes first, the fractions are equal, and their standard deviation
+    is the scatter of the true ones.
     """
     count = len(angles.fractions)
     if count == 1:

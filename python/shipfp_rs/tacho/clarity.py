@@ -119,7 +119,7 @@ def _joined(times: Array, heights: Array, sure: Flags, low: Spans) -> Flags:
 
 
 def unclear(times: Array, kept: Flags, low: Flags, missing: Spans, samples: int) -> Array:
-    """Return the stretches without pulses though samples are there, from pulse to pulse [samples], shape (K, 2).
+    """Return the stretches that have samples but no clear pulses, from pulse to pulse [samples], shape (K, 2).
 
     Parameters
     ----------

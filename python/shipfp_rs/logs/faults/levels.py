@@ -59,7 +59,7 @@ class LevelLimits:
     clipped_samples
         Samples at the channel's very extreme that make it a rail.
     spike_s
-        Longest spike [s]; a shorter stretch at a rail that nothing else comes near is one.
+        Longest spike [s]: a shorter stretch at a rail counts as a spike where no other sample comes near that rail.
     """
 
     stuck_s: float = 0.25

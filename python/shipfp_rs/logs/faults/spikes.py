@@ -15,13 +15,13 @@ from shipfp_rs.support.spikes import bridge, find_spikes
 from shipfp_rs.support.threads import require_going
 
 PIECE = 1 << 18
-"""Samples that are looked at together."""
+"""Samples that are processed together."""
 SHORTEST = 2
-"""Samples of a slow channel that may be a spike, whose longest is shorter."""
+"""Samples that a spike of a slow channel may have, even if they last longer than the longest spike."""
 BY_A_CLOCK, LONGEST_HELD_S = 0.9, 0.2
-"""Part of the changes that come whole periods apart in a held channel, and its longest period [s]."""
+"""Least share of changes that are whole periods apart in a channel with held values, and its longest period [s]."""
 BESIDE_S, LEAST_BESIDE = 2.0, 64
-"""Seconds and samples beside them that show the noise about the first and the last."""
+"""Seconds, and least samples, on either side of a piece, from which the noise near its ends is estimated."""
 
 
 class SpikeLimits(Protocol):
@@ -44,15 +44,15 @@ def spikes_between(
     *,
     steps: bool = False,
 ) -> Spans:
-    """Return the spikes of calibrated samples of which some are missing; none in what bridges a long gap.
+    """Return the spikes of calibrated samples, some of which are missing; interpolated samples in a long gap have none.
 
-    A spike may have `shortest` samples however slow the channel is, and is held as long as any value is: a power analyser's
-    or a bus's. `steps` says of a channel that it goes in steps by itself, as a set point does.
+    A spike may have `shortest` samples, however slow the channel is. Where each value is held, as by a power analyser or a
+    bus, a spike may last as long as a value. `steps` says that the channel itself goes in steps, as a set point does.
     """
     filled = bridge(samples, missing)
     held = 1 if steps else held_samples(filled, rate_hz)
     longest_s = max(limits.longest_s, shortest / rate_hz, held / rate_hz)
-    # A long bridge has no noise in it and would make its neighbours' noise look like spikes.
+    # Interpolated samples in a long gap have no noise; beside them the noise of others would look like spikes.
     absent = np.zeros(len(samples), dtype=np.bool_)
     gaps = runs(missing)
     for start, stop in gaps[gaps[:, 1] - gaps[:, 0] > longest_s * rate_hz]:
@@ -82,7 +82,7 @@ def spikes_along(samples: Array, rate_hz: float, limits: SpikeLimits) -> Spans:
 
 
 def held_samples(samples: Array, rate_hz: float) -> int:
-    """Return how many samples a value stands for before the next one comes; 1 where they do not come by a clock."""
+    """Return for how many samples each value is held; 1 where values do not change at a constant period."""
     lasting = np.diff(np.flatnonzero(np.diff(samples)))
     if len(lasting) < LEAST_BESIDE:
         return 1
@@ -107,14 +107,14 @@ def spikes_of(
     rows
         The channel.
     lost
-        Other faults on the same index, whose samples are no spikes.
+        Spans of other faults on the same index; their samples are no spikes.
     limits
         What counts as a spike.
     noise
-        Standard deviation of the channel's noise as recorded: about a level near zero, of which a spike has no share, it is
-        as many times higher than this as it is higher than what is around it.
+        Standard deviation of the channel's noise in recorded units. A spike rises above its neighbours by more than
+        `limits.threshold` times this, also about a level near zero, where a share of the magnitude means nothing.
     calibration
-        Of the channel, where it is known: the share of the magnitude is one of calibrated values.
+        Calibration of the channel, where it is known; the least height of a spike is a share of calibrated values.
     steps
         Whether the channel may go in steps by itself.
     """
@@ -132,7 +132,7 @@ def spikes_of(
             )
             starts, stops = (low + spans).T
             own = (starts >= begin) & (starts < end)
-            own &= (starts > 0) & (stops < count)  # beside the log's ends nothing tells whether it comes back
+            own &= (starts > 0) & (stops < count)  # at an end of the log it may not come back
             stands_out = [not _height(raw, *span) <= limits.threshold * noise for span in spans.tolist()]
             yield low + spans[own & np.array(stands_out, dtype=np.bool_)]
 
@@ -140,6 +140,6 @@ def spikes_of(
 
 
 def _height(samples: Array, start: int, stop: int) -> float:
-    """Return how far a spike goes from what is beside it; NaN where that is missing."""
+    """Return the height of a spike above the samples beside it; NaN where these are missing."""
     level = 0.5 * (samples[max(start - 1, 0)] + samples[min(stop, len(samples) - 1)])
     return float(np.abs(samples[start:stop] - level).max())

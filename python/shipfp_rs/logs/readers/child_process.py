@@ -55,7 +55,7 @@ class Child:
         return self._owner == os.getpid() and self._process.poll() is None
 
     def fresh(self) -> bool:
-        """Whether it may be given another file."""
+        """Whether the process may be given another file."""
         return self.usable() and self._grown < TIRED_BYTES
 
     def next_stream(self) -> int:
@@ -64,7 +64,7 @@ class Child:
         return self._streams
 
     def dropped(self) -> list[int]:
-        """Return the streams that nobody reads any more, once."""
+        """Return the numbers of streams that are no longer read; each is returned only once."""
         gone, self.drop = self.drop, []
         return gone
 

@@ -41,7 +41,7 @@ DIALECTS = (
     (" ", ","),
     (",", ","),
 )
-"""Delimiter and decimal mark, the likelier first where both fit; decimal commas between commas stand in quotes."""
+"""Pairs of delimiter and decimal mark, the likelier first; where both are commas, the numbers stand in quotes."""
 
 NUMBER = re.compile(
     r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?(nan|inf|infinity)|true|false", re.IGNORECASE
@@ -50,7 +50,7 @@ GROUPED = {
     ".": re.compile(r"[+-]?[1-9]\d{0,2}([, '\u2019\u00a0\u202f])\d{3}(?:\1\d{3})*(?:\.\d*)?"),
     ",": re.compile(r"[+-]?[1-9]\d{0,2}([. '\u2019\u00a0\u202f])\d{3}(?:\1\d{3})*(?:,\d*)?"),
 }
-"""Numbers with marks between thousands, by the decimal mark."""
+"""Patterns of numbers with separators of thousands, by the decimal mark."""
 RATE = re.compile(
     r"(?P<name>[^\W\d][^\W\d_' .-]*(?:[' _.-]+[^\W\d][^\W\d_' .-]*)*)\s*[\[(]?(?P<unit>k?Hz|m?s|S/s)?[\])]?\s*[:=;,\t ]\s*"
     r"(?P<value>\d[\d.,eE+-]*)\s*(?P<after>k?Hz|m?s|S/s)?\b"
@@ -60,7 +60,7 @@ SCALES = {"kHz": 1e3, "ms": 1e-3}
 COMMENT = "#%!/"
 NAME_LINES = frozenset(("label", "labels", "tracename"))
 UNIT_LINES = frozenset(("vertical units", "y_unit_label", "vunit"))
-"""First words of lines, somewhere above the records, that tell the names or units of the columns."""
+"""First words of lines above the records that state the names or units of the columns."""
 
 
 @dataclass(frozen=True)
@@ -87,12 +87,12 @@ class Layout:
     rate_hz: float | None
     """Sample rate, where the lines above the records state one [Hz]."""
     start_s: float
-    """Time of the first record, where they state a rate and it [s]."""
+    """Time of the first record [s], where the lines above state it together with a rate."""
     counted: bool
-    """Whether the first column counts the records, and the rate tells their times."""
+    """Whether the first column counts the records, so that their times follow from the rate."""
 
     def named_column(self, place: int) -> bool:
-        """Whether a column has a name of its own; one without, and without a number, is the end of a line."""
+        """Whether a column has a name; a column with neither name nor numbers is the end of the lines."""
         return self.headings[place] != f"column {place + 1}"
 
     @property
@@ -171,10 +171,10 @@ def find_layout(path: Path) -> Layout:
 
 
 def _first_record(rows: Sequence[list[str]], width: int, decimal: str) -> int | None:
-    """Return the index of the first line of records; None where no line is one."""
+    """Return the index of the first record; None where no line is a record."""
     holds_number = [any(is_number(cell, decimal) for cell in row) for row in rows]
     filled = [k for k, row in enumerate(rows) if any(row)]
-    # What is known of each trace, in figures behind its name, is no record where records begin with a figure.
+    # Where records begin with a number, a line that begins with a name and goes on with numbers describes a trace.
     worded = [bool(row and row[0]) and not is_number(row[0], decimal) for row in rows]
     full = [worded[k] for k in filled if _is_record(rows[k], width, decimal)]
     may_begin_with_word = 2 * sum(full) > len(full)
@@ -235,7 +235,7 @@ def _uncommented(line: str, delimiter: str) -> list[str]:
 
 
 def _score(lines: list[str], delimiter: str, decimal: str) -> tuple[int, int]:
-    """Return the number of numeric cells less that of other cells; most lines after the first few are records."""
+    """Return how many more cells are numbers than not; most lines after the first few are records."""
     rows = [cells_of(line, delimiter) for line in lines]
     numbers = [sum(is_number(cell, decimal) for cell in row) for row in rows]
     others = sum(sum(map(bool, row)) - count for row, count in zip(rows, numbers, strict=True))
@@ -261,7 +261,7 @@ def _headings(above: list[list[str]], width: int) -> tuple[tuple[str, ...], tupl
             if full and len(full) > 1:
                 break
             continue
-        if len(row) == width + 1 and row[-1].lower() == "comment":  # records without one end before it
+        if len(row) == width + 1 and row[-1].lower() == "comment":  # records may lack this column
             row = row[:-1]
         short = width - len(row)
         # A delimiter that ends every record may be missing after the names.
@@ -288,9 +288,9 @@ def _headings(above: list[list[str]], width: int) -> tuple[tuple[str, ...], tupl
 
 
 def _line_of(words: frozenset[str], above: list[list[str]], width: int) -> list[str]:
-    """Return what a line that one of these words begins tells of each column; empty cells where there is none.
+    """Return the cells, by column, of the line that begins with one of these words; empty cells where there is none.
 
-    The last line above the records has headings, whatever it begins with.
+    The last line above the records is not searched: it holds headings, whatever it begins with.
     """
     row = next((row for row in above[:-1] if row and row[0].lower() in words), [])
     return ["", *row[1:width], *[""] * width][:width]
@@ -308,7 +308,7 @@ def _are_units(row: Sequence[str]) -> bool:
 
 
 def _are_under_names(names: Sequence[str], row: Sequence[str]) -> bool:
-    """Whether a row under one of names tells units, known or not: it has none of time under a time, or some twice."""
+    """Whether a row below the names holds units; unknown ones count where a time column has its unit, or one repeats."""
     filled = [cell for cell in row if cell]
     given = [name for name in names if name and not is_time(name)]
     below = list(zip(names, row, strict=True))
@@ -353,9 +353,9 @@ def _is_count(cells: list[str], decimal: str) -> bool:
 
 
 def _taken_facts(above: list[list[str]], holds: Sequence[bool], decimal: str) -> list[tuple[str, float]]:
-    """Take what is stated beside the headings, where records hold nothing, out of their rows: names and values [s].
+    """Remove facts from the rows of headings, and return their names and values [s].
 
-    Either the value stands under its name, or both in one cell: "tInc = 2e-6 s".
+    A fact stands in a column without records: its value under its name, or both in one cell, "tInc = 2e-6 s".
     """
     facts: list[tuple[str, float]] = []
     for upper, lower in pairwise([*above, []]):
@@ -389,7 +389,7 @@ def _facts(line: str, decimal: str) -> list[tuple[str, float]]:
 def _footer(
     path: Path, encoding: str, delimiter: str, decimal: str, before: int
 ) -> tuple[int, tuple[str, ...]]:
-    """Return where the lines after the last record begin, and these: lines whose first word is no number."""
+    """Return the place where the footer begins, and its lines: those after the last record that begin with no number."""
     size = path.stat().st_size
     wide = 2 if encoding.startswith("utf-16") else 1
     start = max(before, size - SAMPLE)

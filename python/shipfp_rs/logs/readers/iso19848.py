@@ -18,7 +18,7 @@ from shipfp_rs.logs.readers.timed_series import Series, log_of_series, seconds_s
 Values = Iterator[tuple[str, str, str, str]]
 """Data channel, time stamp, value and quality, as written."""
 GOOD = frozenset(("", "0", "192", "good", "ok", "valid", "true"))
-"""Codes of a value that is sound, of the standard itself and of OPC."""
+"""Quality codes of a good value, in ISO 19848 and in OPC."""
 
 
 @register_reader(".json", ".xml", takes=("names",))

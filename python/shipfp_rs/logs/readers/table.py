@@ -32,11 +32,11 @@ with contextlib.suppress(ImportError):
     import pandas  # noqa: F401
 
 LEAST_SCATTERED = 8
-"""Fewest numbers, among the first rows, of a column that has rows of its own."""
+"""Fewest numbers, among the first rows, in a column that fills only some of the rows and is read as a channel."""
 LEAST_CHANGES = 100
-"""Fewest rows of which it is told that each is a change of a state."""
+"""Fewest rows of a table for it to be recognised as one whose rows record changes of a state."""
 CHANGING = 0.95
-"""Share of them that is: a logger repeats a state at its start and end."""
+"""Share of such rows that are changes: a logger repeats a state at its start and end."""
 METADATA_KEY = b"shipfp"
 """Key under which a field carries unit, rate, start and length of its channel, as JSON."""
 

@@ -252,13 +252,13 @@ class TimePlan:
     keys
         Fields of the table: one, or a date and a time of day.
     name
-        What they are called in messages.
+        Name of these fields in messages.
     how
         How each is written, None for numbers and for timestamps.
     factor, offset
-        Seconds per unit and what is taken off before, of numbers.
+        For numbers: seconds per unit, and the offset that is subtracted first.
     zero
-        Where the seconds count from, where the file tells.
+        Instant from which the seconds count, where the file states it.
     note
         What was found, one line.
     """

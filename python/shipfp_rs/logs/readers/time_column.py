@@ -356,7 +356,7 @@ def _score(path: object, plan: TimePlan, columns: Sequence[Column]) -> tuple[flo
 def _interleaved(
     plans: Sequence[TimePlan], columns: Sequence[Column], names: Mapping[str, str]
 ) -> list[TimePlan]:
-    """Plans of a table whose columns come in pairs or groups, each with a time of its own before it; else none."""
+    """Time plans of a table whose columns form groups, each headed by a time column of its own; else an empty list."""
     if len(plans) < 2:
         return []
     keys = list(names.values())
