@@ -27,7 +27,7 @@ PADE = 5
 SLOWEST = 5
 """Roots of the approximation that are led to exact ones: two, their conjugates, and one to spare."""
 SETTLED = 1e-3
-"""Last step of Newton's method over the pole, above which it found none."""
+"""Last step of Newton's method relative to the pole; a larger one means that no pole was found."""
 SEARCHED_HZ = np.geomspace(1e-4, 1e2, 1200)
 RECOVERED = 0.05
 """Part of a step of the set point within which the speed stays once it has recovered."""
@@ -35,17 +35,18 @@ LONGEST = 8.0
 """Time constants of the slowest pole after which a step is over."""
 INSTANTS = 4000
 LEADING = 1e-6
-"""Part of a turn that rounding may make of no phase at all."""
+"""Phase [turns] below which a phase is rounding, and counts as zero."""
 LARGEST = 2.0
-"""Deviation over the value above which a figure is not determined: by its logarithm to a factor of 50."""
+"""Relative standard deviation above which a figure is not determined: on a logarithmic scale a factor of 50."""
 STRAIGHT = 0.2
-"""Deviation over the value below which a figure follows its slopes; beyond, what profiles found possible tells its ends."""
+"""Relative standard deviation up to which linear propagation gives a figure's interval; above it, the ships that profiles
+found possible do."""
 LEAST = {"phase margin": -np.inf, "overshoot": 0.0, "dM_b(0)": -np.inf, "dM_g(0)": -np.inf}
-"""Figures that may be zero or change sign, with their least values; of all others the logarithm is even."""
+"""Figures that may be zero or change sign, with their least values; all others have symmetric intervals of the logarithm."""
 ENDLESS = ("gain margin", "ultimate gain")
 """Figures that are without limit where they have no value."""
 SAME = {"dM_b(inf)": "vK_p", "dM_b(0)": "p", "dM_g(0)": "p"}
-"""Figures that are a parameter, of a ship without further elements: its interval is theirs."""
+"""Figures that equal a parameter for a ship without further elements, and so have that parameter's interval."""
 
 Figure = Callable[[Values], float]
 Searched = Callable[[Values], ComplexArray]
@@ -78,8 +79,8 @@ def closed_loop(fingerprint: Fingerprint, structure: Structure | None = None) ->
         gain has fallen by 3 dB [Hz]; time after a step of the set point from which on the speed stays within 5 % of it
         [s], and by how much it shoots over [-]; slow and fast gain of the torque [-] (eq. 3.39, 3.40), the fast one
         before any lag or twist.
-        A figure that the data do not determine has no value. Nor has the gain margin of a loop that never oscillates;
-        its interval then begins where an element that was not found would let it oscillate.
+        A figure that the data do not determine has no value. Nor has the gain margin of a loop that never oscillates: its
+        interval then begins at the least gain at which the loop would oscillate if an element that was not found acted.
 
     Raises
     ------

@@ -139,7 +139,7 @@ def _chosen(*fingerprints: Fingerprint) -> bool:
 
 
 def _given(fingerprint: Fingerprint) -> dict[str, float]:
-    """Return the values that were given, which are not those that the search fitted along."""
+    """Return the values that the user fixed; values that the search fitted without an interval are not among them."""
     return {
         name: estimate.value
         for name, estimate in fingerprint.parameters.items()

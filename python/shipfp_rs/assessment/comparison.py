@@ -23,7 +23,7 @@ from shipfp_rs.support.threads import with_one_blas_thread
 from shipfp_rs.support.units import unit_shown
 
 SAME_DIRECTION = 1e-8
-"""Part of the strongest direction of the correlations below which a quantity repeats the others."""
+"""Ratio of a correlation matrix's eigenvalue to its largest below which a quantity follows from the others."""
 
 DAMAGED = "settings.possible of the fingerprint: expected a finite value of every parameter in each"
 
@@ -100,12 +100,13 @@ def compare(
     ----------
     before, after
         Fingerprints of the same ship, structure and operating speed, from data of their own. Where the data chose the
-        structure, one may show an element, such as a torque limit, that the other lacks; this is then fitted again with it.
+        structure, one may have an element, such as a torque limit, that the other lacks; the other is then fitted again
+        with this element.
     level
         Probability of a false alarm, for all quantities together, and for the joint test.
     data
-        Experiments of both, for such a fit; None: those that the fingerprints hold. Without any both are compared as they
-        are, and a remark says so.
+        Experiments of both, for such a fit; None: those stored in the fingerprints. Without experiments both are compared
+        as they are, and a remark says so.
 
     Returns
     -------
@@ -120,10 +121,10 @@ def compare(
 
     Notes
     -----
-    The interval of a difference joins the sides of both intervals that face it (the square-and-add limits of Zou and
-    Donner, 10.1002/sim.3095), so that a skewed interval stays one. The joint test weighs the differences by the sum of
-    both covariances, of the quantities that both hold, along the directions that it tells apart, each at least as wide as
-    the ships reach that the data allow.
+    The interval of a difference adds the half-widths of both intervals in quadrature, each on the side that matters (the
+    square-and-add limits of Zou and Donner, 10.1002/sim.3095), so that skewness is kept. The joint test weighs the
+    differences by the sum of both covariances, over the quantities that both contain and the eigenvectors that are not
+    singular. The spread along each is at least that of the ships that the data allow.
     """
     if not 0.0 < level < 1.0:
         raise InputError(f"level {level}, expected a probability between 0 and 1")
@@ -160,8 +161,8 @@ def trend(
     Returns
     -------
     slope, std, p
-        Per unit of time, its standard deviation, and the two-sided probability of such a slope without a trend. Where
-        the values scatter more about the line than their deviations allow, that scatter counts.
+        Slope per unit of time, its standard deviation, and the two-sided probability of such a slope without a trend.
+        Where the values scatter about the line more than their deviations allow, the scatter sets the standard deviation.
 
     Raises
     ------
@@ -216,7 +217,7 @@ def _change(name: str, before: Estimate, after: Estimate) -> Change:
     low_after, high_after = _sides(after)
     change = after.value - before.value
     down, up = float(np.hypot(low_after, high_before)), float(np.hypot(high_after, low_before))
-    # No change is judged by the side that faces it.
+    # The hypothesis of no change is tested with the half-width of the interval on the side of zero.
     facing = down if change > 0.0 else up
     return Change(
         name=name,
@@ -234,7 +235,7 @@ def _change(name: str, before: Estimate, after: Estimate) -> Change:
 
 
 def _sides(estimate: Estimate) -> tuple[float, float]:
-    """Lengths of both halves of the interval; where a bound cut one short it is as long as the other."""
+    """Half-widths of the interval below and above; one that a bound cut short is replaced by the other."""
     assert estimate.value is not None
     assert estimate.std is not None
     half = DEVIATIONS_95 * estimate.std
@@ -245,7 +246,7 @@ def _sides(estimate: Estimate) -> tuple[float, float]:
 
 
 def _holm(probabilities: Sequence[float], level: float) -> list[bool]:
-    """Hold every probability against its share of the level (Holm 1979)."""
+    """Return which probabilities are significant by Holm's step-down method (Holm 1979)."""
     significant = [False] * len(probabilities)
     for rank, index in enumerate(np.argsort(probabilities)):
         if probabilities[index] > level / (len(probabilities) - rank):
@@ -255,7 +256,7 @@ def _holm(probabilities: Sequence[float], level: float) -> list[bool]:
 
 
 def _is_correlated(fingerprint: Fingerprint, name: str) -> bool:
-    """Whether the covariance holds a quantity, or all that a combination is of but what is fixed."""
+    """Whether the covariance contains a quantity, or all members of a combination that are not fixed."""
     known, values = fingerprint.covariance["names"], fingerprint.optimum
     if name in known or name not in COMBINATIONS:
         return name in known
@@ -272,7 +273,8 @@ def _joint(names: Sequence[str], before: Fingerprint, after: Fingerprint) -> Joi
         return Joint(0.0, 0, 1.0)
     change = np.array([(after[name].value or 0.0) - (before[name].value or 0.0) for name in names])
     both = covariance_of(before, names), covariance_of(after, names)
-    # A combination that repeats others does so in each fingerprint, a little differently; it counts for nothing.
+    # A quantity that follows from the others adds no degree of freedom. It does so in each fingerprint by slightly
+    # different coefficients, so the smaller rank counts.
     told = min(_rank(covariance) for covariance in both)
     size = np.sqrt(np.diag(both[0] + both[1]))
     strength, direction = (
@@ -288,9 +290,10 @@ def _joint(names: Sequence[str], before: Fingerprint, after: Fingerprint) -> Joi
 
 
 def _reached(fingerprint: Fingerprint, names: Sequence[str]) -> Array:
-    """Return how far from the estimate the quantities of each ship are that the data allow as well, shape (ships, K).
+    """Return the distance of each ship that the data also allow from the estimate, by quantity, shape (ships, K).
 
-    A covariance holds a valley of the likelihood for straight. Where it bends, as among delays, these ships lie outside.
+    A covariance describes a straight valley of the likelihood. Where the valley bends, as among delays, some of these
+    ships lie outside the covariance.
     """
     try:
         rows = [

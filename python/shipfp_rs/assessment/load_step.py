@@ -57,12 +57,12 @@ class Governing:
 
 
 def governing(fingerprint: Fingerprint, structure: Structure | None = None) -> dict[str, Governing]:
-    """Return how the linearised loop stands to each class, for a load step by 10 % of the operating torque.
+    """Return whether the linearised loop meets each class, for a load step by 10 % of the operating torque.
 
-    Open is what an interval leaves open: it holds the limit, or there is none.
+    The state is "open" where the interval contains the limit, or where there is no interval.
     """
     model = structure or structure_of(fingerprint)
-    # Every figure asks for the same ships.
+    # All figures need the load steps of the same ships.
     falls = once(partial(_fall, model))
 
     def told(unit: str, figure: Callable[[Array, Array], float], least: float | None) -> Estimate:

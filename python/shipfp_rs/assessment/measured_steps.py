@@ -10,14 +10,14 @@ from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.support.arrays import Array
 
 LEAST_STEP = 0.05
-"""Part of the operating torque from which on a change of the load within `AROUND_S` is a step."""
+"""Least change of the load within `AROUND_S` that counts as a step, relative to the operating torque."""
 AROUND_S, BEFORE_S, APART_S = 0.5, 1.0, 3.0
-"""Time on either side over which a step happens, stretch before and behind it that is its level, and least time between
-two steps [s]."""
+"""Half the longest duration of a step, length of the stretches before and after it whose means are its levels, and least
+time between two steps [s]."""
 STILL = 2e-3
-"""Part of the operating speed by which a set point that stands may move."""
+"""Largest motion of a set point that counts as constant, relative to the operating speed."""
 STEADY = 0.15
-"""Deviation of a load before and behind a step, over the step, up to which it is one, and no part of a swing."""
+"""Largest standard deviation of the load before and after a step, relative to the step; with more it is an oscillation."""
 BAND_PCT = 2.0
 """Band about the speed before the step within which it has recovered, of classes G2 and G3 of ISO 8528-5 [%]."""
 

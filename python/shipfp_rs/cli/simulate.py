@@ -41,7 +41,7 @@ TYPED = {
     "rate_hz": "--rate",
     "noise['n_e']": "--noise",
 }
-"""Arguments of the functions that it calls as they are typed."""
+"""Arguments of the Python functions, with the options of the command that set them."""
 
 
 Kind = Literal["chirp", "steps", "multisine", "sines"]

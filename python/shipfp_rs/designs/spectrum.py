@@ -20,10 +20,10 @@ Criterion = Literal["D", "A"]
 
 SINE: Mapping[int, float] = {1: 1.0}
 SQUARE: Mapping[int, float] = {order: 4.0 / (np.pi * order) for order in (1, 3, 5, 7, 9)}
-"""Amplitude of each harmonic over the largest deviation; the prediction also holds those above a square's ninth."""
+"""Amplitude of each harmonic over the largest deviation; the prediction also includes those above a square's ninth."""
 ITERATIONS = 20_000
 TOLERANCE = 1e-3
-"""A design is taken for optimal when its efficiency is within this part of one."""
+"""A design counts as optimal when its efficiency is above 1 - `TOLERANCE`."""
 SUPPORT = 1e-3
 """Share of the largest line below which a line is left out."""
 NEIGHBOURS = 1.001
@@ -128,7 +128,7 @@ def optimal_shares(lines: Lines, criterion: Criterion) -> tuple[Array, float]:
 def support(lines: Lines, shares: Array) -> tuple[Array, Array]:
     """Return frequencies [Hz] and shares of a design, neighbouring candidates brought together.
 
-    An optimum between two candidates shows as both of them; as one line they have less of a peak.
+    An optimum between two candidates appears as a share of each. Joined to one line they have a lower peak.
     """
     runs: list[list[int]] = []
     frequency = lines.frequency_hz

@@ -44,7 +44,7 @@ class Setting:
 
     @classmethod
     def of(cls, lines: Lines, limits: Limits, criterion: Criterion, rate_hz: float) -> tuple[Setting, float]:
-        """Find the optimal shares; return the setting and their efficiency."""
+        """Find the optimal share of each line; return the setting and the efficiency of these shares."""
         shares, efficiency = optimal_shares(lines, criterion)
         return cls(lines, shares, limits, criterion, rate_hz), efficiency
 

@@ -74,9 +74,9 @@ def write_report(
     fingerprint
         The result.
     experiments
-        What it was fitted to; None: those that it holds, with the model's beside them.
+        Experiments that the fingerprint was fitted to; None: those stored in it, together with the model's outputs.
     simulated
-        For each experiment the fitted model's, as `Fingerprint.predict` gives it; may be empty.
+        The fitted model's outputs for each experiment, as `Fingerprint.predict` gives them; may be empty.
     responses
         Measured responses, each with the model's, for Bode plots; `assessment.compared_responses` makes them.
     truth
@@ -88,7 +88,7 @@ def write_report(
     structure
         The fingerprint's, where its equations are a user's own; None rebuilds it.
     vessel
-        The trial's: words for its drive and its load go by it; None: an engine and a propeller.
+        The trial's vessel, from which the words for drive and load follow; None: an engine and a propeller.
 
     Returns
     -------
@@ -214,7 +214,7 @@ def _structure_name(fingerprint: Fingerprint, say: Say) -> str:
 
 
 def _folded(summary: str, parts: Iterable[str]) -> Iterable[str]:
-    """Yield parts behind a fold; nothing where there are none."""
+    """Yield the parts in a collapsible section; nothing where there are none."""
     content = Markup("\n").join(part for part in parts if part)
     if content:
         yield markup.details(summary, content)

@@ -111,7 +111,7 @@ def _recorded(experiments: Sequence[Experiment], say: Say) -> str:
 
 
 def _fates(channel: str, experiments: Sequence[Experiment]) -> npt.NDArray[np.uint8]:
-    """Return the code of `FATES` of each recorded sample of a channel, shape (N,); the highest counts."""
+    """Return the code in `FATES` of each recorded sample of a channel, shape (N,); of several codes the highest."""
     fate = np.zeros(experiments[0].provenance["recorded"][channel]["samples"], dtype=np.uint8)
 
     def raise_to(code: int, first: int, stop: int) -> None:

@@ -30,7 +30,7 @@ class Cell:
     code
         Whether it is a name out of a file or a program.
     key
-        What it is sorted by; None: its text, as a number where it begins with one.
+        Key by which the cell is sorted; None: its text, or the number that the text begins with.
     """
 
     text: str

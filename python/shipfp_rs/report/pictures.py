@@ -57,10 +57,10 @@ class Pictures:
         saved: bool = True,
         table: str = "",
     ) -> str:
-        """Return a figure element with `panels` axes above each other, painted by `paint`, each that high [in].
+        """Return a figure element: `panels` axes above each other, each `height` inches high, drawn by `paint`.
 
-        Below it stand links to what it shows as CSV, the `table` where one is given, and, where scripts run, to the same
-        picture as PNG, if it is to be `saved`.
+        Below the picture stand a link to its data as CSV, if `table` is given, and a link to the picture as PNG, if `saved`
+        is true and scripts run.
         """
         from matplotlib import rc_context
         from matplotlib.figure import Figure

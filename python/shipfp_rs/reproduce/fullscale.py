@@ -62,8 +62,8 @@ class _Job(NamedTuple):
 def measured_response(last_hz: float = 3.433) -> FrequencyResponse:
     """Responses of engine speed and gauge torque from Tables E.1 to E.3, up to and including `last_hz`.
 
-    The hand corrections of section 7.3 at 3.433 Hz are made. Each point is normalised by its own offsets, has the
-    frequency fitted to the set point, and the standard deviations that the way these tables were made implies.
+    The hand corrections of section 7.3 at 3.433 Hz are made. Each point is normalised by its own offsets and has the
+    frequency fitted to the set point. The standard deviations follow from the way these tables were made.
     """
     tables: dict[str, dict[float, published.SineFit]] = {}
     for fit in published.sine_fits():

@@ -46,7 +46,7 @@ def before_the_fit(vessel: Vessel) -> list[Row]:
 
 
 def cross_checks(vessel: Vessel, fingerprints: Mapping[str, Fingerprint]) -> list[Row]:
-    """Return the rows of eq. 7.9: time constants and inertias from drawings, and what sine fits tell of them.
+    """Return the rows of eq. 7.9: time constants and inertias from drawings, and those identified from sine fits.
 
     The total is of the torsional vibration calculation, the propeller's side J_2 = tau_prop M_s0 / (2 pi n_s0).
     """

@@ -25,7 +25,7 @@ from shipfp_rs.vessel.vessel import Vessel
 
 VESSEL = "stan-tug-1205-full"
 AMPLITUDE_RPM = 76.0
-"""Of sines and chirps: 0.6 V peak to peak by eq. 6.7 (the sine fits of Table E.1)."""
+"""Amplitude of sines and chirps: 0.6 V peak to peak by eq. 6.7 (the sine fits of Table E.1)."""
 CHIRP_S = 500.0
 """Longest sweep of the signal generator (section 6.2.2)."""
 OPERATING_V = -5.0

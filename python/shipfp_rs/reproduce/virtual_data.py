@@ -25,7 +25,7 @@ Discretisation = Literal["zoh", "euler"]
 
 VESSEL = "stan-launch-804"
 STEP_S = 0.01
-"""Step of the thesis's simulation: the times of Table 5.1 are whole hundredths of a second, and the bias agrees."""
+"""Step of the thesis's simulation, inferred: Table 5.1 has times in whole hundredths of a second, and the bias agrees."""
 SMALL_RPM, LARGE_RPM = 13.0, 104.0
 """Amplitudes of cases ii to iv and of case v: 0.01 and 0.08 of 1300 rpm (section 5.1)."""
 CHIRP_HZ, CHIRP_S = (0.0014, 20.0), 1500.0
@@ -46,13 +46,13 @@ BOUNDS = {
 }
 """Bounds of every search, eq. 5.3 to 5.7."""
 POINT_STD = 1e-3
-"""Standard deviation given to every settled sine, as part of its output's root mean square over the frequencies."""
+"""Standard deviation given to every settled sine, relative to its output's root mean square over the frequencies."""
 ACCURATE_RATE_HZ = 50.0
-"""Of accurate data, whose steps are as fine as they must be: plant and model get the same straight lines in between."""
+"""Sample rate of accurate data. Their integration steps are finer; plant and model interpolate the set point alike."""
 SAMPLES_A_PERIOD = 400
-"""Of accurate data: straight lines between them lessen a sine by 2e-5."""
+"""Samples a period of accurate data; linear interpolation between them lessens a sine by 2e-5."""
 SUBSTEPS = 30
-"""Steps a sample of the plant that is fitted: data without noise show what the kernel's own step of 4 ms leaves."""
+"""Integration steps a sample of the fitted plant: in data without noise the error of the kernel's 4 ms step would show."""
 SETTLED = 22.0
 """Time constants of the slowest pole until a sine counts as settled: what is left of the start is e^-22 = 3e-10."""
 
@@ -112,8 +112,8 @@ def single_step(vessel: Vessel, size: float, *, limits: bool) -> Experiment:
 def settled_response(vessel: Vessel, method: Method = "rk4", *, limits: bool = True) -> FrequencyResponse:
     """Return the plant's response to each sine of Table 5.1 once it has settled, by a sine fit to one whole period.
 
-    Its deviations are one part of each output's root mean square over the frequencies: weighted so, the residuals of
-    speed and torque count alike, the thesis's "Output Weight" (section 5.2).
+    Its standard deviations are `POINT_STD` of each output's root mean square over the frequencies. With this weight, the
+    thesis's "Output Weight" (section 5.2), the residuals of speed and torque count alike.
     """
     sequence = signals.published_sine_sequence()
     frequency = np.array([segment.frequency_hz for segment in sequence.segments])
@@ -121,12 +121,12 @@ def settled_response(vessel: Vessel, method: Method = "rk4", *, limits: bool = T
     names = ("n_set", "n_e", "M_b", "E_n")
     lines: list[list[complex]] = []
     for value in frequency:
-        # Of Euler the step is given, and the periods of Table 5.1 are whole numbers of it.
+        # Euler has a fixed step, and the periods of Table 5.1 are multiples of it.
         samples = round(1.0 / (value * STEP_S)) if method == "euler" else SAMPLES_A_PERIOD
         periods = math.ceil(settling_s * value) + 1
         sine = signals.sine_sequence([value], periods, SMALL_RPM, rate_hz=samples * value)
         experiment = run(vessel, sine, method, limits=limits)
-        # Over one whole period a sine fit is a line of the spectrum.
+        # Over one whole period a sine fit equals one line of the Fourier transform.
         lines.append([np.fft.rfft(experiment.normalised(name)[-samples:])[1] for name in names])
     set_point, *answers = np.array(lines).T
     response = {name: answer / set_point for name, answer in zip(names[1:], answers, strict=True)}
@@ -140,7 +140,7 @@ def settled_response(vessel: Vessel, method: Method = "rk4", *, limits: bool = T
 def searched_as_printed(structure: Structure) -> Structure:
     """Give a structure the start and the bounds of section 5.4."""
     names = [parameter.name for parameter in structure.free]
-    # Start and bounds in two steps would have to agree in between.
+    # Start and bounds are set in one call: set one by one, a new bound might exclude the old start.
     return structure.with_bounds(**{name: (BOUNDS[name][0], START[name], BOUNDS[name][1]) for name in names})
 
 
@@ -150,7 +150,7 @@ def thesis_structure() -> Structure:
 
 
 def sampled_structure(discretisation: Discretisation) -> Structure:
-    """Return the structure of section 5.3 as it answers sampled sines, discretised exactly or by forward Euler."""
+    """Return the structure of section 5.3 with the response of its discretisation, exact or by forward Euler."""
     linear = thesis_structure()
 
     def response(values: Mapping[str, Any], frequency_hz: Array) -> ComplexArray:
@@ -167,7 +167,7 @@ def sampled_structure(discretisation: Discretisation) -> Structure:
 
 
 def plant_structure(vessel: Vessel) -> Structure:
-    """Return the nonlinear plant below a vessel's torque envelope in the linear structure's parameters (eq. 3.1 to 3.11)."""
+    """Return the nonlinear plant with a vessel's torque envelope and the linear structure's parameters (eq. 3.1 to 3.11)."""
     ship = Structure.ship(name="plant").with_fixed(p=2.0)
     assert isinstance(ship.equations, ShipEquations)
     speed, torque = vessel.envelope()
@@ -201,10 +201,10 @@ def fit_pct(structure: Structure, values: Mapping[str, float], experiment: Exper
 
 
 def euler_bias(model: LinearModel, step_s: float = STEP_S) -> float:
-    """Return the tau_n that forward Euler data show to an exact model, tau h a / -ln(1 - h a).
+    """Return the tau_n that an exact model finds in data of forward Euler: tau h a / -ln(1 - h a).
 
-    a = (p - g + v K_p)/tau_n is nearly the fast pole: Euler makes it decay by 1 - h a a step, which an exact model takes
-    for exp(-h a'), and a' tau' = a tau.
+    a = (p - g + v K_p)/tau_n is nearly the fast pole. With Euler it decays by the factor 1 - h a in a step, which an exact
+    model takes for exp(-h a'), and a' tau' = a tau.
     """
     a = (model.p - model.g + model.v * model.K_p) / model.tau_n
     return float(model.tau_n * step_s * a / -math.log1p(-step_s * a))

@@ -212,7 +212,7 @@ def join(excitations: Sequence[Excitation], *, pause_s: float = 0.0, name: str =
     Parameters
     ----------
     excitations
-        What to join, all of one rate and hold.
+        What to join; all have the same rate and the same hold.
     pause_s
         Length of each pause [s].
     name

@@ -175,7 +175,8 @@ def multisine(
 
 def _flattened(lines: npt.NDArray[np.int64], sizes: Array, samples: int, iterations: int) -> Array:
     """One period of cosines of these sizes on the given lines, with the lowest crest factor that clipping found."""
-    # Schroeder's phases, from the power of the lines before; k (k + 1) / F half turns for F equal ones, but for a shift.
+    # Schroeder's phases: each follows from the power of all lines below it. For F equal lines this gives
+    # pi k (k + 1) / F, except for a shift in time.
     power = np.cumsum(sizes**2) / np.sum(sizes**2)
     phase = 2.0 * math.pi * (np.cumsum(power) - power[0])
     spectrum = np.zeros(samples // 2 + 1, dtype=np.complex128)

@@ -68,7 +68,7 @@ def loop_of(structure: Structure, values: Values) -> tuple[TransferFunctions, di
 
 
 def open_loop(structure: Structure, values: Values, frequency_hz: npt.ArrayLike) -> ComplexArray:
-    """Return the open loop L (F,), dead times exact: minus the returned signal over the one sent round."""
+    """Return the open-loop response L (F,), with exact dead times: minus the ratio of returned to injected signal."""
     equations, known = loop_of(structure, values)
     s = 2j * np.pi * np.asarray(frequency_hz, dtype=np.float64)
     return np.asarray(equations.return_difference(known, s) - 1.0)

@@ -12,13 +12,13 @@ from shipfp_rs.structures.structure import Structure
 from shipfp_rs.support.arrays import Array, Values
 
 CURVED, SETTLED = 30, 1e-9
-"""Steps at most to the initial state of a model that is not linear in it, and a step that is the last."""
+"""Most steps towards the initial state of a model that is nonlinear in it, and the step size at which they end."""
 SHORTER = 0.3
-"""A step over the one before it from which on slopes are computed anew."""
+"""Ratio of a step to the one before it; above this ratio the derivatives are computed anew."""
 
 
 def simulated_about(structure: Structure, values: Values, experiment: Experiment) -> Mapping[str, Array]:
-    """Return the normalised outputs by signal, the initial state and an offset of each fitted to what was measured.
+    """Return the normalised outputs by signal; the initial state and each output's offset are fitted to the measurement.
 
     Parameters
     ----------

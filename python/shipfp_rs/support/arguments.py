@@ -99,7 +99,7 @@ def checked(function: F) -> F:
         try:
             given = signature.bind(*args, **kwargs).arguments
         except TypeError:
-            return function(*args, **kwargs)  # Python's own words for what is missing or too much
+            return function(*args, **kwargs)  # raises Python's own message on missing or surplus arguments
         given |= given.pop(rest, {})
         _require(function.__name__, function, given)
         try:

@@ -130,12 +130,12 @@ def _complex_step(function: Function, vector: Array, size: Array) -> Array:
 def _trusted_complex_step(
     function: Function, vector: Array, size: Array, value: Array, differences: Array
 ) -> Array | None:
-    """Return the derivatives by complex step if they are what the differences say."""
+    """Return the derivatives by complex step if they agree with the differences."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error", np.exceptions.ComplexWarning)
             slopes = _complex_step(function, vector, size)
-    except Exception:  # whatever a function says to complex numbers, it does not take them
+    except Exception:  # any error means that the function does not accept complex numbers
         return None
     if slopes.shape != differences.shape:
         return None

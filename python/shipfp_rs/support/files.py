@@ -166,7 +166,7 @@ def write_text_atomically(path: Path, text: str) -> Path:
 def replacing_folder(
     path: Path, *, marker: str, others: Collection[str] = (), force: bool = False
 ) -> Iterator[Path]:
-    """Give a temporary folder beside `path`; on leaving without an error its files come to stand in `path`.
+    """Give a temporary folder beside `path`; its files are moved to `path` on leaving without an error.
 
     A new folder appears in one rename. In a folder that exists each file is replaced in one rename, and no
     other file is touched.

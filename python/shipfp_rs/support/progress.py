@@ -1,4 +1,4 @@
-"""How far long work is, told by what does it to whoever listens, through everything in between."""
+"""Progress of a long computation: reported where it runs, received by a listener that no function has to pass on."""
 
 from __future__ import annotations
 

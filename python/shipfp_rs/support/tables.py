@@ -31,9 +31,9 @@ class Columns(NamedTuple):
 
 
 class Tabular(ABC):
-    """Base of what is a table: one column that the others are a function of, and facts about the whole.
+    """Base of classes that are a table: one independent column, columns that depend on it, and facts about the whole.
 
-    Tables carry the facts (name, operating point, ...) as JSON; where a table of another origin has none, or some are
+    Tables carry the facts (name, operating point, ...) as JSON. Where a table of another origin lacks facts, or some are
     wrong, they are given by name. A method whose package is not installed raises `InputError`.
     """
 

@@ -155,7 +155,7 @@ def sweep(
                 _run(plan, store, executor, workers, address, progress)
                 store.finish()
         finally:
-            # Of a run that was stopped, too: it tells how far that came.
+            # A run that was stopped gets a summary, too, which says how far it came.
             summary = summarise(plan, store.batches(), accuracy_pct)
             write_text_atomically(store.folder / SUMMARY, json_text(summary))
     return Sweep(Path(out), plan, summary)

@@ -22,7 +22,7 @@ DURATION = "excitation.duration_s"
 BINS = 6
 """Bins of a factor that has no levels, each with as many draws as any other."""
 ACCURACY_PCT = 10.0
-"""Relative error that 95 of 100 trials stay below, for the length of a trial, where none is asked for."""
+"""Default accuracy for which the length of a trial is given: the relative error that 95 of 100 trials stay below."""
 _SMALLEST, _LARGEST, _PER_DECADE = 1e-9, 1e6, 100
 """Range of relative errors in the histograms, whose bins are 2.3 % wide."""
 _EDGES = np.geomspace(_SMALLEST, _LARGEST, 1 + round(math.log10(_LARGEST / _SMALLEST)) * _PER_DECADE)

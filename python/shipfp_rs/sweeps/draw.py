@@ -123,7 +123,7 @@ def _found(plan: Plan, index: int) -> Iterator[tuple[str, Any]]:
 
 
 def _truth(vessel: Vessel, n_e_rpm: float | None, structure: Structure) -> dict[str, float]:
-    """Parameters of the ship by name; a lag that the structure has not is part of its dead time, as `linearise` has it."""
+    """True parameters of the ship by name. A lag that the structure lacks is added to its dead time, as in `linearise`."""
     truth = parameters_of(vessel, n_e_rpm)
     if "tau_act" not in structure.names:
         truth["T_d"] += truth["tau_act"]

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 MOST_POINTS = 4000
-"""Draws shown; of a larger sweep every so many-th."""
+"""Most draws that are shown; a larger sweep is thinned out evenly."""
 AXES = {
     "excitation.amplitude_rpm": "amplitude [rpm]",
     "excitation.duration_s": "duration [s]",

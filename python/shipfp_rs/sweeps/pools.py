@@ -63,7 +63,7 @@ class Pool:
             return failed
 
     def renew(self) -> None:
-        """Make good for a lost worker."""
+        """Replace the pool after a worker was lost."""
         if self.new is not None:
             self.executor.shutdown(cancel_futures=True)
             self.executor = self.new()

@@ -272,7 +272,7 @@ class Propeller(Sparse):
     torque_exponent: Annotated[float, Field(gt=0.0, le=4.0)] = 2.0
     """p in M_p proportional to n_s |n_s|^(p-1); eq. 3.8 has 2."""
     thrust_deduction: Annotated[float, BeforeValidator(_no_percentage), Field(ge=0.0, lt=1.0)] = 0.0
-    """Part of the thrust that the hull takes back."""
+    """Thrust deduction fraction t: the share of the thrust that is lost to added resistance of the hull."""
     K_T: Annotated[float, Field(ge=1e-4, le=10.0)] = later()
     """Thrust coefficient at zero speed of advance."""
     shaft_ripple: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.0

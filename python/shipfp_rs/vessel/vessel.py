@@ -53,7 +53,7 @@ class Vessel(Sparse):
     What the thesis's plant leaves out (dead times, limits, sampling, firing, a flexible shaft, the ship's own motion) is
     off unless it is configured.
 
-    A log is processed with the gear ratio alone; whatever else is left out is asked for by name where it is needed.
+    The gear ratio alone suffices to process a log. Where another key is needed but missing, an error names it.
     The propeller's torque coefficient is not configured: it follows from the operating point.
 
     Examples
