@@ -1,4 +1,4 @@
-"""Poles, margins, bandwidth and recovery of the identified speed loop, each with the deviation that the data leave."""
+"""Poles, margins, bandwidth and recovery of the identified speed loop, each with its standard deviation."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ from shipfp_rs.support.quantiles import DEVIATIONS_95
 from shipfp_rs.support.sentences import Sentence
 
 TOLD = 1e-4
-"""Part of a figure's own size by which it may change along a direction that the data do not determine."""
+"""Largest relative change of a figure along a direction that the data do not determine."""
 PADE = 5
 SLOWEST = 5
-"""Roots of the approximation that are led to exact ones: two, their conjugates, and one to spare."""
+"""Number of roots of the approximation that are refined to exact ones: two, their conjugates, and one in reserve."""
 SETTLED = 1e-3
 """Last step of Newton's method relative to the pole; a larger one means that no pole was found."""
 SEARCHED_HZ = np.geomspace(1e-4, 1e2, 1200)
 RECOVERED = 0.05
-"""Part of a step of the set point within which the speed stays once it has recovered."""
+"""Band, relative to a step of the set point, within which the speed stays once it has recovered."""
 LONGEST = 8.0
 """Time constants of the slowest pole after which a step is over."""
 INSTANTS = 4000
@@ -44,7 +44,7 @@ found possible do."""
 LEAST = {"phase margin": -np.inf, "overshoot": 0.0, "dM_b(0)": -np.inf, "dM_g(0)": -np.inf}
 """Figures that may be zero or change sign, with their least values; all others have symmetric intervals of the logarithm."""
 ENDLESS = ("gain margin", "ultimate gain")
-"""Figures that are without limit where they have no value."""
+"""Figures that are infinite where they have no value."""
 SAME = {"dM_b(inf)": "vK_p", "dM_b(0)": "p", "dM_g(0)": "p"}
 """Figures that equal a parameter for a ship without further elements, and so have that parameter's interval."""
 
@@ -52,33 +52,32 @@ Figure = Callable[[Values], float]
 Searched = Callable[[Values], ComplexArray]
 """The open loop at `SEARCHED_HZ`."""
 Followed = Callable[[Values], Array]
-"""Its phase [rad]."""
+"""Phase of the open loop at `SEARCHED_HZ` [rad]."""
 Result = TypeVar("Result")
 
 
 @checked
 def closed_loop(fingerprint: Fingerprint, structure: Structure | None = None) -> dict[str, Estimate]:
-    """Return what a control engineer asks of a speed loop, from its linearisation about the operating point.
+    """Return the figures that a control engineer expects of a speed loop, linearised about the operating point.
 
     Parameters
     ----------
     fingerprint
-        Of a linear structure, of the ship or of a vessel's plant.
+        Fingerprint of a linear structure, of the ship or of a vessel's plant.
     structure
-        The fingerprint's; None rebuilds it.
+        Structure of the fingerprint; None rebuilds it.
 
     Returns
     -------
     dict
-        Name to estimate with 95 % interval, first order in the covariance of the parameters, of what can't turn its sign
-        by its logarithm, joined with the figures of all ships that profiles found possible: real and
-        imaginary part of the two poles that last longest, the slower one first, of pairs the upper one [rad/s], with a
-        dead time in the loop exactly;
-        crossover [Hz], phase margin [deg], gain margin [-], and the proportional gain vK_p [-] and the period [s] at which
-        the loop would oscillate if all gains grew together, K_u and P_u of tuning rules; bandwidth of the speed, where its
-        gain has fallen by 3 dB [Hz]; time after a step of the set point from which on the speed stays within 5 % of it
-        [s], and by how much it shoots over [-]; slow and fast gain of the torque [-] (eq. 3.39, 3.40), the fast one
-        before any lag or twist.
+        Name to estimate with 95 % interval. Intervals are first order in the covariance of the parameters, on a logarithmic
+        scale if the figure can't change its sign, and include the figures of all ships that profiles found possible.
+        The figures: real and imaginary part of the two slowest poles, the slower one first, of pairs the upper one [rad/s],
+        with exact dead times; crossover [Hz], phase margin [deg], gain margin [-]; proportional gain vK_p [-] and period
+        [s] at which the loop would oscillate if all gains grew together (K_u and P_u of tuning rules); bandwidth of the
+        speed, where its gain has fallen by 3 dB [Hz]; time after a step of the set point from which on the speed stays
+        within 5 % of it [s], and overshoot [-]; slow and fast gain of the torque [-] (eq. 3.39, 3.40), the fast one before
+        any lag or twist.
         A figure that the data do not determine has no value. Nor has the gain margin of a loop that never oscillates: its
         interval then begins at the least gain at which the loop would oscillate if an element that was not found acted.
 
@@ -108,16 +107,16 @@ def closed_loop(fingerprint: Fingerprint, structure: Structure | None = None) ->
 
 
 def poles_of(structure: Structure, values: Values) -> ComplexArray:
-    """Return the two longest-lasting poles of the loop with its dead time [rad/s], the slower one first, shape (2,) or (1,).
+    """Return the two slowest poles of the loop with its dead time [rad/s], the slower one first, shape (2,) or (1,).
 
-    Of a pair it is the upper one; slow is what has a small absolute value. Poles that a Pade approximation of the dead
-    time has are led to the exact ones by Newton's method.
+    Of a pair it is the upper one; a pole is slow if its absolute value is small. Newton's method refines the poles of a
+    Pade approximation of the dead time to the exact ones.
     """
     return np.array(sorted(_roots(structure, values)[:2], key=abs))
 
 
 def _roots(structure: Structure, values: Values) -> ComplexArray:
-    """The longest-lasting poles, in that order, a few more than are told."""
+    """The slowest poles, in that order, a few more than are reported."""
     equations, known = loop_of(structure, values)
     known = {**known, "T_set": 0.0}  # outside the loop
     poles = np.linalg.eigvals(
@@ -131,7 +130,7 @@ def _roots(structure: Structure, values: Values) -> ComplexArray:
         value, above, below = np.split(equations.characteristic(known, asked), 3)
         moved = value * 2.0 * step / (above - below)
         poles = poles - moved
-    # A root of the approximation that leads to no exact one still moves.
+    # From a root of the approximation that is near no exact pole, the iteration does not converge.
     poles = poles[np.abs(moved) < SETTLED * np.abs(poles)]
     upper = poles[poles.imag > -1e-9 * np.abs(poles)]
     upper = np.where(np.abs(upper.imag) < 1e-7 * np.abs(upper), upper.real, upper)
@@ -140,7 +139,7 @@ def _roots(structure: Structure, values: Values) -> ComplexArray:
 
 
 def _figures(structure: Structure, values: Values) -> dict[str, tuple[str, Figure]]:
-    # Several figures ask for the same of each ship.
+    # Several figures share the same intermediate results of each ship.
     roots, step = once(partial(_roots, structure)), once(partial(_step, structure))
     searched = once(lambda known: open_loop(structure, known, SEARCHED_HZ))
     crossing = once(partial(_crossover, structure, searched))
@@ -173,7 +172,7 @@ def _figures(structure: Structure, values: Values) -> dict[str, tuple[str, Figur
 
 
 def once(function: Callable[[Values], Result]) -> Callable[[Values], Result]:
-    """Return a function of a ship's values that is worked out once for each ship."""
+    """Return a function of a ship's values that is computed only once for each ship."""
     known = cache(lambda items: function(dict(items)))
     return lambda values: known(tuple(values.items()))
 
@@ -181,13 +180,13 @@ def once(function: Callable[[Values], Result]) -> Callable[[Values], Result]:
 def _pole(
     roots: Callable[[Values], ComplexArray], pole: complex, part: Callable[[Any], Any], values: Values
 ) -> float:
-    """A pole of another ship: the nearest one, since poles change places where they pass each other."""
+    """The pole of another ship that is nearest to a given pole, since poles change their order as they pass each other."""
     found = roots(values)
     return float(part(min(found, key=lambda one: abs(one - pole)))) if len(found) else float("nan")
 
 
 def _passed(searched: Array, value: Callable[[float], float]) -> float:
-    """The lowest frequency at which a function of it, known at `SEARCHED_HZ`, falls through zero [Hz]; NaN for none."""
+    """Lowest frequency [Hz] at which a function, known at `SEARCHED_HZ`, falls through zero; NaN where it never does."""
     change = np.flatnonzero(np.diff(np.sign(searched)) < 0.0)
     if not len(change):
         return float("nan")
@@ -206,16 +205,16 @@ def _crossover(structure: Structure, searched: Searched, values: Values) -> floa
 
 
 def _followed(loop: ComplexArray) -> Array:
-    """Phase of the open loop at `SEARCHED_HZ` [rad] without turns lost, followed from low frequencies.
+    """Unwrapped phase of the open loop at `SEARCHED_HZ` [rad], followed from low frequencies.
 
-    There it lags by 90 degrees, and by 270 where engine and load alone run away (g above p): never does it lead.
+    There the loop lags by 90 degrees, or by 270 where engine and load alone are unstable (g above p); it never leads.
     """
     phase = np.unwrap(np.angle(loop))
     return np.asarray(phase - 2.0 * np.pi * np.ceil(phase[0] / (2.0 * np.pi) - LEADING))
 
 
 def _turned(structure: Structure, followed: Array, values: Values, frequency_hz: float) -> float:
-    """Phase of the open loop [deg] without turns lost."""
+    """Unwrapped phase of the open loop [deg]."""
     angle = np.angle(_loop_at(structure, values, frequency_hz))
     before = followed[max(int(np.searchsorted(SEARCHED_HZ, frequency_hz, side="right")) - 1, 0)]
     return float(np.degrees(angle + 2.0 * np.pi * np.round((before - angle) / (2.0 * np.pi))))
@@ -229,7 +228,7 @@ def _phase_margin(structure: Structure, followed: Followed, crossing: Figure, va
 
 
 def _turning(structure: Structure, followed: Followed, values: Values) -> float:
-    """Frequency at which a loop of enough gain oscillates [Hz]; NaN where none does."""
+    """Frequency at which the loop oscillates if its gain is high enough [Hz]; NaN where it never does."""
     phase = followed(values)
     return _passed(
         np.degrees(phase) + 180.0, lambda frequency: _turned(structure, phase, values, frequency) + 180.0
@@ -284,7 +283,7 @@ def _step(structure: Structure, values: Values) -> tuple[float, float]:
 
 
 def _decay(space: StateSpace) -> tuple[ComplexArray, ComplexArray, float]:
-    """Return what the speed lacks after a step: poles, the weights of their exponentials, and what stays."""
+    """Return the speed's deviation after a step: poles, weights of their exponentials, and the part that remains."""
     place = space.outputs.index("dn")
     poles, modes = np.linalg.eig(space.A)
     weights = (space.C[place] @ modes) * np.linalg.solve(modes, space.B) / poles
@@ -300,14 +299,14 @@ def _powers(base: ComplexArray, count: int) -> ComplexArray:
 
 
 def _fast_torque(structure: Structure, values: Values) -> float:
-    """Gain of the torque over a fast set point: what the governor asks for at once, before a lag or a twist smooths it."""
+    """Gain from a fast set point to the torque that the governor demands at once, before a lag or a twist smooths it."""
     known = loop_of(structure, values)[1]
     gain = _proportional(known)
     return gain * known["tau_prop"] / known["tau_n"] if "tau_prop" in structure.names else gain
 
 
 def _same(fingerprint: Fingerprint, name: str, value: float) -> Estimate | None:
-    """Return the estimate of the parameter that a figure is; None where it is none."""
+    """Return the estimate of the parameter that a figure equals; None where it equals none."""
     told = {**fingerprint.derived, **fingerprint.parameters}.get(SAME.get(name, ""))
     if (
         told is None
@@ -331,8 +330,8 @@ def estimated(
 ) -> Estimate:
     """Return a figure of the ship with its interval.
 
-    `least` is the least it can be, None of what keeps its sign; one without a value may be `endless`, above what any
-    ship has.
+    `least` is its least possible value; None: it keeps its sign. A figure without a value may be `endless`: infinite, or
+    larger than any ship's.
     """
     values = dict(fingerprint.optimum)
     value = figure(values)
@@ -363,7 +362,7 @@ def estimated(
     names = list(fingerprint.covariance["names"])
     gradient = np.array([slopes[name] for name in names])
     matrix = np.array(fingerprint.covariance["matrix"], dtype=np.float64).reshape(len(names), len(names))
-    # What a misfit can do widens the figures as it widens the parameters.
+    # A misfit of the model widens the intervals of figures as much as those of parameters.
     widened = max(float(fingerprint.adequate.get("dispersion", 1.0)), 1.0)
     std = float(np.sqrt(max(widened * gradient @ matrix @ gradient, 0.0)))
     possible = _possible(fingerprint, figure)
@@ -377,7 +376,7 @@ def estimated(
 
 
 def _first_order(value: float, std: float, least: float | None) -> tuple[float, float]:
-    """Return the ends of a figure's interval; of one that keeps its sign the value over and times a factor."""
+    """Return the ends of a figure's interval; if it keeps its sign they are the value divided and multiplied by a factor."""
     reach = DEVIATIONS_95 * std
     if least is not None or not value:
         return max(value - reach, -np.inf if least is None else least), value + reach

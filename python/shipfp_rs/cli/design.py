@@ -33,7 +33,7 @@ TYPED = {
     "generator": "--volts",
     "noise corner_hz": "--noise-corner",
 }
-"""Arguments of `designs.design` as they are typed."""
+"""Arguments of `designs.design`, with the options of the command that set them."""
 
 
 def design(

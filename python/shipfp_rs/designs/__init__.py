@@ -1,4 +1,4 @@
-"""Design of a trial: which set point tells most within the limits, what it will tell, and how long it must last."""
+"""Design of a trial: the most informative set point within the limits, the accuracy to expect, and the time it takes."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def design(
     generator: Generator | None = None,
     settle_s: float = 10.0,
 ) -> Plan:
-    """Plan a trial: the set point that tells most within the limits, and what it will tell.
+    """Plan a trial: the most informative set point within the limits, and the accuracy to expect.
 
     Parameters
     ----------

@@ -64,7 +64,7 @@ class Plan(Brief):
     efficiency
         Lower bound on how near the shares are to the optimum [-], by the equivalence theorem.
     designed_for
-        What the lines are chosen for: all that small motions tell.
+        The names of the parameters for which the lines are chosen: all that small motions determine.
     prediction
         Standard deviations, and what will stay unknown.
     needed
@@ -193,7 +193,7 @@ class Plan(Brief):
 
 
 def _finite(table: dict[str, Any]) -> dict[str, Any]:
-    """JSON has no infinity."""
+    """Replace infinite values by null, since JSON has no infinity."""
     return {key: None if value == math.inf else value for key, value in table.items()}
 
 

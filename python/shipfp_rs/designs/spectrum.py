@@ -54,7 +54,8 @@ class Lines:
         if criterion == "D":
             sign, logarithm = np.linalg.slogdet(total)
             return np.where(sign > 0, np.exp(-logarithm / total.shape[-1]), np.inf)
-        # Where a design leaves a direction open the inverse is rounding; the pseudo-inverse would call that perfect.
+        # Where a design does not excite some direction, the inverse is mere rounding, and a pseudo-inverse would give
+        # that direction no variance at all.
         smallest = np.linalg.eigvalsh(total)
         solvable = smallest[..., 0] > 1e-14 * smallest[..., -1]
         safe = np.where(solvable[..., None, None], total, np.eye(total.shape[-1]))
@@ -145,7 +146,7 @@ def support(lines: Lines, shares: Array) -> tuple[Array, Array]:
 
 
 def best_sweep(lines: Lines, criterion: Criterion) -> tuple[float, float, Law]:
-    """Return start, stop [Hz] and law of the chirp that tells most, among those from candidate to candidate."""
+    """Return start, stop [Hz] and law of the most informative chirp among those that begin and end at candidates."""
     width = np.gradient(lines.frequency_hz)
     laws: tuple[tuple[Law, Array], ...] = (("logarithmic", width / lines.frequency_hz), ("linear", width))
     found: list[tuple[float, float, float, Law]] = []

@@ -1,4 +1,4 @@
-"""The search: descents side by side from several starts to the distinct minima of the deviance."""
+"""The search: parallel descents from several starts to the distinct minima of the deviance."""
 
 from __future__ import annotations
 
@@ -17,30 +17,30 @@ from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.threads import require_going
 
 SETTLED = 0.01
-"""A step that lowers the deviance by less ends a descent: a hundredth of what makes an interval's end uncertain by a
+"""Least decrease of the deviance for a descent to go on: a hundredth of the change that moves an interval's end by a
 thousandth."""
 MOST_STEPS = 60
 LEAST = 1e-14
-"""Damping that keeps a matrix that nothing tells a part of from being singular by rounding."""
+"""Damping that keeps a matrix from being singular where the data do not determine some direction."""
 DAMPED, DAMPED_NEAR, REJECTED, LESS, MORE, FURTHER = 1e-4, 1e-6, 1e-6, 0.15, 8.0, 2.0
-"""Damping of a descent to begin with, and of one that begins near its end; the least after a bad step, its factors after a
-good step and a bad one (Marquardt 1963), and by how much the latter grows with each bad step in a row (Nielsen 1999)."""
+"""Initial damping of a descent, and of one that begins near its end; least damping after a bad step; its factors after a
+good and after a bad step (Marquardt 1963), and the growth of the latter with each bad step in a row (Nielsen 1999)."""
 MOST_DAMPED = 1e4
-"""Damping with which a descent ends: steps a ten-thousandth as long as the gradient's own lead nowhere lower."""
+"""Damping at which a descent ends: a step a ten-thousandth as long as that along the gradient gains nothing."""
 FIRST, ROUGH, MIDDLE, FINE = (3, 50.0), (8, 50.0), (30, 1.0), (MOST_STEPS, SETTLED)
 """Most steps and least decrease of the descents, from many starts to few minima."""
 MOST_BASINS = 5
 SAME = 4.0
-"""Two ends are one minimum where the deviance's curvature puts them less than this apart, two deviations."""
+"""Two ends are the same minimum where their distance, by the deviance's curvature, is less than this: two deviations."""
 ALIKE = 10.0
-"""Minima whose deviance is above the least by more than this tell nothing of an interval of 95 per cent."""
+"""Height of a minimum above the lowest beyond which it does not matter for an interval of 95 per cent."""
 
 LIKELY = 30.0
-"""Ends of first descents above the least by more than this are not followed: their last steps bring less."""
+"""Height of an end of a first descent above the lowest beyond which it is dropped: its last steps would gain less."""
 
 Known = TypeVar("Known", bound=Likelihood)
 Penalty = Callable[[Array], tuple[float, Array]]
-"""Row that is added to the residuals: its value at a vector and its gradient."""
+"""Function from a vector to the value and gradient of a row that is added to the residuals."""
 
 
 @dataclass(frozen=True)
@@ -63,20 +63,20 @@ def descend(
     near: bool = False,
     until: float | None = None,
 ) -> Basin:
-    """Go down from a vector within the bounds, Levenberg-Marquardt with an active set.
+    """Minimise the deviance within the bounds, by Levenberg-Marquardt with an active set.
 
     Parameters
     ----------
     likelihood, start
-        What is lowered, from where.
+        Likelihood whose deviance is minimised, and the vector at which the descent begins.
     steps, settled
-        Steps at most, and the decrease below which it ends.
+        Most steps, and the decrease below which the descent ends.
     penalty
-        A stiff row beside, for a profile; the cost returned is without it.
+        A stiff additional row, for a profile; the cost returned is without it.
     near
-        Whether it begins near its end.
+        Whether the descent begins near its end.
     until
-        Clock (`time.monotonic`) at which it ends.
+        Time (`time.monotonic`) at which the descent ends at the latest.
     """
     low, high = likelihood.coordinates.bounds
     x = np.clip(start, low, high)
@@ -128,7 +128,7 @@ def _computed(likelihood: Likelihood, penalty: Penalty | None, vector: Array) ->
     if penalty is None:
         return found, found
     value, slope = penalty(vector)
-    # The row's residual is -value, its derivative as the model's: slope.
+    # The row's residual is -value; its derivative has the sign of the model's: slope.
     return found, found._replace(
         cost=found.cost + value**2,
         downhill=found.downhill - value * slope,
@@ -137,8 +137,8 @@ def _computed(likelihood: Likelihood, penalty: Penalty | None, vector: Array) ->
 
 
 def _step(now: Products, x: Array, low: Array, high: Array, damping: float) -> Array:
-    """Damped Gauss-Newton step within the bounds: what it would push out is held, and the rest solved again."""
-    # By Cholesky, which is as exact whatever units the entries have, be they orders of magnitude apart.
+    """Damped Gauss-Newton step within the bounds: entries that would leave them are held, and the rest is solved again."""
+    # By Cholesky, whose accuracy does not depend on the entries' units, even if these differ by orders of magnitude.
     damped, downhill, low, high = now.matrix.copy(), now.downhill, low - x, high - x
     damped.flat[:: len(x) + 1] += np.maximum(now.matrix.diagonal(), 1e-30) * (damping + LEAST)
     held = ((low >= 0.0) & (downhill < 0.0)) | ((high <= 0.0) & (downhill > 0.0))
@@ -162,7 +162,7 @@ def _step(now: Products, x: Array, low: Array, high: Array, damping: float) -> A
 
 
 def _solved(matrix: Array, right: Array) -> Array:
-    """Solution of a symmetric system, by LAPACK at once: `numpy.linalg.solve` takes longer to check than to solve.
+    """Solution of a symmetric system, by LAPACK directly: the checks of `numpy.linalg.solve` take longer than solving.
 
     Raises
     ------
@@ -181,8 +181,8 @@ def best_basins(
 ) -> tuple[Known, list[Basin]]:
     """Return the likelihood with its noise, and the distinct minima that count, the lowest first.
 
-    Rough descents with white noise come first. The best ends then go on under the noise of their own residuals, and the one
-    that is likeliest gives the noise for all.
+    Rough descents with white noise come first. The best ends then descend with the noise of their own residuals, and the
+    likeliest of them gives the noise for all.
 
     Raises
     ------
@@ -202,7 +202,7 @@ def best_basins(
 
 
 def by_own_noise(likelihood: Likelihood, vector: Array, *, until: float | None = None) -> Basin:
-    """Go down under the noise of the residuals themselves; the cost is the total, determinant included."""
+    """Descend with the noise estimated from the residuals themselves; the cost is the total, log determinant included."""
     for steps, settled in (MIDDLE, FINE):
         try:
             likelihood = likelihood.with_noise(vector)
@@ -213,7 +213,7 @@ def by_own_noise(likelihood: Likelihood, vector: Array, *, until: float | None =
 
 
 def distinct(likelihood: Likelihood, ends: Sequence[Basin]) -> list[Basin]:
-    """Leave out minima that are the same: apart by less than the deviance tells, or nearly equal in every coordinate."""
+    """Leave out duplicate minima: those whose distance the deviance can't resolve, or that are nearly equal everywhere."""
     ends = sorted((end for end in ends if np.isfinite(end.cost)), key=lambda one: one.cost)
     if len(ends) < 2:
         return ends
@@ -233,7 +233,7 @@ def each(
     steps: int = MOST_STEPS,
     settled: float = SETTLED,
 ) -> list[Basin]:
-    """Go down from each start, side by side; return the ends, the lowest first."""
+    """Descend from each start, in parallel; return the ends, the lowest first."""
     jobs = [
         partial(descend, likelihood, start, steps=steps, settled=settled, until=until) for start in starts
     ]

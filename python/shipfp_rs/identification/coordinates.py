@@ -1,7 +1,8 @@
-"""Coordinates in which a ship is searched: ratios to the inertia's time constant, which data tell far better than parts.
+"""Coordinates in which a ship is searched: ratios to the inertia's time constant tau_n.
 
-Divided by tau_n the ship's equations are linear in 1 / tau_n, (p - g) / tau_n, vK_p / tau_n and vK_i / tau_n but for N^p
-(eq. 3.31). A valley along which only the curvature of N^p changes is a straight line here.
+Data determine these ratios far better than each parameter. Divided by tau_n, the ship's equations are linear in 1 / tau_n,
+(p - g) / tau_n, vK_p / tau_n and vK_i / tau_n, except for N^p (eq. 3.31). A valley of the deviance along which only the
+curvature of N^p changes is a straight line in these coordinates.
 """
 
 from __future__ import annotations
@@ -17,38 +18,38 @@ from shipfp_rs.identification.likelihood import SMALL, Figure, Itself
 from shipfp_rs.support.arrays import Array, Values
 
 STATE_REACH = 0.3
-"""How far a record's set point and torque may be read wrong, over the operating point's."""
+"""Largest relative error of a record's set point and torque."""
 LOGARITHMS = ("tau_n", "rate", "rate_down", "tau_twist", "v", "M_soft")
 """Parameters that are searched by their logarithm."""
 SQUARES = ("hold",)
-"""Parameters that act by their square, and are searched by it: about zero they would have no slope."""
+"""Parameters that are searched by their square: they act by it, so that their own derivative vanishes at zero."""
 RATIOS = ("vK_p", "vK_i")
-"""Parameters that are searched over tau_n, and not by a logarithm: (p - g) / tau_n and vK_i / tau_n rise in proportion along
-a valley, of which a logarithm would make a bow."""
+"""Parameters that are searched as a ratio to tau_n, without a logarithm: along a valley (p - g) / tau_n and vK_i / tau_n
+rise in proportion, and a logarithm would bend that valley."""
 MOST_BEHIND, WALL = 0.95, 0.01
-"""Largest part of the inertia that may lie behind a gauge, and how steep the wall at it is."""
+"""Largest share of the inertia that may lie behind a gauge, and the width of the penalty there."""
 SMALLEST = 1e-3
 """Least gain over tau_n."""
 
 
 STATE_DEVIATION = 0.1
-"""Prior deviation of what is read wrong, over the operating point."""
+"""Prior standard deviation of the records' unknowns, relative to the operating point."""
 
 
 @dataclass(frozen=True)
 class Coordinates:
-    """Free parameters of a ship between bounds, as a vector, with the states of its records behind them.
+    """Free parameters of a ship within bounds, as a vector, followed by the unknowns of its records.
 
     Parameters
     ----------
     free
         Name to (lower, upper) bound, in the parameters' own units.
     given
-        Name to value of what is not searched.
+        Name to value of the parameters that are not searched.
     records
         Number of records, each with unknowns of its own.
     unknowns
-        Names of these.
+        Names of a record's unknowns.
     """
 
     free: Mapping[str, tuple[float, float]]
@@ -58,7 +59,7 @@ class Coordinates:
 
     @property
     def state_deviation(self) -> float:
-        """Prior deviation of the records' states, over the operating point."""
+        """Prior standard deviation of the records' unknowns, relative to the operating point."""
         return STATE_DEVIATION
 
     @cached_property
@@ -73,7 +74,7 @@ class Coordinates:
 
     @cached_property
     def _own(self) -> tuple[Callable[[float], float], ...]:
-        """What makes a parameter in its own unit of its entry in a vector."""
+        """Functions that map entries of a vector to parameters in their own units."""
         return tuple(
             math.exp if name in LOGARITHMS else math.sqrt if name in SQUARES else float for name in self.names
         )
@@ -125,7 +126,7 @@ class Coordinates:
         return self.completed(values)
 
     def completed(self, values: dict[str, float]) -> dict[str, float]:
-        """Return values with the gains that follow from them, where the rack's torque is searched."""
+        """Return the values, with the gains K = vK / v added where the rack's torque v is searched."""
         if "v" in self.free:
             values |= {gain[1:]: values[gain] / values["v"] for gain in RATIOS}
         return values
@@ -208,7 +209,7 @@ class Coordinates:
 
 
 def loop_of(values: Values) -> dict[str, float]:
-    """Return parameters as transfer functions take them: damping as part of p, gains not times v where that is known."""
+    """Return parameters as transfer functions take them: p includes the damping; where v is known, gains exclude it."""
     found = {**values, "p": values["p"] + values.get("damping", 0.0)}
     for gain in ("vK_p", "vK_i", "vK_d"):
         if "v" in found and gain in found:
@@ -217,7 +218,7 @@ def loop_of(values: Values) -> dict[str, float]:
 
 
 def wall_row(c: Coordinates, vector: Array, values: Mapping[str, float] | None = None) -> Array | None:
-    """Residual and derivatives (1 + P,) of a wall at the largest inertia behind the gauge; None away from it."""
+    """Residual and derivatives (1 + P,) of the penalty on a larger inertia behind the gauge; None where it is inactive."""
     values = c.values(vector) if values is None else values
     behind, whole = values.get("tau_prop", 0.0), values["tau_n"]
     if behind <= MOST_BEHIND * whole or "tau_prop" not in c.free:

@@ -1,7 +1,8 @@
-"""Whether the engine's side has what the model has not: limits, a gain that changes, another lag, by tests of a score.
+"""Score tests for effects on the engine's side that the model lacks: limits, a gain that changes, another lag.
 
-What a limiter takes away, or a governor adds, is known from the model's own signals, and acts on speed and torque as any
-disturbance of the engine's torque does. What the residuals show of it is one unknown for each shape, and nothing is fitted.
+The model's own signals give the shape of the torque that a limiter takes away or a governor adds. Such a torque acts on
+speed and torque as any disturbance of the engine does. Its size in the residuals is one unknown for each shape, so that no
+fit is needed.
 """
 
 from __future__ import annotations
@@ -24,35 +25,35 @@ LEVELS, SLOPES = (0.8, 0.9, 0.97, 0.995), (0.5, 0.8, 0.95, 0.99)
 BANDS = (0.3, 0.6, 0.85)
 """Quantiles of the speed error: within each of these bands a different gain of the governor is tried."""
 LAGS_S = (0.02, 0.06, 0.2, 0.6, 2.0)
-"""Lags behind which the governor's command may act."""
+"""Lags of the governor's command that are tried [s]."""
 LIMITS = {"torque_limit", "rack_rate"}
-"""Shapes that a limiter takes away: a negative part of them is none."""
+"""Kinds of shapes that a limiter takes away; a negative size is no evidence of a limit."""
 SHOWN = 16.0
-"""Least fall of a shape that is there: chance exceeds it with any of these shapes once in a thousand."""
+"""Least fall of the deviance for a shape to count as present; chance exceeds it, with any shape, once in a thousand."""
 CONSISTENT = 2.7
-"""Least consistency of a shape that is there: chance exceeds it once in twenty, to one side."""
+"""Least consistency over stretches for a shape to count as present; chance exceeds it once in twenty (one-sided)."""
 NEAR = 3.0
-"""What shows more than a limit by less than this may be the limit's own."""
+"""A shape that exceeds a limit's fall by less than this may be caused by that limit."""
 SURE = 60.0
-"""Fall of the deviance from which a limit is tried, be it reached in a single stretch."""
+"""Fall of the deviance from which a limit is tried even if it shows in a single stretch only."""
 WORTH = 8.0
 """Fall of the deviance from which a limit is worth a fit."""
 NONE = Score(0.0, 0.0, 0.0, 0.0)
 ROUNDED, NEARLY = 3.0, 0.8
-"""A torque is in its limit from so many roundings below it on, a rack in its rate from this part of it on."""
+"""A torque counts as limited from this many widths of the rounding below its limit, a rack from this share of its rate."""
 BINS, LEAST_STRETCHES = 15, 4
-"""Bins of a curve, and stretches below which a bin's scatter tells nothing."""
+"""Number of bins of a curve, and least stretches in a bin for its standard error."""
 LEAST_PERIODS, LEAST_BAND = 30, 0.1
-"""Periods in a record, or part of the band, below which a frequency is left out of a curve: the governor's integral makes
-drifts of the speed large there, and the curve is lost in them."""
+"""Least periods in a record, and least share of the band, of a frequency that counts for a curve. Below, the governor's
+integral enlarges drifts of the speed, which would hide the curve."""
 
 
 def engine_tests(fit: ShipFit) -> dict[str, Score]:
     """Return the strongest score of each kind of shape; none where no torque was measured.
 
-    "torque_limit" and "rack_rate" are limits, "gain" is a gain that changes with the error, as beside a dead band,
-    "asymmetry" what goes one way only, as a slower way down, "lag" a command that acts sooner or later than the model's,
-    as behind an inner loop.
+    "torque_limit" and "rack_rate" are limits; "gain" is a gain that changes with the error, as with a dead band;
+    "asymmetry" is an effect in one direction only, such as a slower decrease; "lag" is a command that acts sooner or later
+    than in the model, as behind an inner loop.
     """
     if "dM" not in fit.question.outputs:
         return {}
@@ -68,11 +69,11 @@ def engine_tests(fit: ShipFit) -> dict[str, Score]:
 
 
 def engine_curves(fit: ShipFit) -> dict[str, dict[str, list[float]]]:
-    """Return what the engine's torque has beyond the model against the governor's error, and the rack's slope.
+    """Return curves of the engine torque that the model lacks, against the governor's error and against the rack's slope.
 
-    Each has the bins' means "at" (over the operating point, of the slope over it a second), and of the "torque" over the
-    operating torque the mean and its standard error by stretches, "std". Nothing where no torque was measured, or the ship
-    is not one of two equations: there the residuals are not the engine's alone.
+    Each curve has by bin "at", the mean of the abscissa in operating points (a slope: a second), "torque", the mean torque
+    over the operating torque, and "std", its standard error from stretches. Empty where no torque was measured, or the
+    ship is not described by two equations, since the residuals then are not the engine's alone.
     """
     likelihood, values = fit.likelihood, fit.values
     if "dM" not in fit.question.outputs or not fit.is_smooth:
@@ -87,7 +88,7 @@ def engine_curves(fit: ShipFit) -> dict[str, dict[str, list[float]]]:
         least_hz = min(LEAST_PERIODS * rate_hz / record.count, LEAST_BAND * record.band_hz)
         torque[record.frequency_hz < least_hz] = 0.0
         at = np.arange(record.count) / rate_hz
-        # What the fuel answers to now the governor saw before.
+        # The fuel responds with a delay to what the governor saw.
         seen = at - values.get("T_d", 0.0) - values.get("tau_act", 0.0)
         _, rack, error = _signals(fit, index)
         length = max(round(STRETCH_S * rate_hz), 1)
@@ -104,7 +105,7 @@ def engine_curves(fit: ShipFit) -> dict[str, dict[str, list[float]]]:
 
 def _binned(row: Array, torque: Array, stretch: Array) -> dict[str, list[float]]:
     """Mean of a torque (K,) in quantile bins of a row, and its standard error by the scatter of stretches."""
-    # A ship that rests between steps has most samples at one place: equal widths spread the bins.
+    # A ship that rests between steps has most samples at one value: bins of equal width are spread better.
     even = np.linspace(0.0, 1.0, BINS + 1)
     edges = 0.5 * (np.quantile(row, even) + row.min() + (row.max() - row.min()) * even)
     place = np.clip(np.searchsorted(edges, row, side="right") - 1, 0, BINS - 1)
@@ -123,7 +124,7 @@ def _binned(row: Array, torque: Array, stretch: Array) -> dict[str, list[float]]
 
 
 def touched(fit: ShipFit, element: str) -> float:
-    """How many samples of the data lie in a limit by the model, or as near as the limit is rounded."""
+    """Number of samples that, by the model, lie in a limit or within its rounding."""
     values, found = fit.values, 0.0
     for index, record in enumerate(fit.likelihood.records):
         engine, rack, _ = _signals(fit, index)
@@ -140,7 +141,7 @@ def touched(fit: ShipFit, element: str) -> float:
 
 
 def _signals(fit: ShipFit, index: int) -> tuple[Array, Array, Array]:
-    """The model's torque of the engine, its rack, and the governor's error, of a record (K,)."""
+    """The engine's torque, its rack, and the governor's error in the model of a record, (K,) each."""
     values, record = fit.values, fit.likelihood.records[index]
     model = dict(zip(fit.question.outputs, fit.likelihood.modelled(fit.best.vector, index), strict=True))
     speed, engine = model["dn"], model["dM"]
@@ -157,7 +158,7 @@ def _governor(values: Values, s: ComplexArray) -> ComplexArray:
 
 
 def _shapes(fit: ShipFit, index: int) -> dict[str, list[ComplexArray]]:
-    """How a record's outputs (O, F) answer to each shape of torque on the engine's side, by kind."""
+    """Response of a record's outputs (O, F) to each shape of torque on the engine's side, by kind."""
     values, record = fit.values, fit.likelihood.records[index]
     rate_hz = record.data_hz / record.down
     engine, rack, error = _signals(fit, index)
@@ -182,7 +183,7 @@ def _shapes(fit: ShipFit, index: int) -> dict[str, list[ComplexArray]]:
 
 
 def _rate_limited(signal: Array, most: float) -> Array:
-    """A signal (K,) that follows another one by `most` a sample at most."""
+    """A signal (K,) limited to a rate of `most` a sample."""
     steps = signal.tolist()
     now, found = steps[0], []
     for value in steps:
@@ -192,7 +193,7 @@ def _rate_limited(signal: Array, most: float) -> Array:
 
 
 def _answers(values: Values, record: Spectra, fit: ShipFit) -> Callable[[Array, bool], ComplexArray]:
-    """Return how the outputs (O, F) of a record answer to a torque (K,), or to an error that the governor sees."""
+    """Return the function from a torque (K,), or an error that the governor sees, to the response of the outputs (O, F)."""
     s = 1j * np.maximum(2.0 * np.pi * record.frequency_hz, SLOWEST)
     known = {**loop_of(values), "tau_twist": 0.0}
     outputs = fit.question.outputs
@@ -212,9 +213,9 @@ def _answers(values: Values, record: Spectra, fit: ShipFit) -> Callable[[Array, 
 
 
 def suspected(scores: Mapping[str, Score], beyond: float = 1.0) -> str | None:
-    """Return the kind of shape that the engine's side shows most, more than chance and a calibration's error; None: none.
+    """Return the strongest kind of shape that exceeds both chance and an error of calibration; None where none does.
 
-    `beyond` is how many times as far as chance explains an estimate may lie, as in a limit.
+    `beyond` is the factor, as for a ship in a limit, by which estimates may scatter more than chance explains.
     """
     sure = {
         kind: score.fall * (NEAR if kind in LIMITS else 1.0)
@@ -227,11 +228,11 @@ def suspected(scores: Mapping[str, Score], beyond: float = 1.0) -> str | None:
 
 
 def limit_to_try(scores: Mapping[str, Score], among: Container[str]) -> str | None:
-    """Return the limit that is worth a fit: a smooth loop takes much of it over, so that little shows; None: none."""
-    # A limit that a smooth loop takes over leaves another lag behind, which says nothing against the limit.
+    """Return the limit to fit next, or None. The bar is low: a smooth loop absorbs most of a limit's effect."""
+    # A smooth loop that absorbs a limit makes another lag appear, which is no evidence against the limit.
     shapes = [score for kind, score in scores.items() if kind != "lag"]
     most = max((score.fall for score in shapes), default=0.0)
-    # Something acts there surely: a smooth loop may have taken most of a limit over.
+    # Some effect is certain, and a smooth loop may have absorbed most of a limit.
     surely = any(score.fall > BELIEVED and score.consistency > CONSISTENT for score in shapes)
     worth = {
         kind: scores[kind].fall

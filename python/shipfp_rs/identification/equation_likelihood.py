@@ -1,7 +1,7 @@
-"""The likelihood of a smooth ship: residuals of its two equations in closed form, no simulation.
+"""The likelihood of a smooth ship: residuals of its two equations in closed form, without simulation.
 
-The kernel gives products of whitened residuals, derivatives and smooth errors by its own parameters. Here they become those
-by the search's coordinates.
+The kernel returns products of whitened residuals, derivatives and smooth errors in its own parameters. This module
+transforms them to the coordinates of the search.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ from shipfp_rs.support.interpolation import interpolated
 INDEX = {name: index for index, name in enumerate(_core.EQUATION_PARAMETERS)}
 """Places of the kernel's parameters."""
 OFF = np.array([float(name in ("v", "s_M", "s_B")) for name in INDEX])
-"""The kernel's parameters without effect."""
+"""Values of the kernel's parameters at which they have no effect."""
 UNKNOWNS = {
     "set point offset": "u_0",
     "torque scale": "s_M",
@@ -50,40 +50,41 @@ UNKNOWNS = {
     BRAKE_SCALE: "s_B",
     "rack offset": "x_0",
 }
-"""A record's own unknowns and the kernel's names. The operating point is a mean over a minute of moving water, right to
-parts in a thousand: set point and speed differ by an offset, the torque is relative to another mean than the load's."""
+"""Names of a record's unknowns, here and in the kernel. They exist because the operating point, a mean over a minute of
+moving water, is only right to parts in a thousand: set point and speed differ by an offset, and the torque is relative to
+another mean than the load's."""
 
 
 Asked = tuple[Array, Array, float, list[tuple[Array, float]], list[int], bool, bool, bool]
 """Arguments that the kernel's functions have in common."""
 LATE = {"dn": "T_n", "dM": "T_M", BRAKE: "T_B"}
-"""How late each output is read."""
+"""Parameters that delay each output's reading."""
 STEP = 1e-4
-"""Step of a difference, of a vector's entries."""
+"""Step of an entry of the vector when derivatives are taken by differences."""
 QUICK = 60_000
-"""Numbers of a derivative matrix below which threads cost more than they bring: a kernel's call of half a millisecond."""
+"""Size of a derivative matrix below which threads do not pay off: a call of the kernel then takes half a millisecond."""
 FINE_HZ = 200.0
 """Rate from which on straight lines between samples are as good as the band-limited set point [Hz]."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class EquationLikelihood(Likelihood):
-    """Of a ship without limits, given records.
+    """Likelihood of a ship without limits, given records.
 
     Parameters
     ----------
     gauge
-        Whether the torque is read between the inertias.
+        Whether the torque is measured between the inertias.
     unknowns
         Names of a record's own unknowns.
     ships
-        For each record the ship of a given structure; none: the coordinates' parameters are the kernel's.
+        For each record the ship of a given structure; empty: the parameters of the coordinates are those of the kernel.
     white
-        Whether each record's noise is one covariance over all frequencies.
+        Whether each record's noise is white: one covariance for all frequencies.
     steps
         Whether a governor that samples takes the set point's steps late, and does not smooth them.
     about
-        Vector about which the derivatives of what is taken off are taken; None: each time anew.
+        Vector at which the derivatives of what is taken off the residuals are computed; None: at the current vector.
     """
 
     records: tuple[Spectra, ...]
@@ -100,7 +101,7 @@ class EquationLikelihood(Likelihood):
         return [_core.EQUATION_OUTPUTS.index(name) for name in self.records[0].outputs]
 
     def of_structure(self, structure: Structure) -> Self:
-        """Return the likelihood of a structure that has the same parameters, some of them searched and others not."""
+        """Return the likelihood of a structure with the same parameters, of which others are searched."""
         c = self.coordinates
         assert isinstance(c, StructureCoordinates)
         own = replace(c, structure=structure)
@@ -109,12 +110,12 @@ class EquationLikelihood(Likelihood):
 
     @property
     def is_quick(self) -> bool:
-        """Whether an evaluation is over before a thread of its own would be worth its while."""
+        """Whether an evaluation is too short for a thread of its own to pay off."""
         return self.coordinates.size * sum(len(one.frequency_hz) for one in self.records) < QUICK
 
     @property
     def open_loop(self) -> bool:
-        """Whether a command moves the drive, and no governor."""
+        """Whether the drive follows a command, without a governor."""
         return bool(self.ships) and self.ships[0].open_loop
 
     @property
@@ -130,7 +131,7 @@ class EquationLikelihood(Likelihood):
         return self.ships[record].values(values) if self.ships else values
 
     def _asked(self, values: dict[str, float], vector: Array, record: int) -> Asked:
-        """Return the kernel's parameters, and what its functions take behind them up to what moves."""
+        """Return the leading arguments of the kernel's functions: its parameters, and those up to the ones that move."""
         data, parameters = self.records[record], OFF.copy()
         own = self._own(values, record)
         for name, value in own.items():
@@ -151,7 +152,7 @@ class EquationLikelihood(Likelihood):
 
     @cached_property
     def _moving(self) -> list[list[int]]:
-        """For each record the kernel's parameters that move."""
+        """For each record the indices of the kernel's parameters that depend on the vector."""
         if not self.ships:
             own = [INDEX[name] for name in self.coordinates.names if name in INDEX]
             return [[*own, *self._unknowns]] * len(self.records)
@@ -163,7 +164,7 @@ class EquationLikelihood(Likelihood):
         return np.array([*range(own), *range(states.start, states.stop)])
 
     def _turn(self, values: Mapping[str, float], jacobian: Array, record: int) -> Array:
-        """Return the columns' change of coordinates: residual, free parameters and a record's own unknowns."""
+        """Return the matrix that transforms columns to residual, free parameters and a record's own unknowns."""
         own = jacobian[[name in INDEX for name in self.coordinates.names]] if not self.ships else jacobian
         by = self.ships[record].slopes(values) @ jacobian if self.ships else own
         (rows, columns), count = by.shape, len(self._unknowns)
@@ -258,12 +259,12 @@ class EquationLikelihood(Likelihood):
 
     @cached_property
     def _bands(self) -> list[Array]:
-        """Products of each hat with itself and with the next one, (2 K - 1, F): others do not overlap."""
+        """Products of each hat function with itself and with the next, (2 K - 1, F); others do not overlap."""
         return [np.concatenate([hats**2, hats[:-1] * hats[1:]]) for hats in self._hats]
 
     @cached_property
     def _errors_inverse(self) -> Array:
-        """What the sizes of the smooth errors vary by, (E, E), E over outputs, amplitude and phase, and knots."""
+        """Covariance of the smooth errors' sizes given the records, (E, E), E = outputs x (amplitude, phase) x knots."""
         if not self.bends:
             return np.zeros((0, 0))
         outputs, knots = len(self.accuracy), len(self._hats[0])
@@ -287,7 +288,7 @@ class EquationLikelihood(Likelihood):
 
     @property
     def freedom(self) -> int:
-        """Real numbers that are left over to tell white noise from, less the unknowns."""
+        """Degrees of freedom of white noise: real numbers in the data less the unknowns."""
         numbers = sum(2 * (len(record.frequency_hz) - 1) for record in self.records)
         return len(self.accuracy) * numbers - self.coordinates.size
 
@@ -305,12 +306,12 @@ class EquationLikelihood(Likelihood):
             )
         else:
             found = super()._noise(residuals, unsure)
-        # Samples that are filled have next to no residual, and tell nothing.
+        # Filled samples have hardly any residual, and carry no information on the noise.
         told = (1.0 - record.masked.mean(axis=0) for record in self.records)
         return tuple(root * share for root, share in zip(found, told, strict=True))
 
     def spread(self) -> float:
-        """Deviance of the determinants of the noise."""
+        """Contribution of the noise's log determinants to the deviance."""
         if not self.white:
             return super().spread()
         assert self.roots is not None
@@ -321,7 +322,7 @@ class EquationLikelihood(Likelihood):
         )
 
     def smooth_errors(self, residuals: Sequence[Numbers]) -> tuple[Array, Array]:
-        """Sizes of the smooth errors that residuals show, in prior deviations (E,), and what these are unsure by (E, E)."""
+        """Estimated sizes of the smooth errors in prior deviations (E,), and the covariance of these estimates (E, E)."""
         if not self.bends:
             size = 2 * len(self.accuracy) * len(self._hats[0])
             return np.zeros(size), np.eye(size)
@@ -345,7 +346,7 @@ class EquationLikelihood(Likelihood):
             + 1j * (inverse[:, 1, :, :, 0] - inverse[:, 0, :, :, 1])
         )
         both = np.moveaxis(both, 1, 2)
-        # Of hats that overlap: each with itself and with the next one.
+        # Only overlapping hat functions count: each with itself and with the next.
         next_ones = both.diagonal(1, 2, 3) + both.diagonal(-1, 2, 3)
         along = np.concatenate([both.diagonal(0, 2, 3), next_ones], axis=2)
         left, unsure = [], []
@@ -388,13 +389,13 @@ class EquationLikelihood(Likelihood):
 
     @cached_property
     def takes(self) -> bool:
-        """Whether the closed form leaves something out, which is taken off its residuals."""
+        """Whether the closed form leaves out an effect, which is then taken off its residuals."""
         return any(one.between == "held" for one in self.records)
 
     def taken(self, vector: Array, record: int) -> ComplexArray:
-        """Spectra (O, F) of what the closed form leaves out, beyond what was taken off the record before.
+        """Spectra (O, F) of the effects that the closed form leaves out, less what was already taken off the record.
 
-        Here it is the images of a held set point in outputs that were read as seldom.
+        For a smooth ship these are the images of a held set point, in outputs sampled at the same rate.
         """
         data = self.records[record]
         if data.between != "held":
@@ -428,7 +429,7 @@ class EquationLikelihood(Likelihood):
         return [self.residual(vector, index) for index in range(len(self.records))]
 
     def modelled(self, vector: Array, record: int) -> Array:
-        """Decimated outputs of a record, (O, K): at its ends and above the band the data themselves."""
+        """Modelled outputs of a record, decimated (O, K); at its ends and above the band they equal the data."""
         data = self.records[record]
         answer = data.in_time(data.spectrum - self.residual(vector, record))
         return np.asarray(data.decimated + (data.taken - data.decimated) * data.tapers[0] + answer)
@@ -469,7 +470,7 @@ class EquationLikelihood(Likelihood):
     def _simulated(
         self, vector: Array, record: int, limits: Mapping[str, float], beyond: Array | None
     ) -> Array:
-        """The same, driven by a torque of the load beyond its law at the rate of the simulation, too."""
+        """Simulated outputs, also driven by a load torque that the law does not explain, at the simulation's rate."""
         data, values = self.records[record], self.values_of(vector, record)
         values = {
             name: value
@@ -477,7 +478,7 @@ class EquationLikelihood(Likelihood):
             if name not in ("M_max", "M_soft", "rate", "rate_down")
         }
         if self.ships and self.ships[record].is_linear:
-            # The law of the second order is a straight line again.
+            # The second-order law becomes a straight line again.
             values["c_2"] = -0.5 * values["p"] * (values["p"] - 1.0)
         own = dict(zip(self.unknowns, vector[self.coordinates.states(record)], strict=True))
         parameters = stepper_parameters(values | dict(limits), open_loop=self.open_loop)
@@ -507,7 +508,7 @@ class EquationLikelihood(Likelihood):
         return FINE_HZ
 
     def _finer(self, record: Spectra) -> int:
-        """Steps of a simulation a sample of the set point: lines between them are near what a low-pass left."""
+        """Simulation steps a sample of the set point, fine enough for lines between them to match a low-passed signal."""
         return max(1, round(self._fine_hz / record.data_hz)) if record.between == "band-limited" else 1
 
     @cached_property
@@ -519,7 +520,7 @@ class EquationLikelihood(Likelihood):
         ]
 
     def _response(self, values: Mapping[str, float], frequency_hz: Array) -> ComplexArray:
-        """Response (O, F) of the outputs, as late as they are read, to what drives a ship of the kernel's parameters."""
+        """Response (O, F) of the outputs, delays of their readings included, to a ship's input, by kernel parameters."""
         outputs = self.records[0].outputs
         if self.open_loop:
             found = CommandedEquations(outputs, self.gauge).response(values, frequency_hz, ())[0]
@@ -533,7 +534,7 @@ class EquationLikelihood(Likelihood):
 
     @property
     def is_corrected_by_model(self) -> bool:
-        """Whether the records follow from the model, too: gaps, squares of a propeller's speed."""
+        """Whether the model corrects the records: gaps, or squares of the propeller's speed behind a twist."""
         gaps = any(one.masked.any() for one in self.records)
         slips = "tau_twist" in self.coordinates.free and not self.behind_twist
         return gaps or slips or any(one.between == "held" for one in self.records)
@@ -548,7 +549,7 @@ class EquationLikelihood(Likelihood):
         return replace(self, records=tuple(records))
 
     def near(self, vector: Array) -> Self:
-        """Return the likelihood with derivatives about a vector, where they are dear; itself otherwise."""
+        """Return the likelihood with derivatives fixed at a vector where they are costly, else the likelihood itself."""
         del vector
         return self
 
@@ -557,7 +558,7 @@ class EquationLikelihood(Likelihood):
         return (self.corrected(vector) if self.is_corrected_by_model else self).with_noise(vector)
 
     def settled_at(self, vector: Array) -> Self:
-        """Return the likelihood of the records corrected by the model at a vector, with the noise of what is left there."""
+        """Return the likelihood of the records corrected by the model at a vector, with noise estimated from residuals."""
         needs = self.is_corrected_by_model or any(one.between != "band-limited" for one in self.records)
         return (self.corrected(vector) if needs else self).with_noise(vector)
 
@@ -587,7 +588,7 @@ class EquationLikelihood(Likelihood):
     def prior_rows(
         self, vector: Array, values: Mapping[str, float] | None = None, slopes: Slopes | None = None
     ) -> Array:
-        """Those of all models, and a wall: the inertia behind the gauge is a part of the whole."""
+        """The priors of all models, and a penalty that keeps the inertia behind the gauge below the total."""
         del slopes
         values = self.coordinates.values(vector) if values is None else values
         return self._priors(vector, values, self.coordinates.jacobian(values))
@@ -604,7 +605,7 @@ class EquationLikelihood(Likelihood):
 
     @cached_property
     def _begun(self) -> tuple[Array, list[int], list[int], Array]:
-        """Rows of the priors with what never changes, and those that move: which, of which parameters, in what units."""
+        """Constant part of the priors' rows, and for rows that depend on the vector their indices, parameters and units."""
         c, first = self.coordinates, len(self.priors)
         own = c.size - len(c.names)
         rows = np.zeros((first + own, 1 + c.size))

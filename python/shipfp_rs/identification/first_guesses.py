@@ -1,4 +1,4 @@
-"""Where a search begins: regressions of the loop's spectra over a grid of dead times and lags.
+"""Starting values of a search: regressions of the loop's spectra over a grid of dead times and lags.
 
 With both dead times and the lag known, the loop is linear in (p - g) / tau_n, vK_p / tau_n and vK_i / tau_n:
 
@@ -18,25 +18,25 @@ from shipfp_rs.support.arrays import Array, ComplexArray
 LOOP_DEAD_TIMES_S = (0.0, 0.02, 0.04, 0.06, 0.08, 0.1, 0.13, 0.16, 0.2, 0.25, 0.3, 0.4)
 SET_POINT_DEAD_TIMES_S = (*np.arange(0.0, 0.5, 0.03), 0.6, 0.8, 1.0, 1.4)
 LAGS_S = (0.0, 0.03, 0.08, 0.15, 0.3)
-"""The grid: as fine as a basin of a 2 Hz loop is wide."""
+"""Grid of lags [s], as fine as a basin of a 2 Hz loop is wide."""
 LOW_PASS_HZ = 3.0
-"""Only slower motions are looked at: that widens the basins (Ha and Welsh 2017)."""
+"""Highest frequency that the regressions use [Hz]: slower motions have wider basins (Ha and Welsh 2017)."""
 STRONGEST = 400
-"""Frequencies that a regression takes at most: those at which inputs move most."""
+"""Most frequencies in a regression: those at which the inputs are strongest."""
 CORNER = 3.0
 """The equation is divided by jw + this [rad/s], so that noise of fast motions weighs little."""
 APART_S = 0.07
-"""Starts differ by this in the sum of their delays' differences [s]."""
+"""Least sum of the differences in delay between two starts [s]."""
 KEPT = 8
-"""Distinct starts kept."""
+"""Number of distinct starts that are kept."""
 LEAST_SLOPE = 0.02
-"""Least (p - g) of a guess over vK_p: one below holds itself at no speed."""
+"""Least (p - g) of a guess relative to vK_p; with less, the drive train itself would settle at no speed."""
 LEAST_INTEGRAL = 1e-2
 """Least vK_i / tau_n of a guess [1/s2]: a slower governor would not hold a speed within a trial."""
 BANDWIDTHS = (2.0, 5.0, 12.0)
-"""Of loops that are guessed beside the regressions' [rad/s], which limits may mislead."""
+"""Bandwidths of loops that are added to those from regressions [rad/s], since limits may mislead regressions."""
 SHARES = (0.3, 0.6)
-"""Parts of the inertia that may lie behind a gauge, tau_prop / tau_n."""
+"""Shares of the inertia behind a gauge that are tried, tau_prop / tau_n."""
 
 
 def first_guesses(
@@ -45,14 +45,14 @@ def first_guesses(
     gauge: bool,
     law: Mapping[str, float] | None = None,
 ) -> list[dict[str, float]]:
-    """Return distinct parameter values to begin with, the best first; `law`: p and the inertia "tau" behind the torque."""
+    """Return distinct starting values of the parameters, best first; `law`: p and the inertia "tau" behind the torque."""
     return guesses_from([LoopSpectra.of(record, outputs) for record in records], gauge, law)
 
 
 def guesses_from(
     parts: Sequence[LoopSpectra], gauge: bool, law: Mapping[str, float] | None = None
 ) -> list[dict[str, float]]:
-    """Return the same from spectra of the loop."""
+    """Return distinct starting values from spectra of the loop."""
     law = _law(parts) if law is None else law
     ways = [(lag, dead) for lag in LAGS_S for dead in LOOP_DEAD_TIMES_S]
     gram, right, total = (sum(each) for each in zip(*[part.regressions(ways) for part in parts], strict=True))
@@ -69,7 +69,7 @@ def guesses_from(
     rows.sort(key=lambda row: row[0])
     kept: list[tuple[float, float, float, float, Array]] = []
     told = [row for row in rows if row[4][0] > LEAST_SLOPE * row[4][1] and row[4][2] > LEAST_INTEGRAL]
-    # Loops whose parts are identifiable come first; where none is, those of which only the ratio is.
+    # Loops with identifiable gain and integral come first; if there are none, loops of which only their ratio is.
     for row in (*told, *rows) if len(told) < KEPT else told:
         if all(
             sum(abs(a - b) for a, b in zip(row[1:4], other[1:4], strict=True)) > APART_S for other in kept
@@ -104,7 +104,7 @@ def guesses_from(
 
 
 def guesses_by_bandwidth(law: Mapping[str, float], gauge: bool, late: float) -> list[dict[str, float]]:
-    """Return guesses of loops of some bandwidths, whatever regressions say; `late`: dead time of the set point."""
+    """Return guesses of loops with fixed bandwidths, without regressions; `late`: dead time of the set point."""
     tau = float(np.clip(law["tau"] / (SHARES[0] if gauge else 1.0), 0.05, 15.0))
     behind = float(np.clip(law["tau"], 0.01, 0.9 * tau))
     common = {"tau_n": tau, "g": -0.5, "p": law["p"], "tau_prop": behind, "T_set": max(late, 3e-3)}
@@ -134,7 +134,7 @@ class LoopSpectra:
 
     @classmethod
     def of(cls, record: Spectra, outputs: Sequence[str]) -> LoopSpectra:
-        """Return those of spectra, at the frequencies at which inputs move most."""
+        """Return the loop's spectra from a record, at the frequencies at which the inputs are strongest."""
         inputs = record.inputs()
         power = np.sum([np.abs(record.frequency_hz * row) for row in inputs if row is not None], axis=0)
         allowed = (record.frequency_hz > 0.0) & (record.frequency_hz <= LOW_PASS_HZ)
@@ -148,7 +148,7 @@ class LoopSpectra:
 
     @classmethod
     def of_response(cls, frequency_hz: Array, responses: Mapping[str, ComplexArray]) -> LoopSpectra:
-        """Return those of a response to the set point, outputs by name, each (F,)."""
+        """Return the loop's spectra from a response to the set point, outputs by name, each (F,)."""
         kept = (frequency_hz > 0.0) & (frequency_hz <= LOW_PASS_HZ)
         s = np.asarray(2j * np.pi * frequency_hz[kept])
         divided = 1.0 / (s + CORNER)
@@ -157,13 +157,13 @@ class LoopSpectra:
         )
 
     def regressions(self, ways: Sequence[tuple[float, float]]) -> tuple[Array, Array, float]:
-        """Normal equations for ways of lag and dead time and every dead time of the set point T, (W, T, 3, 3), (W, T, 3)."""
+        """Normal equations for pairs (W) of lag and dead time and set-point dead times (T), (W, T, 3, 3) and (W, T, 3)."""
         s, speed = self.s, self.by_name["dn"]
         lag, dead = np.array(ways).T[:, :, None]
         way = np.exp(-s * dead) / (1.0 + s * lag)
         late = self.set_point * np.exp(-s * np.array(SET_POINT_DEAD_TIMES_S)[:, None]) - speed
         target = s * speed
-        # Columns: speed, error and its integral, load. The way changes but the error's, of which it is a factor.
+        # Columns: speed, error and its integral, load. Lag and dead time are a factor of the error's columns only.
         known = np.array([-speed, *([] if self.load is None else [-self.load])])
         power, strength = np.abs(way) ** 2, np.abs(late) ** 2
         size = 2 + len(known)
@@ -175,14 +175,14 @@ class LoopSpectra:
                 products = ((way * factor * row.conj()) @ late.T).real
                 gram[:, :, place, column] = gram[:, :, column, place] = products
             right[:, :, column] = ((way * factor * target.conj()) @ late.T).real
-        # An error and its integral are a quarter turn apart at every frequency: their product has no real part.
+        # An error and its integral differ by 90 degrees at every frequency: their product has no real part.
         gram[:, :, np.array(beside)[:, None], beside] = (known @ known.conj().T).real
         right[:, :, beside] = (known @ target.conj()).real
         return gram, right, float(np.vdot(target, target).real)
 
 
 def guesses_in_open_loop(parts: Sequence[LoopSpectra], gauge: bool) -> list[dict[str, float]]:
-    """Return parameters to begin with of a drive that a command moves, the best first, over dead times and lags."""
+    """Return starting values for a drive in open loop, the best first, over dead times and lags."""
     law, rows = _law(parts), []
     for lag in LAGS_S:
         for dead in LOOP_DEAD_TIMES_S:

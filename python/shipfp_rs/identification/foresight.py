@@ -95,6 +95,6 @@ def _of_structure(
 
 
 def _end(likelihood: Likelihood, vector: Array) -> Basin:
-    """Return what is expected at the truth: no slope, whatever one draw of the noise has there."""
+    """Return the expected minimum at the true parameters: its slope is zero, though one draw of the noise has another."""
     found = likelihood.products(vector)
     return Basin(found.cost, vector, products=found._replace(downhill=np.zeros_like(found.downhill)))

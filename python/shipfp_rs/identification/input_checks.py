@@ -22,13 +22,13 @@ LEAST_CORRELATION = 0.3
 LONGEST_DELAY_S = 5.0
 """Longest delay of the speed behind its set point that is tried [s]."""
 EARLY_S, CLEARLY, BY_CHANCE = 0.15, 0.03, 3.0
-"""The speed moves before the set point if it does by more than the first [s], and the correlation of the slopes is larger
-there than at any delay: by the second, and by so many standard deviations of what water alone would make it."""
+"""Criteria for a speed that moves before its set point: it does so by more than the first [s], where the correlation of the
+slopes exceeds that at any delay by the second, and by the third in standard deviations of what water alone causes."""
 SAME_SPEED, SAME_RACK = 5e-3, 1e-4
-"""Part of a swing by which a speed differs from its set point, and a rack from a torque, at least: no governor is so
-quick, and the rack would have the torque's very noise."""
+"""Least difference, relative to the swing, of a speed from its set point, and of a rack from a torque. With less they are
+the same channel: no governor is that fast, and no rack has the very noise of the torque."""
 APART = 0.02
-"""Difference of set point and speed at the operating point that draws a word; an integrating governor leaves none."""
+"""Difference of set point and speed at the operating point that causes a remark; an integrating governor has none."""
 STILL = 1e-7
 """Relative standard deviation of a torque below which it counts as constant."""
 SLOW_HZ = 1.0
@@ -36,7 +36,7 @@ SLOW_HZ = 1.0
 SAMPLES_A_PERIOD = 8.0
 """Samples a period of the band's upper end; more samples do not improve a correlation."""
 LEAST_AGREEMENT = 0.5
-"""A torque goes against the load from this correlation on."""
+"""Least negative correlation at which a torque counts as opposed to the load."""
 LEAST_OWN = 0.2
 """Least share of a torque's power that the set point must cause for the torque's sign to be checked by it."""
 POINT_OFF = 0.3
@@ -44,9 +44,9 @@ POINT_OFF = 0.3
 
 
 def require_excited(experiments: Sequence[Experiment], *, follows: bool = True) -> None:
-    """Refuse experiments that nothing can be found from, or whose channels can't be what they are called.
+    """Refuse experiments from which nothing can be identified, or whose channels can't be what they are called.
 
-    `follows`: whether a speed that hardly goes with its set point is refused; a ship in its limit has one.
+    `follows`: whether a speed that hardly follows its set point is refused; a ship in its limit has such a speed.
 
     Raises
     ------

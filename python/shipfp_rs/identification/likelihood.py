@@ -252,7 +252,7 @@ class Likelihood:
         return left, unsure
 
     def cost(self, vector: Array) -> float:
-        """Deviance at a vector; infinite where the model runs away."""
+        """Deviance at a vector; infinite where the model diverges."""
         try:
             with np.errstate(over="ignore", invalid="ignore"):
                 rows = [self._white(one[None], index) for index, one in enumerate(self.residuals(vector))]

@@ -1,10 +1,10 @@
-"""The likelihood of a ship in a limit of torque or rate: the smooth ship's in closed form, and what limits take off.
+"""The likelihood of a ship with limits of torque or rate: that of the smooth ship in closed form, and the limits' effect.
 
-There are two ways to know what limits take off. On the engine's side alone a limit is a clamp on a known signal: the
-governor's command for set point and speed as they were measured. Nothing is simulated, water moves both as it will, and no
-search is led astray by a loop that rings; but noise of the speed blurs the corners. Or it is the difference of two
-simulations of the whole, with limits and without, driven by what the measured torque has beyond the load's law. At one
-vector that is put back into the records, so that what the closed form leaves is small everywhere near. The data choose.
+The effect of limits is computed in one of two ways; the data choose. On the engine's side alone, a limit clamps a known
+signal: the governor's command for the measured set point and speed. Nothing is simulated, moving water is allowed for, and
+an oscillating loop misleads no search; but noise of the speed blurs the corners. The other way is the difference of two
+simulations of the whole ship, with and without limits, driven by the torque that the load's law does not explain. That
+effect at one vector is removed from the records, so that the rest is small near this vector.
 """
 
 from __future__ import annotations
@@ -32,34 +32,37 @@ from shipfp_rs.support.interpolation import interpolated
 LIMITS = ("M_max", "M_soft", "rate", "rate_down")
 """Parameters of limits."""
 FINE_HZ = 100.0
-"""Rate of the simulations: what lines between their samples lack counts for what limits take off alone."""
+"""Rate of the simulations [Hz]: linear interpolation between their samples affects the limits' effect only."""
 WATERS_HZ = (2.0, 0.7, 0.0)
-"""Frequencies up to which what a torque has beyond the load's law may be water. Above them it is the gauge's noise, which
-moves no ship; at zero there is no water."""
+"""Frequencies tried as the upper end [Hz] of moving water in the torque that the load's law does not explain. Above it that
+torque is the gauge's noise, which moves no ship; zero: there is no water."""
 SIDE_HZ, LEADS = 50.0, 1.0
-"""Least rate at which the engine's side is followed, and how fast the measured torque leads a governor's sum back [1/s]."""
+"""Least rate at which the engine's side is computed [Hz]; rate at which the measured torque corrects the governor's
+integral [1/s]."""
 HOLDS = 1e-4
-"""Part of the operating torque that a clamp takes off where it holds."""
+"""Least torque, relative to the operating torque, that a clamp takes off while it counts as active."""
 SAMPLING_S, PHASES, FINER = (0.01, 0.03), 3, 4
-"""Ends of the interval at which a governor may sample, instants of the first sample, and steps that then make one."""
+"""Range of a governor's sample period [s], number of instants of its first sample that are tried, and simulation steps in
+one period."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class LimitedLikelihood(EquationLikelihood):
-    """Of a ship with limits, given records.
+    """Likelihood of a ship with limits, given records.
 
     Parameters
     ----------
     beyond
-        For each record what the measured torque has beyond the load's law, decimated (K,); None: nothing.
+        For each record the torque that the load's law does not explain, decimated (K,); None: none.
     law
-        Parameters of the load's law, the torque's lateness and scale, by the load's side alone; none: by the vector.
+        Parameters of the load's law, delay and scale of the torque, from the load's side alone; none: from the vector.
     water_hz
-        Frequency up to which what the torque has beyond the law is water, in simulations; None: by the engine's side alone.
+        Frequency [Hz] up to which the simulations take the torque beyond the law for water; None: the limits' effect is
+        computed on the engine's side alone.
     governor
-        Parameters of the stepper in place of those of a vector.
+        Parameters of the stepper that replace those of a vector.
     held
-        For each record the part of its time in which a clamp holds, by the engine's side alone.
+        For each record the share of its time in which a clamp is active, from the engine's side alone.
     """
 
     beyond: tuple[Array, ...] | None = None
@@ -70,7 +73,7 @@ class LimitedLikelihood(EquationLikelihood):
 
     @property
     def is_quick(self) -> bool:
-        """Whether an evaluation is over before a thread of its own would be worth its while; simulations are not."""
+        """Whether an evaluation is too short for a thread of its own to pay off; simulations are not."""
         return False
 
     @property
@@ -78,7 +81,7 @@ class LimitedLikelihood(EquationLikelihood):
         return FINE_HZ * (FINER if self.governor else 1)
 
     def taken(self, vector: Array, record: int) -> ComplexArray:
-        """Spectra (O, F) of what limits take off the outputs of a record, beyond what was put back before."""
+        """Spectra (O, F) of what limits take off the outputs of a record, less what was already put back."""
         data = self.records[record]
         if self.water_hz is None:
             found = self._taken_off_engine(vector, record)
@@ -93,7 +96,7 @@ class LimitedLikelihood(EquationLikelihood):
 
     @property
     def takes(self) -> bool:
-        """Whether the closed form leaves something out: what limits take off."""
+        """Whether limits act, which the closed form leaves out."""
         return True
 
     def _clamped(self, vector: Array, record: int) -> tuple[Array, Array]:
@@ -117,7 +120,7 @@ class LimitedLikelihood(EquationLikelihood):
         return _core.taken_by_limits(parameters, *self._side[record], every)
 
     def _taken_off_engine(self, vector: Array, record: int) -> ComplexArray:
-        """The same by the engine's side alone: what clamps take off its torque, through the loop."""
+        """Spectra of what limits take off, from the engine's side alone: the effect of the clamped torque on the loop."""
         data, values = self.records[record], self.values_of(vector, record)
         own = dict(zip(self.unknowns, vector[self.coordinates.states(record)], strict=True))
         finer = self._side_finer(data)
@@ -136,7 +139,7 @@ class LimitedLikelihood(EquationLikelihood):
 
     @cached_property
     def _side(self) -> list[tuple[Array, Array, Array]]:
-        """For each record set point, speed and the torque nearest to the engine, as fine as clamps want them."""
+        """For each record set point, speed and the torque nearest to the engine, interpolated to the rate of the clamps."""
         found: list[tuple[Array, Array, Array]] = []
         for data in self.records:
             named, finer = dict(zip(data.outputs, data.whole, strict=True)), self._side_finer(data)
@@ -146,7 +149,7 @@ class LimitedLikelihood(EquationLikelihood):
         return found
 
     def _models(self, vector: Array, record: int) -> tuple[Array | None, Array | None]:
-        """The model's outputs for a record with gaps, and what limits take off them where that is put back."""
+        """The model's outputs for a record with gaps; where simulations give it, what limits take off them."""
         if self.water_hz is not None:
             return super()._models(vector, record)
         if not self.records[record].masked.any():
@@ -159,7 +162,7 @@ class LimitedLikelihood(EquationLikelihood):
 
     @property
     def is_corrected_by_model(self) -> bool:
-        """Whether the records follow from the model, too: what limits take off is put back where it is simulated."""
+        """Whether the model corrects the records: what limits take off is put back where simulations give it."""
         return self.water_hz is not None or super().is_corrected_by_model
 
     def simulated(self, vector: Array, record: int, limits: Mapping[str, float]) -> Array:
@@ -169,7 +172,7 @@ class LimitedLikelihood(EquationLikelihood):
 
     @cached_property
     def _water(self) -> list[Array]:
-        """For each record what is beyond the load's law at the rate of its simulation."""
+        """For each record the torque that the load's law does not explain, at the rate of its simulation."""
         assert self.beyond is not None
         found = []
         for data, row, (set_point, _) in zip(self.records, self.beyond, self._driving, strict=True):
@@ -182,10 +185,11 @@ class LimitedLikelihood(EquationLikelihood):
         return self if self.water_hz is None else replace(self, about=vector)
 
     def moved_by_sampling(self, vector: Array) -> Array:
-        """How far the end moves with the instants at which a governor samples, (PHASES, P).
+        """How far the minimum moves with the sampling instants of a governor, (PHASES, P).
 
-        A smooth ship shows their mean alone. In a limit it counts when a command falls below it. Zero where the loop of a
-        governor that samples runs away, and by measured signals, which have the instants in them.
+        A smooth ship responds to their mean only. With a limit, the instant counts at which a command leaves the limit.
+        Zero where the loop with a sampling governor diverges, and on the engine's side, whose measured signals already
+        contain the instants.
         """
         if self.water_hz is None:
             return np.zeros((PHASES, self.coordinates.size))
@@ -250,7 +254,7 @@ class LimitedLikelihood(EquationLikelihood):
     def prior_rows(
         self, vector: Array, values: Mapping[str, float] | None = None, slopes: Slopes | None = None
     ) -> Array:
-        """Those of smooth ships, and a row of what the loop's inverse makes too small while a clamp holds."""
+        """The priors of smooth ships, and a row that corrects the determinant of the noise while a clamp is active."""
         rows = super().prior_rows(vector, values, slopes)
         if self.water_hz is not None or not any(self.held):
             return rows
@@ -263,10 +267,10 @@ class LimitedLikelihood(EquationLikelihood):
         return np.concatenate([rows, found])
 
     def _opened(self, vector: Array) -> float:
-        """Root of the deviance by which a loop that is open while a clamp holds is dearer than one that is closed.
+        """Root of the deviance that is added since the loop is open, not closed, while a clamp is active.
 
-        Noise of the equations becomes that of the outputs by the inverse of the loop. While a clamp holds there is none:
-        the determinant of noise is larger by the return difference.
+        The inverse of the loop turns noise of the equations into noise of the outputs. While a clamp is active there is no
+        loop, and the determinant of the noise is larger by the return difference.
         """
         found = 0.0
         for index, (record, share) in enumerate(zip(self.records, self.held, strict=True)):

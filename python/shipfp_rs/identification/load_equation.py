@@ -18,8 +18,8 @@ from shipfp_rs.identification.spectra import Spectra
 from shipfp_rs.support.arrays import Array, ComplexArray
 
 SCALE_DEVIATION, LATEST_S = 0.02, 0.02
-"""Prior deviation of the torque's scale, and the most that a torque is late [s]. A torque is over a mean of a minute of
-moving water."""
+"""Prior deviation of the torque's scale, and the largest delay of a torque [s]. The scale is uncertain since a torque is
+relative to a mean over a minute of moving water."""
 SOFT_HZ, FROM_SHAFT = 5.5, 0.6
 """Prior of the twist: natural frequency [Hz] of a shaft softer than a stiff one by the prior's standard deviation, and the
 share of the inertia on the engine's side of it."""
@@ -28,25 +28,26 @@ BEHIND, BEHIND_DEVIATION, BEHIND_ENDS = 0.4, 0.12, (0.1, 0.8)
 BANDWIDTHS, DEAD_TIMES_S = np.geomspace(0.2, 30.0, 16), np.arange(0.0, 1.2, 0.1)
 """Bandwidths [rad/s] and dead times [s] of the first-order loops that are compared with the speed's response."""
 POLES, ORDER = (0.35, 1.0, 3.0), 4
-"""Poles of the lags (Laguerre) over the loop's bandwidth, and lags of each."""
+"""Poles of the Laguerre lags, relative to the loop's bandwidth, and number of lags for each pole."""
 INERTIA = (0.05, 5.0)
 """Range of the inertia that serves as a unit for the shaft's compliance [s]."""
 FIXED = 1e-6
 """Prior deviation of a quantity that is known."""
 EXPLAINED, LEAST_EXPLAINED = 0.995, 0.1
-"""Part of the explained slope's power up to the highest frequency that counts; least part of the speed that is explained."""
+"""Share of the explained acceleration's power that lies below the highest frequency that counts; least share of the speed
+that must be explained."""
 MOST_HZ = 1.5
 """Highest frequency that counts [Hz]: above it twist and delay of the torque matter more than load and inertia."""
 SOFTEST, SOFT_BELOW = 0.6, 0.25
-"""Most that a twist softens: the square of the highest frequency over the inertia's resonance; part of it below zero."""
+"""Bound of the twist, as the squared ratio of the highest frequency to the inertia's resonance; share of it below zero."""
 ROUNDS, PATIENCE, STILL, CLOSE = 40, 8, 0.02, 0.5
-"""Most rounds, and most before the instrument is made anew; steps in standard deviations that end them."""
+"""Most rounds, and most until the instrument is computed anew; step sizes, in standard deviations, that end either."""
 SHARED = ("p", "tau", "c_2", "T_M", "tau_twist", "behind", "k_L")
 """Unknowns that all records share; after them come the torque scale of each record and the smooth errors."""
 
 
 class Record:
-    """An experiment's spectra (F,), what its inputs explain of the speed, and the weight of each frequency."""
+    """An experiment's spectra (F,), the part of the speed that its inputs explain, and the weight of each frequency."""
 
     def __init__(self, data: Spectra) -> None:
         speed, torque = (data.decimated[data.outputs.index(name)] for name in ("dn", "dM"))
@@ -66,11 +67,11 @@ class Record:
 
     @cached_property
     def _bandwidth(self) -> float:
-        """Of the first-order loop behind a dead time whose answer to the inputs explains most of the speed [rad/s]."""
+        """Bandwidth [rad/s] of the first-order loop with dead time whose response explains most of the speed."""
         best = [np.zeros(len(BANDWIDTHS))]
         for driver, power in ((self.set_point, 1), (self.load, 2)):
             if driver is not None:
-                # A speed goes back after a load.
+                # The speed recovers after a change of load.
                 shapes = (
                     driver * (self.s if power == 2 else 1.0) / (1.0 + self.s / BANDWIDTHS[:, None]) ** power
                 )
@@ -80,12 +81,12 @@ class Record:
 
     @cached_property
     def _early(self) -> ComplexArray:
-        """Factors that take a dead time back, (D, F)."""
+        """Factors that undo each dead time, (D, F)."""
         return np.asarray(np.exp(self.s * DEAD_TIMES_S[:, None]))
 
     @cached_property
     def _lags(self) -> tuple[ComplexArray, ComplexArray]:
-        """Set point, and load or nothing, behind the fixed lags, (C, F) each."""
+        """Set point and load, if there is one, filtered by the fixed lags, (C, F) each."""
         load = np.empty((0, len(self.s)), complex) if self.load is None else self._lagged(self.load)
         return self._lagged(self.set_point), load
 
@@ -99,7 +100,7 @@ class Record:
         return np.array(columns)
 
     def explain(self, weight: Array) -> None:
-        """Let the lags explain the speed under a weight (F,), over all dead times of the set point."""
+        """Explain the speed by the lags, weighted by frequency (F,), with the best dead time of the set point."""
         first, rest = (columns * weight for columns in self._lags)
         target, best = self.N * weight, (-1.0, np.empty(0), rest)
         for early in self._early if len(rest) else self._early[:1]:
@@ -110,7 +111,7 @@ class Record:
             turn = vectors * np.where(
                 values > 1e-12 * values[-1], 1.0 / np.sqrt(np.maximum(values, 1e-300)), 0.0
             )
-            # One square serves all dead times where nothing but the set point drives.
+            # If only the set point drives the ship, one Gram matrix serves all dead times.
             tried = np.ones((1, len(weight))) if len(rest) else self._early
             along = ((columns.conj() * target) @ tried.T).real / sizes[:, None]
             scores = turn.T @ along
@@ -124,7 +125,7 @@ class Record:
 
 
 class Fit:
-    """Two-stage least squares of records (R), weighted by the noise of what they leave."""
+    """Two-stage least squares of records (R), weighted by the noise in their residuals."""
 
     def __init__(self, records: Sequence[Record], gauge: bool, accuracy: float = ACCURACY) -> None:
         self.records, self.accuracy = records, accuracy
@@ -152,7 +153,7 @@ class Fit:
     def _columns(
         self, x: Array, record: Record, V: ComplexArray, slope: ComplexArray
     ) -> tuple[ComplexArray, ComplexArray]:
-        """Linear answer to a speed (F,), and its derivatives by the shared unknowns and the scale (8, F)."""
+        """Linear response to a speed (F,), and derivatives by the shared unknowns and the scale (8, F)."""
         p, tau, _, late, twist, behind, k = x[: len(SHARED)]
         way = np.exp(-record.s * late)
         through = p + behind * tau * record.s
@@ -217,7 +218,7 @@ class Fit:
         return self._columns(self.x, self.records[index], speed, self.records[index].s * speed)[0]
 
     def _begun(self) -> Array:
-        """Unknowns by plain least squares of torque on speed and slope, and the noise that these leave."""
+        """Starting values by plain least squares of torque on speed and acceleration, and the noise of their residuals."""
         x, square, along = np.array(self.start), np.zeros((2, 2)), np.zeros(2)
         for record in self.records:
             rows = np.array([record.N, record.slope])
@@ -232,7 +233,7 @@ class Fit:
         return x
 
     def _step(self, x: Array, normal: Array, right: Array, found: Array) -> Array:
-        """Keep a step's lateness and twist in their bounds: fast motions that no set point explains drive them astray."""
+        """Keep delay and twist within their bounds in a step: fast motions that no set point explains would mislead them."""
         fastest = max(abs(record.s[record.count - 1]) for record in self.records)
         most = SOFTEST / (x[5] * max(abs(x[1] + found[1]), 0.05) * fastest**2)
         bounds = {3: (-LATEST_S, LATEST_S), 4: (-SOFT_BELOW * most, most), 5: self.behind_ends}
@@ -290,7 +291,7 @@ class Fit:
         return np.asarray((1.0 + scale) * (answer + curved) + scale * record.one)
 
     def _weigh(self, found: Array, share: float) -> None:
-        """Weigh each frequency by the noise of what a step leaves, to this share, and by the weight before."""
+        """Update the weight of each frequency from the noise in a step's residuals; `share` of it is new."""
         knots = len(self.hats[0])
         amplitude, phase = found[self.main :].reshape(2, knots)
         for index, (record, hats) in enumerate(zip(self.records, self.hats, strict=True)):
@@ -302,7 +303,7 @@ class Fit:
 
 
 def _products(B: ComplexArray, told: ComplexArray, A: ComplexArray, bent: ComplexArray, hats: Array) -> Array:
-    """Real products of two sets of columns, smooth errors behind each: hats times `told` or `bent`, and these times i."""
+    """Real products of two sets of columns. Each is extended by smooth errors: hats times `told` or `bent`, also times i."""
     main, knots = len(B), len(hats)
     product = np.empty((main + 2 * knots,) * 2)
     product[:main, :main] = _along(B, A)

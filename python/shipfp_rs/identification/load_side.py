@@ -1,10 +1,10 @@
-"""The load's side by itself: p and the inertia behind the torque's place from speed and torque, whatever the governor does.
+"""The load's side alone: p and the inertia behind the torque sensor from speed and torque, whatever the governor does.
 
     M = N^p + c_2 (N - 1)^2 + t2 dN/dt, late by T_M, over the operating point
 
-Speed carries noise, and moving water moves speed and torque together, so that least squares are biased. What a few fixed
-lags of the set point, or of a measured load, explain of the speed is moved by neither. It is the instrument of two-stage
-least squares (Söderström and Stoica 1983). No governor, limit or actuator is in it, so nothing about them can be wrong.
+Speed carries noise, and moving water affects speed and torque together, so that least squares are biased. Neither affects
+the part of the speed that a few fixed lags of the set point, or of a measured load, explain. This part is the instrument of
+two-stage least squares (Söderström and Stoica 1983). No governor, limit or actuator is modelled, so none can be wrong.
 """
 
 from __future__ import annotations
@@ -34,12 +34,12 @@ from shipfp_rs.vessel.vessel import Vessel
 QUANTITIES: Mapping[str, str] = {"tau_n": "inertia", "tau_prop": "propeller_inertia"}
 """Names of inertias in SI units, as `assessment.si` has them."""
 QUANTILE = 1.959964
-"""Of the normal law, for 95 % intervals."""
+"""Quantile of the normal distribution for 95 % intervals."""
 
 
 @dataclass(frozen=True)
 class LoadRecord:
-    """One experiment: its torque's scale, part of the speed that was explained, highest frequency that counts [Hz]."""
+    """One experiment: its torque's scale, explained share of the speed, and highest frequency that counts [Hz]."""
 
     name: str
     torque_scale: Estimate
@@ -81,7 +81,7 @@ def load_side(
     torque: Torque | None = None,
     vessel: Vessel | str | Path | None = None,
 ) -> LoadSide:
-    """Return what speed and torque tell of the load, without a model of engine and governor.
+    """Identify the load from speed and torque, without a model of engine and governor.
 
     Parameters
     ----------
@@ -91,8 +91,8 @@ def load_side(
     torque
         The side of the torque, "gauge" between the inertias or "brake" of the engine; None: by the signal, brake first.
     vessel
-        Gear ratio and efficiency for the inertia in kg m2, as an object, name or file. Without one only that of a torque M_b
-        is known, seen from the engine.
+        Vessel as an object, name or file: its gear ratio and efficiency give the inertia in kg m2. Without a vessel the
+        inertia is known only for a torque M_b, seen from the engine.
 
     Returns
     -------
@@ -133,7 +133,7 @@ def _told(
     side: Torque,
     vessel: Vessel | str | Path | None = None,
 ) -> LoadSide:
-    """Return what records of experiments tell of the load."""
+    """Return the load identified from records of experiments."""
     loaded = bool(len(spectra[0].load))
     accuracy = max(one.gauge_accuracy.get(signal, ACCURACY) for one in several)
     fit = Fit([Record(one) for one in spectra], side == "gauge", accuracy)
@@ -163,9 +163,9 @@ def _told(
 
 
 def load_side_of(question: Question, records: Sequence[Spectra] | None = None) -> LoadSide | None:
-    """Return what speed and torque of a question's experiments tell of the load by themselves; None: nothing.
+    """Return the load identified from speed and torque of a question's experiments alone; None where that is impossible.
 
-    `records` are theirs, corrected by a model: without images of the set point, gaps filled.
+    `records` are those of the experiments, corrected by a model: without images of the set point, gaps filled.
     """
     if "dM" not in question.outputs:
         return None

@@ -60,9 +60,8 @@ def structure_in_open_loop(
 ) -> Structure:
     """Return the structure of a drive in open loop with the outputs that all experiments measured; arguments of `identify`.
 
-    Without a torque only tau_n / v and (p - g) / v are identifiable: v is 1 and g is 0 then, as of a torque or current
-    that the drive
-    follows, unless they are given; v is free where the inertia is known.
+    Without a torque only tau_n / v and (p - g) / v are identifiable. Then v is 1 and g is 0 unless they are given, as for a
+    drive whose torque follows the command; v is free where the inertia is known.
 
     Raises
     ------

@@ -1,7 +1,7 @@
 """Intervals: profiles of the deviance, for any figure that follows from the parameters.
 
-A figure is held at a value by a stiff row beside the residuals, everything else goes to its best, and the interval ends
-where the deviance has risen by the quantile. Profiles start from every basin that the data do not reject.
+An additional stiff row of residuals holds a figure at a value, while all else is fitted again. The interval ends where the
+deviance has risen by the quantile. Profiles start from every basin that the data do not reject.
 """
 
 from __future__ import annotations
@@ -20,25 +20,25 @@ from shipfp_rs.identification.likelihood import Figure, Itself, Likelihood, Prod
 from shipfp_rs.support.arrays import Array
 
 RISE = float(chi2.ppf(0.95, 1))
-"""Of the deviance at the ends of an interval of 95 per cent."""
+"""Rise of the deviance at the ends of an interval of 95 per cent."""
 NEAR, ABOUT = 0.1, 0.4
-"""A point counts as inside where its rise is above the quantile by this part at most. Within the second part, above or
-below, the end follows from the root of the rise, which runs nearly straight."""
+"""A point counts as inside if its rise exceeds the quantile by at most the first share. Within the second share, above or
+below, the end is interpolated from the square root of the rise, which is nearly linear."""
 TRIES = 7
 STEPS = 15
 STIFF = 10.0
-"""The held figure may stray by its standard deviation over this."""
+"""Standard deviation of a figure over the distance by which it may stray while it is held."""
 SHRINK, SHRUNK = 0.15, 0.01
-"""Where bounds hold a figure back its scale is reduced by the one, to no less than the other."""
+"""Factor by which a figure's scale is reduced where bounds hold it back, and the least scale."""
 FURTHER = 1.3
-"""Most that an end is led beyond the last point inside, over that point's distance."""
+"""Largest distance of an extrapolated end, relative to that of the last point inside."""
 ROUNDING, STRAIGHT = 1e-13, 1e-9
-"""Least curvature of a direction over the entries' own: what rounding leaves, and what a profile goes straight along."""
+"""Least relative curvature of a direction: the first is the limit of rounding, the second is for the path of a profile."""
 
 
 @dataclass(frozen=True)
 class Interval:
-    """Value at the best basin, ends, and which of them the data told ("data") or a bound ("bound")."""
+    """Value at the best basin, both ends, and what set each end: the data ("data") or a bound ("bound")."""
 
     value: float
     low: float
@@ -50,7 +50,7 @@ class Interval:
 class Profiles:
     """Profiles of a likelihood about its basins.
 
-    Every point that a profile visits counts for all figures: what it shows to be possible is inside their intervals.
+    Every point that a profile visits counts for all figures: if the data allow it, it is inside their intervals.
     """
 
     likelihood: Likelihood
@@ -65,10 +65,10 @@ class Profiles:
     def interval(
         self, figure: Figure, tries: int = TRIES, within: tuple[float, float] = (-np.inf, np.inf)
     ) -> Interval:
-        """Return the interval of a figure of the parameters that can only be `within` bounds."""
+        """Return the interval of a figure of the parameters; the figure can only be `within` these bounds."""
         best = self.best
         value = figure(self.likelihood.coordinates.values(best.vector))
-        # Both sides at a time, each from what was visited before.
+        # Both sides run in parallel, each from the points visited before.
         jobs = [
             partial(self._end, best, figure, side, tries, most)
             for side, most in zip((-1, 1), within, strict=True)
@@ -110,9 +110,9 @@ class Profiles:
         return self.likelihood.coordinates.gradient(figure, vector)
 
     def covariance(self, basin: Basin, moving: Array | None = None, least: float = ROUNDING) -> Array:
-        """Covariance about a point whose entries on bounds are held unless they move or are drawn inside, shape (P, P).
+        """Covariance about a point, shape (P, P). Entries on bounds are held unless `moving` or drawn inside by the data.
 
-        Directions of a curvature below `least`, over each entry's own, count as having that.
+        Directions whose relative curvature is below `least` count as having that curvature.
         """
         now, inward = self._products(basin), self._inward(basin.vector)
         held = (inward != 0) & (inward * now.downhill <= 0.0)
@@ -124,12 +124,12 @@ class Profiles:
         return found
 
     def widened(self, figure: Figure, interval: Interval) -> Interval:
-        """Return the interval with the points in it that profiles of other figures visited since."""
+        """Return the interval widened by the points that profiles of other figures have visited since."""
         ends = [self._farthest(figure, side, interval.value)[0] for side in (-1, 1)]
         return replace(interval, low=min(interval.low, ends[0]), high=max(interval.high, ends[1]))
 
     def _farthest(self, figure: Figure, side: int, value: float) -> tuple[float, Basin]:
-        """The point within the interval that is farthest on one side, of all that were visited."""
+        """Of all visited points that the data allow, the one farthest to one side."""
         c, best = self.likelihood.coordinates, self.best
         far, farthest = value, best
         for point in (*self.basins, *self.visited):
@@ -142,9 +142,9 @@ class Profiles:
     def _end(
         self, basin: Basin, figure: Figure, side: int, tries: int, most: float
     ) -> tuple[float, str, list[Basin]]:
-        """Where the deviance has risen enough on one side, what ended the profile there, and the points that it visited.
+        """End of the interval on one side, what set it ("data" or "bound"), and the points that the profile visited.
 
-        Beyond `most` the figure can't be.
+        `most` is the largest value that the figure can have.
         """
         c = self.likelihood.coordinates
         value = figure(c.values(basin.vector))
@@ -159,7 +159,7 @@ class Profiles:
         scale, way = float(np.sqrt(spread)), self._way(basin, figure, covariance @ slope / spread)
         far, inside = self._farthest(figure, side, value)
         x, reached, over = inside.vector, side * (far - value), np.inf
-        # The last point inside on the profile itself, and the root of its rise: from there on it runs nearly straight.
+        # Last point inside on the profile itself, and the square root of its rise, which is nearly linear from there on.
         known, root = 0.0, 0.0
         found = self._products(basin)
         scale = min(scale, _scale_uphill(max(-2.0 * side * float(found.downhill @ way), 0.0), spread))
@@ -196,7 +196,7 @@ class Profiles:
                 if stuck and scale <= SHRUNK * np.sqrt(spread):
                     return value + side * reached, "bound", visited
                 if stuck:
-                    # What would make up for it is on its bound: the way is steeper than the curvature says.
+                    # A parameter that would compensate is on its bound: the rise is steeper than the curvature says.
                     scale *= SHRINK
                     distance = reached + np.sqrt(RISE) * scale
                     continue
@@ -204,7 +204,7 @@ class Profiles:
                 distance = min(step, 0.5 * (reached + over)) if np.isfinite(over) else step
             if over - reached < 0.03 * over:
                 break
-        # Where the tries end first the next one's target is nearer to the end than the last point inside.
+        # If the tries run out, the next target is closer to the end than the last point inside.
         return value + side * max(reached, min(distance, FURTHER * reached)), "data", visited
 
     def _at(
@@ -216,7 +216,7 @@ class Profiles:
         way: Array,
         visited: Sequence[Basin],
     ) -> Basin:
-        """The least deviance with a figure at a target, from x, and from another point visited where that is high."""
+        """Minimum with a figure held at a target, searched from x; where that is high, also from another visited point."""
         end = self._held(self._moved(x, way, figure, target), figure, target, scale)
         if end.cost - self.best.cost > RISE * (1.0 + ABOUT):
             # Another valley may be lower there.
@@ -227,20 +227,20 @@ class Profiles:
         return end
 
     def _moved(self, vector: Array, way: Array, figure: Figure, target: float) -> Array:
-        """A vector moved along a way to where the figure is about at the target."""
+        """A vector moved along a direction until the figure is about at the target."""
         c = self.likelihood.coordinates
         return np.clip(vector + way * (target - figure(c.values(vector))), *c.bounds)
 
     def _nearest(self, figure: Figure, target: float, visited: Sequence[Basin]) -> Array:
-        """Of the points that may be true the one whose figure is nearest to a target."""
+        """Of the points that the data allow, the one whose figure is nearest to a target."""
         c, most = self.likelihood.coordinates, self.best.cost + RISE
         points = [one for one in (*self.basins, *self.visited, *visited) if one.cost <= most]
         return min(points, key=lambda one: abs(figure(c.values(one.vector)) - target)).vector
 
     def _way(self, end: Basin, figure: Figure, otherwise: Array) -> Array:
-        """How everything moves along while the figure moves by one, at a point in a valley that may bend."""
+        """Change of the whole vector per unit change of the figure, at a point in a valley that may bend."""
         slope = self.gradient(figure, end.vector)
-        # Along directions that nothing tells it would lead far astray.
+        # Directions that the data do not determine would make this change far too long.
         covariance = self.covariance(end, slope, STRAIGHT)
         spread = float(slope @ covariance @ slope)
         return covariance @ slope / spread if spread > 0.0 else otherwise
@@ -266,14 +266,14 @@ def _scale_uphill(uphill: float, spread: float) -> float:
 
 
 def _spread(matrix: Array, slope: Array, inward: npt.NDArray[np.int_]) -> float:
-    """Square of a figure's rise where the deviance has risen by one and what is on a bound has gone inward only."""
+    """Squared change of a figure for a rise of the deviance by one, if entries on bounds only move inward."""
     scale, cut = np.sqrt(np.maximum(np.diag(matrix), 1e-30)), inward != 0
     matrix, slope = matrix / np.outer(scale, scale), slope / scale
     inverse = scaled_inverse(matrix[np.ix_(~cut, ~cut)])
     found = max(float(slope[~cut] @ inverse @ slope[~cut]), 0.0)
     if not cut.any():
         return found
-    # All else is at its best for what leaves a bound, which makes up for it by steps of one sign.
+    # All other entries are at their best; entries that leave a bound compensate by steps of one sign only.
     across = matrix[np.ix_(cut, ~cut)] @ inverse
     rest = matrix[np.ix_(cut, cut)] - across @ matrix[np.ix_(~cut, cut)]
     gain, ways = (slope[cut] - across @ slope[~cut]) * inward[cut], inward[cut]
@@ -284,7 +284,7 @@ def _spread(matrix: Array, slope: Array, inward: npt.NDArray[np.int_]) -> float:
 
 
 def scaled_inverse(matrix: Array, least: float = ROUNDING) -> Array:
-    """Inverse of a symmetric matrix by way of its correlations; directions that nothing tells have a huge variance."""
+    """Inverse of a symmetric matrix through its correlations; directions without information get a huge variance."""
     scale = np.sqrt(np.maximum(np.diag(matrix), 1e-30))
     sizes, turned = np.linalg.eigh(matrix / np.outer(scale, scale))
     inverse = (turned / np.maximum(sizes, least)) @ turned.T

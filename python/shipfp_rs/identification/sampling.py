@@ -11,13 +11,13 @@ from scipy.fft import prev_fast_len, rfft
 from shipfp_rs.support.arrays import Array
 
 Between = Literal["band-limited", "straight", "held"]
-"""How inputs run between their samples: through all of them without a corner, along lines, or as stairs."""
+"""Course of the inputs between their samples: smooth, along straight lines, or held."""
 BAND_HZ = 4.0
-"""Highest frequency that is compared at most [Hz]: tachometers and loops of ships tell little above."""
+"""Upper limit of the compared band [Hz]: above it, tachometers and loops of ships carry little information."""
 EXCITED = 0.99
-"""Part of the inputs' power times frequency that lies below the band's end: above it the data are noise."""
+"""Share of the inputs' power times frequency that lies below the band's end; above the end the data are noise."""
 LEAST_HZ, LEAST_PERIODS = 0.5, 40
-"""Least end of a band [Hz], and least number of the record's own frequencies in it, from which the noise is estimated."""
+"""Least upper end of a band [Hz], and least number of the record's frequencies in it, for the noise to be estimated."""
 EDGE_S = 2.0
 """Time over which a record fades in and out [s], so that its ends leave nothing in the band."""
 SHORTEST_S = 10.0 * EDGE_S

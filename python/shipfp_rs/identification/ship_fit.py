@@ -1,7 +1,7 @@
-"""The fit of a ship: the full smooth model, and limits and a twist that are tried.
+"""The fit of a ship: the full smooth model; limits and a twist are tried in addition.
 
-Both dead times, the lag and the load's second-order coefficient are always there, each bounded by off. What goes to off only
-in a jump, a limit of torque or rate, or off only in a limit, a shaft that twists, is tried beside them.
+Both dead times, the lag and the load's second-order coefficient are always fitted, with "off" as a bound. Other elements
+are tried one by one, since they can't be switched off smoothly: a limit of torque or rate, and a shaft that twists.
 """
 
 from __future__ import annotations
@@ -45,21 +45,21 @@ DELAYS = {"T_d", "T_set", "tau_act"}
 WAYS: tuple[Between, ...] = ("band-limited", "straight", "held")
 """Courses of a set point between its samples, where processing did not low-pass it."""
 SCALES = (0.6, 1.7)
-"""Factors of the inertia at which a ship with a gauge is searched again."""
+"""Factors of the inertia at which the search for a ship with a gauge starts again."""
 STEPS_ELSEWHERE = 12
-"""Steps at most to where other delays lead, before noise and corrections are their own."""
+"""Most steps from a start with other delays, before noise and corrections are estimated anew."""
 FAR = 100.0
-"""Ends there that are above by more are led nowhere by a noise of their own."""
+"""Ends of such searches whose deviance is higher by more are dropped: noise of their own would not make them best."""
 LEVEL = 0.1
-"""Ends of one valley may differ by this."""
+"""Largest difference in deviance of two ends in the same valley."""
 COMMON_S = 0.1
-"""Least that the governor's lead and the lag gain together elsewhere [s]."""
+"""Least time by which the governor's lead and the lag are both raised in other starts [s]."""
 HALF_PERIODS_S = (0.005, 0.015, 0.03)
-"""Halves of a governor's period to begin with [s]."""
+"""Starting values of half a governor's sample period [s]."""
 LEAST_LAG_S = 0.1
-"""Least lag that can be a drive train's [s]."""
+"""Least lag that may in truth be the drive train's inertia [s]."""
 REDIVIDED, MORE = 3, 4
-"""How often delays are parted otherwise at most, and how many new ends go down to their minima each time."""
+"""Most rounds of dividing the delays otherwise, and the number of new ends in each that descend to their minima."""
 
 
 def fit_ship(
@@ -70,9 +70,9 @@ def fit_ship(
     time_limit_s: float | None = None,
     side: LoadSide | None = None,
 ) -> ShipFit:
-    """Search the ship that explains the data best; `side`: what the load's side tells, where that is known.
+    """Search the ship that explains the data best; `side`: the load identified by itself, where that is known.
 
-    Of a given ship, the search begins at its declared start and `starts` - 1 random ones, too.
+    For a given structure the search also begins at its declared start and at `starts` - 1 random ones.
 
     Raises
     ------
@@ -82,7 +82,7 @@ def fit_ship(
     until = None if time_limit_s is None else time.monotonic() + time_limit_s
     given = tuple(element for element in sorted(LIMITED) if TRIED[element][0] in question.always)
     names = {name for element in given for name in TRIED[element]}
-    # A limit that is given is searched as one that is tried: a smooth loop is found before it.
+    # A given limit is searched like one that is tried: the smooth loop comes first.
     question = replace(question, always=tuple(name for name in question.always if name not in names))
     with part(0.0, 0.4):
         smooth = smooth_ship(question, starts=starts, seed=seed, until=until, side=side)
@@ -108,7 +108,7 @@ def first_look(
     until: float | None = None,
     side: LoadSide | None = None,
 ) -> ShipFit:
-    """Go down from all starts, without the elements that are tried; see `fit_ship`."""
+    """Descend from all starts, without the elements that are tried later; see `fit_ship`."""
     side = load_side_of(question) if side is None else side
     likelihood, vectors = _begun(question, between, starts, seed, side)
     try:
@@ -126,8 +126,8 @@ def smooth_ship(
     until: float | None = None,
     side: LoadSide | None = None,
 ) -> ShipFit:
-    """Search the ship without the elements that are tried; see `fit_ship`."""
-    # Not low-passed by processing, a set point may run in either way between its samples: all are tried.
+    """Search the ship without the elements that are tried later; see `fit_ship`."""
+    # If processing did not low-pass the set point, its course between samples is unknown: all courses are tried.
     tell("first look at the smooth ship", 0.0)
     undecided = any(one.hold == "first" and not one.is_low_passed for one in question.experiments)
     way: Between | None = "band-limited" if undecided else None
@@ -145,12 +145,12 @@ def smooth_ship(
 
 
 def _corrected(fit: ShipFit, between: Between | None, until: float | None) -> ShipFit:
-    """Go down to the minima once more: set points run so between their samples, gaps filled and images taken off.
+    """Descend to the minima again, with this course of set points between samples, gaps filled and images removed.
 
     Raises
     ------
     IdentificationError
-        Where none can be simulated.
+        Where no minimum is a ship that can be simulated.
     """
     likelihood = likelihood_of(fit, (), between)
     if between == fit.between:
@@ -163,7 +163,7 @@ def _corrected(fit: ShipFit, between: Between | None, until: float | None) -> Sh
 
 
 def _law_of(question: Question, side: LoadSide | None) -> dict[str, float] | None:
-    """The load's law by its own side, to begin with."""
+    """The load's law from its own side, as a starting value."""
     if side is None:
         return None
     p, tau = (side.parameters[name].value for name in ("p", "tau_prop" if question.gauge else "tau_n"))
@@ -175,7 +175,7 @@ def _law_of(question: Question, side: LoadSide | None) -> dict[str, float] | Non
 def _begun(
     question: Question, between: Between | None, starts: int, seed: int | None, side: LoadSide | None
 ) -> tuple[EquationLikelihood, list[Array]]:
-    """Return the likelihood of first descents and the vectors that they begin at."""
+    """Return the likelihood for the first descents, and the vectors at which they start."""
     likelihood = question.likelihood(between)
     guesses = first_guesses(likelihood.records, question.outputs, question.gauge, _law_of(question, side))
     drawn: list[dict[str, float]] = []
@@ -213,8 +213,8 @@ def with_other_delays(fit: ShipFit, until: float | None = None, *, limited: bool
 def with_steps_in_time(fit: ShipFit, until: float | None = None) -> ShipFit:
     """Return the fit whose governor takes steps of the set point late and does not smooth them, where that is likelier.
 
-    A governor that samples smooths what lies between its samples. A step it takes at its next sample, late by a part of its
-    period: always the same one where the steps keep its time.
+    On average, sampling by a governor smooths the set point. A step, however, acts at the governor's next sample, late by a
+    part of its period. This part is always the same where the steps are synchronous with the governor.
     """
     likelihood, values = fit.likelihood, fit.values
     c = likelihood.coordinates
@@ -237,7 +237,7 @@ def with_steps_in_time(fit: ShipFit, until: float | None = None) -> ShipFit:
 
 
 def _within_a_period(values: Mapping[str, float]) -> list[dict[str, float]]:
-    """Ships whose governor samples, with more of the delays in its period."""
+    """Starts with a sampling governor, whose period takes over more of the delays."""
     dead, late = values.get("T_d", 0.0), values.get("T_set", 0.0)
     moved = [min(late, part) for part in HALF_PERIODS_S]
     return [
@@ -247,7 +247,7 @@ def _within_a_period(values: Mapping[str, float]) -> list[dict[str, float]]:
 
 
 def _elsewhere(fit: ShipFit, starts: Sequence[Array], until: float | None) -> tuple[ShipFit, float]:
-    """Return the fit from the likeliest end, each with its own noise and corrections, and by how much the total fell."""
+    """Return the fit at the likeliest end, each judged with its own noise and corrections, and the fall of the total."""
     ends = [descend(fit.likelihood, one, steps=STEPS_ELSEWHERE, settled=1.0, until=until) for one in starts]
     ends = [one for one in ends if one.cost < fit.best.cost + FAR]
     others = [one for one in distinct(fit.likelihood, [fit.best, *ends]) if one is not fit.best]
@@ -255,14 +255,14 @@ def _elsewhere(fit: ShipFit, starts: Sequence[Array], until: float | None) -> tu
     likely = sorted((one for one in own if one.cost < fit.total + LIKELY), key=lambda one: one.cost)
     likely = [one for one in likely if _is_apart(fit, fit.basins, one)]
     tried = [settled(replace(fit, basins=(one,), also=()), until) for one in likely[:MORE]]
-    # Of a ship without the elements that came in since, another end tells nothing.
+    # Other ends of a ship that lacked the later elements do not count any more.
     before = [one for one in fit.also if one.elements == fit.elements]
     tried = sorted((fit, *tried, *before), key=lambda one: one.total)
     best = tried[0]
     near = [*(() if best is fit else fit.basins), *(one.best for one in tried[1:]), *likely[MORE:]]
     near = [one for one in near if _is_apart(best, best.basins, one)]
     near = [descend(best.likelihood, one.vector, until=until) for one in near]
-    # What is much lower under this noise only was tried under its own.
+    # An end that is much lower under this noise alone was already judged with its own noise.
     near = [one for one in near if -LEVEL < one.cost - best.best.cost < ALIKE]
     basins = tuple(distinct(best.likelihood, [*best.basins, *near]))
     also = [one for one in tried[1:] if one.total < best.total + ALIKE and _is_apart(best, basins, one.best)]
@@ -270,16 +270,16 @@ def _elsewhere(fit: ShipFit, starts: Sequence[Array], until: float | None) -> tu
 
 
 def _is_apart(fit: ShipFit, basins: Sequence[Basin], other: Basin) -> bool:
-    """Whether an end under another noise is none of the minima under a fit's."""
+    """Whether an end that was found with other noise differs from all minima under the fit's noise."""
     known = fit.best.products or fit.likelihood.products(fit.best.vector)
     moves = [other.vector - one.vector for one in basins]
     return all(one @ known.matrix @ one > SAME and np.abs(one).max() > 1e-3 for one in moves)
 
 
 def _with_limits_elsewhere(fit: ShipFit, until: float | None) -> ShipFit:
-    """Return the fit of a ship with limits, searched again where delays and inertia are parted otherwise.
+    """Return the fit of a ship with limits, searched again with delays and inertia divided otherwise.
 
-    The search takes limits by the engine's side alone; an end counts by the fit's own way.
+    The search computes the limits' effect on the engine's side alone; its ends are judged by the fit's own way.
     """
     likelihood = fit.likelihood
     assert isinstance(likelihood, LimitedLikelihood)
@@ -297,7 +297,7 @@ def _with_limits_elsewhere(fit: ShipFit, until: float | None) -> ShipFit:
 
 
 def _scaled(values: Mapping[str, float]) -> list[dict[str, float]]:
-    """Ships of other inertias ahead of the gauge: all but the curvature of N^p tells ratios to the inertia only."""
+    """Starts with other inertias ahead of the gauge: apart from the curvature of N^p, data determine ratios to it only."""
     p, g = values["p"], values["g"]
     return [
         {"tau_n": values["tau_n"] * factor, "g": p - (p - g) * factor}
@@ -307,7 +307,7 @@ def _scaled(values: Mapping[str, float]) -> list[dict[str, float]]:
 
 
 def _exchanged(values: Mapping[str, float], *, gauge: bool) -> list[dict[str, float]]:
-    """The ship whose drive train is as slow as the lag found, and whose sum does what the gain did: both loops are alike."""
+    """The ship with the roles of lag and inertia exchanged, and of integral and gain, which has nearly the same loop."""
     lag, tau = values.get("tau_act", 0.0), values["tau_n"]
     if lag < LEAST_LAG_S or "g" not in values:
         return []
@@ -325,12 +325,12 @@ def _exchanged(values: Mapping[str, float], *, gauge: bool) -> list[dict[str, fl
 
 
 def _redivided(values: Mapping[str, float]) -> list[dict[str, float]]:
-    """Delays with the same sum in other places, some with another share of what the governor's lead and the lag hide."""
+    """Starts with the same total delay divided otherwise, some with other values of the governor's lead and the lag."""
     dead, late, lag = (values.get(name, 0.0) for name in ("T_d", "T_set", "tau_act"))
     inside, lead = dead + lag, values["vK_p"] / values["vK_i"]
     both = min(lead, lag)
     less, least, more = lag - 0.5 * both, lag - 0.9 * both, lag + max(lead, COMMON_S)
-    # Dead times, lag, how far lead and lag move together, and what else differs.
+    # Dead times, lag, common shift of lead and lag, and other changes.
     ways: list[tuple[float, float, float, float, dict[str, float]]] = [
         (late, dead, lag, 0.0, {}),
         (inside, late, 0.0, 0.0, {"hold": 0.1}),
@@ -353,7 +353,7 @@ def _redivided(values: Mapping[str, float]) -> list[dict[str, float]]:
 
 
 def refined(fit: ShipFit, until: float | None = None) -> ShipFit:
-    """Settle once more, under the noise of the end.
+    """Settle the fit again, with the noise estimated at its end.
 
     Raises
     ------

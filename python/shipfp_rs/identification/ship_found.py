@@ -25,17 +25,17 @@ BELIEVED = 25.0
 """Fall of the deviance from which an element that is tried is called on. Chance gives 14 once in 1,000 with two parameters;
 what the model leaves out elsewhere gives as much again."""
 DISCREPANCY = 2.0
-"""Deviations of a ship in a limit over those of its likelihood. What its simulations miss, corners and the water's shape,
-moves all parameters together; on some twenty simulated ships the truth lay twice as far away as chance explains."""
+"""Factor on the standard deviations of a ship with a limit. Errors of its simulations, at corners and in the water's shape,
+move all parameters together: on some twenty simulated ships the truth was twice as far away as chance explains."""
 RECORRECTED, STILL = 8, 0.1
-"""How often records are corrected by the model at most, and the square of a move, in deviations, that ends it."""
+"""Most corrections of the records by the model; the squared move, in standard deviations, below which they end."""
 DEFAULTS: Mapping[str, float] = {
     **{parameter.name: parameter.start for element in ELEMENTS.values() for parameter in element.parameters},
     "tau_n": 1.2, "g": -0.5, "vK_p": 5.0, "vK_i": 5.0, "p": 2.0, "tau_prop": 0.4,
     "vK_d": 0.01, "damping": 0.0, "T_M": 1e-3, "T_n": 1e-3, "v": 1.2, "k_L": 1.0,
     "M_max": 1.2, "M_soft": 5e-3, "hold": 0.5, "rate": 1.0, "tau_twist": 2e-3, "zeta_twist": 0.5,
 }  # fmt: skip
-"""Where a parameter begins that no regression tells: an element's at its own start but for those named here."""
+"""Starting values of parameters that no regression gives: those of the elements, overridden by the ones named here."""
 
 
 @dataclass(frozen=True)

@@ -1,8 +1,8 @@
-"""Both sides of the ship, each by itself: what of a fingerprint stands where the model does not describe the engine's side.
+"""Compares the sides of load and engine: which estimates remain valid if the model does not describe the engine's side.
 
-The load's side needs no governor. Where the engine's side shows what no model explains, or the load's side by itself differs
-from the whole, what the whole says of the engine holds for no ship, and the load's side alone is told (cut inference,
-Plummer 2015, doi:10.1007/s11222-014-9503-z).
+The load's side is identified without a governor. If the engine's side shows effects that no model explains, or the load's
+side alone differs from the whole fit, that fit's estimates of the engine are invalid. Then only those of the load's side
+are reported (cut inference, Plummer 2015, doi:10.1007/s11222-014-9503-z).
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.sentences import Sentence
 
 APART = 3.5
-"""Difference of both estimates, over its own deviation, from which the sides do not agree: chance exceeds it once in two
+"""Difference of both estimates, in its standard deviations, above which the sides disagree: chance exceeds it once in two
 thousand."""
 KINDS: Mapping[str, Sentence] = {
     "gain": Sentence("the governor's gain changes with the error: a dead band, or a gain in steps"),
@@ -34,11 +34,11 @@ KINDS: Mapping[str, Sentence] = {
     "misfit": Sentence("the model misses too much of the drive train's response"),
     "sides": Sentence("speed and torque alone give another load than the whole model"),
 }
-"""What the engine's side looks like, by the kind of shape that it shows."""
+"""Sentence on the engine's side for each kind of contradiction."""
 
 
 def undescribed(fit: ShipFit, misses_pct: Sequence[float], explained_pct: Sequence[float]) -> str | None:
-    """Return the kind of what contradicts the model's engine and governor, of `KINDS`; None where nothing does."""
+    """Return the kind, of `KINDS`, of a contradiction to the model's engine and governor; None where there is none."""
     if (kind := suspected(fit.scores, 1.0 if fit.is_smooth else DISCREPANCY)) is not None:
         return kind
     poor = max(misses_pct) > LARGE_MISS_PCT or min(explained_pct) < LEAST_EXPLAINED_PCT
@@ -54,7 +54,7 @@ def _is_a_load(side: LoadSide) -> bool:
 
 
 def _agree(fit: ShipFit, side: LoadSide) -> bool:
-    """Whether p and the inertia behind the torque's place are the same by the load's side and by the whole."""
+    """Whether the load's side alone and the whole fit agree on p and on the inertia behind the torque sensor."""
     c, vector, values = fit.likelihood.coordinates, fit.best.vector, fit.values
     stretches = Stretches(fit.likelihood, vector)
     for name in ("p", "tau_prop" if fit.question.gauge else "tau_n"):
@@ -76,8 +76,8 @@ def _agree(fit: ShipFit, side: LoadSide) -> bool:
 def _deviation_apart(fit: ShipFit, side: LoadSide, name: str, gradient: Array, stretches: Stretches) -> float:
     """Standard deviation of the difference of two estimates that share data, smooth errors and priors, by influences.
 
-    Each is moved by every stretch of the records, every smooth error and every prior; what moves both alike moves no
-    difference (Hampel 1974, doi:10.1080/01621459.1974.10482962).
+    Every stretch of the records, smooth error and prior has an influence on each estimate. Influences that are equal cancel
+    in the difference (Hampel 1974, doi:10.1080/01621459.1974.10482962).
     """
     likelihood, equation, unknown = fit.likelihood, side.equation, side.places[name]
     apart, errors, priors = stretches.influence(gradient)
@@ -107,7 +107,7 @@ def load_alone(
     kind: str,
     bounds: Mapping[str, tuple[float, float]],
 ) -> dict[str, Estimate]:
-    """Return estimates of which the load's are its side's own, within bounds, and the engine's are not told."""
+    """Return estimates with the load's from its own side, within bounds, and without the engine's."""
     reason = Sentence("engine and governor are not described: {what}", what=KINDS[kind])
     found = {}
     for name, one in parameters.items():
@@ -128,7 +128,7 @@ def _within(estimate: Estimate, unit: str, bounds: tuple[float, float]) -> Estim
 
 
 def covariance_of(parameters: Mapping[str, Estimate], side: LoadSide) -> dict[str, object]:
-    """Return names and covariances of the load's side among the parameters."""
+    """Return the names and the covariance of those parameters that the load's side determines."""
     every = list(side.parameters)
     names = [name for name in every if name in parameters and parameters[name].status in ("free", "prior")]
     places = [every.index(name) for name in names]

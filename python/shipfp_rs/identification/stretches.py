@@ -1,7 +1,7 @@
-"""What each stretch of the records says by itself: intervals that allow for a wrong model, tests that one jump can't pass.
+"""Scores of each stretch of the records: intervals that allow for a wrong model, tests that no single jump can pass.
 
-A deviance adds up over time. Where the model is right its slopes in stretches of the records scatter by as much as its
-curvature says. Where it is not they scatter by more, and so do estimates (White 1982, doi:10.2307/1912526).
+A deviance is a sum over time. If the model is right, its slopes in stretches of the records scatter as much as its
+curvature predicts. If the model is wrong they scatter more, and so do estimates (White 1982, doi:10.2307/1912526).
 """
 
 from __future__ import annotations

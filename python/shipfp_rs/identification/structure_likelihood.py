@@ -122,7 +122,7 @@ class StructureLikelihood(Likelihood):
         return all(map(_is_white, self.records)) and self.freedom <= 0
 
     def _noise(self, residuals: Sequence[Numbers], unsure: Sequence[Numbers | float]) -> tuple[Numbers, ...]:
-        """For each record the root of the inverse spectral matrix of its residuals; one for all responses."""
+        """Root of the inverse spectral matrix of each record's residuals; all frequency responses share one."""
         share = max(self.freedom, 1) / max(len(self.accuracy) * self._white_rows, 1)
         responses = [index for index, one in enumerate(self.records) if isinstance(one, Response)]
         found = {}

@@ -1,7 +1,7 @@
-"""Data as a given structure is compared with them: in time, as tapered spectra, or as responses at their own frequencies.
+"""Data in the form in which a structure is compared with them: samples, tapered spectra, or frequency responses.
 
-Each kind has a spectrum (O, F), what a model lacks of it, and the model's derivatives. In time the "frequencies" are the
-samples themselves: noise of one covariance over all frequencies is white, and such spectra tell what the samples do.
+Each kind has a spectrum (O, F), the residual of a model, and the model's derivatives. For samples the "frequencies" are the
+samples themselves: white noise has one covariance at all of them, so that samples and spectra carry the same information.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ Evaluated = tuple[Numbers, Numbers]
 
 
 class Measured:
-    """What was measured, NaN where masked or missing, and of it what is compared."""
+    """Measured data, NaN where masked or missing, and the part of them that is compared."""
 
     measured: Numbers
 
@@ -46,7 +46,7 @@ class Measured:
 
     @cached_property
     def spectrum(self) -> Numbers:
-        """What is compared, shape (O, F)."""
+        """Spectrum, or samples, that are compared, shape (O, F)."""
         return self.measured[:, self.valid]
 
 
@@ -57,9 +57,9 @@ class Samples(Measured):
     Parameters
     ----------
     data, structure, signals
-        What was measured, the structure that explains it, and its outputs' signals.
+        The experiment, the structure that explains it, and the signals of its outputs.
     unknowns
-        The record's own: initial states, and offsets "offset dn", which come last.
+        Unknowns of the record: initial states, then offsets such as "offset dn".
     measured
         Normalised outputs (O, N), NaN where masked.
     """
@@ -103,7 +103,7 @@ class Samples(Measured):
 
 @dataclass(frozen=True, eq=False)
 class InBand(Samples):
-    """An experiment's tapered spectra in a band; white: of noise that is one covariance over all of them."""
+    """An experiment's tapered spectra in a band; `white`: their noise has one covariance at all frequencies."""
 
     record: spectra.Spectra
     white: bool = False
@@ -120,7 +120,7 @@ class InBand(Samples):
         return self.seen(self.measured)
 
     def seen(self, signals: Array) -> Numbers:
-        """Return spectra (..., O, F) of signals (..., O, N), lines across the gaps that the data have."""
+        """Return spectra (..., O, F) of signals (..., O, N), which are interpolated linearly across the data's gaps."""
         gaps = ~np.isfinite(self.measured)
         if gaps.any():
             signals = signals.copy()
@@ -141,7 +141,7 @@ class InBand(Samples):
         return self.spectrum - seen[0], seen[1:]
 
     def left(self, values: Mapping[str, float]) -> Array:
-        """What a plain simulation leaves, which begins and lies where the samples say, (O, N)."""
+        """Residual of a plain simulation whose initial state and offsets are fitted to the samples, (O, N)."""
         known = {name: values[name] for name in self.structure.names}
         at = tuple(known.values())
         if at not in self._left:
@@ -156,7 +156,7 @@ class InBand(Samples):
 
 @dataclass(frozen=True, eq=False)
 class Response(Measured):
-    """A frequency response; weighed, in units of its own deviations, its residuals those of log amplitude and phase."""
+    """A frequency response; `weighed`: residuals of log amplitude and phase, in units of its own standard deviations."""
 
     data: FrequencyResponse
     structure: Structure
@@ -192,7 +192,7 @@ Seen = Samples | Response
 
 
 def seen(data: Data, structure: Structure, noise: str | None = None, *, at_rest: bool = False) -> Seen:
-    """Return data as a structure is compared with them under a kind of noise.
+    """Return data in the form in which a structure is compared with them, for a kind of noise.
 
     Raises
     ------
@@ -245,7 +245,8 @@ def _in_time(data: Experiment, structure: Structure, noise: str | None, *, at_re
     if noise != "white":
         return banded(samples) if samples.valid.any() else samples
     ship = TwoEquations.of(structure, ())
-    # What is computed from rest is exact in time only; so is a linear ship, and as quick. Edges take much of a short record.
+    # Data computed from rest are exact in time only, and a taper takes much of a short record. In time a linear ship is
+    # exact, too, and as fast.
     short = data.duration < SHORTEST_S
     if ship is None or ship.is_linear or at_rest or short or not samples.valid.any():
         return samples
@@ -253,7 +254,7 @@ def _in_time(data: Experiment, structure: Structure, noise: str | None, *, at_re
 
 
 def banded(samples: Samples, *, white: bool = False) -> InBand:
-    """Return samples as spectra: of a ship in the band of its loop, of an own structure as far up as inputs excite.
+    """Return samples as spectra: for a ship in the band of its loop, for a user's structure in all of the excited band.
 
     Raises
     ------

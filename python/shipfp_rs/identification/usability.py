@@ -1,4 +1,4 @@
-"""What a fingerprint can be used for: a state to decide by, why not where it is none, and the sentence about it."""
+"""What a fingerprint can be used for: a state, the reason where it can't be used, and a sentence for the report."""
 
 from __future__ import annotations
 

@@ -45,7 +45,7 @@ def static_torque(vessel: Vessel, n_e_rpm: npt.ArrayLike, C_Q: float | None = No
     Parameters
     ----------
     vessel
-        For gear ratio, diameter and density.
+        Vessel, which gives gear ratio, diameter and density.
     n_e_rpm
         Engine speeds [rpm], any shape.
     C_Q
@@ -144,7 +144,7 @@ def _lasts(window: FoundWindow) -> bool:
 def found_experiments(
     log: Log, trial: Trial, vessel: Vessel, found: Sequence[FoundWindow]
 ) -> list[Experiment]:
-    """Process all that was found in a log as if each were a window of the trial, rests once they have settled."""
+    """Process each stretch found in a log as if it were a window of the trial; rests begin after they have settled."""
     windows = tuple(
         Window(
             name=window.name,

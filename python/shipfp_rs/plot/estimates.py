@@ -198,7 +198,7 @@ def correlogram(fingerprint: Fingerprint, output: str, axes: Sequence[Axes] | No
 
 
 def _write_end(ax: Axes, end: float, edge: float, place: int, color: str) -> None:
-    """Write where an interval ends [%] above its arrow; of one about zero only that it is far."""
+    """Write the end of an interval [%] above its arrow; beyond `FAR` only that it is further away."""
     shown = f"{end:+.3g} %" if abs(end) < FAR else f"{'>' if end > 0.0 else '<'} {np.sign(end) * FAR:+.0f} %"
     side: Literal["left", "right"] = "right" if edge > 0.0 else "left"
     inwards = -8.0 if edge > 0.0 else 8.0

@@ -33,9 +33,9 @@ ALIKE = 0.8
 MOST_DRIFT = 1e-3
 """Two working clocks differ in rate by less than this."""
 STEPS = 4
-"""Gauss-Newton steps of a stretch's lag, and passes over the line through all of them."""
+"""Gauss-Newton steps in which the lag of a stretch is fitted; most passes of the robust line through the lags."""
 PASSES = 3
-"""Times that the lags of all stretches are fitted anew."""
+"""Number of times that the lags of all stretches are fitted again."""
 NEXT_PULSE = 0.25
 """Two loggers' pulses are the same one where they lie closer together than this part of an interval."""
 
@@ -263,7 +263,7 @@ def _refined(here: _Series, there: _Series, found: Alignment) -> Alignment:
 
 
 def _lag(here: _Series, part: _Series, found: Alignment) -> tuple[float, float, float] | None:
-    """Time in the middle of a stretch, its lag, and its standard deviation [s]; None where it tells none."""
+    """Time in the middle of a stretch, its lag, and the lag's standard deviation [s]; None where no lag can be found."""
     time, values = found(part.time_s), part.values
     around = here.cut(time[0] - 1.0, time[-1] + 1.0)
     if len(around.values) < len(values) or not np.isfinite(values.sum() + around.values.sum()):

@@ -16,7 +16,7 @@ from shipfp_rs.support.units import ELECTRIC, FREQUENCIES, QUANTITIES, told
 LEAST_PART = 4
 """Letters from which a word counts as a part of a longer one."""
 LETTERS = str.maketrans({"ø": "o", "æ": "ae", "ß": "ss", "ł": "l", "ı": "i", "đ": "d"})
-"""Letters that have no accent that could be taken off."""
+"""Letters that are no base letter with an accent, and what to write for each."""
 WORD_ENDS = re.compile(r"(?<=[^\W\d_A-Z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])")
 """Where a word of MotorVelocitySet ends."""
 TAIL = re.compile(

@@ -381,7 +381,7 @@ def source_of(
 
 
 def require_one_direction(first: PulseTrain, second: PulseTrain) -> None:
-    """Refuse a shaft that turns back: of a pair in quadrature the second train comes first then."""
+    """Refuse a shaft that turns back: the second train of a pair in quadrature then leads the first."""
     for label, pulses in first.pulses.items():
         one, two = pulses.times_s, second.pulses[label].times_s
         if len(one) < 3 or len(two) < 3:

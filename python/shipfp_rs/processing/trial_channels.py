@@ -72,30 +72,30 @@ def wanted_line(unit: str, to: str) -> str:
 
 
 PolePairs = Annotated[int, Field(ge=1, le=200)]
-"""Pairs of poles of the machine whose electric frequency is recorded: turns a second are so many times less."""
+"""Pairs of poles of the machine whose electric frequency is recorded; the frequency is divided by this number."""
 SCALING: Mapping[str, tuple[Set[str], str]] = {
     "pole_pairs": ({*FREQUENCIES}, "a whole number, the pairs of poles: 2 where 50 Hz are 1500 rpm"),
     "rated_torque_Nm": ({"%"}, "the torque at 100 % [Nm]"),
     "efficiency": ({*TO_W}, "the share of the shaft's power that the channel shows, such as 0.95"),
 }
-"""Keys that lead from a unit to the shaft's quantity, the units that they go with, and what they are."""
+"""Keys that convert a unit to the shaft's quantity, the units for which they are valid, and what they mean."""
 RESTING = "set point at rest"
 """Channel of a set point that no logger recorded."""
 MOST_RPM = 1e6
 
 
 class Level(Section):
-    """A channel of samples that a line calibrates; a unit of what it is needs no line."""
+    """A channel of samples, calibrated by a line; a unit of the channel's own quantity needs no line."""
 
     a: ClassVar[str] = ""
-    """Its quantity, of the table of quantities, whose units need no line."""
+    """Name of its quantity in the table of quantities; units of this quantity need no line."""
 
     column: Name
     """Name of the channel in the log."""
     unit: str
     """Unit of its readings."""
     calibration: Line
-    """By the unit's own factor where it is left out."""
+    """Calibration line of the readings; default: the factor of their unit."""
     delay_s: Delay = 0.0
     """Delay of the channel, filters of telemetry and amplifiers included [s]; it is removed."""
 
@@ -157,18 +157,19 @@ def _require_use(key: str, content: Mapping[str, Any], unit: str) -> None:
 
 
 class SetPoint(Level):
-    """The channel of the engine-speed set point, calibrated to rpm; where none was logged, what it rests at."""
+    """The channel of the engine-speed set point, calibrated to rpm; where none was logged, its constant value."""
 
     a = "speed"
 
     pole_pairs: PolePairs = 1
     """Pairs of poles of the generator whose frequency it is: 2 where 50 Hz are 1500 rpm."""
     rpm: Annotated[float, Field(gt=0.0, lt=MOST_RPM)] | None = None
-    """Of a set point that rests, in place of a channel: a load drives the ship."""
+    """Constant set point [rpm] in place of a channel, where a load drives the ship."""
 
     held: bool = False
-    """The engine holds each sample until the next one comes, as it does with what a bus asks for. What it follows is half
-    a sample's period late then, which is not part of `delay_s`, and a torque that it tells as seldom shows the stairs."""
+    """The engine holds each sample until the next one comes, as with a set point from a bus. The set point that it follows
+    is then late by half a sample's period, which is not part of `delay_s`. A torque recorded at this rate shows the stairs.
+    """
 
     @model_validator(mode="before")
     @classmethod
@@ -183,12 +184,12 @@ class SetPoint(Level):
 
     @property
     def late(self) -> float:
-        """Part of a sample's period by which what the engine follows is later."""
+        """Delay of the held set point, as a share of a sample's period."""
         return 0.5 if self.held else 0.0
 
 
 class Command(Level):
-    """The command of a drive in open loop: torque, current, voltage or fuel, in any unit, 0 where it asks for nothing.
+    """The command of a drive in open loop: torque, current, voltage or fuel, in any unit, 0 for no torque.
 
     Only its ratio to the operating point counts; a unit of torque becomes Nm.
     """
@@ -205,11 +206,11 @@ class Torque(Level):
     a = "torque"
 
     rated_torque_Nm: Annotated[float, Field(gt=0.0, lt=1e9)] | None = None
-    """Of a channel in per cent of it."""
+    """Rated torque [Nm], for a channel in per cent of it."""
     location: Literal["gauge", "brake", "shaft"]
     """"gauge": strain gauge between the inertias (M_g); "brake": engine brake torque (M_b); "shaft": M_s."""
     gauge_accuracy: Accuracy | None = None
-    """None: what the likelihood leaves open, 0.003."""
+    """Accuracy of the sensor; default: that of the likelihood, 0.003."""
 
     @property
     def place(self) -> Literal["gauge", "brake"]:
@@ -225,7 +226,7 @@ class Rack(Level):
     """
 
     gauge_accuracy: Accuracy | None = None
-    """As of the torque."""
+    """Accuracy of the sensor, as for the torque."""
 
     @classmethod
     def factor(cls, unit: str, content: Mapping[str, Any]) -> tuple[float | None, str]:
@@ -240,9 +241,9 @@ class Load(Level):
     """Torque [Nm], or power [W], which is divided by the shaft's speed."""
     a = "torque"
     rated_torque_Nm: Annotated[float, Field(gt=0.0, lt=1e9)] | None = None
-    """Of a torque in per cent of it."""
+    """Rated torque [Nm], for a torque in per cent of it."""
     efficiency: Annotated[float, Field(ge=0.2, le=1.0)] = 1.0
-    """Of a generator: its electric power over the shaft's."""
+    """Efficiency of a generator: electric power over shaft power."""
 
 
 class Tacho(Section):
@@ -263,7 +264,7 @@ class Tacho(Section):
     quadrature: Name | None = None
     """Column of the second train of a pair that is a quarter of a pulse apart."""
     shaft: Literal["engine", "propeller"] = "engine"
-    """Shaft that it turns with."""
+    """Shaft on which it is mounted."""
     threshold: float | None = None
     """Level of a crossing, in the channel's unit; halfway between the two levels where it isn't given."""
     hysteresis: Positive | None = None
@@ -364,13 +365,13 @@ class Channels(Section):
 
     set_point: SetPoint | None = None
     command: Command | None = None
-    """What moves a drive in open loop, in place of a set point."""
+    """Command of a drive in open loop, in place of a set point."""
     torque: Torque | None = None
     rack: Rack | None = None
     actuator: Rack | None = None
     """Another name of `rack`: throttle, fuel, or a motor's current or torque command."""
     load: Load | None = None
-    """What the machine drives, measured: an input beside the set point."""
+    """Measured load that the machine drives: an input beside the set point."""
 
     @model_validator(mode="after")
     def _rests_under_a_load(self) -> Self:
@@ -409,7 +410,7 @@ class Channels(Section):
 
     @property
     def driver_signal(self) -> str:
-        """Signal that it becomes."""
+        """Name of the signal that the driving channel becomes."""
         return "command" if self.set_point is None else "n_set"
 
     @model_validator(mode="after")

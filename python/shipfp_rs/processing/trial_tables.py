@@ -44,7 +44,7 @@ class Header(Section):
     ]
     """One path or several; relative ones count from the folder of TRIAL.toml."""
     rate_hz: Rate | None = None
-    """Sample rate of logs that tell none [Hz]."""
+    """Sample rate of logs that state none [Hz]."""
     time_column: str | None = None
     """Column of time of a table, where it is not found by itself: "COLUMN", "COLUMN [ms]", "DATE [d.m.y] + CLOCK"."""
     names: FilePath | None = None
@@ -52,7 +52,7 @@ class Header(Section):
 
 
 class Align(Section):
-    """Several loggers that recorded one trial, each with a clock of its own: brought to one of them."""
+    """Alignment of several loggers that recorded one trial with clocks of their own, to the clock of one of them."""
 
     reference: FilePath
     """File name of the log whose clock counts; all windows are on it."""
@@ -86,7 +86,7 @@ class Spikes(Section):
     """Short excursions from the running median that are taken for faults."""
 
     longest_s: Stretch = 0.05
-    """Longest spike [s], or one value of a channel that holds each for longer; what the plant itself does lasts longer."""
+    """Longest spike [s]; motions of the plant last longer. In a channel that holds values longer, a spike is one value."""
     threshold: Sigmas = 6.0
     """Height in robust standard deviations about the running median."""
     least: Share = 0.05
@@ -114,16 +114,17 @@ class Processing(Section):
     """How raw channels become signals."""
 
     rate_hz: Rate = 50.0
-    """Common rate of the signals [Hz]. Above what the tachometer tells there is only interpolation, which a fit that
-    whitens its residuals would take for signal; four reflectors on a shaft at 5 rev/s tell 10 Hz."""
+    """Common rate of the signals [Hz]. Above the tachometer's bandwidth the speed is only interpolated, which a fit that
+    whitens its residuals would take for signal; four reflectors on a shaft at 5 rev/s give 10 Hz."""
     normalise: Literal["global", "local"] = "global"
     """Normalise with the trial's operating point, or each window with its own means."""
     detrend: Annotated[int, Field(ge=0, le=3)] = 0
     """Degree of a polynomial drift that is taken off the outputs; 0: none. A window whose set point is such a trend
     itself, a stair of steps, keeps its outputs as they are."""
     speed: Literal["best", "fused"] = "best"
-    """From the train with the most good intervals, or from the pulses of all trains together, each weighed by its
-    timing and reflectors; takes some ten seconds more for an hour of log, and tells the speed's standard deviation."""
+    """"best": the speed of the train with the most good intervals. "fused": from the pulses of all trains, each weighted by
+    its timing and reflectors; this takes some ten seconds more for an hour of log and gives the speed's standard deviation.
+    """
     torque_spikes: Spikes = Spikes()
     """What counts as a spike of the torque, of the rack, of the load, and of a recorded speed."""
     set_point_jumps: Spikes = Spikes()
@@ -145,13 +146,13 @@ class Window(Section):
     name: Name
     """What the experiment is called; each name once."""
     kind: Annotated[str, Field(max_length=40), AfterValidator(_no_slip)] = ""
-    """What the set point does; any word, which the report repeats."""
+    """Kind of motion of the set point: any word; the report repeats it."""
     start_s: float
     """Start on the log's clock [s]."""
     stop_s: float
     """End on the log's clock [s]."""
     log: FilePath | None = None
-    """File name of the log it is cut from; the first one where none is named."""
+    """File name of the log from which the window is cut; default: the first one."""
 
     @model_validator(mode="after")
     def _is_not_empty(self) -> Self:
@@ -170,7 +171,7 @@ OF_THE_FULL_SHIP: Mapping[str, tuple[Any, ...]] = {
     "noise": (None, "coloured"),
     "starts": (None, 1),
 }
-"""Values of the other keys with which the full ship is fitted anyway, so that they declare nothing."""
+"""Default values of the other keys: with these the full ship is fitted, and no structure is declared."""
 
 
 def _a_language(word: str) -> str:
@@ -180,35 +181,35 @@ def _a_language(word: str) -> str:
 
 
 class Report(Section):
-    """What report.html is like."""
+    """Settings of report.html."""
 
     language: Annotated[str, AfterValidator(_a_language)] = "en"
-    """Its language: "en", or one that the package has a catalogue of, such as "de"."""
+    """Language of the report: "en", or one into which the package is translated, such as "de"."""
 
 
 class Identify(Section):
     """The structure to fit and how; names of elements and parameters are checked by the structure itself.
 
-    Without a key beyond `NARROWING` the data choose the elements of the ship; with one those act that are said to. A default
-    that is written out changes nothing.
+    Without a key beyond `NARROWING` the data choose the elements of the ship; with such a key, only elements given as true
+    act. A default that is written out changes nothing.
     """
 
     elements: dict[str, bool] = Field(default_factory=dict)
-    """Elements that act (true) or do not (false); where the data choose, they choose the others."""
+    """Elements that act (true) or do not (false); where the data choose, they decide about the others."""
     torque: Literal["gauge", "brake"] | None = None
-    """None: what the torque channel's location says."""
+    """Side of the torque; default: the location of the torque channel."""
     products: bool = True
-    """Fit vK_p and vK_i in place of v, K_p and K_i, which speed and torque never tell apart."""
+    """Fit vK_p and vK_i in place of v, K_p and K_i, which speed and torque can't determine separately."""
     outputs: Annotated[tuple[str, ...], Field(strict=False, min_length=1)] = ("dn", "dM")
     """Outputs that are compared: speed dn, torque dM, rack dX; where the data choose, all that were measured."""
     fixed: dict[str, float] = Field(default_factory=dict)
-    """Parameter to the value that it is known to have."""
+    """Parameter to its known value."""
     priors: dict[str, Pair] = Field(default_factory=dict)
     """Name to [mean, standard deviation]."""
     tied: dict[str, Relation] = Field(default_factory=dict)
     """Name to [name of another one, factor] or [name, factor, offset]."""
     noise: Literal["coloured", "white"] | None = None
-    """What the residuals are taken for, as in `identify`."""
+    """Assumed noise of the residuals, as in `identify`."""
     starts: Starts | None = None
     """Number of starts of the search, as in `identify`."""
     seed: Seed = 0
@@ -216,7 +217,7 @@ class Identify(Section):
 
     @property
     def options(self) -> dict[str, Any]:
-        """Those of `identify`, but for the seed."""
+        """Options of `identify`, except the seed."""
         return {name: getattr(self, name) for name in HOW}
 
     @property

@@ -14,7 +14,7 @@ Kind = Literal["steady", "sine", "sines", "multisine", "chirp", "squares", "prbs
 CROSSED = 0.35
 """Hysteresis of the crossings that tell a frequency, as a share of the amplitude."""
 JUMPED = 1.5
-"""A sample further out than so many amplitudes is a jump of the generator's relay."""
+"""Distance from the mean, in amplitudes, beyond which a sample is a jump of the generator's relay."""
 SAME_FREQUENCY = 1.15
 """The excitation has one frequency where the ratio of its last periods to its first is below this."""
 

@@ -83,13 +83,13 @@ class FoundWindow:
 def find_windows(
     log: Log, set_point: str, start_s: float = -math.inf, stop_s: float = math.inf
 ) -> list[FoundWindow]:
-    """Find rests, and what excites, of a set point or a load: the one place that tells the kind of a window.
+    """Find the rests and excitations of a set point or a load, and the kind of each window.
 
-    The set point rests where the medians of half seconds stay at one level to within their noise. What lies between two
-    rests is a step where the level changes at once, else one excitation; lines in its spectrum, or a period, tell a
-    multisine, the times between its crossings of the mean a sine, several sines and a chirp from one another, and two
-    levels square waves and pseudo-random steps. A stair of levels too short for rests is steps, too. Excitations that
-    follow one another without a rest are found as one.
+    The set point rests where the medians of half seconds stay at one level to within their noise. Between two rests there
+    is a step where the level changes at once, else one excitation. A multisine is recognised by lines in its spectrum or
+    by a period, a sine, several sines or a chirp by the times between crossings of the mean, square waves and
+    pseudo-random steps by their two levels. A stair of levels too short for rests counts as steps. Excitations that follow
+    one another without a rest are found as one.
 
     Parameters
     ----------

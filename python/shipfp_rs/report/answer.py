@@ -143,7 +143,7 @@ def next_steps(fingerprint: Fingerprint, say: Say) -> list[str]:
 def acting(fingerprint: Fingerprint, say: Say) -> list[str]:
     """Return which elements act, which may, which were not found, and whether something small is missing.
 
-    Of a fingerprint that can't be used nothing: what its model says of the elements says nothing of the ship.
+    A fingerprint that can't be used gives none of these: the elements of its model say nothing about the ship.
     """
     if fingerprint.why_not:
         return []

@@ -95,7 +95,7 @@ def outcomes(seeds: Sequence[int], parts: Sequence[str]) -> Iterator[Outcome]:
 
 
 class Score(NamedTuple):
-    """How a parameter came out over the trials that told it: now and then noise takes the dead time to its bound."""
+    """Accuracy of a parameter over the trials that determined it; sometimes noise drives the dead time to its bound."""
 
     trials: int
     inside: float

@@ -31,7 +31,7 @@ class Declared:
     settings: Mapping[str, Any]
 
     def part(self, name: str) -> Self:
-        """Return the structure for data of this name: itself, or of a joint one the part's, in the joint names."""
+        """Return the structure for data of this name: itself; for a joint structure its part, with the joint names."""
         parts = bare(self.equations)
         if self.settings["kind"] != "joint":
             return self

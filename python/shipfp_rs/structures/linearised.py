@@ -180,7 +180,7 @@ class _Wiring:
         if not dead_time:
             return signal
         m = self.order
-        # From the highest power. With one order less in the numerator nothing gets through at once, as it should.
+        # Coefficients from the highest power. The numerator has one order less, so that there is no direct feedthrough.
         late = np.array([comb(m, k) * factorial(2 * m - 1 - k) for k in range(m, -1, -1)], dtype=np.float64)
         early = [(-1) ** k * comb(m - 1, k) * factorial(2 * m - 1 - k) for k in range(m - 1, -1, -1)]
         late, early = late / late[0], np.array(early) / late[0]

@@ -18,8 +18,8 @@ from shipfp_rs.support.arrays import Array, ComplexArray, Names, Values
 
 SET_SCALE, TORQUE_SCALE, BRAKE_SCALE = "set point scale", "torque scale", "brake torque scale"
 STATES = ("initial dn", "initial fuel", SET_SCALE, TORQUE_SCALE)
-"""An experiment's own unknowns: how far the speed and the fuel's torque are from the operating point at its first
-sample, and by which part the set point and the torque are read wrong, their operating points' errors included."""
+"""Unknowns of each experiment: deviations of speed and fuel torque from the operating point at its first sample, and
+relative errors of the readings of set point and torque, which include errors of the operating point."""
 
 INDEX = {name: index for index, name in enumerate(_core.SHIP_PARAMETERS)}
 """Places of the kernel's parameters."""
@@ -72,7 +72,7 @@ class ShipEquations(Equations):
     loaded: bool = False
     """Whether the experiment's load torque drives the model, too."""
     mean_sampling: bool = False
-    """Whether a governor that samples acts as one that is half a period late."""
+    """Whether a sampling governor is modelled by its mean delay, half a sample period."""
     envelope: tuple[tuple[float, float], ...] = ()
     """Points of the highest torque by speed, both over the operating point's; none: no limit but M_max."""
     substeps: int = 0

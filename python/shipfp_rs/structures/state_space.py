@@ -117,7 +117,7 @@ def _sampled(model: Model, dt: float, hold: str) -> tuple[npt.NDArray[Any], list
     rates[:, :n, :n], rates[:, :n, n : n + inputs] = A * dt, B * dt
     rates[:, n : n + inputs, n + inputs :] = np.eye(inputs)
     step = _exponential(rates)
-    # What a step and a ramp of each input at the sample, or at its corner, come to until the next.
+    # Responses, one sample later, to a step and to a ramp of each input that begins at the sample, or at its corner.
     held, ramp = step[:, :n, n : n + inputs], step[:, :n, n + inputs :]
     held_late, ramp_late = held.copy(), ramp.copy()
     for j in range(inputs):
@@ -165,7 +165,7 @@ def _exponential(matrices: npt.NDArray[Any]) -> npt.NDArray[Any]:
     for term in range(DEGREE, 1, -1):
         series_slopes = (slopes @ series + value @ series_slopes) / term
         series = identity + value @ series / term
-    # exp - 1 is squared, not exp: slow modes beside fast ones would drown in the 1.
+    # The squaring is done on exp - 1, not on exp: in exp, slow modes would be lost in the rounding of the 1.
     less_one, by = value @ series, slopes @ series + value @ series_slopes
     for _ in range(squarings):
         by = less_one @ by + by @ less_one + 2.0 * by

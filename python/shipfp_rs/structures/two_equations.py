@@ -30,11 +30,11 @@ class TwoEquations:
     Parameters
     ----------
     names
-        Of the parameters that are searched.
+        Names of the parameters that are searched.
     layers
         Ties and parts between these and the ship's own parameters, the outermost first.
     equations, own
-        The ship's own, and the names of their parameters.
+        Equations of the ship, and the names of their parameters.
     """
 
     names: tuple[str, ...]

@@ -109,7 +109,7 @@ class Tabular(ABC):
 
     @classmethod
     def from_pandas(cls, frame: pd.DataFrame, **facts: Any) -> Self:
-        """Return what a frame holds, its index the time [s] or the frequency [Hz]; `facts` stand above its own.
+        """Return the object in a frame whose index is time [s] or frequency [Hz]; `facts` override those of the frame.
 
         Raises
         ------

@@ -94,7 +94,7 @@ TO_REV: Mapping[str, float] = {
 
 
 class Quantity(NamedTuple):
-    """What a unit is of: its SI unit or rpm, factors to it, and the sizes that a drive train's has and may have."""
+    """A physical quantity: its unit (SI or rpm), factors of other units to it, usual and possible sizes in drive trains."""
 
     unit: str
     factors: Mapping[str, float]

@@ -29,10 +29,10 @@ from shipfp_rs.sweeps.store import SUMMARY, Store, opened
 __all__ = ["DRAWS_PER_TASK", "Plan", "Progress", "Sweep", "Where", "sweep"]
 
 DRAWS_PER_TASK = 50
-"""Of a large sweep; a small one has at least `SHARES` tasks, so that all workers have some."""
+"""Draws in a task of a large sweep. A small sweep has at least `SHARES` tasks, so that all workers get some."""
 SHARES = 40
 MOST_ROWS = 8
-"""Of parameters, where a sweep is printed."""
+"""Most rows of parameters when a sweep is printed."""
 
 
 @dataclass(frozen=True)

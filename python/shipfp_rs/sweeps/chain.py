@@ -25,9 +25,9 @@ class Excitation(Section):
     amplitude_rpm: Positive = 40.0
     """Largest deviation from the operating point [rpm]."""
     start_hz: Positive | None = None
-    """Lowest frequency [Hz]; by the duration where it is not given."""
+    """Lowest frequency [Hz]; default: it follows from the duration."""
     stop_hz: Positive | None = None
-    """Highest frequency [Hz]; by the rate where it is not given."""
+    """Highest frequency [Hz]; default: it follows from the sample rate."""
     rate_hz: Positive = 50.0
     """Sample rate of the experiment; a raw log is sampled at sensors.rate_hz."""
 
@@ -87,10 +87,10 @@ class Sensors(Section):
 
 
 class Faults(Section):
-    """Faults of a raw log, each so many a minute (Table 6.10); zero: none."""
+    """Faults of a raw log, each as its number a minute (Table 6.10); zero: none."""
 
     A: Often = 0.0
-    """Second crossings on every pulse train."""
+    """Pulses that are counted twice, on every pulse train."""
     B: Often = 0.0
     """Missed pulses of every pulse train."""
     C: Often = 0.0

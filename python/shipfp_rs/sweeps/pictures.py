@@ -201,7 +201,7 @@ def _reach(error: Array) -> float:
 
 
 def _bands(sweep: Sweep, key: str, values: Array, error: Array) -> tuple[Array, Array, Array, Array]:
-    """Place, 5 %, 50 % and 95 % of the errors in each bin of a factor that holds any."""
+    """Place of each bin of a factor that is not empty, and the 5, 50 and 95 % quantiles of the errors in it."""
     bins = Bins.of(key, sweep.plan.factors[key])
     edges = bins.edges
     rows = []

@@ -53,9 +53,9 @@ class PulseTimes:
         Detection limit, in the unit of the samples: pulses that are higher from bottom to top are counted whatever
         their rhythm; lower ones where a dozen or more follow one another evenly. Median where the noise changed.
     grid_std_s
-        Standard deviations of the times that come of sampling [s], shape (N,); None: of edges within one sample.
+        Standard deviations of the times due to sampling [s], shape (N,); None: every edge lies within one sample.
     noise_std_s
-        Those that come of noise [s], shape (N,).
+        Standard deviations of the times due to noise [s], shape (N,).
     """
 
     times_s: Array

@@ -39,7 +39,7 @@ class Document:
     path
         The log.
     rate_hz
-        Its rate, where it tells none.
+        Sample rate of the log, where its file states none.
     trial
         TRIAL.toml that it belongs to; None where it stands alone.
     """

@@ -136,7 +136,7 @@ class ClockScan:
         same
             (row, earlier row, count) to whether the rows hold the same samples in every channel.
         trusted
-            False where a rate was given: only the start is wanted, and the mean rate to hold the given one against.
+            False where the user gave a rate: only the start is needed, and the mean rate, to check the given one.
 
         Raises
         ------

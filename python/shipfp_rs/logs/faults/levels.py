@@ -80,10 +80,10 @@ class LevelLimits:
 def find_level_faults(
     extremes: BlockExtremes, read: Read, rate_hz: float, limits: LevelLimits | None = None
 ) -> dict[str, Spans]:
-    """Return the faults of level of a channel, kind to spans, counted from the first sample fed to `extremes`.
+    """Return the spans of each kind of level fault in a channel, counted from the first sample fed to `extremes`.
 
-    Stuck and clipped are told from a signal that rests by the noise beside it: a constant signal without any
-    noise, such as a simulated set point, is neither.
+    A stuck or clipped channel differs from a signal at rest by the noise beside the stretch. So a constant signal without
+    any noise, such as a simulated set point, is neither.
 
     Parameters
     ----------

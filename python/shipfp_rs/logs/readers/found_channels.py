@@ -24,7 +24,7 @@ class Found:
 
     @classmethod
     def on(cls, axis: TimeAxis, name: str, unit: str, start_utc: datetime | None = None) -> Found:
-        """Return a channel whose samples stand on the grid of a row of times."""
+        """Return a channel with the grid of a time axis."""
         return cls(Channel(name, unit, axis.rate_hz, axis.samples, axis.start_s), axis, start_utc)
 
 

@@ -143,7 +143,7 @@ def _group_axis(path: Path, file: Any, number: int, count: int, rate_hz: float |
 
 
 def _must_be_raw(file: Any, number: int, index: int) -> bool | None:
-    """Whether a channel is a number only before its conversion, to text for instance; None where it is none."""
+    """Whether a channel has numbers only before its conversion, for instance to text; None where it never has."""
     for raw in (False, True):
         if _values(file, number, index, raw, 0, 1).dtype.kind in "biuf":
             return raw

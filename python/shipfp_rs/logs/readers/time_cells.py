@@ -275,7 +275,7 @@ class TimePlan:
 
     @property
     def dated(self) -> bool:
-        """Whether cells that are no numbers tell the day."""
+        """Whether the cells fix the day, and not only the time of day."""
         return self.how[0] is None or any(how and how.has_date for how in self.how)
 
     def seconds(self, path: object, cells: Cells) -> Iterator[Array]:
