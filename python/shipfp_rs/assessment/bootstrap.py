@@ -60,7 +60,7 @@ class Bootstrap(Brief):
 
     @property
     def covariance(self) -> Array:
-        """Of the draws in which all parameters are determined, shape (P, P)."""
+        """Covariance of the draws in which all parameters are determined, shape (P, P)."""
         whole = self.draws[np.isfinite(self.draws).all(axis=1)]
         return np.atleast_2d(np.cov(whole, rowvar=False))
 

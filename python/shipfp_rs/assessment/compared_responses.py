@@ -18,9 +18,9 @@ from shipfp_rs.structures.structure import Structure
 SMOOTHED = 13
 """Bins over which the set point's power is averaged: as many as a point of `local_response` has at least."""
 EXCITED = 1e-4
-"""Part of its highest power above which the set point excites a frequency."""
+"""Least power of the set point, relative to its highest, at a frequency that it excites."""
 LOST = 0.3
-"""Relative standard deviation from which on a point tells nothing."""
+"""Relative standard deviation above which a point carries no information."""
 
 
 def compared_responses(

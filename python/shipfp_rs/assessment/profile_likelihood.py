@@ -59,10 +59,10 @@ class Likelihood(Brief):
     others
         The other searched parameters' best values along it, shape (K,) each: where a valley leads.
     interval
-        Where the deviance passes 3.84; infinite where nothing ends it, a bound where that comes first.
+        Ends at which the deviance passes 3.84, or a bound that comes before; infinite where there is neither.
     kind
-        "bounded": the data end the interval on both sides; "one-sided": on one, a bound or nothing on the other;
-        "flat": on none, the data do not tell this parameter.
+        "bounded": the data end the interval on both sides; "one-sided": on one side, a bound or nothing on the other;
+        "flat": on neither side, so that the data do not determine this parameter.
     """
 
     name: str
@@ -189,7 +189,7 @@ def _likelihood(told: StructureEstimates, parameter: Parameter) -> Likelihood:
 def _side(
     told: StructureEstimates, parameter: Parameter, sign: float, end: float, kind: str
 ) -> tuple[tuple[float, bool], Drawn]:
-    """Return the end on one side, whether the data set it, and what is drawn of it.
+    """Return the end on one side, whether the data set it, and the part of the profile to draw.
 
     An end that the profile found is none if the deviance drawn past it stays below the level.
     """

@@ -38,7 +38,7 @@ FILES = (
 class Needed:
     """Time that a wanted accuracy takes: all named standard deviations within `accuracy_pct` of their values.
 
-    `duration_s` is estimated from the plan and one twice as long; infinite where what gauges leave open is more.
+    `duration_s` is estimated from the plan and one twice as long; infinite where errors of the gauges alone are larger.
     """
 
     accuracy_pct: float

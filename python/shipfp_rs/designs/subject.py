@@ -24,7 +24,7 @@ from shipfp_rs.vessel.vessel import Vessel
 
 @dataclass(frozen=True)
 class Subject:
-    """What is expected of a ship.
+    """The ship to expect in a trial that is designed.
 
     Parameters
     ----------

@@ -29,9 +29,9 @@ def line_noise(residual: npt.ArrayLike, rate_hz: float, frequencies_hz: npt.Arra
     Returns
     -------
     ndarray
-        Shape (L,), unit of the residual squared. It is known from a few bins only, and is raised to the variance
-        of Student's distribution of as many degrees of freedom. The bins' mean where a line has neighbours on one
-        side only, the residuals' variance where it has none.
+        Noise variance, shape (L,), unit of the residual squared. It is known from a few bins only, so it is raised to the
+        variance of Student's distribution with as many degrees of freedom. For a line with neighbours on one side only it
+        is the mean of these bins, without neighbours the residuals' variance.
 
     Notes
     -----

@@ -71,9 +71,9 @@ def engine_tests(fit: ShipFit) -> dict[str, Score]:
 def engine_curves(fit: ShipFit) -> dict[str, dict[str, list[float]]]:
     """Return curves of the engine torque that the model lacks, against the governor's error and against the rack's slope.
 
-    Each curve has by bin "at", the mean of the abscissa in operating points (a slope: a second), "torque", the mean torque
-    over the operating torque, and "std", its standard error from stretches. Empty where no torque was measured, or the
-    ship is not described by two equations, since the residuals then are not the engine's alone.
+    For each bin a curve has "at", the mean of the abscissa (relative to the operating point; a slope in 1/s), "torque", the
+    mean torque relative to the operating torque, and "std", its standard error from stretches. Empty where no torque was
+    measured, or the ship is not described by two equations, since the residuals then are not the engine's alone.
     """
     likelihood, values = fit.likelihood, fit.values
     if "dM" not in fit.question.outputs or not fit.is_smooth:

@@ -21,9 +21,9 @@ STATUS: Mapping[str, str] = {
 }
 
 ALONG = "estimated, without an interval"
-"""Reason of what stands where the search left it."""
+"""Reason that is given for a parameter that was searched but has no interval."""
 ASSUMED = "assumed"
-"""Reason of what was neither given nor estimated."""
+"""Reason that is given for a parameter that was neither given nor estimated."""
 
 KNOWN: tuple[Status, ...] = ("free", "prior")
 """States of an estimate that has an interval of its own."""

@@ -70,10 +70,10 @@ class Fingerprint(FingerprintTables, SimulationMixin):
         The verdict's first sentence: what the fingerprint can be used for.
     usability
         The same in a word: "usable", "usable except" (of the parameters or intervals that the sentence names) or "not
-        usable"; empty where nothing tells, as of a structure fitted to frequency responses.
+        usable"; empty where it is unknown, as for a structure fitted to frequency responses.
     why_not
-        Of one that is not usable: "no minimum", "nothing explained" of an output, "nothing told" of any parameter, or
-        "misfit" of the model.
+        Reason why a fingerprint is not usable: "no minimum", "nothing explained" (of an output), "nothing told" (of any
+        parameter), or "misfit" (of the model).
     si
         Quantity to {"value", "std", "ci95", "unit"} in SI units, where a vessel gives the scale.
     experiments

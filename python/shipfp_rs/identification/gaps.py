@@ -57,7 +57,7 @@ def _covariance(centred: Array, gaps: npt.NDArray[np.bool_], lags: int) -> Array
     size = next_fast_len(centred.shape[1] + lags, real=True)
     spectra = rfft(centred, size)
     counts = np.sqrt((~gaps).sum(axis=1))
-    # Over one number for all lags: so it is a covariance, and its matrix has an inverse.
+    # All lags are divided by the same number: only then the covariance matrix is positive definite.
     products = irfft(spectra[:, None] * spectra[None].conj(), size) / np.outer(counts, counts)[..., None]
     return np.asarray(products[:, :, np.r_[0:lags, size - lags + 1 : size]])
 

@@ -25,8 +25,8 @@ from shipfp_rs.structures.structure import Structure
 from shipfp_rs.support.arrays import Array
 
 LAW_DEVIATION = 0.25
-"""Prior deviation of c_2, the second-order coefficient of the load's law beside N^p: a fifth of what N^2.2 has itself, as
-open-water torque curves differ from a power of the speed."""
+"""Prior deviation of c_2, a quadratic term added to N^p in the load's law. It is a fifth of the second-order coefficient of
+N^2.2, since open-water torque curves differ from a power of the speed by about as much."""
 PRIORS: Mapping[str, tuple[float, float]] = {
     "c_2": (0.0, LAW_DEVIATION),
     "T_M": (0.0, 3e-3),

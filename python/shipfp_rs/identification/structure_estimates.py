@@ -68,7 +68,7 @@ class StructureEstimates:
 
     @cached_property
     def values(self) -> dict[str, float]:
-        """Parameters at the best minimum, on the bounds that they all but touch."""
+        """Parameters at the best minimum; one that is very close to a bound is set to the bound."""
         values = self.fit.likelihood.coordinates.values(self.fit.best.vector)
         for parameter in self.structure.free:
             bound = _bound(parameter, values[parameter.name])

@@ -263,7 +263,7 @@ def guessed_vectors(records: Sequence[Seen], likelihood: Fitted, structure: Stru
         return sorted(vectors, key=likelihood.cost)[:GUESSED]
     vectors = []
     for guess in guesses_from(spectra, gauge):
-        # What regressions tell are ratios to the inertia.
+        # Regressions determine only ratios to the inertia.
         tau = guess["tau_n"] if "tau_n" in free else declared["tau_n"]
         ratio = tau / guess["tau_n"]
         known = {

@@ -68,7 +68,7 @@ def misses_of(fit: Mapping[str, Mapping[str, float | None]], samples: int) -> di
 
 
 def usability(fingerprint: Fingerprint) -> Usability:
-    """Judge a fingerprint, `adequate` included."""
+    """Judge what a fingerprint can be used for, from its estimates and from `adequate`."""
     if (why := _why_not(fingerprint)) is not None:
         return why
     share = f"{_worst(fingerprint):.2g}"

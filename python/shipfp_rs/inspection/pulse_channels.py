@@ -26,7 +26,7 @@ SLOWEST_HZ = 0.2
 """A shaft that turns slower than this once in five seconds is at rest."""
 SINE_EVEN_SHARE = 0.9
 SINE_SLOWEST_HZ = 5.0
-"""Lowest rate of a sinusoidal pick-up [Hz]; at lower ones are set points and waves."""
+"""Lowest rate of a sinusoidal pick-up [Hz]; slower oscillations are set points or waves."""
 SINE_SCATTER = 0.15
 """Largest scatter of the heights of neighbouring pulses; a torque's ripple, of several orders, scatters more."""
 SINE_OFFSET = 1.0

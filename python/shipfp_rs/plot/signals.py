@@ -139,10 +139,10 @@ def fit(
     axes
         One a signal; made where None.
     stretch_s
-        From when to when to draw [s], with the band in which 95 % of the measured samples are to be expected about the
-        model: 1.96 standard deviations of what it leaves over in the whole record. None: all of it, without a band.
+        Begin and end of the stretch to draw [s], with the band about the model that should contain 95 % of the measured
+        samples: 1.96 standard deviations of the residuals of the whole record. None: the whole record, without a band.
     signals
-        Names of those that are drawn; None: all of the model's.
+        Names of the signals to draw; None: all signals of the model.
 
     Returns
     -------

@@ -89,7 +89,7 @@ def envelope(time: Array, samples: npt.ArrayLike, bins: int = ENVELOPE_BINS) -> 
 
 
 def panels_of(axes: Sequence[Axes] | None, count: int, *, sharex: bool = False) -> Sequence[Axes]:
-    """Return the axes given, which must be so many, or new ones under each other."""
+    """Return the given axes, which must be `count`, or as many new ones below each other."""
     if axes is None:
         from matplotlib import pyplot
 

@@ -160,7 +160,7 @@ def longest_rest(windows: Sequence[FoundWindow]) -> FoundWindow | None:
 
 @dataclass(frozen=True)
 class _Trace:
-    """The set point at a coarse rate: medians and spreads of its blocks; its samples stay where they are."""
+    """The set point at a coarse rate: medians and spreads of its blocks; the samples themselves stay in the log."""
 
     log: Log
     channel: Channel
@@ -305,7 +305,7 @@ def _levels(pieces: Iterable[Array], block: int) -> tuple[Array, Array, float]:
 
 
 def _steps(trace: _Trace, rests: list[tuple[int, int]]) -> list[FoundWindow]:
-    """Series of steps: rests of which each follows the one before at once, at another level."""
+    """Find series of steps: rests that follow each other without a pause, at different levels."""
     series: list[list[int]] = [[]]
     ends: list[tuple[int, int]] = []
     for before, after in itertools.pairwise(rests):

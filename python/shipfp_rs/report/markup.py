@@ -48,7 +48,7 @@ class Cell:
 
     @property
     def sorted_by(self) -> str:
-        """The key to the last digit."""
+        """The key with all its digits."""
         return repr(self.key)
 
 

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Material = TypeVar("Material")
-"""What the painters of a chapter draw from."""
+"""Type of the data from which the pictures of a chapter are drawn."""
 Painter = Callable[..., str]
 """(material, figure, what is painted) to the caption."""
 Stretch = tuple[float, float]

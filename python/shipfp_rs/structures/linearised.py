@@ -19,7 +19,7 @@ Form = Array
 """A signal as what it takes of each state and, last, of the input."""
 
 KINDS = ("linear", "ship")
-"""Structures that have a linearisation in these terms."""
+"""Kinds of structures that can be linearised here."""
 MOST_STATES = 64
 
 

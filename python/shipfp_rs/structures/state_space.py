@@ -19,9 +19,9 @@ STEP = 1e-30
 WHOLE = 1e-9
 """A dead time so close to a whole number of samples is one: 0.3 s at 100 Hz is 30 samples, not 29 and a rounding error."""
 LATEST = 2.0**50
-"""Dead times are at most so long [samples], where a fraction still counts."""
+"""Longest dead time [samples]: up to here a double still resolves a fraction of a sample."""
 DEGREE = 14
-"""Of the exponential's Taylor polynomial: with a norm of 1/2 the first term left out is below 2e-17."""
+"""Degree of the exponential's Taylor polynomial: at a norm of 1/2 the first term that is left out is below 2e-17."""
 
 
 class Model(NamedTuple):
@@ -154,7 +154,7 @@ def _split(late: npt.NDArray[Any], dt: float) -> tuple[npt.NDArray[np.int64], np
 
 
 def _exponential(matrices: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    """Return the exponentials of matrices (W, n, n) of one real part, by a Taylor polynomial, scaling and squaring."""
+    """Exponentials of matrices (W, n, n) with the same real part, by a Taylor polynomial, scaling and squaring."""
     moved = matrices.imag.any(axis=(1, 2))
     value, slopes = matrices[0].real, matrices.imag[moved]
     norm = np.abs(value).sum(axis=0).max()

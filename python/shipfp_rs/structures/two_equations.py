@@ -44,7 +44,7 @@ class TwoEquations:
 
     @classmethod
     def of(cls, structure: Structure, names: Sequence[str]) -> TwoEquations | None:
-        """Return them for a structure of one trial; None where it has something that the two equations have not."""
+        """Return the equations of a structure of one trial; None where it has an element that the two equations lack."""
         equations: Equations = structure.equations
         layers: list[Behind] = []
         own = set(structure.names)

@@ -1,4 +1,4 @@
-"""The languages of reports: a catalogue each, in `locale`; English is what the catalogues are read by."""
+"""The languages of reports: a catalogue of translations for each, in `locale`; its keys are the English sentences."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Jobs that run side by side on threads, which kernels and readers leave the interpreter to, and one thread of BLAS."""
+"""Parallel jobs on threads, since kernels and readers release the interpreter's lock; BLAS is held to one thread."""
 
 from __future__ import annotations
 

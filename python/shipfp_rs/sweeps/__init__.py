@@ -107,9 +107,9 @@ def sweep(
         "processes" of this machine; "threads", which share one interpreter and so use little more than one core; "dask",
         a cluster; or an executor of one's own.
     workers
-        How many; None: one for each core. With an executor of one's own, how many it has.
+        Number of workers; None: one for each core. With an executor of one's own, the number that it has.
     address
-        Of a running Dask scheduler; None: a cluster of this machine, on its loopback interface only.
+        Address of a running Dask scheduler; None: a cluster on this machine, on its loopback interface only.
     draws_per_task
         Draws that a worker makes in one go, and rows of a part that is safe once it is written. A folder keeps the
         number that it was begun with. None: 50, fewer in a small sweep.

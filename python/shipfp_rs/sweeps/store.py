@@ -76,7 +76,7 @@ class Store:
         """Write the rows of a part; from its return on the part is done."""
         path = self._path(part)
         with replacing(path) as temporary:
-            # It lives as long as the sweep runs, and the driver writes every one: plain takes less than half the time.
+            # Not compressed: a part lives only while the sweep runs, and writing it takes less than half the time.
             pq.write_table(
                 pa.Table.from_batches([rows]),
                 temporary,

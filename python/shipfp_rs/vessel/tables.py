@@ -193,7 +193,7 @@ class Engine(Sparse):
     turbocharger_lag_s: Annotated[float, Field(ge=1e-3, le=600.0)] = 1.0
     """Time constant of the charge air behind the rack [s]; it acts with a smoke limiter only."""
     firing: Firing | None = None
-    """None: the cylinders' mean torque."""
+    """Torque pulses of the cylinders; default: their mean torque only."""
 
     @model_validator(mode="after")
     def _stays_within_its_rating(self) -> Self:

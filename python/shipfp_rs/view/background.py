@@ -56,7 +56,7 @@ class Background(Generic[T]):
             self.result = self._function(self._tell)
         except (ShipfpError, OSError, MemoryError) as error:
             self.error = str(error) or type(error).__name__
-        except Exception as error:  # a page that waits is told, whatever it was
+        except Exception as error:  # whatever it was, the waiting page must show an error
             self.error = f"internal error: {type(error).__name__}: {error}"
         finally:
             self.done.set()

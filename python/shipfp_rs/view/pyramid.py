@@ -139,7 +139,7 @@ def _appearing(place: Path) -> Iterator[IO[bytes]]:
         file.flush()
         beside = place.with_name(f".{place.name}.{os.getpid()}-{threading.get_ident()}")
         beside.unlink(missing_ok=True)
-        # Given a folder, Python asks for the link to the file and not to its name in /proc.
+        # Only with a folder descriptor does Python follow the link in /proc, and so link the file itself.
         folder = os.open(place.parent, os.O_RDONLY)
         try:
             os.link(f"/proc/self/fd/{file.fileno()}", beside, src_dir_fd=folder, follow_symlinks=True)

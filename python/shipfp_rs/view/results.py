@@ -1,4 +1,4 @@
-"""Finished runs and sweeps of a folder: found, told in a line, their files handed out."""
+"""Finds the finished runs and sweeps of a folder, summarises each in a line, and serves their files."""
 
 from __future__ import annotations
 

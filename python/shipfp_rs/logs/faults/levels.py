@@ -57,7 +57,7 @@ class LevelLimits:
     dropout_share
         Distance from zero up to which a sample is at zero, as a share of the channel's typical level.
     clipped_samples
-        Samples at the channel's very extreme that make it a rail.
+        Least number of samples at a channel's extreme value for this value to count as a rail.
     spike_s
         Longest spike [s]: a shorter stretch at a rail counts as a spike where no other sample comes near that rail.
     """

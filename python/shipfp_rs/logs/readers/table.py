@@ -259,7 +259,7 @@ def find_plans(
     batches: Batches,
     options: Options,
 ) -> list[TimePlan]:
-    """Find which columns are the time; only those that may be are read."""
+    """Find the columns of time; only columns that may hold times are read."""
     if not rows:
         return []
     columns = []
