@@ -235,7 +235,7 @@ def test_a_set_point_that_stands_leaves_the_ship_at_rest(data):
         return np.abs(_core.simulate_ship(ship, np.ones(200), NO_LOAD, 0.02, 0, hold, ALL)).max()
 
     # A loop that is not stable lets a rounding error of the start grow, as it does with one that is put there.
-    assert moved(0.0) < 1e-12 * max(0.1 * moved(1e-9) / 1e-9, 1.0)
+    assert moved(0.0) < 1e-12 * max(0.3 * moved(1e-9) / 1e-9, 1.0)
 
 
 def test_a_sample_late_in_a_long_record_costs_what_an_early_one_does():
