@@ -37,7 +37,7 @@ from shipfp_rs.identification.ship_found import (
     likelihood_of,
     settled,
 )
-from shipfp_rs.identification.trials import with_given_limits, with_limits, with_twist
+from shipfp_rs.identification.trials import lowest, with_given_limits, with_limits, with_twist
 from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.progress import part, tell
 
@@ -52,6 +52,8 @@ FAR = 100.0
 """Ends of such searches whose deviance is higher by more are dropped: noise of their own would not make them best."""
 LEVEL = 0.1
 """Largest difference in deviance of two ends in the same valley."""
+LATER_S = 5e-3
+"""Least change of the set point's dead time in a search with the same lag behind ramps [s]."""
 COMMON_S = 0.1
 """Least time by which the governor's lead and the lag are both raised in other starts [s]."""
 HALF_PERIODS_S = (0.005, 0.015, 0.03)
@@ -293,7 +295,31 @@ def _with_limits_elsewhere(fit: ShipFit, until: float | None) -> ShipFit:
         end = descend(likelihood, one.best.vector, until=until)
         other = settled(replace(fit, basins=(end,)), until)
         best = min((best, one, other), key=lambda end: end.total + (end is not best))
-    return replace(best, also=())
+    return replace(_with_same_ramp(best, until), also=())
+
+
+def _with_same_ramp(fit: ShipFit, until: float | None) -> ShipFit:
+    """Return the fit, searched from other dead times of the set point with the same lag behind a slow ramp.
+
+    That lag, (p - g) / vK_i + T_set, is known well. Where a limit acts, no descent follows the valley of what is not.
+    """
+    likelihood, values = fit.likelihood, fit.values
+    assert isinstance(likelihood, LimitedLikelihood)
+    c = likelihood.coordinates
+    if not {"T_set", "g", "vK_i"} <= set(c.free):
+        return fit
+    states, late = c.states_at(fit.best.vector), values["T_set"]
+    starts = [
+        c.vector({**values, **one, "g": values["g"] + (one["T_set"] - late) * values["vK_i"]}, states)
+        for one in _redivided(values)
+        if abs(one["T_set"] - late) > LATER_S
+    ]
+    if not starts:
+        return fit
+    end = lowest(likelihood, starts, np.inf, until)
+    if not end.cost < fit.total - 1.0:
+        return fit
+    return settled(replace(fit, likelihood=likelihood.resettled_at(end.vector), basins=(end,)), until)
 
 
 def _scaled(values: Mapping[str, float]) -> list[dict[str, float]]:

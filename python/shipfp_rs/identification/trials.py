@@ -165,12 +165,12 @@ def _limited(fit: ShipFit, element: str, until: float | None, *, surely: bool = 
     assert isinstance(likelihood, LimitedLikelihood)
     c = likelihood.coordinates
     vectors = [c.vector({**DEFAULTS, **values}, states) for values, states in starts]
-    best = _lowest(likelihood, vectors, np.inf, until)
+    best = lowest(likelihood, vectors, np.inf, until)
     alone = likelihood.water_hz is None and element != "rack_rate_down"
     if alone and not best.cost < fit.total - LEAST_FALL[element]:
         # Noise of the speed may hide a limit from the engine's equation; slow simulations still show it.
         simulated = replace(likelihood, water_hz=WATERS_HZ[0]).driven(vectors[0])
-        end = _lowest(simulated, vectors, np.inf if surely else fit.total, until)
+        end = lowest(simulated, vectors, np.inf if surely else fit.total, until)
         likelihood, best = min((likelihood, best), (simulated, end), key=lambda pair: pair[1].cost)
     least = LEAST_FALL[element] if element == "rack_rate_down" else 0.0
     if not surely and not best.cost < fit.total - least:
@@ -181,7 +181,7 @@ def _limited(fit: ShipFit, element: str, until: float | None, *, surely: bool = 
     return _taken(fit, element, likelihood.resettled_at(best.vector), best, until)
 
 
-def _lowest(
+def lowest(
     likelihood: LimitedLikelihood, vectors: Sequence[Array], most: float, until: float | None
 ) -> Basin:
     """Return the minimum of lowest total from several starts; a start goes on only if its first round ends below `most`."""
