@@ -54,6 +54,8 @@ LEVEL = 0.1
 """Largest difference in deviance of two ends in the same valley."""
 LATER_S = 5e-3
 """Least change of the set point's dead time in a search with the same lag behind ramps [s]."""
+WITH_SAME_RAMP = 3
+"""Starts of that search that descend, those of the least deviance: descents from the others are long, and in vain."""
 COMMON_S = 0.1
 """Least time by which the governor's lead and the lag are both raised in other starts [s]."""
 HALF_PERIODS_S = (0.005, 0.015, 0.03)
@@ -316,7 +318,7 @@ def _with_same_ramp(fit: ShipFit, until: float | None) -> ShipFit:
     ]
     if not starts:
         return fit
-    end = lowest(likelihood, starts, np.inf, until)
+    end = lowest(likelihood, starts, np.inf, until, kept=WITH_SAME_RAMP)
     if not end.cost < fit.total - 1.0:
         return fit
     return settled(replace(fit, likelihood=likelihood.resettled_at(end.vector), basins=(end,)), until)

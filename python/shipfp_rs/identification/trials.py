@@ -182,10 +182,14 @@ def _limited(fit: ShipFit, element: str, until: float | None, *, surely: bool = 
 
 
 def lowest(
-    likelihood: LimitedLikelihood, vectors: Sequence[Array], most: float, until: float | None
+    likelihood: LimitedLikelihood,
+    vectors: Sequence[Array],
+    most: float,
+    until: float | None,
+    kept: int = KEPT,
 ) -> Basin:
     """Return the minimum of lowest total from several starts; a start goes on only if its first round ends below `most`."""
-    begun = sorted(vectors, key=partial(_total, likelihood))[:KEPT]
+    begun = sorted(vectors, key=partial(_total, likelihood))[:kept]
     ends = likelihood.each([partial(_by_own_noise, likelihood, start, 1, until) for start in begun])
     ends = sorted(ends, key=lambda end: end.cost)[:2]
     jobs = [partial(_by_own_noise, likelihood, end.vector, ROUNDS, until) for end in ends if end.cost < most]
