@@ -318,7 +318,7 @@ def _with_same_ramp(fit: ShipFit, until: float | None) -> ShipFit:
     ]
     if not starts:
         return fit
-    end = lowest(likelihood, starts, np.inf, until, kept=WITH_SAME_RAMP)
+    end = lowest(likelihood, starts, until, kept=WITH_SAME_RAMP)
     if not end.cost < fit.total - 1.0:
         return fit
     return settled(replace(fit, likelihood=likelihood.resettled_at(end.vector), basins=(end,)), until)

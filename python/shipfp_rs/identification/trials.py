@@ -165,13 +165,12 @@ def _limited(fit: ShipFit, element: str, until: float | None, *, surely: bool = 
     assert isinstance(likelihood, LimitedLikelihood)
     c = likelihood.coordinates
     vectors = [c.vector({**DEFAULTS, **values}, states) for values, states in starts]
-    best = lowest(likelihood, vectors, np.inf, until)
-    alone = likelihood.water_hz is None and element != "rack_rate_down"
-    if alone and not best.cost < fit.total - LEAST_FALL[element]:
+    best = lowest(likelihood, vectors, until)
+    if element != "rack_rate_down":  # the limit beside it has chosen its way
         # Noise of the speed may hide a limit from the engine's equation; slow simulations still show it.
         simulated = replace(likelihood, water_hz=WATERS_HZ[0]).driven(vectors[0])
-        end = lowest(simulated, vectors, np.inf if surely else fit.total, until)
-        likelihood, best = min((likelihood, best), (simulated, end), key=lambda pair: pair[1].cost)
+        pairs = (likelihood, best), (simulated, lowest(simulated, vectors, until))
+        likelihood, best = min(pairs, key=lambda pair: pair[1].cost)
     least = LEAST_FALL[element] if element == "rack_rate_down" else 0.0
     if not surely and not best.cost < fit.total - least:
         return None
@@ -182,18 +181,14 @@ def _limited(fit: ShipFit, element: str, until: float | None, *, surely: bool = 
 
 
 def lowest(
-    likelihood: LimitedLikelihood,
-    vectors: Sequence[Array],
-    most: float,
-    until: float | None,
-    kept: int = KEPT,
+    likelihood: LimitedLikelihood, vectors: Sequence[Array], until: float | None, kept: int = KEPT
 ) -> Basin:
-    """Return the minimum of lowest total from several starts; a start goes on only if its first round ends below `most`."""
+    """Return the minimum of lowest total from several starts: the best `kept` go one round, the best two go on."""
     begun = sorted(vectors, key=partial(_total, likelihood))[:kept]
     ends = likelihood.each([partial(_by_own_noise, likelihood, start, 1, until) for start in begun])
     ends = sorted(ends, key=lambda end: end.cost)[:2]
-    jobs = [partial(_by_own_noise, likelihood, end.vector, ROUNDS, until) for end in ends if end.cost < most]
-    return min((*ends[:1], *likelihood.each(jobs)), key=lambda end: end.cost)
+    ends = likelihood.each([partial(_by_own_noise, likelihood, end.vector, ROUNDS, until) for end in ends])
+    return min(ends, key=lambda end: end.cost)
 
 
 def _other_way(

@@ -13,6 +13,8 @@ from shipfp_rs._core import pulses_are_even, running_median
 from shipfp_rs.errors import InputError
 from shipfp_rs.support.arrays import Array
 
+MOST_PULSES = 100_000
+"""Most pulses in a turn: an encoder of 25,000 lines has as many with both edges of both channels."""
 _MEDIAN_WINDOW = 21
 """Periods in the running median against which missed and extra pulses show."""
 _EXTRA_BELOW = 0.6
@@ -66,8 +68,8 @@ def checked_times(
     times = np.asarray(times_s, dtype=np.float64, order="C")
     if times.ndim != 1:
         raise InputError(f"times_s: found shape {times.shape}, expected one axis")
-    if pulses_per_rev < 1:
-        raise InputError(f"pulses_per_rev: found {pulses_per_rev}, expected 1 or more")
+    if not 1 <= pulses_per_rev <= MOST_PULSES:
+        raise InputError(f"pulses_per_rev: found {pulses_per_rev}, expected 1 to {MOST_PULSES}")
     ascending = times[1:] > times[:-1]
     if not ascending.all():
         k = int(np.argmin(ascending))
