@@ -522,13 +522,12 @@ class EquationLikelihood(Likelihood):
     def _response(self, values: Mapping[str, float], frequency_hz: Array) -> ComplexArray:
         """Response (O, F) of the outputs, delays of their readings included, to a ship's input, by kernel parameters."""
         outputs = self.records[0].outputs
+        place: Place = "propeller" if self.behind_twist else "engine"
         if self.open_loop:
-            found = CommandedEquations(outputs, self.gauge).response(values, frequency_hz, ())[0]
+            found, _ = CommandedEquations(outputs, self.gauge).response(values, frequency_hz, ())
         else:
-            place: Place = "propeller" if self.behind_twist else "engine"
-            found = TransferFunctions(outputs, self.gauge, place).response(loop_of(values), frequency_hz, ())[
-                0
-            ]
+            loop = TransferFunctions(outputs, self.gauge, place)
+            found, _ = loop.response(loop_of(values), frequency_hz, ())
         late = np.array([values.get(LATE.get(name, ""), 0.0) for name in outputs])
         return np.asarray(found * np.exp(-2j * np.pi * late[:, None] * frequency_hz))
 
