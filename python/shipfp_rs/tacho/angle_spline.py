@@ -1,4 +1,4 @@
-"""Angle of a shaft as a spline through the passages of all pulses, with the variance of its slope."""
+"""Shaft angle as a spline through the passages of all pulses, with the variance of its slope."""
 
 from __future__ import annotations
 
@@ -14,22 +14,24 @@ from scipy.linalg import cho_solve_banded, cholesky_banded
 from shipfp_rs.support.arrays import Array
 
 _DEGREE = 4
-"""Degree of the angle's spline; its slope, the speed, is a cubic one."""
+"""Degree of the angle spline; the speed is its slope, a cubic spline."""
 _STIFFNESS = 1e-6
-"""Weight of the coefficients' second differences relative to the pulses'. It holds the spline where there are no pulses."""
+"""Weight of the coefficients' second differences relative to that of the pulses. It determines the spline where there
+are no pulses.
+"""
 
 
 @dataclass(frozen=True)
 class AngleSpline:
-    """Angle in turns, its slope the speed."""
+    """Spline of the angle [rev]; its slope is the speed."""
 
     spline: BSpline
     factor: Array
     """Banded Cholesky factor of the normal matrix, lower form."""
     shift: Array
-    """Change of the coefficients with the offset of each stretch but the first, shape (M, R)."""
+    """Derivative of the coefficients with respect to the offset of each stretch but the first, shape (M, R)."""
     offsets: Array
-    """Angle at the begin of each stretch, shape (S,)."""
+    """Angle at the start of each stretch [rev], shape (S,)."""
     offset_covariance: Array
 
     def speed(self, time: Array) -> Array:
@@ -37,7 +39,7 @@ class AngleSpline:
         return np.asarray(self.spline(time, 1))
 
     def speed_variance(self, time: Array) -> Array:
-        """Return its variance [(rev/s)^2]."""
+        """Variance of the speed [(rev/s)^2]."""
         slope = _slopes(self.spline, time)
         own = np.asarray((slope @ _inverse_band(self.factor)).multiply(slope).sum(axis=1)).ravel()
         through = slope @ self.shift
@@ -46,16 +48,16 @@ class AngleSpline:
 
 @dataclass(frozen=True)
 class AnglePieces:
-    """Splines one after the other, with nothing between them.
+    """Angle splines with gaps between them.
 
     Parameters
     ----------
     splines
-        In order of time.
+        Splines in order of time.
     spans_s
-        Where each begins and ends [s], shape (P, 2).
+        Start and end of each spline [s], shape (P, 2).
     offsets
-        Angle at the begin of each stretch [rev], shape (S,).
+        Angle at the start of each stretch [rev], shape (S,).
     """
 
     splines: tuple[AngleSpline, ...]
@@ -68,7 +70,7 @@ class AnglePieces:
         return sum(len(piece.spline.c) for piece in self.splines)
 
     def piece_at(self, time: Array) -> npt.NDArray[np.intp]:
-        """Return which spline covers each time, -1 where none does."""
+        """Index of the spline that covers each time, -1 where there is none."""
         piece = np.searchsorted(self.spans_s[:, 0], time, side="right") - 1
         return np.where((piece >= 0) & (time <= self.spans_s[piece, 1]), piece, -1)
 
@@ -81,7 +83,7 @@ class AnglePieces:
         return self._each(time, lambda piece, at: piece.speed(at))
 
     def speed_variance(self, time: Array) -> Array:
-        """Return its variance [(rev/s)^2], NaN between the pieces."""
+        """Variance of the speed [(rev/s)^2], NaN between the pieces."""
         return self._each(time, lambda piece, at: piece.speed_variance(at))
 
     def _each(self, time: Array, value: Callable[[AngleSpline, Array], Array]) -> Array:
@@ -95,7 +97,7 @@ class AnglePieces:
 def fit_angle_pieces(
     time: Array, angle: Array, weight: Array, stretch: npt.NDArray[np.intp], spacing_s: float
 ) -> AnglePieces:
-    """Fit a spline to each run of stretches that overlap in time; arguments as of `fit_angle_spline`."""
+    """Fit a spline to each run of stretches that overlap in time; arguments as in `fit_angle_spline`."""
     count = int(stretch.max()) + 1
     first, last = np.full(count, np.inf), np.full(count, -np.inf)
     np.minimum.at(first, stretch, time)
@@ -124,18 +126,18 @@ def fit_angle_pieces(
 def fit_angle_spline(
     time: Array, angle: Array, weight: Array, stretch: npt.NDArray[np.intp], spacing_s: float
 ) -> AngleSpline:
-    """Fit a spline and an offset of each stretch to passages by weighted least squares.
+    """Fit a spline and an offset per stretch to the passages by weighted least squares.
 
     Parameters
     ----------
     time, angle
-        Passages [s] and the angles of their stretch there [rev], shape (N,).
+        Passages [s] and their angles, counted within the stretch [rev], shape (N,).
     weight
-        One over the variance of each angle [1/rev^2], shape (N,).
+        Inverse variance of each angle [1/rev^2], shape (N,).
     stretch
-        Stretch of each, shape (N,), from 0 on; the first one's offset is zero.
+        Index of the stretch of each passage, shape (N,), from 0; the offset of stretch 0 is zero.
     spacing_s
-        Distance of the knots [s].
+        Distance between knots [s].
     """
     first, last = float(time.min()), float(time.max())
     pieces = max(int(np.ceil((last - first) / spacing_s)), 1)
@@ -159,13 +161,13 @@ def fit_angle_spline(
     right = basis.T @ (weight * angle)
     alone = cho_solve_banded((factor, True), right)
     shift = cho_solve_banded((factor, True), coupling) if stretches > 1 else np.zeros((size, 0))
-    # Eliminating the spline leaves a small system for the offsets, in which long and short stretches count alike.
+    # Eliminating the spline leaves a small system for the offsets, in which long and short stretches count equally.
     total = member.T @ weight
     scale = 1.0 / np.sqrt(np.outer(total, total))
     covariance = scale * np.linalg.pinv(
         scale * (np.diag(total) - coupling.T @ shift), rcond=1e-9, hermitian=True
     )
-    # A pulse of a stretch reads angle + offset: the offsets below are what has to be added to its count.
+    # The spline is angle + offset, so the offsets below are added to the counts of their stretches.
     offsets = covariance @ (coupling.T @ alone - member.T @ (weight * angle))
     coefficients = alone + shift @ offsets
     return AngleSpline(
@@ -174,7 +176,6 @@ def fit_angle_spline(
 
 
 def _slopes(spline: BSpline, time: Array) -> sparse.csr_array:
-    """Derivatives of the basis functions at each time, one row each."""
     lower = BSpline.design_matrix(time, spline.t[1:-1], _DEGREE - 1)
     size = len(spline.c)
     rise = _DEGREE / (spline.t[_DEGREE + 1 : size + _DEGREE] - spline.t[1:size])
@@ -183,15 +184,15 @@ def _slopes(spline: BSpline, time: Array) -> sparse.csr_array:
 
 
 def _inverse_band(factor: Array) -> sparse.dia_matrix:
-    """Band of the inverse of a matrix from its banded Cholesky factor (lower form), after Takahashi.
+    """Band of the inverse of a matrix from its banded Cholesky factor (lower form), by Takahashi's recursion.
 
-    K. Takahashi, J. Fagan, M. Chin, Eighth PICA Conference (1973) 63: from the last row up, each row of the inverse
-    within the band needs only such rows below it.
+    K. Takahashi, J. Fagan, M. Chin, Eighth PICA Conference (1973) 63. Rows are computed from the last to the first; within
+    the band each needs only rows below it.
     """
     width, size = factor.shape
     reach = width - 1
     inverse = np.zeros((size + reach, width))  # inverse[i, d] is entry (i, i + d)
-    window = np.zeros((reach, reach))  # of the rows i + 1 to i + reach, both triangles
+    window = np.zeros((reach, reach))  # rows i + 1 to i + reach, both triangles
     for i in range(size - 1, -1, -1):
         pivot = factor[0, i]
         column = factor[1:, i] / pivot

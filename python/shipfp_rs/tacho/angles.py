@@ -1,4 +1,4 @@
-"""Angles between the reflectors of a shaft, from the pulses themselves."""
+"""Angles between the reflectors of a shaft, estimated from the pulses."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from shipfp_rs.support.arrays import Array
 from shipfp_rs.tacho.tracks import PulseFlag, Track, checked_times, cut_tracks
 
 _STEADY = 0.02
-"""Reflectors are measured where the speed changes by less than this part of itself in a turn."""
+"""Largest relative change of speed within a turn that is used to measure the reflectors."""
 _LEAST_TURNS = 20
 _WORST_ANGLE = 0.002
-"""Standard deviation of a spacing, as a part of the even spacing, from which on the estimate is no use."""
+"""Largest standard deviation of a spacing, relative to the even spacing, at which the estimate is used."""
 
 
 @dataclass(frozen=True)
@@ -25,13 +25,13 @@ class ReflectorAngles:
     Parameters
     ----------
     fractions
-        Angle from each pulse to the next as a part of a turn, shape (P,), in order, summing to 1.
+        Angle from each pulse to the next as a fraction of a turn, shape (P,), in order; they sum to 1.
     std
         Standard deviations of `fractions`, shape (P,).
     ok
-        Whether the data could tell; the angles are even where they could not.
+        Whether the data determine the angles; if not, they are even.
     reason
-        Why not, else empty.
+        Why `ok` is false, else empty.
     """
 
     fractions: Array
@@ -44,12 +44,12 @@ class ReflectorAngles:
 def reflector_angles(
     times_s: npt.ArrayLike, pulses_per_rev: int, *, gaps: npt.ArrayLike | None = None
 ) -> ReflectorAngles:
-    """Angles between the reflectors of a shaft, from the pulses themselves.
+    """Estimate the angles between the reflectors of a shaft from the pulses.
 
-    Each period is divided by the time of the turn centred on it, which no reflector can bend: whatever their angles, a
-    turn of them is a turn. The means of that ratio over all steady turns are the angles. Motion of the shaft at whole orders
-    of its rotation can't be told from angles. Only the longest stretch without a break is used, since the
-    count of reflectors is lost in a break; single missed pulses do not shift it.
+    Each period is divided by the time of the turn centred on it, which does not depend on the reflectors' angles. The mean
+    ratio over all steady turns is the angle. Speed variations at whole orders of the rotation can't be distinguished from
+    uneven angles. Only the longest stretch without a break is used, since the count of reflectors is lost in a break;
+    single missed pulses do not shift it.
 
     Parameters
     ----------
@@ -63,13 +63,12 @@ def reflector_angles(
     Returns
     -------
     ReflectorAngles
-        The first fraction is that of the first interval of the longest stretch. With `ok` false, and a reason,
-        where the data can't tell: too few turns, a speed that changes too much, too much scatter.
+        The first fraction belongs to the first interval of the longest stretch. `ok` is false, with a reason, where there
+        are too few turns, the speed changes too much or the scatter is too large.
 
     Notes
     -----
-    Diamond et al. (2016), https://hdl.handle.net/2263/56372, fit the same model, periods against a smooth speed and a turn
-    that sums to one, by Bayesian regression.
+    Diamond et al. (2016), https://hdl.handle.net/2263/56372, fit the same model by Bayesian regression.
     """
     times, gap_times = checked_times(times_s, pulses_per_rev, gaps)
     even = np.full(pulses_per_rev, 1.0 / pulses_per_rev)
@@ -92,7 +91,7 @@ def reflector_angles(
         )
     mean, std = np.empty(pulses_per_rev), np.empty(pulses_per_rev)
     for k in range(pulses_per_rev):
-        # Means of ten stretches in time: their scatter also shows errors that last, such as a count that slipped.
+        # Means of ten parts of the record: their scatter also includes slow errors, such as a slipped count.
         parts = [part.mean() for part in np.array_split(ratio[steady & (phase == k)], 10)]
         mean[k], std[k] = np.mean(parts), np.std(parts, ddof=1) / np.sqrt(len(parts))
     fractions, std = mean / mean.sum(), std / mean.sum()
@@ -105,7 +104,7 @@ def reflector_angles(
 def _period_ratios(
     track: Track, pulses_per_rev: int
 ) -> tuple[Array, npt.NDArray[np.bool_], npt.NDArray[np.int64]]:
-    """Periods as parts of the turn centred on them, which of them are steady, and their place in the turn."""
+    """Periods as fractions of the turn centred on them, which of them are steady, and their index within the turn."""
     good = (track.flags == PulseFlag.GOOD) & track.usable
     periods = np.repeat(np.where(good, np.diff(track.edges_s), np.nan), track.count)
     phase = np.arange(len(periods)) % pulses_per_rev
@@ -127,10 +126,10 @@ def _period_ratios(
 
 
 def align_angles(track: Track, angles: ReflectorAngles) -> tuple[Array, Array]:
-    """Fractions and their relative standard deviations, turned to begin with the track's first interval.
+    """Fractions and their relative standard deviations, rotated to start at the track's first interval.
 
-    Where the track is too short to tell which interval comes first, the fractions are equal, and their standard deviation
-    is the scatter of the true ones.
+    Where the track is too short to identify its first interval, the fractions are equal and their standard deviation is the
+    scatter of the true ones.
     """
     count = len(angles.fractions)
     if count == 1:

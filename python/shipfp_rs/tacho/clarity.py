@@ -1,4 +1,4 @@
-"""Which crossings of a pulse train are pulses, and where pulses can't be told from noise."""
+"""Decide which crossings of a pulse train are pulses, and where pulses are lost in noise."""
 
 from __future__ import annotations
 
@@ -12,34 +12,34 @@ from shipfp_rs.support.spans import Spans, runs
 Flags = npt.NDArray[np.bool_]
 
 AT_REST = 1 / 3
-"""Pulses lower than this part of the usual height are doubted: they may be the noise or the hum of a shaft at rest."""
+"""Pulses below this fraction of the usual height are doubtful: they may be noise, or hum of a shaft at rest."""
 NEAR_LIMIT = 1.2
-"""Where pulses are lower than so many times the limit, others beside them may have been lost."""
+"""Where pulses are lower than this multiple of the limit, others nearby may have been lost."""
 FAR_FROM_LIMIT = 2.0
-"""Noise does not make a height look higher than so many times the limit."""
+"""Noise does not raise a height above this multiple of the limit."""
 _LIMIT = 14.0
-"""The limit, in standard deviations of the noise."""
+"""Limit of the height, in standard deviations of the noise."""
 _DENSE = 10.0
-"""With fewer samples a pulse the noise can't be measured, so the limit does not tell whether pulses were lost."""
+"""With fewer samples per pulse the noise can't be measured, and the limit does not show whether pulses were lost."""
 _IN_A_ROW = 20
-"""So many even periods in a row are pulses. Noise has no such rows: less than half of its periods are even."""
+"""Number of even periods in a row that identifies pulses. In noise fewer than half of the periods are even."""
 _EVEN, _STRICTLY_EVEN = 0.25, 0.12
-"""Largest relative differences of periods in an even row. Noise makes those of pulses below the limit larger."""
+"""Largest relative difference of periods in an even row. Periods of pulses below the limit vary more, due to noise."""
 _MARGIN = 2
 _UNTOLD = 16
 _NEIGHBOURS = 7
 _GRID = 1.2
-"""Samples by which the periods of an even train differ at most, since they begin and end between two of them."""
+"""Largest difference between the periods of an even train [samples]; both ends lie between two samples."""
 _MOST_TEETH = 3
-"""A wheel's gap lasts two or three periods."""
+"""Longest gap of a toothed wheel, in periods."""
 _SAME_HEIGHT, _SAME_PERIOD = 2.0, 1.6
 """Low pulses continue a train if heights and periods differ by less than these ratios; hum at rest differs by more."""
 _SILENCE = 5.5
-"""After so many periods without a pulse the train has stopped; in fewer, pulses were missed."""
+"""After this many periods without a pulse the train has stopped; in a shorter break, pulses were missed."""
 
 
 def without_noise(times: Array, heights: Array, limits: Array) -> Array:
-    """Return heights less what noise adds to the extremes of half a pulse, shape (N,); 0 stays 0.
+    """Heights less the contribution of noise to the extremes of half a pulse, shape (N,); 0 stays 0.
 
     The greatest of m normal numbers is about sqrt(2 ln m) - 0.6 standard deviations above their mean.
     """
@@ -54,24 +54,24 @@ def without_noise(times: Array, heights: Array, limits: Array) -> Array:
 
 
 def clear_pulses(times: Array, heights: Array, limits: Array, usual: float) -> Flags:
-    """Tell which crossings are pulses: those that are high enough, and those that follow one another evenly.
+    """Mark the crossings that are pulses: high enough, or evenly spaced.
 
     Parameters
     ----------
     times
-        Of the crossings [samples], shape (N,).
+        Times of the crossings [samples], shape (N,).
     heights
-        Of the train at each, 0 where no turning points tell of it, NaN where not asked for, shape (N,).
+        Height of the train at each, 0 without turning points, NaN if not needed, shape (N,).
     limits
-        Heights from which on they can't be noise, shape (N,).
+        Heights above which a crossing can't be noise, shape (N,).
     usual
-        The train's usual height.
+        Usual height of the train.
     """
     clear = ~((heights < limits) | (heights < AT_REST * usual))
     if clear.all():
         return clear
     kept = clear | _in_rows(times, ~clear, (heights < limits) & (heights > 0.0))
-    # A crossing without turning points of its own counts only between pulses, as beside a spike.
+    # A crossing without turning points of its own counts only between pulses, for example beside a spike.
     for first, stop in runs(heights == 0.0).tolist():
         beside = first > 0 and stop < len(times) and kept[first - 1] and kept[stop]
         kept[first:stop] &= beside and stop - first <= _UNTOLD
@@ -80,7 +80,7 @@ def clear_pulses(times: Array, heights: Array, limits: Array, usual: float) -> F
 
 
 def _in_rows(times: Array, doubted: Flags, faint: Flags) -> Flags:
-    """Which of the doubted crossings are in rows of even periods, and the faint ones in very even ones."""
+    """Mark the doubted crossings in rows of even periods, and the faint ones in strictly even rows."""
     found = np.zeros(len(times), dtype=np.bool_)
     for first, stop in runs(doubted).tolist():
         # With as many on either side as may belong to a row.
@@ -98,7 +98,7 @@ def _in_rows(times: Array, doubted: Flags, faint: Flags) -> Flags:
 
 
 def _joined(times: Array, heights: Array, sure: Flags, low: Spans) -> Flags:
-    """Return the sure pulses and those low ones that go on from them, or from others that do."""
+    """The sure pulses, and the low ones that continue a row of them."""
     kept = sure.copy()
     left = low.tolist()
     while left:
@@ -119,18 +119,18 @@ def _joined(times: Array, heights: Array, sure: Flags, low: Spans) -> Flags:
 
 
 def unclear(times: Array, kept: Flags, low: Flags, missing: Spans, samples: int) -> Array:
-    """Return the stretches that have samples but no clear pulses, from pulse to pulse [samples], shape (K, 2).
+    """Stretches that have samples but no clear pulses, from pulse to pulse [samples], shape (K, 2).
 
     Parameters
     ----------
     times
-        Of all crossings [samples], shape (N,).
+        All crossings [samples], shape (N,).
     kept, low
-        Which of them are pulses, and which are hardly higher than noise, shape (N,).
+        Which crossings are pulses, and which are barely higher than noise, shape (N,).
     missing
-        Stretches without samples, first and first after, shape (K, 2).
+        Stretches without samples, first and one past the last, shape (K, 2).
     samples
-        How many the record has.
+        Number of samples in the record.
     """
     pulses = times if kept.all() else times[kept]
     if not len(pulses):
@@ -153,7 +153,7 @@ def unclear(times: Array, kept: Flags, low: Flags, missing: Spans, samples: int)
     at = np.flatnonzero(doubted)
     edges = np.concatenate([[0.0], pulses, [float(samples)]]) if at.size else np.zeros(1)
     found = np.column_stack([edges[at], edges[at + 1]]) if at.size else np.empty((0, 2))
-    # Beside missing samples pulses are absent because of them.
+    # Beside missing samples, pulses are absent because of these.
     lost = np.zeros(len(found))
     for first, stop in missing.tolist():
         lost += np.clip(np.minimum(found[:, 1], stop) - np.maximum(found[:, 0], first), 0.0, None)
@@ -170,13 +170,13 @@ def _even(periods: Array, tolerance: float) -> Flags:
     beside = np.append(True, single[:-1]) & np.append(single[1:], True)
     teeth = np.clip(np.rint(periods / usual), 2.0, _MOST_TEETH)
     even = single | (beside & (np.abs(periods - teeth * usual) <= np.maximum(allowed, teeth * _GRID)))
-    # Where noise ends and pulses begin, the usual period jumps; intervals on either side of the jump are not even.
+    # The usual period jumps where noise ends and pulses begin; intervals on either side of the jump are not even.
     jumps = np.abs(np.diff(usual)) > allowed[1:] + allowed[:-1]
     return np.asarray(even & ~(np.append(False, jumps) | np.append(jumps, False)))
 
 
 def _goes_on(times: Array, heights: Array, end: int, beyond: int, kept: Flags) -> bool:
-    """Whether a row of low pulses goes on from its end to the pulses beyond."""
+    """Whether a row of low pulses continues from its end to the pulses after the break."""
     step = 1 if beyond > end else -1
     others = np.flatnonzero(kept[beyond::step])
     if not len(others):

@@ -1,4 +1,4 @@
-"""Pulse trains to crossing times, with levels that follow the train."""
+"""Crossing times of pulse trains, with levels that follow the train."""
 
 from __future__ import annotations
 
@@ -38,20 +38,20 @@ class PulseTimes:
     Parameters
     ----------
     times_s
-        Times of the crossings from the first sample on [s], shape (N,).
+        Times of the crossings after the first sample [s], shape (N,).
     gaps_s
-        Stretches in which pulses may have gone by that are not among the times [s], shape (G, 2): without samples,
-        from the first missing one to the next present, and without pulses that can be told from noise.
+        Stretches in which pulses may be missing from `times_s` [s], shape (G, 2): those without samples, from the first
+        missing sample to the next present one, and those where pulses can't be distinguished from noise.
     low, middle, high
-        Levels used, in the unit of the samples: armed at `low`, timed at `middle`, fired at `high`. Medians where they
+        Levels used, in the unit of the samples: armed at `low`, timed at `middle`, fired at `high`. Medians if they
         followed the train.
     rate_hz
         Sample rate of the train [Hz].
     faint_s
-        The gaps in which samples are there but no pulses can be told from noise, from pulse to pulse [s], shape (K, 2).
+        Gaps with samples but no pulses distinguishable from noise, from pulse to pulse [s], shape (K, 2).
     limit
-        Detection limit, in the unit of the samples: pulses that are higher from bottom to top are counted whatever
-        their rhythm; lower ones where a dozen or more follow one another evenly. Median where the noise changed.
+        Detection limit, in the unit of the samples. Pulses whose height exceeds it are always counted; lower ones only
+        in even rows of a dozen or more. Median if the noise changed.
     grid_std_s
         Standard deviations of the times due to sampling [s], shape (N,); None: every edge lies within one sample.
     noise_std_s
@@ -70,7 +70,7 @@ class PulseTimes:
     noise_std_s: Array | None = None
 
     def at(self, times_s: Array) -> PulseTimes:
-        """Return other times, such as with teeth put in, each as well known as those of the train around it."""
+        """Return pulses with other times, such as inserted teeth; standard deviations are those of nearby pulses."""
         stds = (
             None if std is None or not len(std) else np.interp(times_s, self.times_s, std)
             for std in (self.grid_std_s, self.noise_std_s)
@@ -90,8 +90,8 @@ class PulseTimes:
     def time_std_s(self) -> Array:
         """Standard deviation of each crossing [s], shape (N,).
 
-        An edge that rises within one sample lies anywhere between two of them with equal chance: Ts / sqrt(12).
-        Edges that last several samples are known better, down to what noise makes of them.
+        An edge that rises within one sample has a uniform distribution between two samples: Ts / sqrt(12).
+        Edges that last several samples are more accurate, limited by noise.
         """
         step = np.full(len(self.times_s), 1.0 / (self.rate_hz * np.sqrt(12.0)))
         grid = step if self.grid_std_s is None else self.grid_std_s
@@ -109,27 +109,27 @@ def pulse_times(
 ) -> PulseTimes:
     """Times at which a pulse train rises through a level, interpolated between samples.
 
-    A crossing counts when the train was low before and gets high after, so that saw-tooth edges and noise at the level
-    make no second one. Levels that are not given follow the train, through the turning points of nine pulses at a
-    time before and after: the amplitude of a variable-reluctance pick-up goes with speed, that of an optical one fades.
-    The noise decides how high a pulse must be. Where pulses can't be distinguished from it, nor from the hum of a shaft
-    at rest, no times are given, and the stretch is one of `gaps_s`.
+    A crossing counts if the train was low before and goes high after it, so saw-tooth edges and noise at the level
+    are not counted twice. Levels that are not given follow the turning points of nine pulses before and after, since the
+    amplitude of a variable-reluctance pick-up grows with speed and that of an optical one fades. The noise sets the
+    least height of a pulse. Where pulses can't be distinguished from noise or from the hum of a shaft at rest, no times
+    are returned and the stretch is listed in `gaps_s`.
 
-    The gap of a wheel with missing teeth is no such stretch; `speed_from_pulses` puts the teeth in that are missing.
+    The gap of a wheel with missing teeth is not such a stretch; `speed_from_pulses` inserts the missing teeth.
 
     Parameters
     ----------
     samples
-        The train: an array, shape (N,), or an iterable of such arrays that follow one another (a log read piece by
-        piece, in pieces of any length). NaN marks a missing sample.
+        The train: an array, shape (N,), or an iterable of successive arrays of any length (a log read in pieces).
+        NaN marks a missing sample.
     rate_hz
         Sample rate [Hz].
     threshold
-        Level of the crossings in the unit of the samples (the thesis uses 2 V); by default midway between the levels.
+        Level of the crossings in the unit of the samples (2 V in the thesis); by default midway between low and high level.
     hysteresis
-        Distance between the thresholds that arm and fire, around `threshold`; by default 0.4 of that between the levels.
+        Distance between the arming and the firing threshold, around `threshold`; by default 0.4 of the level difference.
     window_s
-        Time over which the noise is taken, and of the train that is looked at ahead of the crossings [s].
+        Length of the windows in which noise and levels are estimated [s].
 
     Returns
     -------
@@ -138,7 +138,7 @@ def pulse_times(
     Raises
     ------
     InputError
-        If the train has no two levels, or `threshold` never lies between them.
+        If the train does not have two levels, or `threshold` never lies between them.
 
     Examples
     --------
@@ -193,7 +193,7 @@ def pulse_times(
 
 
 class _Found:
-    """Crossings of one window after the other."""
+    """Crossings of successive windows."""
 
     def __init__(self) -> None:
         self.columns: list[tuple[Array, Array, Array, Array]] = []
@@ -205,7 +205,7 @@ class _Found:
     def take(
         self, crossed: tuple[Array, Array, Array, Array, Array, Array], last: npt.NDArray[Any], samples: int
     ) -> None:
-        """Take what was found in windows of so many samples, the last of which is given."""
+        """Add the crossings of windows of `samples` samples; `last` is the last window."""
         *columns, levels, windows = crossed
         self.columns.append((columns[0], columns[1], columns[2], columns[3]))
         self._windows.append(windows)
@@ -217,23 +217,23 @@ class _Found:
 
     @property
     def windows(self) -> Array:
-        """Number of crossings, limit, least and median height of every window, shape (K, 4)."""
+        """Number of crossings, limit, least and median height of each window, shape (K, 4)."""
         return np.concatenate(self._windows)
 
     def silent_levels(self) -> tuple[float, float]:
-        """Levels of the last window in which no train was found."""
+        """Levels of the last window without a train."""
         return pulse_levels(self._silent)
 
     def column(self, which: int) -> Array:
-        """Return times, heights, or a standard deviation of the times, of all windows, shape (N,)."""
+        """Times, heights or a standard deviation of the times over all windows, shape (N,)."""
         every = [columns[which] for columns in self.columns]
         return every[0] if len(every) == 1 else np.concatenate(every)
 
     def clear(self, times: Array) -> tuple[Flags, Flags]:
-        """Tell which crossings are pulses, and which of them are hardly higher than noise, shape (N,)."""
+        """Mark the crossings that are pulses, and those barely higher than noise, shape (N,)."""
         count, limit, least, known = self.windows.T
         known = known[count > 0]
-        # The largest of the windows' heights, but for one or two windows that a disturbance spoils.
+        # The largest height of the windows, ignoring one or two spoiled by a disturbance.
         usual = float(np.max(median_filter(known, size=5, mode="nearest"))) if len(known) else 0.0
         if (least >= np.maximum(FAR_FROM_LIMIT * limit, AT_REST * usual)).all():
             return np.ones(len(times), dtype=np.bool_), np.zeros(len(times), dtype=np.bool_)
@@ -243,7 +243,7 @@ class _Found:
 
 
 def _gaps(missing: Spans, faint: Array) -> Array:
-    """Return both kinds of gaps in order of time, overlapping ones joined [samples], shape (G, 2)."""
+    """Gaps of both kinds in order of time, overlapping ones joined [samples], shape (G, 2)."""
     gaps = np.concatenate([missing.astype(np.float64), faint])
     gaps = gaps[np.argsort(gaps[:, 0], kind="stable")]
     if len(gaps) < 2 or not len(faint):
@@ -254,7 +254,7 @@ def _gaps(missing: Spans, faint: Array) -> Array:
 
 
 def _complaint(bottom: float, top: float, threshold: float | None) -> str:
-    """Say why no levels could be found in a train."""
+    """Error text for a train without levels."""
     if np.isnan(bottom):
         return "samples: found no finite one, expected a train of pulses"
     if bottom == top:
@@ -263,7 +263,7 @@ def _complaint(bottom: float, top: float, threshold: float | None) -> str:
 
 
 def _windows(samples: npt.NDArray[Any] | Iterable[npt.ArrayLike], size: int) -> Iterator[npt.NDArray[Any]]:
-    """Cut the samples into windows of `size` whatever pieces they come in; views where a piece holds a window."""
+    """Cut the samples into windows of `size`; views where one piece holds the whole window."""
     held: list[npt.NDArray[Any]] = []
     count = 0
     for piece in [samples] if isinstance(samples, np.ndarray) else samples:

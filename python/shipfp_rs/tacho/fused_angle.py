@@ -1,4 +1,4 @@
-"""One angle through the passages of several trains, and what each train has to do with it."""
+"""Common angle of several trains, and how each train compares with it."""
 
 from __future__ import annotations
 
@@ -14,43 +14,43 @@ from shipfp_rs.tacho.angle_spline import AnglePieces, fit_angle_pieces
 from shipfp_rs.tacho.passages import Passages
 
 _SPACING = 1.0 / 3.0
-"""Distance of the knots over the period of the bandwidth. At the bandwidth the spline's gain is 0.1 % low."""
+"""Knot spacing as a fraction of the period at the bandwidth. There the spline's gain is 0.1 % low."""
 _ROUNDS = 10
-"""Rounds of reweighting. A count that slipped bends the whole angle at first; each round gives it less weight."""
+"""Rounds of reweighting. A slipped count bends the whole angle at first; each round reduces its weight."""
 _HUBER = 2.5
-"""Distance from the fused angle, in standard deviations, beyond which a pulse's pull on it grows no more."""
+"""Huber's constant: the residual, in standard deviations, above which the influence of a pulse is constant."""
 _APART = 6.0
-"""Distance from the fused angle, in standard deviations, beyond which a pulse is reported as apart from it."""
+"""Residual, in standard deviations, above which a pulse is reported as an outlier."""
 _NEARBY, _SLIP = 5, 0.4
-"""A count slipped where the medians of so many passages before and after differ by more than this part of a pulse."""
+"""A count has slipped where the medians of this many passages before and after differ by more than this part of a pulse."""
 _SAME_SPEED = 5.0, 1e-5
-"""Two trains have the same mean speed where they differ by less: in standard deviations, or as a part of the speed."""
+"""Largest difference of two equal mean speeds: in standard deviations, and relative to the speed."""
 _UNEXPLAINED = 3.0
-"""Ratio of a train's scatter to what its timing and reflectors explain, beyond which something else is wrong."""
+"""Largest ratio of a train's scatter to that expected from timing and reflectors."""
 _UNKNOWN = 0.05
-"""Relative standard deviation beyond which a speed is masked: no pulses are near, the spline only bridges a gap."""
+"""Relative standard deviation above which a speed is masked: the spline only bridges a gap there."""
 _ROBUST, _CUT_OFF = 1.4826, 0.978
 """Standard deviation over median absolute deviation of Gaussian noise, and its mean square when cut at `_HUBER`."""
 
 
 @dataclass(frozen=True)
 class TrainReport:
-    """What a train has to do with the fused speed.
+    """Comparison of a train with the fused speed.
 
     Parameters
     ----------
     ratio, ratio_std
         Turns of its shaft per turn of the fused one; the standard deviation is 0 where the ratio was given.
     scatter
-        Scatter of its pulses about the fused angle over what their timing and reflectors explain [-]; the train weighs
-        less by its square where it is above 1.
+        Scatter of its pulses about the fused angle relative to that expected from timing and reflectors [-]. Above 1,
+        the train's weight is divided by its square.
     difference, difference_std
-        Its mean speed relative to the fused one less 1 [-]; near 0 by construction where the ratio was estimated.
+        Relative difference of its mean speed from the fused one [-]; near 0 by construction where the ratio was estimated.
     apart_s
-        Stretches where its angle parts from the fused one [s], shape (K, 2): wrong pulses, a slip of the count that
-        the other trains could not settle.
+        Stretches where its angle departs from the fused one [s], shape (K, 2): wrong pulses, or a slipped count that
+        the other trains could not resolve.
     slips_s
-        Times at which its count slipped, by the word of the others [s], shape (K,); it was cut there.
+        Times at which its count slipped relative to the other trains [s], shape (K,); the train was cut there.
     """
 
     ratio: float
@@ -63,7 +63,7 @@ class TrainReport:
 
     @property
     def agrees(self) -> bool:
-        """Whether its mean speed and its angle are those of the fused speed, within what their noise explains."""
+        """Whether its mean speed and angle agree with the fused ones within their noise."""
         deviations, least = _SAME_SPEED
         same_speed = abs(self.difference) <= max(deviations * self.difference_std, least)
         return same_speed and self.scatter < _UNEXPLAINED and not len(self.apart_s) and not len(self.slips_s)
@@ -102,7 +102,7 @@ class FusedAngle:
                 self.time, self.angle, pull / spread**2, self.stretch, _SPACING / bandwidth_hz
             )
             self.residual = self.angle + self.fit.offsets[self.stretch] - self.fit.angle(self.time)
-            # The spline follows the scatter in part; the residuals lack that part.
+            # The spline follows part of the scatter, so the residuals are too small by that part.
             taken = np.sqrt(len(self.time) / max(len(self.time) - self.fit.size, 1))
             score = taken * np.abs(self.residual) / self.std
             self.scatter = np.array([_robust_scale(score[self.train == k]) for k in range(len(parts))])
@@ -128,13 +128,13 @@ class FusedAngle:
         )
 
     def _runs(self, time: Array, stretch: npt.NDArray[np.intp]) -> npt.NDArray[np.intp]:
-        """Number the runs of passages: each lies in one stretch of the train and in one piece of the fused angle."""
+        """Number the runs of passages: each lies within one stretch of the train and one piece of the fused angle."""
         return np.asarray(
             (stretch - stretch.min()) * len(self.fit.splines) + np.maximum(self.fit.piece_at(time), 0)
         )
 
     def slips(self, name: str) -> npt.NDArray[np.intp]:
-        """Passages from which on a train's angle has moved by about a pulse against the fused one."""
+        """Passages at which a train's angle shifts by about a pulse relative to the fused one."""
         own = self.passages[name]
         residual = self.residual[self.train == list(self.passages).index(name)]
         if len(residual) < 2 * _NEARBY:
@@ -144,7 +144,7 @@ class FusedAngle:
         jump[_NEARBY : len(level)] = np.abs(level[_NEARBY:] - level[:-_NEARBY])
         moved = jump > _SLIP * own.pitch
         peaks = np.array([first + np.argmax(jump[first:last]) for first, last in runs(moved)], dtype=np.intp)
-        # From one stretch to the next the offset may change without a slip.
+        # The offset may change between stretches without a slip.
         return np.asarray(peaks[own.stretch[peaks] == own.stretch[peaks - 1]])
 
     def report(self, name: str) -> TrainReport:
@@ -169,17 +169,17 @@ class FusedAngle:
 
 
 def _robust_scale(size: Array) -> float:
-    """Return the root mean square of absolute values, large ones cut off.
+    """Root mean square of absolute values, with large ones cut off.
 
-    The tau scale of V. Yohai and R. Zamar, Journal of the American Statistical Association 83 (1988) 406. A median alone
-    would be a quarter too large for edges that lie evenly between two samples.
+    Tau scale of V. Yohai and R. Zamar, Journal of the American Statistical Association 83 (1988) 406. A median alone
+    would be a quarter too large for edges distributed uniformly between two samples.
     """
     median = max(_ROBUST * float(np.median(size)), np.finfo(np.float64).tiny)
     return float(median * np.sqrt(np.mean(np.minimum(size / median, _HUBER) ** 2) / _CUT_OFF))
 
 
 def _slope(turned: Array, own: Array, std: Array, run: npt.NDArray[np.intp]) -> tuple[float, float]:
-    """Slope of a train's turns over the fused ones, and its standard deviation; each run has an offset of its own."""
+    """Slope of a train's turns against the fused ones, and its standard deviation, with an offset for each run."""
     weight = 1.0 / std**2
     _, numbers = np.unique(run, return_inverse=True)
     total = np.bincount(numbers, weight)

@@ -1,4 +1,4 @@
-"""Several pulse trains of one shaft line to one best speed with its variance."""
+"""Fusion of several pulse trains of one shaft line into one speed and its variance."""
 
 from __future__ import annotations
 
@@ -15,23 +15,23 @@ from shipfp_rs.tacho.passages import Train, passages_of
 from shipfp_rs.tacho.tracks import require_positive
 
 _PULSES_PER_HZ, _LEAST_PULSES_PER_HZ = 6.0, 4.5
-"""Pulses a second needed for each Hz of bandwidth, as a rule and at least: 2 and 1.5 for each spline coefficient."""
+"""Pulses per second needed per Hz of bandwidth, usually and at least: 2 and 1.5 per spline coefficient."""
 
 
 @dataclass(frozen=True)
 class FusedSpeed:
-    """One speed of several trains.
+    """Speed fused from several trains.
 
     Parameters
     ----------
     time_s
         Uniform grid [s], shape (N,).
     speed_rps, std_rps
-        Speed and its standard deviation [rev/s], shape (N,); NaN where no train tells it.
+        Speed and its standard deviation [rev/s], shape (N,); NaN where no train determines it.
     bandwidth_hz
-        Frequency up to which the speed follows the shaft: gain 1 within 0.2 %, without delay [Hz].
+        Frequency up to which the speed follows the shaft, with a gain of 1 within 0.2 % and no delay [Hz].
     trains
-        Name of each train to its part in the fused speed.
+        Report on each train, by name.
     """
 
     time_s: Array
@@ -50,28 +50,28 @@ def fuse(
     *,
     bandwidth_hz: float | None = None,
 ) -> FusedSpeed:
-    """One speed from several pulse trains, on a uniform grid from `start_s` up to, not including, `stop_s`.
+    """Fuse several pulse trains into one speed on a uniform grid from `start_s` up to, not including, `stop_s`.
 
-    Every pulse tells the angle of its shaft at its time. A spline is fitted to the angles of all trains; its slope is the
-    speed. Each angle is weighted by the inverse of its variance, and each unbroken stretch has an offset of its own.
-    Angles, unlike speeds between pulses, are not averaged over an interval: there is no boxcar gain and no delay to
-    correct, and the errors of successive pulses are independent.
+    Every pulse is a measurement of the angle of its shaft. A spline is fitted to the angles of all trains; its slope is the
+    speed. Each angle is weighted by its inverse variance, and each unbroken stretch has its own offset. Unlike speeds
+    between pulses, angles are not averaged over an interval: there is no boxcar gain or delay to correct, and the errors of
+    successive pulses are independent.
 
     Parameters
     ----------
     trains
-        One or more; at least one ratio is known.
+        One train or more, at least one with a known ratio.
     rate_hz
         Rate of the grid [Hz].
     start_s, stop_s
-        Its ends [s].
+        Ends of the grid [s].
     bandwidth_hz
         Highest frequency to follow [Hz]; noise grows with its power 3/2. None: a sixth of all pulses per second.
 
     Raises
     ------
     InputError
-        Where the trains are too thin for the bandwidth, or their timing's standard deviation is not known.
+        If the trains have too few pulses for the bandwidth, or the standard deviation of their timing is unknown.
 
     Examples
     --------
@@ -93,7 +93,7 @@ def fuse(
 
 
 def fused_angle(trains: Sequence[Train], bandwidth_hz: float | None = None) -> tuple[FusedAngle, float]:
-    """Return one angle through the pulses of several trains, and its bandwidth [Hz]; see `fuse`."""
+    """Angle fitted to the pulses of several trains, and its bandwidth [Hz]; see `fuse`."""
     if len(trains) == 0 or len({train.name for train in trains}) < len(trains):
         raise InputError(
             f"trains: found {[train.name for train in trains]}, expected one or more of different names"

@@ -1,8 +1,8 @@
-"""MATLAB's functions for bilevel waveforms and tachometers under their own names, for those who come from there.
+"""MATLAB's functions for bilevel waveforms and tachometers, under their MATLAB names.
 
-Arguments and results are MATLAB's, name-value pairs as keywords in small letters. Without a sample rate instants are
-indices, which here begin at zero. `tachorpm` smooths hard by default, as MATLAB's does: it bends a changing speed by
-several per cent and its pulses are neither repaired nor freed of uneven reflectors; `speed_from_pulses` does both.
+Arguments and results are those of MATLAB; name-value pairs are lower-case keywords. Without a sample rate, instants are
+indices, counted from zero. By default `tachorpm` smooths as much as MATLAB's: it distorts a changing speed by several
+per cent. It does not repair pulses or correct uneven reflectors; `speed_from_pulses` does both.
 """
 
 from __future__ import annotations
@@ -73,14 +73,14 @@ def statelevels(
     nbins
         Number of bins.
     method
-        "mode": the fullest bin of each half of the occupied bins; "mean": their mean.
+        "mode": the fullest bin of each half of the occupied bins; "mean": the mean of each half.
     bounds
-        Ends of the histogram, values outside are ignored; by default the smallest and largest value.
+        Ends of the histogram; values outside are ignored. By default the smallest and largest value.
 
     Raises
     ------
     InputError
-        Where there are no two values to tell apart.
+        If all values are equal.
 
     Examples
     --------
@@ -148,7 +148,7 @@ def pulseperiod(
     Parameters
     ----------
     x, t, midpercentreferencelevel, statelevels, tolerance
-        As of `midcross`.
+        As in `midcross`.
     polarity
         "positive": pulses begin with a rising transition; "negative": with a falling one.
 
@@ -190,15 +190,14 @@ def tachorpm(
         Rate of the result [Hz]; by default `fs`.
     fittype
         "smooth": a cubic spline with `fitpoints` breaks over the whole record, by least squares through the speeds at
-        the middles between pulse centres; "linear": straight lines through them. Both go on beyond the first
-        and the last.
+        the middles between pulse centres; "linear": straight lines through them. Both extrapolate.
     fitpoints
-        Breaks of the spline. More of them follow a faster changing speed, and more of the scatter.
+        Number of breaks of the spline. More breaks follow faster changes, and more of the scatter.
 
     Raises
     ------
     InputError
-        Where there are too few pulses for the fit.
+        If there are too few pulses for the fit.
     """
     require_positive("fs", fs)
     require_positive("pulsesperrev", pulsesperrev)
@@ -207,7 +206,7 @@ def tachorpm(
     if fitpoints < 2:
         raise InputError(f"fitpoints: found {fitpoints}, expected 2 or more")
     values = _waveform(x)
-    # MATLAB's risetime and falltime look at the way from 10 to 90 %.
+    # MATLAB's risetime and falltime use the range from 10 to 90 %.
     rising, falling, _ = _transitions(values, fs, 50.0, statelevels, 10.0)
     after = np.searchsorted(falling, rising)
     whole = after < len(falling)

@@ -1,4 +1,4 @@
-"""Passages of a pulse train: times of its true pulses, and the angle of the shaft at each."""
+"""Passages of a pulse train: times of its true pulses, and the shaft angle at each."""
 
 from __future__ import annotations
 
@@ -15,18 +15,16 @@ from shipfp_rs.tacho.tracks import PulseFlag, require_positive
 
 @dataclass(frozen=True)
 class Train:
-    """A pulse train.
-
-    It holds how fast its own shaft turns, and how that shaft turns with the one whose speed is wanted.
+    """Pulse train of one shaft.
 
     Parameters
     ----------
     name
         Label.
     speed
-        Interval speeds of its own shaft, with standard deviations (`speed_from_pulses(..., time_std_s=...)`).
+        Interval speeds of the train's shaft, with standard deviations (`speed_from_pulses(..., time_std_s=...)`).
     ratio
-        Turns of its shaft per turn of the one whose speed is wanted: 1 on that shaft itself, the gear ratio on the
+        Turns of the train's shaft per turn of the shaft whose speed is wanted: 1 on that shaft, the gear ratio on the
         engine's; None: estimated.
     """
 
@@ -44,11 +42,11 @@ class Passages:
     std: Array
     stretch: npt.NDArray[np.intp]
     pitch: float
-    """Turns from pulse to pulse."""
+    """Angle between pulses [rev]."""
     slips_s: Array
 
     def cut(self, places: npt.NDArray[np.intp]) -> Passages:
-        """Return passages whose stretches end before the given ones, where the count slipped."""
+        """Passages with a new stretch at each of the given indices, where the count slipped."""
         later = np.zeros(len(self.time_s), dtype=np.intp)
         later[places] = 1
         return replace(
@@ -59,7 +57,7 @@ class Passages:
 
 
 def passages_of(train: Train) -> Passages:
-    """Return the pulses that were recorded, without those put in for missed ones."""
+    """Recorded pulses of a train, without those inserted for missed ones."""
     speed = train.speed
     if not (speed.std_rps > 0.0).all():
         raise InputError(
@@ -72,7 +70,7 @@ def passages_of(train: Train) -> Passages:
     for k, (stretch, edges, turned) in enumerate(unbroken(speed)):
         put_in = (speed.flags[stretch] & PulseFlag.MISSED) > 0
         true = ~np.concatenate([[False], put_in[1:] & put_in[:-1], [False]])
-        # An interval's variance is that of its two ends.
+        # The variance of an interval is the sum of those of its two ends.
         variance = 0.5 * (ends_std_rps * speed.duration_s)[stretch] ** 2
         std = np.sqrt(0.5 * (np.append(variance, variance[-1]) + np.append(variance[0], variance)))
         columns.append((edges[true], turned[true], std[true], np.full(np.count_nonzero(true), k)))

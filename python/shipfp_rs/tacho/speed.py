@@ -1,4 +1,4 @@
-"""Speed over each interval between pulses, and on a uniform grid."""
+"""Mean speed between pulses, and speed on a uniform grid."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ class IntervalSpeed:
     Parameters
     ----------
     time_s
-        Middles of the intervals [s], shape (N,).
+        Midpoints of the intervals [s], shape (N,).
     speed_rps
         Mean speed over each interval [rev/s], shape (N,).
     std_rps
-        Its standard deviation from the timing and the reflectors' angles [rev/s], shape (N,).
+        Standard deviation of the speed from timing and reflector angles [rev/s], shape (N,).
     duration_s
         Lengths of the intervals [s], shape (N,).
     flags
@@ -39,11 +39,11 @@ class IntervalSpeed:
     pulses_per_rev
         Pulses in a turn.
     angle_rev
-        Angle turned in each interval [rev], shape (N,); None: speed times length. It differs from that where pulses
-        are timed so coarsely that the mean of 1 / T is above 1 / mean of T, which the speed is freed of.
+        Angle turned in each interval [rev], shape (N,); None: speed times duration. The two differ for coarsely timed
+        pulses, whose speed is corrected for the bias of 1 / T.
     ends_std_rps
-        What `std_rps` would be if the errors of an interval's two ends had nothing to do with each other [rev/s], shape
-        (N,): tells how well the ends are known by themselves. None: that they have not.
+        `std_rps` if the errors of an interval's two ends were independent [rev/s], shape (N,); the uncertainty of single
+        ends follows from it. None: the errors are independent.
     """
 
     time_s: Array
@@ -61,7 +61,7 @@ class IntervalSpeed:
         return self.speed_rps * self.duration_s if self.angle_rev is None else self.angle_rev
 
     def typical_rps(self) -> float:
-        """Median speed [rev/s], of about twenty pulses at a time: of a single one it may be coarse."""
+        """Median speed [rev/s], over about twenty pulses at a time, since single intervals may be coarse."""
         size = min(_TYPICAL, max(len(self.duration_s), 1))
         turned, lasted = (
             np.convolve(column, np.ones(size), mode="valid") for column in (self.turned_rev, self.duration_s)
@@ -69,10 +69,10 @@ class IntervalSpeed:
         return float(np.median(turned / lasted))
 
     def times_as_fast_as(self, other: IntervalSpeed) -> float:
-        """Return the median ratio of the two speeds at the same times, of about twenty pulses at a time.
+        """Median ratio of two speeds at the same times, over about twenty pulses at a time.
 
-        Where a set point steps between levels the median of each speed alone may be either level's. It is not a number
-        where the two share no time.
+        Where a set point steps between levels, the median of each speed may fall on either level. NaN if the two have no
+        common time.
         """
         size = min(_TYPICAL, max(len(self.duration_s), 1))
         first, last = 0.5 * self.duration_s[: 1 - size or None], 0.5 * self.duration_s[size - 1 :]
@@ -82,7 +82,7 @@ class IntervalSpeed:
         return float(np.median(own[known] / others[known])) if known.any() else float("nan")
 
     def _mean_over(self, begin: Array, end: Array) -> Array:
-        """Mean speed between two times [rev/s], gaps left out; not a number where there is no interval."""
+        """Mean speed between two times [rev/s], without gaps; NaN without intervals."""
         if not len(self.time_s):
             return np.full(len(begin), np.nan)
         ends = self.time_s + 0.5 * self.duration_s
@@ -93,7 +93,7 @@ class IntervalSpeed:
         return np.asarray(np.divide(turned, lasted, out=np.full(len(begin), np.nan), where=lasted > 0.0))
 
     def part(self, which: slice) -> IntervalSpeed:
-        """Return some of the intervals."""
+        """Select intervals."""
         return replace(
             self,
             time_s=self.time_s[which],
@@ -107,7 +107,7 @@ class IntervalSpeed:
 
     @property
     def bandwidth_hz(self) -> float:
-        """Highest frequency that the intervals can show: half the pulses per second [Hz]."""
+        """Highest frequency that the intervals resolve: half the pulse rate [Hz]."""
         return float(0.5 / np.median(self.duration_s)) if len(self.duration_s) else 0.0
 
 
@@ -120,17 +120,17 @@ def speed_from_pulses(
     angles: ReflectorAngles | None = None,
     time_std_s: npt.ArrayLike | None = None,
 ) -> IntervalSpeed:
-    """Mean speed over each interval between pulses, assigned to its middle; missed and extra pulses repaired.
+    """Mean speed over each interval between pulses, with missed and extra pulses repaired.
 
-    Against a running median of the periods, one that is too short ends at an extra pulse, which is removed, and one
-    near a multiple has missed pulses, which are put in. Both are flagged. Next to breaks, and where a shaft nearly
-    stops, the trend of the speeds before and behind decides, so that a shaft may slow down to rest or run up from it;
-    what only one side tells has a deviation that allows for the other reading. Intervals over a gap, and such as miss
-    more than four pulses, are left out.
+    Periods are compared with their running median. A period that is too short ends at an extra pulse, which is removed;
+    one near a multiple of the median has missed pulses, which are inserted. Both are flagged. Next to breaks, and where a
+    shaft nearly stops, the trend of the neighbouring speeds replaces the median, so that a shaft may slow down to rest or
+    run up from it. Where only one side has a trend, the standard deviation covers both interpretations. Intervals over a
+    gap, and those with more than four missed pulses, are omitted.
 
-    Of pulses from `pulse_times` the standard deviations hold from three samples a pulse up, as well as the noise is
-    known, some 4 % of itself. Where a steady speed has a whole number of samples between pulses, or nearly so, the
-    errors are alike and cancel: a twentieth of their variance is stated at least, which is too much there.
+    Standard deviations of pulses from `pulse_times` are valid from three samples per pulse up, to about 4 %, the accuracy
+    of the noise estimate. At a steady speed with a nearly whole number of samples between pulses, the errors are equal and
+    cancel; the standard deviation is then too large, since at least a twentieth of the variance is kept.
 
     Parameters
     ----------
@@ -141,12 +141,12 @@ def speed_from_pulses(
     gaps
         Stretches without samples [s], shape (G, 2), as in `PulseTimes.gaps_s`; None: those of the pulses.
     angles
-        Angles of the reflectors; even by default. Which of them comes first is found from the periods, for
-        each stretch between breaks anew.
+        Angles of the reflectors; even by default. The first reflector of each stretch between breaks is identified from the
+        periods.
     time_std_s
-        Standard deviation of a crossing time [s], or of each, shape (N,), for instance `PulseTimes.time_std_s`.
-        None: those of the pulses, which also tell apart what sampling does, in step with the pulses where these have
-        few samples, from noise; 0 of plain times.
+        Standard deviation of the crossing times [s], one for all or one each, shape (N,), such as `PulseTimes.time_std_s`.
+        None: that of the pulses, with sampling and noise kept apart, since errors of sampling are correlated where a pulse
+        has few samples; 0 for plain times.
 
     Returns
     -------
@@ -190,10 +190,10 @@ def resample(
 ) -> tuple[Array, npt.NDArray[np.bool_]]:
     """Speed on a uniform grid from `start_s` up to, not including, `stop_s`.
 
-    The slope of a cubic spline through the angle turned up to each pulse; nothing is bridged where intervals were
-    left out. It follows the speed itself, not its mean over the intervals: a swing at a tenth of the pulse rate
-    keeps its size to 0.03 %, one at a fifth to 0.5 %. Straight lines between the means would take 5 and 18 % off.
-    There is no delay: read when its last pulse comes, an interval would lag by half its length, 1 / (2 P n).
+    The speed is the slope of a cubic spline through the angle at each pulse. Omitted intervals are not bridged. The
+    spline follows the speed itself, not its mean over the intervals: the amplitude at a tenth of the pulse rate is kept to
+    0.03 %, at a fifth to 0.5 %. Straight lines between the means would reduce them by 5 and 18 %. There is no delay, as
+    there would be (1 / (2 P n)) if each mean were assigned to the last pulse of its interval.
 
     Parameters
     ----------
@@ -202,7 +202,7 @@ def resample(
     rate_hz
         Rate of the grid [Hz].
     start_s, stop_s
-        Its ends [s].
+        Ends of the grid [s].
 
     Returns
     -------
@@ -225,7 +225,7 @@ def resample(
 
 
 def unbroken(interval_speed: IntervalSpeed) -> list[tuple[slice, Array, Array]]:
-    """Stretches of intervals without a break: which ones, their edges [s], and the angle turned up to each [rev]."""
+    """Stretches of intervals without a break: their slices, edges [s], and the angle at each edge [rev]."""
     half = 0.5 * interval_speed.duration_s
     first, last = interval_speed.time_s - half, interval_speed.time_s + half
     if not first.size:
@@ -262,13 +262,13 @@ def interval_gain(frequency_hz: npt.ArrayLike, pulses_per_rev: int, speed_rps: f
 
 @dataclass(frozen=True)
 class _Timing:
-    """Standard deviations of crossing times [s]: each a number, or an array of one for each time."""
+    """Standard deviations of crossing times [s], each a number or an array with one entry per time."""
 
     times_s: npt.ArrayLike
     noise_s: Array
     grid_s: Array
     sample_s: float
-    """Time between samples; 0: it is not known what sampling did."""
+    """Time between samples; 0: unknown."""
 
     @classmethod
     def of(cls, times_s: npt.ArrayLike | PulseTimes, time_std_s: npt.ArrayLike | None) -> _Timing:
@@ -288,7 +288,7 @@ class _Timing:
         return cls(times, std, none, 0.0)
 
     def of_edges(self, edges_s: Array) -> tuple[Array, Array]:
-        """Return those of some of the edges: from noise and from sampling, one for all or one for each."""
+        """Standard deviations of the given edges due to noise and to sampling, one for all or one each."""
         noise, grid = np.atleast_1d(self.noise_s), np.atleast_1d(self.grid_s)
         times = np.asarray(self.times_s)
         if max(len(noise), len(grid)) > 1 and len(edges_s) < len(times):
@@ -300,7 +300,7 @@ class _Timing:
 def _track_speed(
     track: Track, angles: ReflectorAngles, timing: _Timing
 ) -> tuple[Array, Array, Array, Array, npt.NDArray[np.uint8], Array, Array]:
-    """Columns of the usable intervals, missed pulses put in: middle, speed, deviation, length, flags, angle, ends'."""
+    """Usable intervals, missed pulses inserted: midpoint, speed, std, duration, flags, angle, std of independent ends."""
     fractions, relative_std = align_angles(track, angles)
     noise, grid = timing.of_edges(track.edges_s)
     columns = interval_speeds(
@@ -317,7 +317,7 @@ def _track_speed(
         doubt = np.repeat(track.doubt, track.count) * columns[1]
         columns[2], columns[5] = np.hypot(columns[2], doubt), np.hypot(columns[5], doubt)
     if len(track.count) > 1 and (track.count > 1).any():
-        # The mean over missed pulses is as good as any; that all of them have it is not.
+        # The mean speed over missed pulses is accurate, but the speeds of the inserted intervals differ.
         mean = columns[1, np.cumsum(track.count) - 1]
         columns[2] = np.hypot(
             columns[2], np.repeat(np.abs(np.gradient(mean)) * (track.count > 1), track.count)

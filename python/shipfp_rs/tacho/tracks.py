@@ -1,4 +1,4 @@
-"""Missed and extra pulses: crossing times to tracks of counted intervals."""
+"""Repair of missed and extra pulses: from crossing times to tracks of counted intervals."""
 
 from __future__ import annotations
 
@@ -14,33 +14,35 @@ from shipfp_rs.errors import InputError
 from shipfp_rs.support.arrays import Array
 
 MOST_PULSES = 100_000
-"""Most pulses in a turn: an encoder of 25,000 lines has as many with both edges of both channels."""
+"""Most pulses per turn: an encoder of 25,000 lines has as many with both edges of both channels."""
 _MEDIAN_WINDOW = 21
-"""Periods in the running median against which missed and extra pulses show."""
+"""Periods in the running median that reveals missed and extra pulses."""
 _EXTRA_BELOW = 0.6
-"""A period shorter than this part of the median ends at an extra pulse. Both halves of a period cut in the middle are
-that short; a shaft does not speed up so much within a few pulses."""
+"""A period shorter than this fraction of the median ends at an extra pulse. Both parts of a period divided at its middle
+are that short; a shaft does not speed up so much within a few pulses.
+"""
 _CLEARLY_BETTER = 0.05
-"""Of two crossings close together the first is the edge and the second that of a saw-tooth on it (Fig. 6.15), unless
-the second fits better by this part of a period. Uneven reflectors and changing speed make smaller differences."""
+"""Of two crossings close together, the first is the edge and the second a saw-tooth on it (Fig. 6.15), unless the second
+fits better by this fraction of a period. Uneven reflectors and changing speed cause smaller differences.
+"""
 _MISSED_FROM = 1.6
 _MOST_MISSED = 4
-"""More missed pulses in a row are a stopped shaft or a dead pick-up, and are left out rather than filled in."""
+"""Most missed pulses in a row that are inserted; more indicate a stopped shaft or a dead pick-up."""
 _END_ZONE = _MEDIAN_WINDOW // 2
-"""Intervals at a track's end whose median looks past it, and so knows no slope."""
+"""Intervals at each end of a track where the median window is cut short, so that it can't follow a slope."""
 _TREND = 4
-"""Intervals whose speeds give the trend, a straight line over time as under a constant torque, that the next must follow."""
+"""Intervals whose speeds define the trend, a straight line over time as under a constant torque."""
 _PART_OF_A_PULSE = 0.1
 
 
 class PulseFlag(IntFlag):
-    """What was repaired in an interval."""
+    """Repair made in an interval."""
 
     GOOD = 0
     EXTRA = 1
-    """Extra crossings within it were removed."""
+    """Extra crossings in it were removed."""
     MISSED = 2
-    """Its crossings were missed; it is an equal share of a longer one."""
+    """Its crossings were missed; it is an equal share of a longer interval."""
 
 
 @dataclass(frozen=True)
@@ -52,11 +54,11 @@ class Track:
     flags: npt.NDArray[np.uint8]
     usable: npt.NDArray[np.bool_]
     doubt: Array | None = None
-    """Relative deviation of each interval's speed because what it holds is not certain; None: it is."""
+    """Relative standard deviation of each interval's speed due to an uncertain pulse count; None: the count is certain."""
 
 
 def require_positive(name: str, value: float) -> None:
-    """Refuse what is not a positive number."""
+    """Raise `InputError` unless a value is positive and finite."""
     if not (np.isfinite(value) and value > 0):
         raise InputError(f"{name}: found {value}, expected a positive number")
 
@@ -64,7 +66,7 @@ def require_positive(name: str, value: float) -> None:
 def checked_times(
     times_s: npt.ArrayLike, pulses_per_rev: int, gaps: npt.ArrayLike | None
 ) -> tuple[Array, Array]:
-    """Return times and gaps as arrays, or say what is wrong with them."""
+    """Check times and gaps, and return them as arrays."""
     times = np.asarray(times_s, dtype=np.float64, order="C")
     if times.ndim != 1:
         raise InputError(f"times_s: found shape {times.shape}, expected one axis")
@@ -87,7 +89,7 @@ def _running_median(periods: Array) -> Array:
 
 
 def _without_extra(times: Array) -> tuple[Array, npt.NDArray[np.bool_]]:
-    """Remove extra crossings; also tell which intervals between the remaining ones contain a removed one."""
+    """Remove extra crossings; also mark the remaining intervals that contained one."""
     median = _running_median(np.diff(times))
     if not (np.diff(times) < _EXTRA_BELOW * median).any():
         return times, np.zeros(len(times) - 1, dtype=np.bool_)
@@ -103,7 +105,7 @@ def _without_extra(times: Array) -> tuple[Array, npt.NDArray[np.bool_]]:
             len(kept) > 1
             and abs(time - kept[-2] - usual) < abs(kept[-1] - kept[-2] - usual) - _CLEARLY_BETTER * usual
         ):
-            # The one before it was the extra pulse.
+            # The earlier crossing was the extra one.
             kept[-1], merged[-1] = time, True
         else:
             pending = True
@@ -111,11 +113,11 @@ def _without_extra(times: Array) -> tuple[Array, npt.NDArray[np.bool_]]:
 
 
 def cut_tracks(times: Array, gaps: Array) -> list[Track]:
-    """Cut the pulses at breaks, count what each interval holds, and flag the repairs."""
+    """Cut the pulses at breaks, count the true intervals in each, and flag the repairs."""
     if len(times) < 2:
         return []
     if not len(gaps) and pulses_are_even(times, _EXTRA_BELOW, _MISSED_FROM):
-        # As what follows would find, for no median is beyond its periods.
+        # Same result as below, since no median exceeds its periods.
         size = len(times) - 1
         one, good = np.ones(size, dtype=np.int64), np.zeros(size, dtype=np.uint8)
         return [Track(times, one, good, np.ones(size, dtype=np.bool_))]
@@ -126,7 +128,7 @@ def cut_tracks(times: Array, gaps: Array) -> list[Track]:
     ratio = periods / _running_median(periods)
     count = np.where(ratio < _MISSED_FROM, 1, np.rint(ratio)).astype(np.int64)
     over_gap = np.searchsorted(gaps[:, 0], times[1:]) > np.searchsorted(gaps[:, 1], times[:-1], side="right")
-    # Over a gap the count goes on only where the number of pulses in it is certain.
+    # Counting continues across a gap only where the number of pulses in it is certain.
     broken = (count > 1 + _MOST_MISSED) | (over_gap & (np.abs(ratio - count) > 0.3))
     flags = np.where(count > 1, PulseFlag.MISSED, 0) | np.where(merged, PulseFlag.EXTRA, 0)
     cuts = np.flatnonzero(broken)
@@ -140,7 +142,7 @@ def cut_tracks(times: Array, gaps: Array) -> list[Track]:
 
 
 def _judged_by_trend(track: Track, ratio: Array) -> Track:
-    """Judge intervals anew where the median knows no slope: at both ends, and where the shaft nearly comes to rest."""
+    """Repeat the count where the median fails: at both ends, and where the shaft nearly comes to rest."""
     if len(track.count) <= _TREND:
         return replace(track, doubt=1.0 - 1.0 / track.count)
     whole = _near_rest(track, ratio)
@@ -151,10 +153,10 @@ def _judged_by_trend(track: Track, ratio: Array) -> Track:
 
 
 def _near_rest(track: Track, ratio: Array) -> Track:
-    """Judge long intervals in a row from both sides up to the longest, as a shaft has them that turns round."""
+    """Count rows of long intervals from both sides up to the longest, as of a shaft that reverses."""
     edge = np.diff(np.concatenate([[False], track.count > 1, [False]]).astype(np.int8))
     runs = np.flatnonzero(edge).reshape(-1, 2)
-    # Missed pulses are whole ones.
+    # Missed pulses are whole numbers.
     strange = np.append(0, np.cumsum(np.abs(ratio - track.count) > _PART_OF_A_PULSE))
     runs = runs[np.diff(strange[runs])[:, 0] > 0]
     parts, done = [], 0
@@ -174,7 +176,7 @@ def _part(track: Track, first: int, last: int) -> Track:
 
 
 def _joined(parts: list[Track]) -> Track:
-    """Return tracks that follow each other as one."""
+    """Join successive tracks."""
     edges = [part.edges_s[:-1] for part in parts]
     columns = zip(*(_columns(part) for part in parts), strict=True)
     return Track(
@@ -183,7 +185,7 @@ def _joined(parts: list[Track]) -> Track:
 
 
 def _turned(track: Track) -> Track:
-    """Return a track with time running backwards."""
+    """Reverse a track in time."""
     return Track(*(column[::-1].copy() for column in (-track.edges_s, *_columns(track))))
 
 
@@ -193,9 +195,9 @@ def _columns(track: Track) -> tuple[npt.NDArray[Any], ...]:
 
 
 def _outwards(track: Track, start: int, stop: int, *, alone: bool = True) -> Track:
-    """Judge intervals from `start` up to `stop` one by one against the line through the speeds of those before each.
+    """Count intervals from `start` up to `stop` one by one against the trend of the speeds before each.
 
-    Where `alone`, none follow that could confirm the last ones: missed pulses there may as well be a shaft that stops.
+    With `alone`, no later interval can confirm the last ones: missed pulses there may also be a stopping shaft.
     """
     if not _TREND <= start < stop or not track.usable[start - _TREND : stop].all():
         return track
@@ -234,7 +236,7 @@ def _outwards(track: Track, start: int, stop: int, *, alone: bool = True) -> Tra
 
 
 def _pulses_by_trend(known: list[tuple[float, float]], first_s: float, last_s: float) -> float:
-    """Pulses between two times by the line through the latest speeds; none or fewer where it has come to rest by then."""
+    """Pulses between two times by extrapolation of the latest speeds; zero or fewer if the shaft has stopped by then."""
     latest = known[-_TREND:]
     time = sum(at for at, _ in latest) / _TREND
     speed = sum(value for _, value in latest) / _TREND
