@@ -1,6 +1,6 @@
-"""Excitations: what is put on the set point of the engine speed, as deviations from the operating point.
+"""Excitations: deviations of the engine-speed set point from the operating point.
 
-Every function raises `InputError` where an argument is out of its range.
+All functions raise `InputError` if an argument is out of range.
 """
 
 from shipfp_rs.signals.chirps import Law, chirp

@@ -1,4 +1,4 @@
-"""Checks of the arguments that the builders share."""
+"""Argument checks shared by the builders of excitations."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Bands = Sequence[tuple[float, float]]
 
 
 def sample_times(duration_s: float, rate_hz: float) -> Array:
-    """Sample times of a stretch, at least one."""
+    """Sample times of a stretch, at least one sample."""
     return np.arange(_sample_count("duration", duration_s, rate_hz)) / rate_hz
 
 
@@ -32,7 +32,7 @@ def _sample_count(name: str, duration_s: float, rate_hz: float) -> int:
 
 
 def whole_samples(name: str, duration_s: float, rate_hz: float) -> int:
-    """Return how many samples a duration [s] is; refuse one that is no whole number of them."""
+    """Number of samples in a duration [s]; `InputError` if it is not a whole number."""
     count, samples = _sample_count(name, duration_s, rate_hz), duration_s * rate_hz
     if not math.isclose(count, samples, rel_tol=1e-9):
         raise InputError(f"{name} is {duration_s:g}, {samples:g} samples, expected a whole number of samples")
@@ -40,13 +40,13 @@ def whole_samples(name: str, duration_s: float, rate_hz: float) -> int:
 
 
 def zero_or_more(name: str, value: float) -> None:
-    """Refuse what is not a finite number from zero up."""
+    """Raise `InputError` unless a value is finite and not negative."""
     if not (math.isfinite(value) and value >= 0.0):
         raise InputError(f"{name} is {value}, expected zero or more")
 
 
 def numbers(name: str, values: npt.ArrayLike) -> list[float]:
-    """Return a list of finite numbers, at least one."""
+    """Convert values to a list of finite numbers, at least one."""
     numbers = np.array(values, dtype=np.float64)
     if numbers.ndim != 1 or not numbers.size or not np.isfinite(numbers).all():
         raise InputError(f"{name} is {values!r}, expected a list of at least one finite number")
@@ -54,7 +54,7 @@ def numbers(name: str, values: npt.ArrayLike) -> list[float]:
 
 
 def below_nyquist(name: str, frequency: float, rate_hz: float) -> None:
-    """Refuse a frequency that the sample rate can not carry."""
+    """Raise `InputError` for a frequency above half the sample rate."""
     positive(name, frequency)
     positive("rate_hz", rate_hz)
     if frequency >= 0.5 * rate_hz:
@@ -64,7 +64,7 @@ def below_nyquist(name: str, frequency: float, rate_hz: float) -> None:
 
 
 def bands(avoid_hz: Bands) -> list[tuple[float, float]]:
-    """Return bands to leave out [Hz], sorted; each a pair from low to high."""
+    """Sorted bands to avoid [Hz], each a pair (low, high)."""
     for index, band in enumerate(avoid_hz):
         if len(band) != 2 or not 0.0 <= band[0] < band[1] or not math.isfinite(band[1]):
             raise InputError(f"avoid_hz[{index}] is {tuple(band)}, expected (low, high) with 0 <= low < high")
@@ -72,13 +72,7 @@ def bands(avoid_hz: Bands) -> list[tuple[float, float]]:
 
 
 def outside(frequencies: Sequence[float], avoid_hz: Bands) -> list[float]:
-    """Return the frequencies [Hz] that lie in none of the bands.
-
-    Raises
-    ------
-    InputError
-        Where none is left.
-    """
+    """Frequencies [Hz] outside all bands; `InputError` if there are none."""
     left = [f for f in frequencies if not any(low <= f <= high for low, high in bands(avoid_hz))]
     if not left:
         raise InputError(f"every frequency lies in a band of avoid_hz {list(avoid_hz)}; leave some outside")

@@ -1,4 +1,4 @@
-"""Chirps: sines whose frequency runs."""
+"""Chirps: sines of changing frequency."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ def chirp(
     rate_hz: float = 100.0,
     name: str = "chirp",
 ) -> Excitation:
-    """Return a sine whose frequency runs from `start_hz` to `stop_hz` (section 5.1.2).
+    """Return a sine whose frequency changes from `start_hz` to `stop_hz` (section 5.1.2).
 
-    It excites the whole range in one run; its crest factor is that of a sine.
+    It excites the whole range in one run, with the crest factor of a sine.
 
     Parameters
     ----------
@@ -44,8 +44,8 @@ def chirp(
     law
         "linear": equal time for each Hz; "logarithmic": equal time for each decade.
     avoid_hz
-        Bands (low, high) around resonances [Hz], which the frequency jumps over; the phase goes on, and the rest of
-        the range gets their time.
+        Bands (low, high) around resonances [Hz], which the frequency skips. The phase is continuous, and the time is spent
+        on the rest of the range.
     rate_hz, name
         Sample rate [Hz] and label.
     """
@@ -59,7 +59,7 @@ def chirp(
     ends = duration_s * np.cumsum(shares) / shares.sum() if shares.sum() > 0.0 else np.array([duration_s])
     phase, turned, begun = np.empty_like(time), 0.0, 0.0
     for (start, stop), end in zip(pieces, ends, strict=True):
-        # The last piece takes the last sample whatever rounding did to its end.
+        # The last piece includes the last sample, in spite of rounding.
         inside = (time >= begun) & ((time < end) | (end == ends[-1]))
         phase[inside] = turned + _turns(time[inside] - begun, start, stop, end - begun, law)
         turned += float(_turns(np.array([end - begun]), start, stop, end - begun, law)[0])
@@ -68,7 +68,7 @@ def chirp(
 
 
 def _kept(start_hz: float, stop_hz: float, avoid_hz: Bands) -> list[tuple[float, float]]:
-    """Ranges from start to stop with the bands cut out, in the order of the sweep."""
+    """Ranges from start to stop outside the bands, in the order of the sweep."""
     low, high = min(start_hz, stop_hz), max(start_hz, stop_hz)
     pieces, at = [], low
     for lower, upper in bands(avoid_hz):
@@ -87,7 +87,7 @@ def _kept(start_hz: float, stop_hz: float, avoid_hz: Bands) -> list[tuple[float,
 
 
 def _turns(time: Array, start: float, stop: float, duration: float, law: Law) -> Array:
-    """Turns made since the start of a sweep, the integral of its frequency."""
+    """Phase [turns] since the start of a sweep: the integral of its frequency."""
     if law == "linear":
         return start * time + 0.5 * (stop - start) / duration * time**2
     rate = math.log(stop / start) / duration

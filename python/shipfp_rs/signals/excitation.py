@@ -1,4 +1,4 @@
-"""Excitation: deviations of the set point from the operating point, and what can be done to any of them."""
+"""Excitation: deviations of the set point from the operating point, and operations on them."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from shipfp_rs.support.files import ending_in, write_text_atomically
 
 @dataclass(frozen=True)
 class Segment:
-    """A stretch of an excitation: what it holds, from when to when [s], its frequency [Hz] if it has one."""
+    """Stretch of an excitation: content, start and end [s], and frequency [Hz] if it has one."""
 
     label: str
     start_s: float
@@ -31,7 +31,7 @@ class Segment:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Excitation(Brief, EvenlySampled):
-    """Deviations of the set point, uniformly sampled.
+    """Deviations of the set point at a constant sample rate.
 
     Parameters
     ----------
@@ -42,9 +42,9 @@ class Excitation(Brief, EvenlySampled):
     samples
         Deviation of the set point from the operating point [rpm of the engine], shape (N,).
     hold
-        How the set point runs between samples: "first" (straight lines) or "zero" (stairs).
+        Interpolation between samples: "first" (straight lines) or "zero" (stairs).
     segments
-        Stretches that are analysed one by one; empty where the excitation is one piece.
+        Stretches that are analysed separately; empty for an excitation of one piece.
     """
 
     name: str
@@ -88,7 +88,7 @@ class Excitation(Brief, EvenlySampled):
 
     @property
     def crest_factor(self) -> float:
-        """Largest deviation over root mean square [-]: 1.41 for a sine; low: much power, little motion."""
+        """Largest deviation over root mean square [-]: 1.41 for a sine; low values mean much power for little motion."""
         return self.amplitude_rpm / self.rms_rpm if self.rms_rpm > 0.0 else math.nan
 
     @property
@@ -99,7 +99,7 @@ class Excitation(Brief, EvenlySampled):
     def spectrum(self) -> tuple[Array, Array]:
         """Return frequencies [Hz] and amplitudes [rpm] of the discrete Fourier lines, each shape (N // 2 + 1,).
 
-        A sine of whole periods shows its amplitude at its line.
+        A sine with a whole number of periods has its amplitude at its line.
         """
         lines = 2.0 * np.abs(np.fft.rfft(self.samples)) / len(self)
         lines[0] /= 2.0
@@ -109,12 +109,12 @@ class Excitation(Brief, EvenlySampled):
 
     @checked
     def power_in(self, low_hz: float, high_hz: float) -> float:
-        """Return the part of the mean square in a band [-], the mean left out.
+        """Return the fraction of the mean square in a band [-], without the mean.
 
         Parameters
         ----------
         low_hz, high_hz
-            Ends of the band [Hz], both in it.
+            Ends of the band [Hz], inclusive.
         """
         frequency, amplitude = self.spectrum()
         power = amplitude**2
@@ -123,9 +123,9 @@ class Excitation(Brief, EvenlySampled):
 
     @checked
     def ramped(self, ramp_s: float) -> Excitation:
-        """Return a copy that grows from zero at its start and falls to zero at its end, each as half a cosine.
+        """Return a copy with half-cosine ramps from zero at its start and to zero at its end.
 
-        The ship is spared the jump of a signal that starts or ends off zero; the ramps cost excitation.
+        Ramps avoid a jump where a signal starts or ends away from zero, but reduce the excitation.
 
         Parameters
         ----------
@@ -135,7 +135,7 @@ class Excitation(Brief, EvenlySampled):
         Raises
         ------
         InputError
-            Where two ramps are longer than the excitation, or one is shorter than half a sample.
+            If two ramps are longer than the excitation, or one is shorter than half a sample.
         """
         positive("ramp_s", ramp_s)
         count = round(ramp_s * self.rate_hz)
@@ -153,12 +153,12 @@ class Excitation(Brief, EvenlySampled):
 
     @checked
     def settled(self, before_s: float, after_s: float = 0.0) -> Excitation:
-        """Return a copy with the operating point held before and after, for the ship to settle.
+        """Return a copy with the operating point held before and after it, for the ship to settle.
 
         Parameters
         ----------
         before_s, after_s
-            How long it is held [s].
+            Duration of each hold [s].
 
         Raises
         ------
@@ -177,7 +177,7 @@ class Excitation(Brief, EvenlySampled):
 
     @checked
     def to_csv(self, path: str | Path) -> Path:
-        """Write time [s] and deviation [rpm] for a signal generator; the file appears whole or not at all."""
+        """Write time [s] and deviation [rpm] for a signal generator; the file is written atomically."""
         text = io.StringIO()
         text.write("time_s,set_point_deviation_rpm\n")
         np.savetxt(text, np.column_stack([self.time, self.samples]), fmt="%.17g", delimiter=",")
@@ -190,13 +190,7 @@ MOST_PERIODS = 100_000
 def repeated(
     name: str, kind: str, rate_hz: float, one_period: Array, periods: int, hold: Hold = "first"
 ) -> Excitation:
-    """Return so many periods [rpm], each a segment of its own.
-
-    Raises
-    ------
-    InputError
-        For less than one period.
-    """
+    """Repeat a period [rpm], with a segment for each."""
     if not 1 <= periods <= MOST_PERIODS:
         raise InputError(f"periods is {periods}, expected 1 to {MOST_PERIODS}")
     at_most("periods", periods * len(one_period))
@@ -207,12 +201,12 @@ def repeated(
 
 @checked
 def join(excitations: Sequence[Excitation], *, pause_s: float = 0.0, name: str = "joined") -> Excitation:
-    """Return excitations one after the other, with pauses at the operating point between them.
+    """Return excitations in sequence, with pauses at the operating point between them.
 
     Parameters
     ----------
     excitations
-        What to join; all have the same rate and the same hold.
+        Excitations to join, all with the same rate and hold.
     pause_s
         Length of each pause [s].
     name
@@ -221,14 +215,14 @@ def join(excitations: Sequence[Excitation], *, pause_s: float = 0.0, name: str =
     Returns
     -------
     Excitation
-        With a segment for each part, or its parts' own segments where they have some.
+        It has the segments of each part, or one segment for a part without any.
 
     Raises
     ------
     InputError
-        Where the parts do not go together.
+        If the parts differ in rate or hold.
     """
-    if len(excitations) == 0:  # an empty array has no truth value
+    if len(excitations) == 0:  # truth value of an empty array is ambiguous
         raise InputError("excitations is empty, expected at least one")
     zero_or_more("pause_s", pause_s)
     first = excitations[0]

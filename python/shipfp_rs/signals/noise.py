@@ -1,4 +1,4 @@
-"""Signals that look random: binary sequences and noise in a band."""
+"""Random-looking signals: binary sequences and band-limited noise."""
 
 from __future__ import annotations
 
@@ -23,22 +23,22 @@ def prbs(
     rate_hz: float = 100.0,
     name: str = "PRBS",
 ) -> Excitation:
-    """Return a pseudo-random binary sequence of greatest length, 2^order - 1 bits a period.
+    """Return a maximum-length pseudo-random binary sequence, with 2^order - 1 bits per period.
 
-    It has the most power of all signals of its amplitude, much of it above what a ship follows.
+    No signal of the same amplitude has more power, but much of it lies at frequencies that a ship does not follow.
 
     Parameters
     ----------
     order
         Length of the shift register, 2 to 20.
     bit_s
-        Length of a bit [s], a whole number of samples.
+        Duration of a bit [s], a whole number of samples.
     amplitude_rpm
-        Deviation, up or down [rpm].
+        Deviation in either direction [rpm].
     periods
         Number of periods.
     seed
-        Chooses where in the sequence the signal starts.
+        Determines the start within the sequence.
     rate_hz, name
         Sample rate [Hz] and label.
 
@@ -70,7 +70,7 @@ def band_limited_noise(
     rate_hz: float = 100.0,
     name: str = "noise",
 ) -> Excitation:
-    """Return Gaussian noise whose spectrum is flat between two frequencies and empty outside.
+    """Return Gaussian noise whose spectrum is flat between two frequencies and zero elsewhere.
 
     The same seed gives the same samples.
 
@@ -85,7 +85,7 @@ def band_limited_noise(
     seed
         Seed of the draw.
     avoid_hz
-        Bands (low, high) around resonances [Hz], left empty too.
+        Bands (low, high) around resonances [Hz] without noise.
     rate_hz, name
         Sample rate [Hz] and label.
     """

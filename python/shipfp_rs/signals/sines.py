@@ -1,4 +1,4 @@
-"""Sines one after the other, and all at once."""
+"""Sines in sequence, and multisines."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.checks import between, positive
 
 MOST_ITERATIONS = 100_000
-"""Rounds of flattening a multisine; its crest stays as it is long before."""
+"""Limit of the rounds of clipping; the crest factor converges long before."""
 
 
 @checked
@@ -29,16 +29,14 @@ def sine_sequence(
     rate_hz: float = 100.0,
     name: str = "sine sequence",
 ) -> Excitation:
-    """Return sines one after the other, each for a whole number of periods (section 5.1.1).
-
-    The set point does not jump between them.
+    """Return sines in sequence, each for a whole number of periods (section 5.1.1).
 
     Parameters
     ----------
     frequencies_hz
         Frequencies in order [Hz], shape (F,), each below half the sample rate.
     periods
-        Periods of each, a whole number, so that the set point has no jumps.
+        Periods of each frequency, a whole number, so that the set point has no jumps.
     amplitude_rpm
         Amplitude [rpm].
     avoid_hz
@@ -81,8 +79,8 @@ def sine_sequence(
 def published_sine_sequence(amplitude_rpm: float = 13.0, *, rate_hz: float = 100.0) -> Excitation:
     """Return the sixteen sines of the virtual trial, four periods each (Table 5.1).
 
-    The frequencies are those of the printed times, of which a period holds whole hundredths of a second; the
-    printed frequencies are rounded.
+    The frequencies follow from the printed times, in which each period is a multiple of 0.01 s; the printed
+    frequencies are rounded.
     """
     rows = published.virtual_schedule()
     frequencies = [4.0 / (row.end_s - row.begin_s) for row in rows]
@@ -102,14 +100,14 @@ def multisine(
     iterations: int = 300,
     name: str = "multisine",
 ) -> Excitation:
-    """Return all frequencies at once, with phases that keep the crest factor low.
+    """Return a sum of sines with phases that keep the crest factor low.
 
-    A period excites every line at once, so that it takes as long as the slowest of them.
+    A period excites all frequencies, so it lasts as long as one period of the lowest.
 
     Parameters
     ----------
     frequencies_hz
-        Wanted frequencies [Hz], shape (F,); each moves to the nearest multiple of 1/period_s.
+        Wanted frequencies [Hz], shape (F,), rounded to the nearest multiples of 1/period_s.
     period_s
         Period [s], a whole number of samples.
     amplitude_rpm
@@ -117,14 +115,14 @@ def multisine(
     weights
         Relative amplitude of each frequency, shape (F,); None: all equal.
     periods
-        Number of periods; the first one lets the ship settle.
+        Number of periods; the ship settles during the first.
     avoid_hz
         Bands (low, high) around resonances [Hz]; frequencies in them are left out.
     rate_hz
         Sample rate [Hz].
     iterations
-        Rounds of clipping; each cuts the peaks, keeps the new phases and restores the amplitudes. Evenly
-        spaced lines reach a crest factor near 1.5, lines spread over decades near 2.5.
+        Rounds of clipping; each cuts the peaks, keeps the new phases and restores the amplitudes. The crest factor
+        reaches about 1.5 for evenly spaced lines and 2.5 for lines spread over decades.
     name
         Label.
 
@@ -136,7 +134,7 @@ def multisine(
     Raises
     ------
     InputError
-        Where an argument is out of its range, or two frequencies fall on one multiple.
+        If an argument is out of range, or two frequencies round to the same multiple.
 
     Notes
     -----
@@ -174,21 +172,21 @@ def multisine(
 
 
 def _flattened(lines: npt.NDArray[np.int64], sizes: Array, samples: int, iterations: int) -> Array:
-    """One period of cosines of these sizes on the given lines, with the lowest crest factor that clipping found."""
-    # Schroeder's phases: each follows from the power of all lines below it. For F equal lines this gives
-    # pi k (k + 1) / F, except for a shift in time.
+    """One period of cosines on the given lines, with the lowest crest factor found by clipping."""
+    # Schroeder's phases: each depends on the power of all lines below it. For F equal lines this is
+    # pi k (k + 1) / F, apart from a shift in time.
     power = np.cumsum(sizes**2) / np.sum(sizes**2)
     phase = 2.0 * math.pi * (np.cumsum(power) - power[0])
     spectrum = np.zeros(samples // 2 + 1, dtype=np.complex128)
     spectrum[lines] = sizes * np.exp(-1j * phase)
     best = trial = np.fft.irfft(spectrum, samples)
     for round_ in range(iterations):
-        # Cutting more at first leaves the start's local minimum, cutting less at last refines.
+        # Clipping more at first escapes the local minimum of the start; clipping less at last refines.
         ceiling = (0.4 + 0.55 * round_ / iterations) * np.abs(trial).max()
         clipped = np.fft.rfft(np.clip(trial, -ceiling, ceiling))[lines]
         spectrum[lines] = sizes * np.exp(1j * np.angle(clipped))
         trial = np.fft.irfft(spectrum, samples)
-        # All trials have the same power, so the lowest peak is the lowest crest factor.
+        # All candidates have the same power, so the lowest peak is the lowest crest factor.
         if np.abs(trial).max() < np.abs(best).max():
             best = trial
     return best

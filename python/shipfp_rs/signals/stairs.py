@@ -1,4 +1,4 @@
-"""Steps: levels that stand upon each other."""
+"""Steps: successive levels of the set point."""
 
 from __future__ import annotations
 
@@ -22,18 +22,16 @@ def steps(
     rate_hz: float = 100.0,
     name: str = "steps",
 ) -> Excitation:
-    """Return steps one upon the other, each held (section 5.1.3).
-
-    A size counts from the level before it.
+    """Return successive steps, each held (section 5.1.3).
 
     Parameters
     ----------
     sizes_rpm
-        Size of each step [rpm], shape (S,), up or down from the level before.
+        Size of each step [rpm], shape (S,), relative to the previous level.
     hold_s
         Time at each level [s].
     duration_s
-        In place of `hold_s`: length of the whole signal, `lead_s` included [s]; all levels are held alike.
+        Instead of `hold_s`: duration of the whole signal including `lead_s` [s]; all levels are held equally long.
     lead_s
         Time at the operating point before the first step [s].
     rate_hz, name
@@ -42,7 +40,7 @@ def steps(
     Raises
     ------
     InputError
-        Where not just one of `hold_s` and `duration_s` is given, or a time is too short or too long.
+        Unless exactly one of `hold_s` and `duration_s` is given, or if a time is too short or too long.
 
     Examples
     --------

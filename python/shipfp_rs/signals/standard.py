@@ -1,4 +1,4 @@
-"""One excitation of each kind from a few figures, for the command line and for sweeps."""
+"""One excitation of each kind from a few values, for the command line and for sweeps."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from shipfp_rs.support.checks import positive
 Kind = Literal["chirp", "steps", "multisine", "sines", "prbs", "noise"]
 
 TOP_HZ = 5.0
-"""Nothing of interest lies above: the pulse trains do not show it, and the governors do not follow it."""
+"""Highest frequency of interest: pulse trains do not resolve higher ones, and governors do not follow them."""
 TONES = 16
 SPAN = 100.0
-"""Highest over lowest frequency of the sines one after the other; their duration sets the lowest."""
+"""Ratio of the highest to the lowest frequency of a sine sequence; its duration sets the lowest."""
 SHORTEST_BIT_S = 0.5
-"""A bit of the binary sequence lasts about the time in which a launch answers."""
+"""Shortest bit of the binary sequence: about the response time of a launch."""
 
 
 @checked
@@ -36,7 +36,7 @@ def standard(
     rate_hz: float = 100.0,
     seed: Whole = 0,
 ) -> Excitation:
-    """Return an excitation of a kind with its usual band and shape.
+    """Return an excitation of the given kind, with its usual band and shape.
 
     Parameters
     ----------
@@ -46,14 +46,14 @@ def standard(
     duration_s
         Length [s]; "prbs" rounds it down to whole periods of its sequence.
     amplitude_rpm
-        Largest deviation [rpm of the engine]; of "noise" three root mean squares.
+        Largest deviation [rpm of the engine]; for "noise" three times the root mean square.
     start_hz, stop_hz
-        Band [Hz]; from two periods in the duration to 5 Hz, or a fifth of the rate, where not given. Of no meaning for
-        "steps", "sines" and "prbs".
+        Band [Hz]; by default from two periods in the duration to 5 Hz or a fifth of the rate. Ignored for "steps",
+        "sines" and "prbs".
     rate_hz
         Sample rate [Hz].
     seed
-        Of "prbs" and "noise".
+        Seed of "prbs" and "noise".
 
     Examples
     --------
