@@ -1,1 +1,1 @@
-"""Raw logs: channels read piece by piece, file formats, and what is wrong with a log."""
+"""Raw logs: channels read in blocks, file formats, and faults."""

@@ -1,4 +1,4 @@
-"""One recorded channel: what is known of it, and in which pieces its samples come."""
+"""A recorded channel: its metadata, and its samples in blocks."""
 
 from __future__ import annotations
 
@@ -14,11 +14,12 @@ from shipfp_rs.support.arrays import attributes
 
 Samples = npt.NDArray[Any]
 Blocks = Callable[[str, int, int], Iterator[Samples]]
-"""(channel, first row, block size) to blocks of samples from that row on, each at most the size, all of one type.
+"""Function (channel, first row, block size) that yields samples from that row on, in blocks of one dtype up to that size.
 
-Numbers that can't be NaN have their gaps in a masked array, so that none of their bits is lost."""
+Gaps in integers are masked, so that no bits are lost.
+"""
 BLOCK = 1 << 20
-"""Samples read or written at once where the caller has no wish."""
+"""Default number of samples read or written at once."""
 
 
 @dataclass(frozen=True)
@@ -28,9 +29,9 @@ class Channel:
     Parameters
     ----------
     name
-        As the logger wrote it, without its unit.
+        Name as written by the logger, without the unit.
     unit
-        Unit as the logger wrote it; empty where it wrote none.
+        Unit as written by the logger; empty if none.
     rate_hz
         Sample rate [Hz].
     samples
@@ -38,8 +39,8 @@ class Channel:
     start_s
         Time of the first sample on the log's clock [s].
     resolution
-        Step in which values are told, in the unit: a bit of a bus; 0 where it is not known. Its square over twelve is
-        the variance of the rounding.
+        Step between adjacent values, in `unit`, for instance one bit of a bus signal; 0 if unknown. The variance of
+        rounding is its square over twelve.
     """
 
     name: str
@@ -51,17 +52,17 @@ class Channel:
 
     @property
     def told(self) -> dict[str, Any]:
-        """Name, unit, rate, samples and start, by name."""
+        """Name, unit, rate, number of samples and start, for messages and tables."""
         return attributes(self, "name", "unit", "rate_hz", "samples", "start_s")
 
     @property
     def stop_s(self) -> float:
-        """Time just after the last sample [s]."""
+        """End of the last sample interval [s]."""
         return self.start_s + self.samples / self.rate_hz
 
 
 def with_nan(block: Samples) -> Samples:
-    """Return samples as recorded, gaps as NaN: integers with gaps become float64."""
+    """Samples as recorded, gaps as NaN: integers with gaps become float64."""
     if not isinstance(block, np.ma.MaskedArray):
         return block
     return np.where(block.mask, np.nan, block.data) if np.ma.is_masked(block) else block.data
@@ -70,9 +71,9 @@ def with_nan(block: Samples) -> Samples:
 def in_blocks(
     length: Callable[[str], int], read: Callable[[str, int, int], Samples], path: object = "log"
 ) -> Blocks:
-    """Return a function that yields channels in blocks; `read` gives rows [first, stop) of one, all of them.
+    """Make `Blocks` from `read`, which returns rows [first, stop) of a channel.
 
-    `InputError` where a block has another length: what comes after it would stand at wrong times. `path` is told there.
+    `InputError`, with `path`, where a block has the wrong length, since later samples would be shifted in time.
     """
 
     def blocks(name: str, first: int, size: int) -> Iterator[Samples]:
@@ -87,7 +88,7 @@ def in_blocks(
 
 
 def whole(path: object, channels: Mapping[str, Channel], blocks: Blocks) -> Blocks:
-    """Return a function that yields what `blocks` does, with `InputError` where a channel ends before its last sample."""
+    """`blocks` with `InputError` where a channel ends before its last sample."""
 
     def read(name: str, first: int, size: int) -> Iterator[Samples]:
         count = 0
@@ -109,5 +110,5 @@ def _require_length(path: object, name: str, first: int, found: int, expected: i
 
 
 def blocks_of(arrays: Mapping[str, Samples]) -> Blocks:
-    """Return a function that yields arrays in memory in blocks."""
+    """`Blocks` of arrays in memory."""
     return in_blocks(lambda name: len(arrays[name]), lambda name, first, stop: arrays[name][first:stop])

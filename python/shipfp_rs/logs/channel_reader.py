@@ -1,4 +1,4 @@
-"""One channel of a log read once, front to back, in stretches that overlap a little."""
+"""Sequential reading of a channel in slightly overlapping stretches."""
 
 from __future__ import annotations
 
@@ -15,30 +15,30 @@ from shipfp_rs.logs.channel import BLOCK, Samples
 from shipfp_rs.logs.log import Log
 
 KEPT = 1 << 17
-"""Samples kept in memory before the last one read, since stretches overlap by a filter's length of a second or two."""
+"""Samples kept in memory before the last one read: stretches overlap by a filter length of a second or two."""
 STRETCH_BYTES = 1 << 26
-"""Memory for a channel whose stretches are gone through more than once: over two hours at 2 kHz as float32."""
+"""Memory for a channel whose stretches are read more than once: over two hours at 2 kHz as float32."""
 
 
 class Stopped(Exception):
-    """Raised where the samples are not wanted any more."""
+    """Reading was cancelled."""
 
 
 class Rows:
-    """Rows of a channel, by first and stop; asked for in ascending order, each sample is decoded once.
+    """Rows of a channel by first and stop; read in ascending order, each sample is decoded once.
 
     Parameters
     ----------
     log, channel
-        The recording and the name of one of its channels.
+        Recording and name of the channel.
     delay_s
-        How late the channel tells what happened [s]; its samples are taken to be that much older.
+        Delay of the channel [s], subtracted from the times of its samples.
     size
-        Samples read at once; results do not depend on it.
+        Samples read at once; it does not affect results.
     kept_bytes
-        Memory in which samples stay at hand behind the last one read; whoever goes further back reads again.
+        Memory for samples before the last one read; earlier ones are read again.
     stopped
-        Set by another thread to end the reading.
+        Event by which another thread cancels the reading.
     """
 
     def __init__(
@@ -59,25 +59,25 @@ class Rows:
         self._kept_bytes = kept_bytes
         self._stopped = stopped or threading.Event()
         self._chunks: Iterator[Samples] = iter(())
-        self._held: list[tuple[int, Samples]] = []  # one after the other, up to the row that comes next
-        self._at = -1  # row that the next chunk begins with
+        self._held: list[tuple[int, Samples]] = []  # consecutive chunks up to the next row
+        self._at = -1  # first row of the next chunk
 
     def within(self, start_s: float, stop_s: float) -> tuple[int, int]:
-        """Return first row of a stretch and first one after it; `InputError` where the channel lacks it."""
+        """First row of a stretch and one past its last; `InputError` where the channel lacks it."""
         first, stop = self.log.rows(self.channel.name, start_s, stop_s)
         late = round((self._start_s - self.channel.start_s) * self.channel.rate_hz)
         last = self.channel.samples
         return min(max(first + late, 0), last - 1), min(max(stop + late, 1), last)
 
     def read(self, first: int, stop: int) -> Samples:
-        """Return rows as recorded, shape (stop - first,)."""
+        """Rows as recorded, shape (stop - first,)."""
         parts = list(self.pieces(first, stop))
         if not parts:
             return np.empty(0)
         return parts[0] if len(parts) == 1 else np.concatenate(parts)
 
     def pieces(self, first: int, stop: int) -> Iterator[Samples]:
-        """Yield rows in pieces of whatever lengths they were read in."""
+        """Yield rows in pieces of the lengths in which they were read."""
         if self._at < 0 or first < (self._held[0][0] if self._held else self._at):
             channel = self.channel
             self._chunks = self.log.chunks(
@@ -93,7 +93,7 @@ class Rows:
             first = start + len(chunk)
 
     def _read_on(self) -> None:
-        """Read the next chunk into memory, and drop the oldest ones."""
+        """Read the next chunk and drop the oldest ones."""
         if self._stopped.is_set():
             raise Stopped
         chunk = next(self._chunks, None)

@@ -1,4 +1,4 @@
-"""Finds evenly spaced rows, and missing ones, under a clock that is coarser than the rows, such as one of whole seconds."""
+"""Detection of evenly spaced rows, and of missing ones, under a clock coarser than the rows, such as whole seconds."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from shipfp_rs.support.arrays import Array
 Rows = npt.NDArray[np.int64]
 
 UNEVEN_TICKS = 0.01
-"""Ticks count as equal where all steps of the clock are multiples of the shortest step, to within this share of it."""
+"""Ticks count as equal where all clock steps are multiples of the shortest step, to within this fraction of it."""
 USUAL = 0.9
-"""Where this share of the ticks has the same number of rows, a tick with fewer rows lacks some."""
+"""Where this fraction of the ticks has the same number of rows, ticks with fewer rows lack some."""
 WITHIN = 1.05
 """Largest deviation [rows] of evenly spaced rows from a line through the first rows of their ticks."""
 
 EARLY = 0.25
-"""Share of a tick by which rows may be stamped early or late."""
+"""Fraction of a tick by which rows may be stamped early or late."""
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class CoarseClock:
     Parameters
     ----------
     rate_hz
-        Rate of the rows: the roundest number that the ticks allow.
+        Rate of the rows: the roundest number consistent with the ticks.
     resolution_s
         One tick [s].
     times
@@ -39,7 +39,7 @@ class CoarseClock:
     jumps
         Whether rows are missing or the clock was set.
     masked
-        Rows [first, stop) whose place within their tick is unknown, since other rows of it are missing; shape (K, 2).
+        Rows [first, stop) with unknown times, since other rows of their tick are missing; shape (K, 2).
     """
 
     rate_hz: float
@@ -50,7 +50,7 @@ class CoarseClock:
 
 
 def find_coarse(times: Array) -> CoarseClock | None:
-    """Find evenly spaced rows under a clock that has fewer steps than rows; None where the rows are not even."""
+    """Find evenly spaced rows under a clock with fewer steps than rows; None where the rows are not even."""
     steps = np.diff(times)
     rises = np.flatnonzero(steps != 0.0) + 1
     if len(rises) < 3 or not (steps > 0.0).any():
@@ -58,28 +58,28 @@ def find_coarse(times: Array) -> CoarseClock | None:
     tick = float(steps[steps > 0.0].min())
     passed = steps[rises - 1] / tick
     alike = np.abs(passed - np.rint(passed)).max() < UNEVEN_TICKS
-    if not alike:  # where ticks differ in length, missing rows can't be found
+    if not alike:  # missing rows can't be found among ticks of different lengths
         return _through(times, rises, tick, [])
     slips, early = _slips(np.rint(passed), np.diff(rises))
-    # Where some rows are stamped early, a tick with fewer rows lacks none, as long as all rows lie on one line.
+    # Where some rows are stamped early, a tick with fewer rows lacks none, provided that all rows lie on one line.
     return (_through(times, rises, tick, []) if early else None) or _through(times, rises, tick, slips)
 
 
 def _through(times: Array, rises: Rows, tick: float, slips: Sequence[_Slip]) -> CoarseClock | None:
-    """Return evenly spaced rows that fit all changes of the clock except at slips; None where the rows are not even."""
+    """Evenly spaced rows that fit all changes of the clock except at slips; None where the rows are not even."""
     ends = [0, *(k for slip in slips for k in (slip.before, slip.behind)), len(rises) - 1]
     spans = rises[np.reshape(ends, (-1, 2))]
     count = int(np.diff(spans).sum())
     period = float(np.diff(times[spans]).sum()) / count if count else 0.0
     if not period > 0.0:
         return None
-    known = 1.5 / count  # the count is known to a row; the roundest rate within this error is the logger's
+    known = 1.5 / count  # accurate to one row; the logger has the roundest rate within it
     rate = next(
         rounded
         for digits in range(1, 13)
         if abs((rounded := float(f"{1.0 / period:.{digits}g}")) * period - 1.0) <= known
     )
-    # The first row of every tick is late by less than a row; a tick in ten may be early.
+    # The first row of each tick is late by less than a row; one tick in ten may be early.
     behind = times[rises] - rises / rate
     levels = [
         float(np.quantile(behind[first : stop + 1], 0.9, method="higher"))
@@ -98,31 +98,31 @@ def _through(times: Array, rises: Rows, tick: float, slips: Sequence[_Slip]) -> 
 
 
 class _Slip(NamedTuple):
-    """Where rows are missing or the clock was set: indices of the clock's last change before and of its first one after."""
+    """Missing rows or a clock that was set: indices of the last change of the clock before it and the first one after it."""
 
     before: int
     behind: int
     at: int
-    """Index of the change from which on rows belong to the changes after the slip."""
+    """Index of the change at which the rows after the slip begin."""
     hides: bool
     """Whether the times of the rows in between are unknown."""
 
 
 def _rows(slip: _Slip, rises: Rows, count: int) -> tuple[int, int]:
-    """Rows [first, stop) of a slip; at an end of the file, where no tick is whole, all rows up to that end."""
+    """Rows [first, stop) of a slip; at an end of the file, which has no whole tick, all rows up to that end."""
     first = 0 if slip.before == 0 else int(rises[slip.before])
     return first, count if slip.behind == len(rises) - 1 else int(rises[slip.behind])
 
 
 def _rows_a_tick(counts: Rows) -> float:
-    """Number of rows in a whole tick: the usual number where other ticks can only lack rows, else the mean."""
+    """Rows in a whole tick: the usual number where other ticks can only lack rows, else the mean."""
     if not len(counts):
         return np.nan
     usual = float(np.median(counts))
     near = counts[np.abs(counts - usual) <= 2.0]
     mean = float(near.mean()) if len(near) else usual
     fewer = float((usual - near).sum())
-    if fewer >= 2.0:  # a rate that is no whole number lacks rows at even intervals
+    if fewer >= 2.0:  # at a fractional rate, ticks lack rows at even intervals
         walk, slopes = np.cumsum(near - mean)[:, None], np.linspace(-1.0, 1.0, 41) / len(near)
         if np.ptp(walk + np.arange(len(near))[:, None] * slopes, axis=0).min() <= WITHIN:
             return mean
@@ -130,20 +130,17 @@ def _rows_a_tick(counts: Rows) -> float:
 
 
 def _slips(passed: Array, counts: Rows) -> tuple[list[_Slip], bool]:
-    """Find where rows are missing or the clock was set, from the ticks at each change and the rows between changes.
-
-    Returns these slips, and whether some rows are stamped too early.
-    """
+    """Find slips from the ticks at each change and the rows between changes; also whether some rows are stamped early."""
     steps = passed[1:]
     usual = _rows_a_tick(counts[steps == 1.0])
     lacking = usual * steps - counts
-    # Ticks with a few rows more than usual tell how early or late rows are stamped.
+    # Ticks with a few rows more than usual show how early or late rows are stamped.
     more = -lacking[(steps == 1.0) & (lacking >= -EARLY * usual)].min(initial=0.0)
     least = 0.5 if usual == round(usual) else 2.0 * WITHIN
     early = bool(more > least)
     least += 2.0 * more if early else 0.0
     odd = np.abs(lacking) > least
-    odd[0] |= passed[0] != 1.0  # at the very first change: there is no whole tick before it
+    odd[0] |= passed[0] != 1.0  # no whole tick comes before the first change
     slips: list[_Slip] = []
     for first, stop in (
         np.flatnonzero(np.diff(np.concatenate([[False], odd, [False]]))).reshape(-1, 2).tolist()

@@ -1,4 +1,4 @@
-"""File formats: which module reads a suffix, what the first bytes of a text say, and errors of damaged files."""
+"""File formats: module by suffix or first bytes, and errors of damaged files."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from pathlib import Path
 from shipfp_rs.errors import InputError, ShipfpError
 
 MOST_PACKED = 10_000
-"""Samples that a byte of a file can stand for, where a channel hardly changes."""
+"""Most samples per byte of a file, reached where a channel hardly changes."""
 MANY_SAMPLES = 1_000_000_000
-"""Samples that are read in seconds, whatever they are packed in."""
+"""Samples that are read within seconds, however compressed."""
 SUFFIXES = {
     "parquet": ".parquet .pq",
     "arrow_ipc": ".feather .arrow .arrows",
@@ -28,7 +28,7 @@ SUFFIXES = {
     "nmea2000": ".jsonl",
 }
 MODULES = {suffix: module for module, suffixes in SUFFIXES.items() for suffix in suffixes.split()}
-"""Modules of `shipfp_rs.logs.readers` that register for a suffix once a file of it is opened."""
+"""Module of `shipfp_rs.logs.readers` for each suffix, imported when such a file is first opened."""
 
 FORMATS: tuple[tuple[re.Pattern[bytes], str], ...] = (
     (re.compile(rb"\s*date [A-Za-z0-9 :.]+\r?\n\s*base (?:hex|dec)", re.IGNORECASE), "can_file"),
@@ -41,7 +41,7 @@ FORMATS: tuple[tuple[re.Pattern[bytes], str], ...] = (
     (re.compile(rb"(?:\xef\xbb\xbf)?\s*[{<].{0,2000}?(?:TimeSeriesData|Package)", re.DOTALL), "iso19848"),
     (re.compile(rb"(?:\xef\xbb\xbf)?\s*\"?ShipID\"?\s*[,;]", re.IGNORECASE), "iso19848"),
 )
-"""What the first bytes of a text format say in files of any suffix, and the module that reads it."""
+"""First bytes of a text format, whatever the suffix, and its module."""
 SIGNATURES = (
     (b"MDF     ", "mdf"),
     (b"UnFinMF ", "mdf"),
@@ -53,7 +53,7 @@ SIGNATURES = (
     (b"MATLAB 7.3", "matlab"),
     (b"LOGG", "can_file"),
 )
-"""First bytes of other formats, and the module that reads them, under a suffix that texts and formats share."""
+"""First bytes of other formats, and their modules, under a suffix shared by several formats."""
 TEXTS = frozenset(f"{SUFFIXES['delimited']} .raw .dat .json .jsonl .xml .trc".split())
 HINTS = {
     **dict.fromkeys(
@@ -65,7 +65,7 @@ HINTS = {
 
 
 def of_text(suffix: str, begin: bytes) -> tuple[str, str]:
-    """Return module and suffix that read a text, whose suffix several formats share, by its first bytes."""
+    """Module and suffix for a text, from its first bytes where formats share a suffix."""
     module = MODULES[suffix]
     signed = next((name for mark, name in SIGNATURES if begin.startswith(mark)), None)
     if signed is not None:
@@ -84,12 +84,12 @@ def _is_text(begin: bytes) -> bool:
 
 @contextlib.contextmanager
 def one_line_errors(path: Path) -> Iterator[None]:
-    """Turn whatever a format's package raises over a file into `InputError`."""
+    """Turn any exception of a format's package into `InputError`."""
     try:
         yield
     except (ShipfpError, Warning):
         raise
-    except Exception as error:  # these packages raise anything from KeyError to MemoryError on damaged files
+    except Exception as error:  # on damaged files these packages raise anything from KeyError to MemoryError
         reason = " ".join(str(error).split())[:500] or type(error).__name__
         raise InputError(
             f"{path}: can't be read as {path.suffix}: {reason}; is the file damaged or cut short?"
@@ -97,7 +97,7 @@ def one_line_errors(path: Path) -> Iterator[None]:
 
 
 def require_file(path: Path) -> None:
-    """Refuse what is no file, and an empty one."""
+    """Raise `InputError` unless the path is a file with content."""
     if not path.is_file():
         kind = "a folder" if path.is_dir() else "a pipe or a device" if path.exists() else "no such file"
         raise InputError(f"{path}: {kind}, expected a log file")
@@ -106,7 +106,7 @@ def require_file(path: Path) -> None:
 
 
 def require_size(path: Path, samples: int) -> None:
-    """Refuse a file that tells of more samples than its bytes can hold, however packed: to read them would not end."""
+    """Raise `InputError` for a file that announces more samples than its bytes can hold; reading it would not end."""
     size = path.stat().st_size
     if samples > max(MOST_PACKED * size, MANY_SAMPLES):
         raise InputError(f"{path}: announces {samples:.3g} samples in {size} bytes; is the file damaged?")

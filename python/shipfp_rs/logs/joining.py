@@ -1,4 +1,4 @@
-"""Several files as one log: pieces that a logger cut one recording into, or loggers that share one clock."""
+"""Several files as one log: successive pieces of a recording, or loggers with a common clock."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ from shipfp_rs.logs.log import Log, register_joiner
 from shipfp_rs.support.sentences import Sentence
 
 RATES_AGREE = 1e-4
-"""Two pieces have the same rate where their rates, each estimated from its own times, differ by less, relative."""
+"""Largest relative difference between the estimated rates of two pieces."""
 LONGEST_GAP = 100.0
-"""Most missing samples for one recorded sample; with more, two pieces count as two recordings."""
+"""Most missing samples per recorded sample; beyond it two pieces are two recordings."""
 OFF_GRID = 0.25
-"""Share of a sample by which the samples of two pieces that overlap may lie beside each other: stamps are rounded."""
+"""Largest offset between the samples of overlapping pieces, in samples, due to rounded times."""
 COMPARED = 1 << 16
-"""Samples of an overlap that are compared at once."""
+"""Samples of an overlap compared at once."""
 
 
 @register_joiner("pattern")
@@ -39,29 +39,28 @@ def open_pattern(path: Path, **options: Any) -> Log:
 
 
 def _natural(path: Path) -> list[tuple[int, str]]:
-    """Order of names in which run_2 comes before run_10."""
+    """Sort key that puts run_2 before run_10."""
     return [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", path.name)]
 
 
 def join(logs: Sequence[Log], name: str = "") -> Log:
-    """Join pieces of one recording, one after the other.
+    """Join pieces of one recording.
 
-    They stand at their own times where every piece tells when it began, or where the time goes on from piece to piece;
-    missing stretches are NaN. What two pieces hold alike, as a logger writes its last seconds again at the beginning of
-    the next file, counts once. Pieces that all begin at the same time count for themselves: they follow one another in
-    the order given, which is told.
+    Pieces are placed by their own times if all have a date, or if time continues from piece to piece; missing stretches
+    are NaN. Samples that two pieces share, such as the last seconds repeated at the start of the next file, count once.
+    Pieces that all start at the same time are joined in the given order, with a note.
 
     Parameters
     ----------
     logs
         Pieces with the same channels.
     name
-        Of the log; the first piece's by default.
+        Name of the log; by default that of the first piece.
 
     Raises
     ------
     InputError
-        Where a piece lacks a channel, has another unit or rate, or differs from the one before it where they overlap.
+        If a piece lacks a channel, has another unit or rate, or differs from the previous one where they overlap.
     """
     if len(logs) == 1:
         return logs[0]
@@ -103,7 +102,7 @@ def join(logs: Sequence[Log], name: str = "") -> Log:
 
 @dataclass
 class _Placed:
-    """One channel of the pieces placed so far: each piece's first sample, where the last one ends, and what lies between."""
+    """One channel of the pieces placed so far: first sample of each piece, end of the last one, and gaps between them."""
 
     rate_hz: float
     start_s: float
@@ -114,11 +113,11 @@ class _Placed:
 
     @classmethod
     def first(cls, own: Channel, logs: Sequence[Log], offset: float) -> _Placed:
-        """Return a channel that begins with the first piece."""
+        """Start a channel with the first piece."""
         return cls(float(np.median([log.channels[own.name].rate_hz for log in logs])), own.start_s + offset)
 
     def add(self, log: Log, at: int, samples: int) -> None:
-        """Take a piece whose first sample is this one; what the pieces before it hold already counts once."""
+        """Add a piece at a sample; samples shared with earlier pieces count once."""
         if at - self.end > LONGEST_GAP * max(samples, self.end):
             late = (at - self.end) / self.rate_hz
             raise InputError(f"{log.name}: begins {late:.4g} s after the piece before it; open it alone")
@@ -131,7 +130,7 @@ class _Placed:
 
 
 def _faults_of_pieces(placed: dict[str, _Placed]) -> list[Fault]:
-    """Faults that the pieces' logs tell, at their places in the whole; those of a column of times at its channels' place."""
+    """Faults recorded in the pieces' logs, by their index in the joined log; clock faults apply to the clock's channels."""
     anywhere = next(iter(placed.values()))
     found: list[Fault] = []
     for number, (_, log) in enumerate(anywhere.pieces):
@@ -142,7 +141,7 @@ def _faults_of_pieces(placed: dict[str, _Placed]) -> list[Fault]:
 
 
 def _place(placed: dict[str, _Placed], log: Log, offset: float) -> None:
-    """Place a piece by its times; where it begins before the last one has ended, both must hold the same there."""
+    """Place a piece by its times; where it overlaps the previous one, both must have the same samples."""
     at: dict[str, int] = {}
     odd = ""
     for label, own in placed.items():
@@ -163,7 +162,7 @@ def _place(placed: dict[str, _Placed], log: Log, offset: float) -> None:
 
 
 def _difference(placed: dict[str, _Placed], log: Log, label: str, place: float) -> str:
-    """Say what differs in a channel between a piece and those before it, where they overlap; nothing where nothing does."""
+    """Describe the difference of a channel between overlapping pieces; empty if there is none."""
     own, at = placed[label], round(place)
     last = Path(max(own.pieces, key=lambda each: each[0] + each[1].channels[label].samples)[1].name).name
     if at < 0 or abs(place - at) > OFF_GRID:
@@ -188,7 +187,7 @@ def _difference(placed: dict[str, _Placed], log: Log, label: str, place: float) 
 
 
 def _even_blocks(blocks: Iterable[Samples], stop: int) -> Iterator[Samples]:
-    """Yield the first samples in blocks of `COMPARED`, the last one shorter, whatever the blocks they come in."""
+    """Yield the first `stop` samples in blocks of `COMPARED`, the last one shorter."""
     held: list[Samples] = []
     for block in blocks:
         held.append(with_nan(block[:stop]))
@@ -218,7 +217,7 @@ def _require_same(first: Log, other: Log) -> None:
 
 
 def _offsets(logs: Sequence[Log]) -> tuple[list[float], str]:
-    """Seconds to add to the times of each piece, and a note on what was assumed."""
+    """Offset of each piece's times [s], and a note on the assumption made."""
     stamps = [log.start_utc for log in logs if log.start_utc is not None]
     if len(stamps) == len(logs):
         zero = min(stamps)
@@ -232,7 +231,7 @@ def _offsets(logs: Sequence[Log]) -> tuple[list[float], str]:
     if all(after[0] >= before[1] - 1.5 * step for before, after in pairwise(ordered)):
         return [0.0] * len(logs), ""
     if max(begin for begin, _ in spans) - min(begin for begin, _ in spans) > step:
-        return [0.0] * len(logs), ""  # they overlap: whether alike is seen where they are placed
+        return [0.0] * len(logs), ""  # overlapping; compared when placed
     offsets, end = [], spans[0][0]
     for begin, stop in spans:
         offsets.append(end - begin)
@@ -257,20 +256,20 @@ def _blocks_of(placed: dict[str, _Placed]) -> Blocks:
 
 @register_joiner("merge")
 def merge(logs: Sequence[Log], name: str = "") -> Log:
-    """Merge logs of loggers that share one clock: their channels side by side, by the time stamps of the files.
+    """Merge the channels of loggers with a common clock, by the time stamps of the files.
 
     Parameters
     ----------
     logs
-        Either all logs have a date, or none has; without dates their times are taken for those of one clock.
-        A channel name that several logs have gets the file's name in front.
+        Either all logs have a date, or none; without dates their times are assumed to be of one clock. A channel name
+        that occurs in several logs gets the file's name as a prefix.
     name
-        Of the log; the first one's by default.
+        Name of the log; by default that of the first one.
 
     Raises
     ------
     InputError
-        Where some logs have a date and others do not, or the recordings do not overlap in time.
+        If only some logs have a date, or the recordings do not overlap in time.
     """
     if len(logs) == 0:
         raise InputError("merge: no log, expected two or more")

@@ -1,4 +1,4 @@
-"""Raw trial logs: channels as recorded, each with its own unit, rate and start, read piece by piece."""
+"""Raw trial logs: channels as recorded, each with its own unit, rate and start, read in blocks."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ LOGGER = logging.getLogger("shipfp_rs")
 
 
 class Log:
-    """The channels of one recording; samples stay on disk until asked for.
+    """Channels of one recording, whose samples are read from disk on demand.
 
-    Readers of logger formats build one from a list of channels and a function that yields blocks of samples;
+    Readers of logger formats build a log from a list of channels and a function that yields blocks of samples;
     see `register_reader`.
 
     Examples
@@ -63,7 +63,7 @@ class Log:
             twice = next(channel for channel in names if names.count(channel) > 1)
             raise InputError(f"{name}: channel {twice!r} appears twice; give each channel its own name")
         for channel in channels:
-            # Rows are found by their times, so the times of two samples must differ.
+            # Rows are found by time, so two samples must differ in time.
             last_s = max(abs(channel.start_s), abs(channel.stop_s)) if channel.rate_hz > 0.0 else np.inf
             if channel.samples < 0 or not last_s * channel.rate_hz < 2.0**50:
                 raise InputError(
@@ -71,9 +71,9 @@ class Log:
                     "is the file damaged?"
                 )
         self.name = name
-        self.start_utc = start_utc  # when the log's clock stood at zero, where the file tells
-        self.faults = faults  # of the file as a whole: its clock, its end
-        self.notes = notes  # what was guessed about the file, one line each
+        self.start_utc = start_utc  # date of the log's time zero, if the file has one
+        self.faults = faults  # of the file as a whole: clock, end
+        self.notes = notes  # assumptions about the file, one line each
         self.channels: Mapping[str, Channel] = MappingProxyType(
             {channel.name: replace(channel, unit=units.told(channel.unit)) for channel in channels}
         )
@@ -93,27 +93,26 @@ class Log:
         time: str | None = None,
         names: str | Path | None = None,
     ) -> Log:
-        """Open a log; suffix and first bytes name the format.
+        """Open a log; its format follows from the suffix and the first bytes.
 
         Parameters
         ----------
         path
             Text, Parquet, Arrow, imc FAMOS, DEWESoft, TDMS, MDF, HDF5, MATLAB, CAN, NMEA 2000 or ISO 19848 file, or any
-            format that a reader was registered for. With a star or a question mark in its name: all files of that
-            pattern, which a logger cut one recording into, as one log (`shipfp_rs.logs.joining.join`).
+            format with a registered reader. A pattern with a star or a question mark joins the matching files, the
+            pieces of one recording, into one log (`shipfp_rs.logs.joining.join`).
         rate_hz
-            Sample rate of every column [Hz]; needed where the file tells neither rate nor time, and trusted
-            above a time column.
+            Sample rate of every column [Hz]; needed if the file has neither a rate nor times. It takes precedence over a
+            time column.
         time
-            Column of time where it is not found by itself or not the right one: "COLUMN", "COLUMN [ms]",
-            "DATE [d.m.y] + CLOCK".
+            Time column, if it is not detected or the wrong one is: "COLUMN", "COLUMN [ms]", "DATE [d.m.y] + CLOCK".
         names
-            File that names the channels: a DBC for a CAN log, a channel list for ISO 19848.
+            File with the names of the channels: a DBC for a CAN log, a channel list for ISO 19848.
 
         Raises
         ------
         InputError
-            Where the file is missing, empty, unreadable, of unknown format, or without a time base.
+            If the file is missing, empty, unreadable, of unknown format, or without a time base.
         """
         path = Path(path)
         if any(mark in path.name for mark in "*?") and not path.exists():
@@ -160,11 +159,11 @@ class Log:
         Parameters
         ----------
         arrays
-            Name of each channel to its samples, shape (N,).
+            Samples of each channel by name, shape (N,).
         rate_hz
             Sample rate [Hz].
         units
-            Name to unit, as the logger would write it; a channel without one has none.
+            Units of channels by name.
         start_s
             Time of the first samples on the log's clock [s].
         name
@@ -173,7 +172,7 @@ class Log:
         Raises
         ------
         InputError
-            Where samples are no numbers in one dimension.
+            If samples are not one-dimensional numbers.
         """
         held = {key: np.asanyarray(values) for key, values in arrays.items()}
         for key, values in held.items():
@@ -189,7 +188,7 @@ class Log:
     @staticmethod
     @checked
     def merge(*logs: Log, name: str = "") -> Log:
-        """Merge logs that share one clock, by their time stamps; see `shipfp_rs.logs.joining.merge`.
+        """Merge logs with a common clock by their time stamps; see `shipfp_rs.logs.joining.merge`.
 
         Examples
         --------
@@ -202,12 +201,12 @@ class Log:
 
     @checked
     def channel(self, name: str) -> Channel:
-        """Return what is known of a channel.
+        """Return the metadata of a channel.
 
         Raises
         ------
         InputError
-            Where there is no such channel; it suggests the nearest name.
+            If there is no such channel; the message suggests the most similar name.
         """
         if name not in self.channels:
             known = list(self.channels)
@@ -217,19 +216,19 @@ class Log:
 
     @checked
     def rows(self, name: str, start_s: float | None = None, stop_s: float | None = None) -> tuple[int, int]:
-        """Return the indices of the first sample of a stretch and of the first one after it.
+        """Return the index of the first sample of a stretch and of one past its last.
 
         Parameters
         ----------
         name
-            Of the channel.
+            Name of the channel.
         start_s, stop_s
             Stretch on the log's clock [s]; None: from the channel's start, to its end.
 
         Raises
         ------
         InputError
-            Where there is no such channel, or the stretch is empty or outside it.
+            If there is no such channel, or the stretch is empty or outside it.
         """
         channel = self.channel(name)
         tolerance = 0.5 / channel.rate_hz
@@ -247,14 +246,14 @@ class Log:
     def chunks(
         self, name: str, size: int = BLOCK, *, start_s: float | None = None, stop_s: float | None = None
     ) -> Iterator[Samples]:
-        """Yield a channel in arrays of at most `size` samples, dtype as recorded, gaps as NaN.
+        """Yield a channel in arrays of at most `size` samples, with the recorded dtype and gaps as NaN.
 
         Parameters
         ----------
         size
             Longest array, in samples.
         name, start_s, stop_s
-            Channel and stretch, as `rows` takes them and raises errors on them.
+            Channel and stretch; see `rows` for these and for errors.
         """
         first, last = self.rows(name, start_s, stop_s)
         left = last - first
@@ -267,14 +266,14 @@ class Log:
                 return
 
     def raw_blocks(self, name: str, first: int = 0, size: int | None = None) -> Iterator[Samples]:
-        """Yield a channel as `write` stores it: gaps masked, all arrays of one dtype.
+        """Yield a channel as stored by `write`: gaps masked, all arrays of one dtype.
 
         Parameters
         ----------
         name
-            Of the channel.
+            Name of the channel.
         first
-            Index of the first sample wanted.
+            Index of the first sample.
         size
             Longest array, in samples.
         """
@@ -287,14 +286,14 @@ class Log:
         Parameters
         ----------
         name
-            Of the channel.
+            Name of the channel.
         start_s, stop_s
-            From when up to, not including, when on the log's clock [s]; None: from the channel's start, to its end.
+            Half-open stretch on the log's clock [s]; None: from the channel's start, to its end.
 
         Raises
         ------
         InputError
-            Where the channel is missing, holds text, or the stretch is empty or outside it.
+            If the channel is missing or holds text, or the stretch is empty or outside it.
         """
         first, last = self.rows(name, start_s, stop_s)
         parts = list(self.chunks(name, min(max(last - first, 1), BLOCK), start_s=start_s, stop_s=stop_s))
@@ -313,20 +312,20 @@ class Log:
         return list(self.channels)
 
     def to_pandas(self, names: Sequence[str] | None = None) -> pd.DataFrame:
-        """Return channels as a `pandas.DataFrame`, a column each, its index `time_s` the log's clock [s].
+        """Return channels as columns of a `pandas.DataFrame` with the log's clock [s] as index `time_s`.
 
-        Units are in `attrs["units"]`. Channels of different rates or starts have rows at the times of each of them, NaN
-        where one has no sample.
+        Units are in `attrs["units"]`. With channels of different rates or starts there is a row for each of their times,
+        NaN where a channel has no sample.
 
         Parameters
         ----------
         names
-            Of the channels; None: all that hold samples.
+            Names of the channels; None: all that have samples.
 
         Raises
         ------
         InputError
-            Where there is no such channel, or pandas is not installed.
+            If there is no such channel, or pandas is not installed.
 
         Examples
         --------
@@ -355,15 +354,15 @@ class Log:
 
     @checked
     def write(self, path: str | Path) -> Path:
-        """Write all channels to Parquet, block by block; the file appears whole or not at all.
+        """Write all channels to Parquet, block by block; the file is written atomically.
 
-        Each field carries unit, rate, start and length as JSON in its metadata under "shipfp". Channels
-        shorter than the longest end in nulls, which cost next to nothing.
+        Unit, rate, start and length are in each field's metadata, as JSON under "shipfp". Channels shorter than the
+        longest are padded with nulls, which take almost no space.
 
         Raises
         ------
         InputError
-            Where the name does not end in .parquet, or is that of the log's own file.
+            If the name does not end in .parquet, or is that of the log's own file.
         """
         path = Path(path)
         suffix = path.suffix.lower()
@@ -374,7 +373,7 @@ class Log:
 
 
 Reader = Callable[..., Log]
-"""Function of (path, rate_hz) that returns a log; further options that it is registered for come by keyword."""
+"""Function (path, rate_hz) that returns a log; the options it was registered for are passed by keyword."""
 Writer = Callable[[Log, Path], Path]
 _READERS: dict[str, Reader] = {}
 _WRITERS: dict[str, Writer] = {}
@@ -384,12 +383,12 @@ _TAKES: dict[Reader, tuple[str, ...]] = {}
 
 
 def suffixes() -> tuple[str, ...]:
-    """Return the suffixes of all formats that `Log.open` reads."""
+    """Suffixes of all formats that `Log.open` reads."""
     return tuple(dict.fromkeys([*MODULES, *_READERS]))
 
 
 def _require_known(path: Path) -> None:
-    """Refuse a suffix that no reader has."""
+    """Raise `InputError` for a suffix without a reader."""
     suffix = path.suffix.lower()
     if suffix not in MODULES and suffix not in _READERS:
         if suffix in HINTS:
@@ -401,7 +400,7 @@ def _require_known(path: Path) -> None:
 
 
 def _reader_of(path: Path) -> Reader:
-    """Return the reader of a file, by its first bytes where several formats share a suffix."""
+    """Reader of a file, by its first bytes where several formats share a suffix."""
     suffix = path.suffix.lower()
     if suffix not in MODULES:
         return _READERS[suffix]
@@ -415,9 +414,9 @@ def _reader_of(path: Path) -> Reader:
 
 @checked
 def register_reader(*suffixes: str, takes: Sequence[str] = ()) -> Callable[[Reader], Reader]:
-    """Make `Log.open` use the decorated function (path, rate_hz) for files of these suffixes.
+    """Register the decorated function (path, rate_hz) as the reader of files with these suffixes.
 
-    With `takes` naming "time" or "names" it gets these options of `Log.open` by keyword where they are given.
+    `takes` lists the options of `Log.open`, "time" or "names", that are passed to it by keyword when given.
     """
 
     def register(reader: Reader) -> Reader:
@@ -434,7 +433,7 @@ def _joiner(way: str) -> Callable[..., Log]:
 
 
 def register_joiner(way: str) -> Callable[[Callable[..., Log]], Callable[..., Log]]:
-    """Make `Log` use the decorated function to build one log of several: "pattern" of files, or "merge"."""
+    """Register the decorated function that builds one log from several: "pattern" of files, or "merge"."""
 
     def register(joiner: Callable[..., Log]) -> Callable[..., Log]:
         _JOINERS[way] = joiner
@@ -444,7 +443,7 @@ def register_joiner(way: str) -> Callable[[Callable[..., Log]], Callable[..., Lo
 
 
 def register_writer(*suffixes: str) -> Callable[[Writer], Writer]:
-    """Make `Log.write` use the decorated function (log, path) for files of these suffixes."""
+    """Register the decorated function (log, path) as the writer of files with these suffixes."""
 
     def register(writer: Writer) -> Writer:
         _WRITERS.update(dict.fromkeys(suffixes, writer))

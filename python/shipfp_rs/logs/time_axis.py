@@ -1,4 +1,4 @@
-"""Times of recorded rows to an even grid: as they are where they are even, resampled where they are not."""
+"""Even grid for the times of recorded rows; rows at uneven times are resampled."""
 
 from __future__ import annotations
 
@@ -29,38 +29,38 @@ from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.sentences import Sentence
 
 Times = Callable[[], Iterable[Array]]
-"""A function that goes through the times of all rows [s], anew at every call."""
+"""Function that iterates over the times of all rows [s], from the start at each call."""
 
 Same = Callable[[int, int, int], bool]
-"""(row, earlier row, count) to whether the rows hold the same samples in every channel."""
+"""Function (row, earlier row, count): whether the rows have equal samples in every channel."""
 GAP = 3.0
-"""Times the step that nine in ten keep to, from which on a step is a gap, kept as such, rather than a straight line."""
+"""Steps longer than this multiple of the step that 90 % do not exceed are kept as gaps."""
 MOST_GROWTH = 8.0
-"""Samples of the even grid to recorded ones, at most; what is recorded denser than the grid is averaged over its cells."""
+"""Most samples of the even grid per recorded one; samples denser than the grid are averaged over its cells."""
 CHANGES_GROWTH = 32.0
-"""The same, of rows where a state changed."""
+"""The same for rows of state changes."""
 CHANGE_STEPS = 4.0
-"""Steps of the grid between two changes of a state, but for one in twenty."""
+"""Steps of the grid between two changes of a state, except for one in twenty."""
 FAR_OFF = 1.5
-"""Ratio of a given rate and that of a column of time, or its inverse, from which on the difference is told."""
+"""Ratio between a given rate and that of a time column, or its inverse, above which a warning is given."""
 MOST_EQUAL = 0.1
-"""Share of rows that may have the time of the row before, where they are not those of a coarse clock."""
+"""Largest fraction of rows with the time of the previous row, except under a coarse clock."""
 
 
 @dataclass(frozen=True)
 class TimeAxis:
-    """An even grid, and how the rows of a file come to stand on it.
+    """Even grid, and the mapping of a file's rows to it.
 
     Parameters
     ----------
     start_s, rate_hz, samples
-        Of the grid.
+        Grid.
     faults
         Jumps and gaps of the clock.
     note
-        One line about what was done to the times; empty where they were even.
+        Treatment of the times, in one line; empty if they were even.
     on_grid
-        Turns blocks of rows, as the file has them, into blocks of samples on the grid.
+        Converts blocks of rows to blocks of samples on the grid.
     """
 
     start_s: float
@@ -71,7 +71,7 @@ class TimeAxis:
     on_grid: Callable[[Blocks], Blocks]
 
     def tell(self, path: Path | str) -> None:
-        """Warn of jumps and of times that were not even."""
+        """Warn of jumps and uneven times."""
         for text in (*map(str, self.faults), self.note):
             if text:
                 warnings.warn(f"{path}: {text}", LogWarning, stacklevel=3)
@@ -86,35 +86,35 @@ def time_axis(
     same: Same = lambda row, earlier, count: False,
     changes: bool = False,
 ) -> TimeAxis:
-    """Find the grid of a column of times.
+    """Find the grid of a time column.
 
-    Times are even where they keep within half a step of a straight line; single jumps are gaps, rows written twice or a
-    clock that is off for a while. One that jumps back, or further than the file is long, parts it into stretches that
-    stand two seconds apart. A clock coarser than the rows, seconds for instance, tells an even rate by its changes: where
-    it jumps, or one of its ticks lacks rows in the middle of the file, rows are missing.
-    Anything else is resampled at the rate of its shortest steps (one in twenty is shorter) by straight lines between
-    samples, so that nothing is aliased; a channel of two states is held from row to row. Where the grid would hold
-    more than eight samples for each recorded one it is coarser, and what is denser than the grid is averaged over its
-    cells. Steps of more than three times what nine in ten keep to stay gaps.
+    Times are even if they deviate from a straight line by less than half a step; single jumps are gaps, rows written twice
+    or a temporary error of the clock. A jump backwards, or by more than the file's length, divides the file into stretches
+    placed two seconds apart. Under a clock coarser than the rows, such as whole seconds, the rate follows from its
+    changes: rows are missing where it jumps, or where a tick in the middle of the file lacks rows.
+    Other times are resampled at the rate of their shortest steps (one in twenty is shorter), by straight lines between
+    samples, so that nothing is aliased; a channel of two states is held. Where the grid would have more than eight samples
+    per recorded one, it is coarser, and denser samples are averaged over its cells. Steps of more than three times the step
+    that 90 % do not exceed remain gaps.
 
     Parameters
     ----------
     path, column
         File and column, for messages.
     times
-        Of all rows [s].
+        Times of all rows [s].
     rate_hz
-        A rate that is trusted above the times; only their start counts then.
+        Rate that takes precedence over the times, of which only the start counts then.
     same
-        (row, earlier row, count) to whether the rows hold the same samples in every channel.
+        Function (row, earlier row, count): whether the rows have equal samples in every channel.
     changes
-        Whether there is a row where a channel of two states changed, and none between: the grid is finer then, and a
-        long step no gap.
+        Whether rows record only the state changes of two-state channels: then the grid is finer, and a long step is not a
+        gap.
 
     Raises
     ------
     InputError
-        Where the times do not increase, but for single jumps.
+        If the times do not increase, apart from single jumps.
     """
     scan = ClockScan()
     for part in times():
@@ -144,7 +144,7 @@ def _even(clock: Clock, rate_hz: float | None) -> TimeAxis:
 def _uneven(
     path: Path | str, column: str, times: Array, told: InputError, same: Same, changes: bool
 ) -> TimeAxis:
-    """Return the grid of times that are not even; `told` where they are no times at all."""
+    """Grid of uneven times; raises `told` if they are not times."""
     known = np.isfinite(times)
     count = len(times) if not known.any() else int(np.flatnonzero(known)[-1]) + 1
     times = times[:count]  # a shorter column of a table ends in empty cells
@@ -176,7 +176,7 @@ def _plain(start_s: float, rate_hz: float, count: int) -> TimeAxis:
 
 
 def _seen_through(path: Path | str, column: str, coarse: CoarseClock, same: Same) -> TimeAxis:
-    """Return the grid of even rows behind a coarse clock; where it jumps, as a fine one's."""
+    """Grid of even rows under a coarse clock; jumps are treated as those of a fine one."""
     rate, resolution = coarse.rate_hz, coarse.resolution_s
     note = (
         f"time column {column!r} has one time for several rows: taken as even at {rate:.6g} Hz, start known to "
@@ -240,7 +240,7 @@ def _resampled(path: Path | str, column: str, times: Array, steps: Array, *, cha
 
 @dataclass(frozen=True)
 class _Grid:
-    """Rows at uneven times and the grid that they are resampled to."""
+    """Rows at uneven times and the grid they are resampled to."""
 
     times: Array
     start_s: float
@@ -293,10 +293,10 @@ def _rows(blocks: Blocks, channel: str, first: int, stop: int) -> Array:
 
 
 def _has_two_states(blocks: Blocks, channel: str) -> bool:
-    """Whether a channel holds no more than two different numbers."""
+    """Whether a channel has at most two different values."""
     seen: set[float] = set()
     for block in blocks(channel, 0, BLOCK):
-        for part in (block[:1000], block[1000:]):  # most channels are told by their first rows
+        for part in (block[:1000], block[1000:]):  # the first rows suffice for most channels
             seen.update(np.unique(np.ma.compressed(np.ma.masked_invalid(part)).astype(np.float64)).tolist())
             if len(seen) > 2:
                 return False
@@ -304,9 +304,9 @@ def _has_two_states(blocks: Blocks, channel: str) -> bool:
 
 
 def _on_lines(times: Array, values: Array, at: Array, half: float) -> Array:
-    """Samples on the straight lines between rows, and means where a cell of the grid holds several."""
+    """Interpolate between rows, and average where a grid cell has several."""
     time, index = np.unique(times, return_inverse=True)
-    if len(time) < len(values):  # rows of one time: their mean
+    if len(time) < len(values):  # mean over rows of the same time
         values = np.bincount(index, values) / np.bincount(index)
     sampled = np.interp(at, time, values)
     dense = np.flatnonzero(np.searchsorted(time, at + half) - np.searchsorted(time, at - half) > 1)
@@ -316,7 +316,7 @@ def _on_lines(times: Array, values: Array, at: Array, half: float) -> Array:
 
 
 def _on_ramps(times: Array, values: Array, at: Array, step: float) -> Array:
-    """Samples of a state that goes over two steps of the grid from one to the next: a line between two tells its time.
+    """Samples of a two-state channel with ramps over two grid steps, which preserve the times of its changes.
 
     Examples
     --------
@@ -333,7 +333,7 @@ def _on_ramps(times: Array, values: Array, at: Array, step: float) -> Array:
 
 
 def _means(time: Array, values: Array, begins: Array, ends: Array) -> Array:
-    """Means of the straight lines through the samples over some cells, cut at the first and last sample."""
+    """Means over grid cells of the straight lines through the samples, cut at the first and last sample."""
     begins, ends = np.maximum(begins, time[0]), np.minimum(ends, time[-1])
     lost = ~np.isfinite(values)
     if lost.any():

@@ -1,6 +1,6 @@
-"""Faults of raw logs: what each looks like, where it is, what was done about it (thesis, section 6.3)."""
+"""Faults of raw logs: kinds, detection, and the record of their treatment (thesis, section 6.3)."""
 
-# `scan` needs SciPy: readers, whose processes start with every log, load the record only.
+# `scan` needs SciPy; readers, whose processes start with every log, import only the record.
 from shipfp_rs.logs.faults.record import KINDS, Fault
 
 __all__ = ["KINDS", "Fault"]

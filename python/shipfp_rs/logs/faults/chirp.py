@@ -1,4 +1,4 @@
-"""A chirp whose frequency never changes (fault D3)."""
+"""Detection of a chirp with constant frequency (fault D3)."""
 
 from __future__ import annotations
 
@@ -7,25 +7,18 @@ import numpy as np
 from shipfp_rs.support.arrays import Array
 
 LEAST_HALVES = 3
-"""Fewest half periods that can show a change of frequency."""
+"""Least number of half periods that can show a change of frequency."""
 CHANGES = 1.3
-"""Least ratio of a chirp's frequencies in the first and the last third of a record."""
+"""Least ratio between a chirp's frequencies in the first and the last third of a record."""
 HYSTERESIS = 0.2
-"""Share of the swing that the signal must pass on either side of its middle to count as a half period."""
+"""Fraction of half the swing by which the signal must pass its middle to complete a half period."""
 
 
 def constant_frequency(samples: Array, rate_hz: float) -> float | None:
-    """Return the frequency of what should be a chirp but stays at one [Hz], or None where the frequency changes.
+    """Frequency of a supposed chirp whose frequency is constant [Hz]; None where it changes.
 
-    Half periods are timed between crossings of the middle, with hysteresis against noise. A record with fewer than
-    three of them is no chirp either: the frequency returned is what the crossings tell, 0 without any.
-
-    Parameters
-    ----------
-    samples
-        The set point, shape (N,), finite, any unit.
-    rate_hz
-        Sample rate [Hz].
+    Half periods are timed between crossings of the middle, with hysteresis against noise. With fewer than three of them the
+    frequency from the crossings is returned, too (0 without any).
     """
     low, high = np.percentile(samples, [2.0, 98.0])
     middle, swing = 0.5 * (low + high), HYSTERESIS * 0.5 * (high - low)
@@ -34,7 +27,7 @@ def constant_frequency(samples: Array, rate_hz: float) -> float | None:
     side = np.where(samples > middle + swing, 1, np.where(samples < middle - swing, -1, 0))
     clear = np.flatnonzero(side)
     turns = np.flatnonzero(np.diff(side[clear]))
-    # The crossing is taken halfway from the last sample clearly on one side to the first on the other.
+    # The crossing lies halfway between the last sample clearly on one side and the first on the other.
     crossings = 0.5 * (clear[turns] + clear[turns + 1]) / rate_hz
     halves = np.diff(crossings)
     if len(halves) < LEAST_HALVES:

@@ -1,4 +1,4 @@
-"""A recorded time column: its start and rate, and where the clock jumped, repeated a time, or was set back."""
+"""Scan of a time column: start, rate, and jumps, repeated times and resets of the clock."""
 
 from __future__ import annotations
 
@@ -18,21 +18,21 @@ from shipfp_rs.support.spans import Spans
 Samples = npt.NDArray[Any]
 
 FIRST = 1024
-"""Rows whose median step gives the sample interval well enough to see jumps."""
+"""Rows whose median step is accurate enough to detect jumps."""
 MOST_JUMPS = 0.01
-"""Share of rows at which a clock may jump; one that jumps more often is no clock."""
+"""Largest fraction of rows at which a clock may jump."""
 MARKED = 64
-"""Every so many rows the times are compared with a straight line."""
+"""Interval, in rows, at which times are compared with a straight line."""
 BENT = 2e-5
-"""Share of a record's length by which times may differ from a straight line; no clock is better over hours."""
+"""Largest deviation of times from a straight line, relative to the record's length; no clock is better over hours."""
 COMPARED = 4096
-"""Most rows that are compared to find out whether rows were written twice or the clock was set back."""
+"""Most rows compared to distinguish rows written twice from a clock that was set back."""
 FILL = 1 << 16
-"""Missing samples handed out at once."""
+"""Missing samples yielded at once."""
 LONGEST_GAP = 100.0
-"""With more missing samples per recorded one the clock was set, and tells nothing of a gap."""
+"""Most missing samples per recorded one in a gap; beyond it the clock was set."""
 UNKNOWN_S = 2.0
-"""Distance at which two stretches stand that a clock's jump parts [s]: no filter reaches from one to the other."""
+"""Distance between two stretches separated by a jump of unknown length [s]; no filter reaches across."""
 
 
 @dataclass(frozen=True)
@@ -46,14 +46,14 @@ class Segment:
 
 @dataclass(frozen=True)
 class Clock:
-    """What a time column says.
+    """Result of scanning a time column.
 
     Parameters
     ----------
     start_s, rate_hz
-        Time of the first sample [s], and sample rate [Hz] over the stretches without jumps.
+        Time of the first sample [s], and sample rate [Hz] outside jumps.
     segments
-        Which rows are which samples; one where the clock never jumped.
+        Mapping from rows to samples; one segment without jumps.
     faults
         The jumps.
     """
@@ -65,12 +65,12 @@ class Clock:
 
     @property
     def samples(self) -> int:
-        """Samples with the missing ones."""
+        """Number of samples, missing ones included."""
         return self.segments[-1].sample + self.segments[-1].count
 
 
 class ClockScan:
-    """Steps of a time column, fed in chunks of any length."""
+    """Scan of a time column in chunks of any length."""
 
     def __init__(self) -> None:
         self._held: list[Array] = []
@@ -81,7 +81,7 @@ class ClockScan:
         self._marks: list[tuple[npt.NDArray[np.int64], Array]] = []
 
     def feed(self, times: Array) -> None:
-        """Take the next times [s]."""
+        """Add the next times [s]."""
         if np.isnan(self._interval):
             self._held.append(times)
             if sum(map(len, self._held)) < FIRST:
@@ -113,7 +113,7 @@ class ClockScan:
         self._count += len(times)
 
     def bends(self) -> bool:
-        """Whether the times, apart from their jumps, leave a straight line by more than a step and `BENT` of the record."""
+        """Whether the times, jumps excluded, deviate from a straight line by more than a step and `BENT` of the record."""
         if not self._marks:
             return False
         rows, times = (np.concatenate(part) for part in zip(*self._marks, strict=True))
@@ -127,21 +127,21 @@ class ClockScan:
     def finish(
         self, name: str, column: str, same: Callable[[int, int, int], bool], *, trusted: bool
     ) -> Clock:
-        """Return the clock.
+        """Finish the scan.
 
         Parameters
         ----------
         name, column
             File and time column, for messages.
         same
-            (row, earlier row, count) to whether the rows hold the same samples in every channel.
+            Function (row, earlier row, count): whether the rows have equal samples in every channel.
         trusted
-            False where the user gave a rate: only the start is needed, and the mean rate, to check the given one.
+            False if the user gave a rate: then only the start and the mean rate, as a check, are needed.
 
         Raises
         ------
         InputError
-            Where the times do not increase, or jump too often to be a clock.
+            If the times do not increase or jump too often.
         """
         if self._held:
             self._take(self._begin())
@@ -170,7 +170,7 @@ class ClockScan:
         rate_hz = even / float(self._last - self._start - jumps.sum())
         rate_hz = float(
             f"{rate_hz:.12g}"
-        )  # 20, not 19.999999999999996: times are not known to their last bit
+        )  # 20, not 19.999999999999996: the last bits of times are inaccurate
         if not len(rows):
             return Clock(self._start, rate_hz, whole, ())
         return self._spliced(name, column, rate_hz, rows, jumps, same)
@@ -184,14 +184,14 @@ class ClockScan:
         jumps: Array,
         same: Callable[[int, int, int], bool],
     ) -> Clock:
-        """Place the rows between jumps by their times."""
+        """Map the rows between jumps to samples by their times."""
         ends = np.append(rows[1:], self._count).tolist()
         segments = [Segment(0, int(rows[0]), 0)]
         gaps: list[tuple[int, int]] = []
         twice: list[tuple[int, int]] = []
         back: list[list[int]] = []
         parted: list[Jump] = []
-        behind = 0  # samples by which the clock is behind at this row
+        behind = 0  # delay of the clock at this row, in samples
         skipped_to = 0
         missing = [round(jump * rate_hz) - 1 for jump in jumps.tolist()]
         for row, stop, jump, moved, after in zip(
@@ -241,19 +241,19 @@ class ClockScan:
 
 
 class Jump(NamedTuple):
-    """A jump of a clock that tells no length of a gap: back, or further than a recording goes."""
+    """Jump of a clock by an unknown amount: backwards, or longer than the recording."""
 
     own_s: float
-    """Time in the file of the row before the jump [s]."""
+    """Time of the row before the jump, as recorded [s]."""
     by_s: float
     later_s: float
-    """What is to be added to the file's times behind it [s]."""
+    """Correction of all later times [s]."""
     span: tuple[int, int]
     """Samples between the two stretches."""
 
 
 def parted_at(column: str, jumps: Sequence[Jump]) -> Fault:
-    """Return the fault of a log that jumps of its clock part into stretches."""
+    """Fault of a log that jumps of its clock divide into stretches."""
 
     def told(values: Sequence[float]) -> str:
         return ", ".join(f"{round(value, 3):.13g}" for value in values[:SHOWN]) + (
@@ -274,7 +274,7 @@ def parted_at(column: str, jumps: Sequence[Jump]) -> Fault:
 def spliced(
     blocks: Callable[[str, int, int], Iterator[Samples]], segments: tuple[Segment, ...]
 ) -> Callable[[str, int, int], Iterator[Samples]]:
-    """Return a reader of samples made from one of rows: missing samples are NaN, rows that are no samples are skipped."""
+    """Reader of samples from a reader of rows: missing samples are NaN, rows outside all segments are skipped."""
 
     def read(channel: str, first: int, size: int) -> Iterator[Samples]:
         at = first
@@ -296,7 +296,7 @@ def spliced(
 
 
 def without(segments: Sequence[Segment], rows: Spans) -> tuple[tuple[Segment, ...], Spans]:
-    """Return segments without some stretches of rows, whose samples are NaN then, and the spans of these samples."""
+    """Segments without some rows, and the spans of their samples, which are NaN."""
     kept: list[Segment] = []
     hidden: list[tuple[int, int]] = []
     for segment in segments:
@@ -309,5 +309,5 @@ def without(segments: Sequence[Segment], rows: Spans) -> tuple[tuple[Segment, ..
                 row = stop
         kept.append(
             Segment(row, end - row, row + later)
-        )  # without rows at the end: the samples end there all the same
+        )  # empty if the last rows are removed; keeps the length
     return tuple(kept), np.array(hidden, dtype=np.int64).reshape(-1, 2)

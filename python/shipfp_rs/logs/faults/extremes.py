@@ -1,4 +1,4 @@
-"""Least and greatest sample of every short block of a channel: one cheap pass, then only odd blocks are read again."""
+"""Minimum and maximum of each short block of a channel, so that only suspicious blocks are read again."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ Array = npt.NDArray[Any]
 
 
 class BlockExtremes:
-    """Extremes of blocks of equal length, fed in chunks of any length with the same answer.
+    """Extremes of blocks of equal length; the result does not depend on the chunks fed.
 
     Parameters
     ----------
@@ -34,7 +34,7 @@ class BlockExtremes:
         self._rest = np.empty(0)
 
     def feed(self, chunk: Array) -> None:
-        """Take the next samples."""
+        """Add the next samples."""
         self.samples += len(chunk)
         if len(self._rest):
             chunk = np.concatenate([self._rest, chunk])
@@ -56,17 +56,17 @@ class BlockExtremes:
 
     @property
     def typical(self) -> float:
-        """Median magnitude of the blocks' middles; NaN where all have missing samples."""
+        """Median magnitude of the block centres; NaN where all blocks have missing samples."""
         known = np.abs(0.5 * (self.low + self.high))
         known = known[np.isfinite(known)]
         return float(np.median(known)) if known.size else np.nan
 
     @property
     def low(self) -> npt.NDArray[np.float64]:
-        """Least sample of each block, NaN where one is missing, shape (B,)."""
+        """Minimum of each block, NaN with missing samples, shape (B,)."""
         return self._column(0)
 
     @property
     def high(self) -> npt.NDArray[np.float64]:
-        """Greatest sample of each block, NaN where one is missing, shape (B,)."""
+        """Maximum of each block, NaN with missing samples, shape (B,)."""
         return self._column(1)

@@ -1,4 +1,4 @@
-"""Mains hum on a channel: found block by block at its own frequency, and taken out."""
+"""Mains hum of a channel: detection by block and removal."""
 
 from __future__ import annotations
 
@@ -12,31 +12,31 @@ from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.spans import Spans, joined, marks, runs
 
 CYCLES = 10
-"""Cycles of the mains in a block: 0.2 s at 50 Hz, the resolution in time."""
+"""Mains cycles in a block: 0.2 s at 50 Hz, the resolution in time."""
 SIDE = 3
-"""Distance from the mains' frequency of two others, which show what is no hum, in bins of a block."""
+"""Distance of the two reference frequencies from that of the mains, in bins of a block."""
 ABOVE_SIDES = 4.0
-"""Ratio of the amplitude to that at the two other frequencies, from which on it counts as hum."""
+"""Least ratio of the amplitude of hum to that at the two reference frequencies."""
 LEAST_BLOCKS = 3
-"""Blocks in a row that must be hum. A jump of the signal looks like hum in one or two."""
+"""Least number of successive blocks with hum. A jump of the signal looks like hum in one or two."""
 BATCH = 64
-"""Blocks worked out together. Rounding depends on how many there are, so it must not depend on the chunks fed."""
+"""Blocks processed together. A fixed number, since rounding depends on it and must not depend on the chunks fed."""
 NOTCH_S = 0.5
-"""Length of the window in which the hum's amplitude and phase are found [s]. What lies within 4 Hz is removed, too."""
+"""Window for the hum's amplitude and phase [s]. All other content within 4 Hz is removed, too."""
 
 
 class HumScan:
-    """Amplitude at the mains' frequency in every block of a channel, fed in chunks of any length.
+    """Amplitude at mains frequency in each block of a channel, fed in chunks of any length.
 
     Parameters
     ----------
     rate_hz, mains_hz
-        Sample rate, and frequency of the mains [Hz].
+        Sample rate and mains frequency [Hz].
     """
 
     @staticmethod
     def tells(rate_hz: float, mains_hz: float, samples: int) -> bool:
-        """Whether hum can be found in a channel: sampled fast enough for the other frequencies, and a block long or more."""
+        """Whether hum can be detected: the sample rate covers the reference frequencies, and the channel fills a block."""
         return rate_hz > 2.0 * mains_hz * (1.0 + SIDE / CYCLES) and samples * mains_hz >= CYCLES * rate_hz
 
     def __init__(self, rate_hz: float, mains_hz: float = 50.0) -> None:
@@ -52,7 +52,7 @@ class HumScan:
         self._parts: list[Array] = []
 
     def feed(self, chunk: npt.NDArray[Any]) -> None:
-        """Take the next samples."""
+        """Add the next samples."""
         chunk = np.concatenate([self._rest, chunk]) if len(self._rest) else chunk
         whole = len(chunk) // (BATCH * self.block) * (BATCH * self.block)
         self._rest = chunk[whole:].copy()
@@ -61,12 +61,12 @@ class HumScan:
 
     @np.errstate(invalid="ignore")  # blocks with missing samples count as free of hum
     def _waves(self, blocks: npt.NDArray[Any]) -> Array:
-        # The level is taken off first: it would cost single precision its last digits, and has no part in these bins.
+        # The level, which has no content in these bins, is subtracted to keep digits in single precision.
         level = np.subtract(blocks, blocks[:, :1], dtype=np.float32)
         return np.asarray((level @ self._weights).astype(np.float64))
 
     def spans(self, least: float) -> Spans:
-        """Return the stretches with hum of at least this amplitude, in whole blocks, shape (K, 2)."""
+        """Stretches of whole blocks with hum of at least this amplitude, shape (K, 2)."""
         whole = len(self._rest) // self.block * self.block
         parts = np.concatenate([*self._parts, self._waves(self._rest[:whole].reshape(-1, self.block))])
         if not len(parts):
@@ -80,11 +80,11 @@ class HumScan:
 
 
 def hum_in(samples: Array, first: int, spans: Spans, rate_hz: float, mains_hz: float = 50.0) -> Array:
-    """Return the hum in samples, which begin at index `first` and are finite, shape (N,); zero outside of the spans."""
+    """Hum in finite samples that start at index `first`, shape (N,); zero outside the spans."""
     flags = marks(spans, first, first + len(samples))
     turn = np.exp(2j * np.pi * mains_hz / rate_hz * np.arange(len(samples)))
     window = np.hanning(round(NOTCH_S * rate_hz) | 1)
-    # The samples are extended by straight lines at the ends, so that the level does not look like a jump there.
+    # Samples are extrapolated by straight lines, so that the level is not a jump at the ends.
     half = len(window) // 2
     padded = np.pad(samples, half, mode="reflect", reflect_type="odd") if len(samples) > half else samples
     turned = np.exp(2j * np.pi * mains_hz / rate_hz * (np.arange(len(padded)) - half))

@@ -1,4 +1,4 @@
-"""Faults that show in a channel's level: missing samples, a stuck channel, dropouts to zero, clipping."""
+"""Faults of a channel's level: missing samples, a stuck channel, dropouts to zero, clipping."""
 
 from __future__ import annotations
 
@@ -13,53 +13,56 @@ from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.spans import Spans, apart_from, joined, runs
 
 Read = Callable[[int, int], Array]
-"""(first, stop) to samples on a channel's own index."""
+"""Function (first, stop) that returns samples by the channel's own index."""
 
 LEAST_BLOCK, MOST_BLOCK = 8, 128
-"""Samples in a block of the first pass. A channel that is stuck for twice as many is always found."""
+"""Samples in a block of the first pass. Stuck stretches of twice as many samples are always found."""
 LEAST_STILL = 2 * LEAST_BLOCK
-"""Samples of the shortest stretch of one and the same value that is no chance."""
+"""Shortest stretch of equal samples that counts as stuck."""
 PIECE = 1 << 19
-"""Samples read again at once."""
+"""Samples reread at once."""
 NEARBY = 128
 """Samples before and after a stretch without change that show whether the channel is otherwise noisy."""
 QUANTA = 3.0
-"""Steps of a float's own resolution below which sample-to-sample changes are rounding, not noise."""
+"""Sample-to-sample changes below this multiple of a float's resolution are rounding, not noise."""
 STEPS = 1.5
-"""Likewise in steps of the channel's own resolution. Rounding alone looks rough up to one step, and noise of so many does
-not rest on one value."""
+"""The same as a multiple of the channel's own resolution. Rounding alone looks rough up to one step, and noise of this size
+does not stay at one value.
+"""
 ROUGH = 0.7
-"""A signal is noisy where its second differences are so many times its first ones (root mean square): 1.7 for white
-noise, near 0 for a smooth signal."""
+"""Least ratio of the root mean squares of second and first differences of a noisy signal: 1.7 for white noise, near 0 for
+a smooth signal.
+"""
 ALONE = 0.25
-"""An extreme is a spike's top, and no limit of the sensor, where its distance to the next highest block is more than this
-share of its distance to the usual one."""
+"""An extreme is a spike, not a limit of the sensor, where its distance to the next highest block is more than this
+fraction of its distance to the usual one.
+"""
 CROWDED = 0.25
-"""A signal that is clipped has at most this share of the samples at the limit one step below it."""
+"""Most samples one step below the limit of a clipped signal, relative to those at the limit."""
 LOOKED_AT = 64
-"""Most blocks and stretches at a limit that are looked at closely."""
+"""Most blocks and stretches at a limit that are examined."""
 ONE_SIDE = 0.05
-"""Share of a channel's blocks that may be on the other side of zero, if it is to stay away from it."""
+"""Largest fraction of blocks with the other sign in a channel that stays away from zero."""
 NEAR_ZERO = 0.2
-"""Dropouts are looked for where a channel's lowest tenth is above this share of its typical level."""
+"""Dropouts are searched where a channel's lowest tenth is above this fraction of its typical level."""
 
 
 @dataclass(frozen=True)
 class LevelLimits:
-    """What counts as a fault of level.
+    """Limits of level faults.
 
     Parameters
     ----------
     stuck_s
-        Shortest stretch of one and the same value in an otherwise noisy channel [s].
+        Shortest stretch of equal samples in an otherwise noisy channel [s].
     dropout_s
         Shortest stretch at zero [s].
     dropout_share
-        Distance from zero up to which a sample is at zero, as a share of the channel's typical level.
+        Largest magnitude that counts as zero, relative to the channel's typical level.
     clipped_samples
         Least number of samples at a channel's extreme value for this value to count as a rail.
     spike_s
-        Longest spike [s]: a shorter stretch at a rail counts as a spike where no other sample comes near that rail.
+        Longest spike [s]: a shorter stretch at a rail is a spike where no other sample comes near that rail.
     """
 
     stuck_s: float = 0.25
@@ -69,32 +72,32 @@ class LevelLimits:
     spike_s: float = 0.05
 
     def still_samples(self, rate_hz: float) -> float:
-        """Return the samples of the shortest stretch in which a channel is stuck."""
+        """Shortest stuck stretch, in samples."""
         return max(self.stuck_s * rate_hz, LEAST_STILL)
 
     def block(self, rate_hz: float) -> int:
-        """Return the samples in a block of the first pass: fine enough for the shortest stretch."""
+        """Samples in a block of the first pass, fine enough for the shortest stretch."""
         return int(min(max(self.still_samples(rate_hz) // 2, LEAST_BLOCK), MOST_BLOCK))
 
 
 def find_level_faults(
     extremes: BlockExtremes, read: Read, rate_hz: float, limits: LevelLimits | None = None
 ) -> dict[str, Spans]:
-    """Return the spans of each kind of level fault in a channel, counted from the first sample fed to `extremes`.
+    """Spans of each kind of level fault in a channel, indexed from the first sample fed to `extremes`.
 
-    A stuck or clipped channel differs from a signal at rest by the noise beside the stretch. So a constant signal without
-    any noise, such as a simulated set point, is neither.
+    A stuck or clipped channel is distinguished from a signal at rest by the noise beside the stretch. A constant signal
+    without noise, such as a simulated set point, is neither.
 
     Parameters
     ----------
     extremes
-        Extremes by block, of the whole channel or of the stretch that is searched.
+        Extremes by block, of the searched samples.
     read
-        Samples on the same index; called for blocks that look odd, and a few beside them.
+        Samples by the same index; called for suspicious blocks and their neighbours.
     rate_hz
         Sample rate [Hz].
     limits
-        What counts as a fault.
+        Limits of the faults.
     """
     limits = limits or LevelLimits()
     suspects = _Suspects(extremes, read)
@@ -112,7 +115,7 @@ def find_level_faults(
     found["dropout"] = _dropouts(suspects, low, high, rate_hz, limits)
     still = suspects.runs_of(known & (low == high), _repeats, beside=1)
     still = still[still[:, 1] - still[:, 0] >= limits.still_samples(rate_hz)]
-    # A channel that never changes has no noise to compare with: it is reported, whatever it may mean.
+    # A channel that never changes has no noise to compare with, and is always reported.
     never_moves = np.nanmin(low) == np.nanmax(high) and len(still)
     found["stuck"] = apart_from(still if never_moves else suspects.beside_noise(still), found["dropout"])
     clipped = [
@@ -125,20 +128,20 @@ def find_level_faults(
 
 
 class _Suspects:
-    """The blocks that need a second look."""
+    """Blocks to be examined."""
 
     def __init__(self, extremes: BlockExtremes, read: Read) -> None:
         self.block, self.count, self.read = extremes.block, extremes.samples, read
 
     def samples(self, block: int, beside: int = 0) -> Array:
-        # A copy: a view would keep the whole piece in memory that it was read in.
+        # A copy: a view would keep the whole piece in memory.
         first, stop = block * self.block - beside, (block + 1) * self.block + beside
         return self.read(max(first, 0), min(stop, self.count)).copy()
 
     def runs_of(
         self, odd: npt.NDArray[np.bool_], flag: Callable[[Array], npt.NDArray[np.bool_]], beside: int = 0
     ) -> Spans:
-        """Return the runs of flagged samples in the odd blocks and so many blocks on either side."""
+        """Runs of flagged samples in the odd blocks and in `beside` blocks on either side."""
         stretches = runs(odd) + np.array([-beside, beside])
         found = [
             first + runs(flag(self.read(first, stop)))
@@ -153,7 +156,7 @@ class _Suspects:
                 yield start, min(start + PIECE + 1, stop)
 
     def beside_noise(self, spans: Spans) -> Spans:
-        """Return those spans that have noise before or after them."""
+        """Spans with noise before or after them."""
 
         def noisy(start: int, stop: int) -> bool:
             before = self.read(max(start - NEARBY, 0), start) if start else np.empty(0)
@@ -164,7 +167,7 @@ class _Suspects:
 
 
 def _repeats(samples: Array) -> npt.NDArray[np.bool_]:
-    """Whether each sample equals the one before or the one after."""
+    """Whether each sample equals its predecessor or successor."""
     same = np.diff(samples) == 0.0
     return np.asarray(np.append(same, False) | np.append(False, same))
 
@@ -176,7 +179,7 @@ def is_rough(samples: Array) -> bool:
         return False
     first = np.diff(samples.astype(np.float64))
     size = float(np.sqrt(np.mean(first**2)))
-    # Of what is not rounded the smallest change is far below the usual one.
+    # Without rounding the smallest change is far below the usual one.
     step = float(np.min(np.abs(first), where=first != 0.0, initial=np.inf))
     quantum = (
         float(np.spacing(np.abs(samples).max().astype(np.float32))) if samples.dtype.kind == "f" else 0.0
@@ -189,7 +192,7 @@ def is_rough(samples: Array) -> bool:
 
 
 def _dropouts(suspects: _Suspects, low: Array, high: Array, rate_hz: float, limits: LevelLimits) -> Spans:
-    """Stretches at zero of a channel that otherwise stays away from it, on one side."""
+    """Stretches at zero in a channel that otherwise stays on one side of zero."""
     magnitude = np.abs(0.5 * (low + high))
     typical = float(np.nanmedian(magnitude))
     near = limits.dropout_share * typical
@@ -204,7 +207,7 @@ def _dropouts(suspects: _Suspects, low: Array, high: Array, rate_hz: float, limi
 
 
 def _rail(suspects: _Suspects, high: Array, sign: float, rate_hz: float, limits: LevelLimits) -> Spans:
-    """Stretches at the greatest sample where the signal is clipped; with `sign` -1 at the least one."""
+    """Stretches at the maximum where the signal is clipped; at the minimum with `sign` -1."""
     top = float(np.nanmax(high))
     at_top = high == top
     runs_at_top = suspects.runs_of(at_top, lambda x: sign * x == top)
@@ -214,7 +217,7 @@ def _rail(suspects: _Suspects, high: Array, sign: float, rate_hz: float, limits:
         length = runs_at_top[:, 1] - runs_at_top[:, 0]
         runs_at_top = runs_at_top[length > limits.spike_s * rate_hz]
     at_rail = int((runs_at_top[:, 1] - runs_at_top[:, 0]).sum())
-    # In a coarsely rounded signal as many samples lie one step below the top.
+    # In a coarsely rounded signal, as many samples lie one step below the maximum.
     blocks = np.flatnonzero(at_top)[:LOOKED_AT].tolist()
     near = sign * np.concatenate([suspects.samples(block, NEARBY) for block in blocks]).astype(np.float64)
     next_to_it = near[near < top]

@@ -1,4 +1,4 @@
-"""The record of a fault: what was wrong with a channel, at which samples, and what was done about it."""
+"""Record of a fault: kind, channel, samples and treatment."""
 
 from __future__ import annotations
 
@@ -34,10 +34,10 @@ KINDS: Mapping[str, str] = MappingProxyType(
         "drift": "clock drift between loggers",
     }
 )
-"""Every kind of fault; A to D3 are those of the thesis's Table 6.10."""
+"""Kinds of faults; A to D3 are those of Table 6.10 of the thesis."""
 
 SHOWN = 5
-"""Stretches that a message names."""
+"""Most stretches listed in a message."""
 
 
 @dataclass(frozen=True)
@@ -51,12 +51,12 @@ class Fault:
     channel
         Name in the log.
     method
-        What was done.
+        Treatment.
     spans
-        First sample and first sample after on the channel's own index, shape (K, 2), ascending.
+        First sample and one past the last, by the channel's own index, shape (K, 2), ascending.
     excluded
-        Whether these samples are left out of fits: yes where they were filled in or are doubtful, no where the fault
-        was only reported, or removed without changing what was measured.
+        Whether fits omit these samples: true if they were filled in or are doubtful, false if the fault was only
+        reported, or removed without changing the measurement.
     """
 
     kind: str

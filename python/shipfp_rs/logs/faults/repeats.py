@@ -1,4 +1,4 @@
-"""Rows that a logger wrote twice: samples that recur in the same order, compared in every channel."""
+"""Rows that a logger wrote twice: samples that recur in the same order in every channel."""
 
 from __future__ import annotations
 
@@ -10,28 +10,28 @@ import numpy.typing as npt
 from shipfp_rs.support.spans import Spans, joined
 
 TAPS = 8
-"""Samples in a print (hash) of `shipfp_rs._core.RepeatScan`."""
+"""Samples in a hash of `shipfp_rs._core.RepeatScan`."""
 LEAST = 128
-"""Shortest stretch that counts as written twice [samples]."""
+"""Shortest repeated stretch [samples]."""
 
 
 def repeated_rows(
     candidates: npt.NDArray[np.int64], equal: Callable[[int, int, int], npt.NDArray[np.bool_]], samples: int
 ) -> Spans:
-    """Return the second copies among the candidates, shape (K, 2).
+    """Second copies among the candidates, shape (K, 2).
 
     Parameters
     ----------
     candidates
-        Rows of (sample, lag), as `shipfp_rs._core.RepeatScan` finds them.
+        Rows of (sample, lag) from `shipfp_rs._core.RepeatScan`.
     equal
-        (first, stop, lag) to whether the rows from first to stop equal those a lag later in every channel.
+        Function (first, stop, lag): whether the rows from first to stop equal those a lag later in every channel.
     samples
         Length of the channels.
 
     Notes
     -----
-    What recurs for longer than its own lag is no copy of a buffer but a signal without noise that is periodic.
+    A repeat longer than its own lag is not a copied buffer but a periodic signal without noise.
     """
     found: list[Spans] = []
     for place, lag in candidates.tolist():

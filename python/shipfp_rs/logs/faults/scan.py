@@ -1,4 +1,4 @@
-"""One pass over a stretch of a channel that finds every fault which shows in the samples as recorded."""
+"""Detection of all faults visible in a channel's recorded samples, in one pass."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 PIECE = 1 << 18
-"""Samples that are read at once for a second look, and kept for the next one."""
+"""Samples reread at once, and kept for the next request."""
 
 
 def scan(
@@ -35,22 +35,22 @@ def scan(
     least_hum: float = 1e-3,
     repeats: bool = False,
 ) -> dict[str, Spans]:
-    """Return the faults in samples [first, stop) of a channel, kind to spans on its own index.
+    """Faults in samples [first, stop) of a channel: kind to spans by its own index.
 
     Parameters
     ----------
     channel_rows
-        An analogue channel; pulse trains have faults of their own, see `shipfp_rs.tacho`.
+        An analogue channel; for faults of pulse trains see `shipfp_rs.tacho`.
     first, stop
-        Samples to look at.
+        Samples to scan.
     limits
-        What counts as a fault of level.
+        Limits of level faults.
     mains_hz
-        Look for hum of this frequency [Hz]; None: don't. A channel sampled too slowly for it can't tell it from its level.
+        Mains frequency for the detection of hum [Hz]; None: no detection. It needs a high enough sample rate.
     least_hum
-        Amplitude that counts as hum, as a share of the channel's typical magnitude.
+        Least amplitude of hum, relative to the channel's typical magnitude.
     repeats
-        Look for rows that stand in the log twice, in all channels of the same rate.
+        Whether to detect rows written twice in all channels of the same rate.
     """
     log, about = channel_rows.log, channel_rows.channel
     limits = limits or LevelLimits()
@@ -76,9 +76,9 @@ def scan(
 
 
 def _repeated(log: Log, about: Channel, first: int, stop: int, prints: RepeatScan) -> Spans:
-    """Rows that were written twice in every channel of the same rate and length.
+    """Rows written twice in every channel of the same rate and length.
 
-    A channel without noise may well recur, as a set point does that a bus tells in steps; one with noise does not.
+    A channel without noise, such as a quantised set point on a bus, may repeat itself; one with noise does not.
     """
     readers = [
         _Reader(log, other.name)
@@ -99,7 +99,7 @@ def _repeated(log: Log, about: Channel, first: int, stop: int, prints: RepeatSca
 
 
 class _Reader:
-    """Samples by index. More are read than asked for, since the next ones asked for mostly lie nearby."""
+    """Samples by index. It reads ahead, since requests are mostly close together."""
 
     def __init__(self, log: Log, channel: str) -> None:
         self.log, self.channel = log, log.channel(channel)

@@ -1,4 +1,4 @@
-"""Faults of sensors and loggers put into sound samples, each with the samples that it changed."""
+"""Simulated faults of sensors and loggers, each with the samples that it changed."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ LOSSES: tuple[Literal["gap", "dropout", "stuck"], ...] = ("gap", "dropout", "stu
 
 
 def lose(samples: Array, kind: str, spans: Sequence[tuple[int, int]]) -> Array:
-    """Return samples of which each [start, stop) is NaN ("gap"), zero ("dropout") or stays as it was ("stuck")."""
+    """Replace samples in each [start, stop) by NaN ("gap"), zero ("dropout") or the value before ("stuck")."""
     lost = samples.copy()
     for start, stop in spans:
         lost[start:stop] = {"gap": np.nan, "dropout": 0.0, "stuck": samples[max(start - 1, 0)]}[kind]
@@ -22,13 +22,13 @@ def lose(samples: Array, kind: str, spans: Sequence[tuple[int, int]]) -> Array:
 
 
 def clip(samples: Array, share: float) -> tuple[Array, Spans]:
-    """Return samples of which the given share lies beyond the sensor's range, and where they were cut."""
+    """Clip the given fraction of samples, the highest ones, and return where."""
     limit = float(np.nanquantile(samples, 1.0 - share))
     return np.minimum(samples, limit), runs(samples > limit)
 
 
 def hum(samples: Array, rate_hz: float, mains_hz: float, amplitude: float, start: int, stop: int) -> Array:
-    """Return samples with mains hum on [start, stop)."""
+    """Add mains hum on [start, stop)."""
     humming = samples.copy()
     time = np.arange(start, stop) / rate_hz
     humming[start:stop] += amplitude * np.sin(2.0 * np.pi * mains_hz * time)
@@ -36,9 +36,9 @@ def hum(samples: Array, rate_hz: float, mains_hz: float, amplitude: float, start
 
 
 def write_twice(channels: Mapping[str, Array], start: int, count: int, *, over: bool) -> dict[str, Array]:
-    """Return channels in which `count` rows from `start` on are written a second time.
+    """Repeat `count` rows from `start` on in all channels.
 
-    The second copy takes the place of what followed (`over`), or pushes it back.
+    The copy overwrites the following rows (`over`) or shifts them back.
     """
     stop = start + count
     rest = stop + count if over else stop

@@ -1,4 +1,4 @@
-"""Spikes of a channel, from a log's beginning to its end: short excursions that stand out from the noise."""
+"""Spikes of a channel: short excursions that stand out from the noise."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from shipfp_rs.support.spikes import bridge, find_spikes
 from shipfp_rs.support.threads import require_going
 
 PIECE = 1 << 18
-"""Samples that are processed together."""
+"""Samples processed together."""
 SHORTEST = 2
-"""Samples that a spike of a slow channel may have, even if they last longer than the longest spike."""
+"""Most samples of a spike in a slow channel, even if they last longer than the longest spike."""
 BY_A_CLOCK, LONGEST_HELD_S = 0.9, 0.2
-"""Least share of changes that are whole periods apart in a channel with held values, and its longest period [s]."""
+"""Least fraction of changes at whole periods in a channel with held values, and its longest period [s]."""
 BESIDE_S, LEAST_BESIDE = 2.0, 64
-"""Seconds, and least samples, on either side of a piece, from which the noise near its ends is estimated."""
+"""Context on either side of a piece, in seconds and at least in samples, for the noise near its ends."""
 
 
 class SpikeLimits(Protocol):
-    """What counts as a spike: longest [s], height in robust standard deviations, and as a share of the median magnitude."""
+    """Limits of spikes: duration [s], height in robust standard deviations, and height relative to the median magnitude."""
 
     @property
     def longest_s(self) -> float: ...  # noqa: D102
@@ -44,15 +44,15 @@ def spikes_between(
     *,
     steps: bool = False,
 ) -> Spans:
-    """Return the spikes of calibrated samples, some of which are missing; interpolated samples in a long gap have none.
+    """Spikes of calibrated samples, some missing; interpolated samples in a long gap have none.
 
-    A spike may have `shortest` samples, however slow the channel is. Where each value is held, as by a power analyser or a
-    bus, a spike may last as long as a value. `steps` says that the channel itself goes in steps, as a set point does.
+    A spike may have `shortest` samples in a slow channel, and may last as long as a held value, as of a power analyser
+    or a bus. `steps`: the signal itself may have steps, as a set point.
     """
     filled = bridge(samples, missing)
     held = 1 if steps else held_samples(filled, rate_hz)
     longest_s = max(limits.longest_s, shortest / rate_hz, held / rate_hz)
-    # Interpolated samples in a long gap have no noise; beside them the noise of others would look like spikes.
+    # Interpolated samples in a long gap have no noise, so the noise of their neighbours would look like spikes.
     absent = np.zeros(len(samples), dtype=np.bool_)
     gaps = runs(missing)
     for start, stop in gaps[gaps[:, 1] - gaps[:, 0] > longest_s * rate_hz]:
@@ -67,7 +67,7 @@ def spikes_between(
 
 
 def spikes_along(samples: Array, rate_hz: float, limits: SpikeLimits) -> Spans:
-    """Return the spikes of a long signal, NaN where it is missing; Ctrl-C ends it after each piece."""
+    """Spikes of a long signal, NaN where it is missing; Ctrl-C is checked after each piece."""
     beside = max(round(BESIDE_S * rate_hz), LEAST_BESIDE)
 
     def found() -> Iterator[Spans]:
@@ -82,7 +82,7 @@ def spikes_along(samples: Array, rate_hz: float, limits: SpikeLimits) -> Spans:
 
 
 def held_samples(samples: Array, rate_hz: float) -> int:
-    """Return for how many samples each value is held; 1 where values do not change at a constant period."""
+    """Number of samples for which each value is held; 1 where values do not change at a constant period."""
     lasting = np.diff(np.flatnonzero(np.diff(samples)))
     if len(lasting) < LEAST_BESIDE:
         return 1
@@ -100,23 +100,23 @@ def spikes_of(
     *,
     steps: bool = False,
 ) -> Spans:
-    """Return the spikes of a whole channel on its own index.
+    """Spikes of a whole channel, by its own index.
 
     Parameters
     ----------
     rows
         The channel.
     lost
-        Spans of other faults on the same index; their samples are no spikes.
+        Spans of other faults, which contain no spikes.
     limits
-        What counts as a spike.
+        Limits of spikes.
     noise
         Standard deviation of the channel's noise in recorded units. A spike rises above its neighbours by more than
-        `limits.threshold` times this, also about a level near zero, where a share of the magnitude means nothing.
+        `limits.threshold` times this, which also holds at a level near zero.
     calibration
-        Calibration of the channel, where it is known; the least height of a spike is a share of calibrated values.
+        Calibration of the channel, if known; the least relative height of a spike applies to calibrated values.
     steps
-        Whether the channel may go in steps by itself.
+        Whether the signal itself may have steps.
     """
     rate_hz, count = rows.channel.rate_hz, rows.channel.samples
     beside = max(round(BESIDE_S * rate_hz), LEAST_BESIDE)
@@ -132,7 +132,7 @@ def spikes_of(
             )
             starts, stops = (low + spans).T
             own = (starts >= begin) & (starts < end)
-            own &= (starts > 0) & (stops < count)  # at an end of the log it may not come back
+            own &= (starts > 0) & (stops < count)  # at an end of the log an excursion may not return
             stands_out = [not _height(raw, *span) <= limits.threshold * noise for span in spans.tolist()]
             yield low + spans[own & np.array(stands_out, dtype=np.bool_)]
 
@@ -140,6 +140,6 @@ def spikes_of(
 
 
 def _height(samples: Array, start: int, stop: int) -> float:
-    """Return the height of a spike above the samples beside it; NaN where these are missing."""
+    """Height of a spike above its neighbouring samples; NaN where these are missing."""
     level = 0.5 * (samples[max(start - 1, 0)] + samples[min(stop, len(samples) - 1)])
     return float(np.abs(samples[start:stop] - level).max())

@@ -1,1 +1,1 @@
-"""Readers of logger formats, one module a format; `Log.open` loads the one that it needs."""
+"""Readers of logger formats, one module per format, imported by `Log.open` on demand."""

@@ -1,4 +1,4 @@
-"""Feather and Arrow IPC files, mapped into memory. Of a file that was cut short the whole record batches are read."""
+"""Feather and Arrow IPC files, memory-mapped. The complete record batches of a truncated file are read."""
 
 from __future__ import annotations
 
@@ -18,10 +18,7 @@ MAGIC = b"ARROW1\0\0"
 
 @register_reader(".feather", ".arrow", ".arrows", takes=("time",))
 def open_arrow(path: Path, rate_hz: float | None, time: str | None = None) -> Log:
-    """Open an Arrow file or stream.
-
-    A file without its footer holds a stream all the same: its whole record batches are read, with a warning.
-    """
+    """Open an Arrow file or stream; a file without its footer is read as a stream, with a warning."""
     with path.open("rb") as file:
         begin = file.read(len(MAGIC))
         file.seek(-min(6, path.stat().st_size), 2)

@@ -1,4 +1,4 @@
-"""Logs of a CAN bus (.blf, .asc, .trc, candump) through the package python-can, signals by a DBC through cantools."""
+"""Logs of a CAN bus (.blf, .asc, .trc, candump), read by python-can; cantools reads the DBC."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from shipfp_rs.logs.readers.can_signals import Frames, log_of_frames
 from shipfp_rs.logs.readers.isolation import in_child
 
 WIDEST = 64
-"""Bytes of the longest frame, of CAN FD."""
+"""Bytes of the longest CAN FD frame."""
 
 
 @register_reader(".blf", ".trc", takes=("names",))
 @in_child("can", extra="can")
 def open_can(path: Path, rate_hz: float | None, names: str | None = None) -> Log:
-    """Open a log of frames; each signal of the DBC, or of J1939's engine messages, is a channel at its message's rate."""
+    """Open a log of frames; each signal of the DBC, or of J1939's engine messages, becomes a channel."""
     times, identifiers, extended, payloads = [], [], [], []
     for message in _reader(path):
         if message.is_error_frame or message.is_remote_frame:

@@ -1,4 +1,4 @@
-"""Frames of a CAN bus to signals: definitions from a DBC or the engine messages of SAE J1939, decoded as whole arrays."""
+"""Signals in frames of a CAN bus, defined by a DBC or by the engine messages of SAE J1939, decoded as whole arrays."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ from shipfp_rs.logs.readers.timed_series import own_axis
 from shipfp_rs.logs.time_axis import TimeAxis
 
 SPECIAL = 0xFB
-"""From this first byte on a J1939 number is no value: parameter specific, reserved, error, not available."""
+"""J1939 numbers whose first byte is at least this have no value: parameter specific, reserved, error, not available."""
 EPOCH_S = 9.4e8
-"""A time stamp above it counts from 1970."""
+"""Time stamps above this are seconds since 1970."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class Frames:
 
 @dataclass(frozen=True)
 class Signal:
-    """A number within a payload: value = scale * raw + offset."""
+    """Number in a payload: value = scale * raw + offset."""
 
     name: str
     unit: str
@@ -52,16 +52,16 @@ class Signal:
     is_float: bool = False
     selector: Signal | None = None
     selected: tuple[int, ...] = ()
-    """For a multiplexed signal: the signal that selects it, and the values of that one at which it is there."""
+    """For a multiplexed signal: index of the selecting signal, and its values for which this one is present."""
 
     def raw(self, data: npt.NDArray[np.uint8]) -> npt.NDArray[Any]:
-        """Return the recorded integers (or floats) of payloads, shape (N, bytes)."""
+        """Recorded integers (or floats) of payloads, shape (N, bytes)."""
         if self.little:
             first, shift = divmod(self.start, 8)
             last = (self.start + self.length - 1) // 8
             part = data[:, first : last + 1]
         else:
-            # Bits are counted from the highest bit of the first byte; the start is the value's highest bit.
+            # Bits are counted from the highest bit of the first byte; `start` is the value's highest bit.
             high = 8 * (self.start // 8) + 7 - self.start % 8
             first, last = high // 8, (high + self.length - 1) // 8
             shift = 8 * (last + 1) - high - self.length
@@ -82,7 +82,7 @@ class Signal:
         return value
 
     def values(self, data: npt.NDArray[np.uint8], *, j1939: bool) -> npt.NDArray[np.float64]:
-        """Return the values of payloads; NaN where J1939 says that there is none."""
+        """Values in payloads; NaN for J1939's codes without a value."""
         raw = self.raw(data)
         value = raw.astype(np.float64) * self.scale + self.offset
         if j1939 and not self.signed and not self.is_float:
@@ -100,7 +100,7 @@ class Signal:
 
 @dataclass(frozen=True)
 class Message:
-    """A message of the bus by its identifier, or of J1939 by its parameter group, whoever sends it."""
+    """Message of the bus, selected by identifier, or by parameter group (J1939) from any sender."""
 
     name: str
     identifier: int
@@ -110,14 +110,14 @@ class Message:
 
     @property
     def key(self) -> tuple[str, int]:
-        """Key that the frames of the message share."""
+        """Key of the frames of the message."""
         if self.j1939:
             return "pgn", int(parameter_group(np.array([self.identifier], dtype=np.uint32))[0])
         return ("extended" if self.extended else "standard"), self.identifier
 
 
 def parameter_group(identifier: npt.NDArray[np.uint32]) -> npt.NDArray[np.uint32]:
-    """Return the parameter group of 29-bit identifiers; below format 240 their second byte is a destination."""
+    """Parameter group of 29-bit identifiers; below format 240 their second byte is a destination."""
     pgn = (identifier >> 8) & 0x3FFFF
     return np.where(((identifier >> 16) & 0xFF) < 240, pgn & 0x3FF00, pgn)
 
@@ -150,7 +150,7 @@ J1939 = (
 
 
 def messages_of(path: Path, names: str | None) -> tuple[Message, ...]:
-    """Return the messages of a DBC (or ARXML, KCD, SYM), or without one the engine messages of J1939."""
+    """Messages of a DBC (or ARXML, KCD, SYM), or J1939's engine messages without one."""
     if names is None:
         return J1939
     try:
@@ -164,7 +164,7 @@ def messages_of(path: Path, names: str | None) -> tuple[Message, ...]:
     try:
         base: Any = cantools.database.load_file(names, strict=False)
         definitions = list(base.messages)
-    except Exception as error:  # each kind of file has errors of its own
+    except Exception as error:  # each file kind raises other errors
         raise InputError(f"{names}: can't be read as a DBC: {' '.join(str(error).split())[:300]}") from error
     kind = getattr(getattr(base, "dbc", None), "attributes", None) or {}
     all_j1939 = "J1939" in str(getattr(kind.get("ProtocolType"), "value", ""))
@@ -202,9 +202,9 @@ def _signal(signal: Any) -> Signal:
 
 
 def log_of_frames(path: Path, frames: Frames, names: str | None, zero: datetime | None = None) -> Log:
-    """Return the signals of a bus as channels, each at the even rate of its message, with its bit as resolution.
+    """Signals of a bus as channels, each at the even rate of its message, with its bit as resolution.
 
-    Where several messages or senders have a signal of one name, the channel carries the message and the sender in front.
+    A signal name shared by several messages or senders gets the message and the sender as a prefix.
     """
     messages = messages_of(path, names)
     if not len(frames.time_s):
@@ -265,7 +265,7 @@ def log_of_frames(path: Path, frames: Frames, names: str | None, zero: datetime 
 def _found(
     messages: Sequence[Message], frames: Frames
 ) -> Iterator[tuple[Message, str, npt.NDArray[np.intp]]]:
-    """Messages that the bus has, with the sender where there are several, and their frames."""
+    """Messages on the bus, with the sender where there are several, and their frames."""
     by_key = {message.key: message for message in messages}
     groups = parameter_group(frames.identifier)
     for (kind, number), message in by_key.items():
@@ -284,7 +284,7 @@ def _found(
 def _rows_of(
     message: Message, frames: Frames, rows: npt.NDArray[np.intp]
 ) -> Iterator[tuple[Signal, npt.NDArray[np.intp]]]:
-    """Signals of a message with the frames that hold them: long enough, and of the right kind if signals share a place."""
+    """Signals of a message and the frames that contain them: long enough, and with the right multiplexer value."""
     for signal in message.signals:
         end = (
             signal.start + signal.length

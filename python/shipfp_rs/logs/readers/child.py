@@ -1,4 +1,4 @@
-"""The child's side of `isolation`: opens logs and sends their samples over a pipe."""
+"""The child process of `isolation`: opens logs and sends their samples through a pipe."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ from shipfp_rs.logs.channel import Samples
 from shipfp_rs.logs.log import Log
 
 SPARE_BYTES = 200_000_000
-"""Memory that a reader may use beyond three times the file's size."""
+"""Memory a reader may use in addition to three times the file's size."""
 
 
 def serve() -> None:
     """Answer requests until the parent closes the pipe."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the parent to act on
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is handled by the parent
     requests, answers = sys.stdin.buffer, os.fdopen(os.dup(1), "wb")
-    # A package that prints must not print into the answers.
+    # Output printed by a package must not mix with the answers.
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
     server = _Server()
     for line in requests:
@@ -102,7 +102,7 @@ class _Server:
             try:
                 log = self._log = open_log(Path(path), rate_hz, **options)
             except InputError as error:
-                # The warnings about what was left out may explain it.
+                # Warnings about omitted content may explain it.
                 raise InputError("; ".join([str(error), *(str(note.message) for note in notes)])) from error
         return {
             "channels": [asdict(channel) for channel in log.channels.values()],
@@ -140,7 +140,7 @@ class _Server:
 
 
 def _data_bytes() -> int:
-    """Private writable memory of this process, 0 where the system does not tell."""
+    """Private writable memory of this process; 0 if the system does not report it."""
     try:
         status = Path("/proc/self/status").read_text()
     except OSError:
@@ -150,7 +150,7 @@ def _data_bytes() -> int:
 
 
 def _bound_memory(limit: int | None) -> None:
-    """Let allocations fail above a limit, where the system can."""
+    """Make allocations fail above a limit, if the system can."""
     if sys.platform == "linux":
         import resource
 

@@ -1,4 +1,4 @@
-"""Child processes that open files for their parent, and end without it."""
+"""Child processes that open files for their parent and end with it."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ import numpy as np
 from shipfp_rs.logs.channel import Samples
 
 TIRED_BYTES = 100_000_000
-"""A child that has grown by so much is not given another file."""
+"""Memory growth above which a child gets no further file."""
 
 START = """
 import json, sys
@@ -28,13 +28,13 @@ child.serve()
 
 
 class Child:
-    """A process that answers requests; see `child.py` for its side."""
+    """Child process that answers requests; see `child.py`."""
 
     def __init__(self) -> None:
         environment = {
             **os.environ,
             "OPENBLAS_NUM_THREADS": "1",
-        }  # each thread's buffers would count as memory used
+        }  # buffers of each thread would count as used memory
         self._process = subprocess.Popen(
             [sys.executable, "-c", START, json.dumps(sys.path)],
             stdin=subprocess.PIPE,
@@ -51,30 +51,30 @@ class Child:
         self.lock = threading.RLock()
 
     def usable(self) -> bool:
-        """Whether it lives, and was started by this process rather than by one that forked it."""
+        """Whether the process is alive and was started by this process, not by one that forked it."""
         return self._owner == os.getpid() and self._process.poll() is None
 
     def fresh(self) -> bool:
-        """Whether the process may be given another file."""
+        """Whether the process may get another file."""
         return self.usable() and self._grown < TIRED_BYTES
 
     def next_stream(self) -> int:
-        """Number a stream of samples."""
+        """Number of the next stream of samples."""
         self._streams += 1
         return self._streams
 
     def dropped(self) -> list[int]:
-        """Return the numbers of streams that are no longer read; each is returned only once."""
+        """Numbers of streams no longer read; each is returned only once."""
         gone, self.drop = self.drop, []
         return gone
 
     def ask(self, request: dict[str, Any], limit_s: float) -> tuple[dict[str, Any], Samples | None]:
-        """Send a request and return the answer's facts and samples.
+        """Send a request; return the answer's metadata and samples.
 
         Raises
         ------
         TimeoutError, EOFError, OSError, ValueError
-            Where the child hangs, ends, or answers nonsense; it is ended then.
+            If the child hangs, ends, or gives an invalid answer; it is then ended.
         """
         with self.lock:
             late = threading.Event()
@@ -88,7 +88,7 @@ class Child:
             timer.start()
             try:
                 return self._exchange(request)
-            except BaseException:  # an interrupted exchange leaves the pipes out of step
+            except BaseException:  # after an interrupted exchange the pipes are out of step
                 self.end()
                 if late.is_set():
                     raise TimeoutError from None
@@ -126,7 +126,7 @@ class Child:
         return self._process.stdin, self._process.stdout
 
     def end(self) -> None:
-        """End the process, whatever it is doing."""
+        """End the process, even if it is busy."""
         if self._owner == os.getpid():
             self._process.kill()
             self._process.wait()
@@ -159,11 +159,11 @@ def _ending(status: int) -> str:
 
 LOCK = threading.RLock()
 _idle: list[Child] = []
-"""At most one child that waits for the next file."""
+"""At most one child, kept for the next file."""
 
 
 def take() -> Child:
-    """Give a child to open files with."""
+    """A child process for the next file."""
     while _idle:
         child = _idle.pop()
         if child.fresh():
@@ -181,12 +181,12 @@ def give_back(child: Child) -> None:
 
 
 def idle_process() -> int | None:
-    """Return the process that would get the next file, None where one has to be started."""
+    """Process that would get the next file; None if one has to be started."""
     return _idle[-1].pid if _idle else None
 
 
 @atexit.register
 def end_idle() -> None:
-    """End the child that waits for the next file."""
+    """End the idle child."""
     while _idle:
         _idle.pop().end()

@@ -1,4 +1,4 @@
-"""Named rows of numbers out of nested variables: structs, matrices with named columns, and the time that each goes by."""
+"""Channels in nested variables: structs, matrices with named columns, and the times that belong to each."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from shipfp_rs.logs.readers.time_words import is_time, split_bracketed, stated_r
 from shipfp_rs.logs.time_axis import TimeAxis, time_axis
 
 VALUES = ("data", "values", "value", "y", "signal", "samples")
-"""Names of the field that holds the samples in a struct of one channel."""
+"""Names of a one-channel struct's field with the samples."""
 LABELS = frozenset(
     [
         "names",
@@ -35,14 +35,14 @@ LABELS = frozenset(
         "signals",
     ]
 )
-"""Names of the variable that holds the names of a matrix's columns."""
+"""Names of the variable with the names of a matrix's columns."""
 MOST_COLUMNS = 256
 LEAST_ROWS = 8
-"""A matrix with more columns, fewer rows, or less than twice as many rows as columns is no table of channels."""
+"""A matrix with more columns, fewer rows, or fewer than two rows per column is not a table of channels."""
 
 
 def is_table(shape: tuple[int, ...]) -> bool:
-    """Whether a matrix may hold channels side by side."""
+    """Whether a matrix may have channels as columns."""
     return (
         len(shape) == 2 and 1 < min(shape) <= MOST_COLUMNS and max(shape) >= max(LEAST_ROWS, 2 * min(shape))
     )
@@ -50,7 +50,7 @@ def is_table(shape: tuple[int, ...]) -> bool:
 
 @dataclass(frozen=True)
 class Row:
-    """Numbers along one axis: name without unit, unit, length, and how they are read."""
+    """Numbers along one axis: name without unit, unit, length, and a function to read them."""
 
     name: str
     unit: str
@@ -59,7 +59,7 @@ class Row:
 
 
 def column_names(count: int, beside: Mapping[str, Sequence[str]], base: str) -> list[str]:
-    """Return names of a matrix's columns: a list of as many words beside it, else its own name and a count."""
+    """Names of a matrix's columns: from a list of the same length beside it, else its own name with a number."""
     fitting = {name: words for name, words in beside.items() if len(words) == count}
     chosen = next((fitting[name] for name in fitting if posixpath.basename(name).lower() in LABELS), None)
     if chosen is None and len(fitting) == 1:
@@ -72,14 +72,14 @@ def column_names(count: int, beside: Mapping[str, Sequence[str]], base: str) -> 
 def time_of(
     path: Path, row: Row, rows: Mapping[str, Row], scalars: Sequence[tuple[str, Any]], rate_hz: float | None
 ) -> tuple[str, float | None]:
-    """Return the key of the row of times that belongs to a row, "" for none, and a rate that stands beside it.
+    """Key of the times that belong to a row ("" for none), and a rate given beside it.
 
-    The nearest counts: in its own struct, in one beside it that holds times alone, then in the one around it. Times that
-    fit equally well are none.
+    The nearest times count: in the row's struct, then in a neighbouring struct with only times, then in the enclosing
+    struct. Ambiguous times are ignored.
     """
     times = {key for key in rows if is_time(split_bracketed(_last(key))[0])}
     plain = {posixpath.dirname(key) for key in rows if key not in times}
-    above = row.name  # first look among the fields of the row itself, if it is a struct of one channel
+    above = row.name  # first the fields of the row itself, if it is a one-channel struct
     while True:
         fitting = [key for key in rows if key in times and rows[key].length == row.length]
         own = next((key for key in fitting if posixpath.dirname(key) == above), "")
@@ -102,7 +102,7 @@ def _last(key: str) -> str:
 
 
 def axis_of(path: Path, key: str, row: Row, *, trusted: bool = False) -> tuple[TimeAxis, TimePlan]:
-    """Return the grid of a row of times, and how it counts; `trusted` numbers without a unit are seconds."""
+    """Grid of a row of times, and their interpretation; `trusted` numbers without a unit are seconds."""
     import pyarrow as pa
 
     def cells(_: str) -> Iterator[Any]:
@@ -118,19 +118,19 @@ def axis_of(path: Path, key: str, row: Row, *, trusted: bool = False) -> tuple[T
 
 
 def blocks_of_rows(path: Path, rows: Mapping[str, Row]) -> Blocks:
-    """Return a function that yields rows in blocks."""
+    """`Blocks` of the given rows."""
     return in_blocks(lambda name: rows[name].length, lambda name, *ends: rows[name].read(*ends), path)
 
 
 def tell_no_time(path: Path, rows: Sequence[Row], *, all_of_them: bool) -> None:
-    """Warn of rows without a time, which are no channels, or raise where nothing else is in the file."""
+    """Warn of rows without times, which are not channels; `InputError` if the file has no others."""
     if rows and all_of_them:
         raise no_time(path, rows[0])
     tell_left_out(path, "no time base", [row.name for row in rows], all_of_them=False)
 
 
 def no_time(path: Path, row: Row) -> InputError:
-    """Return the error of a row without a time."""
+    """Error for a row without times."""
     return InputError(
         f"{path}: no time base for {row.name!r}: neither a scalar rate_hz nor a vector time of its {row.length} "
         "samples; add one or give rate_hz (--rate)"

@@ -1,4 +1,4 @@
-"""Delimited text files (CSV): one pass finds records and number types, later ones read any stretch."""
+"""Delimited text files (CSV): the first pass indexes records and finds number types, later ones read any stretch."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ PART = 1 << 22
 
 @register_reader(".csv", ".txt", ".tsv", ".tab", ".prn", ".lvm", ".log", ".asc", ".msl", takes=("time",))
 def open_delimited(path: Path, rate_hz: float | None, time: str | None = None) -> Log:
-    """Open a delimited file: delimiter, decimal mark, headings, units, time and rate are found in its first lines.
+    """Open a delimited file; delimiter, decimal mark, headings, units, time and rate are detected in its first lines.
 
-    A last line without a line end may have been cut anywhere, also within its last number: it is left out, with a
-    warning. Lines of text after the last record are left out, too.
+    A last line without a line end may be truncated, even within a number, and is omitted with a warning. Text after the
+    last record is omitted, too.
     """
     layout = find_layout(path)
     index = _Index(path, layout)
@@ -94,19 +94,19 @@ def open_delimited(path: Path, rate_hz: float | None, time: str | None = None) -
 
 
 def _tells_nothing(layout: Layout, place: int) -> bool:
-    """Whether an empty column is the end of a line, or the time where a rate is told instead."""
+    """Whether an empty column comes from the line end, or is a time column replaced by a given rate."""
     return not layout.named_column(place) or (layout.rate_hz is not None and is_time(layout.headings[place]))
 
 
 def _parts(path: Path, layout: Layout, offset: int) -> Iterator[tuple[int, bytes, int]]:
-    """Yield offset, text and length in the file of the whole lines of each part; what was UTF-16 becomes UTF-8."""
+    """Yield offset, text and length in the file of each part, in whole lines; UTF-16 becomes UTF-8."""
     end_of_line = "\n".encode(layout.encoding)
     with path.open("rb") as file:
         file.seek(offset)
         rest = b""
         while read := file.read(max(min(PART, layout.bytes_end - offset - len(rest)), 0)):
             end = read.rfind(end_of_line) + len(end_of_line)
-            while layout.wide == 2 and end > 1 and (len(rest) + end) % 2:  # a character that is cut in two
+            while layout.wide == 2 and end > 1 and (len(rest) + end) % 2:  # a character is cut in two
                 end = read.rfind(end_of_line, 0, end - 1) + len(end_of_line)
             if end < len(end_of_line):
                 end = 0
@@ -146,7 +146,7 @@ def _warn_of_rest(path: Path, layout: Layout, end: int) -> None:
 
 @dataclass
 class _Index:
-    """Rows and bytes at which the parts of a file begin, and the types of its columns so far."""
+    """First row and byte of each part of a file, and the column types found so far."""
 
     path: Path
     layout: Layout
@@ -156,7 +156,7 @@ class _Index:
 
     @property
     def end(self) -> int:
-        """The byte after the last whole line."""
+        """Byte after the last whole line."""
         return self._end
 
     def __post_init__(self) -> None:
@@ -164,7 +164,7 @@ class _Index:
         self._least = [0] * len(self.kinds)
         self._end = self.layout.bytes_before
         self.grouped: set[int] = set()
-        """Columns of numbers with marks between thousands."""
+        """Columns of numbers with thousands separators."""
         self.blank: set[int] = set()
         """Columns with empty cells."""
 
@@ -191,7 +191,7 @@ class _Index:
         self.rows.append(self.rows[-1] + len(table))
 
     def _unsigned(self, text: bytes, column: int) -> pa.DataType | None:
-        """Arrow takes integers above the range of int64 for floats."""
+        """Unsigned type of integers above the int64 range, which Arrow reads as floats; None for other columns."""
         try:
             _parse(self.path, self.layout, text, self.rows[-1], {column: pa.uint64()})
         except InputError:
@@ -200,7 +200,7 @@ class _Index:
 
 
 def _is_grouped(layout: Layout, values: pa.ChunkedArray) -> bool:
-    """Whether all cells are numbers, some with marks between thousands."""
+    """Whether all cells are numbers, some with thousands separators."""
     cells = pc.utf8_trim_whitespace(values).drop_null().to_pylist()
     pattern = re.compile(
         f"(?:{NUMBER.pattern})" if layout.decimal == "." else "[+-]?\\d*(?:,\\d*)?(?:[eE][+-]?\\d+)?",
@@ -212,7 +212,7 @@ def _is_grouped(layout: Layout, values: pa.ChunkedArray) -> bool:
 
 
 def _ungrouped(path: Path, layout: Layout, place: int, cells: pa.Array, row: int) -> pa.Array:
-    """Return numbers with marks between thousands as numbers."""
+    """Convert numbers with thousands separators."""
     bare = pc.replace_substring_regex(cells, "[^0-9eE+\\-" + layout.decimal + "]", "")
     bare = pc.replace_substring(bare, layout.decimal, ".")
     bare = pc.if_else(pc.equal(bare, ""), pa.scalar(None, pa.string()), bare)
@@ -229,7 +229,7 @@ def _is_known(kind: pa.DataType) -> bool:
 
 
 def _wider(one: pa.DataType, other: pa.DataType, negative: bool) -> pa.DataType:
-    """Return the type that can hold the values of both types."""
+    """Type that holds the values of both types."""
     if one == other or other == pa.null():
         return one
     if one == pa.null():
@@ -251,7 +251,7 @@ def _parse(
     *,
     all_columns: bool = False,
 ) -> pa.Table:
-    """Parse lines from record `row` on; columns have the types in `only` or seem to have; those in `only`, or all."""
+    """Parse lines from record `row` on, with the types in `only` or inferred ones; only those columns, or all."""
     names = [str(k) for k in range(len(layout.headings))]
     types: dict[str, Any] = {names[k]: kind for k, kind in (only or {}).items()}
     try:

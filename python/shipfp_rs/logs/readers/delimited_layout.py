@@ -1,4 +1,4 @@
-"""How a delimited text file is laid out, found from its first lines: mark, decimals, headings, units, rate."""
+"""Layout of a delimited text file, detected in its first lines: delimiter, decimal mark, headings, units, rate."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ from shipfp_rs.logs.readers.time_words import SECONDS, is_date, is_time, split_u
 from shipfp_rs.support import units
 
 SAMPLE = 1 << 16
-"""Bytes from which the layout is found."""
+"""Bytes in which the layout is detected."""
 
 SCORED = 200
-"""Number of lines on which delimiters are tried; loggers write fewer above the records."""
+"""Number of lines on which delimiters are tried; headers of loggers are shorter."""
 
 PREAMBLE = 5
-"""The records begin where so many lines in a row hold a number."""
+"""The records start at this many successive lines with a number."""
 
 HEADING_ROWS = 4
-"""Most lines of names, units and descriptions right above the records."""
+"""Most lines of names, units and descriptions directly above the records."""
 
 DIALECTS = (
     (",", "."),
@@ -41,7 +41,7 @@ DIALECTS = (
     (" ", ","),
     (",", ","),
 )
-"""Pairs of delimiter and decimal mark, the likelier first; where both are commas, the numbers stand in quotes."""
+"""Pairs of delimiter and decimal mark, most likely first; where both are commas, the numbers are quoted."""
 
 NUMBER = re.compile(
     r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?(nan|inf|infinity)|true|false", re.IGNORECASE
@@ -50,7 +50,7 @@ GROUPED = {
     ".": re.compile(r"[+-]?[1-9]\d{0,2}([, '\u2019\u00a0\u202f])\d{3}(?:\1\d{3})*(?:\.\d*)?"),
     ",": re.compile(r"[+-]?[1-9]\d{0,2}([. '\u2019\u00a0\u202f])\d{3}(?:\1\d{3})*(?:,\d*)?"),
 }
-"""Patterns of numbers with separators of thousands, by the decimal mark."""
+"""Patterns of numbers with thousands separators, by decimal mark."""
 RATE = re.compile(
     r"(?P<name>[^\W\d][^\W\d_' .-]*(?:[' _.-]+[^\W\d][^\W\d_' .-]*)*)\s*[\[(]?(?P<unit>k?Hz|m?s|S/s)?[\])]?\s*[:=;,\t ]\s*"
     r"(?P<value>\d[\d.,eE+-]*)\s*(?P<after>k?Hz|m?s|S/s)?\b"
@@ -60,49 +60,49 @@ SCALES = {"kHz": 1e3, "ms": 1e-3}
 COMMENT = "#%!/"
 NAME_LINES = frozenset(("label", "labels", "tracename"))
 UNIT_LINES = frozenset(("vertical units", "y_unit_label", "vunit"))
-"""First words of lines above the records that state the names or units of the columns."""
+"""First words of header lines with the names or units of the columns."""
 
 
 @dataclass(frozen=True)
 class Layout:
-    """Where the records of a file begin and end, and how they are written."""
+    """Position and format of the records of a file."""
 
     encoding: str
     delimiter: str
     decimal: str
     lines_before: int
-    """Lines in front of the first record."""
+    """Lines before the first record."""
     bytes_before: int
     bytes_end: int
-    """Where a footer begins, or the file's end."""
+    """Offset of the footer, or of the file's end."""
     headings: tuple[str, ...]
     units: tuple[str, ...]
     numeric: tuple[bool, ...]
-    """Whether most cells of the column are numbers."""
+    """Whether most cells of each column are numbers."""
     timelike: tuple[bool, ...]
-    """Whether most cells of the column are dates or times of day."""
+    """Whether most cells of each column are dates or times of day."""
     named: bool
     """Whether the file has headings."""
     footer: tuple[str, ...]
     rate_hz: float | None
-    """Sample rate, where the lines above the records state one [Hz]."""
+    """Sample rate given in the header [Hz]."""
     start_s: float
-    """Time of the first record [s], where the lines above state it together with a rate."""
+    """Time of the first record [s], if the header gives it together with a rate."""
     counted: bool
     """Whether the first column counts the records, so that their times follow from the rate."""
 
     def named_column(self, place: int) -> bool:
-        """Whether a column has a name; a column with neither name nor numbers is the end of the lines."""
+        """Whether a column has a name; one with neither name nor numbers comes from the line end."""
         return self.headings[place] != f"column {place + 1}"
 
     @property
     def wide(self) -> int:
-        """Least number of bytes of a character."""
+        """Least number of bytes per character."""
         return 2 if self.encoding.startswith("utf-16") else 1
 
 
 def find_layout(path: Path) -> Layout:
-    """Find the layout of a delimited file; `InputError` where its first lines hold no rows of numbers."""
+    """Detect the layout of a delimited file; `InputError` if its first lines have no rows of numbers."""
     with path.open("rb") as file:
         sample = file.read(SAMPLE)
     encoding, mark = _encoding(path, sample)
@@ -121,7 +121,7 @@ def find_layout(path: Path) -> Layout:
         )
     full = [row for row in rows[first:] if len(row) == width]
     above = [_uncommented(line, delimiter) for line in lines[:first]]
-    # long: what the lines above the records say, one thing after the other
+    # long: evaluates the header lines step by step
     beside = _taken_facts(above, [any(row[k] for row in full) for k in range(width)], decimal)
     headings, own, named = _headings(above, width)
 
@@ -171,14 +171,14 @@ def find_layout(path: Path) -> Layout:
 
 
 def _first_record(rows: Sequence[list[str]], width: int, decimal: str) -> int | None:
-    """Return the index of the first record; None where no line is a record."""
+    """Index of the first record; None if no line is a record."""
     holds_number = [any(is_number(cell, decimal) for cell in row) for row in rows]
     filled = [k for k, row in enumerate(rows) if any(row)]
-    # Where records begin with a number, a line that begins with a name and goes on with numbers describes a trace.
+    # If records start with a number, a line with a name followed by numbers describes a trace.
     worded = [bool(row and row[0]) and not is_number(row[0], decimal) for row in rows]
     full = [worded[k] for k in filled if _is_record(rows[k], width, decimal)]
     may_begin_with_word = 2 * sum(full) > len(full)
-    # Lines like "Sample rate;2000" look like records, but the headings come soon after them.
+    # Lines like "Sample rate;2000" look like records, but are followed soon by the headings.
     return next(
         (
             k
@@ -195,7 +195,7 @@ def _first_record(rows: Sequence[list[str]], width: int, decimal: str) -> int | 
 
 
 def _encoding(path: Path, sample: bytes) -> tuple[str, int]:
-    """Return the encoding of a text file and the length of its byte order mark."""
+    """Encoding of a text file and length of its byte order mark."""
     for mark, name in ((b"\xff\xfe", "utf-16-le"), (b"\xfe\xff", "utf-16-be"), (b"\xef\xbb\xbf", "utf-8")):
         if sample.startswith(mark):
             return name, len(mark)
@@ -209,22 +209,22 @@ def _encoding(path: Path, sample: bytes) -> tuple[str, int]:
         )
     try:
         sample[: sample.rfind(b"\n") + 1 or None].decode()
-    except UnicodeDecodeError:  # older loggers write ° and µ in one byte each
+    except UnicodeDecodeError:  # older loggers write ° and µ as one byte
         return "latin-1", 0
     return "utf-8", 0
 
 
 def cells_of(line: str, delimiter: str) -> list[str]:
-    """Return the cells of one line, without the space around them."""
+    """Cells of a line, stripped."""
     if delimiter == " ":
         line = line.strip()
-    # A line is one record: a quote that damage left open must not swallow the lines after it.
+    # A line is one record: an unclosed quote in a damaged file must not absorb the following lines.
     cells = next(csv.reader([line], delimiter=delimiter, skipinitialspace=True), [])
     return [cell.strip() for cell in cells]
 
 
 def is_number(cell: str, decimal: str) -> bool:
-    """Whether a cell is a number, with or without marks between thousands, or a time."""
+    """Whether a cell is a number, with or without thousands separators, or a time."""
     if NUMBER.fullmatch(cell.replace(decimal, ".") if decimal == "." or "." not in cell else "no"):
         return True
     return bool(GROUPED[decimal].fullmatch(cell)) or looks_like_time(cell)
@@ -235,7 +235,7 @@ def _uncommented(line: str, delimiter: str) -> list[str]:
 
 
 def _score(lines: list[str], delimiter: str, decimal: str) -> tuple[int, int]:
-    """Return how many more cells are numbers than not; most lines after the first few are records."""
+    """Number of numeric cells minus other cells; most lines after the first few are records."""
     rows = [cells_of(line, delimiter) for line in lines]
     numbers = [sum(is_number(cell, decimal) for cell in row) for row in rows]
     others = sum(sum(map(bool, row)) - count for row, count in zip(rows, numbers, strict=True))
@@ -243,7 +243,7 @@ def _score(lines: list[str], delimiter: str, decimal: str) -> tuple[int, int]:
 
 
 def _width(rows: list[list[str]], decimal: str) -> int:
-    """Return the number of columns that most rows with numbers have."""
+    """Number of columns in most rows with numbers."""
     widths = Counter(len(row) for row in rows if any(is_number(cell, decimal) for cell in row))
     return widths.most_common(1)[0][0] if widths else 0
 
@@ -254,7 +254,7 @@ def _is_record(row: list[str], width: int, decimal: str) -> bool:
 
 
 def _headings(above: list[list[str]], width: int) -> tuple[tuple[str, ...], tuple[str, ...], bool]:
-    """Names and units of the columns out of the rows above the records, and whether there are any names."""
+    """Names and units of the columns from the rows above the records, and whether there are any names."""
     full: list[list[str]] = []
     for row in reversed(above):
         if not any(row):
@@ -264,7 +264,7 @@ def _headings(above: list[list[str]], width: int) -> tuple[tuple[str, ...], tupl
         if len(row) == width + 1 and row[-1].lower() == "comment":  # records may lack this column
             row = row[:-1]
         short = width - len(row)
-        # A delimiter that ends every record may be missing after the names.
+        # A delimiter at the end of every record may be missing after the names.
         if len(full) == HEADING_ROWS or not (short == 0 or (short == 1 and len(row) > 1)):
             break
         full.insert(0, [*row, *[""] * short])
@@ -288,9 +288,9 @@ def _headings(above: list[list[str]], width: int) -> tuple[tuple[str, ...], tupl
 
 
 def _line_of(words: frozenset[str], above: list[list[str]], width: int) -> list[str]:
-    """Return the cells, by column, of the line that begins with one of these words; empty cells where there is none.
+    """Cells, by column, of the header line that starts with one of these words; empty cells if there is none.
 
-    The last line above the records is not searched: it holds headings, whatever it begins with.
+    The last line above the records is not searched, since it is the heading line.
     """
     row = next((row for row in above[:-1] if row and row[0].lower() in words), [])
     return ["", *row[1:width], *[""] * width][:width]
@@ -308,7 +308,7 @@ def _are_units(row: Sequence[str]) -> bool:
 
 
 def _are_under_names(names: Sequence[str], row: Sequence[str]) -> bool:
-    """Whether a row below the names holds units; unknown ones count where a time column has its unit, or one repeats."""
+    """Whether a row below the names holds units; unknown ones count if a time column has its unit, or one repeats."""
     filled = [cell for cell in row if cell]
     given = [name for name in names if name and not is_time(name)]
     below = list(zip(names, row, strict=True))
@@ -329,7 +329,7 @@ def _bare(unit: str) -> str:
 
 
 def _unique(names: list[str]) -> list[str]:
-    """Number columns of time that share a name; two other channels may not share one."""
+    """Number time columns of equal name; other channels must have different names."""
     seen: Counter[str] = Counter()
     found = []
     for name in names:
@@ -347,15 +347,15 @@ def _number(cell: str, decimal: str) -> float:
 
 
 def _is_count(cells: list[str], decimal: str) -> bool:
-    """Whether cells rise by one from cell to cell."""
+    """Whether cells increase by one."""
     numbers = [_number(cell, decimal) for cell in cells if is_number(cell, decimal)]
     return len(numbers) == len(cells) > 1 and all(b - a == 1.0 for a, b in pairwise(numbers))
 
 
 def _taken_facts(above: list[list[str]], holds: Sequence[bool], decimal: str) -> list[tuple[str, float]]:
-    """Remove facts from the rows of headings, and return their names and values [s].
+    """Remove metadata from the rows of headings, and return their names and values [s].
 
-    A fact stands in a column without records: its value under its name, or both in one cell, "tInc = 2e-6 s".
+    They occur in columns without records: a value below its name, or both in one cell, "tInc = 2e-6 s".
     """
     facts: list[tuple[str, float]] = []
     for upper, lower in pairwise([*above, []]):
@@ -375,7 +375,7 @@ def _taken_facts(above: list[list[str]], holds: Sequence[bool], decimal: str) ->
 
 
 def _facts(line: str, decimal: str) -> list[tuple[str, float]]:
-    """Name and value [Hz or s] of what a line like "Sample rate: 2 kHz" states."""
+    """Names and values [Hz or s] in a line like "Sample rate: 2 kHz"."""
     found = RATE.search(line.lstrip(COMMENT + ' "'))
     if found is None:
         return []
@@ -389,7 +389,7 @@ def _facts(line: str, decimal: str) -> list[tuple[str, float]]:
 def _footer(
     path: Path, encoding: str, delimiter: str, decimal: str, before: int
 ) -> tuple[int, tuple[str, ...]]:
-    """Return the place where the footer begins, and its lines: those after the last record that begin with no number."""
+    """Offset of the footer, and its lines: those after the last record that do not start with a number."""
     size = path.stat().st_size
     wide = 2 if encoding.startswith("utf-16") else 1
     start = max(before, size - SAMPLE)
@@ -405,7 +405,7 @@ def _footer(
             break
         cut -= 1
     left = [line.strip() for line in lines[cut:] if line.strip()]
-    # A last line that was cut within a column of words is no footer.
+    # A truncated last line in a column of words is not a footer.
     if not left or cut <= 1:
         return size, ()
     return size - len("\n".join(lines[cut:]).encode(encoding)), tuple(left)

@@ -1,4 +1,4 @@
-"""DEWESoft files (.d7d, .dxd) through the package dwdatareader and its vendor's library."""
+"""DEWESoft files (.d7d, .dxd), read by dwdatareader and its vendor's library."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from shipfp_rs.logs.time_axis import time_axis
 @register_reader(".d7d", ".dxd")
 @in_child("dwdatareader", extra="dewesoft")
 def open_dewesoft(path: Path, rate_hz: float | None) -> Log:
-    """Open a DEWESoft file; the library gives scaled float64. Channels it can't decode are left out, with a warning."""
+    """Open a DEWESoft file, as scaled float64. Channels that the library can't decode are omitted with a warning."""
     import dwdatareader
 
     found: list[Found] = []
@@ -31,7 +31,7 @@ def open_dewesoft(path: Path, rate_hz: float | None) -> Log:
             try:
                 rate = float(channel.sample_rate)
                 if rate > 0.0:
-                    start_s = float(channel.scaled(count=1)[0][0])  # raises where the library can't decode it
+                    start_s = float(channel.scaled(count=1)[0][0])  # raises if the library can't decode it
                     each = Found(Channel(name, channel.unit, rate, channel.number_of_samples, start_s))
                 else:
                     times = np.asarray(channel.scaled()[0])
@@ -53,7 +53,7 @@ def open_dewesoft(path: Path, rate_hz: float | None) -> Log:
         with dwdatareader.DWFile(str(path)) as file:
             channel = file[name]
             rate, count = channel.sample_rate, channel.number_of_samples
-            # Channels without a clock of their own are read whole: the library can't cut them.
+            # Channels without their own clock are read whole, since the library can't read parts of them.
             whole = None if rate > 0.0 else channel.scaled()[1]
 
             def part(_: str, start: int, stop: int) -> Samples:

@@ -1,4 +1,4 @@
-"""imc FAMOS files (.raw, .dat) through the package imctermite3."""
+"""imc FAMOS files (.raw, .dat), read by imctermite3."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from shipfp_rs.logs.readers.isolation import in_child
 from shipfp_rs.logs.time_axis import TimeAxis, time_axis
 
 EPOCH = datetime(1980, 1, 1, tzinfo=UTC)
-"""Trigger times count from here, on the logger's own clock, which is taken as UTC."""
+"""Origin of trigger times, on the logger's clock, which is assumed to be UTC."""
 
 BLOCK_START = re.compile(rb"\|([A-Za-z]{2})\s*,\s*\d+\s*,\s*(\d{1,15})\s*,")
 """Key, version and length of each block of a file."""
@@ -31,11 +31,11 @@ BLOCK_START = re.compile(rb"\|([A-Za-z]{2})\s*,\s*\d+\s*,\s*(\d{1,15})\s*,")
 @register_reader(".raw", ".dat")
 @in_child("imctermite", extra="famos")
 def open_famos(path: Path, rate_hz: float | None) -> Log:
-    """Open a FAMOS file; integers with a scale become float64, all else keeps the recorded type."""
+    """Open a FAMOS file; scaled integers become float64, other types stay as recorded."""
     import imctermite
 
     if not hasattr(imctermite, "ImcTermite"):
-        # The older package imctermite owns the same module name and has another interface.
+        # The older package imctermite has the same module name and another interface.
         raise InputError(
             f"{path}: the installed module imctermite is not imctermite3; pip uninstall imctermite, then "
             "pip install --force-reinstall 'shipfp_rs[famos]'"
@@ -96,13 +96,13 @@ def _unit(channel: Any) -> str:
 
 
 def _sample_width(file: Any, channel: Any) -> int:
-    """Bytes of one recorded sample; 0 for a channel without samples."""
+    """Bytes per recorded sample; 0 for a channel without samples."""
     part = next(file.iter_channel_numpy(channel.uuid, include_x=False, chunk_rows=1, mode="raw"), None)
     return 0 if part is None else int(part["y"].itemsize)
 
 
 def _even(path: Path, channel: Any, later_s: float, rate_hz: float | None) -> Channel:
-    """Return a channel with a step of its own, which began `later_s` after the first."""
+    """Channel with its own step, which started `later_s` after the first."""
     step = channel.x_step_width
     if rate_hz is None and not (math.isfinite(step) and step > 0):
         raise InputError(f"{path}: channel {channel.name!r} has a step of {step:g} s; give rate_hz (--rate)")
@@ -113,7 +113,7 @@ def _even(path: Path, channel: Any, later_s: float, rate_hz: float | None) -> Ch
 
 
 def _pair(path: Path, file: Any, channel: Any, later_s: float) -> tuple[TimeAxis | str, Samples]:
-    """Return the grid and the samples of (x, y) pairs whose x is an increasing time; else why they are left out."""
+    """Grid and samples of (x, y) pairs whose x is an increasing time; else the reason for omitting them."""
     factor = {"s": 1.0, "sec": 1.0, "ms": 1e-3, "": 1.0}.get(channel.x_unit.strip().strip('"').lower())
     if factor is None:
         return f"x is in {channel.x_unit!r}, no time", np.empty(0)
@@ -129,19 +129,19 @@ def _pair(path: Path, file: Any, channel: Any, later_s: float) -> tuple[TimeAxis
 
 
 def _sample_bytes(path: Path) -> int:
-    """Count the bytes of samples in a file: where it was cut, the package would read beyond its end."""
+    """Bytes of samples in a file: the package would read past the end of a truncated one."""
     held = place = 0
     with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
         while found := BLOCK_START.search(content, place):
             place = found.end() + int(found[2])
-            start = content.find(b",", found.end(), place)  # behind the block's number
+            start = content.find(b",", found.end(), place)  # after the block's number
             if found[1] == b"CS" and start >= 0:
                 held += min(place, len(content)) - start - 1
     return held
 
 
 def _cut(path: Path, name: str, samples: int, held: int, *, alone: bool) -> int:
-    """Return the samples left of a channel; with several channels none may be whole, since they may be interleaved."""
+    """Samples present of a truncated channel; with several channels, which may be interleaved, none may be complete."""
     what = f"{path}: cut short or damaged: channel {name!r} has {samples} samples"
     if not alone:
         raise InputError(f"{what}, more than the file holds beside the other channels; fetch it again")

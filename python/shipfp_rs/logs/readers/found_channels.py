@@ -1,4 +1,4 @@
-"""Channels that a reader found, at rates of their own or on the grids of rows of times, as one log."""
+"""Log of channels found by a reader, with their own rates or times."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from shipfp_rs.logs.time_axis import TimeAxis
 
 @dataclass(frozen=True)
 class Found:
-    """A channel, the grid of the row of times that it goes by, and when it began, where the file tells."""
+    """Channel, grid of its times, and its start, if the file has one."""
 
     channel: Channel
     axis: TimeAxis | None = None
@@ -24,12 +24,12 @@ class Found:
 
     @classmethod
     def on(cls, axis: TimeAxis, name: str, unit: str, start_utc: datetime | None = None) -> Found:
-        """Return a channel with the grid of a time axis."""
+        """Channel on the grid of a time axis."""
         return cls(Channel(name, unit, axis.rate_hz, axis.samples, axis.start_s), axis, start_utc)
 
 
 def log_of_found(path: Path, found: Sequence[Found], rows: Blocks, notes: Sequence[str] = ()) -> Log:
-    """Return the log of the channels found. Its clock begins with the earliest channel; `rows` yields the recorded rows."""
+    """Log of the channels found. Its clock starts with the earliest channel; `rows` yields the recorded rows."""
     zero = min((each.start_utc for each in found if each.start_utc), default=None)
     channels = [
         replace(each.channel, start_s=each.channel.start_s + (each.start_utc - zero).total_seconds())
@@ -46,7 +46,7 @@ def log_of_found(path: Path, found: Sequence[Found], rows: Blocks, notes: Sequen
 
 
 def tell_left_out(path: Path, why: str, names: Sequence[str], *, all_of_them: bool) -> None:
-    """Warn of channels that are left out, or raise where nothing else is in the file."""
+    """Warn of omitted channels; `InputError` if the file has no others."""
     if names and all_of_them:
         raise InputError(f"{path}: {why}: {', '.join(names)}; expected at least one channel of numbers")
     if names:

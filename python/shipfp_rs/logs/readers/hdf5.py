@@ -1,4 +1,4 @@
-"""HDF5 files (.h5, .hdf5) and MATLAB files of version 7.3, which are HDF5, through the package h5py."""
+"""HDF5 files (.h5, .hdf5) and MATLAB files of version 7.3, which are HDF5, read by h5py."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ SINCE = re.compile(r"\s*([a-zµ]+)\s+since\s+(.+)")
 @register_reader(".h5", ".hdf5")
 @in_child("h5py", extra="hdf5")
 def open_hdf5(path: Path, rate_hz: float | None) -> Log:
-    """Open an HDF5 file: each dataset of one axis, and each field of one, is a channel; its path is the name.
+    """Open an HDF5 file; each one-dimensional dataset, and each field of one, is a channel named by its path.
 
     Unit (`unit`, `units`), sample rate (`rate_hz`, `sample_rate`, `dt` ...) and start (`start_s` [s], `start_utc` in
     ISO 8601) are attributes of the dataset or of a group above it; MATLAB 7.3 may keep the rate in a scalar. Without
-    a rate, a dataset `time` of the same length beside it or above it is the time base.
+    a rate, a dataset `time` of the same length, beside or above it, is the time base.
     """
     import h5py
 
@@ -85,7 +85,7 @@ def open_hdf5(path: Path, rate_hz: float | None) -> Log:
 
 @dataclass(frozen=True)
 class _Row:
-    """Numbers along one axis of a dataset, one field of it, or one column of a table."""
+    """Numbers along one axis of a dataset, in a field, or in a column of a table."""
 
     dataset: Any
     length: int
@@ -114,7 +114,7 @@ class _Row:
 
 
 def _find_rows(file: Any) -> tuple[dict[str, _Row], list[str]]:
-    """All rows of numbers of a file by their path in it, and the names of the other datasets."""
+    """Rows of numbers in a file by path, and the names of the other datasets."""
     import h5py
 
     rows: dict[str, _Row] = {}
@@ -151,14 +151,14 @@ def _find_rows(file: Any) -> tuple[dict[str, _Row], list[str]]:
 
 
 def _leads_out(name: str, link: Any) -> str | None:
-    """Return the name of a link into another file: a stranger's log must not show what else stands on this disk."""
+    """Name of a link into another file. Links are not followed, so that a log can't read other files on the disk."""
     import h5py
 
     return None if isinstance(link, h5py.HardLink | h5py.SoftLink) else name
 
 
 def _require_own(dataset: Any) -> None:
-    """Refuse a dataset whose samples stand in another file."""
+    """Raise `InputError` for a dataset whose samples are in another file."""
     if dataset.external or (
         dataset.is_virtual and any(source.file_name != "." for source in dataset.virtual_sources())
     ):
@@ -166,7 +166,7 @@ def _require_own(dataset: Any) -> None:
 
 
 def _words(dataset: Any) -> dict[str, list[str]]:
-    """Lists of words about a dataset: attributes of it, and cells of MATLAB beside it."""
+    """Word lists of a dataset: its attributes, and MATLAB cell arrays beside it."""
     import h5py
 
     found: dict[str, list[str]] = {}
@@ -187,7 +187,7 @@ def _words(dataset: Any) -> dict[str, list[str]]:
 
 
 def _missing_filter(dataset: Any) -> str | None:
-    """Return the compression of a dataset that h5py lacks, if any."""
+    """Compression filter of a dataset that h5py lacks, if any."""
     import h5py
 
     created = dataset.id.get_create_plist()
@@ -199,7 +199,7 @@ def _missing_filter(dataset: Any) -> str | None:
 
 
 def _attributes(dataset: Any) -> dict[str, Any]:
-    """Attributes of a dataset and, where it has none of the name, of the groups above it; names in lower case."""
+    """Attributes of a dataset and, where absent, of the groups above it; names in lower case."""
     facts: dict[str, Any] = {}
     wanted = {"unit", "units", "start_s", *START_NAMES}
     item = dataset
@@ -214,7 +214,7 @@ def _attributes(dataset: Any) -> dict[str, Any]:
 
 
 def _clock(path: Path, key: str, row: _Row) -> tuple[TimeAxis, datetime | None]:
-    """Return the even grid of a dataset of times, and the date of its time zero where its unit tells one."""
+    """Grid of a dataset of times, and the date of time zero, if its unit has one."""
     facts = row.dataset.attrs
     unit = _text(facts.get("units", facts.get("unit", "")))
     since = SINCE.fullmatch(unit)
@@ -224,7 +224,7 @@ def _clock(path: Path, key: str, row: _Row) -> tuple[TimeAxis, datetime | None]:
 
 
 def _instant(path: Path, value: Any) -> datetime:
-    """Instant written in ISO 8601; without a zone it is taken as UTC."""
+    """Instant in ISO 8601, UTC without a zone."""
     text = _text(value)
     try:
         instant = datetime.fromisoformat(text.strip().removesuffix("UTC").strip())
@@ -241,5 +241,5 @@ def _text(value: Any) -> str:
         return str(value)
     try:
         return value.decode()
-    except UnicodeDecodeError:  # older loggers write the sign of degrees in Latin-1
+    except UnicodeDecodeError:  # older loggers write the degree sign in Latin-1
         return value.decode("latin-1")

@@ -1,4 +1,4 @@
-"""Time series of ISO 19848 (JSON, XML or CSV), named by their data channel list where there is one."""
+"""Time series of ISO 19848 (JSON, XML or CSV), with names from their data channel list if there is one."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from shipfp_rs.logs.readers.timed_series import Series, log_of_series, seconds_s
 Values = Iterator[tuple[str, str, str, str]]
 """Data channel, time stamp, value and quality, as written."""
 GOOD = frozenset(("", "0", "192", "good", "ok", "valid", "true"))
-"""Quality codes of a good value, in ISO 19848 and in OPC."""
+"""Quality codes of good values, in ISO 19848 and in OPC."""
 
 
 @register_reader(".json", ".xml", takes=("names",))
 def open_iso19848(path: Path, rate_hz: float | None, names: str | None = None) -> Log:
-    """Open a time series package; values whose quality is not good are gaps, words are left out."""
+    """Open a time series package; values of other than good quality are gaps, words are omitted."""
     begin = path.read_text(encoding="utf-8-sig", errors="replace")
     text = begin.lstrip()
     if '"DataChannelList"' in text[:2000] and '"TimeSeriesData"' not in text:
@@ -57,7 +57,7 @@ def open_iso19848(path: Path, rate_hz: float | None, names: str | None = None) -
 
 
 def _row(channels: Sequence[str], stamp: str, values: Sequence[str], qualities: Sequence[str]) -> Values:
-    """Values of one time stamp; those without a quality are good."""
+    """Values of one time stamp; a missing quality is empty."""
     for channel, value, quality in zip(channels, values, chain(qualities, repeat("")), strict=False):
         yield channel, stamp, value, quality
 
@@ -126,7 +126,7 @@ def _of_xml(path: Path, text: str) -> Values:
 
 
 def _of_csv(path: Path, text: str) -> Values:
-    """Rows of time stamp and values below a row that names the data channels, whatever stands above it."""
+    """Rows of time stamp and values below the row with the data channels' names."""
     delimiter = ";" if text.count(";") > text.count(",") else ","
     channels: list[str] = []
     quality_of: dict[int, int] = {}
@@ -149,7 +149,7 @@ def _of_csv(path: Path, text: str) -> Values:
 
 
 def _listed(path: Path, names: str | None) -> dict[str, tuple[str, str]]:
-    """Short and local identifier to name and unit, from a data channel list in JSON or XML."""
+    """Name and unit by short and local identifier, from a data channel list in JSON or XML."""
     if names is None:
         return {}
     try:

@@ -1,7 +1,7 @@
-"""Readers that lean on third-party packages run in a process of their own.
+"""Readers based on third-party packages, run in a child process.
 
-Their native code ends the process on some damaged files, loops on others, and asks for any amount of memory. In a
-child process that costs the user one line instead of the session.
+On damaged files, the native code of these packages may crash, loop forever or request any amount of memory. In a child
+process this ends in an error message, not in the loss of the session.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ from shipfp_rs.logs.log import Log, Reader
 from shipfp_rs.logs.readers.child_process import LOCK, Child, give_back, take
 
 LIMIT_S = 30.0
-"""Longest wait for a child's answer, and a second more for every 5 MB of the file."""
+"""Longest wait for a child's answer, plus one second for every 5 MB of the file."""
 
 
 def in_child(package: str, *, extra: str) -> Callable[[Reader], Reader]:
-    """Make a reader that needs `package` run in a child process; `extra` is what installs the package."""
+    """Make a reader that needs `package` run in a child process; `extra` is the extra that installs the package."""
 
     def decorate(reader: Reader) -> Reader:
         @functools.wraps(reader)
@@ -44,7 +44,7 @@ def in_child(package: str, *, extra: str) -> Callable[[Reader], Reader]:
 
 
 class _Source:
-    """One file, opened by whichever child is at hand while any of its channels is being read."""
+    """A file, reopened by any available child while one of its channels is being read."""
 
     def __init__(
         self, package: str, reader: Reader, path: Path, rate_hz: float | None, options: dict[str, str]
@@ -84,7 +84,7 @@ class _Source:
 
     def _blocks(self, name: str, first: int, size: int) -> Iterator[Samples]:
         with self._reading() as child:
-            with child.lock:  # a second opening would end the streams of the first
+            with child.lock:  # reopening would end the streams of the first one
                 if child.opened != self._key():
                     self._open(child)
             stream, start = child.next_stream(), True
@@ -97,7 +97,7 @@ class _Source:
                     yield block
                     start = False
             finally:
-                # Told with the next request: this may run while another one is under way.
+                # Sent with the next request, since another one may be in progress.
                 child.drop.append(stream)
 
     @contextlib.contextmanager

@@ -1,4 +1,4 @@
-"""Tables of one value a row, each beside its time and the name of its signal, as historians and databases give them."""
+"""Long tables from historians and databases: one value per row, with its time and signal name."""
 
 from __future__ import annotations
 
@@ -30,13 +30,13 @@ VALUES_TEXT = "value val wert messwert waarde valeur valor valore wartość verd
 VALUES = frozenset(VALUES_TEXT.split())
 UNITS_TEXT = "unit units einheit eenheid unité unidad unità unidade jednostka enhet enhed yksikkö единица"
 UNITS = frozenset(UNITS_TEXT.split())
-"""What the columns of the signals' names, of values and of units are called, in lower case without marks."""
+"""Column names for signal names, values and units, in lower case without punctuation."""
 
 Fields = Mapping[str, tuple[pa.Field, dict[str, Any]]]
 
 
 def long_columns(fields: Fields) -> tuple[str, str, str | None] | None:
-    """Return the fields of names, of values and of units, if a table without its time has them; None of another table."""
+    """Fields of names, values and units, if the table has them besides its time; else None."""
 
     def first(words: frozenset[str], is_kind: Callable[[pa.DataType], bool]) -> str | None:
         found = (
@@ -56,7 +56,7 @@ def log_of_long_table(
     batches: Callable[[str, int, int], Iterator[pa.Array]],
     rate_hz: float | None,
 ) -> Log:
-    """Return a channel for each name, at the times of its own rows; those without a time base are left out."""
+    """Channel for each name, at the times of its own rows; those without a time base are omitted."""
     names, values, units = columns
     with one_line_errors(path):
         whole = {key: pa.chunked_array(list(batches(key, 0, BLOCK))) for key in columns if key}

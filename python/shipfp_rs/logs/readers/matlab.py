@@ -1,4 +1,4 @@
-"""MATLAB files (.mat): version 7.3 is HDF5, older ones are read through SciPy."""
+"""MATLAB files (.mat): version 7.3 is HDF5, older ones are read by SciPy."""
 
 from __future__ import annotations
 
@@ -43,12 +43,11 @@ def open_matlab(path: Path, rate_hz: float | None) -> Log:
 
 @in_child("scipy.io", extra="")
 def open_matlab_5(path: Path, rate_hz: float | None) -> Log:
-    """Open a MATLAB file up to version 7: vectors, columns of matrices, and both within structs are channels.
+    """Open a MATLAB file up to version 7; vectors and matrix columns, also within structs, are channels.
 
-    A vector `time` or `t` is the time base of those of its length in the same struct or in one within it; a scalar `fs`,
-    `rate_hz` or `dt` does as well. Names of a matrix's columns come from a cell array of as many words in the same
-    struct. SciPy reads a
-    variable whole, at most 2 GB in these versions; larger logs are saved with -v7.3.
+    A vector `time` or `t` is the time base of vectors of its length in the same struct or in a nested one; so is a scalar
+    `fs`, `rate_hz` or `dt`. Names of a matrix's columns come from a cell array of the same length in the same struct.
+    SciPy reads whole variables, of at most 2 GB in these versions; larger logs are saved with -v7.3.
     """
     tree = _tree(path)
     rows, plain = tree.rows(), tree.scalars
@@ -82,7 +81,7 @@ def open_matlab_5(path: Path, rate_hz: float | None) -> Log:
 
 
 def _tree(path: Path) -> _Tree:
-    """Read all variables of a file that are whole, with a warning where it was cut short."""
+    """Read all complete variables of a file, with a warning if it is truncated."""
     from scipy.io import loadmat, whosmat
 
     kinds = {name: kind for name, _, kind in whosmat(path)}
@@ -104,7 +103,7 @@ def _tree(path: Path) -> _Tree:
         elif name and not name.startswith("__"):
             try:
                 with warnings.catch_warnings():
-                    # SciPy keeps the real part alone.
+                    # SciPy keeps only the real part.
                     warnings.simplefilter("error", np.exceptions.ComplexWarning)
                     content = loadmat(path, variable_names=[name], mat_dtype=True, struct_as_record=False)[
                         name
@@ -117,7 +116,7 @@ def _tree(path: Path) -> _Tree:
 
 
 class _Tree:
-    """Variables of a file, structs opened."""
+    """Variables of a file, structs unpacked."""
 
     def __init__(self) -> None:
         self.held: dict[str, npt.NDArray[Any]] = {}
@@ -125,10 +124,10 @@ class _Tree:
         self.words: dict[str, list[str]] = {}
         self.scalars: list[tuple[str, Any]] = []
         self.skipped: list[str] = []
-        self.opaque: list[str] = []  # of kinds that SciPy can't open
+        self.opaque: list[str] = []  # kinds that SciPy can't open
 
     def add(self, name: str, content: Any, *, logical: bool = False) -> None:
-        """Take a variable, or a field of a struct under its path."""
+        """Add a variable, or a struct's field under its path."""
         array = np.asarray(content)
         fields = getattr(content, "_fieldnames", None)
         if fields is not None:
@@ -151,7 +150,7 @@ class _Tree:
                 inner = name if array.size == 1 else f"{name}/{label or k + 1}"
                 self.add(inner, item)
             return
-        if array.ndim > 2 and array.dtype.kind in "biuf":  # axes of length one, as Simulink writes them
+        if array.ndim > 2 and array.dtype.kind in "biuf":  # axes of length one, as written by Simulink
             array = np.atleast_2d(np.squeeze(array))
         text = _word(content)
         if text:
@@ -170,7 +169,7 @@ class _Tree:
             self.skipped.append(name)
 
     def rows(self) -> dict[str, Row]:
-        """Vectors and columns of matrices, by name."""
+        """Vectors and matrix columns, by name."""
         found: dict[str, Row] = {}
         for name, array in self.held.items():
             if min(array.shape) == 1:
@@ -189,7 +188,7 @@ class _Tree:
                 own, unit = split_unit(heading)
                 key = posixpath.join(above, own) if own not in found else f"{name}/{own}"
                 found[key] = _row(key, unit, table[:, k])
-        # A matrix without names may begin with its time.
+        # The first column of a matrix without names may be its time.
         for name, array in self.held.items():
             first = f"{posixpath.basename(name)} 1"
             key = posixpath.join(posixpath.dirname(name), first)
@@ -207,7 +206,7 @@ class _Tree:
         return found
 
     def _channel(self, name: str) -> str:
-        """A struct of one channel, its samples in `data` or the like, is called as the struct."""
+        """Channel name: that of the struct if its samples are in `data` or the like."""
         above, last = posixpath.split(name)
         only = [
             key
@@ -234,9 +233,9 @@ def _word(value: Any) -> str:
 
 
 def _whole_variables(path: Path) -> int | None:
-    """Variables of a version 5 file that were not cut, None for one that was not cut at all.
+    """Number of complete variables in a truncated version 5 file; None if it is complete.
 
-    SciPy takes a cut for the end of the file. Each variable begins with its type and its length in bytes.
+    SciPy takes truncation for the end of the file. Each variable starts with its type and its length in bytes.
     """
     size = path.stat().st_size
     with path.open("rb") as file:

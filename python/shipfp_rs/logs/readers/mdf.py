@@ -1,4 +1,4 @@
-"""ASAM MDF files, versions 3 and 4 (.mf4, .mdf), through the package asammdf."""
+"""ASAM MDF files, versions 3 and 4 (.mf4, .mdf), read by asammdf."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ from shipfp_rs.logs.readers.isolation import in_child
 from shipfp_rs.logs.time_axis import TimeAxis, time_axis
 
 Key = tuple[int, int, bool]
-"""Number of a group, index of a channel in it, and whether its samples are those before its conversion."""
+"""Group number, channel index in the group, and whether the samples are unconverted."""
 
 
 @register_reader(".mf4", ".mdf", takes=("names",))
 @in_child("asammdf", extra="mdf")
 def open_mdf(path: Path, rate_hz: float | None, names: str | None = None) -> Log:
-    """Open an MDF file: values scaled as it says, texts as the numbers they stand for.
+    """Open an MDF file; values are scaled, texts are replaced by the numbers they stand for.
 
-    A name that several groups have is followed by its group's number. Invalidated samples are gaps. Groups
-    without a uniform time base are left out with a warning, and so are channels that hold no numbers.
+    A name that occurs in several groups is followed by the group number. Invalidated samples are gaps. Groups
+    without a uniform time base, and channels without numbers, are omitted with a warning.
     """
     import asammdf
 
@@ -61,7 +61,7 @@ def open_mdf(path: Path, rate_hz: float | None, names: str | None = None) -> Log
 def _found(
     path: Path, file: Any, start_utc: datetime, rate_hz: float | None
 ) -> tuple[list[Found], dict[str, Key], list[str], list[str]]:
-    """Return the channels found and where each stands, the names of those left out, and why groups were."""
+    """Channels found and their keys, names of omitted ones, and the reasons for omitted groups."""
     counts = Counter(channel.name for group in file.groups for channel in group.channels)
     found: list[Found] = []
     keys: dict[str, Key] = {}
@@ -90,7 +90,7 @@ def _found(
 
 
 def _frames(file: Any) -> Frames | None:
-    """Return the frames of the CAN buses that a file holds, None where it holds none."""
+    """Frames of the CAN buses in a file; None without any."""
     parts: list[Frames] = []
     for number, group in enumerate(file.groups):
         by_name = {channel.name: index for index, channel in enumerate(group.channels)}
@@ -129,7 +129,7 @@ def _frames(file: Any) -> Frames | None:
 
 
 def _group_axis(path: Path, file: Any, number: int, count: int, rate_hz: float | None) -> TimeAxis:
-    """Return the grid of a channel group."""
+    """Grid of a channel group."""
     if file.masters_db.get(number) is None and rate_hz is None:
         raise InputError(f"{path}: group {number} has no time channel; give rate_hz (--rate)")
 
@@ -143,7 +143,7 @@ def _group_axis(path: Path, file: Any, number: int, count: int, rate_hz: float |
 
 
 def _must_be_raw(file: Any, number: int, index: int) -> bool | None:
-    """Whether a channel has numbers only before its conversion, for instance to text; None where it never has."""
+    """Whether a channel is numeric only before conversion, for instance to text; None if it never is."""
     for raw in (False, True):
         if _values(file, number, index, raw, 0, 1).dtype.kind in "biuf":
             return raw
@@ -156,7 +156,7 @@ def _values(file: Any, number: int, index: int, raw: bool, start: int, count: in
         index=index,
         raw=raw,
         samples_only=True,
-        ignore_invalidation_bits=True,  # else samples that are not valid are dropped, and later ones move up
+        ignore_invalidation_bits=True,  # else invalid samples are dropped and later ones shifted
         record_offset=start,
         record_count=count,
     )

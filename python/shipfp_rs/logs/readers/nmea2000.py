@@ -1,4 +1,4 @@
-"""NMEA 2000 as canboat writes it: lines of raw messages, or one JSON object a line."""
+"""NMEA 2000 as written by canboat: lines of raw messages, or one JSON object per line."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from shipfp_rs.logs.readers.can_signals import Signal
 from shipfp_rs.logs.readers.timed_series import Series, log_of_series, seconds_since_1970
 
 FAST = frozenset((127489, 127496, 127497, 127498, 129029))
-"""Groups whose messages come in several frames."""
+"""Groups whose messages consist of several frames."""
 DEGREE = 180.0 / np.pi
 
 GROUPS: dict[int, tuple[int | None, tuple[Signal, ...]]] = {
@@ -43,20 +43,20 @@ GROUPS: dict[int, tuple[int | None, tuple[Signal, ...]]] = {
     129026: (None, (Signal("COG", "deg", 16, 16, 1e-4 * DEGREE), Signal("SOG", "m/s", 32, 16, 0.01))),
     130306: (None, (Signal("Wind Speed", "m/s", 8, 16, 0.01), Signal("Wind Angle", "deg", 24, 16, 1e-4 * DEGREE))),
 }  # fmt: skip
-"""Groups of the drive train and the ship: place of the instance and fields, as canboat's pgns.json has them."""
+"""Groups of the drive train and the ship: position of the instance and fields, as in canboat's pgns.json."""
 UNITS = {signal.name.lower(): signal for _, signals in GROUPS.values() for signal in signals}
 JSON_NAMES = {
     "speed": "Engine Speed",
     "enginespeed": "Engine Speed",
     "boostpressure": "Engine Boost Pressure",
 }
-"""Other names of fields of group 127488."""
+"""Other names for fields of group 127488."""
 PLAIN = re.compile(r"[\d-]{10}[T-][\d:.]+Z?,\d+,(\d+),(\d+),\d+,\d+,")
 
 
 @register_reader(".jsonl")
 def open_nmea2000(path: Path, rate_hz: float | None) -> Log:
-    """Open a log of canboat; a field is followed by the instance and the sender where there are several of it."""
+    """Open a canboat log; instance and sender are appended to the name of a field that occurs several times."""
     found: dict[tuple[str, int, int], Series] = defaultdict(Series)
     unread = 0
     for number, line in enumerate(path.read_text(encoding="utf-8-sig", errors="replace").splitlines(), 1):
@@ -85,7 +85,7 @@ def open_nmea2000(path: Path, rate_hz: float | None) -> Log:
 
 
 def _named(found: dict[tuple[str, int, int], Series]) -> dict[str, Series]:
-    """Names with instance and sender where one name has several."""
+    """Names with instance and sender where a name occurs several times."""
     named = {}
     for (name, instance, sender), series in found.items():
         others = [key for key in found if key[0] == name]
@@ -126,13 +126,13 @@ def _of_plain(text: str, found: dict[Any, Series]) -> Iterator[Field]:
         top = (1 << (signal.length - 1 if signal.signed else signal.length)) - 1
         known = (
             raw < top - 1 if signal.length > 4 else raw < top
-        )  # the highest are "not available" and "error"
+        )  # the highest values mean "not available" and "error"
         value = raw * signal.scale + signal.offset if known else np.nan
         yield signal.name, signal.unit, signal.scale, instance, int(sender), time, value
 
 
 def _assembled(found: dict[Any, Series], pgn: int, sender: int, frame: Any) -> Any:
-    """Put the frames of a long message together; None until it is whole."""
+    """Assemble the frames of a multi-frame message; None until it is complete."""
     held = found["", pgn, sender]
     order, count = int(frame[0]) >> 5, int(frame[0]) & 31
     if count == 0:

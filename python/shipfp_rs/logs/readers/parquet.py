@@ -1,4 +1,4 @@
-"""Parquet files, read and written row group by row group."""
+"""Parquet files, read and written by row group."""
 
 from __future__ import annotations
 
@@ -42,11 +42,11 @@ def open_parquet(path: Path, rate_hz: float | None, time: str | None = None) -> 
     def batches(column: str, first: int, size: int) -> Iterator[pa.Array]:
         group = int(np.searchsorted(starts, first, side="right")) - 1
         skip = first - int(starts[group])
-        # pre_buffer would load whole row groups; a logger may have written a file of only one.
-        # The footer of a long log takes as long to read as a stretch of it: it is read once.
+        # pre_buffer would load whole row groups, of which a file may have only one.
+        # The footer of a long log takes as long to read as a stretch of it, so it is read once.
         stream = pa.parquet.ParquetFile(local(path), metadata=file.metadata, pre_buffer=False)
         while group < len(groups):
-            # All row groups up to the end take longer to set up than a short stretch to read.
+            # Selecting all row groups up to the end takes longer than reading a short stretch.
             stop = min(max(int(np.searchsorted(starts, first + size)), group + 1), len(groups))
             for batch in stream.iter_batches(size, row_groups=range(group, stop), columns=[column]):
                 if skip < len(batch):
@@ -59,7 +59,7 @@ def open_parquet(path: Path, rate_hz: float | None, time: str | None = None) -> 
 
 @register_writer(".parquet", ".pq")
 def write_parquet(log: Log, path: Path) -> Path:
-    """Write a log as `Log.write` says."""
+    """Write a log; see `Log.write`."""
     if path.exists() and Path(log.name).exists() and path.samefile(log.name):
         raise InputError(f"{path}: is the log itself; choose another name")
     queues = {name: _Rows(log.raw_blocks(name)) for name in log.channels}
@@ -83,7 +83,7 @@ def write_parquet(log: Log, path: Path) -> Path:
 
 
 class _Rows:
-    """Samples of one channel handed out in any number of rows, null after the end."""
+    """Samples of one channel in any number of rows, null after the end."""
 
     def __init__(self, stream: Iterator[Samples]) -> None:
         first = next(stream, np.empty(0))

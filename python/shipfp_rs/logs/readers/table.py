@@ -1,4 +1,4 @@
-"""Logs out of tables (Parquet, Arrow, CSV): one column a channel, time from metadata, the caller or a column."""
+"""Logs from tables (Parquet, Arrow, CSV): one column per channel, time from metadata, the caller or a column."""
 
 from __future__ import annotations
 
@@ -27,32 +27,32 @@ from shipfp_rs.logs.readers.time_column import SAMPLE_ROWS, Column, Wish, find_t
 from shipfp_rs.logs.readers.time_words import is_date, is_time, split_unit, stated_rate
 from shipfp_rs.logs.time_axis import TimeAxis, time_axis
 
-# Arrow imports pandas at its first conversion, and takes an interrupt then for its absence.
+# Arrow imports pandas at its first conversion, and takes an interrupt at that moment for a missing package.
 with contextlib.suppress(ImportError):
     import pandas  # noqa: F401
 
 LEAST_SCATTERED = 8
-"""Fewest numbers, among the first rows, in a column that fills only some of the rows and is read as a channel."""
+"""Least count of numbers, among the first rows, in a sparse column that is read as a channel."""
 LEAST_CHANGES = 100
-"""Fewest rows of a table for it to be recognised as one whose rows record changes of a state."""
+"""Least number of rows in a table of state changes."""
 CHANGING = 0.95
-"""Share of such rows that are changes: a logger repeats a state at its start and end."""
+"""Least fraction of changes in such rows: a logger repeats a state at its start and end."""
 METADATA_KEY = b"shipfp"
-"""Key under which a field carries unit, rate, start and length of its channel, as JSON."""
+"""Metadata key of a field for unit, rate, start and length of its channel, as JSON."""
 
 Batches = Callable[[str, int, int], Iterator[pa.Array]]
-"""(column, first row, size) to its values from that row on, in arrays of at most the size."""
+"""Function (column, first row, size) that yields the values from that row on, in arrays of at most the size."""
 
 
 @dataclass(frozen=True)
 class Options:
-    """How a table is read: the wish for its time, whether its numbers have decimal commas, whether columns have names."""
+    """Options of reading a table: requested time column, decimal commas, named columns."""
 
     time: str | None = None
     european: bool = False
     nameless: bool = False
     blank: frozenset[str] | None = None
-    """Columns that have empty cells, where the reader knows."""
+    """Columns with empty cells, if the reader knows them."""
 
 
 def log_of_table(
@@ -64,7 +64,7 @@ def log_of_table(
     options: Options | None = None,
     notes: Sequence[str] = (),
 ) -> Log:
-    """Build a log from a table; columns without numbers are left out, with a warning."""
+    """Build a log from a table; columns without numbers are omitted with a warning."""
     options = options or Options()
     fields = _named_fields(path, schema, rows)
     plans = find_plans(path, fields, rows, batches, options)
@@ -112,7 +112,7 @@ def log_of_table(
             axis, readers[name] = own_axis
             rate, begin, count = axis.rate_hz, axis.start_s, axis.samples
             axes.append(axis)
-        elif axes and "rate_hz" not in facts:  # a column with a rate of its own does not go by a time column
+        elif axes and "rate_hz" not in facts:  # a column with its own rate needs no time column
             place = _time_before(field.name, plans, schema.names)
             axis, own = axes[place], plans[place].zero
             readers[name] = axis.on_grid(blocks)
@@ -145,14 +145,14 @@ def log_of_table(
 
 
 def _named_fields(path: Path, schema: pa.Schema, rows: int) -> dict[str, tuple[pa.Field, dict[str, Any]]]:
-    """Return each column's name without its unit, to its field and what is known about it."""
+    """Field and metadata of each column, by name without unit."""
     if len(set(schema.names)) < len(schema.names):
         twice = next(name for name in schema.names if schema.names.count(name) > 1)
         raise InputError(f"{path}: column {twice!r} appears twice; give each channel its own name")
     fields: dict[str, tuple[pa.Field, dict[str, Any]]] = {}
     for field in schema:
         name, unit = split_unit(field.name)
-        # Two columns may differ by their unit only.
+        # Two columns may differ only by their unit.
         name = field.name if name in fields else name
         fields[name] = (field, {"unit": unit, "samples": rows, **_facts(path, field)})
     return fields
@@ -165,9 +165,9 @@ def _rows_apart(
     batches: Batches,
     options: Options,
 ) -> dict[str, tuple[TimeAxis, Blocks] | None]:
-    """Return channels that have rows of their own, as one signal a row or several rates in one table give them.
+    """Channels with their own rows, as in tables with one signal per row or several rates.
 
-    Each goes by the rows where it has a number; None, and a warning, where these are no time base.
+    Each uses the rows where it has a number; None, with a warning, if these are not a time base.
     """
     columns = {
         name: field.name
@@ -214,14 +214,14 @@ def _known(values: pa.Array) -> npt.NDArray[np.bool_]:
 
 
 def _is_scattered(known: npt.NDArray[np.bool_]) -> bool:
-    """Whether a column has numbers in rows that mostly stand alone, rather than gaps."""
+    """Whether a column's numbers are mostly isolated, rather than continuous with gaps."""
     alone = np.count_nonzero(known & ~np.concatenate([[False], known[:-1]]))
     return bool(not known.all() and known.sum() >= LEAST_SCATTERED and 2 * alone >= known.sum())
 
 
 def _same_rows(batches: Batches, columns: Sequence[str]) -> Callable[[int, int, int], bool]:
     def same(row: int, earlier: int, count: int) -> bool:
-        """Whether all numbers of some rows stand in earlier ones as well."""
+        """Whether all numbers of some rows also occur in earlier ones."""
         for name in columns:
             here, before = (_rows(batches, name, first, count) for first in (row, earlier))
             if not np.array_equal(here, before, equal_nan=here.dtype.kind == "f"):
@@ -232,9 +232,9 @@ def _same_rows(batches: Batches, columns: Sequence[str]) -> Callable[[int, int, 
 
 
 def _are_changes(batches: Batches, columns: Sequence[str]) -> bool:
-    """Whether columns have two states each, and almost every row a change of one: a logic analyser's list of edges."""
+    """Whether columns have two states each, and almost every row is a change: a logic analyser's list of edges."""
     changed: list[npt.NDArray[np.bool_]] = []
-    with contextlib.suppress(InputError):  # a cell that is no number is told of where the column is read
+    with contextlib.suppress(InputError):  # a cell that is not a number is reported when the column is read
         for name in columns:
             values = np.ma.filled(
                 np.ma.asarray(_rows(batches, name, 0, SAMPLE_ROWS), dtype=np.float64), np.nan
@@ -247,7 +247,7 @@ def _are_changes(batches: Batches, columns: Sequence[str]) -> bool:
 
 
 def _time_before(column: str, plans: Sequence[TimePlan], order: Sequence[str]) -> int:
-    """Return which time column belongs to a column: the last one to its left, or the first if there is none."""
+    """Index of the time column of a column: the last one to its left, or the first if there is none."""
     before = (k for k, plan in enumerate(plans) if order.index(plan.keys[0]) <= order.index(column))
     return max(before, default=0)
 
@@ -259,7 +259,7 @@ def find_plans(
     batches: Batches,
     options: Options,
 ) -> list[TimePlan]:
-    """Find the columns of time; only columns that may hold times are read."""
+    """Find the time columns; only columns that may be times are read."""
     if not rows:
         return []
     columns = []
@@ -282,14 +282,14 @@ def find_plans(
 
 
 def is_time_like(kind: pa.DataType, name: str) -> bool:
-    """Whether a column may be time: timestamps, text, or numbers under a name of time."""
+    """Whether a column may be time: timestamps, text, or numbers with a name for time."""
     if pa.types.is_timestamp(kind) or pa.types.is_string(kind):
         return True
     return _is_number(kind) and not pa.types.is_boolean(kind) and (is_time(name) or is_date(name))
 
 
 def _is_other_time(field: pa.Field, batches: Batches) -> bool:
-    """Whether a column holds times that are not used, which the notes tell."""
+    """Whether a column holds times that are not used, which is noted."""
     if pa.types.is_timestamp(field.type) or not pa.types.is_string(field.type):
         return bool(pa.types.is_timestamp(field.type))
     cells = [
@@ -327,7 +327,7 @@ def _axis(
 
 
 def _without_time(fields: Mapping[str, tuple[pa.Field, dict[str, Any]]], without: Sequence[str]) -> str:
-    """What to add to a table that tells no time."""
+    """Error text for a table without times."""
     for name, (_, facts) in fields.items():
         if is_time(name) and facts["unit"]:
             return (
@@ -351,7 +351,7 @@ def _rows(batches: Batches, column: str, first: int, count: int) -> Samples:
 
 
 def _samples(values: pa.Array) -> Samples:
-    """Values as NumPy holds them; gaps are NaN, or masked where the type has no NaN."""
+    """Values as a NumPy array; gaps are NaN, or masked if the type has no NaN."""
     if not values.null_count or pa.types.is_floating(values.type):
         return np.asarray(values.to_numpy(zero_copy_only=False))
     numbers = values.fill_null(pa.scalar(0).cast(values.type)).to_numpy(zero_copy_only=False)
@@ -359,7 +359,7 @@ def _samples(values: pa.Array) -> Samples:
 
 
 def _facts(path: Path, field: pa.Field) -> dict[str, Any]:
-    """What this package wrote about a channel."""
+    """Metadata of a channel written by this package."""
     facts = _json(path, field.metadata)
     kinds = {
         "unit": str,
@@ -377,7 +377,7 @@ def _facts(path: Path, field: pa.Field) -> dict[str, Any]:
 
 
 def _stated_rate(metadata: dict[bytes, bytes] | None) -> float | None:
-    """Return the rate [Hz] that another program wrote beside a column or a table, such as sample_rate_hz."""
+    """Rate [Hz] given by another program for a column or a table, such as sample_rate_hz."""
     numbers = []
     for key, value in (metadata or {}).items():
         with contextlib.suppress(ValueError):  # words

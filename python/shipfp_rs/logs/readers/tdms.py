@@ -1,4 +1,4 @@
-"""National Instruments TDMS files through the package npTDMS."""
+"""National Instruments TDMS files, read by npTDMS."""
 
 from __future__ import annotations
 
@@ -33,10 +33,10 @@ from shipfp_rs.support.sentences import Sentence
 @register_reader(".tdms")
 @in_child("nptdms", extra="tdms")
 def open_tdms(path: Path, rate_hz: float | None) -> Log:
-    """Open a TDMS file; a channel carries its group's name in front where another has the same name.
+    """Open a TDMS file; a channel name that occurs in several groups gets the group's name as a prefix.
 
-    npTDMS reads a channel in pieces no smaller than the logger wrote: a file defragmented into one piece needs
-    the memory of a whole channel. Segments that begin later than the one before ended keep their own times, with a gap.
+    npTDMS reads a channel in pieces as large as the logger wrote them: a file defragmented into one piece needs the memory
+    of a whole channel. Segments that start after the end of the previous one keep their times, with a gap.
     """
     import nptdms
 
@@ -89,7 +89,7 @@ def open_tdms(path: Path, rate_hz: float | None) -> Log:
 
     def rows(name: str, first: int, size: int) -> Iterator[Samples]:
         channel = by_name[name]
-        step = max(size, BLOCK // size * size)  # each piece of the file is read anew for every part of it
+        step = max(size, BLOCK // size * size)  # for each part, the whole piece of the file is read again
         parts = in_blocks(
             lambda _: len(channel), lambda _, start, stop: channel.read_data(start, stop - start), path
         )
@@ -101,7 +101,7 @@ def open_tdms(path: Path, rate_hz: float | None) -> Log:
 
 
 def _stepped(path: Path, name: str, channel: Any, rate_hz: float, begins: list[tuple[int, int]]) -> Found:
-    """Return a channel that tells its own step and start."""
+    """Channel with its own step and start."""
     offset = float(channel.properties.get("wf_start_offset", 0.0))
     if not math.isfinite(offset):
         raise InputError(f"{path}: channel {name!r} starts at {offset} s; is the file damaged?")
@@ -110,9 +110,9 @@ def _stepped(path: Path, name: str, channel: Any, rate_hz: float, begins: list[t
 
 
 def _begins(path: Path) -> dict[str, list[tuple[int, int]]]:
-    """Return the rows from which on channels begin anew, by path, and when they do [us].
+    """First rows of the segments of each channel, by path, and their start times [us].
 
-    npTDMS keeps the last value of a property alone, so its reader is asked for those of each segment.
+    npTDMS keeps only the last value of a property, so its reader is asked for those of each segment.
     """
     from nptdms.reader import TdmsReader
 
@@ -135,7 +135,7 @@ def _begins(path: Path) -> dict[str, list[tuple[int, int]]]:
 
 
 def _segments(path: Path, channel: Channel, begins: list[tuple[int, int]]) -> tuple[Segment, ...]:
-    """Return which rows are which samples: a segment that begins late leaves a gap, one that begins early goes on."""
+    """Map rows to samples: a segment that starts late leaves a gap, one that starts early is appended."""
     segments = [Segment(0, channel.samples, 0)]
     for row, start in begins[1:]:
         last = segments[-1]
@@ -153,7 +153,7 @@ def _segments(path: Path, channel: Channel, begins: list[tuple[int, int]]) -> tu
 
 
 def _placed(found: Found, segments: tuple[Segment, ...]) -> Found:
-    """Return a channel whose segments stand at their own times, NaN between them."""
+    """Channel with its segments at their own times, NaN between them."""
     channel = replace(found.channel, samples=segments[-1].sample + segments[-1].count)
     gaps = np.array([(one.sample + one.count, two.sample) for one, two in pairwise(segments)])
     fault = Fault("time_gap", channel.name, Sentence("masked: between segments of the file"), gaps)
@@ -173,7 +173,7 @@ def _unit(channel: Any) -> str:
 
 
 def _tell_cut(path: Path, status: Any) -> None:
-    """Warn of samples that a file announces and does not hold."""
+    """Warn of samples that a file announces but lacks."""
     if not status.incomplete_final_segment:
         return
     lost = sum(each.expected_length - each.read_length for each in (status.channel_statuses or {}).values())
@@ -185,7 +185,7 @@ def _tell_cut(path: Path, status: Any) -> None:
 
 
 def _is_time(channel: Any) -> bool:
-    """Whether a channel holds times: stamps, or numbers under a name of time that have no wf_increment themselves."""
+    """Whether a channel holds times: stamps, or numbers with a name for time and no wf_increment."""
     if channel.dtype.kind == "M":
         return len(channel) > 1
     named = is_time(split_bracketed(channel.name)[0])

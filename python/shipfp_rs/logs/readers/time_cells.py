@@ -1,4 +1,4 @@
-"""Cells of a time column to seconds: numbers, stamps, and dates and times of day in any of the orders of the world."""
+"""Conversion of time cells to seconds: numbers, stamps, and dates and times of day in any order of their parts."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from shipfp_rs.errors import InputError
 from shipfp_rs.support.arrays import Array
 
 Order = Literal["y", "d", "m", ""]
-"""What a date begins with: year, day or month; empty where it is not known yet, or there is no date."""
+"""First part of a date: year, day or month; empty if unknown, or if there is no date."""
 Nanoseconds = npt.NDArray[np.int64]
 
 EPOCH = datetime.fromtimestamp(0, UTC)
 DAY_NS = 86_400_000_000_000
 MISSING = np.iinfo(np.int64).min
-"""Stands for a cell that is empty."""
+"""Value of an empty cell."""
 
 MONTHS = {
     name: number
@@ -75,28 +75,28 @@ _SHAPE = re.compile(
     r"\s*(?:[^\W\d]{2,10}\.?,?\s+)?"
     r"(?:\d{1,4}[-./:]|(?:19|20)\d{6}[T_ -]|[^\W\d]{3,10}\.?,?\s+\d|\d{1,2}\.?[- ]\s?[^\W\d]{3})"
 )
-"""How all but compact dates begin; most cells are told from a time by it alone."""
+"""Start of all but compact dates, which distinguishes most cells from times."""
 
 
 @dataclass(frozen=True)
 class TextTime:
-    """How the cells of a column, or of a date and a clock beside it, are written."""
+    """Format of the cells of a column, or of a date and a clock beside it."""
 
     pattern: str
-    """Key of the pattern that fits them."""
+    """Key of the matching pattern."""
     order: Order = ""
-    """What a date of two-digit parts begins with."""
+    """First part of a date of two-digit parts."""
     sure: bool = True
-    """Whether the order follows from the cells, rather than from custom."""
+    """Whether the order follows from the cells rather than from custom."""
 
     @property
     def has_date(self) -> bool:
-        """Whether the cells tell the day."""
+        """Whether the cells include the day."""
         return self.pattern not in ("clock", "minutes")
 
     @property
     def has_clock(self) -> bool:
-        """Whether the cells tell the time of day, or an elapsed time."""
+        """Whether the cells include the time of day, or an elapsed time."""
         return "+" in self.pattern or not self.has_date
 
 
@@ -106,16 +106,16 @@ def looks_like_time(cell: str) -> bool:
 
 
 def find_text_time(cells: Sequence[str], *, dates: bool = True, european: bool = False) -> TextTime | None:
-    """Find how some cells are written; None where no one pattern fits all of them.
+    """Find the format of cells; None if no pattern fits all of them.
 
     Parameters
     ----------
     cells
-        Cells of a column, in order of the rows; empty ones are passed over.
+        Cells of a column, in order of the rows; empty ones are ignored.
     dates
-        Whether eight digits without marks may be a date.
+        Whether eight digits without punctuation may be a date.
     european
-        Whether the file is one of a country that writes the day first: it has decimal commas.
+        Whether the file has decimal commas, so that dates start with the day by custom.
     """
     filled = [cell for cell in cells if cell.strip()]
     if not filled:
@@ -129,7 +129,7 @@ def find_text_time(cells: Sequence[str], *, dates: bool = True, european: bool =
 
 
 def _ordered(found: TextTime, cells: Sequence[str], *, european: bool) -> TextTime:
-    """Tell day first from month first: by parts above twelve, by the days that follow one another, else by custom."""
+    """Decide between day first and month first: by parts above twelve, by successive days, else by custom."""
     if not found.pattern.startswith("two"):
         return replace(found, order="y" if found.pattern.startswith(("ymd", "compact")) else "d")
     match = [_PATTERNS[found.pattern].fullmatch(cell) for cell in cells]
@@ -146,12 +146,12 @@ def _ordered(found: TextTime, cells: Sequence[str], *, european: bool) -> TextTi
 
 
 def nanoseconds(cells: pa.Array, how: TextTime) -> Nanoseconds:
-    """Return cells as nanoseconds since 1970, or since midnight where they have no date; `MISSING` for empty ones.
+    """Nanoseconds since 1970, or since midnight without dates; `MISSING` for empty cells.
 
     Raises
     ------
     ValueError
-        Where a cell does not fit; its arguments are the row in `cells` and the cell.
+        If a cell does not fit; its arguments are the row in `cells` and the cell.
     """
     cells = pc.utf8_trim_whitespace(cells)
     empty = pc.or_kleene(cells.is_null(), pc.equal(cells, "")).to_numpy(zero_copy_only=False)
@@ -194,7 +194,7 @@ def nanoseconds(cells: pa.Array, how: TextTime) -> Nanoseconds:
 
 
 def _arrow_pattern(name: str) -> str:
-    # Arrow's expressions know letters of all languages by another name.
+    # Arrow's regular expressions use another name for letters of all languages.
     return f"^(?:{_PATTERNS[name].pattern})$".replace(r"[^\W\d]", r"\pL")
 
 
@@ -204,7 +204,7 @@ def _refuse(cells: pa.Array, wrong: npt.NDArray[np.bool_]) -> None:
 
 
 def _of_each(texts: pa.Array, function: Callable[[str], int]) -> Nanoseconds:
-    """Return what a function makes of each text; it is asked once for each that differs."""
+    """Apply a function to each text, once per distinct text."""
     coded = pc.fill_null(texts, "").dictionary_encode()
     values = np.array(
         [function(text) if text else 0 for text in coded.dictionary.to_pylist()], dtype=np.int64
@@ -219,7 +219,7 @@ def _zone(text: str) -> int:
 
 
 def _day(part: dict[str, str], order: Order) -> int:
-    """Days since 1970; `MISSING` where there is no such day."""
+    """Days since 1970; `MISSING` if there is no such day."""
     if not part["y"]:
         return 0
     year = int(part["y"])
@@ -240,12 +240,12 @@ def _day(part: dict[str, str], order: Order) -> int:
 
 
 Cells = Callable[[str], Iterator[pa.Array]]
-"""Column to its cells, block by block, all columns in blocks of the same lengths."""
+"""Function of a column that yields its cells by block; blocks have the same lengths in all columns."""
 
 
 @dataclass(frozen=True)
 class TimePlan:
-    """How the time of a table is read.
+    """Interpretation of the time of a table.
 
     Parameters
     ----------
@@ -254,13 +254,13 @@ class TimePlan:
     name
         Name of these fields in messages.
     how
-        How each is written, None for numbers and for timestamps.
+        Format of each; None for numbers and timestamps.
     factor, offset
-        For numbers: seconds per unit, and the offset that is subtracted first.
+        For numbers: seconds per unit, and the offset subtracted first.
     zero
-        Instant from which the seconds count, where the file states it.
+        Origin of the seconds, if the file states it.
     note
-        What was found, one line.
+        Summary in one line.
     """
 
     keys: tuple[str, ...]
@@ -275,11 +275,11 @@ class TimePlan:
 
     @property
     def dated(self) -> bool:
-        """Whether the cells fix the day, and not only the time of day."""
+        """Whether the cells include the day, and not only the time of day."""
         return self.how[0] is None or any(how and how.has_date for how in self.how)
 
     def seconds(self, path: object, cells: Cells) -> Iterator[Array]:
-        """Yield the times of all rows [s] from `zero` on; NaN for an empty cell."""
+        """Yield the times of all rows [s] since `zero`; NaN for an empty cell."""
         state = _Rollover()
         row = 0
         for parts in zip(*(cells(key) for key in self.keys), strict=True):
@@ -294,7 +294,7 @@ class TimePlan:
             row += len(parts[0])
 
     def stamps(self, path: object, parts: Sequence[pa.Array], row: int = 0) -> Nanoseconds | None:
-        """Return cells as nanoseconds since 1970, or midnight without a date, `MISSING` for empty ones; None of numbers."""
+        """Nanoseconds since 1970, or midnight without a date, `MISSING` for empty cells; None for numbers."""
         if self.how[0] is None:
             kind = parts[0].type
             if not pa.types.is_timestamp(kind):

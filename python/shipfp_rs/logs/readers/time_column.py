@@ -1,4 +1,4 @@
-"""Which columns of a table are its time: found from names and cells, or as told."""
+"""Time columns of a table: detected from names and cells, or given by the user."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from shipfp_rs.logs.readers.time_cells import EPOCH, MISSING, Order, TextTime, T
 from shipfp_rs.support.arrays import Array
 
 SAMPLE_ROWS = 2000
-"""Rows from which the time is found."""
+"""Rows in which the time is detected."""
 EPOCHS: tuple[tuple[float, float, float, datetime, str], ...] = (
     (9.4e8, 2.2e9, 1.0, EPOCH, "s since 1970"),
     (9.4e11, 2.2e12, 1e-3, EPOCH, "ms since 1970"),
@@ -27,27 +27,27 @@ EPOCHS: tuple[tuple[float, float, float, datetime, str], ...] = (
     (1.25e17, 1.4e17, 1e-7, datetime(1601, 1, 1, tzinfo=UTC), "100 ns since 1601 (Windows)"),
     (6.3e17, 6.5e17, 1e-7, datetime(1, 1, 1, tzinfo=UTC), "100 ns since year 1 (.NET)"),
 )
-"""Ranges of what counts from a year, the first years of this century to 2039 about, in which they do not overlap."""
+"""Ranges of times counted from a year, for dates from about 2000 to 2039; they do not overlap."""
 DAYS = (
     (3.6e4, 5.1e4, 25569.0, "days since 1900 (Excel)"),
     (7.3e5, 7.46e5, 719529.0, "days since year 0 (MATLAB)"),
 )
-"""Ranges of what counts days, in the same years, and where 1970 began."""
+"""Ranges of times in days, for the same dates, and the day of 1970-01-01."""
 DAY_STEP = 1e-4
-"""Days: above it a step is longer than eight seconds; as seconds it would be a rate above ten kilohertz."""
+"""Steps of times in days above which they are more than eight seconds; as seconds the rate would exceed 10 kHz."""
 LONGEST_STEP_S = 5.0
-"""A column without a unit whose steps would be longer, taken as seconds, is not taken for them."""
+"""Longest plausible step of a column without a unit [s]; with longer ones it is not taken for seconds."""
 CENTURIES_S = 6.3e9
 AMBIGUOUS = frozenset(
     ["x", "xvalue", "xvalues", "xdata", "xaxis", "tempo", "clock", "data", "ora", "hora", "saat", "instant"]
 )
-"""Words of time that mean other things as well."""
+"""Words of time with other meanings as well."""
 WORDS = {"d": "day first", "m": "month first", "y": "year first", "": ""}
 ORDERS: dict[str, Order] = {"d": "d", "t": "d", "j": "d", "m": "m", "y": "y", "a": "y"}
 
 
 class Column(NamedTuple):
-    """A column that may be time: its name without the unit, its unit, its field in the table, cells of its first rows."""
+    """Possible time column: name without unit, unit, field in the table, cells of its first rows."""
 
     name: str
     unit: str
@@ -56,24 +56,24 @@ class Column(NamedTuple):
 
 
 def is_number(column: Column) -> bool:
-    """Whether a column holds numbers, and neither text nor timestamps."""
+    """Whether a column holds numbers, not text or timestamps."""
     kind = column.cells.type
     return bool(pa.types.is_integer(kind) or pa.types.is_floating(kind))
 
 
 def fits_time(column: Column) -> bool:
-    """Whether the unit of a column that is called like a time is one of time: T [°C] is not."""
+    """Whether a column with a name for time has a unit of time: T [°C] does not."""
     return column.unit.lower() in time_words.SECONDS or column.unit == "UTC"
 
 
 def numbers_of(column: Column) -> Array:
-    """Return the finite numbers of a column's first rows."""
+    """Finite numbers in a column's first rows."""
     values = column.cells.to_numpy(zero_copy_only=False).astype(np.float64)
     return np.asarray(values[np.isfinite(values)])
 
 
 def plan_of_numbers(path: object, column: Column, *, trusted: bool = False) -> TimePlan | None:
-    """Tell seconds from other units and from what counts from a year."""
+    """Distinguish seconds from other units and from times counted from a year."""
     values = numbers_of(column)
     plan = TimePlan((column.key,), column.name)
     if len(values) < 2:
@@ -93,7 +93,7 @@ def plan_of_numbers(path: object, column: Column, *, trusted: bool = False) -> T
         offset = float(np.floor(first)) if scale == 1.0 else first
         zero = year + timedelta(microseconds=round(offset * scale * 1e6))
         contradicts = f", not {column.unit} as its heading says" if unit and not stated else ""
-        # The first row is zero: seconds of a day keep their last digits, those since a year do not.
+        # Relative to the first row, seconds keep their last digits; those since a year do not.
         return replace(
             plan,
             factor=scale,
@@ -132,14 +132,14 @@ def _is_packed(values: Array) -> bool:
 
 @dataclass(frozen=True)
 class Wish:
-    """What the user says of the time: columns, and a unit or the order of a date."""
+    """Time requested by the user: columns, and a unit or the order of a date."""
 
     columns: tuple[str, ...]
     told: str = ""
 
     @classmethod
     def of(cls, text: str) -> Wish:
-        """Read "COLUMN", "COLUMN [ms]", "COLUMN [d.m.y]" or "DATE + CLOCK"."""
+        """Parse "COLUMN", "COLUMN [ms]", "COLUMN [d.m.y]" or "DATE + CLOCK"."""
         parts = re.split(r"\s\+\s", text)
         found = [re.fullmatch(r"(.*\S)\s*\[([^\]]*)\]\s*", part) for part in parts]
         names = (match[1] if match else part for match, part in zip(found, parts, strict=True))
@@ -156,27 +156,27 @@ def find_time(
     european: bool = False,
     nameless: bool = False,
 ) -> list[TimePlan]:
-    """Find the time of a table: none, one, or several where each stands before the columns that go by it.
+    """Find the time columns of a table: none, one, or several that each precede the columns they belong to.
 
     Parameters
     ----------
     path
-        For messages.
+        File, for messages.
     columns
-        Those that may be time.
+        Possible time columns.
     names
-        Name of every column of the table to its key, in order.
+        Key of every column of the table by name, in order.
     wish
-        What the user says; see `Wish.of`.
+        The user's request; see `Wish.of`.
     european
         Whether the table has decimal commas.
     nameless
-        Whether the columns have no names: the first is time then, where it rises evenly and is no count of rows.
+        Whether the columns have no names; then the first is time if it rises evenly and does not count rows.
 
     Raises
     ------
     InputError
-        Where the wish names no column, or what is found can be read in two ways.
+        If the request names no column, or the time is ambiguous.
     """
     if wish is not None:
         return [_wished(path, columns, names, Wish.of(wish), european)]
@@ -192,7 +192,7 @@ def find_time(
     scored = [(_score(path, plan, columns), -place, plan) for place, plan in enumerate(found)]
     usable = [item for item in scored if item[0] > (0.0,)]
     if not usable:
-        # What is certainly called time is told of where it is none; an x may be anything.
+        # A column clearly named as time is reported if it is not; an x may be anything.
         certain = [plan for plan in numbers if plan and time_words.plain(plan.name) not in AMBIGUOUS]
         return certain[:1] or (_nameless(columns, names) if nameless else [])
     best = max(usable, key=lambda item: item[:2])[2]
@@ -325,12 +325,12 @@ def _text_plan(path: object, columns: Sequence[Column], european: bool) -> TimeP
 
 
 def _with_zero(path: object, plan: TimePlan, columns: Sequence[Column]) -> TimePlan:
-    """Count from the first row of a plan whose cells have dates."""
+    """Make the first row of a dated plan its origin."""
     return replace(plan, zero=_zero_of(path, plan, columns))
 
 
 def _zero_of(path: object, plan: TimePlan, columns: Sequence[Column]) -> datetime | None:
-    if plan.offset:  # of numbers that count from a year
+    if plan.offset:  # for numbers counted from a year
         return plan.zero
     by_key = {column.key: column.cells for column in columns}
     told = plan.stamps(path, [by_key[key] for key in plan.keys])
@@ -339,7 +339,7 @@ def _zero_of(path: object, plan: TimePlan, columns: Sequence[Column]) -> datetim
 
 
 def _score(path: object, plan: TimePlan, columns: Sequence[Column]) -> tuple[float, ...]:
-    """How well a column's first rows do for a time: that they rise, in even steps, and that one calls it time."""
+    """Score of a column as time: whether its first rows rise, in even steps, and its name means time."""
     by_key = {column.key: column for column in columns}
     (seconds,) = plan.seconds(path, lambda key: iter([by_key[key].cells]))
     seconds = seconds[np.isfinite(seconds)]
@@ -356,7 +356,7 @@ def _score(path: object, plan: TimePlan, columns: Sequence[Column]) -> tuple[flo
 def _interleaved(
     plans: Sequence[TimePlan], columns: Sequence[Column], names: Mapping[str, str]
 ) -> list[TimePlan]:
-    """Time plans of a table whose columns form groups, each headed by a time column of its own; else an empty list."""
+    """Time plans of a table whose columns form groups, each headed by its own time column; else an empty list."""
     if len(plans) < 2:
         return []
     keys = list(names.values())

@@ -1,4 +1,4 @@
-"""What loggers call time, a date, a clock, a unit of time and a sample rate, in ten languages and more."""
+"""Names that loggers use for time, date, clock, units of time and sample rate, in ten languages and more."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ tempotrascorso czas godzina datagodzina czaspomiaru sekundy znacznikczasu aika k
 sekuntia zaman saat süre zamandamgası время часы датавремя χρόνος ώρα 时间 時間 時刻 时刻 시간
 """
 WORDS = frozenset(TIMES_TEXT.split())
-"""A column of time alone or of date and time, in lower case without spaces and marks."""
+"""Column names for time alone or date and time, in lower case without spaces and punctuation."""
 DATES_TEXT = """
 date datum dato fecha data pvm päivä päivämäärä tarih дата ημερομηνία 日期 日付 날짜 day recorddate
 measurementdate messdatum meetdatum utcdate localdate
 """
 DATES = frozenset(DATES_TEXT.split())
-"""A column of dates."""
+"""Column names for dates."""
 UNITS_TEXT = {
     1.0: "s sec secs second seconds sek sekunde sekunden seconde seconden secondes "
     " seg segundo segundos secondi secondo sekund sekunder sekundy sekunti sekuntia saniye с сек δ 秒 초",
@@ -44,7 +44,7 @@ UNITS_TEXT = {
     86400.0: "d day days tag tage dag dagen",
 }
 SECONDS = {"": 1.0} | {word: factor for factor, text in UNITS_TEXT.items() for word in text.split()}
-"""Seconds in a unit of time, in lower case."""
+"""Seconds per unit of time, by name in lower case."""
 RATES_TEXT = """
 rate_hz fs sample_rate samplerate sampling_rate sample_frequency sampling_frequency sampling
 samples_per_second sps scan_rate logging_rate log_rate abtastrate abtastfrequenz messrate
@@ -60,7 +60,7 @@ interval wf_increment abtastintervall abtastzeit abtastperiode periode_d'échant
 período_de_muestreo tinc hresolution increment xincrement x_increment xinc
 """
 INTERVAL_NAMES = frozenset(INTERVALS_TEXT.split())
-"""What a sample rate [Hz] or the time between two samples [s] may be called, in lower case with underscores."""
+"""Names of a sample rate [Hz] or a sample interval [s], in lower case with underscores."""
 
 BRACKETED = re.compile(r"(.*\S)\s*(?:\[([^\]]*)\]|\(([^)]*)\)|\{([^}]*)\}|<([^>]*)>)\s*")
 TAILS = tuple(
@@ -76,9 +76,9 @@ UNDERSCORED = re.compile(r"(.*[^\W_])[ _.]+([a-zµμ]+)")
 
 
 def split_unit(heading: str) -> tuple[str, str]:
-    """Split a heading into name and unit, whichever mark is between: "torque [V]", "n (1/min)", "t / s", "M in Nm".
+    """Split a heading into name and unit at any usual separator: "torque [V]", "n (1/min)", "t / s", "M in Nm".
 
-    Behind a slash, a comma or "in" only a known unit counts; after an underscore only one of time behind a word of time.
+    After a slash, a comma or "in" only a known unit counts; after an underscore only a unit of time after a word for time.
 
     Examples
     --------
@@ -92,7 +92,7 @@ def split_unit(heading: str) -> tuple[str, str]:
         return spaced[1], "rpm"
     for pattern in TAILS:
         found = pattern.fullmatch(heading)
-        # A dash or a bare letter of a formula is no unit here.
+        # A dash or a single letter in a formula is not a unit here.
         if (
             found
             and found[2] != "-"
@@ -107,7 +107,7 @@ def split_unit(heading: str) -> tuple[str, str]:
 
 
 def split_bracketed(heading: str) -> tuple[str, str]:
-    """Split a heading at a bracket alone, for names in which a slash means something else."""
+    """Split a heading only at a bracket, for names in which a slash has another meaning."""
     found = BRACKETED.fullmatch(heading)
     if found is None:
         return heading, ""
@@ -115,14 +115,14 @@ def split_bracketed(heading: str) -> tuple[str, str]:
 
 
 def plain(name: str) -> str:
-    """Return a name in lower case without spaces, marks and a count at its end."""
+    """Name in lower case without spaces, punctuation and trailing number."""
     text = unicodedata.normalize("NFC", name).lower()
     text = re.sub(r"[\s_\-./#%*'\"&+:;,!?()]+", "", text)
     return re.sub(r"(?<=[^\W\d])\d{1,2}$", "", text)
 
 
 def is_time(name: str) -> bool:
-    """Whether a column's name says that it is a time, or a date and a time.
+    """Whether a column's name means time, or date and time.
 
     Examples
     --------
@@ -134,18 +134,18 @@ def is_time(name: str) -> bool:
 
 
 def is_date(name: str) -> bool:
-    """Whether a column's name says that it holds dates."""
+    """Whether a column's name means a date."""
     return plain(name) in DATES
 
 
 START_NAMES = frozenset(
     ["start", "xstart", "x_start", "t0", "x0", "xorigin", "x_origin", "xorg", "xzero", "x_zero", "hoffset"]
 )
-"""What the time of the first sample [s] may be called, in lower case with underscores."""
+"""Names for the time of the first sample [s], in lower case with underscores."""
 
 
 def stated_start(facts: Iterable[tuple[str, float]]) -> float:
-    """Return the time of the first sample [s] that one of these named values states, else 0."""
+    """Time of the first sample [s] among named values, else 0."""
     return next((value for name, value in facts if _key(name) in START_NAMES and np.isfinite(value)), 0.0)
 
 
@@ -154,7 +154,7 @@ def _key(name: str) -> str:
 
 
 def stated_rate(facts: Iterable[tuple[str, object]]) -> float | None:
-    """Return the sample rate [Hz] that one of these named values states, or None."""
+    """Sample rate [Hz] among named values, or None."""
     for name, value in facts:
         key = _key(name)
         number = np.asarray(value)

@@ -1,4 +1,4 @@
-"""Values that come with a time stamp each, by name, as the channels of a log."""
+"""Values with individual time stamps, by name, as the channels of a log."""
 
 from __future__ import annotations
 
@@ -30,12 +30,12 @@ class Series:
 
 
 def log_of_series(path: Path, series: Mapping[str, Series], notes: Sequence[str] = ()) -> Log:
-    """Return a log of series, each on an even grid of its own; the notes name those that can't be.
+    """Log of series, each on its own even grid; the notes name those without one.
 
     Raises
     ------
     InputError
-        Where none has two values or more in order of time.
+        If none has two values or more in order of time.
     """
     kept = {
         name: each for name, each in series.items() if len(each.values) > 1 and np.isfinite(each.values).any()
@@ -69,7 +69,7 @@ def log_of_series(path: Path, series: Mapping[str, Series], notes: Sequence[str]
 def own_axis(
     path: Path, name: str, times: npt.NDArray[np.float64], notes: list[str], faults: list[Fault]
 ) -> TimeAxis | None:
-    """Return the grid of a name's times [s]; None, and a note why, where there is none. Notes and faults are added."""
+    """Grid of a name's times [s]; None, with a note of the reason, if there is none. Appends to notes and faults."""
     try:
         axis = time_axis(path, name, partial(iter, (times,)))
     except InputError as error:
@@ -81,7 +81,7 @@ def own_axis(
 
 
 def seconds_since_1970(text: str) -> float:
-    """Return an instant in ISO 8601, or with the dash of canboat before the clock; without a zone it is UTC."""
+    """Seconds since 1970 of an instant in ISO 8601, or with canboat's dash before the clock; UTC without a zone."""
     text = text.strip()
     if len(text) > 10 and text[10] == "-":
         text = f"{text[:10]}T{text[11:]}"
