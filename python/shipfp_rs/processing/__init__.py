@@ -1,1 +1,1 @@
-"""From a log and a trial file to clean experiments."""
+"""Processing of a log with a trial file into experiments."""

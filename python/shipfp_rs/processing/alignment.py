@@ -1,4 +1,4 @@
-"""Several loggers on one clock: offset and drift from a signal that all of them recorded."""
+"""Alignment of several loggers' clocks: offset and drift from a signal that all of them recorded."""
 
 from __future__ import annotations
 
@@ -23,35 +23,35 @@ from shipfp_rs.support.sentences import Sentence
 from shipfp_rs.tacho import pulse_times
 
 COARSE_HZ, FINE_HZ = 10.0, 100.0
-"""Rates at which the lag is searched and refined."""
+"""Sample rates for the search and the refinement of the lag."""
 COARSE_S, FINE_S = 300.0, 60.0
-"""Lengths of the stretches whose lags are found [s]; a drift of 100 parts in a million is 30 ms in the longer ones."""
+"""Lengths of the stretches whose lags are estimated [s]; a drift of 100 ppm is 30 ms over the longer ones."""
 SMOOTH_S = 0.03
-"""Standard deviation of the Gaussian that smooths the fine signals [s], so that straight lines between samples will do."""
+"""Standard deviation of the Gaussian that smooths the fine signals [s], so that linear interpolation is accurate."""
 ALIKE = 0.8
-"""Least correlation of a stretch of one logger with the other's."""
+"""Least correlation between a stretch of one logger and the other."""
 MOST_DRIFT = 1e-3
-"""Two working clocks differ in rate by less than this."""
+"""Largest relative difference in rate between two working clocks."""
 STEPS = 4
-"""Gauss-Newton steps in which the lag of a stretch is fitted; most passes of the robust line through the lags."""
+"""Gauss-Newton steps for the lag of a stretch; also the most passes of the robust line through the lags."""
 PASSES = 3
-"""Number of times that the lags of all stretches are fitted again."""
+"""Number of times that the lags of all stretches are refitted."""
 NEXT_PULSE = 0.25
-"""Two loggers' pulses are the same one where they lie closer together than this part of an interval."""
+"""Largest distance between the same pulse in two loggers, as a fraction of an interval."""
 
 
 @dataclass(frozen=True)
 class Alignment:
-    """How one logger's clock reads on another's: t_reference = offset_s + (1 + drift) t.
+    """Conversion of a logger's clock to the reference's: t_reference = offset_s + (1 + drift) t.
 
     Parameters
     ----------
     offset_s
-        Reading of the reference's clock where the other stands at zero [s].
+        Time of the reference when the other clock is at zero [s].
     drift
-        Relative difference of rate.
+        Relative difference in rate.
     std_s
-        Standard deviation of the reading at the worse end of the log [s].
+        Standard deviation of the converted time at the worse end of the log [s].
     """
 
     offset_s: float
@@ -59,25 +59,25 @@ class Alignment:
     std_s: float
 
     def __call__(self, time_s: npt.ArrayLike) -> Array:
-        """Return readings of the reference's clock [s]."""
+        """Convert times to the reference's clock [s]."""
         return np.asarray(self.offset_s + (1.0 + self.drift) * np.asarray(time_s, dtype=np.float64))
 
 
 def align(
     reference: Log, other: Log, common: str, *, pulses: bool = False, search_s: float = 120.0
 ) -> Alignment:
-    """Estimate the clock of one logger against another's from a channel of one name in both.
+    """Estimate one logger's clock relative to another's from a channel with the same name in both.
 
-    A coarse lag comes from the correlation of stretches, a line through them from the median of all slopes (Theil and
-    Sen), and the line is refined by fitting each minute's lag, weighted by what the minute tells: where nothing
-    changes, nothing is told. With a pulse train the pulses themselves are matched in the end.
+    A coarse lag is found by correlating stretches, and a line through the lags from the median of all slopes (Theil and
+    Sen). The line is refined by fitting the lag of each minute, weighted by its variance: minutes without changes contribute
+    nothing. With a pulse train, the pulses are matched at the end.
 
     Parameters
     ----------
     reference, other
         Recordings of one trial.
     common
-        Channel that both hold, such as the set point's voltage or a pulse train.
+        Channel in both, such as the set point's voltage or a pulse train.
     pulses
         Whether it is a pulse train.
     search_s
@@ -86,7 +86,7 @@ def align(
     Raises
     ------
     InputError
-        Where a channel is missing, or the two have no varying stretch in common.
+        If a channel is missing, or the two have no varying stretch in common.
     """
     trains = [_pulses(log, common) for log in (reference, other)] if pulses else []
     here, there = map(_frequency, trains) if pulses else (_smooth(log, common) for log in (reference, other))
@@ -101,10 +101,10 @@ def align(
 
 
 def merged(reference: Log, others: Sequence[Log], common: str, *, pulses: bool = False) -> Log:
-    """Return one log with all channels on the reference's clock.
+    """Combine all channels in one log on the reference's clock.
 
-    Other loggers' samples are interpolated by straight lines, at their nominal rates; channels whose name the
-    reference has as well get their file's name behind it. Each clock's offset and drift is on record as a fault.
+    Samples of other loggers are interpolated linearly at their nominal rates; the file's name is appended to channel names
+    that the reference has, too. Offset and drift of each clock are recorded as a fault.
     """
     channels = dict(reference.channels)
     sources = {name: (reference, name) for name in channels}
@@ -132,7 +132,7 @@ def merged(reference: Log, others: Sequence[Log], common: str, *, pulses: bool =
 
 
 def on_clock(log: Log, alignment: Alignment) -> Log:
-    """Return a log whose samples are taken at even times of the reference's clock, between its own by lines."""
+    """Interpolate a log's samples at even times of the reference's clock."""
     stretch = 1.0 + alignment.drift
     channels = [
         replace(
@@ -158,7 +158,7 @@ def on_clock(log: Log, alignment: Alignment) -> Log:
 
 @dataclass(frozen=True)
 class _Series:
-    """A signal at even times."""
+    """Signal at even times."""
 
     start_s: float
     rate_hz: float
@@ -201,7 +201,7 @@ def _pulses(log: Log, name: str) -> Array:
 
 
 def _frequency(times: Array) -> _Series:
-    """Pulses per second, at even times."""
+    """Pulse rate [Hz] at even times."""
     if len(times) < 3:
         raise InputError("the common pulse train has fewer than three pulses; name another common channel")
     middle = 0.5 * (times[1:] + times[:-1])
@@ -210,7 +210,7 @@ def _frequency(times: Array) -> _Series:
 
 
 def _coarse(here: _Series, there: _Series, search_s: float) -> Alignment | None:
-    """Line through the lags of long stretches; None where no stretch is alike in both."""
+    """Line through the lags of long stretches; None if no stretch correlates."""
     here, there = here.slower(COARSE_HZ), there.slower(COARSE_HZ)
     length_s = min(COARSE_S, (there.stop_s - there.start_s) / 4.0)
     found = []
@@ -229,7 +229,7 @@ def _coarse(here: _Series, there: _Series, search_s: float) -> Alignment | None:
 
 
 def _correlation(around: Array, part: Array) -> Array:
-    """Correlation coefficient of a part with every stretch of its length."""
+    """Correlation coefficient between a part and every stretch of the same length."""
     count = len(part)
     if len(around) < count or not np.isfinite(part).all() or np.ptp(part) == 0.0:
         return np.empty(0)
@@ -243,10 +243,10 @@ def _correlation(around: Array, part: Array) -> Array:
 
 
 def _refined(here: _Series, there: _Series, found: Alignment) -> Alignment:
-    """Line through the lags of short stretches, each fitted between the samples.
+    """Line through the lags of short stretches, with a resolution finer than a sample.
 
-    A stretch's lag is that of the part in which the signal moves, which need not be its middle; so each pass first removes
-    the drift that the last one found.
+    The lag belongs to the part of a stretch in which the signal moves, not necessarily its middle, so each pass removes
+    the drift found by the previous one.
     """
     length_s = min(FINE_S, (there.stop_s - there.start_s) / 4.0)
     parts = [
@@ -263,7 +263,7 @@ def _refined(here: _Series, there: _Series, found: Alignment) -> Alignment:
 
 
 def _lag(here: _Series, part: _Series, found: Alignment) -> tuple[float, float, float] | None:
-    """Time in the middle of a stretch, its lag, and the lag's standard deviation [s]; None where no lag can be found."""
+    """Middle of a stretch, its lag, and the standard deviation of the lag [s]; None if no lag is found."""
     time, values = found(part.time_s), part.values
     around = here.cut(time[0] - 1.0, time[-1] + 1.0)
     if len(around.values) < len(values) or not np.isfinite(values.sum() + around.values.sum()):
@@ -288,7 +288,7 @@ def _lag(here: _Series, part: _Series, found: Alignment) -> tuple[float, float, 
 
 
 def _line(time: Array, lag: Array, std: Array, there: _Series) -> Alignment:
-    """Weighted line through lags; those far off are left out."""
+    """Weighted line through lags, without outliers."""
     kept = np.ones(len(time), dtype=np.bool_)
     centre = float(time.mean())
     basis = np.column_stack([np.ones(len(time)), time - centre])
@@ -308,7 +308,7 @@ def _line(time: Array, lag: Array, std: Array, there: _Series) -> Alignment:
 
 
 def _matched(here: Array, there: Array, found: Alignment) -> Alignment:
-    """Line through the differences of pulses that both loggers saw."""
+    """Line through the time differences of pulses recorded by both loggers."""
     pitch = float(np.median(np.diff(here)))
     for _ in range(STEPS):
         place = np.clip(np.searchsorted(here, found(there)), 1, len(here) - 1)

@@ -1,4 +1,4 @@
-"""What the name and the unit of a channel tell: of what quantity it is, and whether it was asked for or measured."""
+"""Quantity and role of a channel, from its name and unit."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from shipfp_rs.logs.channel import Channel
 from shipfp_rs.support.units import ELECTRIC, FREQUENCIES, QUANTITIES, told
 
 LEAST_PART = 4
-"""Letters from which a word counts as a part of a longer one."""
+"""Least number of letters of a word that is recognised within a longer one."""
 LETTERS = str.maketrans({"ø": "o", "æ": "ae", "ß": "ss", "ł": "l", "ı": "i", "đ": "d"})
-"""Letters that are no base letter with an accent, and what to write for each."""
+"""Letters that Unicode does not decompose into base letter and accent, and their replacements."""
 WORD_ENDS = re.compile(r"(?<=[^\W\d_A-Z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])")
-"""Where a word of MotorVelocitySet ends."""
+"""Boundaries between words in names like MotorVelocitySet."""
 TAIL = re.compile(
     r"(?:[ _(\[-]+|(?<=[^\W\d_A-Z])(?=[A-Z]))(?i:"
     r"(rpm|rad_?p?s|deg_?p?s|rad[_/]s(?:ec)?|deg[_/]s(?:ec)?|rev_s|rps|hz|k?nm|k?w|u_?min|1_?min|1_s|pct|percent|%))[)\]]?$"
 )
-"""A unit at the end of a name, where the log has no other place for it."""
+"""Unit at the end of a name, for logs without separate units."""
 TAILS: Mapping[str, str] = {
     "rads": "rad/s", "radps": "rad/s", "radsec": "rad/s", "degs": "deg/s", "degps": "deg/s", "degsec": "deg/s",
     "revs": "rev/s", "umin": "rpm", "1min": "rpm", "1s": "1/s", "hz": "Hz", "w": "W", "kw": "kW",
@@ -32,7 +32,7 @@ TAILS: Mapping[str, str] = {
 
 @functools.cache
 def words() -> Mapping[str, frozenset[str]]:
-    """Return the words of all languages by what they tell."""
+    """Words of all languages by meaning."""
     text = (resources.files("shipfp_rs") / "data" / "channel_words.toml").read_text(encoding="utf-8")
     return {
         what: frozenset(word for language in languages.values() for word in language)
@@ -42,16 +42,16 @@ def words() -> Mapping[str, frozenset[str]]:
 
 @dataclass(frozen=True)
 class Named:
-    """What a channel's name and unit tell.
+    """Meaning of a channel's name and unit.
 
     Parameters
     ----------
     unit
-        The channel's, or that at the end of its name; empty where neither tells one.
+        Unit of the channel, or the one at the end of its name; empty if neither exists.
     quantity
-        "speed", "frequency", "torque", "power", "angle" or "other"; None where unit and name leave it open.
+        "speed", "frequency", "torque", "power", "angle" or "other"; None if undetermined.
     tells
-        What the words of its name tell, of the table's heads.
+        Meanings of the words in its name: headings of `channel_words.toml`.
     by
         "its unit 'rpm'" or "its name".
     """
@@ -63,12 +63,12 @@ class Named:
 
     @property
     def is_open(self) -> bool:
-        """Whether the unit leaves open what was recorded."""
+        """Whether the unit does not determine the quantity."""
         return self.unit in ELECTRIC
 
 
 def named(channel: Channel) -> Named:
-    """Return what the name and unit of a channel tell.
+    """Interpret the name and unit of a channel.
 
     Examples
     --------
@@ -93,13 +93,13 @@ def named(channel: Channel) -> Named:
 
 
 def _of_unit(unit: str, tells: frozenset[str]) -> str | None:
-    """Return the quantity of a unit; a frequency is a speed only where the name says speed."""
+    """Quantity of a unit; a frequency is a speed only if the name means speed."""
     if unit in FREQUENCIES:
         return "speed" if tells & {"speed", "wanted"} else "frequency" if "frequency" in tells else "other"
     for quantity, known in QUANTITIES.items():
         if unit in known.factors:
             return quantity
-    # A drive tells torque and speed in per cent of ones that are to be given.
+    # A drive reports torque and speed in per cent of rated values, which the user has to give.
     by_name = unit in ELECTRIC or (unit == "%" and tells & {"torque", "speed"})
     return None if by_name else "other"
 

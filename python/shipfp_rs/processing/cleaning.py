@@ -1,4 +1,4 @@
-"""Recorded samples calibrated and freed of faults, with an account of every one."""
+"""Calibration of recorded samples and treatment of their faults, with a record of each."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ from shipfp_rs.support.spans import Spans, clipped_to, joined, marks
 from shipfp_rs.support.spikes import bridge
 
 OF_A_LEVEL = {"stuck": "stuck_s", "dropout": "dropout_s", "clipped": "clipped_samples"}
-"""Faults that a load's own level looks like, and the keys of [processing.faults] that say what counts as one."""
+"""Faults that a load's normal level may resemble, and their keys in [processing.faults]."""
 
 
 def spike_rule(sensor: Level | None, processing: Processing) -> tuple[str, Spikes]:
-    """Return the kind of fault that a spike of a channel is, and what counts as one; None: a channel without a role."""
+    """Fault kind and spike limits of a channel; `sensor` is None for a channel without a role."""
     if isinstance(sensor, SetPoint | Command):
         return "D1", processing.set_point_jumps
     return "C" if isinstance(sensor, Torque) else "spike", processing.torque_spikes
@@ -35,7 +35,7 @@ def spike_rule(sensor: Level | None, processing: Processing) -> tuple[str, Spike
 
 @dataclass(frozen=True)
 class Cleaned:
-    """A calibrated channel on the grid of a stretch, what was wrong with it, and its calibration."""
+    """Calibrated channel on the grid of a stretch, its faults and its calibration."""
 
     samples: Array
     faults: list[Fault]
@@ -43,25 +43,25 @@ class Cleaned:
 
 
 class Cleaner:
-    """Calibrated samples of a channel with its faults bridged or masked; remembers those of one stretch.
+    """Calibrated samples of a channel in a stretch, with faults bridged or masked.
 
     Parameters
     ----------
     rows
         The channel.
     sensor
-        Its calibration. Set point and load drive the model and are bridged; torque and rack are masked.
+        Its table in the trial. Set point and load, which are inputs of the model, are bridged; torque and rack are masked.
     processing
-        What counts as a fault.
+        Limits of faults.
     first, last
-        First sample of the stretch and first one after.
+        First sample of the stretch and one past its last.
     may_rest
-        Whether the channel may stand still throughout, as a set point does while the load moves.
+        Whether the channel may be constant throughout, such as a set point while the load changes.
 
     Raises
     ------
     InputError
-        Where the set point, or the load, is missing for longer than may be bridged.
+        If set point or load is missing for longer than may be bridged.
     """
 
     def __init__(
@@ -97,7 +97,7 @@ class Cleaner:
         self._spike, self.spikes = spike_rule(sensor, processing)
         self.first, self.last = first, last
         self.mains_hz = settings.mains_hz
-        # The low-pass reaches beyond the stretch on either side.
+        # The low-pass uses samples on either side of the stretch.
         reach = round(MARGIN_S * self.channel.rate_hz)
         begin, end = max(first - reach, 0), min(last + reach, self.channel.samples)
         found = scan(
@@ -118,9 +118,9 @@ class Cleaner:
             # A load that is switched off stays at zero, and at its rating it stays at a limit: neither is a fault.
             found = {kind: spans for kind, spans in found.items() if kind not in OF_A_LEVEL}
         if is_set_point and self.channel.resolution:
-            # What is asked for in whole bits has no noise: it may stand, and turn at its crest.
+            # A quantised set point has no noise, so it may be constant, and flat at its crest.
             found = {kind: spans for kind, spans in found.items() if kind not in ("stuck", "clipped")}
-        # A channel that never changes may be right. It is reported and left as it is: nothing is there to repair it from.
+        # A channel that never changes may be correct. It is reported and kept, since nothing could repair it.
         whole = np.array([[begin, end]])
         self.still = np.array_equal(found.get("stuck", whole[:0]), whole)
         self._may_rest = may_rest
@@ -132,7 +132,7 @@ class Cleaner:
             self._require_short(settings.longest_bridge_s)
 
     def __call__(self, first: int, stop: int) -> Array:
-        """Return samples [first, stop); lost ones are bridged or NaN."""
+        """Samples [first, stop); missing ones are bridged or NaN."""
         samples = self.calibration(self.rows.read(first, stop))
         missing = ~np.isfinite(samples) | marks(self._lost, first, stop)
         if marks(self._hum, first, stop).any():
@@ -143,7 +143,7 @@ class Cleaner:
         return bridge(samples, lost) if self.drives else np.where(lost, np.nan, samples)
 
     def faults(self) -> list[Fault]:
-        """Return what was found, after all samples of the stretch were asked for."""
+        """Faults, complete after all samples of the stretch were read."""
         method = Sentence("bridged by straight lines") if self.drives else Sentence("masked")
         name = self.channel.name
         found = [Fault(self._spike, name, method, self._within(joined(self._spikes)))]
@@ -166,7 +166,7 @@ class Cleaner:
         return clipped_to(spans, self.first, self.last)
 
     def _require_short(self, longest_s: float) -> None:
-        """Refuse a channel that drives the model but is missing for too long to be bridged."""
+        """Raise `InputError` for an input of the model that is missing for too long to be bridged."""
         for kind, found in self._found.items():
             spans = self._within(found)
             long = spans[spans[:, 1] - spans[:, 0] > longest_s * self.channel.rate_hz]
@@ -185,21 +185,21 @@ class Cleaner:
                 )
 
     def _without_hum(self, samples: Array, missing: Mask, first: int) -> Array:
-        """Remove the hum from a piece; spikes are bridged before, since each would disturb it over the filter's length."""
+        """Remove hum from a piece; spikes are bridged first, since each would affect a whole filter length."""
         filled = bridge(samples, missing | self._spiky(samples, missing)[0])
         return samples - hum_in(filled, first, self._hum, self.channel.rate_hz, self.mains_hz)
 
     def _spiky(self, samples: Array, missing: Mask) -> tuple[Mask, Spans]:
-        """Mark the spikes of a piece, shape (N,), and tell where they begin and end in it."""
+        """Mask of the spikes in a piece, shape (N,), and their spans."""
         spiky = np.zeros(len(samples), dtype=np.bool_)
         found = spikes_between(samples, missing, self.channel.rate_hz, self.spikes, steps=self._spike == "D1")
         for begin, end in found:
-            # One sample more on either side: the receiver's filter widens a spike's foot.
+            # One sample more on either side: the receiver's filter widens the foot of a spike.
             spiky[max(begin - 1, 0) : end + 1] = True
         return spiky, found
 
     def _judged(self, spans: Spans, first: int, size: int) -> Mask:
-        """Whether spans lie so far inside a piece that both sides of them are seen; pieces overlap by more."""
+        """Whether spans are far enough inside a piece for both sides to be visible; pieces overlap by more."""
         border = round(0.5 * MARGIN_S * self.channel.rate_hz)
         low = 0 if first == 0 else border
         high = size if first + size == self.channel.samples else size - border

@@ -1,4 +1,4 @@
-"""A long channel at a coarse rate: means over blocks of samples."""
+"""Long channels at a coarse rate: means over blocks of samples."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from shipfp_rs.support.arrays import Array
 
 
 def block_means(log: Log, name: str, block: int) -> Array:
-    """Return the mean of each block of so many samples, shape (N // block,); NaN where one of them is missing."""
+    """Mean of each block of samples, shape (N // block,); NaN where one is missing."""
     return np.concatenate([np.empty(0), *mean_pieces(log, name, block)])
 
 
 def mean_pieces(
     log: Log, name: str, block: int, start_s: float | None = None, stop_s: float | None = None
 ) -> Iterator[Array]:
-    """Yield the means of a stretch's blocks, piece by piece; samples after the last whole block tell nothing."""
+    """Yield the block means of a stretch in pieces; samples after the last whole block are ignored."""
     held = np.empty(0)
     for chunk in log.chunks(name, start_s=start_s, stop_s=stop_s):
         held = np.concatenate([held, np.asarray(chunk, dtype=np.float64)])
@@ -28,7 +28,7 @@ def mean_pieces(
 
 
 def bridged(values: Array) -> Array:
-    """Return values (N,) with straight lines over the gaps between those that are finite."""
+    """Interpolate NaN linearly, shape (N,)."""
     missing = np.flatnonzero(~np.isfinite(values))
     if not missing.size:
         return values

@@ -1,4 +1,4 @@
-"""Prepares an experiment's signals for a fit: operating point, trend, torque at another place of the shaft."""
+"""Preparation of an experiment's signals for a fit: operating point, trend, torque at another position on the shaft."""
 
 from __future__ import annotations
 
@@ -25,15 +25,15 @@ LEAST_LOADED = 0.5
 """Least ratio of the operating point's torque to the torque's swing, with a measured load or in open loop."""
 TORQUES = ("M_b", "M_s", "M_g")
 LEAST_OWN = 0.2
-"""Least share of the set point's power that is not a polynomial trend."""
+"""Least fraction of the set point's power that is not a polynomial trend."""
 
 
 def about_local_point(experiment: Experiment) -> Experiment:
-    """Return the experiment about the means of its own signals, in place of the trial's operating point.
+    """Return the experiment relative to the means of its own signals, not the trial's operating point.
 
-    The offset of the torque differs from experiment to experiment (1651 to 1721 Nm in appendix E); deviations from
-    one point for all of them would contain that offset. Over whole periods of an oscillation the mean is the operating
-    point; over steps, or over part of a period, it is not.
+    The offset of the torque differs between experiments (1651 to 1721 Nm in appendix E); deviations from one point for
+    all of them would include it. Over whole periods of an oscillation the mean is the operating point; over steps, or over
+    part of a period, it is not.
 
     Examples
     --------
@@ -57,11 +57,11 @@ def driven_point(
     torque_Nm: float | None,
     to_shaft: float = 1.0,
 ) -> dict[str, float]:
-    """Return the operating point; the means of the windows where a load or command starts from next to nothing.
+    """Operating point; the means of the windows if its torque is near zero and there is a load or command.
 
-    Torques are normalised by the torque of the operating point. For an idling engine these ratios are large and mean
-    little, so the mean under load is the better steady state. A quantity that the point lacks also takes its mean. Only a
-    load beside a given torque, `torque_Nm`, is shifted from its mean by as much as the torque is, times `to_shaft`.
+    Torques are normalised by the torque of the operating point. For an idling engine these ratios are large and of little
+    use, so the mean under load is the better steady state. Quantities missing from the point also take their means. With a
+    given torque, `torque_Nm`, the load's mean is shifted by the same difference as the torque, times `to_shaft`.
     """
     every = {name: np.concatenate([signals[name] for signals in windows]) for name in windows[0]}
     means = {name: float(np.nanmean(values)) for name, values in every.items()}
@@ -76,9 +76,9 @@ def driven_point(
 
 
 def conditioned(experiment: Experiment, detrend: int, normalise: Literal["global", "local"]) -> Experiment:
-    """Return the experiment without drift of degree `detrend`, lower where the set point is such a trend itself.
+    """Remove drift of degree `detrend` from an experiment, or of lower degree if the set point is such a trend itself.
 
-    With `normalise` "local" it is about its own means.
+    With `normalise` "local" the result is relative to its own means.
     """
     if detrend:
         degree = 0 if set_point_is_trend(experiment, detrend) else detrend
@@ -88,23 +88,23 @@ def conditioned(experiment: Experiment, detrend: int, normalise: Literal["global
 
 
 def detrended(experiment: Experiment, degree: int = 1) -> Experiment:
-    """Return the experiment without the slow drift of its outputs; what drives the model stays as it is.
+    """Remove slow drift from the outputs of an experiment; its inputs stay unchanged.
 
-    A polynomial of time is fitted to every output, together with the set point and its slope, which stand for the plant's
-    response. The polynomial without its mean is subtracted, so that the operating point stays. This removes, for example,
-    the drift of a gauge with temperature.
+    A polynomial of time is fitted to every output, together with the set point and its slope, which represent the plant's
+    response. The polynomial without its mean is subtracted, so the operating point is unchanged. This removes, for example,
+    the temperature drift of a gauge.
 
     Parameters
     ----------
     experiment
         Signals with NaN where masked; the result has NaN there, too.
     degree
-        Of the polynomial, 1 to 3.
+        Degree of the polynomial, 1 to 3.
 
     Raises
     ------
     InputError
-        For another degree, or where the set point itself is such a polynomial: the response to it looks like drift.
+        For another degree, or if the set point is such a polynomial, since the response to it looks like drift.
     """
     if not 1 <= degree <= MOST_DEGREE:
         raise InputError(f"degree: found {degree}, expected 1 to {MOST_DEGREE}")
@@ -140,7 +140,7 @@ def set_point_is_trend(experiment: Experiment, degree: int = 1) -> bool:
 
 
 def torque_across_inertia(experiment: Experiment, vessel: Vessel, side: Side) -> Array:
-    """Return the shaft torque on one side of both inertias from that of the gauge between them [Nm], shape (N,).
+    """Convert the gauge torque between the inertias to the torque on one side of both [Nm], shape (N,).
 
     On the engine's side M_s = M_g + 2 pi J_1 dn_s/dt, normalised M_b* = M_g* + tau_1 s n* with
     tau_1 = 2 pi J_1 n_s0 / M_s0; on the propeller's side M_p = M_g - 2 pi J_2 dn_s/dt. A constant factor can't convert
@@ -149,22 +149,22 @@ def torque_across_inertia(experiment: Experiment, vessel: Vessel, side: Side) ->
     Parameters
     ----------
     experiment
-        With M_g [Nm] and n_e [rpm].
+        Experiment with M_g [Nm] and n_e [rpm].
     vessel
-        For the gear ratio and both inertias.
+        Source of the gear ratio and both inertias.
     side
         "engine": M_s, before the gearbox's shaft; "propeller": M_p.
 
     Returns
     -------
     ndarray
-        Torque, NaN where torque or speed is. The speed's slope is that of a cubic spline: its error is 0.1 % up to a tenth
-        of the sample rate; at a fifth it is 2 % too small.
+        Torque, NaN where torque or speed is. The slope of the speed is that of a cubic spline, with an error of 0.1 % up
+        to a tenth of the sample rate and of -2 % at a fifth.
 
     Raises
     ------
     InputError
-        Where the experiment has no M_g or no n_e, or for another side.
+        If the experiment has no M_g or no n_e, or for another side.
     """
     one_of("side", side, ("engine", "propeller"))
     for name in ("M_g", "n_e"):

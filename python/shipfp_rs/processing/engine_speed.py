@@ -1,4 +1,4 @@
-"""The engine speed of a stretch: from the best of its pulse trains, or fused from all of them."""
+"""Engine speed of a stretch: from its best pulse train, or fused from all of them."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ from shipfp_rs.tacho import IntervalSpeed, Train, resample
 from shipfp_rs.tacho.fusion import fused_angle
 
 TRAINS_AGREE = 0.02
-"""Pulse trains of one shaft line differ in speed by less than this, relative."""
+"""Largest relative difference in speed between pulse trains of one shaft line."""
 LEAST_INTERVALS = 8
-"""A train with fewer intervals is not compared with the others."""
+"""Fewest intervals of a train that is compared with the others."""
 
 
 @dataclass(frozen=True)
 class _Level:
-    """A recorded speed compared with one counted from pulses: its scale, its standard deviation, and their scatter."""
+    """Recorded speed compared with one counted from pulses: scale, standard deviation and scatter."""
 
     train: SpeedLevel
     speed: IntervalSpeed
@@ -39,10 +39,10 @@ class _Level:
     def beside(
         cls, train: SpeedLevel, speed: IntervalSpeed, grid: Array, rpm: Array, std_rpm: float, rate_hz: float
     ) -> _Level | None:
-        """Compare with a counted speed [rpm] on a grid of `rate_hz`; None where they share no time.
+        """Compare with a counted speed [rpm] on a grid of `rate_hz`; None without common times.
 
-        The counted speed sets its scale, since a converter's gain is only known to about one per cent. Scatter beyond both
-        standard deviations is put down to the recorded speed, so that a slow or late converter has little weight.
+        The counted speed determines the scale, since a converter's gain is known only to about one per cent. Scatter beyond
+        both standard deviations is attributed to the recorded speed, so that a slow or late converter has little weight.
         """
         if len(speed.time_s) < LEAST_INTERVALS:
             return None
@@ -63,7 +63,7 @@ def _told(ratio: float, ratio_std: float, scatter: float, *, agrees: bool) -> di
 
 
 def _beside(counted: Source, levels: Sequence[_Level], std_rpm: float, base: Channel) -> Source:
-    """Return the mean of a counted speed and of levels, each weighed by its variance."""
+    """Mean of a counted speed and of recorded ones, weighted by inverse variance."""
 
     def sampled(first: int, stop: int) -> Array:
         told, weight = counted(first, stop), 1.0 / std_rpm**2
@@ -83,25 +83,25 @@ def _beside(counted: Source, levels: Sequence[_Level], std_rpm: float, base: Cha
 
 
 class EngineSpeed:
-    """Interval speeds of all trains in a stretch, and the engine speed that follows from them.
+    """Interval speeds of all trains in a stretch, and the resulting engine speed.
 
     Parameters
     ----------
     trains
-        Of one shaft line.
+        Trains of one shaft line.
     label
-        Of the stretch.
+        Label of the stretch.
     stretch_s
-        Its begin and end [s].
+        Its start and stop [s].
     base
         Channel on whose index the speed is sampled.
     rate_hz
-        Rate of the grid on which the fused speed is checked for pulses nearby [Hz].
+        Rate of the grid on which the fused speed is checked for nearby pulses [Hz].
 
     Raises
     ------
     InputError
-        Where there are no pulses, or the speeds of the trains differ.
+        If there are no pulses, or the speeds of the trains differ.
     """
 
     def __init__(
@@ -140,7 +140,7 @@ class EngineSpeed:
                 )
 
     def _typical_rpm(self, train: PulseTrain) -> float:
-        """Median engine speed by a train [rpm]: that of the best train, times their ratio over the time that both cover."""
+        """Median engine speed by a train [rpm]: that of the best train, times their ratio over their common time."""
         own, best = self.speeds[train.name], self.speeds[self.train.name]
         typical = best.typical_rps() * self.train.rpm_per_rps
         ratio = (
@@ -151,7 +151,7 @@ class EngineSpeed:
         return typical * ratio if np.isfinite(ratio) else own.typical_rps() * train.rpm_per_rps
 
     def best(self) -> tuple[Source, dict[str, Any]]:
-        """Return the engine speed [rpm] by the train with the most good intervals, and an account of it."""
+        """Engine speed [rpm] by the train with the most good intervals, and how it was determined."""
         train, speed, base = self.train, self.speeds[self.train.name], self.base
 
         def sampled(first: int, stop: int) -> Array:
@@ -163,10 +163,10 @@ class EngineSpeed:
         return sampled, self._account(speed.bandwidth_hz)
 
     def fused(self) -> tuple[Source, dict[str, Any]]:
-        """Return the engine speed [rpm] fused from all trains, and an account of it with its standard deviation.
+        """Engine speed [rpm] fused from all trains, and how it was determined, with its standard deviation.
 
-        The speed is that of the shaft with the best train. The ratio of the other shaft's speed to it is estimated, since
-        gear ratios are mostly known to a few digits only.
+        The fused speed is that of the shaft with the best train. The ratio to the other shaft is estimated, since gear
+        ratios are usually known to only a few digits.
         """
         own, base = self.train, self.base
         useful = [
@@ -229,7 +229,7 @@ class EngineSpeed:
         }
 
     def faults(self) -> list[Fault]:
-        """Return what was wrong with the trains."""
+        """Faults of the trains."""
         return [
             fault
             for train in self.trains
@@ -258,10 +258,10 @@ class EngineSpeed:
         }
 
     def _resolution_rpm(self, bandwidth_hz: float) -> float | None:
-        """Return the speed error [rpm], below the low-pass, due to edges whose times are known to part of a sample.
+        """Error of the speed [rpm] below the low-pass due to the sampling of edges; None without sampled pulses.
 
-        Errors of the angle are white from edge to edge. The power of their derivative rises with the square of the
-        frequency, up to the passband or half the intervals per second. None where no pulses were sampled.
+        Errors of the angle are white between edges. The power of their derivative grows with the square of the frequency,
+        up to the passband or half the intervals per second.
         """
         if self.train.tacho.kind != "pulses" or not bandwidth_hz > 0.0:
             return None

@@ -1,4 +1,4 @@
-"""The sampling period of a governor, from the spectral lines that its stepwise output leaves in the raw torque."""
+"""Sampling period of a governor, from the spectral lines of its stepwise output in the raw torque."""
 
 from __future__ import annotations
 
@@ -15,52 +15,53 @@ from shipfp_rs.support.arrays import Array, ComplexArray
 from shipfp_rs.support.spikes import bridge
 
 RATE_HZ = 800.0
-"""Highest sample rate at which the torque is searched: stairs of 5 ms then have two harmonics in the band."""
+"""Highest sample rate at which the torque is analysed: stairs of 5 ms then have two harmonics in the band."""
 SHORTEST_S = 10.0
-"""Shortest stretch that is searched."""
+"""Shortest stretch that is analysed."""
 LEAST_TOLD = 0.5
-"""Least share of samples that are not masked."""
+"""Least fraction of unmasked samples."""
 LONGEST_S = 1000.0
-"""Longest stretch that is searched: it suffices to find a clock that acts, and longer ones cost memory."""
+"""Longest stretch that is analysed: it suffices to detect a clock, and longer ones cost memory."""
 DRIVEN_HZ = 6.0
-"""Highest frequency at which the set point moves the shaft, and so at which the height of the command's stairs changes."""
+"""Highest frequency at which the set point moves the shaft, and thus at which the height of the stairs changes."""
 SLOWEST_HZ, FASTEST_HZ = 14.0, 200.0
-"""Clocks looked for: periods of 5 to 71 ms."""
+"""Range of the search: periods of 5 to 71 ms."""
 HARMONICS = 6
-"""Number of the clock's harmonics that are searched."""
+"""Number of harmonics that are searched."""
 SEEN = 0.45
-"""Share of the sample rate up to which the torque's spectrum is trusted."""
+"""Fraction of the sample rate up to which the torque's spectrum is used."""
 FLOOR_HZ = 2.0
-"""Width over which the noise beside a line is taken."""
+"""Bandwidth in which the noise beside a line is estimated."""
 MEDIAN = 1.678
-"""Median of what noise alone gives, for two regressors: the gamma law of order two."""
+"""Median of the statistic under noise alone, for two regressors: a gamma distribution of order two."""
 LINE = 60.0
-"""Power over noise of the second strongest harmonic from which on it may be a clock's. Noise alone gives 25 in one of 1e9;
-firing and blades, whose frequency goes with the speed, leave more beside their orders."""
+"""Least ratio of power to noise of a clock's second strongest harmonic. Noise alone reaches 25 once in 1e9; firing and blade
+lines, whose frequency varies with the speed, leave more beside their orders.
+"""
 PIECES = 8
-"""Parts of the record, as lively each as the others, through all of which a clock keeps its phase."""
+"""Parts of the record with equal activity, over all of which a clock keeps its phase."""
 COHERENT = 0.75
-"""Part of a harmonic's power, piece by piece, that one line through all pieces must explain; for two harmonics."""
+"""Least fraction of the power of two harmonics, summed over the parts, that one line over all parts explains."""
 MANY, COHERENT_MANY = 4, 0.5
-"""Harmonics that are enough with a smaller such part. In 60 records of noise the fourth best of six had less than 0.2."""
+"""Number of harmonics for which a smaller fraction suffices. In 60 records of noise the fourth best of six was below 0.2."""
 ALONE = 100.0
-"""Power over noise from which on a line may be a clock's although no harmonic of it is seen: twisting shafts take them."""
+"""Least ratio of power to noise of a clock's only visible line: torsion of the shaft may suppress the harmonics."""
 STEADY = 0.92
-"""What such a line must reach in place of `COHERENT`."""
+"""Replaces `COHERENT` for such a line."""
 FAR_FROM_ORDERS = 1e-2
-"""Part of an order by which such a line must be off any order: speeds that swing lopsidedly move those lines a little."""
+"""Least relative distance of such a line from any order: asymmetric variations of speed shift the lines of orders."""
 CHANCE = 20.0
-"""Power over noise that one of some harmonics may have by chance."""
+"""Ratio of power to noise that one of several harmonics may reach by chance."""
 PART = 0.7
-"""Part of the best comb's mean evidence with which a lower clock takes its place: the best may be its harmonic."""
+"""Fraction of the best comb's mean evidence that a lower clock needs to replace it: the best may be its harmonic."""
 BESIDE_ORDER = 5e-4
-"""Part of an order of the shaft or the engine within which a line may be that order's."""
+"""Relative distance from an order of shaft or engine within which a line is attributed to the order."""
 QUARTZ = 2e-5
-"""Relative error of a logger's clock; a period measured with that clock has the same error."""
+"""Relative error of a logger's clock, and so of a period measured with it."""
 
 
 class GovernorClock(NamedTuple):
-    """A governor's sampling period [s], its standard deviation [s], and the power of its lines over the noise's."""
+    """Sampling period of a governor [s], its standard deviation [s], and the ratio of its lines' power to the noise."""
 
     period_s: float
     std_s: float
@@ -70,30 +71,30 @@ class GovernorClock(NamedTuple):
 def governor_clock(
     torque: Array, speed: Array, factor: int, rate_hz: float, orders_hz: Array
 ) -> GovernorClock | None:
-    """Find the sampling period of a governor that holds its output in between.
+    """Find the sampling period of a governor that holds its output between samples.
 
-    The engine's torque is then a staircase. Less the smooth torque it is a saw-tooth of the governor's period. Its height is
-    the change of the torque in one period, by the equation of motion proportional to tau_n dn'/dt + (p - g) n' (n' the slope
-    of the speed). Multiplied by n', and by dn'/dt, the measured torque has spectral lines at the sampling frequency and its
-    harmonics. The shaft in between weakens them and does not shift them.
+    The engine's torque is then a staircase, which deviates from the smooth torque by a saw-tooth with the governor's period.
+    Its height is the change of the torque in one period; by the equation of motion this is proportional to
+    tau_n dn'/dt + (p - g) n', where n' is the slope of the speed. Multiplied by n' and by dn'/dt, the measured torque has
+    spectral lines at the sampling frequency and its harmonics. The shaft attenuates the lines, but does not shift them.
 
     Parameters
     ----------
     torque
-        At `factor` times the rate of the speed, shape (factor N,), any unit, NaN where masked.
+        Torque at `factor` times the rate of the speed, shape (factor N,), any unit, NaN where masked.
     speed
-        Engine speed from the same moment on, shape (N,), any unit, NaN where masked.
+        Engine speed from the same time on, shape (N,), any unit, NaN where masked.
     factor
-        Samples of the torque a sample of the speed.
+        Samples of the torque per sample of the speed.
     rate_hz
-        Of the torque.
+        Sample rate of the torque.
     orders_hz
         Mean frequencies whose multiples are lines of the rotation: a turn of the shaft, a cycle of the engine.
 
     Returns
     -------
     GovernorClock or None
-        None where there is no clock that can be told from noise.
+        None if no clock is distinguishable from noise.
     """
     share = min(np.isfinite(torque).mean(), np.isfinite(speed).mean())
     if share < LEAST_TOLD or len(torque) < SHORTEST_S * rate_hz:
@@ -117,7 +118,7 @@ def governor_clock(
         shares = sorted(_coherence(stairs, slopes, rate_hz, number / told.period_s) for number in numbers)
         if len(shares) > 1 and shares[-2] > COHERENT:
             return told
-        # A shaft that swings hands on stairs of another shape than the speed's slopes tell, all harmonics alike.
+        # An oscillating shaft changes the shape of the stairs, equally for all harmonics.
         if len(shares) >= MANY and shares[-MANY] > COHERENT_MANY:
             return told
     line = _line(power, step, orders_hz)
@@ -141,19 +142,19 @@ def _slopes(speed: Array, factor: int, rate_hz: float) -> Array:
 
 
 def _without(torque: Array, rate_hz: float) -> Array:
-    """The torque without what the set point moves."""
+    """Torque without the frequencies that the set point drives."""
     spectrum = fft.rfft(torque - torque.mean())
     spectrum[: round(0.5 * (DRIVEN_HZ + SLOWEST_HZ) * len(torque) / rate_hz)] = 0.0
     return np.asarray(fft.irfft(spectrum, len(torque)))
 
 
 def _explained(spectra: ComplexArray, inverse: Array) -> Array:
-    """Power of the torque that two regressors explain at each frequency, shape (F,)."""
+    """Power of the torque explained by two regressors at each frequency, shape (F,)."""
     return np.asarray(np.einsum("if,ij,jf->f", spectra.conj(), inverse, spectra, optimize=True).real)
 
 
 def _over_noise(power: Array, step: float) -> Array:
-    """Divide by what noise gives nearby: the median of a stretch."""
+    """Ratio of power to nearby noise, estimated from the median of a stretch."""
     width = max(round(FLOOR_HZ / step), 8)
     stretches = len(power) // width
     floors = np.median(power[: stretches * width].reshape(stretches, width), axis=1) / MEDIAN
@@ -162,7 +163,7 @@ def _over_noise(power: Array, step: float) -> Array:
 
 
 def _comb(power: Array, step: float, top_hz: float, orders_hz: Array) -> tuple[float, int] | None:
-    """Return the clock [Hz] with the strongest second harmonic, and its strongest harmonic's number."""
+    """Clock [Hz] with the strongest second harmonic, and the number of its strongest harmonic."""
     first, last = round(SLOWEST_HZ / step), round(min(FASTEST_HZ, top_hz) / step)
     bins = np.arange(first, last)
     teeth = np.zeros((HARMONICS, len(bins)))
@@ -180,7 +181,7 @@ def _comb(power: Array, step: float, top_hz: float, orders_hz: Array) -> tuple[f
     best = int(np.argmax(second))
     around = (int(np.argmax(teeth[:, best])) + 1) * int(bins[best]) + np.arange(-HARMONICS, HARMONICS + 1)
     strongest = int(around[np.argmax(power[around])])
-    # The best is the clock, its harmonic, or a part of it: the lowest whose own harmonics are all there.
+    # The best is the clock or one of its harmonics or subharmonics: take the lowest whose harmonics are all present.
     candidates = []
     for part in range(1, 2 * HARMONICS + 1):
         place = round(strongest / part) - first
@@ -196,7 +197,7 @@ def _comb(power: Array, step: float, top_hz: float, orders_hz: Array) -> tuple[f
 
 
 def _line(power: Array, step: float, orders_hz: Array) -> float | None:
-    """Return the strongest line [Hz], if it is strong enough and no order's."""
+    """Strongest line [Hz], if it is strong enough and belongs to no order."""
     bins = np.arange(round(SLOWEST_HZ / step), min(round(FASTEST_HZ / step), len(power)))
     line = float(bins[np.argmax(power[bins])] * step)
     turns = line / orders_hz
@@ -207,7 +208,7 @@ def _line(power: Array, step: float, orders_hz: Array) -> float | None:
 def _refined(
     stairs: Array, slopes: Array, inverse: Array, rate_hz: float, clock: float, harmonic: int, power: float
 ) -> GovernorClock:
-    """Find the top of the strongest line, and its deviation by the Cramer-Rao bound of a line of that power."""
+    """Maximum of the strongest line, with the Cramer-Rao bound of a line of this power as standard deviation."""
     bin_hz = rate_hz / len(stairs)
     around = harmonic * clock + bin_hz * np.array([-3.0, 3.0])
     count = 601
@@ -221,14 +222,14 @@ def _refined(
     middle = float(weight @ time / weight.sum())
     spread = float(weight @ np.square(time - middle) / weight.sum())
     std = 1.0 / (2.0 * np.pi * np.sqrt(2.0 * power * spread))
-    # The grid of the search is a part of it, and so is the logger's clock.
+    # The resolution of the search and the logger's clock contribute.
     std = float(np.linalg.norm([std, (frequency[1] - frequency[0]) / np.sqrt(12.0), QUARTZ * top]))
     period = harmonic / top
     return GovernorClock(period, period * std / top, power)
 
 
 def _coherence(stairs: Array, slopes: Array, rate_hz: float, line_hz: float) -> float:
-    """Power that a line through the whole record explains over that of one of its own in each piece."""
+    """Power explained by one line over the whole record, relative to that by separate lines in each piece."""
     turned = stairs * np.exp(-2j * np.pi * line_hz / rate_hz * np.arange(len(stairs)))
     lively = np.cumsum(np.square(slopes).sum(axis=0))
     ends = np.searchsorted(lively, lively[-1] * np.arange(PIECES + 1) / PIECES)
@@ -244,7 +245,7 @@ def _coherence(stairs: Array, slopes: Array, rate_hz: float, line_hz: float) -> 
 
 
 def liveliest_of(speeds: Mapping[str, Array], longest: int) -> tuple[str, slice] | None:
-    """Return the record, and its stretch of at most `longest` samples, in which the speed moves most; None: it stands."""
+    """Record and stretch of at most `longest` samples with the most motion of the speed; None if it is constant."""
     parts = {label: liveliest(speed, longest) for label, speed in speeds.items()}
     moved = {label: np.nansum(np.square(np.diff(speeds[label][part]))) for label, part in parts.items()}
     label = max(moved, key=lambda label: moved[label])
@@ -252,7 +253,7 @@ def liveliest_of(speeds: Mapping[str, Array], longest: int) -> tuple[str, slice]
 
 
 def liveliest(speed: Array, longest: int) -> slice:
-    """Return the stretch of at most `longest` samples in which the speed moves the most."""
+    """Stretch of at most `longest` samples with the most motion of the speed."""
     if len(speed) <= longest:
         return slice(0, len(speed))
     filled = bridge(speed, np.isnan(speed))

@@ -1,4 +1,4 @@
-"""Times at which the signals of a stretch are sampled."""
+"""Sample times of the signals in a stretch."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from shipfp_rs.support.arrays import Array
 
 @dataclass(frozen=True)
 class Grid:
-    """Times at which the signals of a stretch are sampled."""
+    """Sample times of the signals in a stretch."""
 
     label: str
     start_s: float
@@ -20,11 +20,11 @@ class Grid:
 
     @property
     def stop_s(self) -> float:
-        """First time after the stretch [s]."""
+        """End of the stretch [s], one sample interval after the last."""
         return self.start_s + self.count / self.rate_hz
 
     def low_passed(self, channel: Channel, source: Source) -> Array:
-        """Return samples of `source`, on the channel's own index, low-passed and sampled on the grid."""
+        """Samples of `source`, on the channel's own index, low-passed and sampled on the grid."""
         channel, source = on_a_simple_rate(channel, source, self.rate_hz)
         start = (self.start_s - channel.start_s) * channel.rate_hz
         return LowPass(channel, self.rate_hz, start)(source, self.count)

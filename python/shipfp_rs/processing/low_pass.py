@@ -1,4 +1,4 @@
-"""The low-pass that every channel goes through on its way to the common rate."""
+"""Low-pass and resampling of every channel to the common rate."""
 
 from __future__ import annotations
 
@@ -19,28 +19,28 @@ from shipfp_rs.support.spans import Spans, runs
 from shipfp_rs.support.spikes import bridge
 
 Source = Callable[[int, int], Array]
-"""(first, stop) to samples on a channel's own index, NaN where masked."""
+"""Function (first, stop) that returns samples by a channel's own index, NaN where masked."""
 
 MARGIN_S = 1.0
-"""Time read before and after each piece, so that running medians have settled within it [s]."""
+"""Time read before and after each piece, so that running medians settle [s]."""
 PIECE = 1 << 17
-"""Samples cleaned at once; windows may be longer than memory."""
+"""Samples cleaned at once; windows may exceed the memory."""
 MASKED_SHARE = 0.05
-"""An output is masked where more than this share of the filter's weight lies on masked samples."""
+"""Largest fraction of the filter's weight on masked samples; beyond it an output is masked."""
 ALIGNED = 1e-6
-"""Largest difference of two clocks by rounding alone, as a part of a sample."""
+"""Largest difference between two clocks due to rounding, in samples."""
 SAME_CLOCK, SAME_RATE = 1e-6, 1e-3
-"""Largest relative difference of rates by rounding on one clock, and between two clocks of one nominal rate."""
+"""Largest relative difference of rates due to rounding on one clock, and between two clocks of one nominal rate."""
 REACH = 16
-"""Samples on either side from which a value between two samples is computed."""
+"""Samples on either side that contribute to a value between two samples."""
 KAISER = 8.0
-"""Shape of the Kaiser window over them: up to two fifths of the sample rate a value is right to one part in a thousand."""
+"""Parameter of their Kaiser window: the error is at most 1e-3 up to two fifths of the sample rate."""
 
 
 def nearest_rate(channel: Channel, wanted_hz: float) -> float:
-    """Return the rate nearest to the wanted one that is a simple fraction of a channel's rate [Hz].
+    """Rate nearest to the wanted one that is a simple fraction of a channel's rate [Hz].
 
-    A clock that is off by a few parts in a million then costs nothing: the signals keep the channel's own time.
+    Clocks that differ by a few ppm need no resampling: the signals keep the channel's own time.
     """
     if wanted_hz > channel.rate_hz * (1.0 + 1e-3):
         raise InputError(
@@ -52,10 +52,10 @@ def nearest_rate(channel: Channel, wanted_hz: float) -> float:
 
 
 def on_a_simple_rate(channel: Channel, source: Source, rate_hz: float) -> tuple[Channel, Source]:
-    """Return a channel, and samples of it, at a rate that is to the common one as two small numbers are.
+    """Channel and samples at a rate with a simple ratio to the common rate.
 
-    The nodes of a bus have a clock each, a few parts in a million or ten thousand off: a channel of such another clock is
-    sampled again, by a windowed sinc. Any other rate is returned as it is.
+    The nodes of a bus have separate clocks, which differ by a few to some hundred ppm: a channel on another clock is
+    resampled by a windowed sinc. Channels of any other rate are returned unchanged.
     """
     share = rate_hz / channel.rate_hz
     nearest = Fraction(share).limit_denominator(max(500, round(1.0 / share)))
@@ -70,7 +70,7 @@ def on_a_simple_rate(channel: Channel, source: Source, rate_hz: float) -> tuple[
 
 
 def _between(source: Source, samples: int, step: float, first: int, stop: int) -> Array:
-    """Return samples [first, stop) of those that lie `step` samples of a source apart; NaN beside what is masked there."""
+    """Samples [first, stop) of those spaced by `step` samples of a source; NaN beside masked ones."""
     at = np.arange(first, stop) * step
     low = max(int(at[0]) - REACH, 0)
     values = source(low, min(int(at[-1]) + REACH + 2, samples))
@@ -87,16 +87,16 @@ def _between(source: Source, samples: int, step: float, first: int, stop: int) -
 
 
 class LowPass:
-    """Zero-phase FIR low-pass and resampling to the common rate, in pieces, masked samples allowed for.
+    """Zero-phase FIR low-pass and resampling to the common rate, in pieces, with masked samples.
 
     Parameters
     ----------
     channel
-        The channel, or that on whose index the samples come.
+        The channel, or the one on whose index the samples are.
     rate_hz
         Common rate [Hz].
     start
-        Place of the first output on the channel's index [samples]; may lie between two samples.
+        Index of the first output on the channel [samples], not necessarily whole.
     """
 
     def __init__(self, channel: Channel, rate_hz: float, start: float) -> None:
@@ -112,17 +112,17 @@ class LowPass:
         inner_rate = channel.rate_hz * self.up
         shift = start - self.start
         self.taps = taps(rate_hz / inner_rate, shift * self.up if abs(shift) > ALIGNED else 0.0)
-        # Runs of masked samples longer than the filter are not bridged: no output depends on both of their sides.
+        # Runs of masked samples longer than the filter are not bridged, since no output depends on both sides of them.
         self.longest_bridge = math.ceil(len(self.taps) / self.up) + 1
         self.margin = max(round(MARGIN_S * channel.rate_hz), self.longest_bridge + 1)
 
     def __call__(self, source: Source, count: int) -> Array:
-        """Return `count` outputs; NaN where too many of their samples are masked."""
-        # Begin by whole outputs earlier, as many as the filter needs to fill.
+        """Compute `count` outputs; NaN where too many of their samples are masked."""
+        # Start earlier, by the whole number of outputs that the filter needs to fill.
         ahead = min(math.ceil(self.margin / self.down), self.start // self.down)
         begin = self.start - ahead * self.down
         skipped = ahead * self.up
-        # A channel may end a sample before the grid does.
+        # A channel may end a sample before the grid.
         total = min(skipped + count, math.ceil((self.samples - begin) * self.up / self.down))
         end = min(begin + math.ceil(total * self.down / self.up) + self.margin, self.samples)
         filter_ = Decimator(self.taps, self.up, self.down)
@@ -142,7 +142,7 @@ class LowPass:
         return result
 
     def _masked_share(self, spans: Spans, total: int) -> Array:
-        """Share of the filter's weight that each output has on masked samples, shape (total,)."""
+        """Fraction of the filter's weight on masked samples for each output, shape (total,)."""
         count, half = len(self.taps), len(self.taps) // 2
         weight = np.append(0.0, np.cumsum(np.abs(self.taps)))
         share = np.zeros(total)
@@ -157,9 +157,9 @@ class LowPass:
         return np.asarray(share / weight[-1])
 
     def _bridged(self, samples: Array, missing: Mask) -> Array:
-        """Bridge masked samples by straight lines; long runs keep the values beside them.
+        """Bridge masked samples by straight lines; long runs are filled with the adjacent values.
 
-        Nothing further away than the margin has an effect, so the result does not depend on the cutting into pieces.
+        Samples further away than the margin have no effect, so the result does not depend on the pieces.
         """
         if not missing.any():
             return samples

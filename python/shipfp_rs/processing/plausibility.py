@@ -1,4 +1,4 @@
-"""Units, calibrations and signals that can't be right, refused in one line before anything is fitted."""
+"""Checks that reject implausible units, calibrations and signals before a fit."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ from shipfp_rs.support.units import FREQUENCIES, QUANTITIES, told
 from shipfp_rs.vessel.vessel import Vessel
 
 CALIBRATED_WITHIN = 0.1
-"""A calibration is wrong where the means of set point and speed differ by more than this, relative."""
+"""Largest relative difference between the means of set point and speed with a correct calibration."""
 CHECK = "; check unit and calibration"
 LEAST_TORQUE, MOST_TORQUE = 0.002, 2.0
-"""Shares of the rated torque between which a mean torque makes sense."""
+"""Range of a plausible mean torque, relative to the rated torque."""
 
 
 def require_size(
@@ -32,18 +32,18 @@ def require_size(
     samples: Array,
     calibration: Calibration | None = None,
 ) -> None:
-    """Refuse the mean size of a channel that no drive train has; warn of an odd one.
+    """Reject an implausible mean of a channel; warn of an unusual one.
 
     Parameters
     ----------
     label, key
         Stretch of the log, and the channel's table in TRIAL.toml.
     sensor
-        The table. An odd size, where its unit alone makes a usual one, comes of the calibration.
+        The table. An unusual mean that is usual with the factor of the unit alone comes from the calibration.
     samples
         Calibrated samples, shape (N,), of a source of speed in rpm.
     calibration
-        That of the samples.
+        Calibration of the samples.
     """
     known = QUANTITIES["speed" if isinstance(sensor, Tacho) else getattr(sensor, "quantity", "torque")]
     size = abs(float(np.nanmean(samples))) if np.isfinite(samples).any() else 0.0
@@ -65,7 +65,7 @@ def require_size(
         raise InputError(
             f"{found}, where no drive train has more than {most:g} or less than {least:g}{CHECK}"
         )
-    # Without the stretch, so that all windows of a trial give one and the same warning.
+    # Without the stretch, so that all windows of a trial give the same warning.
     warnings.warn(
         f"channels.{key}: some {size:.2g} {known.unit} are odd for a drive train{CHECK}",
         LogWarning,
@@ -74,7 +74,7 @@ def require_size(
 
 
 def require_columns(log: Log, channels: Channels) -> None:
-    """Refuse a column that the log has not, by the key that names it."""
+    """Reject a column that is not in the log, by its key."""
     tables = {key: getattr(channels, key) for key in type(channels).model_fields}
     columns = {f"{key}.column": table.column for key, table in tables.items() if table is not None}
     for name, tacho in (channels.__pydantic_extra__ or {}).items():
@@ -90,10 +90,10 @@ def require_columns(log: Log, channels: Channels) -> None:
 
 
 def require_unit(log: Log, key: str, sensor: Level) -> None:
-    """Refuse a calibration for another unit than the log's."""
+    """Reject a calibration for another unit than the log's."""
     channel, given = log.channel(sensor.column), told(sensor.unit)
     by_name = named(channel).unit
-    # A unit at the end of a name is one where the trial's is another one of the same quantity.
+    # A unit at the end of a name only counts if the trial has another unit of the same quantity.
     same = any({by_name, given} <= known.factors.keys() for known in QUANTITIES.values())
     recorded = channel.unit or (by_name if same else "")
     if recorded and recorded != given:
@@ -109,9 +109,9 @@ def require_sense(
     vessel: Vessel,
     source: tuple[str, Tacho] | None = None,
 ) -> None:
-    """Catch signals without samples, and calibrations wrong by a factor such as the thousand between V and mV.
+    """Reject signals without samples, and calibrations wrong by a factor such as 1000 between V and mV.
 
-    `source` is the name and the table of the source of the speed.
+    `source` is the name and the table of the source of speed.
     """
     mean = {}
     for name, values in signals.items():
@@ -128,7 +128,7 @@ def require_sense(
 
 
 def require_load(windows: Sequence[Mapping[str, Array]], vessel: Vessel) -> None:
-    """Refuse a load that in no window is near what the engine's rating makes; it may be switched off in some."""
+    """Reject a load that is not near the engine's rating in any window; it may be switched off in some."""
     loads = [np.abs(one["M_load"]) for one in windows if "M_load" in one]
     if largest := max((float(np.nanmax(load)) for load in loads if np.isfinite(load).any()), default=0.0):
         _require_rating("load", "at most", largest, vessel)
@@ -137,7 +137,7 @@ def require_load(windows: Sequence[Mapping[str, Array]], vessel: Vessel) -> None
 def _require_rating(
     key: str, where: str, torque_Nm: float, vessel: Vessel, *, by_engine: bool = False
 ) -> None:
-    """Refuse a torque far from what the engine's rating makes, of the engine or of the shaft behind a gearbox."""
+    """Reject a torque far from the engine's rating, at the engine or at the shaft behind a gearbox."""
     if not vessel.given("engine.rated_power_kW", "engine.rated_speed_rpm"):
         return
     rated = vessel.engine.rated_power_kW * 1e3 / (2.0 * math.pi * vessel.engine.rated_speed_rpm / 60.0)
@@ -151,7 +151,7 @@ def _require_rating(
 
 
 def _slip_of_speed(ratio: float, gear_ratio: float, source: tuple[str, Tacho] | None) -> str:
-    """What is likely wrong where the set point is `ratio` times the engine's speed, and not once."""
+    """Likely cause if the set point is `ratio` times the engine speed, where 1 is expected."""
     name, kind = ("", "pulses") if source is None else (source[0], source[1].kind)
     count = (
         f"channels.{name}.pole_pairs" if source is not None and told(source[1].unit) in FREQUENCIES else ""
@@ -160,7 +160,7 @@ def _slip_of_speed(ratio: float, gear_ratio: float, source: tuple[str, Tacho] | 
         return f"; a machine of {times} times as many pairs of poles? check {count}"
     if hint := hints.likely_ratio(ratio, hints.SPEED_RPM):
         return f"{hint} check channels.set_point.calibration"
-    # A wrong count of pulses is a whole number; a gear ratio may be near one.
+    # A wrong number of pulses is whole; a gear ratio may be near one.
     wrong = {"the propeller's shaft for the engine's, or the other way round? check shaft": gear_ratio}
     if kind in ("pulses", "edges"):
         wrong |= {f"a number of pulses wrong by {k}? check pulses_per_rev": float(k) for k in range(2, 9)}

@@ -1,7 +1,7 @@
-"""From a raw log to experiments: calibrated, cleaned, on one time base, each fault on record.
+"""Conversion of a raw log to experiments: calibrated, cleaned, on one time base, with a record of each fault.
 
-Every channel goes through one and the same zero-phase low-pass, the pulse speeds included, so that responses from
-one channel to another keep their gain and phase.
+All channels, pulse speeds included, pass the same zero-phase low-pass, so that responses from one channel to another
+keep their gain and phase.
 """
 
 from __future__ import annotations
@@ -62,48 +62,48 @@ STEADY = 0.02
 def process(
     log: Log | Trial, trial: Trial | None = None, vessel: Vessel | None = None, *, chunk: int | None = None
 ) -> list[Experiment]:
-    """Cut a log into experiments.
+    """Convert the windows of a log to experiments.
 
-    The set point is calibrated and short jumps of the signal generator's relay are bridged; the torque is
-    calibrated and short spikes of radio interference are masked; pulse trains become speed, with the angles of the
-    reflectors estimated from the log and double or lost pulses repaired. Of several trains the one with the most
-    good intervals a second is taken, reflectors of unknown angles counting as one a turn, and the others must
-    agree with it; or, with `processing.speed = "fused"`, all are fused. All channels then pass the same low-pass and
-    are sampled at `processing.rate_hz`.
+    The set point is calibrated, and short jumps of the signal generator's relay are bridged. The torque is calibrated, and
+    short spikes of radio interference are masked. Pulse trains become speed; the angles of the reflectors are estimated
+    from the log, and double or lost pulses are repaired. Of several trains, the one with the most good intervals per
+    second is used (one per turn for reflectors of unknown angles), and the others must agree with it; with
+    `processing.speed = "fused"` all are fused. All channels then pass the same low-pass and are sampled at
+    `processing.rate_hz`.
 
     Parameters
     ----------
     log
-        The recording; or the trial alone, whose own logs are opened.
+        The recording; or only the trial, whose logs are then opened.
     trial
-        Channels, windows, operating point and settings; windows of other logs are left out.
+        Channels, windows, operating point and settings; windows of other logs are ignored.
     vessel
-        The ship; None: the one that the trial names.
+        The ship; None: the one named in the trial.
     chunk
-        Samples of a channel read at once; the results are the same bits for any.
+        Samples of a channel read at once; results are bitwise independent of it.
 
     Returns
     -------
     list of Experiment
         One for each window, with n_set and n_e [rpm], the torque [Nm] by its location and the rack X_f in its
         calibration's unit, NaN where masked.
-        `provenance["faults"]` lists every fault: kind (`shipfp_rs.logs.faults.KINDS`), channel, method, count, the
-        samples concerned on the channel's own index, and whether they are excluded: NaN in what they tell of,
-        or, where they are the set point's or the load's, in every answer to it.
-        `provenance["ripple"]` has what was taken off the torque because it goes with the angle of shaft and engine.
-        `provenance["governor_clock"]` has the sampling period of the governor [s], where the raw torque tells it,
-        `provenance["gauge_accuracy"]` the accuracy of the signals of which the trial says it.
+        `provenance["faults"]` lists every fault: kind (`shipfp_rs.logs.faults.KINDS`), channel, method, count, spans
+        on the channel's own index, and whether they are excluded, that is, NaN in the signals of the channel or, for
+        set point and load, in all outputs.
+        `provenance["ripple"]` lists the torque ripple, periodic in the angle of shaft and engine, that was removed.
+        `provenance["governor_clock"]` has the sampling period of the governor [s], if the raw torque shows it,
+        `provenance["gauge_accuracy"]` the accuracy of the signals for which the trial gives it.
 
     Raises
     ------
     InputError
-        Where a channel or window is missing, a unit or calibration can't be right, or nothing usable is left.
+        If a channel or window is missing, a unit or calibration is implausible, or no usable samples remain.
 
     Notes
     -----
-    A pulse train shows speed up to half its pulses per second, 10 Hz with four reflectors at 5.16 rev/s (section
-    6.4); provenance holds that bandwidth, what the resolution of pulses leaves in the speed [rpm], and of a fused
-    speed the standard deviation [rpm], root mean square over the window before the low-pass.
+    A pulse train resolves the speed up to half its pulse rate, 10 Hz with four reflectors at 5.16 rev/s (section 6.4).
+    Provenance includes that bandwidth, the speed error due to the resolution of pulses [rpm], and for a fused speed the
+    standard deviation [rpm], as a root mean square over the window before the low-pass.
 
     Examples
     --------
@@ -128,12 +128,12 @@ def process(
     shaft = recording.vessel.torque_ratio if "M_b" in point else 1.0
     point = driven_point(point, [signals for signals, _ in cut], trial.operating_point.M_Nm, shaft)
     if trial.channels.asks_for_torque:
-        point.setdefault("M_b", point["command"])  # what tau_n is over, in SI units
+        point.setdefault("M_b", point["command"])  # reference of tau_n in SI units
     return [recording.experiment(*each, point, clock.result()) for each in zip(windows, cut, strict=True)]
 
 
 class _Recording:
-    """A log with its trial's settings; every channel is read once, several at the same time, a part of the torque twice."""
+    """Log with its trial's settings; channels are read once and in parallel, part of the torque twice."""
 
     def __init__(self, log: Log, trial: Trial, vessel: Vessel, chunk: int | None) -> None:
         self.log = log = trial.completed(log)
@@ -149,7 +149,7 @@ class _Recording:
         stretches = {_label(window): (window.start_s, window.stop_s) for window in trial.windows_of(log.name)}
         if trial.operating_point.steady_s is not None:
             stretches[STEADY_STRETCH] = trial.operating_point.steady_s
-        # In the order of time, in which the channels are read.
+        # In order of time, as the channels are read.
         self.stretches = dict(sorted(stretches.items(), key=lambda item: item[1]))
         self.rate_hz = nearest_rate(log.channel(channels.driver.column), trial.processing.rate_hz)
         self.hold: Hold = "zero" if self._shows_stairs() else "first"
@@ -162,7 +162,7 @@ class _Recording:
         self._read()
 
     def _shows_stairs(self) -> bool:
-        """Whether what answers to a held set point was read as seldom: then it shows the stairs, and no low-pass."""
+        """Whether speed or torque was recorded at the rate of a held set point: then it has its stairs and no low-pass."""
         driver, channels = self.trial.channels.driver, self.trial.channels
         recorded = [one for one in channels.tachos.values() if one.kind != "edges"]
         answers = recorded if channels.torque is None else [channels.torque]
@@ -173,7 +173,7 @@ class _Recording:
         )
 
     def _rows(self, sensor: Level | Tacho, kept_bytes: int = 0) -> Rows:
-        # What follows the mean of a held sample follows it late; stairs that show are the model's.
+        # Responses to the mean of a held sample lag it; visible stairs are left to the model.
         late = getattr(sensor, "late", 0.0) if self.hold == "first" else 0.0
         return Rows(
             self.log,
@@ -185,7 +185,7 @@ class _Recording:
         )
 
     def _grid(self, label: str) -> Grid:
-        """Return the grid: times from a sample of the set point on, at which all signals are sampled."""
+        """Sample times of all signals, starting at a sample of the set point."""
         base = self._base.channel
         first, last = self._within(self._base, label)
         self._require_one_stretch(label, first, last)
@@ -198,7 +198,7 @@ class _Recording:
         return Grid(label, base.start_s + first / base.rate_hz, self.rate_hz, count)
 
     def _require_one_stretch(self, label: str, first: int, last: int) -> None:
-        """Refuse a window on both sides of a jump of the clock, since nobody knows what was in between."""
+        """Reject a window across a jump of the clock, whose length is unknown."""
         for fault in self.log.faults:
             over = fault.spans[(fault.spans[:, 0] > first) & (fault.spans[:, 1] < last)]
             if fault.kind == "time_jump" and len(over):
@@ -216,7 +216,7 @@ class _Recording:
 
     @contextmanager
     def naming_the_rate(self) -> Iterator[None]:
-        """Name the rate of a log without times in an error in the block: where it is wrong, all times and speeds are."""
+        """Name the assumed rate of a log without times in errors of the block: a wrong rate affects all times and speeds."""
         try:
             yield
         except InputError as error:
@@ -266,7 +266,7 @@ class _Recording:
         return found
 
     def operating_point(self) -> dict[str, float]:
-        """Values given, or means over the steady stretch."""
+        """Given values, or means over the steady stretch."""
         given = self.trial.operating_point
         point: dict[str, float] = {}
         if given.steady_s is not None:
@@ -293,7 +293,7 @@ class _Recording:
     def experiment(
         self, window: Window, cut: Cut, point: Mapping[str, float], clock: Mapping[str, float] | None
     ) -> Experiment:
-        """Return a window with its signals and their account; `clock` is the governor's."""
+        """Experiment of a window: signals and provenance; `clock` is that of the governor."""
         (signals, account), settings = cut, self.trial.processing
         if (
             window.kind == "chirp"
@@ -324,11 +324,11 @@ class _Recording:
         return conditioned(experiment, settings.detrend, settings.normalise)
 
     def speeds_of_windows(self) -> dict[str, Array]:
-        """Return the engine speed [rpm] in every window that was not yet handed over."""
+        """Engine speed [rpm] in every window not yet returned by `signals`."""
         return {label: speed.rpm for label, speed in self.speeds.items() if label != STEADY_STRETCH}
 
     def governor_clock(self, speeds: Mapping[str, Array]) -> dict[str, float] | None:
-        """Return a governor's sampling period, from the raw torque where the shaft's speed changes most."""
+        """Sampling period of a governor, from the raw torque where the speed changes most."""
         sensor = self.trial.channels.torque
         most = liveliest_of(speeds, int(LONGEST_S * self.rate_hz))
         if sensor is None or most is None:
@@ -346,7 +346,7 @@ class _Recording:
         return None if found is None else found._asdict()
 
     def signals(self, label: str) -> Cut:
-        """Hand over the signals of a stretch, kept no longer here, and an account of how they were made."""
+        """Return the signals of a stretch and their provenance, and free them."""
         set_point, speed = self.set_point.pop(label), self.speeds.pop(label)
         signals = {self.trial.channels.driver_signal: set_point.samples, "n_e": speed.rpm}
         faults = set_point.faults + speed.faults
@@ -393,12 +393,12 @@ class _Recording:
         }
 
     def _drives(self) -> list[str]:
-        """Channels that drive the model; where they are repaired all outputs are masked."""
+        """Channels that are inputs of the model; where they are repaired, all outputs are masked."""
         load = self.trial.channels.load
         return [self._base.channel.name, *([] if load is None else [load.column])]
 
     def _recorded(self, label: str, train: str) -> dict[str, Any]:
-        """Return where the spans of faults lie: clock, length and rows of every channel, and the signal it became."""
+        """Reference of the fault spans: clock, length and rows of every channel, and its signal."""
         channels = self.trial.channels
         sensors: list[tuple[Level | Tacho, str]] = [(channels.driver, channels.driver_signal)]
         sensors += [(sensor, signal) for signal, sensor in channels.levels.items()]
@@ -419,7 +419,7 @@ class _Recording:
     def _exclude(
         self, signals: dict[str, Array], label: str, faults: list[Fault], told_by: Mapping[str, list[str]]
     ) -> None:
-        """Mask the signals that a channel tells of where it was repaired."""
+        """Mask the signals of a channel where it was repaired."""
         grid = self.grids[label]
         for channel, names in told_by.items():
             if channel not in self._channels:
@@ -427,14 +427,14 @@ class _Recording:
             about = self._channels[channel]
             spans = joined([fault.spans for fault in faults if fault.excluded and fault.channel == channel])
             at = (about.start_s - grid.start_s + spans / about.rate_hz) * grid.rate_hz
-            # A sample of the grid stands for half an interval on either side; a little less, since times are rounded.
+            # A sample of the grid covers half an interval on either side; a little less, since times are rounded.
             at = np.round(at, 6)
             touched = np.column_stack([np.floor(at[:, 0] + 0.5), np.ceil(at[:, 1] + 0.5)]).astype(np.int64)
             for name in names:
                 signals[name] = np.where(marks(touched, 0, grid.count), np.nan, signals[name])
 
     def _faults_of_the_file(self, label: str) -> list[Fault]:
-        """Return the faults of the file's clock, and of its end, within a stretch; all channels share these."""
+        """Faults of the file's clock and end within a stretch; they apply to all channels."""
         cut = [
             dataclasses.replace(fault, spans=clipped_to(fault.spans, *self._within(self._base, label)))
             for fault in self.log.faults
@@ -449,7 +449,7 @@ class _Recording:
         return Fault("D3", self._base.channel.name, kept, rows, excluded=False)
 
     def _engine_speed(self, grid: Grid) -> _EngineSpeed:
-        """Return the engine speed in a stretch, sampled as the set point first to pass the same filter as the others."""
+        """Engine speed in a stretch, sampled like the set point so as to pass the same filter."""
         base = self._base.channel
         speed = EngineSpeed(self.trains, grid.label, (grid.start_s, grid.stop_s), base, self.rate_hz)
         source, account = speed.fused() if self.trial.processing.speed == "fused" else speed.best()
@@ -461,7 +461,7 @@ class _Recording:
 
 @dataclass(frozen=True)
 class _EngineSpeed:
-    """The engine speed [rpm] on the grid of a stretch, an account of the train's choice, and the faults of all."""
+    """Engine speed [rpm] on the grid of a stretch, the choice of the train, and the faults of all trains."""
 
     rpm: Array
     account: dict[str, Any]

@@ -1,4 +1,4 @@
-"""Windows as a trial can have them: within the log, free of gaps that a run refuses, moving, and long enough."""
+"""Windows acceptable to a trial: within the log, without gaps that a run rejects, with motion, and long enough."""
 
 from __future__ import annotations
 
@@ -17,23 +17,23 @@ from shipfp_rs.support.spans import runs
 from shipfp_rs.support.units import QUANTITIES, told
 
 SHORTEST_S = 20.5
-"""Shortest window [s], a little more than what a fit takes of a slow ship; a shorter log is a quick drive's."""
+"""Shortest window [s], slightly longer than a fit requires for a slow ship; a shorter log is of a fast drive."""
 LEAST_SWING = 2e-3
-"""Standard deviation below which a window of a unit of speed, torque or power is taken for a rest, over its level."""
+"""Smallest standard deviation of a window, relative to its level, for units of speed, torque or power; else it is a rest."""
 
 
 def proposed(log: Log, drives: Sequence[str], mover: str, found: Sequence[FoundWindow]) -> list[FoundWindow]:
-    """Return the windows that a run takes, of those that were found.
+    """Adapt detected windows to the requirements of a run.
 
-    A gap of what drives the model parts a window, and what does not swing is a rest. A short window takes in as much of the
-    rests beside it as it needs, and grows together with the one that it meets there.
+    A gap in an input of the model divides a window, and windows without motion become rests. A short window is extended into
+    the adjacent rests as far as needed, and merged with a window that it meets there.
 
     Parameters
     ----------
     log
         The recording.
     drives, mover
-        Channels that drive the model, and that in which the windows were found.
+        Input channels of the model, and the channel in which the windows were detected.
     found
         Windows in order of time.
     """
@@ -68,7 +68,7 @@ def _rest(window: FoundWindow) -> FoundWindow:
 
 
 def _whole(log: Log, drives: Sequence[str]) -> list[tuple[float, float]]:
-    """Return the stretches of a log in which what drives the model is never lost for longer than is bridged [s]."""
+    """Stretches of a log in which no input of the model is missing for longer than can be bridged [s]."""
     channels = [log.channel(name) for name in drives]
     start_s, stop_s = max(one.start_s for one in channels), min(one.stop_s for one in channels)
     lost = []
@@ -82,7 +82,7 @@ def _whole(log: Log, drives: Sequence[str]) -> list[tuple[float, float]]:
 
 
 def _swings(log: Log, mover: str, window: FoundWindow) -> bool:
-    """Whether a window moves enough to be fitted; of volts nobody knows, since their zero may be anywhere."""
+    """Whether a window has enough motion for a fit; always true for volts, whose zero may be anywhere."""
     known = any(told(log.channel(mover).unit) in quantity.factors for quantity in QUANTITIES.values())
     if window.kind == "steady" or not known:
         return window.kind != "steady"

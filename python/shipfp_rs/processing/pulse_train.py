@@ -1,4 +1,4 @@
-"""A pulse train of a log: its reflectors, its speeds, what had to be repaired."""
+"""Pulse train of a log: reflectors, speeds, repairs."""
 
 from __future__ import annotations
 
@@ -25,27 +25,27 @@ from shipfp_rs.tacho import (
 )
 
 MARGIN_S = 2.0
-"""Time read before and after a stretch, so that it begins and ends within an interval [s]."""
+"""Time read before and after a stretch, so that its ends lie within an interval [s]."""
 
 SPLINE_REACH = 40
-"""Number of intervals after which the change of one has no effect on a cubic spline; it fades 3.7 times for each."""
+"""Number of intervals after which a change has no effect on a cubic spline; it decays by 3.7 per interval."""
 
 
 class PulseTrain:
-    """One train, read once; its reflectors are measured on the longest of the stretches.
+    """Pulse train of a log, read once; its reflectors are measured on the longest stretch.
 
     Parameters
     ----------
     rows
         The channel.
     name
-        Of the train in the trial.
+        Name of the train in the trial.
     tacho
-        What the trial says of it.
+        Its table in the trial.
     gear_ratio
-        Turns of the engine to one of the propeller.
+        Turns of the engine per turn of the propeller.
     stretches
-        Label to start and stop on the log's clock [s].
+        Start and stop of each stretch on the log's clock [s], by label.
     """
 
     def __init__(
@@ -70,11 +70,11 @@ class PulseTrain:
         return reflector_angles(longest.times_s, self.tacho.pulses_per_rev, gaps=longest.gaps_s)
 
     def _time_std_s(self, label: str) -> float | None:
-        """Standard deviation of a pulse's time in a stretch [s]; None: as the pulses tell."""
+        """Standard deviation of a pulse's time in a stretch [s]; None: that of `PulseTimes`."""
         return None
 
     def _pulses(self, rows: Rows, start_s: float, stop_s: float) -> PulseTimes:
-        """Pulses of a stretch and a margin on either side, on the log's clock."""
+        """Pulses of a stretch, with a margin on either side, on the log's clock."""
         channel = self.channel
         first = max(round((start_s - MARGIN_S - channel.start_s) * channel.rate_hz), 0)
         stop = min(round((stop_s + MARGIN_S - channel.start_s) * channel.rate_hz), channel.samples)
@@ -108,17 +108,17 @@ class PulseTrain:
 
     @staticmethod
     def around(speed: IntervalSpeed, start_s: float, stop_s: float) -> IntervalSpeed:
-        """Return the intervals of a stretch, and so many on either side that those beyond have no effect on a spline."""
+        """Intervals of a stretch, with as many on either side as affect a spline within it."""
         first, last = np.searchsorted(speed.time_s, [start_s, stop_s])
         return speed.part(slice(max(first - SPLINE_REACH, 0), last + SPLINE_REACH))
 
     def score(self, speed: IntervalSpeed) -> float:
-        """Return the number of good intervals; with unknown reflector angles only one in each turn counts."""
+        """Number of good intervals; one per turn for unknown reflector angles."""
         good = float(np.count_nonzero(speed.flags == PulseFlag.GOOD))
         return good if self.angles.ok else good / self.tacho.pulses_per_rev
 
     def faults(self, label: str, speed: IntervalSpeed, start_s: float, stop_s: float) -> list[Fault]:
-        """What was wrong in a stretch, and what was done."""
+        """Faults of a stretch and their treatment."""
         gaps, faint = self.pulses[label].gaps_s, self.pulses[label].faint_s
         begins, ends = speed.time_s - 0.5 * speed.duration_s, speed.time_s + 0.5 * speed.duration_s
 
@@ -126,7 +126,7 @@ class PulseTrain:
             inside = (ends > start_s) & (begins < stop_s)
             times = np.clip(np.column_stack([begins, ends])[inside], start_s, stop_s) - self.channel.start_s
             spans = np.rint(times * self.channel.rate_hz).astype(np.int64)
-            # Less than a sample at a stretch's end is nothing that is lost.
+            # Less than a sample at the end of a stretch is not a loss.
             return Fault(kind, self.channel.name, method, spans[spans[:, 1] > spans[:, 0]])
 
         extra = runs((speed.flags & PulseFlag.EXTRA) > 0)
@@ -156,7 +156,7 @@ class PulseTrain:
 
 
 def _silent(begins: Array, ends: Array, gaps: Array, start_s: float, stop_s: float) -> Array:
-    """Return stretches [s] without usable intervals that no gaps explain, shape (K, 2)."""
+    """Stretches [s] without usable intervals outside known gaps, shape (K, 2)."""
     from_s, to_s = np.append(start_s, ends), np.append(begins, stop_s)
     apart = to_s - from_s > 1e-3 * np.median(ends - begins) if len(ends) else np.array([True])
     silent = np.column_stack([from_s, to_s])[apart]

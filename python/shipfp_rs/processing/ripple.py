@@ -1,8 +1,8 @@
-"""Removes the torque ripple that is periodic in the angle of shaft and engine: unbalance, blades, firing.
+"""Removal of torque ripple that is periodic in the angle of shaft and engine: unbalance, blades, firing.
 
 Blades in the wake and firing cylinders make the torque oscillate at multiples of the rotation frequency. Such a line is of
-no use to a fit, and below half the sample rate it may be twenty times the rest of the noise. Its frequency varies with the
-speed, so no filter removes it; its angle is known from the tachometers.
+no use to a fit, and below half the sample rate it may be twenty times the other noise. Its frequency varies with the
+speed, so no filter removes it, but its angle is known from the tachometers.
 """
 
 from __future__ import annotations
@@ -19,33 +19,33 @@ from shipfp_rs.support.fir import taps
 from shipfp_rs.support.spikes import bridge
 
 FINER = 8
-"""Steps in which the angle is computed, for one sample."""
+"""Steps of the angle per sample."""
 SLOWEST_HZ = 1.0
-"""Lowest mean frequency of a line that is removed: slower motion may come from the set point."""
+"""Lowest mean frequency of a removed line; slower motion may be due to the set point."""
 BESIDE_HZ = 1.0
 """Bandwidth on either side of a line in which its noise is estimated, in the line's rotating frame."""
 NEAR = 3
-"""Frequency bins on either side of a line that do not count as noise, since the line's amplitude may change slowly."""
+"""Frequency bins on either side of a line that do not count as noise, since its amplitude may vary slowly."""
 LINE = 30.0
 """Least ratio of a line's power to the noise beside it; noise alone reaches it once in 1e13."""
 SLOW_S = 0.2
 """Length of the running mean of the torque [s]; the amplitude of a line may vary with this mean."""
 LEVEL_S = 1.0
-"""Length of the running mean [s] that is subtracted before lines are searched."""
+"""Length of the running mean [s] that is subtracted before the search for lines."""
 ROUNDED = 2e-4
-"""Largest relative error of an order: gear ratios are written with four digits."""
+"""Largest relative error of an order: gear ratios are given with four digits."""
 FINER_LINES = 4
-"""Frequencies at which a line is searched, for one bin of the record's spectrum."""
+"""Search frequencies per bin of the record's spectrum."""
 SHORTEST_S = 20.0
 """Shortest record in which lines can be separated from the response to the set point."""
 TURNS = 24
-"""Highest multiple of the engine's and the shaft's rotation that is searched: two harmonics of any propeller's blades."""
+"""Highest multiple of the rotation of engine and shaft that is searched: two blade harmonics of any propeller."""
 MOST = 12
 """Most lines that are removed."""
 
 
 class Ripple(NamedTuple):
-    """A line: multiple of the engine's turns, mean frequency [Hz], amplitude in the torque's unit, power over noise."""
+    """Line: multiple of the engine's turns, mean frequency [Hz], amplitude in the torque's unit, ratio of power to noise."""
 
     order: float
     frequency_hz: float
@@ -54,27 +54,27 @@ class Ripple(NamedTuple):
 
 
 def without_ripple(torque: Array, speed: Array, rate_hz: float, ratio: float) -> tuple[Array, list[Ripple]]:
-    """Return the torque without its ripple lines, and the lines, the strongest first.
+    """Remove ripple lines from the torque; also return the lines, strongest first.
 
-    Cosine and sine amplitude of a line are each a constant and a part proportional to the mean torque: four numbers a line,
-    by least squares. No part is proportional to the speed: in a step test speed and torque differ only while the shaft
-    runs up, so that such a part would absorb the torque's own motion.
+    Cosine and sine amplitude of a line each have a constant part and a part proportional to the mean torque: four
+    coefficients per line, fitted by least squares. There is no part proportional to the speed: in a step test, speed and
+    torque differ only while the shaft accelerates, so such a part would absorb the motion of the torque.
 
     Parameters
     ----------
     torque
-        Torque behind the low-pass, shape (N,), any unit, NaN where masked.
+        Low-passed torque, shape (N,), any unit, NaN where masked.
     speed
         Engine speed [rpm], shape (N,), NaN where masked.
     rate_hz
         Sample rate.
     ratio
-        Turns of the engine for one of the propeller's shaft.
+        Turns of the engine per turn of the propeller's shaft.
 
     Returns
     -------
     tuple
-        The torque, the same array where it has no ripple, and a list of `Ripple`.
+        The torque, the same array if it has no ripple, and a list of `Ripple`.
     """
     valid = np.isfinite(torque)
     if valid.sum() < SHORTEST_S * rate_hz or not np.isfinite(speed).any():
@@ -130,7 +130,7 @@ def _angle(turns_hz: Array, rate_hz: float) -> Array:
 
 
 def _turning(order: float, angle: Array) -> ComplexArray:
-    """exp(i order angle) behind the record's low-pass, shape (N,)."""
+    """Low-passed exp(i order angle), shape (N,)."""
     turned, kernel = order * angle, taps(1.0 / FINER, 0.0)
     real, imaginary = (
         resample_poly(part, 1, FINER, window=kernel) for part in (np.cos(turned), np.sin(turned))
@@ -141,7 +141,7 @@ def _turning(order: float, angle: Array) -> ComplexArray:
 def _line(
     rest: Array, turned: ComplexArray, valid: Mask, order: float, turns_hz: Array, rate_hz: float
 ) -> Ripple:
-    """The strongest line near an order in the rest of the torque, with its power over the noise beside it."""
+    """Strongest line near an order in the remaining torque, with its ratio of power to noise."""
     mean = float(turns_hz.mean())
     weight = float(np.sum(np.abs(turned[valid]) ** 2))
     if weight < NEAR * rate_hz:
@@ -156,7 +156,7 @@ def _line(
     offsets = np.arange(-reach, reach + 1)
     best = int(offsets[np.argmax(spectrum[offsets])])
     power = float(spectrum[best])
-    # The peak of the parabola through the line and its neighbours.
+    # Maximum of the parabola through the line and its neighbours.
     before, after = float(spectrum[best - 1]), float(spectrum[best + 1])
     lean = 0.5 * (after - before) / max(2.0 * power - before - after, 1e-300)
     placed = order + (best + float(np.clip(lean, -0.5, 0.5))) * step / mean

@@ -1,4 +1,4 @@
-"""What the channels of a log are: by name and unit, and by what they do where name and unit leave it open."""
+"""Roles of a log's channels, from names and units, and from the samples where these are ambiguous."""
 
 from __future__ import annotations
 
@@ -20,52 +20,52 @@ LAG_RATE_HZ = 20.0
 LONGEST_LAG_S = 3.0
 LEAST_CORRELATION = 0.3
 SAME_SHAFT = 0.1
-"""Largest relative difference of a speed's median from the set point's, for both to belong to the same shaft."""
+"""Largest relative difference of a speed's median from the set point's if both are of the same shaft."""
 WHOLE = 0.02
-"""Pulses in a turn are a whole number to within this share, or the train is another shaft's."""
+"""Pulses per turn are whole to within this fraction, or the train is on another shaft."""
 
 Shaft = Literal["engine", "propeller"]
 
 
 @dataclass
 class Roles:
-    """Channels by role, and why, one line each."""
+    """Channels by role, and the reasons, one line each."""
 
     named: Mapping[str, Named]
     set_point: str | None = None
     command: str | None = None
-    """Of a drive in open loop, where no channel is a set point of speed by its name."""
+    """Command of an open-loop drive, if no channel's name means a set point of speed."""
     torque: str | None = None
     location: Literal["gauge", "brake"] = "gauge"
-    """Of the torque."""
+    """Location of the torque."""
     located_by: str = (
         'a guess: between the inertias; "brake" before all inertia, of the engine or motor itself'
     )
     actuator: str | None = None
     load: str | None = None
-    """Channel of the load that the machine drives, as power or torque."""
+    """Measured load of the machine, as power or torque."""
     speeds: dict[str, Shaft] = field(default_factory=dict)
-    """Channels of speed, encoders among them, and their shafts."""
+    """Shaft of each channel of speed, encoders included."""
     trains: dict[str, float] = field(default_factory=dict)
-    """Pulse trains, and pulses per second."""
+    """Pulses per second of each pulse train."""
     pulses: dict[str, int] = field(default_factory=dict)
-    """Pulses in a turn of the engine, of trains where another channel tells the speed."""
+    """Pulses per turn of the engine, for trains beside another channel of speed."""
     reasons: dict[str, str] = field(default_factory=dict)
 
 
 def guess_roles(
     log: Log, pulse_rate: Callable[[str], float | None] = lambda _: None, set_point: str | None = None
 ) -> Roles:
-    """Guess what each channel is.
+    """Guess the role of each channel.
 
     Parameters
     ----------
     log
         The recording.
     pulse_rate
-        Name of a channel to its pulses per second; None for one that is no pulse train.
+        Function of a channel's name: pulses per second; None if it is not a pulse train.
     set_point
-        Its set point, where the user says.
+        Name of the set point, if the user gives it.
     """
     roles = named_roles(list(log.channels.values()), set_point)
     open_ = [
@@ -87,7 +87,7 @@ def guess_roles(
 
 
 def named_roles(channels: Sequence[Channel], set_point: str | None = None) -> Roles:
-    """Return what names and units alone tell of channels."""
+    """Roles that follow from names and units alone."""
     roles = Roles({channel.name: named(channel) for channel in channels})
     wanted = set_points(roles.named)
     if set_point is not None:
@@ -113,7 +113,7 @@ def named_roles(channels: Sequence[Channel], set_point: str | None = None) -> Ro
     for name in wanted if roles.set_point is None else ():
         roles.reasons[name] = f"one of {len(wanted)} that may be the set point: {', '.join(wanted)}; choose"
     for role, names in found.items():
-        # What says that it was measured goes before what does not.
+        # Names of a measured quantity take precedence.
         ordered = sorted(names, key=lambda name: "measured" not in roles.named[name].tells)
         setattr(roles, role, ordered[0] if ordered else None)
         for other in ordered[1:]:
@@ -126,7 +126,7 @@ def named_roles(channels: Sequence[Channel], set_point: str | None = None) -> Ro
 
 
 def _of_a_generator(roles: Roles) -> None:
-    """Take the frequency of a generating set for its speed, and the power beside it for its load."""
+    """Use the frequency of a generating set as its speed, and the power beside it as its load."""
     turns = [name for name, told in roles.named.items() if told.quantity == "frequency"]
     powers = [name for name, told in roles.named.items() if told.quantity == "power"]
     if len(turns) != 1 or not (roles.load or len(powers) == 1):
@@ -139,7 +139,7 @@ def _of_a_generator(roles: Roles) -> None:
 
 
 def _commands(told: Mapping[str, Named]) -> list[str]:
-    """Return the channels whose names say that a torque, or what makes one, is asked for."""
+    """Channels whose names mean a commanded torque or one of its causes."""
     return [
         name
         for name, one in told.items()
@@ -150,7 +150,7 @@ def _commands(told: Mapping[str, Named]) -> list[str]:
 
 
 def set_points(told: Mapping[str, Named]) -> list[str]:
-    """Return the channels whose names say that they are a set point of speed; those with a unit of speed before others."""
+    """Channels whose names mean a set point of speed; those with a unit of speed first."""
     wanted = {
         name: one
         for name, one in told.items()
@@ -163,12 +163,12 @@ def set_points(told: Mapping[str, Named]) -> list[str]:
 
 
 def _may_ask(told: Named) -> bool:
-    """Whether a channel in an electrical unit may be a set point of speed; a current [A] never is one."""
+    """Whether a channel in an electrical unit may be a set point of speed; a current [A] is never one."""
     return told.is_open and told.unit != "A"
 
 
 def set_point_of(log: Log) -> str:
-    """Return the one channel whose name says that it is a set point; `InputError` where there is none or several."""
+    """The only channel whose name means a set point; `InputError` if there is none or several."""
     found = set_points({name: named(channel) for name, channel in log.channels.items()})
     if len(found) != 1:
         raise InputError(
@@ -179,7 +179,7 @@ def set_point_of(log: Log) -> str:
 
 
 def _role(told: Named) -> str:
-    """Return the role that name and unit tell; empty where they tell none."""
+    """Role by name and unit; empty if undetermined."""
     wanted = "wanted" in told.tells and "measured" not in told.tells
     if told.quantity in ("torque", "power") and not told.is_open and "load" in told.tells and not wanted:
         return "load"
@@ -201,7 +201,7 @@ def _and_unit(told: Named) -> str:
 
 
 def _locate(roles: Roles, torque: str) -> None:
-    """Say where the torque was measured."""
+    """Determine the location of the torque."""
     tells = roles.named[torque].tells
     if "brake" in tells and "gauge" not in tells:
         roles.location, roles.located_by = "brake", "of the engine or motor, by its name"
@@ -215,7 +215,7 @@ def _locate(roles: Roles, torque: str) -> None:
 
 
 def _by_what_it_does(log: Log, roles: Roles) -> None:
-    """Find the set point among channels that may be one by name and unit: the one whose changes come before the others'."""
+    """Find the set point among the candidates by name and unit: the channel whose changes precede those of the others."""
     wanted = set_points(roles.named)
     may_be = wanted or [
         name
@@ -247,7 +247,7 @@ def _by_what_it_does(log: Log, roles: Roles) -> None:
 
 
 def _lag(one: Array, two: Array) -> int | None:
-    """Samples by which the second follows the first; None where they are not correlated."""
+    """Lag of the second after the first [samples]; None if uncorrelated."""
     most = round(LONGEST_LAG_S * LAG_RATE_HZ)
     scale = float(np.linalg.norm(one) * np.linalg.norm(two))
     if not scale > 0.0:
@@ -271,7 +271,7 @@ def _coarse(log: Log, name: str) -> Array | None:
 
 
 def _find_shafts(log: Log, roles: Roles) -> None:
-    """Say which speeds are the set point's shaft's, and how many pulses of a train go into its turn."""
+    """Find the speeds of the set point's shaft, and the pulses per turn of each train."""
     asked = None if roles.set_point is None else _typical_rpm(log, roles, roles.set_point)
     told = {name: _typical_rpm(log, roles, name) for name in roles.speeds}
     known = {name: rpm for name, rpm in told.items() if rpm is not None}
@@ -296,7 +296,7 @@ def _find_shafts(log: Log, roles: Roles) -> None:
 
 
 def _typical_rpm(log: Log, roles: Roles, name: str) -> float | None:
-    """Median of a channel in a unit of speed [rpm], without its sign."""
+    """Median magnitude of a channel in a unit of speed [rpm]."""
     factor = TO_RPM.get(roles.named[name].unit)
     channel = log.channel(name)
     if factor is None or channel.samples < 2:

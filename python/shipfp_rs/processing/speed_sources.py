@@ -1,4 +1,4 @@
-"""Other sources of speed than a plain pulse train: wheels with a mark, edge lists, encoders, speeds as such."""
+"""Sources of speed other than plain pulse trains: wheels with a gap, edge lists, encoders, recorded speeds."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ Stretches = Mapping[str, tuple[float, float]]
 
 
 class MarkedWheel(PulseTrain):
-    """A toothed wheel that lacks some teeth side by side, such as 60-2: its gap is filled with the teeth it lacks."""
+    """Toothed wheel with a gap of missing teeth, such as 60-2; the missing teeth are interpolated."""
 
     def _pulses(self, rows: Rows, start_s: float, stop_s: float) -> PulseTimes:
         pulses = super()._pulses(rows, start_s, stop_s)
@@ -46,14 +46,14 @@ class MarkedWheel(PulseTrain):
 
 
 def with_missing(times_s: Array, teeth: int, missing: int) -> Array:
-    """Put the missing teeth of a wheel in, by cubics through two teeth on either side of each gap.
+    """Insert the missing teeth of a wheel, by cubics through two teeth on either side of each gap.
 
     Parameters
     ----------
     times_s
         Times of the teeth [s], shape (N,).
     teeth, missing
-        Teeth of the whole wheel and how many it lacks side by side.
+        Teeth of the complete wheel, and number of adjacent missing ones.
 
     Examples
     --------
@@ -64,7 +64,7 @@ def with_missing(times_s: Array, teeth: int, missing: int) -> Array:
     periods = np.diff(times_s)
     if len(periods) < 4:
         return times_s
-    # A gap is missing + 1 pitches long, with teeth on both sides; one that lacks a further tooth is repaired later.
+    # A gap is missing + 1 pitches long, with teeth on both sides; one with a further lost tooth is repaired later.
     usual = np.minimum(np.append(periods[1:], periods[-1]), np.insert(periods[:-1], 0, periods[0]))
     wide = np.abs(periods / usual - (missing + 1)) < 0.5
     gaps = np.flatnonzero(wide[1:-1]) + 1
@@ -81,7 +81,7 @@ def with_missing(times_s: Array, teeth: int, missing: int) -> Array:
 
 
 class EdgeList(PulseTrain):
-    """A list of edges from a file of its own, on the log's clock."""
+    """List of edges from a separate file, on the log's clock."""
 
     def __init__(self, name: str, tacho: Tacho, gear_ratio: float, stretches: Stretches) -> None:
         path = Path(tacho.file or "")
@@ -107,19 +107,19 @@ class EdgeList(PulseTrain):
 
 
 class _NoRows:
-    """Stands for the rows of a channel where there are none."""
+    """Placeholder for the rows of a source without a channel."""
 
     def __init__(self, channel: Channel) -> None:
         self.channel = channel
 
 
 def read_edges(path: Path, tacho: Tacho) -> Array:
-    """Return the times of a list of edges [s]; where the list has levels, only of the edges that rise to the upper one.
+    """Times of a list of edges [s]; with levels, only of the edges that rise to the upper level.
 
     Raises
     ------
     InputError
-        Where the file can't be read, lacks a column, or its times do not increase.
+        If the file can't be read, lacks a column, or its times do not increase.
     """
     import pyarrow as pa
     import pyarrow.csv
@@ -180,9 +180,10 @@ def _is_float(text: str) -> bool:
 
 
 class Encoder(PulseTrain):
-    """An encoder's angle, wrapped or counting: the times at which it passes even angles are its pulses.
+    """Angle of an encoder, wrapped or counting; the times at which it passes even angles are its pulses.
 
-    An angle is known to its step or its noise, whichever is larger; a pulse's time is, to that over the speed.
+    The error of an angle is its resolution or its noise, whichever is larger; that of a pulse's time follows by division by
+    the speed.
     """
 
     def __init__(self, rows: Rows, name: str, tacho: Tacho, gear_ratio: float, stretches: Stretches) -> None:
@@ -199,7 +200,7 @@ class Encoder(PulseTrain):
         )
 
     def _angle(self, rows: Rows, start_s: float, stop_s: float) -> tuple[Array, Array, Array]:
-        """Times [s], angle [rev] and gaps [s] of a stretch with its margins; the angle increases."""
+        """Times [s], increasing angle [rev] and gaps [s] of a stretch with its margins."""
         channel = rows.channel
         first = max(round((start_s - MARGIN_S - channel.start_s) * channel.rate_hz), 0)
         stop = min(round((stop_s + MARGIN_S - channel.start_s) * channel.rate_hz), channel.samples)
@@ -219,12 +220,12 @@ class Encoder(PulseTrain):
         return time[known], values, gaps
 
     def _wrap(self, values: Array) -> float:
-        """Return the angle after which the encoder starts again [rev]; 0 if it counts on."""
+        """Angle after which the encoder wraps [rev]; 0 if it does not."""
         span = float(np.ptp(values))
         largest = float(np.abs(np.diff(values)).max())
         if span <= 1.2 and largest > 0.5 * span:
             return 1.0
-        for bits in (8, 12, 16, 24, 32):  # a counter that runs over
+        for bits in (8, 12, 16, 24, 32):  # overflow of a counter
             if abs(largest / (2.0**bits * self._rev) - 1.0) < 0.1:
                 return float(2.0**bits * self._rev)
         return 0.0
@@ -267,7 +268,7 @@ class Encoder(PulseTrain):
 
 
 def _step(steps: Array) -> float:
-    """Return the resolution of an angle: all its differences are multiples of it; 0 where there is none."""
+    """Resolution of an angle, of which all its differences are multiples; 0 if there is none."""
     levels = np.unique(np.round(steps, 12))
     apart = np.diff(levels)
     apart = apart[apart > 1e-10]
@@ -279,7 +280,7 @@ def _step(steps: Array) -> float:
 
 
 class SpeedLevel(PulseTrain):
-    """A speed that a drive, a bus or an analogue converter recorded: a mean over each of its samples, spikes masked."""
+    """Speed recorded by a drive, a bus or an analogue converter: a mean over each sample interval, spikes masked."""
 
     def __init__(
         self, rows: Rows, name: str, tacho: Tacho, gear_ratio: float, stretches: Stretches, spikes: Spikes
@@ -316,15 +317,15 @@ class SpeedLevel(PulseTrain):
         means = rps[: count * block].reshape(count, block).mean(axis=1)
         scale = factor * (1.0 if line is None else abs(line.scale))
         noise = ROBUST_SIGMA * float(np.nanmedian(np.abs(np.diff(rps, 2)))) / np.sqrt(6.0) / np.sqrt(block)
-        # Rounding does not average out where the speed stays within a step.
+        # Rounding does not average out if the speed stays within a step.
         rounding = channel.resolution * scale / np.sqrt(12.0)
         std = tacho.std * factor if tacho.std else max(float(np.hypot(noise, rounding)), 1e-9)
         duration = block / channel.rate_hz
         if tacho.mean_s is not None:
-            # A mean over T is less than the speed by T^2 / 24 times its second derivative.
+            # The mean over T deviates from the speed by T^2 / 24 times its second derivative.
             bend = np.diff(means, 2, prepend=means[:1], append=means[-1:]) / duration**2
             means = means - (tacho.mean_s**2 - duration**2) / 24.0 * bend
-        # A sample counts for the interval around it.
+        # A sample represents the interval around it.
         time = channel.start_s + (first - 0.5) / channel.rate_hz + (np.arange(count) + 0.5) * duration
         known = np.isfinite(means) & (means > 0.0)
         self._held[start_s, stop_s] = IntervalSpeed(
@@ -342,11 +343,11 @@ class SpeedLevel(PulseTrain):
         return ReflectorAngles(np.ones(1), np.zeros(1), ok=True)
 
     def speed(self, label: str) -> IntervalSpeed:
-        """Return the samples of a stretch as means over their intervals [rev/s]."""
+        """Samples of a stretch as means over their intervals [rev/s]."""
         return self._held[self._stretches[label]]
 
     def faults(self, label: str, speed: IntervalSpeed, start_s: float, stop_s: float) -> list[Fault]:
-        """What was wrong in a stretch, spikes included, and what was done."""
+        """Faults of a stretch, spikes included, and their treatment."""
         channel = self.channel
         spans = clipped_to(
             self._spiky[self._stretches[label]],
@@ -358,12 +359,12 @@ class SpeedLevel(PulseTrain):
         return [one for one in found if len(one.spans)]
 
     def score(self, speed: IntervalSpeed) -> float:
-        """Return a score below that of any source that counts turns, since a converter's filter is unknown."""
+        """Score below that of any source that counts turns, since a converter's filter is unknown."""
         return -1.0 / (1.0 + len(speed.time_s))
 
 
 def _require_less(key: str, std: float | None, limit: float, what: str) -> None:
-    """Refuse a standard deviation as large as what it belongs to: a slip of unit."""
+    """Reject a standard deviation as large as the quantity itself, likely due to a wrong unit."""
     if std is not None and not std < limit:
         raise InputError(f"{key}: found {std:g}, expected less than {limit:.4g} {what}")
 
@@ -371,7 +372,7 @@ def _require_less(key: str, std: float | None, limit: float, what: str) -> None:
 def source_of(
     rows: Rows | None, name: str, tacho: Tacho, gear_ratio: float, stretches: Stretches, spikes: Spikes
 ) -> PulseTrain:
-    """Return the source that a table of a trial describes; `spikes` says what counts as one of a recorded speed."""
+    """Source for a table of a trial; `spikes` are the limits for a recorded speed."""
     if tacho.kind == "edges" or rows is None:
         return EdgeList(name, tacho, gear_ratio, stretches)
     if tacho.kind == "speed":
@@ -381,7 +382,7 @@ def source_of(
 
 
 def require_one_direction(first: PulseTrain, second: PulseTrain) -> None:
-    """Refuse a shaft that turns back: the second train of a pair in quadrature then leads the first."""
+    """Reject a shaft that reverses: the second train of a pair in quadrature then leads the first."""
     for label, pulses in first.pulses.items():
         one, two = pulses.times_s, second.pulses[label].times_s
         if len(one) < 3 or len(two) < 3:

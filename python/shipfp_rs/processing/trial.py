@@ -1,4 +1,4 @@
-"""TRIAL.toml: which ship, which log, which channels, which windows, and how to identify."""
+"""TRIAL.toml: vessel, logs, channels, windows, and how to identify."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ MOST_WINDOWS = 500
 
 
 class Trial(Section):
-    """A whole TRIAL.toml.
+    """Contents of a TRIAL.toml.
 
     Examples
     --------
@@ -46,7 +46,7 @@ class Trial(Section):
     operating_point: OperatingPoint = OperatingPoint()
     processing: Processing = Processing()
     windows: Annotated[tuple[Window, ...], Field(strict=False, max_length=MOST_WINDOWS)] = ()
-    """Stretches of the logs, one experiment each; one or more."""
+    """Stretches of the logs, one experiment each; at least one."""
     identify: Identify = Identify()
     report: Report = Report()
 
@@ -109,7 +109,7 @@ class Trial(Section):
         return self
 
     def _require_own_columns(self) -> None:
-        """Refuse one column in two roles, and a speed behind a gear that no vessel tells."""
+        """Reject a column with two roles, and a speed behind a gear without a vessel."""
         channels = self.channels
         found: dict[str, str] = {}
         for key in ("set_point", "command", "torque", "rack", "actuator", "load"):
@@ -131,7 +131,7 @@ class Trial(Section):
                 )
 
     def _require_one_place_of_torque(self) -> None:
-        """Refuse an [identify] that contradicts the torque channel: where the torque was measured, or whether it was."""
+        """Reject an [identify] that contradicts the torque channel: its location, or whether there is one."""
         measured = self.channels.torque
         options, asked = self.identify, self.identify.torque
         if measured is None and (
@@ -152,18 +152,18 @@ class Trial(Section):
 
     @property
     def chooses(self) -> bool:
-        """Whether the data choose the structure, within what [identify] leaves open."""
+        """Whether the data select the structure, within the limits set by [identify]."""
         return self.identify.chooses
 
     @classmethod
     @checked
     def load(cls, path: str | Path) -> Self:
-        """Read a TRIAL.toml; relative paths of logs and of a vessel file are taken from its folder.
+        """Read a TRIAL.toml; paths of logs and of a vessel file are relative to its folder.
 
         Raises
         ------
         InputError
-            Where the file can't be read or a key or value is wrong; one line names it.
+            If the file can't be read, or a key or value is wrong, which the message names.
         """
         path = Path(path)
         read = read_toml(path, cls)
@@ -182,7 +182,7 @@ class Trial(Section):
         return read.model_copy(update={"trial": header.model_copy(update=changes), "channels": channels})
 
     def completed(self, log: Log) -> Log:
-        """Return a log with a channel of the set point that rests, where the trial has one: as long as that of the load."""
+        """Add a constant set point to a log, if the trial has one, with the length of the load."""
         asked, load = self.channels.set_point, self.channels.load
         if asked is None or asked.rpm is None or load is None or asked.column in log.channels:
             return log
@@ -199,7 +199,7 @@ class Trial(Section):
         return Log(log.name, channels, blocks, log.start_utc, log.faults, log.notes)
 
     def logs(self) -> list[Log]:
-        """Open the recordings, in order; one log where loggers are aligned."""
+        """Open the recordings, in order; aligned loggers become one log."""
         header = self.trial
         logs = [
             Log.open(path, rate_hz=header.rate_hz, time=header.time_column, names=header.names)
@@ -211,7 +211,7 @@ class Trial(Section):
 
         wanted = Path(self.align.reference)
         named = [log for log in logs if Path(log.name).name == wanted.name]
-        # Files of one name in several folders are told apart by as much of the path as is given.
+        # Files with the same name in several folders are distinguished by part of their paths.
         ends = (log for log in named if Path(log.name).parts[-len(wanted.parts) :] == wanted.parts)
         reference = next(ends, named[0])
         others = [log for log in logs if log is not reference]
@@ -220,7 +220,7 @@ class Trial(Section):
         return [self.completed(merged(reference, others, self.align.common, pulses=self.align.pulses))]
 
     def windows_of(self, log: str) -> tuple[Window, ...]:
-        """Return the windows that are cut from the log of this file name."""
+        """Windows of the log with this file name."""
         first = Path(self.trial.log[0]).name
         if len(self.trial.log) == 1 or self.align is not None:
             return self.windows

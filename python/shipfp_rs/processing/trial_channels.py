@@ -1,4 +1,4 @@
-"""Channel tables of a TRIAL.toml: calibrations, set point, torque, rack, load and pulse trains."""
+"""Channel tables of a TRIAL.toml: calibrations, set point, torque, rack, load and sources of speed."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Positive = Annotated[float, Field(gt=0.0)]
 Rate = Annotated[float, Field(gt=0.0, le=1e8)]
 """Samples per second; the range covers every logger."""
 Delay = Annotated[float, Field(ge=-60.0, le=60.0)]
-"""Delay of a channel [s]; more than a minute is no delay but another clock."""
+"""Delay of a channel [s]; more than a minute would be another clock."""
 Accuracy = Annotated[float, Field(ge=0.0, le=0.2)]
 """Smooth relative error of a calibrated channel, one standard deviation."""
 Pair = Annotated[tuple[float, float], Field(strict=False)]
@@ -26,22 +26,22 @@ KEYS_OF_KIND: Mapping[str, Set[str]] = {
     "angle": {"unit", "counts_per_rev", "calibration", "std"},
     "speed": {"unit", "calibration", "std", "mean_s", "pole_pairs"},
 }
-"""Keys that a source of speed takes beside those of every kind."""
+"""Keys of each kind of source of speed, in addition to the common ones."""
 CALIBRATED = {"%", *ELECTRIC} - {"", "counts"}
-"""Units of a reading that a source of speed may have, from which its calibration leads to rpm."""
+"""Units of the reading of a source of speed whose calibration leads to rpm."""
 KEYS_OF_ALL = {"kind", "column", "shaft", "delay_s"}
 SIGNAL_OF_LOCATION = {"gauge": "M_g", "brake": "M_b", "shaft": "M_s"}
 
 
 class Line(Section):
-    """A calibration: scale and offset, or a table of readings and values to fit them to."""
+    """A calibration: scale and offset, or a table of readings and values for a fit."""
 
     scale: float | None = None
-    """What one unit of the reading is in the calibrated unit."""
+    """Calibrated units per unit of the reading."""
     offset: float = 0.0
-    """Calibrated value where the reading is 0."""
+    """Calibrated value at a reading of 0."""
     table: Annotated[tuple[Pair, ...], Field(strict=False, min_length=2)] | None = None
-    """Pairs of reading and value, through which a line is fitted; in place of `scale`."""
+    """Pairs of reading and value to which a line is fitted; replaces `scale`."""
 
     @model_validator(mode="after")
     def _is_one_line(self) -> Self:
@@ -54,7 +54,7 @@ class Line(Section):
         return self
 
     def calibration(self, unit: str) -> Calibration:
-        """Return the line, with `unit` for its values."""
+        """The line, with `unit` for its values."""
         if self.table is not None:
             readings, values = zip(*self.table, strict=True)
             return Calibration.from_table(readings, values, unit)
@@ -63,7 +63,7 @@ class Line(Section):
 
 
 def wanted_line(unit: str, to: str) -> str:
-    """Return what a calibration from one unit to another is to be, in words."""
+    """Description of the calibration wanted from one unit to another."""
     reading = unit or "reading"
     return (
         f"from {reading} to {to}: {{ scale = {to} per {reading}, offset = {to} at 0 }}, or "
@@ -78,31 +78,31 @@ SCALING: Mapping[str, tuple[Set[str], str]] = {
     "rated_torque_Nm": ({"%"}, "the torque at 100 % [Nm]"),
     "efficiency": ({*TO_W}, "the share of the shaft's power that the channel shows, such as 0.95"),
 }
-"""Keys that convert a unit to the shaft's quantity, the units for which they are valid, and what they mean."""
+"""Keys that convert a unit to the shaft's quantity, the units for which they are valid, and their meaning."""
 RESTING = "set point at rest"
-"""Channel of a set point that no logger recorded."""
+"""Name of the channel of a constant set point that was not recorded."""
 MOST_RPM = 1e6
 
 
 class Level(Section):
-    """A channel of samples, calibrated by a line; a unit of the channel's own quantity needs no line."""
+    """A channel with a linear calibration; for a unit of the channel's own quantity it may be omitted."""
 
     a: ClassVar[str] = ""
-    """Name of its quantity in the table of quantities; units of this quantity need no line."""
+    """Name of the channel's quantity in `QUANTITIES`; its units need no calibration."""
 
     column: Name
     """Name of the channel in the log."""
     unit: str
-    """Unit of its readings."""
+    """Unit of the readings."""
     calibration: Line
-    """Calibration line of the readings; default: the factor of their unit."""
+    """Calibration of the readings; default: the factor of their unit."""
     delay_s: Delay = 0.0
     """Delay of the channel, filters of telemetry and amplifiers included [s]; it is removed."""
 
     @model_validator(mode="before")
     @classmethod
     def _unit_calibrates(cls, content: Any) -> Any:
-        """Fill in the factor of a known unit; say what to write for any other."""
+        """Fill in the factor of a known unit; for any other, name the keys to give."""
         if not isinstance(content, dict):
             return content
         column, unit = content.get("column"), content.get("unit")
@@ -132,23 +132,20 @@ class Level(Section):
 
     @classmethod
     def factor(cls, unit: str, content: Mapping[str, Any]) -> tuple[float | None, str]:
-        """Return the factor of a unit, None for one that is not what the channel is, and the unit it leads to.
-
-        `content` is the rest of the channel's table.
-        """
+        """Factor of a unit (None without one), and the resulting unit; `content` is the rest of the channel's table."""
         known = QUANTITIES[content["quantity"] if content.get("quantity") in QUANTITIES else cls.a]
         scaled = {key: content[key] for key in SCALING if isinstance(content.get(key), int | float)}
         if unit == "%" and known.unit == "Nm" and "rated_torque_Nm" in scaled:
             return 0.01 * scaled["rated_torque_Nm"], known.unit
         factor = known.factors.get(unit)
         if factor is not None:
-            # What is out of range is refused once the keys are looked at.
+            # Values out of range are rejected by the validation of the keys.
             factor /= abs(scaled.get("pole_pairs", 1.0) * scaled.get("efficiency", 1.0)) or 1.0
         return factor, known.unit
 
 
 def _require_use(key: str, content: Mapping[str, Any], unit: str) -> None:
-    """Refuse a key that is still to be given, or that does nothing with a channel's unit."""
+    """Reject a key that is still to be given, or that has no effect for a channel's unit."""
     units, what = SCALING[key]
     if content[key] == TO_BE_GIVEN:
         raise unexpected(key, repr(TO_BE_GIVEN), f"{what}, of channel {content.get('column')!r}")
@@ -157,17 +154,17 @@ def _require_use(key: str, content: Mapping[str, Any], unit: str) -> None:
 
 
 class SetPoint(Level):
-    """The channel of the engine-speed set point, calibrated to rpm; where none was logged, its constant value."""
+    """The channel of the engine-speed set point, calibrated to rpm; if none was recorded, its constant value."""
 
     a = "speed"
 
     pole_pairs: PolePairs = 1
     """Pairs of poles of the generator whose frequency it is: 2 where 50 Hz are 1500 rpm."""
     rpm: Annotated[float, Field(gt=0.0, lt=MOST_RPM)] | None = None
-    """Constant set point [rpm] in place of a channel, where a load drives the ship."""
+    """Constant set point [rpm], instead of a channel, for a ship driven by a load."""
 
     held: bool = False
-    """The engine holds each sample until the next one comes, as with a set point from a bus. The set point that it follows
+    """Whether the engine holds each sample until the next one, as with a set point from a bus. The set point that it follows
     is then late by half a sample's period, which is not part of `delay_s`. A torque recorded at this rate shows the stairs.
     """
 
@@ -184,19 +181,19 @@ class SetPoint(Level):
 
     @property
     def late(self) -> float:
-        """Delay of the held set point, as a share of a sample's period."""
+        """Delay of the held set point, as a fraction of the sample period."""
         return 0.5 if self.held else 0.0
 
 
 class Command(Level):
-    """The command of a drive in open loop: torque, current, voltage or fuel, in any unit, 0 for no torque.
+    """The command of an open-loop drive: torque, current, voltage or fuel, in any unit, 0 for no torque.
 
     Only its ratio to the operating point counts; a unit of torque becomes Nm.
     """
 
     @classmethod
     def factor(cls, unit: str, content: Mapping[str, Any]) -> tuple[float | None, str]:
-        """Return 1 for any unit but one of torque."""
+        """Factor 1 for any unit except those of torque."""
         return TO_NM.get(unit, 1.0), ""
 
 
@@ -221,8 +218,8 @@ class Torque(Level):
 class Rack(Level):
     """The fuel rack, or a CAN bus's fuel signal: zero without fuel, and proportional to it.
 
-    Only its ratio to the operating point counts, so a per cent or mg a stroke do as well as mm, without a calibration. For
-    a bus half of its repetition period is part of `delay_s`.
+    Only its ratio to the operating point counts, so per cent or mg per stroke serve as well as mm, without a calibration.
+    For a bus, half of its repetition period is part of `delay_s`.
     """
 
     gauge_accuracy: Accuracy | None = None
@@ -230,7 +227,7 @@ class Rack(Level):
 
     @classmethod
     def factor(cls, unit: str, content: Mapping[str, Any]) -> tuple[float | None, str]:
-        """Return 1 for any unit but an electric one."""
+        """Factor 1 for any unit except electric ones."""
         return None if unit in ELECTRIC else 1.0, "mm"
 
 
@@ -247,10 +244,10 @@ class Load(Level):
 
 
 class Tacho(Section):
-    """A source of speed: a pulse train, a list of its edges, an encoder's angle, or a speed recorded as such.
+    """A source of speed: a pulse train, a list of its edges, an encoder's angle, or a recorded speed.
 
-    The kind follows from the keys: `counts_per_rev`, or a unit of angle, make an encoder; a unit of speed makes a speed, and
-    so does per cent, or another reading with a calibration; `file` makes a list of edges; anything else is a pulse train.
+    The kind follows from the keys: `counts_per_rev` or a unit of angle means an encoder; a unit of speed, per cent, or
+    another reading with a calibration means a recorded speed; `file` means a list of edges; otherwise it is a pulse train.
     """
 
     kind: Literal["pulses", "edges", "angle", "speed"] = "pulses"
@@ -258,36 +255,37 @@ class Tacho(Section):
     column: str = ""
     """Column of the log; in a list of edges the column of the times, by default the first."""
     pulses_per_rev: Annotated[int, Field(ge=1, le=100_000)] = 1
-    """Pulses in a turn; for a wheel with missing teeth counted as if none were missing: 60 for 60-2."""
+    """Pulses per turn; for a wheel with missing teeth, the count including those: 60 for 60-2."""
     missing: Annotated[int, Field(ge=0, le=4)] = 0
-    """Missing teeth, side by side, that mark the turn: 2 for 60-2."""
+    """Adjacent missing teeth that mark the turn: 2 for 60-2."""
     quadrature: Name | None = None
-    """Column of the second train of a pair that is a quarter of a pulse apart."""
+    """Column of the second train of a pair in quadrature, a quarter of a pulse apart."""
     shaft: Literal["engine", "propeller"] = "engine"
     """Shaft on which it is mounted."""
     threshold: float | None = None
-    """Level of a crossing, in the channel's unit; halfway between the two levels where it isn't given."""
+    """Level of a crossing, in the channel's unit; default: halfway between the two levels."""
     hysteresis: Positive | None = None
-    """Width between arming and firing, in the channel's unit; a share of the height where it isn't given."""
+    """Width between arming and firing, in the channel's unit; default: a fraction of the height."""
     delay_s: Delay = 0.0
     """Delay of the channel, filters of telemetry and amplifiers included [s]; it is removed."""
     file: FilePath | None = None
     """A list of edges: a file with a column of times on the log's clock [s]."""
     level: Name | None = None
-    """The list's column of levels; with one, only edges that rise to a level above the middle count."""
+    """Column of levels in the list of edges; if given, only edges that rise to a level above the middle count."""
     time_std_s: Positive | None = None
-    """Standard deviation of an edge of a list [s]; from the digits of its times where it isn't given."""
+    """Standard deviation of an edge in a list [s]; default: from the digits of its times."""
     unit: str = ""
     """Unit of an angle (deg, rad, rev or counts), of a speed (rpm, rad/s, rev/s, Hz over `pole_pairs`), or of the reading
-    (%, V, mA) from which the calibration leads to rpm."""
+    (%, V, mA) that the calibration converts to rpm.
+    """
     counts_per_rev: Annotated[float, Field(ge=1.0, le=1e9)] | None = None
-    """Counts of an encoder in a turn."""
+    """Counts of an encoder per turn."""
     calibration: Line | None = None
     """Calibration of an analogue speed or angle, from volts to `unit`; from a `unit` of the reading to rpm."""
     std: Positive | None = None
-    """Standard deviation of a sample, calibrated; from the samples themselves where it isn't given."""
+    """Standard deviation of a calibrated sample; default: from the samples."""
     mean_s: Positive | None = None
-    """Time over which a recorded speed is a mean [s]; from one sample to the next where it isn't given."""
+    """Averaging time of a recorded speed [s]; default: the sample interval."""
     pole_pairs: PolePairs = 1
     """Pairs of poles of the generator whose frequency it is: 2 where 50 Hz are 1500 rpm."""
 
@@ -359,19 +357,19 @@ class Tacho(Section):
 class Channels(Section):
     """Set point, torque, actuator, load, and any number of sources of speed under names of their own."""
 
-    # pydantic checks the extra tables as sources of speed.
+    # pydantic validates the extra tables as sources of speed.
     model_config = ConfigDict(extra="allow")
     __pydantic_extra__: dict[str, Tacho]
 
     set_point: SetPoint | None = None
     command: Command | None = None
-    """Command of a drive in open loop, in place of a set point."""
+    """Command of an open-loop drive, instead of a set point."""
     torque: Torque | None = None
     rack: Rack | None = None
     actuator: Rack | None = None
     """Another name of `rack`: throttle, fuel, or a motor's current or torque command."""
     load: Load | None = None
-    """Measured load that the machine drives: an input beside the set point."""
+    """Measured load of the machine: an input in addition to the set point."""
 
     @model_validator(mode="after")
     def _rests_under_a_load(self) -> Self:
@@ -398,19 +396,19 @@ class Channels(Section):
 
     @property
     def driver(self) -> SetPoint | Command:
-        """The channel that drives the model: set point, or command in open loop."""
+        """Input channel of the model: set point, or command in open loop."""
         driver = self.set_point or self.command
         assert driver is not None
         return driver
 
     @property
     def asks_for_torque(self) -> bool:
-        """Whether the command is a torque, and none was measured beside it."""
+        """Whether the command is a torque and no torque was measured."""
         return self.command is not None and told(self.command.unit) in TO_NM and self.torque is None
 
     @property
     def driver_signal(self) -> str:
-        """Name of the signal that the driving channel becomes."""
+        """Name of the input channel's signal."""
         return "command" if self.set_point is None else "n_set"
 
     @model_validator(mode="after")
@@ -431,7 +429,7 @@ class Channels(Section):
 
     @property
     def levels(self) -> dict[str, Torque | Rack | Load]:
-        """Channels of torque, rack and load, by the names of the signals that they become."""
+        """Channels of torque, rack and load, by the names of their signals."""
         torque = {} if self.torque is None else {SIGNAL_OF_LOCATION[self.torque.location]: self.torque}
         actuator = self.rack or self.actuator
         load = {} if self.load is None else {"M_load": self.load}
@@ -439,7 +437,7 @@ class Channels(Section):
 
     @property
     def tachos(self) -> dict[str, Tacho]:
-        """The sources of speed by name; a pair of trains in quadrature counts as two."""
+        """Sources of speed by name; a pair of trains in quadrature counts as two."""
         found: dict[str, Tacho] = {}
         for name, tacho in self.__pydantic_extra__.items():
             found[name] = tacho

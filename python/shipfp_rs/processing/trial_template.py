@@ -1,4 +1,4 @@
-"""A TRIAL.toml with all that a log tells, each guess with its reason; what it does not tell is marked as to be given."""
+"""Draft of a TRIAL.toml from a log, each guess with its reason; unknown values are marked as to be given."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ from shipfp_rs.support.toml import TO_BE_GIVEN
 from shipfp_rs.support.units import TO_NM, TO_REV, TO_RPM, TO_W
 
 KEPT = ("processing", "processing.torque_spikes", "processing.set_point_jumps", "processing.faults")
-"""Tables of the template that are settings, and claim nothing of a log."""
+"""Tables of the template with settings only, which state nothing about a log."""
 SELDOM_HZ = 100.0
-"""Rate up to which a set point may be a bus's or PLC's, with stairs that the torque shows."""
+"""Highest rate of a set point that may come from a bus or PLC, with stairs that the torque shows."""
 LEAST_LOAD = 0.1
-"""A rest of a load counts as loaded from this share of its largest level on."""
+"""Least level of a load at rest that counts as loaded, relative to its largest level."""
 
 
 def windows_toml(windows: Sequence[FoundWindow]) -> str:
-    """Return the [[windows]] tables of a TRIAL.toml, rests left out; frequencies as comments."""
+    """The [[windows]] tables of a TRIAL.toml without rests; frequencies as comments."""
     lines = []
     for window in windows:
         if window.kind == "steady":
@@ -47,17 +47,17 @@ def windows_toml(windows: Sequence[FoundWindow]) -> str:
 
 
 def _within(window: FoundWindow) -> tuple[float, float]:
-    """Return start and stop of a window [s] to a tenth of a second, neither of them outside it."""
+    """Start and stop of a window [s], rounded inwards to a tenth of a second."""
     return math.ceil(10.0 * window.start_s - 1e-6) / 10.0, math.floor(10.0 * window.stop_s + 1e-6) / 10.0
 
 
 def moved(log: Log, driver: str | None, load: str | None) -> tuple[str, list[FoundWindow]]:
-    """Return the channel whose motion makes a log's windows, and these: the load's where set point or command rest.
+    """Channel whose motion defines a log's windows, and the windows: the load's if set point or command is constant.
 
     Raises
     ------
     InputError
-        Where the log has neither set point nor load, or it is too short.
+        If the log has neither set point nor load, or is too short.
     """
     driver = driver or load
     if driver is None:
@@ -72,7 +72,7 @@ def moved(log: Log, driver: str | None, load: str | None) -> tuple[str, list[Fou
 
 
 def operating_rest(windows: Sequence[FoundWindow], *, by_load: bool) -> FoundWindow | None:
-    """Return the rest that the operating point is the mean of; of a load that moves one under load, if there is any."""
+    """Rest whose mean is the operating point; with a moving load, one under load if there is any."""
     if by_load:
         largest = max(abs(window.level) for window in windows)
         loaded = [w for w in windows if w.kind != "steady" or abs(w.level) > LEAST_LOAD * largest]
@@ -92,20 +92,20 @@ def drafted(
     time: str | None = None,
     names: Path | None = None,
 ) -> str:
-    """Return the text of a TRIAL.toml for a log.
+    """Text of a TRIAL.toml for a log.
 
     Parameters
     ----------
     template
-        That of `support.toml.template`, whose tables stand apart by an empty line each.
+        Text of `support.toml.template`, whose tables are separated by empty lines.
     log, paths
-        The log and where it lies; several loggers' where it is their channels side by side.
+        The log and its file; several files for loggers merged by time stamps.
     roles
-        What its channels are taken for, and why.
+        Guessed roles of its channels, and the reasons.
     windows, mover
-        What was found, and the channel that moves there.
+        Detected windows, and the channel that moves in them.
     rate_hz, time, names
-        As it was opened.
+        Options with which it was opened.
     """
     kept = {_header(table): table for table in template.split("\n\n")}
     kept["processing"] = _at_most(kept["processing"], _slowest(log, roles))
@@ -142,7 +142,7 @@ def drafted(
 
 
 def _channels(log: Log, roles: Roles, windows: Sequence[FoundWindow]) -> list[str]:
-    """Return the tables of channels."""
+    """Tables of channels."""
     if roles.command is not None:
         tables = [
             _level("command", log.channel(roles.command), roles, {roles.named[roles.command].unit: 1.0}, "")
@@ -158,11 +158,11 @@ def _channels(log: Log, roles: Roles, windows: Sequence[FoundWindow]) -> list[st
         power = roles.named[roles.load].unit in TO_W
         units, to, what = (TO_W, "W", "power") if power else (TO_NM, "Nm", "torque")
         table = f'{_level("load", log.channel(roles.load), roles, units, to)}\nquantity = "{what}"'
-        # A generator's power is told where its voltage is, and its losses with it.
+        # The power of a generator is measured where its voltage is, so its losses are included.
         losses = f"\n# efficiency = 0.95  # {SCALING['efficiency'][1]}" if power else ""
         tables.append(table + losses)
     told = {name for name in roles.speeds if roles.named[name].unit in {*TO_RPM, *TO_REV}}
-    # What needs an answer is left out where another channel tells the speed without one.
+    # Sources that need an answer are omitted if another channel gives the speed without one.
     tables += [_speed(name, roles) for name in roles.speeds if name in told or not (told or roles.pulses)]
     tables += [_train(name, roles) for name in roles.trains if name in roles.pulses or not told]
     if not roles.speeds and not roles.trains:
@@ -171,7 +171,7 @@ def _channels(log: Log, roles: Roles, windows: Sequence[FoundWindow]) -> list[st
 
 
 def _held(log: Log, roles: Roles) -> str:
-    """Return a line to uncomment where set point and torque come as seldom, as from a bus or PLC; else nothing."""
+    """Commented-out key, offered if set point and torque have the low rate of a bus or PLC; else empty."""
     names = (roles.set_point, roles.torque)
     rates = {log.channel(name).rate_hz for name in names if name is not None}
     if roles.torque is None or len(rates) > 1 or rates.pop() > SELDOM_HZ:
@@ -180,7 +180,7 @@ def _held(log: Log, roles: Roles) -> str:
 
 
 def _resting(log: Log, roles: Roles, windows: Sequence[FoundWindow]) -> str:
-    """Return the table of a set point that no channel is: what the speed rests at, where a load moves."""
+    """Table of a constant set point without a channel: the speed at rest, for a moving load."""
     rest = operating_rest(windows, by_load=True) if windows and roles.load is not None else None
     moving = windows if roles.load is not None else []
     rpm = _mean(log, roles, next(iter(roles.speeds), None), moving if rest is None else [rest], TO_RPM)
@@ -193,7 +193,7 @@ def _resting(log: Log, roles: Roles, windows: Sequence[FoundWindow]) -> str:
 
 
 def _level(key: str, channel: Channel, roles: Roles, factors: Mapping[str, float], to: str) -> str:
-    """Return the table of a calibrated channel; one of a known unit needs no calibration."""
+    """Table of a calibrated channel; a known unit needs no calibration."""
     unit = roles.named[channel.name].unit
     table = f"[channels.{key}]\n" + _keys({"column": channel.name, "unit": unit})
     if unit == "%" and to == "Nm":
@@ -206,7 +206,7 @@ def _asked_line(unit: str, to: str) -> str:
 
 
 def _speed(name: str, roles: Roles) -> str:
-    """Return the table of a recorded speed, or of an encoder's angle."""
+    """Table of a recorded speed, or of an encoder's angle."""
     unit = roles.named[name].unit
     known = unit in TO_RPM or unit in TO_REV
     keys = {"column": name, "unit": unit if known or unit == "%" else "rpm", "shaft": roles.speeds[name]}
@@ -217,7 +217,7 @@ def _speed(name: str, roles: Roles) -> str:
 
 
 def _train(name: str, roles: Roles) -> str:
-    """Return the table of a pulse train; the log tells where it is only where another channel tells the speed."""
+    """Table of a pulse train; its shaft is known only if another channel gives the speed."""
     count = roles.pulses.get(name)
     keys = {
         "column": name,
@@ -228,7 +228,7 @@ def _train(name: str, roles: Roles) -> str:
 
 
 def _operating_point(log: Log, roles: Roles, windows: Sequence[FoundWindow], mover: str | None) -> str:
-    """Return the table of the operating point: the steady stretch, or means over the windows where nothing rests."""
+    """Table of the operating point: the steady stretch, or means over the windows without one."""
     rest = operating_rest(windows, by_load=mover is not None and mover == roles.load)
     if rest is not None:
         start_s, stop_s = _within(rest)
@@ -264,7 +264,7 @@ def _slowest(log: Log, roles: Roles) -> float:
 
 
 def _at_most(table: str, rate_hz: float) -> str:
-    """Return the table of processing with a common rate that every channel has."""
+    """Table of processing with a common rate that no channel falls below."""
     usual = Processing().rate_hz
     return table if rate_hz >= usual else table.replace(f"rate_hz = {usual}", f"rate_hz = {rate_hz:.9g}", 1)
 
@@ -290,7 +290,7 @@ def _keys(keys: Mapping[str, object]) -> str:
 
 
 def _key(name: str) -> str:
-    """Return a channel's name as the key of its table, another one where that of a role is the same."""
+    """Key of a channel's table: its name, changed if it is that of a role."""
     taken = ("set_point", "command", "torque", "rack", "actuator", "load")
     return tomlkit.item(f"{name} of a shaft" if name in taken else name).as_string()
 

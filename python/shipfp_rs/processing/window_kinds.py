@@ -1,4 +1,4 @@
-"""What an excitation is: sines, chirps, square waves and the like are told apart by their crossings, levels and lines."""
+"""Kind of an excitation (sine, chirp, square wave ...), from its crossings, levels and spectral lines."""
 
 from __future__ import annotations
 
@@ -12,42 +12,43 @@ from shipfp_rs.support.arrays import Array
 Kind = Literal["steady", "sine", "sines", "multisine", "chirp", "squares", "prbs", "steps", "other"]
 
 CROSSED = 0.35
-"""Hysteresis of the crossings that tell a frequency, as a share of the amplitude."""
+"""Hysteresis of the crossings for frequencies, as a fraction of the amplitude."""
 JUMPED = 1.5
-"""Distance from the mean, in amplitudes, beyond which a sample is a jump of the generator's relay."""
+"""Distance from the mean, in amplitudes, above which a sample is a jump of the generator's relay."""
 SAME_FREQUENCY = 1.15
-"""The excitation has one frequency where the ratio of its last periods to its first is below this."""
+"""Largest ratio between the last and first periods of an excitation with one frequency."""
 
 IN_BAND = 0.95
-"""Share of an excitation's power in its band."""
+"""Fraction of an excitation's power in its band."""
 LINE_BINS, BETWEEN_LINES = 16, 0.4
-"""In parts of so many bins the median of a multisine's power is below this share of the mean, since nothing is between its
-lines; of what runs through its frequencies the two are alike, and by chance, too, the median is 0.7 of the mean."""
+"""In ranges of this many bins, the median power of a multisine is below this fraction of the mean, since there is no power
+between its lines. For a swept frequency the two are similar, and for noise the median is 0.7 of the mean.
+"""
 SAME_LINES = 0.8
-"""Least correlation of the amplitudes of a window's halves: a multisine has all lines all the time."""
+"""Least correlation between the amplitudes of a window's halves: a multisine has all lines all the time."""
 REPEATS = 0.95
-"""Correlation with itself a period later from which an excitation is periodic."""
+"""Least autocorrelation at one period of a periodic excitation."""
 AT_LEVELS = 0.8
-"""Share of samples near the extremes from which an excitation jumps between two levels."""
+"""Least fraction of samples near the extremes in an excitation with two levels."""
 
 IN_RUNS, SHORTEST_RUN = 0.75, 3
-"""Excitations of one frequency after another have this share of their half periods in runs of so many alike, or more."""
+"""Least fraction of half periods in runs of at least this many equal ones, for excitations of successive frequencies."""
 
 
 def middle_of(samples: Array) -> float:
-    """Return the level halfway between the extremes of an excitation, outliers left out."""
+    """Level halfway between the extremes of an excitation, without outliers."""
     return 0.5 * float(np.quantile(samples, 0.02) + np.quantile(samples, 0.98))
 
 
 def kind_of(deviation: Array, rate_hz: float, *, swings: bool) -> tuple[Kind, tuple[float, float] | None]:
-    """Return the kind of an excitation and its frequencies from first to last [Hz]; None where it hardly crosses its middle.
+    """Kind of an excitation and its first and last frequency [Hz]; None if it hardly crosses its middle.
 
     Parameters
     ----------
     deviation
-        Samples about the middle of their extremes, shape (N,), finite.
+        Samples relative to the middle of their extremes, shape (N,), finite.
     rate_hz
-        Their rate [Hz].
+        Sample rate [Hz].
     swings
         Whether it moves most of the time; a stair does not, and has no lines.
     """
@@ -68,7 +69,7 @@ def kind_of(deviation: Array, rate_hz: float, *, swings: bool) -> tuple[Kind, tu
         return "multisine", band
     if _come_in_runs(halves):
         return "sines", frequencies
-    # The periods of a chirp change one way; what goes back and forth is something else.
+    # The periods of a chirp change monotonically.
     logs = np.log(halves)
     order = np.corrcoef(np.arange(len(logs)), logs)[0, 1] if len(logs) > 2 else 1.0
     return "chirp" if ratio >= SAME_FREQUENCY and abs(order) > 0.5 else "other", frequencies
@@ -82,7 +83,7 @@ def _has_two_levels(samples: Array) -> bool:
 
 
 def _come_in_runs(halves: Array) -> bool:
-    """Whether half periods come in two or more runs, each of one frequency."""
+    """Whether half periods form two or more runs, each of one frequency."""
     logs, same = np.log(halves), math.log(SAME_FREQUENCY)
     parts = np.split(logs, np.flatnonzero(np.abs(np.diff(logs)) > same) + 1)
     runs_ = [len(part) for part in parts if len(part) >= SHORTEST_RUN and abs(part[-1] - part[0]) < same]
@@ -90,7 +91,7 @@ def _come_in_runs(halves: Array) -> bool:
 
 
 def _lines(samples: Array, rate_hz: float) -> tuple[float, float] | None:
-    """Return the lowest and highest frequency of a sum of sines [Hz]; None for anything else."""
+    """Lowest and highest frequency of a sum of sines [Hz]; None for anything else."""
     deviation = samples - samples.mean()
     power = np.abs(np.fft.rfft(deviation * np.hanning(len(samples)))) ** 2
     power[:1] = 0.0
@@ -118,7 +119,7 @@ def _stays(deviation: Array, low: int, high: int) -> bool:
 
 
 def _repeats(deviation: Array) -> bool:
-    """Whether a signal comes again after a period."""
+    """Whether a signal is periodic."""
     count = len(deviation)
     spectrum = np.fft.rfft(deviation, 2 * count)
     products = np.fft.irfft(np.abs(spectrum) ** 2)[:count]
@@ -131,7 +132,7 @@ def _repeats(deviation: Array) -> bool:
 
 
 def _crossings(deviation: Array) -> Array:
-    """Places at which a signal has crossed zero from one side to the other, shape (K,)."""
+    """Indices at which a signal crosses zero, shape (K,)."""
     amplitude = float(np.quantile(np.abs(deviation), 0.9))
     side = np.where(np.abs(deviation) > CROSSED * amplitude, np.sign(deviation), 0.0)
     side[np.abs(deviation) > JUMPED * amplitude] = 0.0

@@ -1,4 +1,4 @@
-"""Where a log's set point rests, runs a sine or a chirp, or steps: the windows of a trial, found in the log."""
+"""Detection of a trial's windows in a log: rests, sines, chirps and steps of the set point."""
 
 from __future__ import annotations
 
@@ -19,26 +19,27 @@ from shipfp_rs.support.spans import runs
 from shipfp_rs.support.spikes import ROBUST_SIGMA
 
 COARSE_HZ = 200.0
-"""Rate to which the set point is averaged: sines of 30 Hz keep their shape."""
+"""Rate to which the set point is averaged; it preserves sines of 30 Hz."""
 BLOCK_S = 0.5
-"""Length of the blocks whose medians are the levels [s]; a jump of a relay takes much less."""
+"""Length of the blocks whose medians are the levels [s]; a jump of a relay is much shorter."""
 LEAST_REST_S = 10.0
 """Shortest rest of the set point [s]. The crest of a slow sine is level for a shorter time, or visibly curved."""
 AT_REST = 6.0
-"""A block is at the level of a rest where its median differs by at most so many of its standard deviations."""
+"""Largest deviation of a block's median from the level of a rest, in its standard deviations."""
 BEND = 2.5
-"""A parabola through a rest rises by at most so many standard deviations; through the crest of a slow sine by more."""
+"""Rise of a parabola through a rest in standard deviations; through the crest of a slow sine it rises by more."""
 SWINGS = 1.5
 """Ratio of a block's spread to the noise above which the set point oscillates faster than blocks can resolve."""
 STEP_WITHIN_S = 1.5
-"""A change from one level to another that takes no longer is a step."""
+"""Longest change between two levels that is a step."""
 STAIR, RISERS = 0.75, 0.2
 """A signal is a stair if the `RISERS` of its blocks with the largest changes hold at least `STAIR` of all change. Stairs
-reach 0.8 and more; sines, chirps and noise half at most."""
+reach 0.8 and more; sines, chirps and noise at most half.
+"""
 LONG_HOLD = 2.5
-"""A series of steps has ended when no step comes for this many times its usual hold."""
+"""A series of steps has ended when no step follows for this multiple of its usual hold."""
 LONGEST_S = 4.0 * 3600.0
-"""Longest excitation [s]; what goes on for longer without a rest is the ship's own doing."""
+"""Longest excitation [s]; longer motion without a rest is the ship's normal operation."""
 _LETTERS: Mapping[Kind, str] = {
     "steady": "R",
     "sine": "S",
@@ -54,22 +55,21 @@ _LETTERS: Mapping[Kind, str] = {
 
 @dataclass(frozen=True)
 class FoundWindow:
-    """A stretch of one kind.
+    """Stretch of one kind.
 
     Parameters
     ----------
     name
-        Kind's letter and a count: R rest, S one or more sines, M multisine, C chirp, Q square waves, P pseudo-random steps,
-        St steps, X anything else.
+        Letter of the kind and a number: R rest, S one or more sines, M multisine, C chirp, Q square waves, P pseudo-random
+        steps, St steps, X anything else.
     kind
-        What the set point does.
+        Kind of motion of the set point.
     start_s, stop_s
-        On the log's clock [s].
+        Start and stop on the log's clock [s].
     level
         Mean of the set point, as recorded.
     frequency_hz
-        From the first to the last [Hz], of a multisine from the lowest to the highest; equal for a sine, None for rests and
-        steps.
+        First and last frequency [Hz], of a multisine the lowest and highest; equal for a sine, None for rests and steps.
     """
 
     name: str
@@ -85,11 +85,11 @@ def find_windows(
 ) -> list[FoundWindow]:
     """Find the rests and excitations of a set point or a load, and the kind of each window.
 
-    The set point rests where the medians of half seconds stay at one level to within their noise. Between two rests there
-    is a step where the level changes at once, else one excitation. A multisine is recognised by lines in its spectrum or
-    by a period, a sine, several sines or a chirp by the times between crossings of the mean, square waves and
-    pseudo-random steps by their two levels. A stair of levels too short for rests counts as steps. Excitations that follow
-    one another without a rest are found as one.
+    The set point is at rest where the medians of half seconds are constant within their noise. Between two rests there is a
+    step if the level changes at once, else one excitation. A multisine is recognised by spectral lines or periodicity; a
+    sine, several sines or a chirp by the times between crossings of the mean; square waves and pseudo-random steps by
+    their two levels. A stair of levels too short for rests counts as steps. Excitations without a rest between them count
+    as one.
 
     Parameters
     ----------
@@ -98,18 +98,18 @@ def find_windows(
     set_point
         Name of the set point's channel.
     start_s, stop_s
-        Stretch that is looked at, on the log's clock [s]; what counts as noise the whole channel tells.
+        Stretch to search, on the log's clock [s]; the noise is estimated from the whole channel.
 
     Returns
     -------
     list of FoundWindow
-        In order of time. A window of steps begins at the first step and ends after the last one by the usual time
+        Windows in order of time. A window of steps starts at the first step and ends after the last one by the usual time
         between two; the rests within it are listed as well.
 
     Raises
     ------
     InputError
-        Where the channel is missing, too short, or too slow.
+        If the channel is missing, too short, or too slow.
 
     Examples
     --------
@@ -124,7 +124,7 @@ def find_windows(
     rests = trace.rests()
     found = [FoundWindow("", "steady", *trace.times(rest), trace.level(rest)) for rest in rests]
     found += _steps(trace, rests)
-    # Everything between two rests that is not a step.
+    # Stretches between two rests that are not steps.
     borders = [(0, 0), *rests, (len(trace.medians), len(trace.medians))]
     for (_, stop), (start, _) in itertools.pairwise(borders):
         if (start - stop) * BLOCK_S > STEP_WITHIN_S:
@@ -133,7 +133,7 @@ def find_windows(
 
 
 def numbered(found: Iterable[FoundWindow]) -> list[FoundWindow]:
-    """Return windows in order of time, each with its kind's letter and a count."""
+    """Windows in order of time, numbered by kind."""
     counts = dict.fromkeys(_LETTERS.values(), 0)
     named = []
     for window in sorted(found, key=lambda window: (window.start_s, -window.stop_s)):
@@ -144,7 +144,7 @@ def numbered(found: Iterable[FoundWindow]) -> list[FoundWindow]:
 
 
 def longest_rest(windows: Sequence[FoundWindow]) -> FoundWindow | None:
-    """Return the longest rest at the level about which most excitations swing; None where the log has no rest."""
+    """Longest rest at the level about which most excitations oscillate; None without rests."""
     rests = [window for window in windows if window.kind == "steady"]
     if not rests:
         return None
@@ -160,7 +160,7 @@ def longest_rest(windows: Sequence[FoundWindow]) -> FoundWindow | None:
 
 @dataclass(frozen=True)
 class _Trace:
-    """The set point at a coarse rate: medians and spreads of its blocks; the samples themselves stay in the log."""
+    """Set point at a coarse rate: medians and spreads of its blocks; the samples stay in the log."""
 
     log: Log
     channel: Channel
@@ -169,7 +169,7 @@ class _Trace:
     spreads: Array
     noise: float
     first: int = 0
-    """Block that the medians begin with."""
+    """Block of the first median."""
 
     @classmethod
     def of(cls, log: Log, name: str) -> _Trace:
@@ -185,13 +185,13 @@ class _Trace:
         known = np.isfinite(medians)
         if not known.any():
             raise InputError(f"{log.name}: channel {name!r} holds no finite sample")
-        # The spread of a block scatters by 1.17 / sqrt(its samples); of many the tenth part is 1.28 times that below it.
+        # The spread of a block scatters by 1.17 / sqrt(its samples); the lowest tenth of many is 1.28 times that too low.
         quiet = float(np.quantile(spreads[known], 0.1)) / (1.0 - 1.28 * 1.17 / math.sqrt(block))
         noise = max(quiet, 8.0 * float(np.spacing(largest)))
         return cls(log, channel, ratio, bridged(medians), spreads, noise)
 
     def part(self, start_s: float, stop_s: float) -> _Trace:
-        """Return the whole blocks of a stretch."""
+        """Whole blocks of a stretch."""
         block_s = self.block / self.rate_hz
         edges = (np.array([start_s, stop_s]) - self.channel.start_s) / block_s
         first, stop = np.clip(np.round(edges), 0, len(self.medians)).astype(int).tolist()
@@ -216,7 +216,7 @@ class _Trace:
         return first, stop
 
     def samples(self, blocks: tuple[int, int]) -> Array:
-        """Return a stretch at the coarse rate, gaps bridged; empty where it has no sample."""
+        """Stretch at the coarse rate, gaps bridged; empty without samples."""
         start_s, stop_s = self.times(blocks)
         stop_s = min(stop_s, self.channel.stop_s)
         found = np.concatenate([*mean_pieces(self.log, self.channel.name, self.ratio, start_s, stop_s)])
@@ -228,7 +228,7 @@ class _Trace:
     def rests(self) -> list[tuple[int, int]]:
         """Stretches of blocks at one level."""
         still = self.spreads < SWINGS * self.noise + self.level_noise
-        # A relay jump in a block, or two of them, spoil one block.
+        # A relay jump affects one or two blocks.
         still[1:-1] |= still[:-2] & still[2:]
         found = []
         for first, stop in runs(still).tolist():
@@ -242,7 +242,7 @@ class _Trace:
         return found
 
     def _rest_from(self, first: int, stop: int) -> int:
-        """Just after the last block that is at the level of the first ones."""
+        """End of the blocks at the level of the first ones."""
         least = round(LEAST_REST_S / BLOCK_S)
         if stop - first < least:
             return first
@@ -256,18 +256,18 @@ class _Trace:
         return stop if not away.size else first + int(away[0])
 
     def _bends(self, first: int, stop: int) -> bool:
-        """Whether the levels of a stretch follow a line or a parabola rather than stay."""
+        """Whether the levels of a stretch follow a line or a parabola rather than stay constant."""
         time = np.linspace(-1.0, 1.0, stop - first)
         _, slope, bend = np.polynomial.legendre.legfit(time, self.medians[first:stop], 2)
         return bool(max(abs(slope), 1.5 * abs(bend)) > BEND * self.level_noise)
 
     def excitation(self, first: int, stop: int) -> FoundWindow:
-        """What lies between two rests."""
+        """Window between two rests."""
         start_s, stop_s = self.times((first, stop))
         samples = self.samples((first, stop)) if stop_s - start_s <= LONGEST_S else np.empty(0)
         if not samples.size:
             return FoundWindow("", "other", start_s, stop_s, self.level((first, stop)))
-        # A stair stands still most of the time.
+        # A stair is constant most of the time.
         swings = np.mean(self.spreads[first:stop] > SWINGS * self.noise + self.level_noise) > 0.5
         level = middle_of(samples)
         kind, frequency_hz = kind_of(samples - level, self.rate_hz, swings=bool(swings))
@@ -276,14 +276,14 @@ class _Trace:
         return FoundWindow("", kind, start_s, stop_s, level, frequency_hz)
 
     def _is_stair(self, first: int, stop: int) -> bool:
-        """Whether levels are held for a while, and change at once."""
+        """Whether levels are held for a while and change at once."""
         changes = np.sort(np.abs(np.diff(self.medians[max(first - 1, 0) : stop + 1])))
         risers = max(round(RISERS * len(changes)), 1)
         return bool(changes[-risers:].sum() > STAIR * changes.sum())
 
 
 def _levels(pieces: Iterable[Array], block: int) -> tuple[Array, Array, float]:
-    """Return median and robust spread of each block, and the largest magnitude of all; NaN and zero for an empty block."""
+    """Median and robust spread of each block, and the largest magnitude; NaN and zero for an empty block."""
     medians, spreads, largest, held = [np.empty(0)], [np.empty(0)], 0.0, np.empty(0)
     for piece in pieces:
         held = np.concatenate([held, piece])
@@ -305,7 +305,7 @@ def _levels(pieces: Iterable[Array], block: int) -> tuple[Array, Array, float]:
 
 
 def _steps(trace: _Trace, rests: list[tuple[int, int]]) -> list[FoundWindow]:
-    """Find series of steps: rests that follow each other without a pause, at different levels."""
+    """Series of steps: successive rests without a pause, at different levels."""
     series: list[list[int]] = [[]]
     ends: list[tuple[int, int]] = []
     for before, after in itertools.pairwise(rests):
@@ -322,7 +322,7 @@ def _steps(trace: _Trace, rests: list[tuple[int, int]]) -> list[FoundWindow]:
     for steps in series:
         edges = np.array([ends[step][0] for step in steps])
         hold = np.median(np.diff(edges)) if len(edges) > 1 else np.inf
-        # A pause much longer than the usual hold parts two series.
+        # A pause much longer than the usual hold separates two series.
         for part in np.split(edges, np.flatnonzero(np.diff(edges) > LONG_HOLD * hold) + 1):
             if part.size:
                 stop = dict(ends)[int(part[-1])]
