@@ -1,1 +1,1 @@
-"""The main job: a trial file to a folder of results."""
+"""Runs: from a trial file to a folder of results."""

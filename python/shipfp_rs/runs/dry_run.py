@@ -1,4 +1,4 @@
-"""A dry run of a trial: what was read, what would be fitted, what the data are expected to tell; nothing is written."""
+"""Dry run of a trial: input, planned fit and expected accuracy; nothing is written."""
 
 from __future__ import annotations
 
@@ -27,33 +27,33 @@ from shipfp_rs.vessel.vessel import Vessel
 Notify = Callable[[str], None]
 
 TOLD = ("parameters", "derived", "identifiability")
-"""Tables of the fingerprint to expect in the JSON form."""
+"""Tables of the expected fingerprint in the JSON form."""
 LITTLE = 0.9
-"""A warning is given where less than this share of a signal's samples is usable."""
+"""Fraction of usable samples of a signal below which a warning is given."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Check:
-    """What a run would begin with.
+    """Result of a dry run.
 
     Parameters
     ----------
     trial, vessel
-        Their names.
+        Names.
     channels
-        What was read: log, column, what it is, unit, rate, samples.
+        Channels read: log, column, meaning, unit, rate, samples.
     windows
-        What is left of each after cleaning: share of usable samples of every signal, faults by kind.
+        For each window after cleaning: fraction of usable samples of every signal, faults by kind.
     operating_point
-        Signal to value.
+        Value of each signal.
     structure, outputs
-        What would be fitted.
+        Structure and outputs of the fit.
     tried
-        Elements that a fit tries beside.
+        Additional elements that the fit tries.
     expected
-        What the data are expected to tell: a first look at a long step, without the elements that are tried.
+        Expected accuracy: a first estimate for a long step, without the elements that are tried.
     missing
-        What is not there and costs something, a line each.
+        Missing information and its consequence, one line each.
     """
 
     trial: str
@@ -76,21 +76,21 @@ class Check:
 
 
 def check(path: str | Path, *, notify: Notify = lambda _: None) -> Check:
-    """Read, clean and resample a trial's windows as a run would, take a first look at them, and stop before the fit.
+    """Read, clean and resample a trial's windows as in a run, make a first estimate, and stop before the fit.
 
     Parameters
     ----------
     path
         TRIAL.toml.
     notify
-        Called with what is being done.
+        Called with the current activity.
 
     Raises
     ------
     InputError
-        Where a run would be refused.
+        If a run would be rejected.
     IdentificationError
-        Where no start leads to a ship that can be simulated.
+        If no start leads to a ship that can be simulated.
     """
     notify("reading the trial")
     trial = Trial.load(path)
@@ -123,7 +123,7 @@ def check(path: str | Path, *, notify: Notify = lambda _: None) -> Check:
 
 
 def _named(trial: Trial, expected: Fingerprint) -> str:
-    """Return what a run fits where the data choose: the full ship, or the drive in open loop."""
+    """Structure that a run fits if the data select it: the full ship, or the open-loop drive."""
     return FULL_SHIP if trial.channels.command is None else f"a drive in {expected.structure['name']}"
 
 

@@ -1,4 +1,4 @@
-"""The fit that a TRIAL.toml or a SWEEP.toml asks for: its structure, or what it leaves open of the full ship."""
+"""Fit requested by a TRIAL.toml or a SWEEP.toml: a declared structure, or a selection within the full ship."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from shipfp_rs.structures.structure import Structure
 
 
 def choice(trial: Trial) -> dict[str, Any]:
-    """Return what a trial's [identify] table leaves open of the full ship, as arguments of `identify`."""
+    """Arguments of `identify` from a trial's [identify] table, for a selection by the data."""
     options, place = trial.identify, located(trial)
     outputs = list(options.outputs) if "outputs" in options.model_fields_set else None
     return {
@@ -25,12 +25,12 @@ def choice(trial: Trial) -> dict[str, Any]:
 
 
 def structure_from(options: Identify, located: Torque | None) -> Structure:
-    """Return the ship that an [identify] table declares, the torque measured there, or not at all (None).
+    """Ship declared by an [identify] table; `located` is where its torque was measured, None if it was not.
 
     Raises
     ------
     InputError
-        Where it names an unknown element, parameter or output.
+        If it names an unknown element, parameter or output.
     """
     structure = Structure.ship(
         options.acting,
@@ -42,10 +42,10 @@ def structure_from(options: Identify, located: Torque | None) -> Structure:
 
 
 def located(trial: Trial) -> Torque | None:
-    """Return where a trial's torque was measured; None where it was not."""
+    """Location of a trial's measured torque; None without one."""
     return None if trial.channels.torque is None else trial.channels.torque.place
 
 
 def _measured(outputs: Sequence[str], located: Torque | None) -> list[str]:
-    """Outputs without the torque where none was measured."""
+    """Outputs, without the torque if none was measured."""
     return [output for output in outputs if output != "dM" or located is not None]

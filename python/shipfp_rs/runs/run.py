@@ -1,4 +1,4 @@
-"""The main job, from TRIAL.toml to results: log, experiments, fingerprint, report, in a folder that appears whole."""
+"""Run: TRIAL.toml to log, experiments, fingerprint and report, in a folder that is written atomically."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ Notify = Callable[[str], None]
 
 @dataclass(frozen=True)
 class Run:
-    """What a run found."""
+    """Result of a run."""
 
     fingerprint: Fingerprint
     experiments: tuple[Experiment, ...]
@@ -57,29 +57,29 @@ def run(
     language: str | None = None,
     notify: Notify = lambda _: None,
 ) -> Run:
-    """Process and identify a trial and write `RESULTS` into a folder, which appears whole or not at all.
+    """Process and identify a trial and write `RESULTS` into a folder, atomically.
 
     Parameters
     ----------
     path
         TRIAL.toml.
     out
-        Folder to write; a previous run's is replaced.
+        Folder to write; that of a previous run is replaced.
     seed
-        Seed of the random starts; None: the trial's own.
+        Seed of the random starts; None: that of the trial.
     force
-        Write into a folder that holds other files, too; these stay.
+        Whether to write into a folder with other files, too, which are kept.
     language
-        Of the report; None: the trial's own.
+        Language of the report; None: that of the trial.
     notify
-        Called with what is being done.
+        Called with the current activity.
 
     Raises
     ------
     InputError
-        Where the trial, the log or the folder can't be used.
+        If the trial, the log or the folder can't be used.
     IdentificationError
-        Where no start led to a minimum.
+        If no start led to a minimum.
     """
     trial = Trial.load(path)
     with replacing_folder(Path(out), marker=MARKER, others=RESULTS, force=force) as folder:
@@ -105,7 +105,7 @@ def evaluate(
         logs = trial.logs()
         import_beside("matplotlib.figure", "matplotlib.backends.backend_svg", "shipfp_rs.report")
         experiments = [
-            # Results are passed on to others, so they hold the file's name without its folder.
+            # Results are passed on to others, so they contain file names without folders.
             replace(experiment, provenance={**experiment.provenance, "log": Path(log.name).name})
             for log in logs
             for experiment in process(log, trial, vessel)
@@ -144,7 +144,7 @@ def evaluate(
 
 
 def _without_torque(fingerprint: Fingerprint, trial: Trial) -> Iterator[Sentence]:
-    """Yield what is determined without a torque: by a load all but a difference, else ratios alone."""
+    """Yield what is determined without a torque: with a load all but a difference, else only ratios."""
     if "load" not in fingerprint.structure.get("elements", ()):
         yield NO_TORQUE
         return

@@ -1,1 +1,1 @@
-"""What every room leans on and that knows nothing of ships: files, tables, hints, threads."""
+"""Helpers shared by all packages and independent of ships: files, tables, hints, threads."""

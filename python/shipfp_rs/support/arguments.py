@@ -1,4 +1,4 @@
-"""Arguments of public functions checked against their annotations: one clear line instead of an error deep inside."""
+"""Checks of public functions' arguments against their annotations, with clear error messages."""
 
 from __future__ import annotations
 
@@ -23,15 +23,15 @@ from shipfp_rs.support.checks import is_one_line
 
 F = TypeVar("F", bound=Callable[..., Any])
 Misfit = tuple[tuple[Any, ...], Any, str]
-"""Keys of the entry that does not fit, the entry itself, and what was expected there."""
+"""Keys of the entry that does not fit, the entry itself, and what was expected."""
 
 LOOKED_AT = 1000
-"""Number of a sequence's entries that are checked against its annotation; arrays are checked where they are used."""
+"""Most entries of a sequence that are checked against its annotation; arrays are checked where they are used."""
 
 
 @dataclass(frozen=True, eq=False)
 class Rule:
-    """What an annotation asks for: in words, as a test, and of each entry; or one of several rules."""
+    """Rule from an annotation: expectation in words, test, and rule of each entry; or a choice of several rules."""
 
     words: str
     holds: Callable[[Any], bool] = lambda value: True
@@ -39,7 +39,7 @@ class Rule:
     options: Sequence[Rule] = ()
 
     def misfit(self, value: Any) -> Misfit | None:
-        """Return what does not fit, as deep inside as it can be told; None where all does."""
+        """Innermost entry that does not fit; None if the value fits."""
         if not self.holds(value):
             return (), value, self.words
         found = []
@@ -57,8 +57,8 @@ class Rule:
 
 
 def _is_number(value: Any, kind: type = numbers.Real) -> bool:
-    """Whether a value is a number to NumPy too, which takes no whole number of any size; True is none."""
-    if type(value) is float and kind is numbers.Real:  # most are
+    """Whether a value is a number to NumPy too, which limits the size of integers; booleans are not."""
+    if type(value) is float and kind is numbers.Real:  # the usual case
         return True
     if isinstance(value, np.ndarray) and value.ndim == 0 and value.dtype.kind in "iuf":
         value = value[()]
@@ -82,12 +82,12 @@ Whole = Annotated[int, Rule("a whole number of 0 or more", lambda value: value >
 
 
 def checked(function: F) -> F:
-    """Return a function that refuses arguments which its annotations exclude; what an array holds is left to it.
+    """Decorator that rejects arguments which the annotations exclude; the contents of arrays are left to the function.
 
     Raises
     ------
     InputError
-        On a call with such an argument: the function, the argument, what was found and what was expected.
+        On a call with such an argument, with the function, the argument, the value found and what was expected.
     """
     signature = inspect.signature(function)
     rest = next((one.name for one in signature.parameters.values() if one.kind is one.VAR_KEYWORD), "")
@@ -114,7 +114,7 @@ def checked(function: F) -> F:
 
 
 def _plain(value: Any) -> Any:
-    """Return Python's own number in place of NumPy's small ones, which wrap, and NaN for what is masked."""
+    """Convert small NumPy numbers, which wrap, to Python numbers, and masked values to NaN."""
     if isinstance(value, np.ma.MaskedArray) and value.dtype.kind in "biuf":
         return unmasked(value)
     if isinstance(value, np.integer | np.floating):
@@ -123,9 +123,9 @@ def _plain(value: Any) -> Any:
 
 
 def check_fields(made: Any, label: str) -> None:
-    """Refuse values of a dataclass that its annotations exclude; `label` says in errors which object it is.
+    """Reject values of a dataclass that its annotations exclude; `label` names the object in errors.
 
-    A number of NumPy's, also as an array without axes, becomes Python's own: files take no other.
+    NumPy numbers, including 0-d arrays, become Python numbers, which files require.
     """
     given = {field.name: getattr(made, field.name) for field in fields(made)}
     for name, value in given.items():
@@ -139,7 +139,7 @@ def check_fields(made: Any, label: str) -> None:
 
 
 def fits(value: Any, hint: Any) -> bool:
-    """Whether a value is of the type that an annotation names; an annotation that tells nothing fits all."""
+    """Whether a value has the annotated type; an uninformative annotation fits all."""
     return _rule(hint).misfit(value) is None
 
 
@@ -157,7 +157,7 @@ def _require(label: str, owner: Any, given: Mapping[str, Any]) -> None:
 
 
 def _swapped(rules: Mapping[str, Rule], name: str, other: str, value: Any, its: Any) -> bool:
-    """Whether two arguments would both fit if each stood in the other's place."""
+    """Whether two arguments would both fit if they were exchanged."""
     if name == other or not {name, other} <= rules.keys() or its is None or value is None:
         return False
     return rules[other].misfit(value) is None and rules[name].misfit(its) is None
@@ -165,7 +165,7 @@ def _swapped(rules: Mapping[str, Rule], name: str, other: str, value: Any, its: 
 
 @functools.cache
 def _rules(owner: Any) -> Mapping[str, Rule]:
-    """Return the rules of a function's arguments, or of a dataclass's fields, by name; "": of names beyond them."""
+    """Rules of a function's arguments, or of a dataclass's fields, by name; "" for any other name."""
     hints = {"": Any, **_hints(owner)}
     for name, parameter in inspect.signature(owner).parameters.items():
         hint = hints.setdefault(name, Any)
@@ -178,7 +178,7 @@ def _rules(owner: Any) -> Mapping[str, Rule]:
 
 @functools.cache
 def _hints(owner: Any) -> Mapping[str, Any]:
-    """Return the annotations; a name that only type checkers load is looked up among the public ones, or fits all."""
+    """Annotations; names imported only for type checkers are looked up among the public ones, or fit all."""
     try:
         return get_type_hints(owner, include_extras=True)
     except NameError:
@@ -190,7 +190,7 @@ def _hints(owner: Any) -> Mapping[str, Any]:
 
 
 class _Names(dict[str, Any]):
-    """Names of a module, and beside them the package's public ones, which a type checker only may have loaded."""
+    """Names of a module, extended by the package's public names, which it may import only for type checkers."""
 
     def __missing__(self, name: str) -> Any:
         if hasattr(builtins, name):
@@ -200,7 +200,7 @@ class _Names(dict[str, Any]):
 
 @functools.cache
 def _rule(hint: Any) -> Rule:
-    """Return the rule of an annotation; one that tells nothing holds for all."""
+    """Rule of an annotation; an uninformative one fits all."""
     origin, inner = get_origin(hint), get_args(hint)
     kind = origin if inspect.isclass(origin) else object
     if hint in PLAIN:
@@ -230,7 +230,7 @@ def _rule(hint: Any) -> Rule:
 
 
 def _options(inner: tuple[Any, ...]) -> tuple[Any, ...]:
-    """Return what a union is one of; `ArrayLike`, itself a union with texts, stays whole."""
+    """Options of a union; `ArrayLike`, itself a union with texts, is kept whole."""
     of_arrays = get_args(npt.ArrayLike)
     if set(of_arrays) <= set(inner):
         return (npt.ArrayLike, *(one for one in inner if one not in of_arrays))
@@ -238,7 +238,7 @@ def _options(inner: tuple[Any, ...]) -> tuple[Any, ...]:
 
 
 def _rule_of_entries(kind: type, inner: tuple[Any, ...]) -> Rule:
-    """Return the rule of a mapping, a tuple or a sequence."""
+    """Rule of a mapping, a tuple or a sequence."""
     rules = [_rule(one) for one in inner if one is not Ellipsis]
     if issubclass(kind, Mapping):
         key, entry = rules
@@ -263,13 +263,13 @@ def _rule_of_entries(kind: type, inner: tuple[Any, ...]) -> Rule:
 
 
 def _is_array(value: Any, kinds: str) -> bool:
-    """Whether NumPy makes numbers of a value; `kinds` are those of `numpy.dtype.kind` that will do."""
+    """Whether NumPy converts a value to numbers of the given `numpy.dtype.kind`s."""
     try:
         given = np.asarray(value)
     except ValueError:  # rows of different lengths
         return False
     if given.dtype.kind == "O":
-        # Whole numbers of any size, or None for what is missing, as pandas and JSON have it.
+        # Integers of any size, or None for missing values, as in pandas and JSON.
         entries = [one for one in given.ravel() if one is not None]
         return bool(entries) and all(isinstance(one, numbers.Real) for one in entries)
     return given.dtype.kind in kinds
@@ -286,12 +286,12 @@ def _is_sequence(value: Any, kind: type, hint: Any) -> bool:
 
 
 def _looked_at(value: Any) -> Iterable[Any]:
-    """Return the entries to look at: none of what can be gone through only once, or of an array, told as a whole."""
+    """Entries to check: none of iterators, which would be consumed, or of arrays, which are checked as a whole."""
     return () if isinstance(value, Iterator | np.ndarray) else itertools.islice(value, LOOKED_AT)
 
 
 def told(value: Any) -> str:
-    """Return what was found, short."""
+    """Short text for the value found."""
     if value is None or isinstance(value, bool | numbers.Number | str):
         shown = repr(value)
         return shown if len(shown) <= 60 else f"{shown[:57]}..."

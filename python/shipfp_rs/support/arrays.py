@@ -1,4 +1,4 @@
-"""Types that all modules share: arrays, values by name, and what is sampled evenly."""
+"""Shared types: arrays, values by name, evenly sampled data."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ import numpy.typing as npt
 Array = npt.NDArray[np.float64]
 ComplexArray = npt.NDArray[np.complex128]
 Numbers = npt.NDArray[Any]
-"""Real or complex numbers, as samples or spectra have."""
+"""Real or complex numbers, such as samples or spectra."""
 Mask = npt.NDArray[np.bool_]
 Values = Mapping[str, float]
-"""Name of a parameter or signal to its value."""
+"""Values of parameters or signals by name."""
 Names = Sequence[str]
 LONGEST = 70
-"""Letters of a value in a short `repr`."""
+"""Longest value in a short `repr`, in characters."""
 
 
 class EvenlySampled(ABC):
-    """What has samples at even times."""
+    """Base of classes with samples at even times."""
 
     rate_hz: float
 
@@ -37,12 +37,12 @@ class EvenlySampled(ABC):
 
     @property
     def duration(self) -> float:
-        """Length [s]."""
+        """Duration [s]."""
         return len(self) / self.rate_hz
 
 
 class Brief:
-    """A `repr` of a dataclass in a few lines: arrays by their shape, and what is long by its kind and number."""
+    """Base of dataclasses with a short `repr`: arrays by shape, long values by type and length."""
 
     def __repr__(self) -> str:
         assert is_dataclass(self)
@@ -60,17 +60,17 @@ def _brief(value: Any) -> str:
 
 
 def unmasked(values: Any) -> Array:
-    """Return a copy of samples as 64-bit floats, NaN where they are masked."""
+    """Copy of samples as 64-bit floats, NaN where masked."""
     return np.asarray(np.ma.filled(np.ma.array(values, dtype=np.float64, copy=True), np.nan))
 
 
 def attributes(thing: object, *names: str) -> dict[str, Any]:
-    """Return attributes of an object by name, in this order."""
+    """Attributes of an object by name, in this order."""
     return {name: getattr(thing, name) for name in names}
 
 
 def same(one: Any, other: Any) -> bool:
-    """Whether two values are equal, arrays sample by sample, NaN like NaN, and mappings and sequences within them."""
+    """Whether two values are equal: arrays by sample, NaN equal to NaN, mappings and sequences by entry."""
     if isinstance(one, np.ndarray) or isinstance(other, np.ndarray):
         a, b = np.asarray(one), np.asarray(other)
         return bool(np.array_equal(a, b, equal_nan=a.dtype.kind in "fc" and b.dtype.kind in "fc"))

@@ -1,4 +1,4 @@
-"""From recorded volts to speed set points and torques."""
+"""Conversion of recorded volts to speed set points and torques."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from shipfp_rs.support.checks import positive
 
 @dataclass(frozen=True)
 class Calibration:
-    """A straight line, value = scale * recorded + offset.
+    """Linear calibration, value = scale * recorded + offset.
 
     Parameters
     ----------
@@ -26,7 +26,7 @@ class Calibration:
     unit
         Unit of the value.
     covariance
-        Of (scale, offset), shape (2, 2), where the line was fitted to more than two points.
+        Covariance of (scale, offset), shape (2, 2), if the line was fitted to more than two points.
 
     Examples
     --------
@@ -48,15 +48,15 @@ class Calibration:
             )
 
     def __call__(self, recorded: npt.ArrayLike) -> Array:
-        """Return the value of recorded samples, same shape."""
+        """Calibrated values of recorded samples, same shape."""
         return unmasked(recorded) * self.scale + self.offset
 
     def inverse(self, value: npt.ArrayLike) -> Array:
-        """Return what would be recorded for a value, same shape."""
+        """Recorded values for calibrated ones, same shape."""
         return (unmasked(value) - self.offset) / self.scale
 
     def standard_error(self, recorded: npt.ArrayLike) -> Array:
-        """Return the standard error of the line at recorded samples, same shape; NaN without a covariance."""
+        """Standard error of the line at recorded samples, same shape; NaN without a covariance."""
         x = np.asarray(recorded, dtype=np.float64)
         if self.covariance is None:
             return np.full(x.shape, np.nan)
@@ -72,14 +72,14 @@ class Calibration:
         Parameters
         ----------
         recorded, values
-            Steady readings and what they stood for, shape (K,), K at least 2.
+            Steady readings and their true values, shape (K,), K at least 2.
         unit
             Unit of the values.
 
         Raises
         ------
         InputError
-            Where the table is shorter, not finite, or all readings are equal.
+            If the table is shorter or not finite, or all readings are equal.
 
         Notes
         -----
@@ -117,8 +117,8 @@ def torque_factor(
 ) -> float:
     """Torque per unit of signal of a full torsion bridge, calibrated with a shunt across one arm.
 
-    A shunt R_c across one gauge R unbalances the bridge as a strain eps = R / (4 K (R + R_c)) in all four
-    gauges at 45 degrees would, and a shaft has that strain under M = 2 eps G pi (D^4 - d^4) / (16 D).
+    A shunt R_c across one gauge R has the same effect as a strain eps = R / (4 K (R + R_c)) in all four gauges at
+    45 degrees, the strain of a shaft under M = 2 eps G pi (D^4 - d^4) / (16 D).
 
     Parameters
     ----------
@@ -131,12 +131,12 @@ def torque_factor(
     gauge_resistance, shunt_resistance
         R and R_c [ohm].
     shunt_voltage
-        Signal with the shunt in place less the signal without, in the unit of the log (V or mV).
+        Difference between the signals with and without the shunt, in the unit of the log (V or mV).
 
     Returns
     -------
     float
-        [Nm] per unit of `shunt_voltage`.
+        Torque [Nm] per unit of `shunt_voltage`.
 
     Raises
     ------
@@ -145,9 +145,9 @@ def torque_factor(
 
     Notes
     -----
-    With the numbers of the thesis's appendix D (350 ohm, 437.4 kohm, 2.08, 77 GPa, 90 mm, 2000 mV) the shunt
-    stands for 2118.3 Nm, hence 1.0592 Nm/mV, printed as 1.059. The "Mv = 4229" printed there is no torque but
-    the signal [mV] at the rated 4.48 kNm.
+    With the values of the thesis's appendix D (350 ohm, 437.4 kohm, 2.08, 77 GPa, 90 mm, 2000 mV) the shunt corresponds to
+    2118.3 Nm, or 1.0592 Nm/mV, printed as 1.059. The "Mv = 4229" printed there is not a torque but the signal [mV] at the
+    rated 4.48 kNm.
     """
     given = {
         "shear_modulus": shear_modulus,

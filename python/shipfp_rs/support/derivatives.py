@@ -1,4 +1,4 @@
-"""Derivatives of a function that gives none: complex step where it can be trusted, else extrapolated differences."""
+"""Numerical derivatives: complex step if reliable, else extrapolated differences."""
 
 from __future__ import annotations
 
@@ -17,29 +17,29 @@ Function = Callable[[npt.NDArray[Any]], npt.ArrayLike]
 COMPLEX_STEP = 1e-30
 """Relative imaginary step: its square vanishes beside 1, so the derivative is exact to rounding."""
 STEP = 1e-3
-"""Relative real step; the error of fourth order is then near 1e-12 where the function is smooth over a few percent."""
+"""Relative real step; the fourth-order error is then near 1e-12 if the function is smooth over a few per cent."""
 SHRINK = 0.1
-"""Factor on the step where two steps disagree by more than `AGREE`, at most `TRIES` times."""
+"""Factor on the step where two steps differ by more than `AGREE`, applied at most `TRIES` times."""
 AGREE = 1e-5
 TRIES = 6
 ROUNDING = 1e-14
-"""Relative noise of a computed function."""
+"""Relative rounding error of a computed function."""
 
 
 @dataclass
 class Differences:
     """Derivatives of functions of a real vector, by complex step or by extrapolated differences.
 
-    A complex step f(x + ih) has the derivative in its imaginary part, exact to rounding (Squire and Trapp, SIAM Review
-    40 (1998) 110-112), if the function computes with complex numbers and is analytic: no abs, no comparison, no table.
-    Whether it is gets checked once, against a central difference, and remembered in `complex_step`. Otherwise central
-    differences of two steps are extrapolated to fourth order (Richardson). Of smooth functions these are good to about
-    1e-10 of the function's size over the parameter's; next to a bound they are one-sided and good to about 1e-8.
+    The imaginary part of f(x + ih) gives the derivative, exact to rounding (Squire and Trapp, SIAM Review 40 (1998)
+    110-112), if the function accepts complex numbers and is analytic: no abs, no comparison, no table. This is checked
+    once against a central difference and stored in `complex_step`. Otherwise central differences of two steps are
+    extrapolated to fourth order (Richardson). For smooth functions their error is about 1e-10 of the function's size over
+    the parameter's; next to a bound they are one-sided, with an error of about 1e-8.
 
     Parameters
     ----------
     complex_step
-        True or False where it is known; None to find out.
+        Whether the complex step is reliable; None to determine it.
     """
 
     complex_step: bool | None = None
@@ -57,18 +57,18 @@ class Differences:
         Parameters
         ----------
         function
-            Vector (Q,) to an array of any shape.
+            Function of a vector (Q,) that returns an array of any shape.
         vector
-            Where, shape (Q,).
+            Point of the derivatives, shape (Q,).
         size
-            Typical sizes (Q,), positive, by which the steps are measured where an entry is zero.
+            Typical sizes (Q,), positive, to scale the steps of entries that are zero.
         lower, upper
             Bounds (Q,) that no step may cross.
 
         Returns
         -------
         value, derivatives
-            The function's array, and an array (Q, ...) of derivatives.
+            Array returned by the function, and an array (Q, ...) of derivatives.
 
         Examples
         --------
@@ -103,7 +103,7 @@ def by_part(
     lower: npt.ArrayLike = -np.inf,
     upper: npt.ArrayLike = np.inf,
 ) -> list[list[Array]]:
-    """Return the derivatives of a function that returns several arrays: for each entry of the vector one of each array.
+    """Derivatives of a function that returns several arrays: for each entry of the vector, one per array.
 
     The other arguments are those of `Differences`.
     """
@@ -130,7 +130,7 @@ def _complex_step(function: Function, vector: Array, size: Array) -> Array:
 def _trusted_complex_step(
     function: Function, vector: Array, size: Array, value: Array, differences: Array
 ) -> Array | None:
-    """Return the derivatives by complex step if they agree with the differences."""
+    """Derivatives by complex step if they agree with the differences."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error", np.exceptions.ComplexWarning)
@@ -157,7 +157,7 @@ def _along(function: Function, vector: Array, index: int) -> Callable[[float], A
 def _extrapolated(
     shifted: Callable[[float], Array], value: Array, size: float, below: float, above: float
 ) -> Array:
-    """Differentiate at 0, with the room `below` and `above` it."""
+    """Derivative at 0, with steps of at most `below` and `above`."""
     inward = 1.0 if above >= below else -1.0
     step = STEP * size
     central = min(below, above) >= step

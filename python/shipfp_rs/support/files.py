@@ -1,4 +1,4 @@
-"""Descriptions read, and files and folders written so that each appears whole or not at all."""
+"""Reading of text files, and atomic writing of files and folders."""
 
 from __future__ import annotations
 
@@ -15,27 +15,27 @@ from pathlib import Path
 from shipfp_rs.errors import InputError
 
 MOST_BYTES = 64 * 2**20
-"""Most bytes of a description or a result; a longer file is another kind of file, given by mistake."""
+"""Most bytes of a description or a result; a longer file was given by mistake."""
 LONGEST_NAME = 255
 """Longest file name in bytes."""
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS)
-"""Errors of the system, often without a file name, when a file can't be written to its end."""
+"""System errors, often without a file name, of a file that can't be written completely."""
 
 
 def read_text(path: Path, expected: str) -> str:
-    """Return the text of a description, UTF-8; of a pipe or a device nothing is read, since it may never end.
+    """Read a UTF-8 text file; pipes and devices, which may never end, are rejected.
 
     Parameters
     ----------
     path
         File to read.
     expected
-        What it should be, as a message calls it: "a TOML file".
+        Expected content for messages, such as "a TOML file".
 
     Raises
     ------
     InputError
-        Where it is no file or can't be read; one line.
+        If it is not a file or can't be read; in one line.
     """
     try:
         kind = path.stat().st_mode
@@ -43,7 +43,7 @@ def read_text(path: Path, expected: str) -> str:
         if stat.S_ISREG(kind) or stat.S_ISDIR(kind):
             with path.open("rb") as file:
                 content = file.read(MOST_BYTES + 1)
-    except (OSError, ValueError) as error:  # ValueError: a name that no file can have
+    except (OSError, ValueError) as error:  # ValueError: an impossible file name
         raise InputError(
             f"{path}: {getattr(error, 'strerror', None) or error}; expected {expected}"
         ) from error
@@ -60,7 +60,7 @@ def read_text(path: Path, expected: str) -> str:
 
 
 def ending_in(path: str | Path, *suffixes: str) -> Path:
-    """Return a path to write; refuse one whose name says that it is of another kind, such as a log."""
+    """Path to write; `InputError` if its suffix is that of another kind of file, such as a log."""
     path = Path(path)
     if path.suffix and path.suffix.lower() not in suffixes:
         raise InputError(
@@ -70,26 +70,25 @@ def ending_in(path: str | Path, *suffixes: str) -> Path:
 
 
 def local(path: Path) -> Path:
-    """Return the absolute path, since Arrow takes a relative name with a colon, "log 12:30", for a network address."""
+    """Absolute path, since Arrow takes a relative name with a colon, "log 12:30", for a network address."""
     return path.absolute()
 
 
 @contextlib.contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """Give a temporary name beside `path`; left without an error it becomes `path`, else it is removed.
+    """Yield a temporary name beside `path`; renamed to `path` on success, removed on error.
 
-    Through a link the file that it leads to is replaced, and the link stays. A device or a pipe is written into, as any
-    other program would: it is never replaced by a file.
+    A link is kept and the file that it points to replaced. A device or a pipe is written to, not replaced.
 
     Raises
     ------
     InputError
-        Where there can be no such file.
+        If such a file is impossible.
     """
     try:
         target = path.resolve()
         special = target.exists() and not target.is_file()
-    except (OSError, RuntimeError) as error:  # RuntimeError: links in a circle, in older Pythons
+    except (OSError, RuntimeError) as error:  # RuntimeError: circular links, in older Pythons
         raise _cannot(path, error) from error
     if special:
         _require_stream(path, target)
@@ -106,7 +105,7 @@ def replacing(path: Path) -> Iterator[Path]:
     try:
         _made(path, lambda: temporary.touch(0o600, exist_ok=False))
         yield temporary
-        # It was private; a result should be as readable as any other file the user makes.
+        # The temporary file is private; the result gets the usual permissions.
         temporary.chmod(0o666 & ~_umask())
         temporary.replace(target)
     except OSError as error:
@@ -117,7 +116,7 @@ def replacing(path: Path) -> Iterator[Path]:
 
 
 def _beside(target: Path) -> Path:
-    """A name of a temporary file or folder, known before there is one: Ctrl-C while it is made leaves none."""
+    """Name of a temporary file or folder, chosen before it is created, so that Ctrl-C during creation leaves none."""
     return target.with_name(f"{f'.{target.name}'[:100]}.{secrets.token_hex(4)}")
 
 
@@ -134,13 +133,13 @@ def _cannot(path: Path, error: Exception) -> InputError:
 
 
 def _of_writing(path: Path, temporary: Path, error: OSError) -> Exception:
-    """Name what the user named where an error is that of writing it; any other error stays as it is."""
+    """Name the user's path in an error of writing the temporary file; other errors are unchanged."""
     about_it = str(error.filename or "").startswith(str(temporary)) or error.filename2 is not None
     return _cannot(path, error) if about_it or error.errno in NO_ROOM else error
 
 
 def _require_stream(path: Path, target: Path) -> None:
-    """Refuse folders, disks and sockets as files to write."""
+    """Reject folders, disks and sockets as files to write."""
     kind = target.stat().st_mode
     if not (stat.S_ISCHR(kind) or stat.S_ISFIFO(kind)):
         what = "a folder" if stat.S_ISDIR(kind) else "a disk or a socket"
@@ -166,25 +165,25 @@ def write_text_atomically(path: Path, text: str) -> Path:
 def replacing_folder(
     path: Path, *, marker: str, others: Collection[str] = (), force: bool = False
 ) -> Iterator[Path]:
-    """Give a temporary folder beside `path`; its files are moved to `path` on leaving without an error.
+    """Yield a temporary folder beside `path`; its files are moved to `path` on success.
 
-    A new folder appears in one rename. In a folder that exists each file is replaced in one rename, and no
-    other file is touched.
+    A new folder is created by one rename. In an existing folder each file is replaced by one rename, and no other file is
+    changed.
 
     Parameters
     ----------
     path
         The folder.
     marker, others
-        Names of the files that are about to be written; a folder that holds `marker`, and nothing but these,
-        is a previous result and may be replaced.
+        Names of the files to be written; a folder with `marker` and no files other than these is a previous result, which
+        may be replaced.
     force
-        Write into a folder that holds other files, too.
+        Whether to write into a folder with other files, too.
 
     Raises
     ------
     InputError
-        Where `path` can't be made, is a file, or holds other files.
+        If `path` can't be made, is a file, or contains other files.
     """
     try:
         _check_replaceable(path, {marker, *others}, marker, force)

@@ -1,4 +1,4 @@
-"""The finite impulse response (FIR) low-pass that measured and simulated signals share."""
+"""Finite impulse response (FIR) low-pass of measured and simulated signals."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from scipy import signal
 from shipfp_rs.support.arrays import Array
 
 PASSBAND, STOPBAND = 0.3, 0.5
-"""Edges of the low-pass as shares of the output's rate; nothing above half of it may fold back."""
+"""Edges of the low-pass as fractions of the output's rate; frequencies above half of it must not alias."""
 ATTENUATION_DB = 80.0
 
 
 def taps(rate: float, shift: float) -> Array:
-    """Return a Kaiser-windowed sinc for an output at `rate` times the inner rate, delayed by `shift` inner samples."""
+    """Kaiser-windowed sinc for an output at `rate` times the inner rate, delayed by `shift` inner samples."""
     count, beta = signal.kaiserord(ATTENUATION_DB, (STOPBAND - PASSBAND) * rate / 0.5)
     half = count // 2
     time = np.arange(-half, half + 1) + shift

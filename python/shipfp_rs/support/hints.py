@@ -1,4 +1,4 @@
-"""Slips that give themselves away, named in the words of an error: misspelt names, units told by a value's size."""
+"""Hints for error messages: misspelt names, and wrong units recognised by a value's size."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import difflib
 from collections.abc import Sequence
 
 Slip = tuple[str, float]
-"""What was given for what was asked, and the factor that makes the one from the other."""
+"""Supposed mistake in words, and the factor that corrects it."""
 
 SPEED_RPM: Sequence[Slip] = (("rev/s for rpm", 60.0), ("rad/s for rpm", 9.549297))
 SPEED_RPS: Sequence[Slip] = (("rpm for rev/s", 1.0 / 60.0), ("rad/s for rev/s", 0.1591549))
@@ -19,18 +19,18 @@ PEAK_TO_PEAK: Sequence[Slip] = (("peak to peak for amplitude", 0.5),)
 
 
 def nearest(word: str, known: Sequence[str], cutoff: float = 0.6) -> str:
-    """Return "; did you mean ...?" for the nearest known word; empty where none is near."""
+    """Text "; did you mean ...?" for the nearest known word, or an empty string."""
     near = difflib.get_close_matches(word, known, n=1, cutoff=cutoff)
     return f"; did you mean {near[0]!r}?" if near else ""
 
 
 def suggestion(word: str, known: Sequence[str]) -> str:
-    """Return "did you mean ...?" for the nearest known word, or the list of all known ones."""
+    """Text "did you mean ...?" for the nearest known word, or the list of all known ones."""
     return nearest(word, known).removeprefix("; ") or f"expected one of {', '.join(known)}"
 
 
 def likely(value: float, low: float, high: float, slips: Sequence[Slip], unit: str = "") -> str:
-    """Name the slip that would bring `value` between `low` and `high`; empty where none does, or none is needed.
+    """Name the mistake whose correction brings `value` between `low` and `high`; empty if none does, or none is needed.
 
     Examples
     --------
@@ -46,5 +46,5 @@ def likely(value: float, low: float, high: float, slips: Sequence[Slip], unit: s
 
 
 def likely_ratio(ratio: float, slips: Sequence[Slip], within: float = 0.1) -> str:
-    """Name the slip whose factor takes a ratio that should be 1 back to 1; empty where none does."""
+    """Name the mistake whose correction brings a ratio to 1; empty if none does."""
     return next((f"; {name}?" for name, factor in slips if abs(ratio * factor - 1.0) <= within), "")

@@ -1,4 +1,4 @@
-"""HTML from templates that escape every text; the tables that notebooks show of objects."""
+"""HTML from templates with escaping, and tables of objects in notebooks."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ if TYPE_CHECKING:
 
 @cache
 def environment() -> Environment:
-    """Return the templates of the package; what is not `Markup` is escaped in them."""
-    # Jinja takes long to load, and whatever a notebook may show has a table of it.
+    """Templates of the package; all text except `Markup` is escaped."""
+    # Jinja loads slowly, and every object shown in a notebook has a table.
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
     made = Environment(
@@ -29,5 +29,5 @@ def environment() -> Environment:
 
 
 def shown(title: str, head: Sequence[str], rows: Iterable[Sequence[str]], notes: Iterable[str] = ()) -> str:
-    """Return a title, a table and notes as HTML."""
+    """HTML of a title, a table and notes."""
     return environment().get_template("object.html").render(title=title, head=head, rows=rows, notes=notes)

@@ -1,4 +1,4 @@
-"""JSON without NaN and infinity, which JSON does not have: they are written as null, and refused when read."""
+"""JSON files without NaN and infinity: written as null, rejected when read."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from shipfp_rs.errors import InputError
 from shipfp_rs.support.files import read_text
 
 HALF = re.compile(r"\\u[dD][89a-fA-F]")
-"""Escape of half a character, which no file can hold in UTF-8."""
+"""Escape of a surrogate, which UTF-8 files can't hold."""
 
 
 def finite(content: Any) -> Any:
-    """Return content with None in place of numbers that are not finite, and Python's own numbers in place of NumPy's."""
+    """Replace non-finite numbers by None and NumPy numbers by Python ones."""
     if isinstance(content, np.generic | np.ndarray) and content.ndim == 0:
         content = content.item()
     if isinstance(content, float):
@@ -32,7 +32,7 @@ def finite(content: Any) -> Any:
 
 
 def json_text(content: Any, *, ascii_only: bool = True) -> str:
-    """Return one JSON document, indented, with an end of line."""
+    """Indented JSON document with a line end."""
     return json.dumps(finite(content), indent=2, ensure_ascii=ascii_only, allow_nan=False) + "\n"
 
 
@@ -44,18 +44,18 @@ def read_json(path: Path, expected: str) -> Any:
     path
         File to read, UTF-8.
     expected
-        What it should be, as a message calls it: "a fingerprint, as `shipfp run` writes it".
+        Expected content for messages, such as "a fingerprint, as `shipfp run` writes it".
 
     Raises
     ------
     InputError
-        Where it can't be read, is not JSON, or holds NaN, a number without end or half a character; one line.
+        If it can't be read, is not JSON, or contains NaN, an infinite number or half a character; in one line.
     """
     return parsed_json(read_text(path, expected), str(path), expected)
 
 
 def parsed_json(text: str | bytes, source: str, expected: str) -> Any:
-    """Return what a JSON text holds; `source` opens the message of the `InputError` where it is none, as `read_json`."""
+    """Parse a JSON text; `source` starts the message of the `InputError`, see `read_json`."""
 
     def refused(word: str) -> NoReturn:
         raise InputError(f"{source}: found {word[:40]}, expected finite numbers; write the file anew")
@@ -67,7 +67,7 @@ def parsed_json(text: str | bytes, source: str, expected: str) -> Any:
     try:
         text = text if isinstance(text, str) else text.decode()
         content = json.loads(text, parse_constant=refused, parse_float=number)
-        if HALF.search(text):  # most are one of a pair, which makes a whole character
+        if HALF.search(text):  # most belong to a pair, a whole character
             json.dumps(content, ensure_ascii=False).encode()
     except RecursionError as error:
         raise InputError(f"{source}: nested too deeply, expected {expected}") from error
@@ -77,6 +77,6 @@ def parsed_json(text: str | bytes, source: str, expected: str) -> Any:
         raise
     except UnicodeEncodeError as error:
         raise InputError(f"{source}: found half a character of UTF-16, expected {expected}") from error
-    except ValueError as error:  # a whole number of more digits than Python takes
+    except ValueError as error:  # an integer with too many digits for Python
         raise InputError(f"{source}: {str(error).split(';')[0]}, expected {expected}") from error
     return content

@@ -1,4 +1,4 @@
-"""The languages of reports: a catalogue of translations for each, in `locale`; its keys are the English sentences."""
+"""Languages of reports: one catalogue of translations each, in `locale`, with the English sentences as keys."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ CATALOGUES = Path(__file__).parents[1] / "locale"
 
 
 def found(catalogues: Path) -> tuple[str, ...]:
-    """Return the languages that a folder of catalogues has, English first."""
+    """Languages of the catalogues in a folder, English first."""
     return "en", *sorted(path.parts[-3] for path in catalogues.glob(f"*/LC_MESSAGES/{DOMAIN}.mo"))
 
 
 LANGUAGES = found(CATALOGUES)
-"""Every language that a report can be written in."""
+"""Languages of reports."""
 
 
 def catalogue(language: str) -> gettext.NullTranslations:
-    """Return what translates English into one of `LANGUAGES`."""
+    """Translations from English into one of `LANGUAGES`."""
     if language == "en":
         return gettext.NullTranslations()
     return gettext.translation(DOMAIN, CATALOGUES, [language])

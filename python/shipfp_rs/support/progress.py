@@ -1,4 +1,4 @@
-"""Progress of a long computation: reported where it runs, received by a listener that no function has to pass on."""
+"""Progress of long computations, sent to a listener that need not be passed as an argument."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ from collections.abc import Callable, Iterator
 from contextvars import ContextVar
 
 Listener = Callable[[str, float], None]
-"""Hears what is being done, and the share of all that is done, 0 to 1."""
+"""Function of the current activity and the completed fraction of all work, 0 to 1."""
 
 _LISTENER: ContextVar[Listener | None] = ContextVar("progress", default=None)
 
 
 def tell(what: str, share: float) -> None:
-    """Say what is begun, and the share of the present part that is done; nothing where nobody listens."""
+    """Report the current activity and the completed fraction of the current part; ignored without a listener."""
     if (listener := _LISTENER.get()) is not None:
         listener(what, share)
 
 
 @contextlib.contextmanager
 def heard_by(listener: Listener) -> Iterator[None]:
-    """Call a function on each report of progress (`tell`) in the block, in the same thread.
+    """Send all reports of progress (`tell`) within the block to a listener, in the same thread.
 
     Examples
     --------
@@ -40,7 +40,7 @@ def heard_by(listener: Listener) -> Iterator[None]:
 
 @contextlib.contextmanager
 def said_as(words: Callable[[str], str]) -> Iterator[None]:
-    """Say what is reported in the block in other words."""
+    """Reword the reports within the block."""
     outer = _LISTENER.get()
     if outer is None:
         yield
@@ -51,7 +51,7 @@ def said_as(words: Callable[[str], str]) -> Iterator[None]:
 
 @contextlib.contextmanager
 def part(first: float, last: float) -> Iterator[None]:
-    """Scale progress that is reported in the block to a part of the work, from one share of it to another."""
+    """Scale progress reported within the block to a part of the work, from `first` to `last`."""
     outer = _LISTENER.get()
     if outer is None:
         yield
@@ -61,7 +61,7 @@ def part(first: float, last: float) -> Iterator[None]:
 
 
 def counted(what: str, steps: int) -> Callable[[], None]:
-    """Return a function that threads call after each of so many steps, which the listener of the caller hears of."""
+    """Function for threads to call after each step; it reports to the listener of the caller."""
     listener, lock, done = _LISTENER.get(), threading.Lock(), 0
 
     def step() -> None:
@@ -77,7 +77,7 @@ def counted(what: str, steps: int) -> Callable[[], None]:
 
 @contextlib.contextmanager
 def on_a_line() -> Iterator[None]:
-    """Keep one line of the terminal or notebook at what is reported in the block, unless somebody listens already."""
+    """Show the reports within the block on one line of the terminal or notebook, unless there is a listener already."""
     stream = sys.stderr
     read = stream is not None and (stream.isatty() or type(stream).__module__.startswith("ipykernel"))
     if not read or _LISTENER.get() is not None:

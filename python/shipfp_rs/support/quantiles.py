@@ -1,10 +1,10 @@
-"""Quantiles of the normal distribution, the one place of the 1.96 behind a 95 % interval."""
+"""Quantiles of the normal distribution."""
 
 from scipy.special import ndtri
 
 
 def normal_quantile(level: float) -> float:
-    """Return how many standard deviations on either side of the mean hold a normal variable with this probability."""
+    """Half the width, in standard deviations, of the central interval with this probability."""
     return float(ndtri(0.5 + 0.5 * level))
 
 

@@ -1,4 +1,4 @@
-"""Sentences that keep what they were made of, so that another language can say them, too."""
+"""Sentences that keep their template and values, so that they can be translated."""
 
 from __future__ import annotations
 
@@ -12,23 +12,19 @@ FIELD = re.compile(r"{(\w+)}")
 
 
 def filled(template: str, values: Mapping[str, str]) -> str:
-    """Return a template with its fields in braces filled in, those that have a value.
-
-    What a value holds is never read as a template.
-    """
+    """Fill the fields in braces that have a value; values are never read as templates."""
     return FIELD.sub(lambda field: values.get(field[1], field[0]), template)
 
 
 class Sentence(str):
-    """An English sentence, or a part of one, with the template that it was made by and the values in it.
+    """English sentence, or part of one, with its template and values.
 
     Parameters
     ----------
     template
-        English, with named fields in braces; catalogues of other languages know it by this text.
+        English text with named fields in braces; the key in the catalogues of other languages.
     values
-        What fills the fields, those that the template has. One that is a `Sentence` itself is translated, any other stays
-        as it is.
+        Values of the fields. A `Sentence` among them is translated, any other value is not.
 
     Examples
     --------
@@ -40,7 +36,7 @@ class Sentence(str):
     values: Mapping[str, str]
 
     def __new__(cls, template: str, /, **values: object) -> Sentence:
-        """Make the sentence, as a text of its own kind."""
+        """Create the sentence as a `str`."""
         texts = {
             name: value if isinstance(value, str) else str(value)
             for name, value in values.items()
@@ -62,7 +58,7 @@ class Sentence(str):
 
     @classmethod
     def from_dict(cls, entry: Mapping[str, Any]) -> Sentence:
-        """Return the sentence that a JSON form describes."""
+        """Sentence from its JSON form."""
         template, values = entry["template"], entry["values"]
         expect(isinstance(template, str), "sentences: template", template, "a text")
         expect(isinstance(values, Mapping), "sentences: values", values, "a table")
@@ -71,7 +67,7 @@ class Sentence(str):
 
 
 def joined(parts: Sequence[str], separator: str = ", ") -> Sentence:
-    """Return parts one after the other, each still a part of its own."""
+    """Join parts, which stay translatable."""
     return Sentence(
         separator.join(f"{{p{place}}}" for place in range(len(parts))),
         **{f"p{place}": part for place, part in enumerate(parts)},
@@ -79,14 +75,14 @@ def joined(parts: Sequence[str], separator: str = ", ") -> Sentence:
 
 
 def listed(parts: Sequence[str]) -> str:
-    """Return parts as a sentence lists them: "tau_n, g and p"; nothing where there are none."""
+    """Enumerate parts, as in "tau_n, g and p"; empty without parts."""
     if len(parts) < 2:
         return parts[0] if parts else ""
     return Sentence("{others} and {last}", others=joined(parts[:-1]), last=parts[-1])
 
 
 def parts_of(content: Any) -> dict[str, Any]:
-    """Return the parts of every sentence in nested tables and lists, by its text; those that are all template have none."""
+    """Templates and values of all sentences in nested tables and lists, by text; sentences without values are omitted."""
     if isinstance(content, Sentence) and content.values:
         return {content: content.to_dict()}
     if isinstance(content, Mapping):
@@ -98,7 +94,7 @@ def parts_of(content: Any) -> dict[str, Any]:
 
 
 def with_parts(content: Any, parts: Mapping[str, Sentence]) -> Any:
-    """Return nested tables and lists, as JSON has them, with sentences in place of the texts of which parts are known."""
+    """Replace texts in nested JSON tables and lists by the sentences with known parts."""
     if isinstance(content, str):
         return parts.get(content, content)
     if isinstance(content, Mapping):

@@ -1,4 +1,4 @@
-"""Stretches of samples: found from flags, joined, cut, and made flags again."""
+"""Spans of samples: found from flags, joined, cut, and converted to flags."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ import numpy.typing as npt
 from shipfp_rs.support.arrays import Mask
 
 Spans = npt.NDArray[np.int64]
-"""First sample and first sample after, shape (K, 2)."""
+"""First sample and one past the last, shape (K, 2)."""
 
 
 def runs(flags: Mask) -> Spans:
-    """Return the stretches of True, shape (K, 2)."""
+    """Spans of True, shape (K, 2)."""
     edges = np.flatnonzero(np.diff(flags, prepend=False, append=False))
     return edges.reshape(-1, 2).astype(np.int64)
 
 
 def joined(spans: Iterable[Spans], gap: int = 0) -> Spans:
-    """Return spans in order, those that overlap or stand no more than `gap` samples apart as one, shape (K, 2)."""
+    """Spans in order; overlapping ones and those at most `gap` samples apart are joined, shape (K, 2)."""
     every = np.concatenate([np.empty((0, 2), dtype=np.int64), *spans])
     every = every[np.argsort(every[:, 0], kind="stable")]
     if len(every) < 2:
@@ -31,7 +31,7 @@ def joined(spans: Iterable[Spans], gap: int = 0) -> Spans:
 
 
 def apart_from(spans: Spans, others: Spans) -> Spans:
-    """Return those spans that touch none of `others`, which must be in order without overlaps."""
+    """Spans that do not touch any of `others`, which must be ordered and must not overlap."""
     if not (len(spans) and len(others)):
         return spans
     next_one = np.searchsorted(others[:, 1], spans[:, 0], side="right")
@@ -40,13 +40,13 @@ def apart_from(spans: Spans, others: Spans) -> Spans:
 
 
 def clipped_to(spans: Spans, first: int, stop: int) -> Spans:
-    """Return spans cut to [first, stop)."""
+    """Cut spans to [first, stop)."""
     cut = np.clip(spans, first, stop)
     return cut[cut[:, 1] > cut[:, 0]]
 
 
 def marks(spans: Spans, first: int, stop: int) -> Mask:
-    """Return a flag for each sample of [first, stop) that tells whether a span holds it."""
+    """Whether each sample of [first, stop) is in a span."""
     flags = np.zeros(stop - first, dtype=np.bool_)
     for start, end in (clipped_to(spans, first, stop) - first).tolist():
         flags[start:end] = True

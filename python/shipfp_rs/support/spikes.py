@@ -1,4 +1,4 @@
-"""Spikes: short excursions of a recorded signal that the plant can't make; found, then masked or bridged."""
+"""Detection of spikes, short excursions that the plant can't cause, and bridging of missing samples."""
 
 from __future__ import annotations
 
@@ -12,26 +12,27 @@ ROBUST_SIGMA = 1.4826
 """Standard deviation over median absolute deviation of Gaussian noise."""
 
 SWINGS_ON = 0.5
-"""A crest is nearer to the curve through its sides than this share of its height over the line through them."""
+"""A crest is closer to the curve through its sides than this fraction of its height above the line through them."""
 
 JUMPS_S, FLANK, LOW, HIGH = 0.01, 0.15, 0.25, 0.75
-"""What is longer [s] is a spike only if it jumps both up and down: from one share of its height to the other on either side
-within this share of its length."""
+"""An excursion longer than this [s] is a spike only if it jumps both up and down: between these two fractions of its height
+within this fraction of its length, on either side.
+"""
 
 SCALE_WINDOW_S = 1.0
-"""Length of the stretch over which the spread about the running median is measured [s]."""
+"""Length of the stretch in which the spread about the running median is estimated [s]."""
 
 SCALE_SAMPLES, LEAST_SCALE_SAMPLES = 500, 50
-"""Most samples of that stretch that are used, and fewest, for which the stretch of a slow channel is longer."""
+"""Most and fewest samples of that stretch that are used; the stretch of a slow channel is longer accordingly."""
 
 
 def find_spikes(samples: Array, rate_hz: float, *, longest_s: float, threshold: float, least: float) -> Spans:
-    """Return the spikes of a signal: short, high, and coming back to where they left.
+    """Find the spikes of a signal: short, high excursions after which the signal continues as before.
 
-    A sample is suspect where it is further from the running median than `threshold` robust standard deviations
-    (Hampel's rule) and than `least` times the median magnitude. Suspects in a row are a spike if they last, above a
-    quarter of its height, no longer than `longest_s`, and the signal goes on where it was left. The kick which a plant
-    answers a step with is none: it may jump up as fast, but does not jump down again.
+    A sample is suspect if its distance from the running median exceeds `threshold` robust standard deviations
+    (Hampel's rule) and `least` times the median magnitude. Successive suspects are a spike if they last no longer than
+    `longest_s` above a quarter of their height, and the signal continues as before. A plant's first response to a step is
+    not a spike: it may rise as fast, but does not fall again.
 
     Parameters
     ----------
@@ -42,15 +43,15 @@ def find_spikes(samples: Array, rate_hz: float, *, longest_s: float, threshold: 
     longest_s
         Length of the longest spike [s].
     threshold
-        Height in robust standard deviations, taken over a second, or 50 samples of a slow channel.
+        Height in robust standard deviations, estimated over a second, or 50 samples of a slow channel.
     least
-        Height below which nothing is a spike, as a share of the median magnitude.
+        Least height of a spike, relative to the median magnitude.
 
     Notes
     -----
     F. R. Hampel, doi:10.1080/01621459.1974.10482962.
     """
-    # A few hundred samples are enough for a spread.
+    # A few hundred samples suffice for a spread.
     stride = max(round(rate_hz * SCALE_WINDOW_S / SCALE_SAMPLES), 1)
     longest = max(round(longest_s * rate_hz), 1)
     found = _core.find_spikes(
@@ -71,7 +72,7 @@ def find_spikes(samples: Array, rate_hz: float, *, longest_s: float, threshold: 
 
 
 def _jumps_both_ways(samples: Array, start: int, stop: int) -> bool:
-    """Whether an excursion is as steep at its end as at its beginning, over its length."""
+    """Whether an excursion is as steep at its end as at its start, relative to its length."""
     beside = [samples[at] for at in (start - 1, stop) if 0 <= at < len(samples)]
     if not beside:
         return True
@@ -82,9 +83,9 @@ def _jumps_both_ways(samples: Array, start: int, stop: int) -> bool:
 
 
 def _is_crest(samples: Array, start: int, stop: int, beside: int) -> bool:
-    """Whether an excursion goes on what a curve through the samples on either side of it does: a swing's crest.
+    """Whether an excursion follows the curve through the samples on either side, as the crest of an oscillation does.
 
-    A cubic through so many samples before and after tells where the signal was heading, a straight line what it left.
+    A cubic through the samples before and after continues their trend; a straight line is the level without the excursion.
     """
     sides = np.r_[max(start - beside, 0) : start, stop : min(stop + beside, len(samples))]
     if len(sides) < 2 * beside or beside < 2:
@@ -97,7 +98,7 @@ def _is_crest(samples: Array, start: int, stop: int, beside: int) -> bool:
 
 
 def bridge(samples: Array, missing: Mask) -> Array:
-    """Return the signal with straight lines over the missing samples, level at the ends; all missing stays so."""
+    """Interpolate missing samples linearly, constant at the ends; unchanged if all are missing."""
     if not missing.any() or missing.all():
         return samples
     index = np.arange(len(samples))

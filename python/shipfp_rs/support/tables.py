@@ -1,4 +1,4 @@
-"""Experiments and frequency responses as tables of xarray, pandas, Arrow and polars, and back."""
+"""Conversion of experiments and frequency responses to and from tables of xarray, pandas, Arrow and polars."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ if TYPE_CHECKING:
 
 
 FACTS = "shipfp"
-"""Attribute, or key of a schema's metadata, that holds all facts beside the columns as JSON."""
+"""Attribute, or key of a schema's metadata, with all metadata of the object as JSON."""
 
 
 class Columns(NamedTuple):
-    """A table: columns by name, the unit of each, and facts. The first column is the time or the frequency."""
+    """Table: columns by name, their units, and metadata. The first column is the time or the frequency."""
 
     values: Mapping[str, Array]
     units: Mapping[str, str]
@@ -31,20 +31,20 @@ class Columns(NamedTuple):
 
 
 class Tabular(ABC):
-    """Base of classes that are a table: one independent column, columns that depend on it, and facts about the whole.
+    """Base of classes that convert to tables: one independent column, dependent columns, and metadata.
 
-    Tables carry the facts (name, operating point, ...) as JSON. Where a table of another origin lacks facts, or some are
-    wrong, they are given by name. A method whose package is not installed raises `InputError`.
+    Tables hold the metadata (name, operating point, ...) as JSON. For tables from elsewhere, missing or wrong metadata are
+    given by keyword. A method whose package is not installed raises `InputError`.
     """
 
     @abstractmethod
     def _columns(self) -> Columns:
-        """Return the object as columns."""
+        """Convert the object to columns."""
 
     @classmethod
     @abstractmethod
     def _from_columns(cls, values: Mapping[str, Array], facts: Mapping[str, Any]) -> Self:
-        """Return the object that columns and facts make."""
+        """Create the object from columns and metadata."""
 
     def __eq__(self, other: object) -> bool:
         if type(other) is not type(self):
@@ -68,7 +68,7 @@ class Tabular(ABC):
         return self._from_columns, (values, facts)
 
     def to_xarray(self) -> xr.Dataset:
-        """Return an `xarray.Dataset`, units in the attributes, that `to_netcdf` can store."""
+        """Return an `xarray.Dataset` with units in the attributes, which `to_netcdf` can store."""
         xarray = package("xarray")
         values, units, facts = self._columns()
         index, *others = values
@@ -80,12 +80,12 @@ class Tabular(ABC):
 
     @classmethod
     def from_xarray(cls, dataset: xr.Dataset, **facts: Any) -> Self:
-        """Return what a dataset of one dimension holds; `facts` stand above its own.
+        """Create the object from a one-dimensional dataset; `facts` override its metadata.
 
         Raises
         ------
         InputError
-            Where dimension, variables or facts do not make such an object.
+            If dimension, variables or metadata do not fit the object.
         """
         if len(dataset.dims) != 1:
             raise InputError(
@@ -97,7 +97,7 @@ class Tabular(ABC):
         return cls._checked(columns, dataset.attrs.get(FACTS), facts)
 
     def to_pandas(self) -> pd.DataFrame:
-        """Return a `pandas.DataFrame`, its index the time or the frequency, the facts in `attrs`."""
+        """Return a `pandas.DataFrame` with the time or the frequency as index, and the metadata in `attrs`."""
         pandas = package("pandas")
         values, _, facts = self._columns()
         index, *others = values
@@ -109,19 +109,19 @@ class Tabular(ABC):
 
     @classmethod
     def from_pandas(cls, frame: pd.DataFrame, **facts: Any) -> Self:
-        """Return the object in a frame whose index is time [s] or frequency [Hz]; `facts` override those of the frame.
+        """Create the object from a frame with time [s] or frequency [Hz] as index; `facts` override its metadata.
 
         Raises
         ------
         InputError
-            Where index, columns or facts do not make such an object.
+            If index, columns or metadata do not fit the object.
         """
         columns = {frame.index.name or "": frame.index.to_numpy()}
         columns |= {str(name): frame[name].to_numpy() for name in frame.columns}
         return cls._checked(columns, frame.attrs.get(FACTS), facts)
 
     def to_arrow(self) -> pa.Table:
-        """Return a `pyarrow.Table`, units in the metadata of its fields; `polars.DataFrame(x)` takes `x` itself, too."""
+        """Return a `pyarrow.Table` with units in its fields' metadata; `polars.DataFrame(x)` also accepts `x` itself."""
         import pyarrow as pa
 
         values, units, facts = self._columns()
@@ -133,15 +133,15 @@ class Tabular(ABC):
 
     @classmethod
     def from_arrow(cls, table: Any, **facts: Any) -> Self:
-        """Return what a table holds, of any package that speaks Arrow (pyarrow, polars, ...).
+        """Create the object from a table of any package with an Arrow interface (pyarrow, polars, ...).
 
-        The first column is the time [s] or the frequency [Hz]. Polars keeps no facts: give them, for instance
-        ``operating_point={"n_set": 1300.0, "n_e": 1300.0}``.
+        The first column is the time [s] or the frequency [Hz]. Polars does not keep metadata; give them as `facts`, for
+        instance ``operating_point={"n_set": 1300.0, "n_e": 1300.0}``.
 
         Raises
         ------
         InputError
-            Where it is no table, or columns or facts do not make such an object.
+            If it is not a table, or columns or metadata do not fit the object.
         """
         import pyarrow as pa
 
@@ -176,13 +176,7 @@ class Tabular(ABC):
 
 
 def package(name: str, distribution: str | None = None) -> Any:
-    """Return an optional package, or say how to install it.
-
-    Raises
-    ------
-    InputError
-        Where it is not installed.
-    """
+    """Import an optional package; `InputError`, with the command to install it, if it is missing."""
     try:
         return __import__(name)
     except ImportError as error:

@@ -1,4 +1,4 @@
-"""Parallel jobs on threads, since kernels and readers release the interpreter's lock; BLAS is held to one thread."""
+"""Parallel jobs on threads, since kernels and readers release the GIL; BLAS is limited to one thread."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ ONE_BLAS_THREAD: Mapping[str, str] = dict.fromkeys(
 """Environment of a process in which BLAS has one thread from the start."""
 
 _own = threading.local()
-"""Of a thread that runs one of several jobs: what tells it to end."""
+"""Thread-local: the event that cancels the jobs."""
 
 
 class _Held:
-    """How many callers hold BLAS to one thread; the first one sets the limit, the last one lifts it."""
+    """Count of callers that limit BLAS to one thread; the first sets the limit, the last removes it."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -53,10 +53,9 @@ _held = _Held()
 
 @contextlib.contextmanager
 def one_blas_thread() -> Iterator[None]:
-    """Hold BLAS to one thread: a fit's matrices are small, and its sums must not depend on the number of threads.
+    """Limit BLAS to one thread: the matrices of a fit are small, and results must not depend on the number of threads.
 
-    The limit is the process's. It lasts until the last of the threads that ask for it is through, so that none of them
-    lifts it from another one.
+    The limit applies to the process, until the last of the threads that request it has finished.
     """
     _held.enter()
     try:
@@ -66,7 +65,7 @@ def one_blas_thread() -> Iterator[None]:
 
 
 def with_one_blas_thread(function: F) -> F:
-    """Return a function during whose calls BLAS has one thread."""
+    """Decorator that limits BLAS to one thread during each call."""
 
     @functools.wraps(function)
     def call(*args: Any, **kwargs: Any) -> Any:
@@ -78,19 +77,19 @@ def with_one_blas_thread(function: F) -> F:
 
 
 def hold_blas_for_good() -> None:
-    """Hold BLAS to one thread until this process ends."""
+    """Limit BLAS to one thread until this process ends."""
     _held.enter()
 
 
 def available_workers() -> int:
-    """Return the number of cores that this process may use."""
+    """Number of cores available to this process."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
 
 
 def require_going() -> None:
-    """Raise `CancelledError` in a job whose results nobody waits for any more."""
+    """Raise `CancelledError` in a job that was cancelled."""
     stopped = getattr(_own, "stopped", None)
     if stopped is not None and stopped.is_set():
         raise CancelledError
@@ -99,9 +98,9 @@ def require_going() -> None:
 def side_by_side(jobs: Sequence[Callable[[], T]], stopped: threading.Event) -> list[T]:
     """Run jobs on as many threads as there are processors and return their results in order.
 
-    They begin in order: with the longest ones first no processor is left with one of them alone at the end.
-    The first job in order that fails is the one whose error is raised, whichever failed first, so that a message does not
-    depend on timing. `stopped` is set then, and on Ctrl-C: the jobs look at it, or call `require_going`, and end.
+    Jobs start in order; with the longest ones first, no processor is left with a long job at the end. The error raised is
+    that of the first job in order, not in time, so that messages do not depend on timing. Then, and on Ctrl-C, `stopped` is
+    set: jobs check it, or call `require_going`, and end.
     """
     workers = max(min(len(jobs), available_workers()), 1)
     with ThreadPoolExecutor(workers, initializer=_begin, initargs=(stopped,)) as pool:
@@ -116,10 +115,9 @@ def side_by_side(jobs: Sequence[Callable[[], T]], stopped: threading.Event) -> l
 
 
 def where_alone(jobs: Sequence[Callable[[], T]]) -> list[T]:
-    """Run jobs side by side where the processors are this thread's: the main one's of a process that no other has started.
+    """Run jobs in parallel in the main thread of a process without a parent, else one after another.
 
-    Elsewhere, as in a job of its own, in a thread of a sweep or in a process of a pool, they run one after another: the
-    others have the processors. The jobs call `require_going`.
+    In other threads or processes, such as those of a sweep, the processors are in use. The jobs call `require_going`.
     """
     alone = threading.current_thread() is threading.main_thread() and multiprocessing.parent_process() is None
     if alone and min(len(jobs), available_workers()) > 1:
@@ -128,10 +126,10 @@ def where_alone(jobs: Sequence[Callable[[], T]]) -> list[T]:
 
 
 def import_beside(*modules: str) -> None:
-    """Import modules on a thread, while this one computes outside the interpreter; whoever needs them later waits less."""
+    """Import modules in a thread during a computation outside the interpreter, so that their later import is faster."""
 
     def load() -> None:
-        with contextlib.suppress(Exception):  # the one who needs it is told
+        with contextlib.suppress(Exception):  # raised again where the module is used
             for module in modules:
                 importlib.import_module(module)
 

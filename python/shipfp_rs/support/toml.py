@@ -1,4 +1,4 @@
-"""Configuration from TOML files, checked by a pydantic model; the first mistake becomes one line of help."""
+"""Configuration from TOML files, validated by a pydantic model; the first mistake becomes a message of one line."""
 
 from __future__ import annotations
 
@@ -20,21 +20,21 @@ from shipfp_rs.support.hints import nearest, suggestion
 Model = TypeVar("Model", bound=BaseModel)
 
 LARGEST, SMALLEST = 1e15, 1e-15
-"""Limits of the size of numbers, beyond any quantity of a ship or a log; a seed may be larger."""
+"""Range of the magnitude of numbers, larger than any quantity of a ship or a log; a seed may be larger."""
 MOST_CHARACTERS = 2000
-"""Most characters of a text, such as a path or a description."""
+"""Longest text, such as a path or a description."""
 
 TO_BE_GIVEN = "to be given"
-"""What stands in a file for a value that only its user knows; what reads the file refuses it."""
+"""Placeholder in a file for a value that only its user knows; it is rejected when read."""
 SEVERAL_LINES = "description"
-"""Key whose text may have lines and tabs."""
+"""Key whose text may contain line ends and tabs."""
 
 Name = Annotated[str, Field(min_length=1, max_length=200)]
 """Name of a trial, a window or a channel."""
 FilePath = Annotated[str, Field(min_length=1)]
 Seed = Annotated[int, Field(ge=0, le=2**63 - 1)]
 Starts = Annotated[int, Field(ge=1, le=10_000)]
-"""Number of starts of a search; each takes a second or so."""
+"""Number of starts of a search; each takes about a second."""
 
 
 class Section(BaseModel):
@@ -46,7 +46,7 @@ class Section(BaseModel):
 
 
 def unexpected(key: str, found: object, expected: str) -> PydanticCustomError:
-    """Return the error for a validator of several keys to raise; `key` is relative to its section."""
+    """Error for a validator of several keys to raise; `key` is relative to its section."""
     return PydanticCustomError("unexpected", "{expected}", {"key": key, "found": found, "expected": expected})
 
 
@@ -63,56 +63,56 @@ def read_toml(path: str | Path, model: type[Model]) -> Model:
     Raises
     ------
     InputError
-        Where the file can't be read, is not TOML, or holds a key or value that the model refuses: one line,
+        If the file can't be read, is not TOML, or has a key or value that the model rejects: one line,
         "file: key: found ..., expected ...".
     """
     return validated(read_tables(Path(path)), model, str(path))
 
 
 def read_tables(path: Path) -> dict[str, Any]:
-    """Return the tables of a TOML file; `InputError` where it can't be read or is not TOML."""
+    """Tables of a TOML file; `InputError` if it can't be read or is not TOML."""
     return parsed_toml(read_text(path, "a TOML file"), str(path))
 
 
 def parsed_toml(text: str, source: str) -> dict[str, Any]:
-    """Return the tables of a text; `source` opens the message of the `InputError` where it is not TOML."""
+    """Tables of a text; `source` starts the message of the `InputError` if it is not TOML."""
     try:
         return tomllib.loads(text)
     except RecursionError as error:
         raise InputError(f"{source}: nested too deeply, expected tables of keys and values") from error
-    except ValueError as error:  # tomllib's own, and that of a whole number of more digits than Python takes
+    except ValueError as error:  # from tomllib, or for an integer with too many digits for Python
         raise InputError(f"{source}: not TOML: {str(error).split(';')[0]}") from error
 
 
 def built_in(kind: str) -> dict[str, Path]:
-    """Return the files of a kind ("vessels", "sweeps") that come with the package, by name."""
+    """Files of a kind ("vessels", "sweeps") included in the package, by name."""
     folder = Path(str(resources.files("shipfp_rs") / "data" / kind))
     return {path.stem: path for path in sorted(folder.glob("*.toml"), key=lambda path: path.stem)}
 
 
 def template(name: str) -> str:
-    """Return the text of a commented configuration file to fill in, "TRIAL" or "SWEEP"."""
+    """Text of a commented configuration file to fill in, "TRIAL" or "SWEEP"."""
     return built_in("templates")[name].read_text(encoding="utf-8")
 
 
 def read_named(name_or_path: str | Path, model: type[Model], kind: str, key: str, what: str) -> Model:
-    """Read what comes with the package, by its name, or a file of the user's own, by its path.
+    """Read a file included in the package by its name, or the user's own file by its path.
 
     Parameters
     ----------
     name_or_path
-        Either; a name goes before a file that is called so.
+        Name or path; a name takes precedence over a file of that name.
     model
-        As for `read_toml`.
+        See `read_toml`.
     kind
-        As for `built_in`.
+        See `built_in`.
     key, what
-        What is asked for, as a message calls it: a key such as "vessel", and what it is, such as "ship".
+        Key such as "vessel", and description such as "ship", for messages.
 
     Raises
     ------
     InputError
-        Where there is neither, or as `read_toml`.
+        If neither exists; also see `read_toml`.
     """
     name, known = str(name_or_path), built_in(kind)
     if not name or not is_one_line(name):
@@ -120,7 +120,7 @@ def read_named(name_or_path: str | Path, model: type[Model], kind: str, key: str
     path = known.get(name, Path(name_or_path))
     try:
         there = path.exists()
-    except OSError:  # a name longer than any file's
+    except OSError:  # a name too long for a file
         there = False
     if name not in known and path.suffix != ".toml" and not there:
         raise InputError(
@@ -131,7 +131,7 @@ def read_named(name_or_path: str | Path, model: type[Model], kind: str, key: str
 
 
 def validated(content: Mapping[str, Any], model: type[Model], source: str) -> Model:
-    """Check already parsed `content`; `source` opens the message of the `InputError` where it fails."""
+    """Validate parsed `content`; `source` starts the message of the `InputError`."""
     try:
         _require_plain(content, source)
         return model.model_validate(content)
@@ -142,7 +142,7 @@ def validated(content: Mapping[str, Any], model: type[Model], source: str) -> Mo
 
 
 def _require_plain(content: Mapping[str, Any], source: str) -> None:
-    """Refuse texts that are not one line, and numbers beyond any quantity."""
+    """Reject texts of several lines, and numbers out of range."""
     for key, value in _leaves(content, ()):
         if isinstance(value, str):
             inside = value.translate(LINES) if key.endswith(SEVERAL_LINES) else value
@@ -166,7 +166,7 @@ def _require_plain(content: Mapping[str, Any], source: str) -> None:
 def _first_mistake(error: ValidationError, model: type[BaseModel]) -> str:
     first, *others = error.errors()
     if first["type"] == "missing":
-        # Where its section also holds an unknown key, the missing one is likely misspelt.
+        # If its section also has an unknown key, the missing one is probably misspelt.
         unknown = [other for other in others if other["type"] == "extra_forbidden"]
         first = next((other for other in unknown if other["loc"][:-1] == first["loc"][:-1]), first)
     missing = [
@@ -180,7 +180,7 @@ def _first_mistake(error: ValidationError, model: type[BaseModel]) -> str:
 
 
 def _leaves(content: object, place: tuple[str, ...]) -> Iterator[tuple[str, float | str]]:
-    """Give every number and text in parsed content with its dotted key, and every key, which is a text too."""
+    """Yield every number and text in parsed content with its dotted key, and every key as a text."""
     if isinstance(content, Mapping):
         for key, value in content.items():
             yield ".".join((*place, "a key")), str(key)
@@ -193,7 +193,7 @@ def _leaves(content: object, place: tuple[str, ...]) -> Iterator[tuple[str, floa
 
 
 def _one_line(error: ErrorDetails, model: type[BaseModel]) -> str:
-    # Where several types are possible, pydantic names each of them; the user only knows the key.
+    # For a choice of types pydantic names each of them; the user only knows the key.
     location = [str(part) for part in error["loc"] if str(part) not in ("float", "int", "bool", "str")]
     key, found, context = ".".join(location), error["input"], error.get("ctx", {})
     match error["type"]:
@@ -220,13 +220,13 @@ def _one_line(error: ErrorDetails, model: type[BaseModel]) -> str:
 
 
 def _near_table(model: type[BaseModel], location: Sequence[str]) -> str:
-    """Name the known table that one of a user's own, or a misspelt one, is near to; empty where it is near to none."""
+    """Name the known table that an unknown one resembles; empty if it resembles none."""
     beside = [name for owner in _models_at(model, location[:-1]) for name in owner.model_fields]
     return nearest(location[-1], beside, 0.7) if location and location[-1] not in beside else ""
 
 
 def _expected(error: ErrorDetails) -> str:
-    """What a value should be, in the words of the file."""
+    """Expected value, in terms of the file."""
     match error["type"]:
         case "model_type" | "dict_type" | "model_attributes_type":
             return "a table"
@@ -267,7 +267,7 @@ def _shown(value: object) -> str:
 
 
 def _models_at(model: type[BaseModel], location: Sequence[int | str]) -> set[type[BaseModel]]:
-    """Return the models that may stand at `location`; list indices and tags of unions lead nowhere new."""
+    """Models possible at `location`; list indices and tags of unions do not change the model."""
     found = {model}
     for part in location:
         inner = {nested for owner in found for nested in _models_in(_annotation(owner, str(part)))}
@@ -276,7 +276,7 @@ def _models_at(model: type[BaseModel], location: Sequence[int | str]) -> set[typ
 
 
 def _annotation(owner: type[BaseModel], key: str) -> Any:
-    """Type of a key, or of any table under a name of the user's own where the model takes such."""
+    """Type of a key, or of extra tables if the model accepts them."""
     field = owner.model_fields.get(key)
     return field.annotation if field else get_type_hints(owner).get("__pydantic_extra__")
 

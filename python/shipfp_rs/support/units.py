@@ -1,4 +1,4 @@
-"""Units as loggers write them: many spellings of one unit, damaged letters mended, and factors to SI and rpm."""
+"""Units in loggers' many spellings, repair of damaged characters, and factors to SI and rpm."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ g/min rpm. r.p.m. r.p.m rev/mn kierr/min kierr./min d/d dev/dak 转/分 r/mn rot
 στρ/λεπτό
 """
 RPM = frozenset(TURNS_A_MINUTE.split())
-"""Turns a minute in the languages of logger makers and yards, in lower case and without spaces."""
+"""Spellings of turns per minute in the languages of loggers and yards, in lower case and without spaces."""
 
 NAMED: Mapping[str, str] = {
     "rad/sec": "rad/s",
@@ -79,9 +79,9 @@ TO_RPM: Mapping[str, float] = {
     "1/s": 60.0,
     "deg/s": 1.0 / 6.0,
 }
-"""Turns a minute in one of each unit of speed; a frequency is that of a machine of one pair of poles."""
+"""Factors from units of speed to turns per minute; for a frequency, with one pair of poles."""
 FREQUENCIES = ("Hz", "1/s")
-"""Units of speed that may be those of an electric frequency."""
+"""Units of speed that may also be those of an electric frequency."""
 TO_NM: Mapping[str, float] = {"mNm": 1e-3, "Nm": 1.0, "kNm": 1e3, "MNm": 1e6, "lbf ft": 1.3558179483314004}
 TO_W: Mapping[str, float] = {"W": 1.0, "kW": 1e3, "MW": 1e6}
 TO_REV: Mapping[str, float] = {
@@ -90,11 +90,11 @@ TO_REV: Mapping[str, float] = {
     "°": 1.0 / 360.0,
     "rad": 1.0 / 6.283185307179586,
 }
-"""Turns in one of each unit of angle."""
+"""Factors from units of angle to turns."""
 
 
 class Quantity(NamedTuple):
-    """A physical quantity: its unit (SI or rpm), factors of other units to it, usual and possible sizes in drive trains."""
+    """A physical quantity: its unit (SI or rpm), factors from other units, usual and possible sizes in drive trains."""
 
     unit: str
     factors: Mapping[str, float]
@@ -108,13 +108,13 @@ QUANTITIES: Mapping[str, Quantity] = {
     "power": Quantity("W", TO_W, (1e3, 1e9), (1e-6, 1e12)),
     "angle": Quantity("rev", TO_REV),
 }
-"""From a laboratory's motor to the largest ship's propeller: 90 rpm, 8 MNm, 80 MW; a turbine's shaft turns 20,000 rpm."""
+"""From a laboratory's motor to the largest ship's propeller: 90 rpm, 8 MNm, 80 MW; a turbine's shaft has 20,000 rpm."""
 
 ELECTRIC = frozenset(("", "V", "mV", "µV", "A", "mA", "mV/V", "counts", "bits"))
-"""Units of what an amplifier or a converter tells; only a calibration says what it stands for."""
+"""Units of an amplifier's or converter's reading, whose meaning depends on a calibration."""
 
 LETTER = "[?�¿]"
-"""What a degree or micro sign becomes where a text is read with the wrong encoding."""
+"""Replacement of a degree or micro sign in text read with the wrong encoding."""
 MENDED = (
     (re.compile(f"(?:{LETTER}|Â°|Ã‚Â°)([CFK])"), r"°\1"),
     (re.compile(f"(?:{LETTER}|Âµ|Î¼)(m/m|m|s|V|A|strain|e|eps|Pa|l|g)"), r"µ\1"),
@@ -122,7 +122,7 @@ MENDED = (
 )
 
 TIME_FORMAT = re.compile(r"[dmyhst.fj:/\- ,;]*(?:yy|hh|mm|ss|dd|tt|jj|am/pm)[a-z0.:/\- ,;]*", re.IGNORECASE)
-"""A pattern of a date or a clock such as hh:mm:ss.000, which stands where the unit of such a column would."""
+"""Format of a date or clock such as hh:mm:ss.000, in the position of the unit of such a column."""
 
 PLAIN = re.compile(
     r"-|%|‰|°|°?[CFK]|deg[CF]?|[num kMGµμ]?(s|V|A|m|g|N|Nm|N m|N\*m|N·m|N\.m|Hz|W|Pa|bar|rad)"
@@ -134,7 +134,7 @@ PLAIN = re.compile(
 
 
 def told(unit: str) -> str:
-    """Return a unit as this package writes it: letters that were damaged mended, any spelling of rpm as rpm.
+    """Standard spelling of a unit: damaged letters repaired, any spelling of rpm as rpm.
 
     Examples
     --------
@@ -151,7 +151,7 @@ def told(unit: str) -> str:
 
 
 def is_unit(text: str) -> bool:
-    """Whether a word is a unit, a dash for none, or the pattern of a date or clock.
+    """Whether a word is a unit, a dash for none, or the format of a date or clock.
 
     Examples
     --------
@@ -166,5 +166,5 @@ def is_unit(text: str) -> bool:
 
 
 def unit_shown(unit: str) -> str:
-    """Return a unit as a reader writes it; nothing for a ratio."""
+    """Typographic form of a unit; empty for a ratio."""
     return "" if unit == "-" else unit.replace("kg m2", "kg m²").replace("1/s2", "1/s²").replace("deg", "°")
