@@ -1,6 +1,6 @@
-"""The command `shipfp`: its frame, its exit statuses, and errors of one line.
+"""The command `shipfp`: entry point, exit statuses, and error messages of one line.
 
-A command imports what it computes with when it runs: help and a usage error must not wait for SciPy.
+Commands import what they need when they run, so that help and usage errors do not wait for SciPy.
 """
 
 from __future__ import annotations
@@ -40,15 +40,15 @@ with ends_without_a_word():
 
 DONE, FAILED, BAD_INPUT, INTERRUPTED, ENDED = 0, 1, 2, 130, 143
 NOT_THE_USERS = (errno.EMFILE, errno.ENFILE, errno.ENOMEM, errno.EIO)
-"""Errors of the system itself; any other error of a file is about a name that the user gave."""
+"""System errors; any other file error concerns a name given by the user."""
 ENDING = (signal.SIGTERM, *([signal.SIGHUP] if hasattr(signal, "SIGHUP") else []))
-"""Signals by which others end a command; the latter is a terminal that was closed."""
+"""Signals by which other processes end a command; SIGHUP means a closed terminal."""
 AGAIN_S = 0.2
 """Time after which an interrupt that a library swallowed is raised again."""
 LONGEST_WORD = 300
-"""Longest name that a line shows whole, in characters."""
+"""Longest name shown in full, in characters."""
 COLLECTED_AFTER = 50_000
-"""New objects after which the youngest are looked through for waste: importing makes more than a command leaves behind."""
+"""Threshold of the garbage collector's youngest generation: imports create more objects than a command discards."""
 
 app = typer.Typer(
     name="shipfp",
@@ -82,9 +82,9 @@ def _frame(
 
 @contextlib.contextmanager
 def _orderly_end(asked: list[int]) -> Iterator[None]:
-    """Answer SIGTERM and a closed terminal as Ctrl-C, so that temporary files and processes are given back.
+    """Handle SIGTERM and a closed terminal like Ctrl-C, so that temporary files and processes are cleaned up.
 
-    `asked` notes the signals.
+    The signals are appended to `asked`.
     """
 
     def end(number: int, _: object) -> None:
@@ -101,7 +101,7 @@ def _orderly_end(asked: list[int]) -> Iterator[None]:
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    # A shell's background commands ignore Ctrl-C.
+    # Background commands of a shell ignore Ctrl-C.
     heeded = signal.getsignal(signal.SIGINT) is signal.default_int_handler
     # Under nohup a closed terminal is ignored.
     closing = [number for number in ENDING if signal.getsignal(number) is not signal.SIG_IGN]
@@ -109,7 +109,7 @@ def _orderly_end(asked: list[int]) -> Iterator[None]:
     hook = sys.unraisablehook
 
     def swallowed(unraisable: Any) -> None:
-        # An interrupt in a callback of the interpreter is printed and forgotten; it comes again.
+        # Python only prints an interrupt raised in one of its callbacks; it is raised again.
         if not (asked and isinstance(unraisable.exc_value, KeyboardInterrupt)):
             hook(unraisable)
 
@@ -125,7 +125,7 @@ def _orderly_end(asked: list[int]) -> Iterator[None]:
 
 
 def _is_ending() -> bool:
-    """Whether an interrupt is on its way out; a library that took it for an error of its own has swallowed it."""
+    """Whether an interrupt is propagating; otherwise a library swallowed it."""
     error = sys.exception()
     while error is not None and not isinstance(error, KeyboardInterrupt):
         error = error.__context__
@@ -135,7 +135,7 @@ def _is_ending() -> bool:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run `shipfp` and return its exit status: 0 done, 2 bad input, 130 interrupted, 143 ended, 1 anything else.
 
-    Whatever goes wrong costs one line on stderr; SHIPFP_TRACEBACK=1 shows where it came from.
+    Errors are one line on stderr; SHIPFP_TRACEBACK=1 adds the traceback.
     """
     asked: list[int] = []
     try:
@@ -144,14 +144,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
         _take_odd_words_from_the_environment()
         for stream in (sys.stdout, sys.stderr):
             if isinstance(stream, io.TextIOWrapper):
-                # A terminal without Greek letters is no reason to fail.
+                # A terminal without Greek letters must not cause an error.
                 stream.reconfigure(errors="backslashreplace")
         status = _status(arguments, asked)
-    except KeyboardInterrupt:  # it came before the command had begun, or when it was done
+    except KeyboardInterrupt:  # before the command started, or after it was done
         status = INTERRUPTED
     if status == INTERRUPTED:
-        # CPython notes an interrupt within the exec of a text (dataclasses do that) and dies of it at its own end, caught or
-        # not, unless a later text runs through.
+        # An interrupt during the exec of a text (as in dataclasses) ends CPython at exit, even if it was caught, unless
+        # another text is executed.
         exec("")
         ended = not set(asked).isdisjoint(ENDING)
         _line("ended from outside" if ended else "interrupted")
@@ -160,20 +160,20 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _open_closed_streams() -> None:
-    """Lead streams that the caller has closed nowhere, before a file gets one's number, and then what is printed."""
+    """Redirect closed streams to the null device, before a file gets one's number and then the output."""
     for name in ("stdin", "stdout", "stderr"):
         if getattr(sys, name) is None:
             setattr(sys, name, open(os.devnull, "r" if name == "stdin" else "w", encoding="utf-8"))  # noqa: PTH123, SIM115
 
 
 def _collect_seldom() -> None:
-    """Look through objects for waste seldom, and not at the end, when the process gives back all of them."""
+    """Collect garbage rarely, and not at exit, when the process frees all memory."""
     gc.set_threshold(COLLECTED_AFTER)
     atexit.register(gc.freeze)
 
 
 def _take_odd_words_from_the_environment() -> None:
-    """Have libraries load that know one number of threads only, and no backend but their own; no command opens a window."""
+    """Override environment variables that break libraries: thread counts, and Matplotlib's backend."""
     os.environ["MPLBACKEND"] = "agg"
     first, *others = os.environ.get("OMP_NUM_THREADS", "1").split(",")
     if others or not first.strip().isdecimal():
@@ -181,7 +181,7 @@ def _take_odd_words_from_the_environment() -> None:
 
 
 def _status(arguments: Sequence[str] | None, asked: list[int]) -> int:
-    """Run the command and return its status; whatever it raises becomes a line and a status."""
+    """Run the command and return its status; every exception becomes a message and a status."""
     with warnings.catch_warnings(), _orderly_end(asked):
         warnings.showwarning = _show_warning
         try:
@@ -190,13 +190,13 @@ def _status(arguments: Sequence[str] | None, asked: list[int]) -> int:
         except (
             BrokenPipeError,
             SystemExit,
-        ):  # whoever reads has seen enough; click's own answer to that is an exit
+        ):  # the reader has closed the pipe; click would exit here
             _leave_output()
             return DONE
         except (KeyboardInterrupt, typer.Abort):
             return INTERRUPTED
-        except BaseException as error:  # the last line of defence: no traceback reaches the user
-            # An interrupt inside a library may come out as an error of its own: of a class, of a schema, or as a panic.
+        except BaseException as error:  # last resort: no traceback reaches the user
+            # An interrupt inside a library may surface as another error: of a class, of a schema, or as a panic.
             if asked:
                 return INTERRUPTED
             if not isinstance(error, Exception):
@@ -208,14 +208,14 @@ def _status(arguments: Sequence[str] | None, asked: list[int]) -> int:
 def _fail(error: Exception) -> int:
     if os.environ.get("SHIPFP_TRACEBACK"):
         traceback.print_exception(error)
-    # typer brought click's exceptions along before it had its own; both kinds answer to format_message.
+    # typer used click's exceptions before it had its own; both have format_message.
     usage = getattr(error, "format_message", None)
     if usage is not None:
         _line(f"error: {usage().rstrip('.') or 'no command given, expected one'}; see shipfp --help")
         return BAD_INPUT
     if isinstance(error, ShipfpError) and not isinstance(error, InternalError):
         _line(f"error: {error}")
-        # From data or sizes that a fit or a simulation fails on nothing follows: the fault lies in what was given.
+        # If a fit or a simulation fails on data or sizes, the input is at fault.
         if isinstance(error, InputError | IdentificationError | SimulationError):
             return BAD_INPUT
     elif isinstance(error, OSError):
@@ -234,7 +234,7 @@ def _fail(error: Exception) -> int:
 
 
 def _leave_output() -> None:
-    """Keep the interpreter from flushing once more into a pipe whose reader has left, or onto a disk that is full."""
+    """Keep the interpreter from flushing again into a closed pipe or onto a full disk."""
     try:
         sys.stdout.flush()
     except OSError:

@@ -1,4 +1,4 @@
-"""`shipfp compare`: what changed between two fingerprints, or over many, with significance."""
+"""`shipfp compare`: significant changes between two fingerprints, or over many."""
 
 from __future__ import annotations
 

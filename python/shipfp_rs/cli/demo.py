@@ -11,7 +11,7 @@ from shipfp_rs.structures.combinations import true_values
 VESSEL = "stan-tug-1205"
 LOG, TRUTH = "log.parquet", "truth.json"
 AMPLITUDE_RPM = 40.0
-"""Half of the amplitude of the tug's trial (Table 6.7): the plant is nearly linear over it."""
+"""Half of the amplitude of the tug's trial (Table 6.7), over which the plant is nearly linear."""
 TOP_HZ = 1.5
 TONES_HZ = (0.035, 0.05, 0.07, 0.1, 0.14, 0.2, 0.28, 0.4, 0.55, 0.77, 1.08, TOP_HZ)
 
@@ -50,7 +50,7 @@ def demo(
 
 
 def _write_log(folder: Path, seed: int) -> dict[str, float]:
-    """Write the log, its TRIAL.toml and the truth as a trial's own folder would hold them; return the truth."""
+    """Write the log, its TRIAL.toml and the truth, laid out as a trial's folder; return the truth."""
     from shipfp_rs import signals
     from shipfp_rs.simulation.raw_log import simulate_raw_log, trial_toml
     from shipfp_rs.simulation.sensors import Sensors

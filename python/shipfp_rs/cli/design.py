@@ -1,4 +1,4 @@
-"""`shipfp design`: a trial's plan: time series, run sheet, generator files, predicted standard deviations."""
+"""`shipfp design`: plan of a trial: time series, run sheet, generator files, predicted standard deviations."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ TYPED = {
     "generator": "--volts",
     "noise corner_hz": "--noise-corner",
 }
-"""Arguments of `designs.design`, with the options of the command that set them."""
+"""Command-line options by argument of `designs.design`."""
 
 
 def design(

@@ -1,4 +1,4 @@
-"""`shipfp init`: a commented TRIAL.toml with what a log shows, a vessel file, or a SWEEP.toml, to fill in."""
+"""`shipfp init`: a commented TRIAL.toml filled in from a log, a vessel file, or a SWEEP.toml."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def _of_logs(
     time: str | None,
     names: Path | None,
 ) -> str:
-    """Write what logs tell; what they do not tell is marked, and said."""
+    """Fill in TRIAL.toml from logs; unknown values are marked and listed."""
     from shipfp_rs.inspection.pulse_channels import pulse_rate
     from shipfp_rs.logs.channel_reader import Rows
     from shipfp_rs.logs.log import Log

@@ -1,4 +1,4 @@
-"""`shipfp inspect`: what is in a log, and what is wrong with it, before anything is fitted."""
+"""`shipfp inspect`: contents and faults of a log, before a fit."""
 
 from __future__ import annotations
 

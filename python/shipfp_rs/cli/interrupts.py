@@ -1,4 +1,4 @@
-"""A signal that comes before a command has begun ends it without a word, as it ends any process."""
+"""Silent exit on a signal before a command has started, as of any process."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from collections.abc import Iterator
 
 @contextlib.contextmanager
 def ends_without_a_word() -> Iterator[None]:
-    """Leave Ctrl-C to the system while modules are imported: an interrupt would leave a traceback of their lines."""
+    """Leave Ctrl-C to the system during imports, since an interrupt would print a traceback."""
     heeded = (
         threading.current_thread() is threading.main_thread()
         and signal.getsignal(signal.SIGINT) is signal.default_int_handler

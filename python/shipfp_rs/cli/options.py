@@ -1,4 +1,4 @@
-"""The options that several subcommands share, and what a typed number, name or path can be."""
+"""Options shared by several subcommands, and limits of numbers, names and paths."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ MOST_SEED = 2**63 - 1
 MOST_DRAWS = 10_000
 MOST_WORKERS = 1024
 LONGEST_NAME, LONGEST_PATH = 255, 4095
-"""Bytes that a name and a path can have."""
+"""Longest name and path in bytes."""
 
 
 def a_path(text: str | Path) -> Path:
-    """Return a typed path; refuse one that no file can have."""
+    """Parse a path; reject one that no file can have."""
     typed = str(text)
     if not typed:
         raise typer.BadParameter("found nothing, expected the name of a file or folder")
@@ -41,7 +41,7 @@ def a_path(text: str | Path) -> Path:
 
 
 def a_language(text: str) -> str:
-    """Return a language of reports; refuse any other word."""
+    """Parse a language of reports."""
     if text not in LANGUAGES:
         raise typer.BadParameter(f"found {text[:60]!r}, expected one of {', '.join(LANGUAGES)}")
     return text
@@ -67,7 +67,7 @@ probability = _number(lambda value: not 0.0 < value < 1.0, "a probability betwee
 
 @contextlib.contextmanager
 def as_typed(options: Mapping[str, str]) -> Iterator[None]:
-    """Have errors name what was typed: with {"duration_s": "--duration"} that in place of the argument in Python."""
+    """Replace names of Python arguments in errors by options: {"duration_s": "--duration"}."""
     try:
         yield
     except InputError as error:
@@ -78,7 +78,7 @@ def as_typed(options: Mapping[str, str]) -> Iterator[None]:
 
 
 def new_file(path: Path, *, force: bool) -> Path:
-    """Return the name of a file to write; refuse one that is there, but for devices, or with --force."""
+    """Name of a file to write; existing files, except devices, are rejected without --force."""
     if path.is_file() and not force:
         raise InputError(f"{path}: exists already; choose another name, or --force to replace it")
     return path
@@ -87,7 +87,7 @@ def new_file(path: Path, *, force: bool) -> Path:
 def folder_for(
     out: Path | None, marker: str, others: Sequence[str], *, force: bool = False
 ) -> AbstractContextManager[Path | None]:
-    """Give a folder for results that appears as a whole, None where none is wanted."""
+    """Folder for results, written atomically; None if none is wanted."""
     from shipfp_rs.support.files import replacing_folder
 
     if out is None:
@@ -98,17 +98,17 @@ def folder_for(
 def number_option(
     metavar: str, told: str, parser: Callable[[str | float], float] = positive, *names: str
 ) -> Any:
-    """Declare an option that takes a number, a positive one unless another parser is given."""
+    """Declare an option with a number, positive unless another parser is given."""
     return typer.Option(*names, parser=parser, metavar=metavar, help=told)
 
 
 def file_argument(metavar: str, told: str) -> Any:
-    """Declare an argument that is a path."""
+    """Declare an argument with a path."""
     return typer.Argument(metavar=metavar, parser=a_path, help=told, show_default=False)
 
 
 def file_option(metavar: str, told: str, *names: str) -> Any:
-    """Declare an option that takes a path."""
+    """Declare an option with a path."""
     return typer.Option(*names, metavar=metavar, parser=a_path, help=told)
 
 
@@ -132,7 +132,7 @@ Time = Annotated[
     typer.Option(
         "--time",
         metavar="COLUMN",
-        # Escaped, or the help would take it for markup.
+        # Escaped, since help would take it for markup.
         help=r"Column of time, where it is not found: 'COLUMN', 'COLUMN \[ms]', 'DATE \[d.m.y] + CLOCK'.",
     ),
 ]

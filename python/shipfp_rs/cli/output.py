@@ -1,4 +1,4 @@
-"""What the subcommands print: tables and JSON on stdout, progress on stderr."""
+"""Output of subcommands: tables and JSON on stdout, progress on stderr."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ if TYPE_CHECKING:
     from shipfp_rs.identification.fingerprint import Fingerprint
 
 PIPE_WIDTH = 200
-"""Width of lines that are not shown on a terminal; a wider table has all the width that it needs."""
+"""Line width outside a terminal; wider tables are not wrapped."""
 GAP = 3
-"""Letters between columns, and about the table."""
+"""Characters between columns, and around the table."""
 
 
 def print_json(content: Any) -> None:
@@ -31,7 +31,7 @@ def print_json(content: Any) -> None:
 
 
 def print_results(content: Any, show: Callable[[], None], out: Path | None = None, *, json: bool) -> None:
-    """Print results as JSON, or show them and say where they were written."""
+    """Print results as JSON, or as text with the folder they were written to."""
     if json:
         print_json(content)
         return
@@ -41,23 +41,23 @@ def print_results(content: Any, show: Callable[[], None], out: Path | None = Non
 
 
 def print_text(*lines: str) -> None:
-    """Print lines as they are, wrapped to the terminal only."""
+    """Print lines unchanged, wrapped only on a terminal."""
     console = _console()
     for line in lines:
         console.print(line, soft_wrap=not sys.stdout.isatty())
 
 
 def print_table(title: str, head: Iterable[str], rows: Iterable[Iterable[str]]) -> None:
-    """Print a table; the first column is text, the others are figures.
+    """Print a table; the first column is text, the others are numbers.
 
-    On a terminal that is too narrow for all columns the rest follows below, with the first one again.
+    On a terminal too narrow for all columns, the remaining ones follow below, with the first one repeated.
     """
     lines = [[*head], *([*row] for row in rows)]
     widths = [max(cell_len(cell) for cell in column) + GAP for column in zip(*lines, strict=True)]
     console = _console(sum(widths) + GAP)
     if sum(widths) + GAP > console.width:
         widths[0] = min(widths[0], console.width // 3)
-    if title:  # apart from the table, which would break it where it is narrower
+    if title:  # outside the table, which would wrap it to its own width
         console.print(title, style="bold")
     for columns in _that_fit(widths, console.width - GAP):
         table = Table(box=box.SIMPLE_HEAD)
@@ -74,7 +74,7 @@ def print_table(title: str, head: Iterable[str], rows: Iterable[Iterable[str]]) 
 
 
 def _that_fit(widths: Sequence[int], room: int) -> list[list[int]]:
-    """Return the columns of each table of those that fit beside each other, the first one in all."""
+    """Columns of each table that fits in the width, each with the first column."""
     tables, left = [[0]], room - widths[0]
     for index, width in enumerate(widths[1:], 1):
         if width > left and len(tables[-1]) > 1:
@@ -88,7 +88,7 @@ def _that_fit(widths: Sequence[int], room: int) -> list[list[int]]:
 def print_fingerprint(
     fingerprint: Fingerprint, truth: Mapping[str, float] | None = None, title: str | None = None
 ) -> None:
-    """Print estimates with their 95 % intervals, beside the truth where it is known, and the verdict."""
+    """Print estimates with their 95 % intervals, beside the truth if known, and the verdict."""
     title = title or f"Fingerprint of {fingerprint.vessel or 'a drive train not named'}"
     print_estimates(title, {**fingerprint.parameters, **fingerprint.derived}, truth)
     print_text(*fingerprint.verdict)
@@ -97,7 +97,7 @@ def print_fingerprint(
 def print_estimates(
     title: str, estimates: Mapping[str, Estimate], truth: Mapping[str, float] | None = None
 ) -> None:
-    """Print a table of estimates, beside the truth where it is known."""
+    """Print a table of estimates, beside the truth if known."""
     from shipfp_rs.identification.estimate import rounded_rows
     from shipfp_rs.support.units import unit_shown
 
@@ -120,14 +120,14 @@ def print_estimates(
 
 
 def _console(needed: int = 0) -> Console:
-    # Markup off: a file or an experiment may well be called "[red]".
+    # Markup off, since a file or an experiment may be called "[red]".
     width = None if sys.stdout.isatty() else max(PIPE_WIDTH, needed)
     return Console(markup=False, highlight=False, emoji=False, width=width)
 
 
 @contextlib.contextmanager
 def progress() -> Iterator[Callable[[str], None]]:
-    """Give a function that shows what is being done: a spinner on a terminal, nothing in a pipe."""
+    """Function that shows the current activity: a spinner on a terminal, nothing in a pipe."""
     if not sys.stderr.isatty():
         yield lambda _: None
         return

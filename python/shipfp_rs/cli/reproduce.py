@@ -35,9 +35,9 @@ COLUMNS = {
     ),
     "twin": ("tau_n", "g", "p", "tau_prop", "vK_p", "vK_i", "T_d", "T_set"),
 }
-"""Parameters shown of some tables; of the others all are shown."""
+"""Parameters shown in some tables; the others show all."""
 TOO_WIDE = ("5.1",)
-"""Tables that are too wide to print and stand in the JSON only."""
+"""Tables too wide to print, in the JSON only."""
 FITS = {
     "dn": "fit n [%]",
     "dM": "fit M [%]",
@@ -79,7 +79,7 @@ def _reproduce(
     *,
     json: bool,
 ) -> None:
-    """Compute the tables, write them and the figures into a folder where one is wanted, and show them."""
+    """Compute the tables, write them and the figures to a folder if given, and show them."""
     from shipfp_rs.support.files import write_text_atomically
     from shipfp_rs.support.json_files import json_text
 

@@ -1,4 +1,4 @@
-"""`shipfp run`: the main job on the user's own log."""
+"""`shipfp run`: identification from the user's log."""
 
 from __future__ import annotations
 

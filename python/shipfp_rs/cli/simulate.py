@@ -1,4 +1,4 @@
-"""`shipfp simulate`: virtual experiments, clean signals or the raw log of a measurement chain with faults."""
+"""`shipfp simulate`: virtual experiments, as clean signals or as a raw log with the faults of a measurement chain."""
 
 from __future__ import annotations
 
@@ -30,10 +30,10 @@ if TYPE_CHECKING:
 
 CLEAN_RATE_HZ, RAW_RATE_HZ = 100.0, 2000.0
 AMPLITUDE = 0.03
-"""Usual amplitude, as a share of the operating speed: large enough to measure, small enough to be linear."""
+"""Usual amplitude relative to the operating speed: large enough to measure, small enough to be linear."""
 
 LEAST_AMPLITUDE = 2e-4
-"""Least amplitude that can be measured, as a share of the operating speed."""
+"""Least measurable amplitude relative to the operating speed."""
 
 TYPED = {
     "amplitude_rpm": "--amplitude-rpm",
@@ -41,7 +41,7 @@ TYPED = {
     "rate_hz": "--rate",
     "noise['n_e']": "--noise",
 }
-"""Arguments of the Python functions, with the options of the command that set them."""
+"""Command-line options by argument of the Python functions."""
 
 
 Kind = Literal["chirp", "steps", "multisine", "sines"]
@@ -100,7 +100,7 @@ def simulate(
         except SimulationError as error:
             raise InputError(f"vessel {vessel!r}: {error}") from error
         texts = {"truth": json_text(made.truth)} | ({"trial": made.trial} if raw else {})
-        with contextlib.ExitStack() as whole:  # on a disk that fills up none of them appears
+        with contextlib.ExitStack() as whole:  # atomically, also if the disk fills up
             for name, text in texts.items():
                 whole.enter_context(replacing(files[name])).write_text(text, encoding="utf-8")
             made.write()
@@ -109,7 +109,7 @@ def simulate(
 
 
 class _Made(NamedTuple):
-    """A simulated trial: its truth, what writes its data, and its TRIAL.toml."""
+    """Simulated trial: its truth, the function that writes its data, and its TRIAL.toml."""
 
     truth: dict[str, Any]
     write: Callable[[], object]

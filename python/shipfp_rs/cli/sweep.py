@@ -24,7 +24,7 @@ TYPED = {
     "address": "--address",
 }
 SCREEN, FRAME = 27, 5
-"""Lines that all tables take, and those of a table beside its rows; three lines below are told in any case."""
+"""Lines available for all tables, and those of a table besides its rows; three more lines are always printed."""
 MOST_ROWS = SCREEN - FRAME
 
 
@@ -90,16 +90,16 @@ def sweep(
 
 
 def _why(result: Sweep) -> str:
-    """Say what the first draw failed with."""
+    """Error of the first failed draw."""
     rows = next(result.batches(["error", "message"])).slice(0, 1).to_pylist()
     error, message = rows[0]["error"], rows[0]["message"]
-    # The class of an input error helps nobody; of a defect it may be all there is.
+    # The class of an input error is of no use; that of a defect may be the only information.
     said = message if error in ("InputError", "TimedOut") else f"{error}: {message}"
     return f"the first one for this: {said}; rows of all are in {result.folder}"
 
 
 def _print(summary: Mapping[str, Any]) -> None:
-    """Print what all draws tell, and of the rest what a screen holds; `summary.json` has all."""
+    """Print the results over all draws, and as many of the others as fit a screen; `summary.json` has all."""
     draws = summary["draws"]
     title = (
         f"{summary['name']}: {draws['total']} draws, {draws['done']} identified, {draws['failed']} failed, "
@@ -124,7 +124,7 @@ def _print(summary: Mapping[str, Any]) -> None:
 
 
 def _tables(summary: Mapping[str, Any]) -> Iterator[tuple[str, list[str], list[list[str]]]]:
-    """Yield title, head and rows of the length of a trial, and of each factor."""
+    """Yield title, head and rows for the length of a trial, and for each factor."""
     if summary["trial_length"]:
         wanted = f"{summary['accuracy_pct']:.3g} %"
         yield (
@@ -177,7 +177,7 @@ def _shown(value: float | str) -> str:
 
 @contextlib.contextmanager
 def _progress() -> Iterator[Callable[[Progress], None] | None]:
-    """Give a function that shows a bar, the rate and the time left on a terminal; None in a pipe."""
+    """Function that shows a bar, the rate and the remaining time on a terminal; None in a pipe."""
     if not sys.stderr.isatty():
         yield None
         return

@@ -1,4 +1,4 @@
-"""`shipfp view`: look through a log in the browser, mark windows, write TRIAL.toml, run it, read reports."""
+"""`shipfp view`: view a log in the browser, mark windows, write TRIAL.toml, run it, read reports."""
 
 from __future__ import annotations
 
@@ -43,9 +43,9 @@ def view(
         number = desk.open_log(path, rate_hz)
         rate_hz = desk.document(number).rate_hz
         if stored(path, rate_hz) is None:
-            Log.open(path, rate_hz=rate_hz)  # what can't be read is told here, not in the page
+            Log.open(path, rate_hz=rate_hz)  # report unreadable files here, not in the page
         page = f"look.html?doc={number}"
-    ended = end_asked_for()  # before the address is told: who knows it may end it
+    ended = end_asked_for()  # before the address is printed, since it allows others to end it
     with serving(desk, page) as server, contextlib.ExitStack() as shown:
         print_text(f"{path}: {server.address}", "Ctrl-C ends it.")
         if not no_browser:

@@ -1,4 +1,4 @@
-"""Inspection of a raw log before anything is fitted to it (section 6.3): channels, gaps, faults, spectra, checks."""
+"""Inspection of a raw log before a fit (section 6.3): channels, gaps, faults, spectra, checks."""
 
 from __future__ import annotations
 
@@ -57,26 +57,26 @@ LONGEST_SPECTRUM_S = 300.0
 
 @dataclass(frozen=True)
 class Inspection:
-    """What was found in a log.
+    """Result of inspecting a log.
 
     Parameters
     ----------
     log
-        Its name.
+        Name of the log.
     channels
-        One report each.
+        Reports of the channels.
     faults
-        JSON forms: kind (`shipfp_rs.logs.faults.KINDS`), channel, count, spans (first sample and first after).
+        JSON forms: kind (`shipfp_rs.logs.faults.KINDS`), channel, count, spans (first sample and one past the last).
     windows
-        Rests and excitations of the set point; empty where the log has no channel called so.
+        Rests and excitations of the set point; empty if no channel is recognised as such.
     spectra
-        Channel to frequencies [Hz] and amplitudes, over a rest.
+        Frequencies [Hz] and amplitudes of each channel, over a rest.
     peaks
-        Channel to the lines that stand out.
+        Prominent spectral lines of each channel.
     points
-        Steady points, by speed; empty without a trial.
+        Steady points in order of speed; empty without a trial.
     checks
-        JSON form of everything that was checked.
+        JSON form of all checks.
     """
 
     log: str
@@ -105,12 +105,12 @@ class Inspection:
 def inspect_log(
     log: Log, trial: Trial | None = None, vessel: Vessel | None = None, *, C_Q: float | None = None
 ) -> Inspection:
-    """Inspect a log, alone or together with its trial.
+    """Inspect a log, with or without its trial.
 
-    Alone: channels, faults of clock and level, spikes, windows of the set point if a channel is called so, and the lines in
-    the spectrum of every channel that is no pulse train, over the longest rest. With the trial: all faults that
-    processing finds, lines of the torque by name, the line through set point and speed, the pulse trains against one
-    another, their reflectors, and the static torque against eq. 6.3 with the exponent fitted.
+    Without a trial: channels, faults of clock and level, spikes, windows of the set point if a channel is recognised as
+    such, and spectral lines of every channel except pulse trains, over the longest rest. With the trial: all faults that
+    processing detects, named lines of the torque, the line through set point and speed, a comparison of the pulse trains and
+    their reflectors, and a comparison of the static torque with eq. 6.3, with a fitted exponent.
 
     Parameters
     ----------
@@ -119,14 +119,14 @@ def inspect_log(
     trial
         Its channels and calibrations; the trial's windows are not needed.
     vessel
-        The ship; None: the one that the trial names.
+        The ship; None: the one named in the trial.
     C_Q
-        Torque coefficient for eq. 6.3; None: of the vessel's own operating point.
+        Torque coefficient for eq. 6.3; None: that of the vessel's operating point.
 
     Raises
     ------
     InputError
-        Where a channel of the trial is missing.
+        If a channel of the trial is missing.
     """
     if trial is not None:
         log = trial.completed(log)
@@ -143,9 +143,7 @@ def inspect_log(
         every = found_experiments(log, trial, vessel, windows)
         torque = trial.channels.torque
         steady = [experiment for experiment in every if experiment.kind == "steady"]
-        if (
-            steady and trial.channels.command is None
-        ):  # in open loop no set point tells what the speed should be
+        if steady and trial.channels.command is None:  # in open loop there is no set point for the speed
             name = SIGNAL_OF_LOCATION[torque.location] if torque is not None else None
             points = tuple(steady_points(steady, name))
             longest = max(steady, key=len)
@@ -155,7 +153,7 @@ def inspect_log(
             if points and tells_static_torque(vessel, C_Q):
                 checks["static_torque"] = static_check(vessel, points, C_Q)
             scale[torque.column] = torque.calibration.calibration("Nm").scale
-        # Rests are cut out here: whether the set point is stuck or rests, the whole log has told.
+        # Rests are excluded here: whether the set point is stuck or at rest was decided on the whole log.
         known = {("stuck", trial.channels.driver.column)}
         known |= {(fault["kind"], fault["channel"]) for fault in faults}
         faults += _processed(every, known)
@@ -181,7 +179,7 @@ def inspect_log(
 
 
 def _at_rest(points: Sequence[SteadyPoint], steady: list[Experiment], longest: Experiment) -> dict[str, Any]:
-    """Return what steady experiments tell of set point, pulse trains, noise and bandwidth."""
+    """Checks of set point, pulse trains, noise and bandwidth in steady experiments."""
     return {
         "set_point_to_speed": linearity(points),
         "pulse_trains": trains(steady),
@@ -197,7 +195,7 @@ def _at_rest(points: Sequence[SteadyPoint], steady: list[Experiment], longest: E
 
 
 def _windows(log: Log, trial: Trial | None) -> list[FoundWindow]:
-    """Find the set point's windows; none where a log that stands alone has no such channel, or too little of it."""
+    """Windows of the set point; none if a log without a trial has no such channel, or too few samples."""
     if trial is not None:
         return found_or_named(log, trial)
     try:
@@ -207,7 +205,7 @@ def _windows(log: Log, trial: Trial | None) -> list[FoundWindow]:
 
 
 def _spectrum(log: Log, report: ChannelReport, rest: FoundWindow | None, scale: float) -> tuple[Array, Array]:
-    """Spectrum of a channel over a rest, or over its beginning where none is known."""
+    """Spectrum of a channel over a rest, or over its start if no rest is known."""
     channel = report.channel
     start_s, stop_s = (channel.start_s, channel.stop_s) if rest is None else (rest.start_s, rest.stop_s)
     if rest is not None and stop_s - start_s > 3.0 * SETTLE_S:
@@ -219,7 +217,7 @@ def _spectrum(log: Log, report: ChannelReport, rest: FoundWindow | None, scale: 
 
 
 def _recorded(log: Log, reports: Sequence[ChannelReport], trial: Trial | None) -> list[Fault]:
-    """Return the faults that show in the samples as recorded, from a log's beginning to its end."""
+    """Faults visible in the recorded samples of the whole log."""
     found = []
     channels = None if trial is None else trial.channels
     sensors = (
@@ -233,7 +231,7 @@ def _recorded(log: Log, reports: Sequence[ChannelReport], trial: Trial | None) -
             spans = scan(rows, 0, channel.samples, repeats=True)
             sensor = sensors.get(channel.name)
             if channels is not None and channels.load is not None and sensor is channels.driver:
-                spans.pop("stuck", None)  # beside a load that moves a set point may rest
+                spans.pop("stuck", None)  # beside a moving load a set point may be constant
             kind, limits = spike_rule(sensor, processing)
             line = None if sensor is None else sensor.calibration.calibration("")
             spans[kind] = spikes_of(
@@ -246,7 +244,7 @@ def _recorded(log: Log, reports: Sequence[ChannelReport], trial: Trial | None) -
 
 
 def _processed(experiments: list[Experiment], known: set[tuple[str, str]]) -> list[dict[str, Any]]:
-    """What processing found in the stretches, each kind and channel once; not what is known of the whole log."""
+    """Faults found by processing the stretches, once per kind and channel; without those of the whole log."""
     merged: dict[tuple[str, str], dict[str, Any]] = {}
     for experiment in experiments:
         for fault in experiment.provenance["faults"]:

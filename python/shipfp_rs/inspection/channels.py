@@ -1,4 +1,4 @@
-"""What a log's channels hold: gaps, levels, noise, pulses; each read once, all side by side."""
+"""Contents of a log's channels: gaps, levels, noise, pulses; each is read once, in parallel."""
 
 from __future__ import annotations
 
@@ -22,20 +22,20 @@ from shipfp_rs.support.threads import side_by_side
 
 @dataclass(frozen=True)
 class ChannelReport:
-    """What one channel holds.
+    """Contents of one channel.
 
     Parameters
     ----------
     channel
         Name, unit, rate, samples, start.
     gaps
-        Missing samples: first and first after, shape (K, 2).
+        Missing samples: first and one past the last, shape (K, 2).
     low, high
-        Least and greatest finite sample; NaN where there is none.
+        Smallest and largest finite sample; NaN without any.
     noise
-        Standard deviation of what changes from sample to sample, from second differences; NaN for a pulse train.
+        Standard deviation of the noise from second differences; NaN for a pulse train.
     pulses_hz
-        Pulses per second of a pulse train over its first two minutes; None for anything else.
+        Pulses per second of a pulse train over its first two minutes; None for other channels.
     """
 
     channel: Channel
@@ -64,7 +64,7 @@ class ChannelReport:
 
 
 def describe(log: Log) -> list[ChannelReport]:
-    """Read every channel once and say what it holds."""
+    """Read every channel once and report its contents."""
     stopped = threading.Event()
     return side_by_side([partial(_described, log, name, stopped) for name in log.channels], stopped)
 

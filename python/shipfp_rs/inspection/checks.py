@@ -1,4 +1,4 @@
-"""Checks of calibrated signals at steady points: set point against speed, trains against trains, static torque."""
+"""Checks of calibrated signals at steady points: set point and speed, pulse trains, static torque."""
 
 from __future__ import annotations
 
@@ -22,16 +22,16 @@ from shipfp_rs.support.arrays import Array
 from shipfp_rs.vessel.vessel import PLANT_KEYS, Vessel
 
 SETTLE_S = 4.0
-"""Time after a step that is left out, since the plant still moves [s]."""
+"""Settling time after a step, which is excluded [s]."""
 SAME_POINT = 0.01
-"""Two rests are one steady point if their speeds differ by less, relative."""
+"""Largest relative difference in speed between rests that are one steady point."""
 LEAST_SPAN = 1.1
 """Least ratio of the highest to the lowest speed for a meaningful exponent."""
 
 
 @dataclass(frozen=True)
 class SteadyPoint:
-    """Means over the rests at one set point: n_set and n_e [rpm], torque [Nm] or None, and for how long [s]."""
+    """Means over the rests at one set point: n_set and n_e [rpm], torque [Nm] or None, and duration [s]."""
 
     n_set_rpm: float
     n_e_rpm: float
@@ -40,17 +40,17 @@ class SteadyPoint:
 
 
 def static_torque(vessel: Vessel, n_e_rpm: npt.ArrayLike, C_Q: float | None = None) -> Array:
-    """Return the propeller torque that the four-quadrant diagram tells in bollard pull [Nm] (eq. 6.3).
+    """Propeller torque of the four-quadrant diagram in bollard pull [Nm] (eq. 6.3).
 
     Parameters
     ----------
     vessel
-        Vessel, which gives gear ratio, diameter and density.
+        Source of gear ratio, diameter and density.
     n_e_rpm
         Engine speeds [rpm], any shape.
     C_Q
-        C_Q* at beta 0 or 180 degrees, eta_r taken as 1; 0.02709 for all five points of Table 6.8. None: that of
-        the vessel's own operating point.
+        C_Q* at beta 0 or 180 degrees, with eta_r assumed 1; 0.02709 for all five points of Table 6.8. None: that of
+        the vessel's operating point.
 
     Examples
     --------
@@ -65,7 +65,7 @@ def static_torque(vessel: Vessel, n_e_rpm: npt.ArrayLike, C_Q: float | None = No
 
 
 def tells_static_torque(vessel: Vessel, C_Q: float | None) -> bool:
-    """Whether a vessel has what `static_torque` needs."""
+    """Whether a vessel has the values for `static_torque`."""
     plant = () if C_Q is not None else (*PLANT_KEYS, "operating_point")
     return vessel.given("water.density_kg_m3", "propeller.diameter_m", *plant)
 
@@ -108,7 +108,7 @@ def linearity(points: Sequence[SteadyPoint]) -> dict[str, Any]:
 
 
 def found_or_named(log: Log, trial: Trial) -> list[FoundWindow]:
-    """Return the windows found in a log; those that its trial names where it is too short, or nothing in it rests."""
+    """Windows detected in a log; those of its trial if the log is too short, or has no rest."""
     channel = log.channel(trial.channels.driver.column)
     named = [
         (window.name, window.kind, window.start_s, window.stop_s) for window in trial.windows_of(log.name)
@@ -137,14 +137,14 @@ def found_or_named(log: Log, trial: Trial) -> list[FoundWindow]:
 
 
 def _lasts(window: FoundWindow) -> bool:
-    """Whether a rest is longer than the plant takes to settle."""
+    """Whether a rest is longer than the settling time."""
     return window.kind == "steady" and window.stop_s - window.start_s > 2.0 * SETTLE_S
 
 
 def found_experiments(
     log: Log, trial: Trial, vessel: Vessel, found: Sequence[FoundWindow]
 ) -> list[Experiment]:
-    """Process each stretch found in a log as if it were a window of the trial; rests begin after they have settled."""
+    """Process each stretch found in a log as a window of the trial; rests start after settling."""
     windows = tuple(
         Window(
             name=window.name,
@@ -155,7 +155,7 @@ def found_experiments(
         for window in found
         if window.kind != "steady" or _lasts(window)
     )
-    # Only the signals' own values are needed, so any operating point will do; a load can't be normalised with it.
+    # Only absolute signals are needed, so any operating point will do; a load can't be normalised with it.
     plain = trial.model_copy(
         update={
             "channels": trial.channels.model_copy(update={"load": None}),
@@ -168,7 +168,7 @@ def found_experiments(
 
 
 def steady_points(experiments: Sequence[Experiment], torque: str | None) -> list[SteadyPoint]:
-    """Return the means of steady experiments, those at one speed as one point, by speed."""
+    """Means of steady experiments in order of speed, those at one speed as one point."""
     groups: list[list[Experiment]] = []
     for experiment in sorted(experiments, key=_speed):
         if groups and _speed(experiment) < (1.0 + SAME_POINT) * _speed(groups[-1][0]):
@@ -191,7 +191,7 @@ def steady_points(experiments: Sequence[Experiment], torque: str | None) -> list
 
 
 def trains(experiments: Sequence[Experiment]) -> dict[str, Any]:
-    """Compare the speeds that the pulse trains tell, and tell how far reflectors are off their even places."""
+    """Compare the speeds of the pulse trains, and report how far reflectors are from even spacing."""
     best = max(experiments, key=len).provenance["speed"]
     apart = [
         max(speeds) / min(speeds) - 1.0

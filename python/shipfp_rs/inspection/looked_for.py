@@ -1,4 +1,4 @@
-"""Which faults an inspection looked for in which channels: a log that stands alone does not say what its channels are."""
+"""Faults that an inspection searched in each channel, since without a trial the channels' roles are unknown."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ from shipfp_rs.logs.faults.record import KINDS
 from shipfp_rs.processing.trial import Trial
 
 OF_ANY = ("gap", "dropout", "stuck", "clipped", "repeated", "spike")
-"""Faults of level and spikes, which can be found in any channel that is no pulse train."""
+"""Faults of level and spikes, searched in any channel except pulse trains."""
 OF_A_TRAIN = ("gap",)
 SPIKES: Mapping[str, str] = {"set_point": "D1", "torque": "C"}
-"""What a spike is called in a channel of this role."""
+"""Kind of a spike in a channel of this role."""
 OF_ROLES: Mapping[str, tuple[str, ...]] = {
     "set_point": ("D2", "D3"),
     "torque": ("sign",),
     "train": ("A", "B", "faint"),
 }
-"""Faults that only a channel of this role can have; a trial names the roles."""
+"""Faults specific to channels of a role, which a trial assigns."""
 
 
 def looked_for(reports: Sequence[ChannelReport], trial: Trial | None) -> dict[str, Any]:
-    """Return the JSON form: "channels", name to kinds of fault, and "left_out", kinds that were looked for in none."""
+    """JSON form: "channels", the fault kinds searched in each, and "left_out", the kinds searched in none."""
     found = {
         report.channel.name: [*(OF_ANY if report.pulses_hz is None else OF_A_TRAIN)]
         for report in reports
@@ -44,7 +44,7 @@ def looked_for(reports: Sequence[ChannelReport], trial: Trial | None) -> dict[st
 
 
 def sentences(told: Mapping[str, Any], *, trial: bool) -> list[str]:
-    """Return sentences that say which faults were looked for; channels with the same faults share one."""
+    """Sentences on which faults were searched; channels with the same faults share one."""
     together: dict[tuple[str, ...], list[str]] = {}
     for name, kinds in told["channels"].items():
         together.setdefault(tuple(kinds), []).append(name)

@@ -1,4 +1,4 @@
-"""Pictures of an inspection: the windows found, spectra with named lines, torque over speed."""
+"""Plots of an inspection: windows, spectra with named lines, torque over speed."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ WIDTH, HEIGHT = 10.0, 4.0
 
 
 def draw(inspection: Inspection, log: Log, folder: Path) -> list[Path]:
-    """Write the pictures that the inspection has something for into a folder; return their paths."""
+    """Write all plots with content to a folder; return their paths."""
     written = []
     if inspection.windows:
         written.append(_saved(_windows(inspection, log), folder / "windows.png"))

@@ -1,4 +1,4 @@
-"""Whether a channel is a pulse train: of two levels, or sinusoidal as a variable-reluctance pick-up's."""
+"""Recognition of pulse trains: of two levels, or sinusoidal as from a variable-reluctance pick-up."""
 
 from __future__ import annotations
 
@@ -12,34 +12,35 @@ from shipfp_rs.support.arrays import Array
 from shipfp_rs.tacho import PulseTimes, pulse_times
 
 PROBE_S = 120.0
-"""Length of the stretch from which a channel is judged [s]."""
+"""Length of the stretch from which a channel is classified [s]."""
 LEAST_PULSES = 10
 NEAR_A_LEVEL = 0.15
-"""A sample is at one of the two levels if it is nearer than this share of the train's height."""
+"""A sample is at one of the two levels if it is closer than this fraction of the train's height."""
 AT_LEVELS = 0.75
-"""A train has two levels if this share of its samples is at one of them; of a sine's samples half are."""
+"""Least fraction of samples at one of the levels in a train with two levels; for a sine it is one half."""
 EVEN = 0.3
-"""Largest relative difference of a period from the median of nine for it to count as even. Teeth and reflectors stay
-below it, steps of a set point or a torque do not."""
+"""Largest relative difference of an even period from the median of nine. Teeth and reflectors stay below it, steps of a set
+point or a torque do not.
+"""
 EVEN_SHARE = 0.6
 SLOWEST_HZ = 0.2
-"""A shaft that turns slower than this once in five seconds is at rest."""
+"""Shaft speed below which it counts as at rest."""
 SINE_EVEN_SHARE = 0.9
 SINE_SLOWEST_HZ = 5.0
 """Lowest rate of a sinusoidal pick-up [Hz]; slower oscillations are set points or waves."""
 SINE_SCATTER = 0.15
 """Largest scatter of the heights of neighbouring pulses; a torque's ripple, of several orders, scatters more."""
 SINE_OFFSET = 1.0
-"""Largest distance of a pick-up's middle from zero, in heights; a torque's ripple is small beside the torque."""
+"""Largest offset of a pick-up's middle from zero, in heights; a torque's ripple is small compared to the torque."""
 SINE_DRIFT = 1.5
 """Largest range of its middle during the middle half of the time, in heights."""
 MAINS_HZ = (50.0, 60.0)
 MAINS_WITHIN, MAINS_STEADY = 5e-3, 1e-3
-"""No shaft turns so evenly at the mains' frequency."""
+"""Largest distance from the mains frequency, and largest scatter, of mains hum; no shaft is as steady."""
 
 
 def pulse_rate(rows: Rows) -> float | None:
-    """Return the pulses per second of a pulse train over its first two minutes, None for anything else."""
+    """Pulses per second of a pulse train over its first two minutes; None for other channels."""
     channel = rows.channel
     probe = rows.read(0, min(round(PROBE_S * channel.rate_hz), channel.samples)).astype(np.float64)
     known = np.isfinite(probe)
@@ -64,7 +65,7 @@ def pulse_rate(rows: Rows) -> float | None:
 def _even_share(pulses: PulseTimes) -> float:
     periods = np.diff(pulses.times_s)
     usual = median_filter(periods, size=9, mode="nearest")
-    # One sample more or less does not make a train uneven.
+    # A difference of one sample does not make a train uneven.
     return float(np.mean(np.abs(periods - usual) < np.maximum(EVEN * usual, 1.2 / pulses.rate_hz)))
 
 
@@ -75,14 +76,14 @@ def _has_two_levels(samples: Array) -> bool:
 
 
 def _is_sinusoidal(probe: Array, pulses: PulseTimes) -> bool:
-    """Whether pulses are as high as their neighbours and about zero, at a rate that is not the mains'."""
+    """Whether pulses have similar heights and are centred on zero, at a rate other than that of the mains."""
     times = pulses.times_s
     periods = np.diff(times)
     if np.median(periods) > 1.0 / SINE_SLOWEST_HZ:
         return False
     places = np.ceil(times * pulses.rate_hz).astype(np.int64)
     filled = np.where(np.isfinite(probe), probe, pulses.middle)
-    # What follows the last pulse is no whole one.
+    # The last pulse is incomplete.
     top, bottom = (extreme.reduceat(filled, places)[:-1] for extreme in (np.maximum, np.minimum))
     single = periods < 1.5 * median_filter(periods, size=9, mode="nearest")
     height, middle = (top - bottom)[single], 0.5 * (top + bottom)[single]

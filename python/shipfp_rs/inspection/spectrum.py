@@ -1,4 +1,4 @@
-"""Lines in the spectrum of a steady channel, named after what turns (section 6.3.1, Table 6.9)."""
+"""Spectral lines of a steady channel, named by rotating parts (section 6.3.1, Table 6.9)."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ from shipfp_rs.vessel.vessel import Vessel
 SEGMENT_S = 20.0
 """Length of a segment of the averaged spectrum: lines 0.25 Hz apart are resolved."""
 LEAST_SAMPLES = 64
-"""Fewest samples of a segment, and of a channel that gets a spectrum."""
+"""Fewest samples of a segment, and of a channel with a spectrum."""
 ABOVE_FLOOR = 4.0
-"""Least height of a line over the median around it."""
+"""Least ratio of a line to the median around it."""
 FLOOR_HZ = 4.0
-"""Width of the stretch whose median is the floor."""
+"""Bandwidth of this median."""
 LOWEST_HZ = 0.5
 MOST_PEAKS = 12
 NAMED_WITHIN = 0.01
-"""A line gets the name of a known rate if it is nearer than this, relative."""
+"""Largest relative distance of a line from the known rate that names it."""
 
 
 @dataclass(frozen=True)
 class Peak:
-    """A line: its frequency [Hz], its amplitude in the channel's unit, and what makes it, where that is known."""
+    """Spectral line: frequency [Hz], amplitude in the channel's unit, and its source, if known."""
 
     frequency_hz: float
     amplitude: float
@@ -42,9 +42,9 @@ class Peak:
 
 
 def amplitude_spectrum(samples: npt.ArrayLike, rate_hz: float) -> tuple[Array, Array]:
-    """Return frequencies [Hz] and amplitudes of a steady signal, averaged, spikes and gaps bridged.
+    """Frequencies [Hz] and averaged amplitudes of a steady signal, with spikes and gaps bridged.
 
-    A sine of amplitude a shows as a, whatever its frequency (flat-top window).
+    A sine of amplitude a appears as a at any frequency (flat-top window).
     """
     values = np.asarray(samples, dtype=np.float64)
     values = bridge(values, ~np.isfinite(values))
@@ -59,7 +59,7 @@ def amplitude_spectrum(samples: npt.ArrayLike, rate_hz: float) -> tuple[Array, A
 
 
 def rates_of(vessel: Vessel, n_e_rpm: float) -> dict[str, float]:
-    """Return what turns at an engine speed, name to rate [Hz] (eq. 6.4 to 6.6), as far as the vessel tells.
+    """Rates [Hz] of rotating parts by name at an engine speed (eq. 6.4 to 6.6), as far as the vessel defines them.
 
     Examples
     --------
@@ -78,20 +78,20 @@ def rates_of(vessel: Vessel, n_e_rpm: float) -> dict[str, float]:
 
 
 def find_peaks(frequency: Array, amplitude: Array, known: Mapping[str, float] | None = None) -> list[Peak]:
-    """Return the lines that stand out from the spectrum about them, in order of frequency.
+    """Prominent lines of a spectrum in order of frequency.
 
     Parameters
     ----------
     frequency, amplitude
-        Of `amplitude_spectrum`, shape (F,).
+        Result of `amplitude_spectrum`, shape (F,).
     known
-        Name to rate [Hz], for the lines' names.
+        Rates [Hz] by name, to name the lines.
     """
     step = float(frequency[1] - frequency[0])
     half = int(np.clip(0.5 * FLOOR_HZ / step, 1, len(amplitude) - 1))
     padded = np.pad(amplitude, half, mode="reflect")
     floor = np.median(np.lib.stride_tricks.sliding_window_view(padded, 2 * half + 1), axis=1)
-    # The flat top of a line is some bins wide: the highest within half a hertz counts.
+    # The flat top of a line is several bins wide: the highest within half a hertz counts.
     places, _ = signal.find_peaks(amplitude, height=ABOVE_FLOOR * floor, distance=max(round(0.5 / step), 1))
     places = places[frequency[places] >= LOWEST_HZ]
     places = np.sort(places[np.argsort(amplitude[places])[::-1][:MOST_PEAKS]])

@@ -1,6 +1,6 @@
-"""Pictures of experiments, responses, fits and parameters; each function takes axes or makes them.
+"""Plots of experiments, responses, fits and parameters; each function accepts axes or creates them.
 
-Nothing here shows or saves a figure. Colours are of middle lightness: they read on white and on black.
+Figures are neither shown nor saved. Colours are of medium lightness, legible on white and on black.
 """
 
 from shipfp_rs.plot.estimates import correlogram, intervals, likelihood

@@ -1,4 +1,4 @@
-"""Step and frequency responses of several fingerprints with their 95 % bands, to see what a change means."""
+"""Step and frequency responses of several fingerprints with 95 % bands, which show the effect of a change."""
 
 from __future__ import annotations
 
@@ -22,17 +22,17 @@ FREQUENCY_HZ = np.geomspace(0.003, 5.0, 200)
 
 
 def draw(fingerprints: Mapping[str, Fingerprint]) -> Figure:
-    """Draw a column of panels an output: step response, amplitude and phase of the frequency response.
+    """Draw a column of panels per output: step response, amplitude and phase of the frequency response.
 
     Parameters
     ----------
     fingerprints
-        Label to fingerprint of one linear structure, up to five.
+        Up to five fingerprints of one linear structure, by label.
 
     Raises
     ------
     InputError
-        For none or more than five, or where a structure is not linear.
+        For none or more than five, or if a structure is not linear.
     """
     from matplotlib.figure import Figure
 

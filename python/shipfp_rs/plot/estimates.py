@@ -1,4 +1,4 @@
-"""Pictures of estimates: intervals, profile likelihoods, correlations of residuals."""
+"""Plots of estimates: intervals, profile likelihoods, correlations of residuals."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ if TYPE_CHECKING:
     from shipfp_rs.assessment.profile_likelihood import Likelihood
 
 FAR = 1000.0
-"""Distance from the estimate beyond which nobody asks for the figure [%]."""
+"""Largest distance from the estimate that is given as a number [%]."""
 EVEN_PCT, LEAST_PCT, MOST_PCT = 1.0, 40.0, 300.0
-"""Distance up to which the axis is even, beyond which it is logarithmic, and its least and greatest end [%]."""
+"""End of the linear part of the axis, followed by a logarithmic one, and least and greatest end of the axis [%]."""
 TICKS_PCT = (1.0, 5.0, 25.0, 200.0)
 STATES: Mapping[str, tuple[str, str]] = {
     "known well": (BLUE, "o"),
@@ -30,7 +30,7 @@ STATES: Mapping[str, tuple[str, str]] = {
     "hardly known": (PURPLE, "D"),
     "misses the truth": (RED, "X"),
 }
-"""How well a parameter is known, as tables of a report tell it too: colour and mark."""
+"""Colour and mark of each accuracy class of a parameter, as in the tables of a report."""
 
 
 @checked
@@ -41,20 +41,20 @@ def intervals(
 ) -> Axes:
     """Draw the 95 % intervals of parameters and combinations relative to the truth, or else to the estimate.
 
-    A distance is in per cent of the reference, of one near zero in per cent of what is small for a drive train (0.05 s, or
-    0.5): a delay of almost nothing that is known to a millisecond is known well. The axis is even up to 1 % and logarithmic
-    beyond. Colour and mark say whether half of an interval is within 25 %, within 200 %, or more, or whether the interval
-    misses the truth. What the data leave open has no interval and is left out. One that goes beyond 300 % ends in an arrow,
-    and the figure beside the arrow says where.
+    Distances are in per cent of the reference, or for a reference near zero in per cent of a small value for drive trains
+    (0.05 s, or 0.5): a delay near zero that is known to a millisecond is known well. The axis is linear up to 1 % and
+    logarithmic above. Colour and mark show whether half the interval is within 25 %, within 200 %, or larger, and whether
+    the interval misses the truth. Undetermined parameters have no interval and are omitted. An interval of more than 300 %
+    ends in an arrow beside its end as a number.
 
     Parameters
     ----------
     fingerprint
         The estimates.
     truth
-        Name to true value, for simulated logs; names it lacks are left out.
+        True values by name, for simulated logs; parameters without one are omitted.
     ax
-        Axes; made where None.
+        Axes; None: new ones.
 
     Returns
     -------
@@ -101,7 +101,7 @@ def intervals(
 
 
 def _row(estimate: Estimate, reference: float | None) -> tuple[float, float, float, str]:
-    """Return estimate and ends of its interval, as distances from a reference [%], and how well it is known."""
+    """Estimate and ends of its interval, as distances from a reference [%], and accuracy class."""
     assert reference is not None
     assert estimate.value is not None
     assert estimate.ci95 is not None
@@ -119,15 +119,15 @@ def likelihood(found: Likelihood, ax: Axes | None = None) -> Axes:
     Parameters
     ----------
     found
-        One of `profile_likelihood`.
+        Result of `profile_likelihood`.
     ax
-        Axes; made where None.
+        Axes; None: new ones.
 
     Returns
     -------
     Axes
     """
-    # It loads SciPy, which no other picture needs.
+    # Imports SciPy, which no other plot needs.
     from shipfp_rs.assessment.profile_likelihood import LEVEL
 
     (ax,) = panels_of(None if ax is None else [ax], 1)
@@ -136,7 +136,7 @@ def likelihood(found: Likelihood, ax: Axes | None = None) -> Axes:
     ax.plot(found.values[finite], found.deviance[finite], ".-", color=color, lw=1.2, ms=4, label=found.kind)
     ax.axhline(LEVEL, color=GREY, lw=1.0, ls="--", label="95 %")
     ax.axvline(found.value, color=GREY, lw=0.8)
-    # A steep rise beside the interval must not flatten the curve within it.
+    # A steep rise beside the interval must not compress the curve within it.
     ax.set_ylim(-0.1, 3.0 * LEVEL)
     ax.set_xlabel(f"{found.name} [{found.unit}]")
     dress(ax, "deviance [-]")
@@ -147,17 +147,17 @@ def likelihood(found: Likelihood, ax: Axes | None = None) -> Axes:
 def correlogram(fingerprint: Fingerprint, output: str, axes: Sequence[Axes] | None = None) -> Sequence[Axes]:
     """Draw the correlations of an output's whitened residuals with their own past and with the set point, by lag.
 
-    What a right model leaves over stays within the band, which holds 95 % of the correlations of white noise, and of
-    noise that knows nothing of the set point (Ljung 1999, section 16.6).
+    For a correct model they are within the band, which contains 95 % of the correlations of white noise that is
+    independent of the set point (Ljung 1999, section 16.6).
 
     Parameters
     ----------
     fingerprint
-        The result; its `residuals` hold what is drawn.
+        The result, with `residuals`.
     output
-        One of its outputs, such as "dn".
+        Output, such as "dn".
     axes
-        One for each correlation: own past, of noise taken for white, and set point; made where None.
+        Axes of each correlation: own past (if the noise is assumed white) and set point; None: new ones.
 
     Returns
     -------
@@ -166,7 +166,7 @@ def correlogram(fingerprint: Fingerprint, output: str, axes: Sequence[Axes] | No
     Raises
     ------
     InputError
-        Where the fingerprint holds no residuals of the output.
+        If the fingerprint has no residuals of the output.
     """
     if output not in fingerprint.residuals:
         known = ", ".join(fingerprint.residuals) or "none; fit a given structure to an experiment"
@@ -189,7 +189,7 @@ def correlogram(fingerprint: Fingerprint, output: str, axes: Sequence[Axes] | No
         ax.axhline(0.0, color=GREY, lw=0.8)
         dress(ax, labels[kind], legend=ax is panels[0])
         ax.set_xlabel(f"lag [{unit}]")
-    # Lags of the set point grow geometrically, since the missing answer may be fast or slow.
+    # Lags of the set point grow geometrically, since the unmodelled response may be fast or slow.
     panels[-1].set_xscale("symlog", linthresh=step, linscale=0.5)
     panels[-1].set_xlim(-0.5 * step, 1.2 * max(lags[-1], step))
     panels[-1].xaxis.set_major_formatter("{x:g}")
@@ -198,7 +198,7 @@ def correlogram(fingerprint: Fingerprint, output: str, axes: Sequence[Axes] | No
 
 
 def _write_end(ax: Axes, end: float, edge: float, place: int, color: str) -> None:
-    """Write the end of an interval [%] above its arrow; beyond `FAR` only that it is further away."""
+    """Write the end of an interval [%] above its arrow; above `FAR` only that it is further away."""
     shown = f"{end:+.3g} %" if abs(end) < FAR else f"{'>' if end > 0.0 else '<'} {np.sign(end) * FAR:+.0f} %"
     side: Literal["left", "right"] = "right" if edge > 0.0 else "left"
     inwards = -8.0 if edge > 0.0 else 8.0

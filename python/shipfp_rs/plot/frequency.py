@@ -1,4 +1,4 @@
-"""Bode plots: frequency responses as measured, as fitted, and of several models."""
+"""Bode plots of measured and fitted frequency responses, and of several models."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from shipfp_rs.identification.fingerprint import Fingerprint
 
 MARKS = "osD^v"
-"""Of windows in one plot, in turn."""
+"""Marks of successive windows in one plot."""
 
 
 @checked
@@ -34,12 +34,12 @@ def bode(
     Parameters
     ----------
     measured
-        Points; where it knows their standard deviations they get bars of two of these. Of a fingerprint those of the first
-        experiment that was fitted, with the model's curve.
+        Points, with bars of two standard deviations if these are known. For a fingerprint, those of the first fitted
+        experiment, with the model's curve.
     model
-        The model's response at frequencies of its own, ascending; measured phases are drawn on its turn.
+        The model's response at its own ascending frequencies; measured phases are shifted by whole turns to match it.
     axes
-        Two, amplitude and phase; made where None.
+        Two axes, for amplitude and phase; None: new ones.
 
     Returns
     -------
@@ -62,7 +62,7 @@ def bode(
 def windows(
     pairs: Sequence[tuple[FrequencyResponse, FrequencyResponse]], axes: Sequence[Axes]
 ) -> Sequence[Axes]:
-    """Draw the measured responses of several windows in one plot, each with marks of its own, and the model's curves."""
+    """Draw the measured responses of several windows in one plot, with a mark each, and the model's curves."""
     for place, (measured, model) in enumerate(pairs):
         _points_and_curves(measured, model, axes, MARKS[place % len(MARKS)], several=len(pairs) > 1)
     _dress_bode(*axes)
@@ -77,7 +77,7 @@ def _points_and_curves(
     *,
     several: bool = False,
 ) -> None:
-    """Draw points with bars, and the model's curve of each signal, which the first window's legend names."""
+    """Draw points with bars, and the model's curve of each signal, labelled only for the first window."""
     amplitude, phase = axes
     for name, response in measured.response.items():
         color, size, angle = COLOURS[name], np.abs(response), _phase(response)
@@ -93,9 +93,9 @@ def _points_and_curves(
         bars = angle_bars = None
         if name in measured.amplitude_std:
             reach = 2.0 * measured.amplitude_std[name]
-            # A bar ends at a tenth of the value at the lowest, since a logarithmic axis has no zero.
+            # Bars end at a tenth of the value at the lowest, since a logarithmic axis has no zero.
             bars = size * np.array([np.minimum(reach, 0.9), reach])
-            # An unknown phase gets a bar of half a turn either way.
+            # An unknown phase gets a bar of half a turn in either direction.
             angle_bars = np.minimum(np.degrees(2.0 * measured.phase_std[name]), 180.0)
         style: dict[str, Any] = {"color": color, "fmt": mark, "ms": 4, "lw": 1.0, "capsize": 2}
         label = f"{measured.name}: {LABELS[name]}" if several else LABELS[name]
@@ -112,11 +112,11 @@ def responses(
     Parameters
     ----------
     curves
-        Label to response; at most six, drawn as lines, the first one broad and grey behind the others.
+        At most six responses by label, drawn as lines; the first is broad and grey behind the others.
     signal
         Name of the signal.
     axes
-        As of `bode`.
+        See `bode`.
     """
     amplitude, phase = panels = panels_of(axes, 2, sharex=True)
     for index, (label, curve) in enumerate(curves.items()):

@@ -1,4 +1,4 @@
-"""Pictures of pulse trains: reflectors, missed and extra pulses."""
+"""Plots of pulse trains: reflectors, missed and extra pulses."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ if TYPE_CHECKING:
 def pulse_intervals(
     pulses: PulseTimes, pulses_per_rev: int, angles: ReflectorAngles | None = None, ax: Axes | None = None
 ) -> Axes:
-    """Draw each interval between pulses relative to an even share of its turn: reflectors, extra and missed pulses.
+    """Draw each interval between pulses relative to an equal division of its turn.
 
-    The intervals of a train at steady speed lie on one line for each reflector. A missed or an extra pulse is a
-    cross at the edge, and from there on the colours change places.
+    At steady speed the intervals lie on one line per reflector. A missed or extra pulse is a cross at the edge, after
+    which the colours are exchanged.
 
     Parameters
     ----------
@@ -32,9 +32,9 @@ def pulse_intervals(
     pulses_per_rev
         Number of reflectors.
     angles
-        Spacings found, drawn as lines.
+        Estimated spacings, drawn as lines.
     ax
-        Axes; made where None.
+        Axes; None: new ones.
 
     Returns
     -------
@@ -43,16 +43,16 @@ def pulse_intervals(
     Raises
     ------
     InputError
-        For less than one turn of pulses.
+        If there is less than one turn of pulses.
     """
     (ax,) = panels_of(None if ax is None else [ax], 1)
     times = pulses.times_s
     if len(times) <= pulses_per_rev:
         raise InputError(f"{len(times)} pulses, expected more than the {pulses_per_rev} of one turn")
-    # SciPy is loaded for this picture alone.
+    # SciPy is needed only for this plot.
     from scipy.ndimage import median_filter, uniform_filter1d
 
-    # A median over turns nearby, so that one wrong pulse does not change the turn it is compared with.
+    # Median over nearby turns, so that a wrong pulse does not change the turn it is compared with.
     period = np.diff(times)
     share = median_filter(uniform_filter1d(period, pulses_per_rev), 4 * pulses_per_rev + 1)
     deviation = 100.0 * (period / share - 1.0)

@@ -1,4 +1,4 @@
-"""Pictures of signals against time: as measured, and beside what a model makes of them."""
+"""Plots of signals against time: measured, and compared with a model."""
 
 from __future__ import annotations
 
@@ -35,14 +35,14 @@ SPEEDS = ("n_e", "n_s")
 
 @checked
 def time_series(experiment: Experiment, axes: Sequence[Axes] | None = None) -> Sequence[Axes]:
-    """Draw the signals of an experiment against time, one panel a unit, masked samples marked at the bottom.
+    """Draw the signals of an experiment against time, one panel per unit, with masked samples marked at the bottom.
 
     Parameters
     ----------
     experiment
-        What to draw.
+        The signals.
     axes
-        One a unit among the signals; made where None.
+        One per unit of the signals; None: new ones.
 
     Returns
     -------
@@ -68,16 +68,16 @@ def time_series(experiment: Experiment, axes: Sequence[Axes] | None = None) -> S
 def log(
     log: Log, channels: Sequence[str] | None = None, axes: Sequence[Axes] | None = None
 ) -> Sequence[Axes]:
-    """Draw the channels of a log against its clock, one panel each; long ones by the extremes of short stretches.
+    """Draw the channels of a log against its clock, one panel each; long ones as extremes of short stretches.
 
     Parameters
     ----------
     log
-        What to draw.
+        The recording.
     channels
-        Names of those that are drawn; None: all that hold samples.
+        Names of channels to draw; None: all that have samples.
     axes
-        One a channel; made where None.
+        One per channel; None: new ones.
 
     Returns
     -------
@@ -86,7 +86,7 @@ def log(
     Raises
     ------
     InputError
-        Where there is no such channel, or the axes are too few or too many.
+        If there is no such channel, or the number of axes is wrong.
 
     Examples
     --------
@@ -112,7 +112,7 @@ def log(
 
 
 def units(experiment: Experiment) -> tuple[str, ...]:
-    """Return the units among an experiment's signals, the panels of `time_series`."""
+    """Units of an experiment's signals, one per panel of `time_series`."""
     return tuple(dict.fromkeys(UNITS[name] for name in experiment.signals))
 
 
@@ -125,21 +125,21 @@ def fit(
     stretch_s: tuple[float, float] | None = None,
     signals: Sequence[str] | None = None,
 ) -> Sequence[Axes]:
-    """Draw measured signals and the fitted model's, one panel a signal, and the set point beside a speed.
+    """Draw measured signals and those of the fitted model, one panel per signal, and the set point with a speed.
 
-    What was measured is broad, pale and in the signal's colour, the model a thin line of the text's colour upon it, the
-    set point dashed.
+    Measured signals are broad pale lines in their own colours, the model a thin line in the text colour, the set point
+    dashed.
 
     Parameters
     ----------
     measured
-        The measured signals; of a fingerprint the first experiment that was fitted.
+        The measured signals; for a fingerprint, those of the first fitted experiment.
     model
-        What a fingerprint's `predict` or `simulate` gives; needed where `measured` is no fingerprint.
+        Result of a fingerprint's `predict` or `simulate`; needed unless `measured` is a fingerprint.
     axes
-        One a signal; made where None.
+        One per signal; None: new ones.
     stretch_s
-        Begin and end of the stretch to draw [s], with the band about the model that should contain 95 % of the measured
+        Start and end of the stretch to draw [s], with a band about the model that should contain 95 % of the measured
         samples: 1.96 standard deviations of the residuals of the whole record. None: the whole record, without a band.
     signals
         Names of the signals to draw; None: all signals of the model.
@@ -177,14 +177,14 @@ def fit(
         ax.plot(*envelope(time, recorded[rows]), color=color, lw=3.2, alpha=0.55, label="measured")
         ax.plot(*envelope(time, answer[rows]), color=ink, lw=1.0, label="model")
         dress(ax, f"{LABELS[name]} [{UNITS[name]}]")
-    if stretch_s is None:  # else the legend has its place
+    if stretch_s is None:  # else the legend has its own position
         panels[0].set_title(experiment.name, loc="left", parse_math=False)
     panels[-1].set_xlabel("time [s]")
     return panels
 
 
 def _mark(ax: Axes, experiment: Experiment, masked: Mask) -> None:
-    """Draw a strip along the bottom where samples are masked; its edge keeps a single sample visible."""
+    """Draw a strip along the bottom where samples are masked; its edge keeps single samples visible."""
     change = np.flatnonzero(np.diff(np.concatenate([[False], masked, [False]]).astype(np.int8)))
     spans = [
         (first / experiment.rate_hz, (last - first) / experiment.rate_hz)

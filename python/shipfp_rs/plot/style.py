@@ -1,4 +1,4 @@
-"""Colours, labels and axes that all pictures share."""
+"""Colours, labels and axes shared by all plots."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 BLUE, ORANGE, GREEN, PURPLE, GREY, RED = "#3f7fbf", "#d9822b", "#4b9b6b", "#9b6fb5", "#8a8f98", "#cf4d4d"
 BROWN = "#9a6b3f"
 SET_POINT = GREEN
-"""Of every set point, and of nothing beside one."""
+"""Colour of set points, used for nothing else in the same panel."""
 LABELS: Mapping[str, str] = {
     "n_set": "set point $n_{set}$",
     "command": "command",
@@ -31,7 +31,7 @@ LABELS: Mapping[str, str] = {
     "E_n": "speed error $E_n$",
     "M_load": "load torque $M_{load}$",
 }
-"""What the signals are called in legends."""
+"""Names of the signals in legends."""
 QUANTITIES: Mapping[str, str] = {
     "rpm": "speed [rpm]",
     "": "command",
@@ -57,23 +57,23 @@ REFLECTORS = (BLUE, ORANGE, GREEN, PURPLE, GREY, RED)
 COMPARED = (BLUE, ORANGE, GREEN, PURPLE, RED)
 LEGEND_COLUMNS = 5
 ENVELOPE_BINS = 1000
-"""Longer signals are drawn as the smallest and largest sample of this many stretches."""
+"""Longer signals are drawn as the extremes of this number of stretches."""
 
 
 def envelope(time: Array, samples: npt.ArrayLike, bins: int = ENVELOPE_BINS) -> tuple[Array, Array]:
-    """Thin a signal for drawing to the smallest and largest sample of each of `bins` stretches, in order.
+    """Reduce a signal for drawing to the smallest and largest sample of each of `bins` stretches, in order.
 
     Parameters
     ----------
     time, samples
-        Shape (N,); NaN samples are passed over, and a stretch of nothing else stays NaN.
+        Shape (N,); NaN samples are ignored, and a stretch with only NaN stays NaN.
     bins
         Number of stretches.
 
     Returns
     -------
     tuple of ndarray
-        Time and samples, as given where N is at most 4 `bins`, else of shape (2 `bins`,).
+        Time and samples, unchanged if N is at most 4 `bins`, else of shape (2 `bins`,).
     """
     values = np.asarray(samples, dtype=np.float64)
     if len(values) <= 4 * bins:
@@ -103,7 +103,7 @@ def panels_of(axes: Sequence[Axes] | None, count: int, *, sharex: bool = False) 
 
 
 def plain_numbers(ax: Axes) -> None:
-    """Have axes write numbers whole: of a narrow range Matplotlib writes what they have in common beside the axis."""
+    """Write tick labels in full: for a narrow range, Matplotlib writes a common offset beside the axis."""
     from matplotlib.ticker import ScalarFormatter
 
     for axis in (ax.xaxis, ax.yaxis):
@@ -113,14 +113,14 @@ def plain_numbers(ax: Axes) -> None:
 
 
 def dress(ax: Axes, ylabel: str, *, legend: bool = True) -> None:
-    """Give axes a label, a faint grid and a legend above them."""
+    """Add a label, a faint grid and a legend above the axes."""
     ax.set_ylabel(ylabel)
     ax.spines[["top", "right"]].set_visible(False)
     ax.grid(visible=True, color=GREY, alpha=0.25, lw=0.6)
     ax.set_axisbelow(True)
     plain_numbers(ax)
     if legend:
-        # Above the panel: beside the title, and never over a signal.
+        # Above the panel, beside the title, so that it never covers a signal.
         ax.legend(
             loc="lower right",
             bbox_to_anchor=(1.0, 1.0),
