@@ -1,4 +1,4 @@
-"""Design of a trial: the most informative set point within the limits, the accuracy to expect, and the time it takes."""
+"""Design of a trial: the most informative set point within limits, the expected accuracy, and the time needed."""
 
 from __future__ import annotations
 
@@ -43,13 +43,13 @@ __all__ = [
 ]
 
 CANDIDATES = 120
-"""Frequencies that the optimal spectrum is chosen from, evenly spaced by their logarithm."""
+"""Number of candidate frequencies of the optimal spectrum, on a logarithmic scale."""
 FIRST_S = 300.0
-"""Duration that the search for the time needed begins with."""
+"""Initial duration in the search for the time needed."""
 LONGEST_S = 6.0 * 3600.0
-"""Longer than this is no trial; a wanted accuracy that takes more is refused."""
+"""Longest duration of a trial; an accuracy that needs more is rejected."""
 LEAST_PART = 1e-6
-"""Least amplitude over the operating speed: no set point is that fine."""
+"""Least amplitude relative to the operating speed, below the resolution of any set point."""
 SHORTEST_S = 60.0
 ROUNDS = 8
 
@@ -75,45 +75,45 @@ def design(
     generator: Generator | None = None,
     settle_s: float = 10.0,
 ) -> Plan:
-    """Plan a trial: the most informative set point within the limits, and the accuracy to expect.
+    """Plan a trial: the most informative set point within limits, and the expected accuracy.
 
     Parameters
     ----------
     expected
-        What the ship is thought to be: a `Vessel`, its name or file, or an earlier `Fingerprint` or its file. A design is
-        optimal for these values and good near them.
+        Expected ship: a `Vessel`, its name or file, or an earlier `Fingerprint` or its file. A design is optimal for
+        these values and good near them.
     amplitude_rpm
         Largest deviation of the set point [rpm of the engine]; None: 3 % of the operating speed.
     duration_s
-        Length of the whole time series [s]; None: what `accuracy_pct` takes.
+        Duration of the whole time series [s]; None: as long as `accuracy_pct` requires.
     accuracy_pct
-        Wanted standard deviation of every one of `parameters` over its value [%].
+        Largest relative standard deviation of each of `parameters` [%].
     parameters
-        Names of parameters or combinations that `accuracy_pct` is for; None: all that small motions tell.
+        Names of parameters or combinations for `accuracy_pct`; None: all that small motions determine.
     kind
-        "sines" (one after the other), "squares" (square waves one after the other, which tell most under a limit of
-        amplitude, where the ship may be jerked), "multisine" (all at once, with a low
-        crest factor), "chirp" (over the range that tells most) or "mix" (sines, a chirp, and steps for validation).
+        "sines" (in sequence), "squares" (square waves in sequence, the most informative for a given amplitude, if sudden
+        changes are permitted), "multisine" (simultaneous sines with a low crest factor), "chirp" (over the most
+        informative range) or "mix" (sines, a chirp, and steps for validation).
     criterion
-        "D": the smallest volume of the confidence ellipsoid; "A": the smallest sum of the relative variances of all that
-        is identifiable.
+        "D": smallest volume of the confidence ellipsoid; "A": smallest sum of the relative variances of all identifiable
+        quantities.
     structure
-        What will be identified; None: the full ship from speed and gauge torque, or the fingerprint's structure.
+        Structure to identify; None: the full ship from speed and gauge torque, or the fingerprint's structure.
     sensors
-        Signal to its `Noise`; None or left out: 0.3 % of the operating speed and 1 % of the torque, flat up to 10 Hz, and
-        an accuracy of 0.3 % each.
+        `Noise` of each signal; default: 0.3 % of the operating speed and 1 % of the torque, flat up to 10 Hz, with an
+        accuracy of 0.3 % each.
     n_e_rpm
-        Operating point of a vessel [rpm]; None: its own.
+        Operating point of a vessel [rpm]; None: that of the vessel.
     rate_rpm_s
-        Largest rate of change of the set point [rpm/s]; None: any.
+        Largest rate of change of the set point [rpm/s]; None: unlimited.
     avoid_hz
         Bands (low, high) around resonances [Hz].
     lowest_hz, highest_hz
-        Range of frequencies; None: from two periods in the time there is to 5 Hz.
+        Range of frequencies; None: from two periods in the available time to 5 Hz.
     longest_samples
-        Longest waveform that the signal generator holds.
+        Longest waveform that fits the signal generator.
     generator
-        Its calibration and range; None: the vessel's set-point line if it declares one.
+        Calibration and range of the generator; None: the vessel's set-point line if it declares one.
     settle_s
         Time at the operating point before, between and after the parts [s].
 
@@ -124,13 +124,14 @@ def design(
     Raises
     ------
     InputError
-        For arguments out of range, or a trial that can't be made within the limits.
+        If arguments are out of range, or no trial is possible within the limits.
 
     Notes
     -----
-    Information of a line: L. Ljung, System Identification, 2nd ed., section 13.3; optimal shares by the multiplicative
-    algorithm, see `spectrum.optimal_shares`, for small deviations, where the ship is linear. Standard deviations are those
-    of the likelihood that `identify` uses, at the expected values, for a simulated record of the whole time series.
+    Information of a line: L. Ljung, System Identification, 2nd ed., section 13.3. Optimal shares are computed by the
+    multiplicative algorithm, see `spectrum.optimal_shares`, for small deviations, where the ship is linear. Standard
+    deviations follow from the likelihood of `identify` at the expected values, for a simulated record of the whole time
+    series.
 
     Examples
     --------
@@ -171,7 +172,7 @@ def design(
     if generator is None and subject.vessel is not None and subject.vessel.set_point is not None:
         generator = Generator(subject.vessel.set_point.calibration)
     if generator is not None:
-        # Before the work: a set point that the generator can't reach is no plan.
+        # First, since a set point that the generator can't reach is not a plan.
         generator.volts(set_point + limits.amplitude_rpm * np.array([-1.0, 1.0]))
 
     def made(duration: float) -> Plan:
@@ -270,7 +271,7 @@ def _notes(
 
 
 def _torque_limit(subject: Subject, prediction: Prediction) -> str:
-    """Say where the linear answer would leave the engine's torque envelope; no limit is known of a fingerprint."""
+    """Note on where the linear response would leave the engine's torque envelope; empty without an envelope."""
     vessel = subject.vessel
     if vessel is None or "g" not in subject.values or not len(vessel.envelope()[0]):
         return ""
@@ -313,7 +314,7 @@ def _judged(
 def _long_enough(
     made: Callable[[float], Plan], accuracy_pct: float, parameters: Sequence[str] | None, shortest_s: float
 ) -> Plan:
-    """Search the shortest plan that meets the accuracy, to about 10 %."""
+    """Shortest plan that meets the accuracy, to about 10 %."""
     duration, best = max(FIRST_S, shortest_s), None
     for _ in range(ROUNDS):
         plan = _judged(made(duration), made, accuracy_pct, parameters)
@@ -322,7 +323,7 @@ def _long_enough(
             best = plan if best is None or plan.excitation.duration < best.excitation.duration else best
             if plan.needed.duration_s > 0.9 * duration or duration <= shortest_s:
                 break
-        # The time to settle tells nothing, so what is proportional to all of the time falls a little short or long.
+        # The settling time carries no information, so the proportional estimate is slightly short or long.
         duration = max(1.03 * plan.needed.duration_s, shortest_s)
         if duration > LONGEST_S:
             time = f"about {duration / 3600.0:.3g} h" if math.isfinite(duration) else "for ever"

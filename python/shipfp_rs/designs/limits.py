@@ -1,4 +1,4 @@
-"""What a trial may do: amplitude, rate of change, time, bands to stay out of, and the signal generator's means."""
+"""Limits of a trial: amplitude, rate of change, duration, excluded bands, and the signal generator."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from shipfp_rs.support.calibration import Calibration
 from shipfp_rs.support.checks import positive
 
 RATES_HZ = (100.0, 50.0, 20.0, 10.0, 5.0, 2.0, 1.0)
-"""Sample rates that are tried, highest first; the ships of interest answer up to some hertz."""
+"""Sample rates to try, highest first; the ships of interest respond up to a few hertz."""
 SAMPLES_A_PERIOD = 10.0
-"""Fewest samples in a period: straight lines between them are then within 5 % of a sine."""
+"""Fewest samples per period: linear interpolation is then within 5 % of a sine."""
 TOP_HZ = 5.0
-"""Pulse trains show nothing above, and governors do not follow."""
+"""Highest useful frequency, limited by pulse trains and governors."""
 
 
 @dataclass(frozen=True)
@@ -29,9 +29,9 @@ class Generator:
     Parameters
     ----------
     calibration
-        From its volts to the set point [rpm], as eq. 6.7.
+        Conversion of its volts to the set point [rpm], as in eq. 6.7.
     lowest_V, highest_V
-        Range of its output [V].
+        Range of the output [V].
     """
 
     calibration: Calibration
@@ -45,13 +45,7 @@ class Generator:
             )
 
     def volts(self, set_point_rpm: Array) -> Array:
-        """Volts that give a set point (N,).
-
-        Raises
-        ------
-        InputError
-            Where they leave the range of the output.
-        """
+        """Volts for a set point (N,); `InputError` if they are outside the output's range."""
         volts = self.calibration.inverse(set_point_rpm)
         if volts.min() < self.lowest_V or volts.max() > self.highest_V:
             raise InputError(
@@ -71,13 +65,13 @@ class Limits:
     amplitude_rpm
         Largest deviation of the set point [rpm of the engine].
     rate_rpm_s
-        Largest rate of change of the set point [rpm/s]; None: any.
+        Largest rate of change of the set point [rpm/s]; None: unlimited.
     avoid_hz
         Bands (low, high) around resonances [Hz].
     lowest_hz, highest_hz
-        Range of the frequencies; None: from two periods in the time there is, to 5 Hz.
+        Range of the frequencies; None: from two periods in the available time to 5 Hz.
     longest_samples
-        Longest waveform that the generator holds; None: any.
+        Longest waveform that fits the generator; None: unlimited.
     """
 
     amplitude_rpm: float
@@ -95,13 +89,7 @@ class Limits:
         object.__setattr__(self, "avoid_hz", tuple(bands(self.avoid_hz)))
 
     def sample_rate(self, duration_s: float) -> float:
-        """Return the highest sample rate [Hz] whose waveform the generator holds.
-
-        Raises
-        ------
-        InputError
-            Where it holds none, or the wanted frequencies need more.
-        """
+        """Highest sample rate [Hz] whose waveform fits the generator; `InputError` if none does or it is too low."""
         for rate in RATES_HZ:
             if self.longest_samples is None or duration_s * rate <= self.longest_samples:
                 break
@@ -119,7 +107,7 @@ class Limits:
         return rate
 
     def span(self, duration_s: float, rate_hz: float) -> tuple[float, float]:
-        """Return lowest and highest frequency [Hz]."""
+        """Lowest and highest frequency [Hz]."""
         low = self.lowest_hz or 2.0 / duration_s
         high = self.highest_hz or min(TOP_HZ, rate_hz / SAMPLES_A_PERIOD)
         if low >= high:
@@ -130,21 +118,21 @@ class Limits:
         return low, high
 
     def amplitude_at(self, frequency_hz: Array) -> Array:
-        """Return the largest amplitude of a sine [rpm], shape (F,), its rate of change within the limit."""
+        """Largest amplitude of a sine within the rate limit [rpm], shape (F,)."""
         steepest = math.inf if self.rate_rpm_s is None else self.rate_rpm_s
         return np.minimum(self.amplitude_rpm, steepest / (2.0 * math.pi * frequency_hz))
 
     def outside(self, frequency_hz: Array) -> Mask:
-        """Tell which frequencies (F,) lie in none of the bands."""
+        """Which frequencies (F,) lie outside all bands."""
         inside = [(low <= frequency_hz) & (frequency_hz <= high) for low, high in self.avoid_hz]
         return ~np.any(inside, axis=0) if inside else np.ones(len(frequency_hz), dtype=bool)
 
     def within(self, excitation: Excitation) -> float:
-        """Return the factor, at most 1, that brings an excitation within amplitude and rate of change."""
+        """Factor, at most 1, that brings an excitation within amplitude and rate of change."""
         factor = self.amplitude_rpm / excitation.amplitude_rpm
         if self.rate_rpm_s is not None:
             factor = min(factor, self.rate_rpm_s / steepest_rpm_s(excitation))
-        # What rounding has above a limit is none of the ship's.
+        # Exceeding a limit by rounding is permitted.
         return 1.0 if factor > 1.0 - 1e-9 else factor
 
 

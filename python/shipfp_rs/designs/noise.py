@@ -1,4 +1,4 @@
-"""Noise of the sensors: how large, up to which frequency it is flat, and what calibration leaves open."""
+"""Sensor noise: level, bandwidth, and accuracy of the calibration."""
 
 from __future__ import annotations
 
@@ -16,24 +16,24 @@ from shipfp_rs.support.arrays import Array
 MOST_INACCURATE = 0.2
 """Largest relative error of a calibration."""
 LEAST_LEVEL = 1e-9
-"""Least level of noise; the weights of less are beyond what numbers hold."""
+"""Least level of noise; smaller ones have weights out of numerical range."""
 
 
 @dataclass(frozen=True)
 class Noise:
     """Stationary noise with a first-order spectrum.
 
-    Its density is flat up to the corner frequency and falls with its square above.
+    Its density is flat up to the corner frequency and falls with the square of the frequency above.
 
     Parameters
     ----------
     level
-        Standard deviation over the signal's operating point [-].
+        Standard deviation relative to the signal's operating point [-].
     corner_hz
-        Frequency above which it falls [Hz]; None: white up to half the sample rate, and then its density depends on it.
+        Corner frequency [Hz]; None: white up to half the sample rate, on which the density then depends.
     accuracy
-        Smooth relative error of the sensor's response that its calibration leaves open, one standard deviation [-]: what
-        no length of a trial takes away.
+        Smooth relative error of the sensor's response after calibration, one standard deviation [-]. It does not decrease
+        with the length of a trial.
     """
 
     level: float
@@ -52,27 +52,27 @@ class Noise:
             raise InputError(f"noise accuracy is {self.accuracy}, expected 0 to {MOST_INACCURATE:g}")
 
     def correlation(self, rate_hz: float) -> float:
-        """Correlation of successive samples [-]."""
+        """Correlation between successive samples [-]."""
         return 0.0 if self.corner_hz is None else math.exp(-2.0 * math.pi * self.corner_hz / rate_hz)
 
     def innovation(self, rate_hz: float) -> float:
-        """Standard deviation of what a sample has beyond the one before it, over the operating point [-]."""
+        """Standard deviation of a sample given the previous one, relative to the operating point [-]."""
         return self.level * math.sqrt(1.0 - self.correlation(rate_hz) ** 2)
 
     def density(self, frequency_hz: Array, rate_hz: float) -> Array:
-        """One-sided power spectral density at frequencies (F,) [1/Hz], of the samples."""
+        """One-sided power spectral density of the samples at frequencies (F,) [1/Hz]."""
         turn = np.exp(-2j * math.pi * frequency_hz / rate_hz)
         whitened = np.abs(1.0 - self.correlation(rate_hz) * turn) ** 2
         return np.asarray(2.0 * self.innovation(rate_hz) ** 2 / rate_hz / whitened)
 
     def typical(self, turns: Array, samples: int, rate_hz: float) -> Array:
-        """Samples (N,), over the operating point, whose periodogram is the density, of phases (N // 2 + 1,) [turns]."""
+        """Samples (N,), relative to the operating point, with the density as periodogram and given phases [turns]."""
         density = self.density(np.arange(len(turns), dtype=np.float64) * (rate_hz / samples), rate_hz)
         waves = np.sqrt(0.5 * samples * rate_hz * density) * np.exp(2j * math.pi * turns)
         return np.asarray(np.fft.irfft(waves, samples))
 
     def draw(self, samples: int, rate_hz: float, generator: np.random.Generator) -> Array:
-        """Draw samples (N,), over the operating point; the first comes from the stationary distribution."""
+        """Draw samples (N,), relative to the operating point; the first is from the stationary distribution."""
         correlation = self.correlation(rate_hz)
         shocks = self.level * generator.standard_normal(samples)
         shocks[1:] *= math.sqrt(1.0 - correlation**2)
@@ -88,18 +88,13 @@ USUAL: Mapping[str, Noise] = {
     "X_f": Noise(0.01, 10.0),
     "E_n": Noise(0.003, 10.0),
 }
-"""Assumed where no figure of a sensor is given: a pulse train of four reflectors tells about 10 Hz of shaft speed, and its
-edges between samples at 2 kHz scatter by some tenths of a percent; a telemetry gauge by about one."""
+"""Defaults without data of a sensor: four reflectors resolve about 10 Hz of shaft speed, and edges between samples at 2 kHz
+scatter by some tenths of a per cent; a telemetry gauge by about one per cent.
+"""
 
 
 def sensors_of(given: Mapping[str, Noise] | None, signals: Mapping[str, str]) -> dict[str, Noise]:
-    """Return the noise of the sensor behind each output, by name of the output.
-
-    Raises
-    ------
-    InputError
-        For a signal that the structure does not use, or one without noise.
-    """
+    """Sensor noise by output; `InputError` for a signal unused by the structure, or one without noise."""
     for name in given or {}:
         if name not in signals.values():
             raise InputError(f"sensors: found {name!r}, expected some of {', '.join(signals.values())}")

@@ -1,4 +1,4 @@
-"""The figure of a plan: the set point over time, and its spectrum with the bands to stay out of."""
+"""Figure of a plan: the set point over time, and its spectrum with the excluded bands."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A plan: what to put on the set point, what it will tell, and the files for crew and signal generator."""
+"""Plan of a trial: set point, expected results, and the files for crew and signal generator."""
 
 from __future__ import annotations
 
@@ -36,9 +36,9 @@ FILES = (
 
 @dataclass(frozen=True)
 class Needed:
-    """Time that a wanted accuracy takes: all named standard deviations within `accuracy_pct` of their values.
+    """Time needed for all named standard deviations to be within `accuracy_pct` of their values.
 
-    `duration_s` is estimated from the plan and one twice as long; infinite where errors of the gauges alone are larger.
+    `duration_s` is estimated from the plan and one twice as long; infinite if errors of the gauges alone are larger.
     """
 
     accuracy_pct: float
@@ -49,36 +49,36 @@ class Needed:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Plan(Brief):
-    """What `design` returns.
+    """Result of `design`.
 
     Parameters
     ----------
     subject
-        Ship or fingerprint that it is for.
+        Ship or fingerprint of the trial.
     kind, criterion
-        As given to `design`.
+        Arguments of `design`.
     excitation
-        Deviations of the set point, one time series.
+        Deviations of the set point, as one time series.
     spectrum
         Frequency [Hz] and share of time or power of each line of the optimal design.
     efficiency
-        Lower bound on how near the shares are to the optimum [-], by the equivalence theorem.
+        Lower bound on the efficiency of the shares [-], by the equivalence theorem.
     designed_for
-        The names of the parameters for which the lines are chosen: all that small motions determine.
+        Names of the parameters for which the lines are chosen: all that small motions determine.
     prediction
-        Standard deviations, and what will stay unknown.
+        Standard deviations, and undetermined parameters.
     needed
-        Time for the wanted accuracy, where one was given.
+        Time needed for the target accuracy, if one was given.
     sheet
         The crew's run sheet.
     set_point_rpm
         Operating point [rpm of the engine].
     sensors
-        Noise assumed, by output.
+        Assumed noise, by output.
     limits, generator
-        As given to `design`.
+        Arguments of `design`.
     notes
-        What the user should know, in sentences.
+        Information for the user, in sentences.
     """
 
     subject: str
@@ -143,15 +143,15 @@ class Plan(Brief):
         }
 
     def save(self, folder: str | Path, *, force: bool = False) -> Path:
-        """Write plan.json, the time series in rpm and in volts, the run sheet and a figure; all or nothing.
+        """Write plan.json, the time series in rpm and in volts, the run sheet and a figure, atomically.
 
-        `volts.csv` holds time and volts, `volts_points.csv` the volts alone, one a line, for generators that take points
-        and a sample rate.
+        `volts.csv` contains time and volts, `volts_points.csv` only the volts, one per line, for generators that accept
+        points and a sample rate.
 
         Raises
         ------
         InputError
-            Where the folder holds other files and `force` is not given, or can't be written.
+            If the folder has other files and `force` is not given, or it can't be written.
         """
         folder, volts = Path(folder), self.volts()
         title = f"Run sheet: {self.subject}, {self.set_point_rpm:g} rpm"
@@ -177,7 +177,7 @@ class Plan(Brief):
         return folder
 
     def heading(self) -> tuple[str, ...]:
-        """What stands above the run sheet's table: length, limits, samples and volts, then the notes."""
+        """Text above the run sheet's table: length, limits, samples and volts, then the notes."""
         signal, volts = self.excitation, self.volts()
         minutes, seconds = divmod(round(signal.duration), 60)
         lines = [
@@ -199,7 +199,7 @@ def _finite(table: dict[str, Any]) -> dict[str, Any]:
 
 def _columns(*columns: Array) -> str:
     text = io.StringIO()
-    # A tenth of a millivolt is far below what any governor's input resolves.
+    # A tenth of a millivolt is far below the resolution of a governor's input.
     np.savetxt(text, np.column_stack(columns), fmt="%.6f", delimiter=",")
     return text.getvalue()
 
@@ -211,9 +211,9 @@ def needed_for(
     names: tuple[str, ...],
     duration_s: float,
 ) -> Needed:
-    """Estimate the time for an accuracy of all `names` from the standard deviations [%] after a duration and after twice it.
+    """Time for an accuracy of all `names`, from the standard deviations [%] after a duration and after twice that.
 
-    A variance is the sum of a part that falls with time and a part that stays, from errors of gauges and calibration.
+    A variance is the sum of a part that decreases with time and a constant part, from errors of gauges and calibration.
     """
     limiting = max(names, key=lambda name: now[name])
     first, second = now[limiting] ** 2, later.get(limiting, now[limiting]) ** 2

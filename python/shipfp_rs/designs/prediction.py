@@ -1,4 +1,4 @@
-"""What an excitation will tell: the fingerprint to expect of the record that it will make."""
+"""Prediction of the fingerprint from a record of an excitation."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from shipfp_rs.identification.foresight import foresee
 from shipfp_rs.signals import Excitation
 
 SEED = 1
-"""Of the phases of the noise in the record that is looked at."""
+"""Seed of the noise phases in the predicted record."""
 
 
 @dataclass(frozen=True)
 class Prediction:
-    """Expected values with predicted standard deviations, what will stay unknown, and the noise-free record."""
+    """Expected values with predicted standard deviations, undetermined parameters, and the noise-free record."""
 
     parameters: Mapping[str, Estimate]
     derived: Mapping[str, Estimate]
@@ -30,7 +30,7 @@ class Prediction:
 
     @property
     def relative_pct(self) -> dict[str, float]:
-        """Standard deviation over the expected value of all that is known and not zero [%]."""
+        """Relative standard deviation of all known nonzero values [%]."""
         return {
             name: 100.0 * one.std / abs(one.value)
             for name, one in {**self.parameters, **self.derived}.items()
@@ -39,13 +39,13 @@ class Prediction:
 
 
 def predict(subject: Subject, excitation: Excitation, sensors: Mapping[str, Noise]) -> Prediction:
-    """Predict what `identify` will make of a record of this excitation, by the likelihood that it uses.
+    """Predict the result of `identify` for a record of this excitation, by the same likelihood.
 
-    Transients, offsets, initial state and what gauges leave open count, since they are in that likelihood.
+    The likelihood includes transients, offsets, initial state and the accuracy of gauges.
     """
     experiment = subject.respond(excitation)
     samples, signals = len(experiment), subject.signals
-    # The spectrum of a draw would scatter, and all that is predicted with it. Phases apart keep the outputs uncorrelated.
+    # A random draw would have a scattered spectrum, and so would the prediction. Separate phases keep outputs uncorrelated.
     phases = np.random.default_rng(SEED).random(samples // 2 + 1)
     apart = np.arange(len(phases)) / len(signals)
     noisy = {

@@ -1,4 +1,4 @@
-"""What a trial can tell by name: parameters, and combinations of those that are only known together."""
+"""Identifiable quantities of a trial: parameters, and combinations of those that are only known together."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Quantity:
 
 
 def quantities(subject: Subject, sensitivity: Sensitivity) -> dict[str, Quantity]:
-    """Return all that sensitivities tell: parameters first, then combinations with members not known by themselves."""
+    """Identifiable quantities: parameters first, then combinations with members that are not known separately."""
     alone = dict(zip(sensitivity.names, np.linalg.norm(sensitivity.null, axis=0) <= NULL_PART, strict=True))
     found = {
         parameter.name: Quantity(

@@ -1,4 +1,4 @@
-"""The run sheet: what the crew will see, when, and how large; plain text and HTML."""
+"""Run sheet for the crew, with times and sizes of motions; plain text and HTML."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from shipfp_rs.support.html import environment
 HEAD = ("start", "what", "set point ± rpm", "frequency Hz", "speed ± rpm", "torque ± Nm")
 TORQUES = ("M_g", "M_s", "M_b")
 LEAST_REST_S = 1.0
-"""Shorter stretches between two parts are not listed."""
+"""Shortest listed stretch between two parts."""
 
 
 @dataclass(frozen=True)
 class Stretch:
-    """One line of the run sheet; swings are half of peak to peak, None where the quantity is not an output."""
+    """One line of the run sheet; swings are half of peak to peak, None if the quantity is not an output."""
 
     start_s: float
     stop_s: float
@@ -31,7 +31,7 @@ class Stretch:
     torque_Nm: float | None
 
     def cells(self) -> tuple[str, ...]:
-        """Return the line as text, one a column of `HEAD`."""
+        """The line as text, one entry per column of `HEAD`."""
         minutes, seconds = divmod(self.start_s, 60.0)
         return (
             f"{int(minutes):02d}:{seconds:04.1f}",
@@ -44,7 +44,7 @@ class Stretch:
 
 
 def run_sheet(excitation: Excitation, expected: Experiment) -> tuple[Stretch, ...]:
-    """List the parts of an excitation and the rests between them, with the swings that the expected ship shows."""
+    """Parts of an excitation and rests between them, with the swings of the expected ship."""
     segments, at = [], 0.0
     for segment in (*excitation.segments, Segment("", excitation.duration, excitation.duration)):
         if segment.start_s - at > LEAST_REST_S:
@@ -55,7 +55,7 @@ def run_sheet(excitation: Excitation, expected: Experiment) -> tuple[Stretch, ..
 
 
 def as_text(title: str, notes: Sequence[str], stretches: Sequence[Stretch]) -> str:
-    """Return the sheet as plain text."""
+    """Format the sheet as plain text."""
     rows = [HEAD, *(stretch.cells() for stretch in stretches)]
     widths = [max(len(row[column]) for row in rows) for column in range(len(HEAD))]
     lines = [
@@ -70,7 +70,7 @@ def as_text(title: str, notes: Sequence[str], stretches: Sequence[Stretch]) -> s
 
 
 def as_html(title: str, notes: Sequence[str], stretches: Sequence[Stretch]) -> str:
-    """Return the sheet as a page of its own that prints."""
+    """Format the sheet as a printable page."""
     rows = [stretch.cells() for stretch in stretches]
     return environment().get_template("run_sheet.html").render(title=title, notes=notes, head=HEAD, rows=rows)
 
@@ -81,7 +81,7 @@ def _stretch(segment: Segment, excitation: Excitation, expected: Experiment) -> 
         round(segment.start_s * rate), max(round(segment.stop_s * rate), round(segment.start_s * rate) + 1)
     )
     torque = next((name for name in TORQUES if name in expected.signals), None)
-    # A shaft's speed is shown in rpm of the engine, as the set point is.
+    # A shaft's speed is converted to rpm of the engine, as for the set point.
     speed = next((name for name in expected.signals if name in ("n_e", "n_s")), None)
     in_rpm = 1.0
     if speed is not None and UNITS[speed] != "rpm":

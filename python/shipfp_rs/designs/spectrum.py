@@ -1,4 +1,4 @@
-"""Optimal spectra: how much of the time, or of the power, each frequency should have."""
+"""Optimal spectra: the share of time, or of power, for each frequency."""
 
 from __future__ import annotations
 
@@ -20,22 +20,22 @@ Criterion = Literal["D", "A"]
 
 SINE: Mapping[int, float] = {1: 1.0}
 SQUARE: Mapping[int, float] = {order: 4.0 / (np.pi * order) for order in (1, 3, 5, 7, 9)}
-"""Amplitude of each harmonic over the largest deviation; the prediction also includes those above a square's ninth."""
+"""Amplitude of each harmonic relative to the largest deviation; the prediction also includes harmonics above the ninth."""
 ITERATIONS = 20_000
 TOLERANCE = 1e-3
-"""A design counts as optimal when its efficiency is above 1 - `TOLERANCE`."""
+"""A design is optimal when its efficiency exceeds 1 - `TOLERANCE`."""
 SUPPORT = 1e-3
-"""Share of the largest line below which a line is left out."""
+"""Smallest share of a line that is kept, relative to the largest."""
 NEIGHBOURS = 1.001
-"""Candidates further apart than this times the closest two are no neighbours."""
+"""Largest ratio between neighbouring candidates, relative to the smallest such ratio."""
 
 
 @dataclass(frozen=True)
 class Lines:
-    """Candidate frequencies [Hz], shape (F,), with the information that each gives in a second.
+    """Candidate frequencies [Hz], shape (F,), with the information of each per second.
 
-    `information` (F, r, r) is per unit of share at the line's full amplitude, in the r directions that the data tell;
-    `goal` (r, r) makes trace(goal covariance) the sum of relative variances of all that is identifiable.
+    `information` (F, r, r) is per unit of share at the line's full amplitude, in the r identifiable directions;
+    `goal` (r, r) makes trace(goal covariance) the sum of relative variances of all identifiable quantities.
     """
 
     frequency_hz: Array
@@ -45,7 +45,7 @@ class Lines:
     sensitivity: Sensitivity
 
     def total(self, shares: Array) -> Array:
-        """Information a second of shares (F,) or (..., F), shape (..., r, r)."""
+        """Information per second of shares (F,) or (..., F), shape (..., r, r)."""
         return np.tensordot(shares, self.information, axes=1)
 
     def cost(self, shares: Array, criterion: Criterion) -> Array:
@@ -54,8 +54,8 @@ class Lines:
         if criterion == "D":
             sign, logarithm = np.linalg.slogdet(total)
             return np.where(sign > 0, np.exp(-logarithm / total.shape[-1]), np.inf)
-        # Where a design does not excite some direction, the inverse is mere rounding, and a pseudo-inverse would give
-        # that direction no variance at all.
+        # If a design does not excite some direction, the inverse is only rounding, and a pseudo-inverse would give that
+        # direction no variance at all.
         smallest = np.linalg.eigvalsh(total)
         solvable = smallest[..., 0] > 1e-14 * smallest[..., -1]
         safe = np.where(solvable[..., None, None], total, np.eye(total.shape[-1]))
@@ -70,7 +70,7 @@ def candidates(
     rate_hz: float,
     shape: Mapping[int, float] = SINE,
 ) -> Lines:
-    """Return what a wave of each frequency at its largest amplitude tells of the subject; `shape` holds its harmonics.
+    """Information on the subject from a wave of each frequency at its largest amplitude; `shape` holds its harmonics.
 
     With S the derivatives of the responses with respect to the parameters, the information of T seconds is
     T a^2 Re(S^H G^-1 S) for a set point of relative amplitude a and noise of one-sided density G.
@@ -78,7 +78,7 @@ def candidates(
     Raises
     ------
     InputError
-        Where the structure has no frequency response, or the data tell nothing.
+        If the structure has no frequency response, or nothing is identifiable.
     """
     parts = []
     for order, height in shape.items():
@@ -108,9 +108,9 @@ def candidates(
 
 
 def optimal_shares(lines: Lines, criterion: Criterion) -> tuple[Array, float]:
-    """Return the shares (F,) of the optimal design, and its efficiency, at least (1 for the optimum).
+    """Shares (F,) of the optimal design, and a lower bound on their efficiency (1 at the optimum).
 
-    Multiplicative algorithm: each share is multiplied by what its line would gain, to the power 1 ("D") or 1/2 ("A"),
+    Multiplicative algorithm: each share is multiplied by the gain of its line, to the power 1 ("D") or 1/2 ("A"),
     which improves the criterion monotonically: Y. Yu, Annals of Statistics 38 (2010) 1593, doi:10.1214/09-AOS761.
     The bound on the efficiency is the equivalence theorem's (Kiefer and Wolfowitz, doi:10.4153/CJM-1960-030-4).
     """
@@ -127,13 +127,13 @@ def optimal_shares(lines: Lines, criterion: Criterion) -> tuple[Array, float]:
 
 
 def support(lines: Lines, shares: Array) -> tuple[Array, Array]:
-    """Return frequencies [Hz] and shares of a design, neighbouring candidates brought together.
+    """Frequencies [Hz] and shares of a design, neighbouring candidates merged.
 
-    An optimum between two candidates appears as a share of each. Joined to one line they have a lower peak.
+    An optimum between two candidates appears as a share of each. Merged to one line they have a lower peak.
     """
     runs: list[list[int]] = []
     frequency = lines.frequency_hz
-    # Across a band that is left out candidates are no neighbours.
+    # Candidates on either side of an excluded band are not neighbours.
     beside = NEIGHBOURS * np.min(frequency[1:] / frequency[:-1])
     for index in np.flatnonzero(shares > SUPPORT * shares.max()):
         if runs and runs[-1][-1] == index - 1 and frequency[index] < beside * frequency[index - 1]:
@@ -146,13 +146,13 @@ def support(lines: Lines, shares: Array) -> tuple[Array, Array]:
 
 
 def best_sweep(lines: Lines, criterion: Criterion) -> tuple[float, float, Law]:
-    """Return start, stop [Hz] and law of the most informative chirp among those that begin and end at candidates."""
+    """Start, stop [Hz] and law of the most informative chirp that starts and ends at candidates."""
     width = np.gradient(lines.frequency_hz)
     laws: tuple[tuple[Law, Array], ...] = (("logarithmic", width / lines.frequency_hz), ("linear", width))
     found: list[tuple[float, float, float, Law]] = []
     for law, dwell in laws:
         for stop in range(3, len(width) + 1):
-            # A chirp has one amplitude, its highest frequency's; candidates are scaled by their own.
+            # A chirp has one amplitude, that of its highest frequency; candidates are scaled by their own.
             part = dwell[:stop] * (lines.amplitude_rpm[stop - 1] / lines.amplitude_rpm[:stop]) ** 2
             starts = np.triu(np.ones((stop, stop)))[: stop - 2]
             shares = np.zeros((len(starts), len(width)))
@@ -165,7 +165,7 @@ def best_sweep(lines: Lines, criterion: Criterion) -> tuple[float, float, Law]:
 
 
 def _gain(lines: Lines, shares: Array, criterion: Criterion) -> Array:
-    """What a share of each line adds to the criterion, relative to the design's own mean: at most 1 at the optimum."""
+    """Gain of the criterion per share of each line, relative to the design's mean: at most 1 at the optimum."""
     total = lines.total(shares)
     inverse = np.linalg.inv(total)
     weight = inverse if criterion == "D" else inverse @ lines.goal @ inverse
@@ -174,12 +174,12 @@ def _gain(lines: Lines, shares: Array, criterion: Criterion) -> Array:
 
 
 def _goal(subject: Subject, sensitivity: Sensitivity) -> Array:
-    """Sum over all that is identifiable, parameters and combinations of others, of its relative gradient squared."""
+    """Sum of squared relative gradients over all identifiable parameters and combinations."""
     told = sensitivity.right[: sensitivity.rank]
     relative = [
         quantity.gradient * subject.scale / (quantity.value or 1.0)
         for quantity in quantities(subject, sensitivity).values()
     ]
     rows = np.array(relative).reshape(-1, len(subject.free)) @ told.T
-    # A structure of one's own may have combinations that have no name.
+    # A user's structure may have unnamed combinations.
     return np.asarray(rows.T @ rows) if len(rows) >= sensitivity.rank else np.eye(sensitivity.rank)

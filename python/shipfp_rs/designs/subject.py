@@ -1,4 +1,4 @@
-"""What a trial is designed for: a structure at the values it is expected to have, about an operating point."""
+"""Subject of a design: a structure at its expected values, about an operating point."""
 
 from __future__ import annotations
 
@@ -24,20 +24,20 @@ from shipfp_rs.vessel.vessel import Vessel
 
 @dataclass(frozen=True)
 class Subject:
-    """The ship to expect in a trial that is designed.
+    """Ship expected in the planned trial.
 
     Parameters
     ----------
     name
-        Of the ship.
+        Name of the ship.
     structure, values
-        Linear about the operating point: lines are chosen by it, and its parameters by name.
+        Structure linear about the operating point, by which lines are chosen, and its parameters by name.
     operating_point
-        Of each of its signals.
+        Operating point of each signal.
     vessel
-        None where the expectation is a fingerprint.
+        None if the expectation is a fingerprint.
     fitted
-        What will be fitted; None: the full ship.
+        Structure to fit; None: the full ship.
     """
 
     name: str
@@ -54,7 +54,7 @@ class Subject:
         structure: Structure | None,
         n_e_rpm: float | None,
     ) -> Self:
-        """Take the expectation from a ship (or its name or file) or from an earlier fingerprint (or its file)."""
+        """Create the subject from a ship (or its name or file) or from an earlier fingerprint (or its file)."""
         if isinstance(source, str | Path):
             is_result = str(source).endswith(".json")
             source = Fingerprint.load(source) if is_result else Vessel.load(source)
@@ -89,23 +89,23 @@ class Subject:
 
     @property
     def signals(self) -> dict[str, str]:
-        """The measured signal that stands for each output."""
+        """Measured signal of each output."""
         return {output: candidates[0] for output, candidates in self.structure.signals.items()}
 
     @property
     def free(self) -> tuple[str, ...]:
-        """Names of the parameters that are estimated."""
+        """Names of the estimated parameters."""
         return tuple(parameter.name for parameter in self.structure.free)
 
     @property
     def scale(self) -> np.typing.NDArray[np.float64]:
-        """Size of each free parameter, by which its deviations are made relative, shape (P,)."""
+        """Magnitude of each free parameter, for relative deviations, shape (P,)."""
         return np.array(
             [abs(self.values[parameter.name]) or parameter.scale for parameter in self.structure.free]
         )
 
     def respond(self, excitation: Excitation) -> Experiment:
-        """Return what noise-free sensors would record of the expected ship from rest."""
+        """Noise-free record of the expected ship, starting from rest."""
         set_point = {"n_set": self.operating_point["n_set"] + excitation.samples}
         bare = Experiment(
             excitation.name,
@@ -125,12 +125,12 @@ class Subject:
 
 
 def usual_structure() -> Structure:
-    """What speed and a torque gauge between the inertias tell of a ship whose propeller exponent is not known."""
+    """Structure identifiable from speed and a torque gauge between the inertias, with unknown propeller exponent."""
     return Structure.linear(torque="gauge", products=True, free_exponent=True)
 
 
 def _expected(structure: Structure, known: Mapping[str, float]) -> dict[str, float]:
-    """Known values; the structure's own where it holds one fixed, none is known, or a dead time is zero."""
+    """Known values; those of the structure if it fixes them, none is known, or a dead time is zero."""
     return structure.complete(
         {
             parameter.name: parameter.start

@@ -1,4 +1,4 @@
-"""Waveforms of a design: sines one after the other or all at once, a chirp, steps, joined to one time series."""
+"""Waveforms of a design: sines in sequence or simultaneous, a chirp, steps, joined to one time series."""
 
 from __future__ import annotations
 
@@ -26,15 +26,16 @@ PARTS: Mapping[Kind, Mapping[Part, float]] = {
     "chirp": {"chirp": 1.0},
     "mix": {"sines": 0.6, "chirp": 0.25, "steps": 0.15},
 }
-"""Parts of each kind and their shares of the time. In a mix the sines tell most, the chirp shows what no one expected,
-and the steps, which no one fits, validate (section 6.5.2 recommends the three in one signal)."""
+"""Parts of each kind and their shares of the time. In a mix the sines are the most informative, the chirp reveals unexpected
+behaviour, and the steps, which are not fitted, validate (section 6.5.2 recommends the three in one signal).
+"""
 LEVELS = (1.0, -1.0, -1.0, 1.0)
 """Steps of the validation in amplitudes: up, back, down, back."""
 
 
 @dataclass(frozen=True)
 class Setting:
-    """What a waveform is made for: candidate lines, optimal shares, limits, sample rate [Hz]."""
+    """Requirements of a waveform: candidate lines, optimal shares, limits, sample rate [Hz]."""
 
     lines: Lines
     shares: Array
@@ -44,24 +45,18 @@ class Setting:
 
     @classmethod
     def of(cls, lines: Lines, limits: Limits, criterion: Criterion, rate_hz: float) -> tuple[Setting, float]:
-        """Find the optimal share of each line; return the setting and the efficiency of these shares."""
+        """Optimise the share of each line; return the setting and the efficiency of these shares."""
         shares, efficiency = optimal_shares(lines, criterion)
         return cls(lines, shares, limits, criterion, rate_hz), efficiency
 
 
 def settling(kind: Kind, settle_s: float) -> float:
-    """Return the time that a plan spends on letting the ship settle, before, between and after its parts [s]."""
+    """Settling time in a plan, before, between and after its parts [s]."""
     return settle_s * (len(PARTS[kind]) + 1)
 
 
 def waveform(kind: Kind, setting: Setting, duration_s: float, settle_s: float) -> Excitation:
-    """Return the time series of a plan, the ship settled before, between and after its parts.
-
-    Raises
-    ------
-    InputError
-        Where the time does not hold the parts.
-    """
+    """Time series of a plan, with settling before, between and after its parts; `InputError` if the time is too short."""
     parts = PARTS[kind]
     rest = settling(kind, settle_s)
     if duration_s <= 2.0 * rest:
@@ -81,7 +76,7 @@ def _sines(setting: Setting, duration_s: float) -> Excitation:
     frequencies, shares = support(setting.lines, setting.shares)
     times = np.floor(shares * duration_s * setting.rate_hz) / setting.rate_hz
     periods = np.maximum(np.round(times * frequencies), 1.0)
-    # A frequency moved a little fills its time with whole periods, unless it would move into a band.
+    # Frequencies are adjusted slightly to fill the time with whole periods, unless this moves them into a band.
     moved = periods / np.maximum(times, 1.0 / setting.rate_hz)
     periods = np.where(setting.limits.outside(moved), periods, np.floor(times * frequencies))
     frequencies = np.where(setting.limits.outside(moved), moved, frequencies)
@@ -101,7 +96,7 @@ def _sines(setting: Setting, duration_s: float) -> Excitation:
 
 def _squares(setting: Setting, duration_s: float) -> Excitation:
     made = _sines(setting, duration_s)
-    # Rounding at a crossing is no side of it.
+    # Rounding errors at a crossing are not a sign.
     level = np.sign(np.round(made.samples / setting.limits.amplitude_rpm, 9))
     return replace(made, name="squares", samples=setting.limits.amplitude_rpm * level)
 
@@ -110,7 +105,7 @@ def _multisine(setting: Setting, duration_s: float) -> Excitation:
     period_s = math.floor(duration_s * setting.rate_hz) / setting.rate_hz
     frequencies, shares = support(setting.lines, setting.shares)
     places = np.maximum(np.round(frequencies * period_s), 1.0)
-    # Lines that fall on one multiple are one.
+    # Lines that round to the same multiple are merged.
     lines = np.unique(places)
     weights = np.array([np.sqrt(shares[places == line].sum()) for line in lines])
     amplitudes = setting.limits.amplitude_at(lines / period_s)
@@ -121,7 +116,7 @@ def _multisine(setting: Setting, duration_s: float) -> Excitation:
         weights=weights * amplitudes,
         rate_hz=setting.rate_hz,
     )
-    # A period may begin anywhere; where it crosses zero the set point does not jump.
+    # A period may start anywhere; at a zero crossing the set point does not jump.
     start = int(np.argmin(np.abs(made.samples)))
     return replace(made, samples=np.roll(made.samples, -start), segments=())
 
@@ -138,7 +133,7 @@ def _chirp(setting: Setting, duration_s: float) -> Excitation:
         rate_hz=setting.rate_hz,
         name=f"{law} chirp, {start:.3g} to {stop:.3g} Hz",
     )
-    # It ends where it last crosses zero, without a jump back to the operating point.
+    # It ends at the last zero crossing, without a jump back to the operating point.
     crossings = np.flatnonzero(np.diff(np.signbit(made.samples)))
     if not crossings.size:
         raise InputError(
@@ -168,7 +163,7 @@ def _steps(setting: Setting, duration_s: float) -> Excitation:
 
 
 def _smoothing_s(limits: Limits) -> float:
-    """Length of the Hann window [s] that steps are smoothed with: slow enough, and without power in the bands.
+    """Length of the Hann window [s] that smooths steps: long enough for the rate limit, and without power in the bands.
 
     A step smoothed over L is at most 2 / L steep; from 4 / L up the window passes less than a two-hundredth.
     """

@@ -1,4 +1,4 @@
-"""Monte-Carlo sweeps: many simulated trials, each identified, one row a draw; resumable, on any executor."""
+"""Monte Carlo sweeps: many simulated trials, each identified, one row per draw; resumable, on any executor."""
 
 from __future__ import annotations
 
@@ -29,15 +29,15 @@ from shipfp_rs.sweeps.store import SUMMARY, Store, opened
 __all__ = ["DRAWS_PER_TASK", "Plan", "Progress", "Sweep", "Where", "sweep"]
 
 DRAWS_PER_TASK = 50
-"""Draws in a task of a large sweep. A small sweep has at least `SHARES` tasks, so that all workers get some."""
+"""Draws per task of a large sweep. A small sweep has at least `SHARES` tasks, so that all workers get some."""
 SHARES = 40
 MOST_ROWS = 8
-"""Most rows of parameters when a sweep is printed."""
+"""Most rows of parameters in the printed summary of a sweep."""
 
 
 @dataclass(frozen=True)
 class Progress:
-    """How far a sweep is: draws in the folder, those of them that this run made, all, and those that failed in it."""
+    """Progress of a sweep: draws in the folder, those made by this run, the total, and failures in the folder."""
 
     done: int
     made: int
@@ -47,14 +47,14 @@ class Progress:
 
 @dataclass(frozen=True, repr=False)
 class Sweep:
-    """A sweep's folder and what it tells."""
+    """Folder of a sweep and its results."""
 
     folder: Path
     plan: Plan
     summary: dict[str, Any]
 
     def __repr__(self) -> str:
-        """Draws, and errors relative to the truth, in ten lines at most; `summary` and `table` have the rest."""
+        """Draws, and errors relative to the truth, in at most ten lines; `summary` and `table` have the rest."""
         counts = ", ".join(
             f"{count} {what.replace('_', ' ')}" for what, count in self.summary["draws"].items()
         )
@@ -71,14 +71,14 @@ class Sweep:
         return "\n".join(lines)
 
     def batches(self, columns: list[str] | None = None) -> Iterator[pa.RecordBatch]:
-        """Give the rows in pieces, for sweeps that are larger than memory."""
+        """Yield the rows in batches, for sweeps larger than memory."""
         from pyarrow.parquet import ParquetFile
 
         with ParquetFile(self.folder / "results.parquet") as file:
             yield from file.iter_batches(columns=columns)
 
     def table(self, columns: list[str] | None = None) -> pa.Table:
-        """Return the rows, one a draw."""
+        """Table of rows, one per draw."""
         return pa.Table.from_batches(list(self.batches(columns)))
 
 
@@ -94,29 +94,28 @@ def sweep(
     accuracy_pct: Positive = ACCURACY_PCT,
     progress: Callable[[Progress], None] | None = None,
 ) -> Sweep:
-    """Simulate and identify many trials; the same call goes on where an earlier one was stopped or killed.
+    """Simulate and identify many trials; a repeated call resumes a sweep that was stopped or killed.
 
     Parameters
     ----------
     plan
         A plan, the path of a SWEEP.toml, or the name of a built-in study such as "duration".
     out
-        Folder of `results.parquet` (one row a draw) and `summary.json`; that of an earlier run with the same plan is
-        gone on with.
+        Folder of `results.parquet` (one row per draw) and `summary.json`; an earlier run with the same plan is resumed.
     executor
-        "processes" of this machine; "threads", which share one interpreter and so use little more than one core; "dask",
-        a cluster; or an executor of one's own.
+        "processes" on this machine; "threads", which share one interpreter and use little more than one core; "dask",
+        a cluster; or any executor object.
     workers
-        Number of workers; None: one for each core. With an executor of one's own, the number that it has.
+        Number of workers; None: one per core. For an executor object, the number of its workers.
     address
-        Address of a running Dask scheduler; None: a cluster on this machine, on its loopback interface only.
+        Address of a running Dask scheduler; None: a new cluster on this machine's loopback interface.
     draws_per_task
-        Draws that a worker makes in one go, and rows of a part that is safe once it is written. A folder keeps the
-        number that it was begun with. None: 50, fewer in a small sweep.
+        Draws per task of a worker, and rows saved at a time. A resumed sweep keeps its original number. None: 50, fewer
+        in a small sweep.
     accuracy_pct
-        Wanted relative error [%], for the length of a trial in the summary.
+        Target relative error [%], for the length of a trial in the summary.
     progress
-        Called at the start and after every task. None: a line on the terminal or in the notebook says how far it is.
+        Function called at the start and after every task. None: a line on the terminal or in the notebook.
 
     Returns
     -------
@@ -125,15 +124,15 @@ def sweep(
     Raises
     ------
     InputError
-        For a plan that can't work, or a folder that holds something else.
+        If the plan can't work, or the folder has other contents.
     ShipfpError
-        Where the executor or the cluster is gone; what was done until then is kept.
+        If the executor or the cluster is lost; completed draws are kept.
 
     Notes
     -----
-    Every draw follows from the plan and its index alone, so `results.parquet` is the same to the bit for any executor,
-    number of workers, draws per task, and number of interruptions; on other processors the last bits may differ. A
-    time limit makes the result depend on the machine.
+    Every draw depends only on the plan and its index, so `results.parquet` is bitwise identical for any executor, number
+    of workers, draws per task, and number of interruptions; on other processors the last bits may differ. With a time
+    limit, results depend on the machine.
 
     Examples
     --------
@@ -155,7 +154,7 @@ def sweep(
                 _run(plan, store, executor, workers, address, progress)
                 store.finish()
         finally:
-            # A run that was stopped gets a summary, too, which says how far it came.
+            # An interrupted run gets a summary, too, with its progress.
             summary = summarise(plan, store.batches(), accuracy_pct)
             write_text_atomically(store.folder / SUMMARY, json_text(summary))
     return Sweep(Path(out), plan, summary)

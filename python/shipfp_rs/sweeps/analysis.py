@@ -1,6 +1,6 @@
-"""What a sweep tells: bias, spread, coverage and failures, overall and by factor; how long a trial must be.
+"""Results of a sweep: bias, spread, coverage and failures, overall and by factor; necessary length of a trial.
 
-One pass over the rows, with sums and histograms only: memory does not grow with the number of draws.
+One pass over the rows, with only sums and histograms, so memory does not grow with the number of draws.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ from shipfp_rs.sweeps.plan import Factor, Plan, Value
 
 DURATION = "excitation.duration_s"
 BINS = 6
-"""Bins of a factor that has no levels, each with as many draws as any other."""
+"""Bins of a factor without levels, with equal numbers of draws."""
 ACCURACY_PCT = 10.0
-"""Default accuracy for which the length of a trial is given: the relative error that 95 of 100 trials stay below."""
+"""Default accuracy for the length of a trial: the relative error of 95 of 100 trials."""
 _SMALLEST, _LARGEST, _PER_DECADE = 1e-9, 1e6, 100
 """Range of relative errors in the histograms, whose bins are 2.3 % wide."""
 _EDGES = np.geomspace(_SMALLEST, _LARGEST, 1 + round(math.log10(_LARGEST / _SMALLEST)) * _PER_DECADE)
@@ -30,17 +30,17 @@ _EDGES = np.geomspace(_SMALLEST, _LARGEST, 1 + round(math.log10(_LARGEST / _SMAL
 
 @dataclass(frozen=True)
 class Bins:
-    """How the draws are sorted by a factor."""
+    """Bins of the draws by a factor."""
 
     key: str
     labels: tuple[Value, ...]
-    """Level, or middle of the bin."""
+    """Levels, or centres of the bins."""
     edges: tuple[float, ...] | None
-    """Between bins; None where the factor has levels."""
+    """Edges between bins; None if the factor has levels."""
 
     @classmethod
     def of(cls, key: str, factor: Factor) -> Bins:
-        """Return the levels of a factor, or bins of equal shares."""
+        """Levels of a factor, or bins of equal shares."""
         levels = factor.levels()
         if levels is not None:
             kind = str if factor.is_text else float
@@ -49,7 +49,7 @@ class Bins:
         return cls(key, middles, tuple(float(factor.at(place / BINS)) for place in range(1, BINS)))
 
     def place(self, batch: pa.RecordBatch) -> npt.NDArray[np.intp]:
-        """Return the bin of each draw, shape (N,)."""
+        """Bin of each draw, shape (N,)."""
         column = batch.column(f"factor.{self.key}")
         if self.edges is not None:
             return np.asarray(np.searchsorted(self.edges, column.to_numpy(), side="right"))
@@ -58,7 +58,7 @@ class Bins:
 
 
 class Tally:
-    """Sums over the draws of each group, a group being a combination of bins."""
+    """Sums over the draws of each group, a combination of bins."""
 
     def __init__(self, bins: Sequence[Bins], names: Sequence[str]) -> None:
         self.bins, self.names = tuple(bins), tuple(names)
@@ -72,7 +72,7 @@ class Tally:
         self.histogram = np.zeros((*shape, len(_EDGES) + 1), dtype=np.int64)
 
     def add(self, batch: pa.RecordBatch) -> None:
-        """Count some draws in."""
+        """Add draws to the sums."""
         shape = tuple(len(each.labels) for each in self.bins)
         places = tuple(each.place(batch) for each in self.bins)
         group = np.ravel_multi_index(places, shape) if places else np.zeros(len(batch), dtype=np.intp)
@@ -96,13 +96,13 @@ class Tally:
             np.add.at(self.histogram[:, column], (group[known], size), 1)
 
     def run(self, group: int) -> int:
-        """Number of draws of a group that came to an end."""
+        """Number of completed draws of a group."""
         return int(self.statuses["done"][group] + self.statuses["failed"][group])
 
     def error_below(self, group: int, column: int, share: float) -> float | None:
-        """Return the relative error that this share of a group's draws stays below; None where it has no limit.
+        """Relative error that this fraction of a group's draws does not exceed; None if infinite.
 
-        A draw that failed, or leaves the parameter open, is as wrong as can be.
+        The error of a draw that failed, or did not determine the parameter, is infinite.
         """
         wanted = share * self.run(group)
         reached = np.cumsum(self.histogram[group, column])
@@ -112,7 +112,7 @@ class Tally:
         return float(_EDGES[place])
 
     def figures(self, group: int) -> dict[str, Any]:
-        """Return the figures of a group."""
+        """Statistics of a group."""
         return {
             **{status: int(counts[group]) for status, counts in self.statuses.items()},
             "failure_rate": _ratio(int(self.statuses["failed"][group]), self.run(group)),
@@ -136,7 +136,7 @@ class Tally:
         }
 
     def rows(self) -> list[dict[str, Any]]:
-        """Return each group's factors and figures."""
+        """Factors and statistics of each group."""
         shape = tuple(len(each.labels) for each in self.bins)
         return [
             {
@@ -150,23 +150,24 @@ class Tally:
 def summarise(
     plan: Plan, batches: Iterable[pa.RecordBatch], accuracy_pct: float = ACCURACY_PCT
 ) -> dict[str, Any]:
-    """Return the content of `summary.json`.
+    """Content of `summary.json`.
 
     Parameters
     ----------
     plan
         The sweep.
     batches
-        Its rows, or those that there are so far.
+        Its rows so far.
     accuracy_pct
-        Wanted relative error [%], for the length of a trial.
+        Target relative error [%], for the length of a trial.
 
     Returns
     -------
     dict
-        Errors are relative to the truth's magnitude: `bias` their mean, `spread` their standard deviation, `error_95`
-        what 95 % of all draws stay below, one without an estimate counting as infinite; `coverage` the share of 95 %
-        intervals that hold the truth. `trial_length` holds the shortest duration [s] with `error_95` within `accuracy_pct`.
+        Errors are relative to the truth's magnitude: `bias` is their mean, `spread` their standard deviation, `error_95`
+        their 95 % quantile, with infinite errors for draws without an estimate; `coverage` is the fraction of 95 %
+        intervals that contain the truth. `trial_length` is the shortest duration [s] with `error_95` within
+        `accuracy_pct`.
     """
     names = names_of(plan.structure)
     bins = {key: Bins.of(key, factor) for key, factor in sorted(plan.factors.items())}
@@ -182,7 +183,7 @@ def summarise(
             tally.add(batch)
         errors.update(name for name in batch.column("error").to_pylist() if name is not None)
     total = overall.figures(0)
-    # A combination that few draws estimate is known only where its members are not: no sample of the draws.
+    # A combination estimated in few draws is known only if its members are not, so it is not a sample of the draws.
     shown = {parameter.name for parameter in plan.structure.free}
     shown |= {name for name, row in total["parameters"].items() if 2 * row["estimates"] > total["done"]}
     finished = sum(total[status] for status in overall.statuses)
@@ -214,7 +215,7 @@ def summarise(
 
 
 def _trial_lengths(tally: Tally, accuracy: float) -> list[dict[str, Any]]:
-    """For each parameter and each level of the other factor, the duration from which its error stays small enough."""
+    """For each parameter and each level of the other factor, the duration from which its error is small enough."""
     *others, duration = tally.bins
     lengths = [float(label) for label in duration.labels]
     order = np.argsort(lengths)
@@ -239,7 +240,7 @@ def _trial_lengths(tally: Tally, accuracy: float) -> list[dict[str, Any]]:
 def _first_within(
     lengths: Sequence[float], errors: Sequence[float | None], accuracy: float
 ) -> tuple[float | None, str]:
-    """Interpolate log-log between the last length that does not do and the next one."""
+    """Interpolate log-log between the last insufficient length and the next one."""
     failing = [place for place, error in enumerate(errors) if error is None or error > accuracy]
     if not failing:
         return lengths[0], f"{lengths[0]:g} s or less"

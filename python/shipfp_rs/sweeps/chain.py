@@ -1,4 +1,4 @@
-"""Tables of SWEEP.toml that say what a draw's trial is and what it is measured with."""
+"""Tables of SWEEP.toml for the trial and the measurement chain of a draw."""
 
 from __future__ import annotations
 
@@ -16,45 +16,45 @@ Often = Annotated[float, Field(ge=FAULTS_PER_MINUTE[0], le=FAULTS_PER_MINUTE[1])
 
 
 class Excitation(Section):
-    """What is put on the set point, see `signals.standard`."""
+    """Excitation of the set point, see `signals.standard`."""
 
     kind: Kind = "chirp"
     """Kind of motion."""
     duration_s: Positive = 120.0
-    """Length [s]."""
+    """Duration [s]."""
     amplitude_rpm: Positive = 40.0
     """Largest deviation from the operating point [rpm]."""
     start_hz: Positive | None = None
-    """Lowest frequency [Hz]; default: it follows from the duration."""
+    """Lowest frequency [Hz]; default: depends on the duration."""
     stop_hz: Positive | None = None
-    """Highest frequency [Hz]; default: it follows from the sample rate."""
+    """Highest frequency [Hz]; default: depends on the sample rate."""
     rate_hz: Positive = 50.0
     """Sample rate of the experiment; a raw log is sampled at sensors.rate_hz."""
 
 
 class Noise(Section):
-    """Standard deviation of each signal's noise over its operating point, for the chain "experiment"."""
+    """Standard deviation of each signal's noise relative to its operating point, for the chain "experiment"."""
 
     n_e: Share = 0.0
-    """Of the engine speed."""
+    """Noise of the engine speed."""
     n_s: Share = 0.0
-    """Of the shaft speed."""
+    """Noise of the shaft speed."""
     M_b: Share = 0.0
-    """Of the brake torque."""
+    """Noise of the brake torque."""
     M_s: Share = 0.0
-    """Of the shaft torque."""
+    """Noise of the shaft torque."""
     M_g: Share = 0.0
-    """Of the gauge's torque."""
+    """Noise of the gauge torque."""
     X_f: Share = 0.0
-    """Of the fuel rack."""
+    """Noise of the fuel rack."""
     level: Annotated[float, Field(ge=0.0, le=1000.0)] = 1.0
-    """Multiplies all of them."""
+    """Factor on all of them."""
     correlation: Annotated[float, Field(gt=-1.0, lt=1.0)] = 0.0
-    """Of successive samples (first-order autoregression)."""
+    """Correlation between successive samples (first-order autoregression)."""
 
 
 class OperatingPoint(Section):
-    """Where the ship runs; the ship's own point where nothing is given."""
+    """Operating point; default: that of the ship."""
 
     n_e_rpm: Positive | None = None
     """Engine speed [rpm]."""
@@ -66,7 +66,7 @@ def _can_be(name: str) -> Any:
 
 
 class Sensors(Section):
-    """The measurement chain of a raw log, see `simulation.sensors.Sensors`, which has the usual values."""
+    """Measurement chain of a raw log; for defaults see `simulation.sensors.Sensors`."""
 
     rate_hz: float | None = _can_be("rate_hz")
     """Sample rate of the logger [Hz]."""
@@ -87,13 +87,13 @@ class Sensors(Section):
 
 
 class Faults(Section):
-    """Faults of a raw log, each as its number a minute (Table 6.10); zero: none."""
+    """Rates of faults in a raw log, per minute (Table 6.10); zero: none."""
 
     A: Often = 0.0
-    """Pulses that are counted twice, on every pulse train."""
+    """Pulses counted twice, on every pulse train."""
     B: Often = 0.0
-    """Missed pulses of every pulse train."""
+    """Missed pulses, on every pulse train."""
     C: Often = 0.0
-    """Telemetry of the torque lost, at the receiver's limit."""
+    """Losses of the torque's telemetry, at the receiver's limit."""
     D1: Often = 0.0
     """Relay jumps of the set point."""

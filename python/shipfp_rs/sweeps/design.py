@@ -1,4 +1,4 @@
-"""Where each draw stands: its seed and its place in the unit cube, both from its index alone."""
+"""Seed of each draw and its point in the unit cube, both determined by its index."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from shipfp_rs.support.arrays import Array
 Design = Literal["random", "latin", "sobol", "grid"]
 
 BLOCK = 65_536
-"""Draws of one design; a larger sweep is several, each scrambled by itself, so that memory does not grow with it."""
+"""Draws of one design; a larger sweep has several, scrambled independently, so that memory does not grow with it."""
 
 
 def seed_of(seed: int, index: int) -> int:
-    """Return the seed of one draw, from 0 to 2^63 - 1: from the child that `SeedSequence(seed).spawn` has at its index."""
+    """Seed of one draw, from 0 to 2^63 - 1, from the child of `SeedSequence(seed).spawn` with its index."""
     child = np.random.SeedSequence(seed, spawn_key=(index,))
     return int(child.generate_state(1, np.uint64)[0] >> np.uint64(1))
 
@@ -26,18 +26,18 @@ def seed_of(seed: int, index: int) -> int:
 def place(
     design: Literal["random", "latin", "sobol"], factors: int, draws: int, seed: int, index: int
 ) -> Array:
-    """Return a draw's place in the unit cube, shape (factors,), each coordinate from 0 up to, not including, 1.
+    """Point of a draw in the unit cube, shape (factors,), each coordinate in [0, 1).
 
     Parameters
     ----------
     design
-        "random", "latin" (hypercube: each of as many strata as draws is met once) or "sobol" (scrambled).
+        "random", "latin" (hypercube: one draw in each of as many strata) or "sobol" (scrambled).
     factors, draws
-        Size of the whole sweep; beyond `BLOCK` draws, each block is a design of its own.
+        Size of the whole sweep; each block of `BLOCK` draws is a separate design.
     seed
-        Of the sweep.
+        Seed of the sweep.
     index
-        Of the draw, from 0.
+        Index of the draw, from 0.
     """
     block, row = divmod(index, BLOCK)
     return np.asarray(_block(design, factors, min(BLOCK, draws - block * BLOCK), seed, block)[row])
@@ -47,11 +47,11 @@ def place(
 def _block(design: str, factors: int, rows: int, seed: int, block: int) -> Array:
     if not factors:
         return np.empty((rows, 0))
-    # A key of two numbers can't collide with a draw's, which has one.
+    # A key of two numbers can't collide with that of a draw, which has one.
     generator = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(block, 1)))
     if design == "random":
         return np.asarray(generator.random((rows, factors)))
     if design == "latin":
         return np.asarray(qmc.LatinHypercube(factors, rng=generator).random(rows))
-    # A Sobol sequence is balanced for a power of two of draws, so the next power is drawn; draws beyond `rows` are not used.
+    # A Sobol sequence is balanced for a power of two of draws, so the next power is drawn; draws after `rows` are not used.
     return np.asarray(qmc.Sobol(factors, rng=generator).random_base2(math.ceil(math.log2(rows))))

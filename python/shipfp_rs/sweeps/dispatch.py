@@ -1,4 +1,4 @@
-"""Hands parts to workers and takes their rows back, through lost workers and draws that kill them."""
+"""Distribution of parts to workers, tolerant of lost workers and of draws that kill them."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from shipfp_rs.sweeps.pools import AHEAD, Pool
 from shipfp_rs.sweeps.store import Store
 
 ATTEMPTS = 3
-"""Workers that a draw may take down, with nothing else running, before it is given up."""
+"""Workers that a draw may kill, when run alone, before it is given up."""
 
 
 def run_task(plan: Plan, indices: Sequence[int]) -> pa.RecordBatch:
-    """Make some draws, in whatever process this is."""
+    """Compute some draws in the current process."""
     with one_blas_thread():
         return run_draws(plan, indices)
 
 
 def run_parts(plan: Plan, store: Store, pool: Pool, arrived: Callable[[pa.RecordBatch], None]) -> None:
-    """Run every part that is to do; each is in the store once its rows have arrived."""
+    """Run every missing part and store its rows."""
     waiting = store.to_do()
     again: deque[int] = deque()
     losses: Counter[int] = Counter()
@@ -35,7 +35,7 @@ def run_parts(plan: Plan, store: Store, pool: Pool, arrived: Callable[[pa.Record
         return isinstance(future.exception(), pool.lost)
 
     while True:
-        # No more than the workers need: what is handed out and not yet written is all that memory holds.
+        # No more than the workers need, since all parts handed out and not yet written are in memory.
         while len(running) < AHEAD * pool.workers():
             part = again.popleft() if again else next(waiting, None)
             if part is None:
@@ -46,7 +46,7 @@ def run_parts(plan: Plan, store: Store, pool: Pool, arrived: Callable[[pa.Record
         back = wait(running, return_when=FIRST_COMPLETED).done
         if any(map(is_lost, back)):
             pool.renew()
-            # Processes go down together, so whatever ran beside it is back by now, lost too.
+            # Processes die together, so tasks that ran at the same time have also returned as lost.
             back = {future for future in running if future.done()}
         for future in sorted(back, key=lambda one: running[one]):
             part = running.pop(future)
@@ -63,7 +63,7 @@ def run_parts(plan: Plan, store: Store, pool: Pool, arrived: Callable[[pa.Record
 
 
 def _one_by_one(plan: Plan, pool: Pool, indices: Sequence[int]) -> pa.RecordBatch:
-    """Make the draws of a part that lost its worker twice, each as a task of its own to find the one that kills."""
+    """Compute the draws of a part that lost its worker twice as separate tasks, to find the one that kills."""
     rows = [_alone(plan, pool, index) for index in indices]
     return pa.Table.from_batches(rows).combine_chunks().to_batches()[0]
 

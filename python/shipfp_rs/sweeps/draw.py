@@ -1,4 +1,4 @@
-"""One draw: conditions to simulated trial to fingerprint to one row of the table."""
+"""One draw: from conditions to simulated trial, fingerprint and table row."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ FIGURES = ("estimate", "std", "low", "high")
 
 
 def names_of(structure: Structure) -> list[str]:
-    """Return the names that a row has estimates for: the free parameters, and combinations of the structure's."""
+    """Names of the estimates in a row: free parameters, and combinations of the structure."""
     ones = dict.fromkeys(structure.names, 1.0)
     derived = [name for name in COMBINATIONS if name not in ones and _applies(name, ones)]
     return [*(parameter.name for parameter in structure.free), *derived]
@@ -47,7 +47,7 @@ def _applies(name: str, values: dict[str, float]) -> bool:
 
 
 def schema_of(plan: Plan) -> pa.Schema:
-    """Return the columns of the table: index, seed, status, factors, truth, estimates, intervals, fits."""
+    """Columns of the table: index, seed, status, factors, truth, estimates, intervals, fits."""
     names = names_of(plan.structure)
     return pa.schema(
         [
@@ -70,12 +70,12 @@ def schema_of(plan: Plan) -> pa.Schema:
 
 
 def run_draws(plan: Plan, indices: Sequence[int]) -> pa.RecordBatch:
-    """Return the rows of some draws; whatever goes wrong in one of them is told in its row."""
+    """Rows of some draws; errors of a draw are recorded in its row."""
     return pa.RecordBatch.from_pylist([_row(plan, index) for index in indices], schema=schema_of(plan))
 
 
 def lost_row(plan: Plan, index: int, message: str) -> pa.RecordBatch:
-    """Return the row of a draw that nothing came back from, because it ends the process that runs it."""
+    """Row of a draw without a result, since it kills its process."""
     row = _opening(plan, index) | {"status": "failed", "error": "WorkerLost", "message": message}
     return pa.RecordBatch.from_pylist([row], schema=schema_of(plan))
 
@@ -97,7 +97,7 @@ def _row(plan: Plan, index: int) -> dict[str, Any]:
     except TimedOut:
         status = "timed_out"
         row |= {"error": "TimedOut", "message": f"not done within {plan.sweep.time_limit_s:g} s"}
-    except Exception as error:  # one draw's failure, of whatever kind, is a row and not the end of the sweep
+    except Exception as error:  # any failure of a draw is a row and does not end the sweep
         status = "failed"
         row |= {"error": type(error).__name__, "message": " ".join(str(error).split())}
     return row | {"status": status}
@@ -145,7 +145,7 @@ def _estimates(fingerprint: Fingerprint, names: Sequence[str]) -> Iterator[tuple
     yield "converged", fingerprint.settings["converged"]
 
 
-# A signal that no factor changes is made once; a multisine takes longer than the fit to it.
+# A signal without varying factors is made once; a multisine takes longer than the fit to it.
 @lru_cache(maxsize=4)
 def _excitation(settings: Excitation, rate_hz: float, seed: int) -> signals.Excitation:
     return signals.standard(
@@ -168,7 +168,7 @@ def _from_experiment(conditions: Conditions, vessel: Vessel, seed: int) -> Exper
     noise, n_e_rpm = conditions.noise, conditions.operating_point.n_e_rpm
     excitation = _excitation_for(conditions, conditions.excitation.rate_hz, seed)
     clean = simulate(vessel, excitation, n_e_rpm=n_e_rpm)
-    # Relative to the operating point, as a sensor's is, so that a larger excitation stands out of it further.
+    # Relative to the operating point, as for a sensor, so that a larger excitation has a higher signal-to-noise ratio.
     levels = {
         name: noise.level * getattr(noise, name) * abs(clean.operating_point[name]) / float(np.std(samples))
         for name, samples in clean.signals.items()

@@ -1,4 +1,4 @@
-"""Figures of a sweep: how estimates scatter together, errors against each factor, and how long a trial must be."""
+"""Figures of a sweep: joint scatter of estimates, errors against each factor, and necessary length of a trial."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 MOST_POINTS = 4000
-"""Most draws that are shown; a larger sweep is thinned out evenly."""
+"""Most draws shown; larger sweeps are thinned evenly."""
 AXES = {
     "excitation.amplitude_rpm": "amplitude [rpm]",
     "excitation.duration_s": "duration [s]",
@@ -29,16 +29,16 @@ AXES = {
     "noise.correlation": "noise correlation [-]",
     "operating_point.n_e_rpm": "engine speed [rpm]",
 }
-"""Factors in words; any other is called by its key, whose ending tells the unit."""
+"""Factors in words; others are named by their keys, whose endings are units."""
 
 
 def write_figures(sweep: Sweep, folder: Path) -> list[Path]:
-    """Draw all figures that a sweep has the draws for and write them as PNG; return their paths.
+    """Write all figures for which a sweep has draws as PNG; return their paths.
 
     Raises
     ------
     InputError
-        Where the folder can't be written.
+        If the folder can't be written.
     """
     names = [name for name in sweep.summary["parameters"] if f"estimate.{name}" in _free(sweep)]
     if not names:
@@ -115,7 +115,7 @@ def errors(sweep: Sweep, columns: Mapping[str, Array], names: Sequence[str]) -> 
 
 
 def trial_length(summary: Mapping[str, Any], names: Sequence[str]) -> Figure:
-    """Draw what 95 % of the errors stay below against the trial's duration, a line for each level of another factor."""
+    """Draw the 95 % quantile of the errors against the trial's duration, with a line for each level of another factor."""
     others = list(dict.fromkeys(tuple(row["factors"]) for row in summary["trial_length"]))
     figure, panels = _figure(len(others), len(names), 2.9, 2.6)
     for row, other in enumerate(others):
@@ -172,7 +172,7 @@ def _free(sweep: Sweep) -> set[str]:
 
 
 def _thinned(sweep: Sweep, names: Sequence[str]) -> dict[str, Array]:
-    """Read the columns of the figures, of every so many-th draw."""
+    """Read the columns of the figures, for evenly spaced draws."""
     wanted = [f"factor.{key}" for key, factor in sweep.plan.factors.items() if not factor.is_text]
     wanted += [f"{figure}.{name}" for figure in ("truth", "estimate") for name in names]
     step = -(-sweep.plan.draws // MOST_POINTS)
@@ -195,13 +195,13 @@ def _error(columns: Mapping[str, Array], name: str) -> Array:
 
 
 def _reach(error: Array) -> float:
-    """Half of an axis that holds all but the wildest 2 % of the errors."""
+    """Half-width of an axis that holds all but the largest 2 % of the errors."""
     known = np.abs(error[np.isfinite(error)])
     return max(1.2 * float(np.percentile(known, 98)), 0.01) if known.size else 1.0
 
 
 def _bands(sweep: Sweep, key: str, values: Array, error: Array) -> tuple[Array, Array, Array, Array]:
-    """Place of each bin of a factor that is not empty, and the 5, 50 and 95 % quantiles of the errors in it."""
+    """Centre of each non-empty bin of a factor, and the 5, 50 and 95 % quantiles of its errors."""
     bins = Bins.of(key, sweep.plan.factors[key])
     edges = bins.edges
     rows = []

@@ -1,4 +1,4 @@
-"""SWEEP.toml: which ship, which trial, which factors vary and how, and how each draw is identified."""
+"""SWEEP.toml: vessel, trial, varying factors, and how each draw is identified."""
 
 from __future__ import annotations
 
@@ -40,34 +40,34 @@ from shipfp_rs.vessel.vessel import Vessel
 Positive = Annotated[float, Field(gt=0.0)]
 Value = float | bool | str
 MOST_SAMPLES = 5_000_000
-"""Samples of a draw; a fit to as many takes a minute or two and a gigabyte."""
+"""Most samples of a draw; a fit to as many takes a minute or two and a gigabyte."""
 MOST_DRAWS = 10_000_000
-"""Rows of a table that is still read at once; at ten draws a second they take twelve days."""
+"""Most draws, still readable as one table; at ten draws per second they take twelve days."""
 Draws = Annotated[int, Field(ge=1, le=MOST_DRAWS)]
 
 OF_OTHER_CHAIN: Mapping[str, tuple[str, ...]] = {"experiment": ("sensors", "faults"), "log": ("noise",)}
-"""Tables that do nothing with a chain."""
+"""Tables without effect in a chain."""
 
 
 class Header(Section):
-    """The sweep: its name, the ship, the design of its draws."""
+    """The sweep: name, ship and design of the draws."""
 
     name: Name = "sweep"
-    """What the results call the sweep."""
+    """Name of the sweep in the results."""
     vessel: FilePath
-    """A built-in ship's name or the path of a vessel file."""
+    """Name of a built-in ship or path of a vessel file."""
     chain: Literal["experiment", "log"] = "experiment"
-    """What each draw goes through: a clean simulation with noise, or a raw log with sensors and faults, processed."""
+    """Processing of each draw: "experiment" is a clean simulation with noise, "log" a raw log with sensors and faults."""
     design: Design = "latin"
-    """How the draws lie: "latin" and "sobol" spread them evenly, "grid" takes every combination of levels."""
+    """Design of the draws: "latin" and "sobol" distribute them evenly, "grid" has every combination of levels."""
     draws: Draws | None = None
-    """Not for a grid, which has `repeats` for each of its cells."""
+    """Number of draws; not for a grid, which has `repeats` for each of its cells."""
     repeats: Draws | None = None
     """Draws for each cell of a grid."""
     seed: Seed = 0
-    """Seed that each draw's own follows from."""
+    """Seed from which the seeds of all draws are derived."""
     time_limit_s: Annotated[float, Field(gt=0.0, le=1e6)] | None = None
-    """Of one draw; without one, results do not depend on how fast the machine is."""
+    """Time limit of one draw [s]; without one, results do not depend on the speed of the machine."""
 
     @model_validator(mode="after")
     def _has_a_size(self) -> Self:
@@ -81,7 +81,7 @@ class Header(Section):
 
 
 class Identify(TrialIdentify):
-    """[identify] as in TRIAL.toml; the seed is each draw's own."""
+    """As in TRIAL.toml, but each draw has its own seed."""
 
     @model_validator(mode="after")
     def _has_no_seed(self) -> Self:
@@ -91,33 +91,33 @@ class Identify(TrialIdentify):
 
 
 class Conditions(Section):
-    """What one draw is made under."""
+    """Conditions of one draw."""
 
     excitation: Excitation = Excitation()
     noise: Noise = Noise()
     operating_point: OperatingPoint = OperatingPoint()
     vessel: dict[str, Any] = Field(default_factory=dict)
-    """Dotted key of the vessel's file to a value in place of the ship's own."""
+    """Values that replace those of the ship, by dotted key of the vessel's file."""
     sensors: Sensors = Sensors()
     faults: Faults = Faults()
     identify: Identify = Identify()
 
 
 class Factor(Section):
-    """How one value varies: among values, evenly from low to high, or normally."""
+    """Variation of one value: among values, uniform from low to high, or normal."""
 
     values: Annotated[tuple[Value, ...], Field(strict=False, min_length=1)] | None = None
-    """Values to take, each as often."""
+    """Possible values, with equal frequency."""
     low: float | None = None
     """Lowest value."""
     high: float | None = None
     """Highest value."""
     scale: Literal["linear", "log"] = "linear"
-    """Whether values are spread evenly over low to high or over its logarithm."""
+    """Whether values, or their logarithms, are uniform from low to high."""
     mean: float | None = None
     """Mean of a normal distribution."""
     std: Positive | None = None
-    """Its standard deviation."""
+    """Standard deviation of a normal distribution."""
     points: Annotated[int, Field(ge=1, le=10_000)] | None = None
     """Levels in a grid."""
 
@@ -137,7 +137,7 @@ class Factor(Section):
         return self
 
     def at(self, share: float) -> Value:
-        """Return the value below which this share (0 to 1) of the draws lies."""
+        """Value below which this fraction (0 to 1) of the draws lies."""
         if self.values is not None:
             return self.values[min(int(share * len(self.values)), len(self.values) - 1)]
         if self.mean is not None and self.std is not None:
@@ -149,7 +149,7 @@ class Factor(Section):
         return self.low + share * (self.high - self.low)
 
     def levels(self) -> list[Value] | None:
-        """Return the levels of a grid; None where there are none."""
+        """Levels of a grid; None without any."""
         if self.values is not None:
             return list(self.values)
         if self.points is None:
@@ -165,7 +165,7 @@ class Factor(Section):
 
 
 class Plan(Conditions):
-    """A whole SWEEP.toml.
+    """Contents of a SWEEP.toml.
 
     Examples
     --------
@@ -176,7 +176,7 @@ class Plan(Conditions):
 
     sweep: Header
     factors: dict[str, Factor] = Field(default_factory=dict)
-    """Dotted key of a value in the other tables to how it varies."""
+    """Variation of values in the other tables, by dotted key."""
 
     @model_validator(mode="after")
     def _varies_what_exists(self) -> Self:
@@ -218,17 +218,17 @@ class Plan(Conditions):
 
     @classmethod
     def names(cls) -> tuple[str, ...]:
-        """Return the names of the built-in studies."""
+        """Names of the built-in studies."""
         return tuple(built_in("sweeps"))
 
     @classmethod
     def load(cls, name_or_path: str | Path) -> Self:
-        """Return a built-in study by name, or read a SWEEP.toml; a vessel file counts from its folder.
+        """Read a built-in study by name, or a SWEEP.toml; the path of a vessel file is relative to its folder.
 
         Raises
         ------
         InputError
-            Where there is no such study or file, or a key or value is wrong; one line names it.
+            If there is no such study or file, or a key or value is wrong, which the message names.
         """
         plan = read_named(name_or_path, cls, "sweeps", "sweep", "study")
         path = Path(name_or_path)
@@ -238,12 +238,12 @@ class Plan(Conditions):
         return plan.checked(str(path))
 
     def checked(self, source: str) -> Self:
-        """Return the plan once the ship, the structure and the ends of every factor are known to work.
+        """Return the plan after checking the ship, the structure and the ends of every factor.
 
         Raises
         ------
         InputError
-            Where they do not; a draw would fail for the same reason, over and over.
+            If one of them fails, since draws would fail for the same reason.
         """
         try:
             self.structure  # noqa: B018 made here, so that its errors come before the first draw
@@ -276,12 +276,12 @@ class Plan(Conditions):
 
     @cached_property
     def ship(self) -> Vessel:
-        """The ship that every draw starts from."""
+        """Ship from which every draw starts."""
         return Vessel.load(self.sweep.vessel)
 
     @cached_property
     def structure(self) -> Structure:
-        """The structure that every draw is identified with."""
+        """Structure with which every draw is identified."""
         return structure_from(self.identify, "gauge" if self.sweep.chain == "log" else "brake")
 
     @cached_property
@@ -296,8 +296,8 @@ class Plan(Conditions):
         return {key: self.factors[key].levels() or [] for key in sorted(self.factors)}
 
     def factor_values(self, index: int) -> dict[str, Value]:
-        """Return the factors of one draw; a grid is gone through whole before it is repeated."""
-        # Sorted: the order of a file's lines is no part of the design.
+        """Factors of one draw; a grid is completed before it is repeated."""
+        # Sorted, since the order of lines in a file does not belong to the design.
         keys = sorted(self.factors)
         if self.sweep.design == "grid":
             counts = tuple(len(levels) for levels in self._levels.values())
@@ -309,19 +309,19 @@ class Plan(Conditions):
         return {key: self.factors[key].at(float(share)) for key, share in zip(keys, shares, strict=True)}
 
     def seed_of(self, index: int) -> int:
-        """Return the seed of everything that is drawn in one draw."""
+        """Seed of all random numbers in one draw."""
         return seed_of(self.sweep.seed, index)
 
     def conditions_with(self, values: Mapping[str, Value]) -> Conditions:
-        """Return the conditions with some values changed, checked anew.
+        """Return the conditions with some values changed, validated again.
 
         Raises
         ------
         InputError
-            Where a value is not possible.
+            If a value is invalid.
         """
         content = {name: dict(getattr(self, name)) for name in Conditions.model_fields}
-        # The seed of [identify] may not be given, not even as it is.
+        # The seed of [identify] must not be given, even unchanged.
         content["identify"].pop("seed")
         for key, value in values.items():
             section, _, name = key.partition(".")
@@ -329,7 +329,7 @@ class Plan(Conditions):
         return validated(content, Conditions, self.sweep.name)
 
     def record(self) -> dict[str, Any]:
-        """Return what the results depend on, for comparing with an earlier run's."""
+        """Settings that determine the results, for comparison with an earlier run."""
         content = self.model_dump(mode="json")
         content["sweep"].pop("vessel")
         content["ship"] = self.ship.model_dump(mode="json")
@@ -349,7 +349,7 @@ _SECTIONS: Mapping[str, type[BaseModel]] = {
 
 
 def _keys_of(section: str) -> tuple[str, ...] | None:
-    """Return the keys of a table that a sweep may vary; None means all keys, or an unknown table."""
+    """Keys of a table that a sweep may vary; None means all keys, or an unknown table."""
     if section == "identify":
-        return HOW  # the others would change which columns the table has
+        return HOW  # the others would change the columns of the table
     return tuple(_SECTIONS[section].model_fields) if section in _SECTIONS else None

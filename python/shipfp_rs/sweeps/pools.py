@@ -1,4 +1,4 @@
-"""Where draws run: threads, processes, a Dask cluster, or any executor that the user has."""
+"""Executors of draws: threads, processes, a Dask cluster, or an executor of the user."""
 
 from __future__ import annotations
 
@@ -23,38 +23,38 @@ from shipfp_rs.sweeps.time_limit import raise_in
 Where = Literal["processes", "threads", "dask"]
 
 AHEAD = 2
-"""Tasks for each worker that are handed out at a time: one runs, one waits, so that no worker ever does."""
+"""Tasks submitted at a time per worker: one runs and one waits, so that no worker is idle."""
 
 MOST_WORKERS = 1024
-"""More than any machine has cores, and than a driver can keep at work."""
+"""Most workers; more than a machine has cores, or a driver can keep busy."""
 
 CONNECT_S = 10.0
-"""How long a scheduler may take to answer."""
+"""Longest wait for a scheduler's answer."""
 
 QUIET = {
     "distributed.worker.profile.enabled": False,
     "distributed.admin.tick.interval": "1s",
     "distributed.admin.system-monitor.interval": "5s",
 }
-"""Settings of our own cluster: its bookkeeping every few ms would take a tenth of a worker that runs Python all the time."""
+"""Settings of a local cluster: its default bookkeeping every few ms would take a tenth of a worker that runs only Python."""
 
 
 class Stopped(BaseException):
-    """Raised in a thread whose sweep has ended. Not an `Exception`: no draw may take it for a failure of its own."""
+    """The sweep of this thread has ended. Not an `Exception`, so that no draw catches it as its own failure."""
 
 
 @dataclass
 class Pool:
-    """An executor, how many workers it has, and what it raises when one of these is gone."""
+    """Executor, number of its workers, and its errors for a lost worker."""
 
     executor: Executor
     workers: Callable[[], int]
     lost: tuple[type[BaseException], ...] = ()
     new: Callable[[], Executor] | None = None
-    """Makes an executor in place of one that lost a worker and is of no more use."""
+    """Creates a replacement for an executor that is unusable after losing a worker."""
 
     def submit(self, work: Callable[..., Any], *arguments: Any) -> Future[Any]:
-        """Hand out a task. If the executor turns out to be broken, the task fails as if its worker had died."""
+        """Submit a task. If the executor is broken, the task fails as if its worker had died."""
         try:
             return self.executor.submit(work, *arguments)
         except self.lost as error:
@@ -63,18 +63,18 @@ class Pool:
             return failed
 
     def renew(self) -> None:
-        """Replace the pool after a worker was lost."""
+        """Replace the executor after a worker was lost."""
         if self.new is not None:
             self.executor.shutdown(cancel_futures=True)
             self.executor = self.new()
 
 
 def begin_process() -> None:
-    """Set up a process of a pool: Ctrl-C is its parent's to answer, and it ends when its parent does."""
+    """Initialise a process of a pool: Ctrl-C is handled by its parent, and it ends with its parent."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = multiprocessing.parent_process()
     if parent is not None:
-        # A parent that was killed can't tell; its children would wait for work for ever.
+        # A killed parent can't notify its children, which would wait for work forever.
         threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
     hold_blas_for_good()
 
@@ -85,13 +85,13 @@ def _end_with(parent: BaseProcess) -> None:
 
 
 def _processes(count: int) -> ProcessPoolExecutor:
-    # Spawned: a fork would copy a process that has threads, and locks that are held.
+    # Spawned, since a fork would copy a process with threads and held locks.
     context = multiprocessing.get_context("spawn")
     return ProcessPoolExecutor(count, mp_context=context, initializer=begin_process)
 
 
 def _end_at_once(executor: Executor) -> None:
-    """End the workers; a sweep that is continued repeats what they had not finished."""
+    """End the workers; a resumed sweep repeats unfinished draws."""
     processes = list((getattr(executor, "_processes", None) or {}).values())
     executor.shutdown(wait=False, cancel_futures=True)
     for process in processes:
@@ -99,17 +99,17 @@ def _end_at_once(executor: Executor) -> None:
     for thread in getattr(executor, "_threads", ()):
         if thread.ident is not None:
             raise_in(thread.ident, Stopped)
-    # Processes are gone, so this takes no time; it gives their queues and semaphores back.
+    # The processes are gone, so this is fast; it frees their queues and semaphores.
     executor.shutdown()
 
 
 def check_pool(executor: Where | Executor, address: str | None) -> None:
-    """Check that there can be such a pool, before anything is written.
+    """Check that a pool is possible, before anything is written.
 
     Raises
     ------
     InputError
-        Where an address is given without executor "dask", Dask's packages are not installed, or no scheduler answers.
+        If an address is given without executor "dask", Dask's packages are not installed, or no scheduler answers.
     """
     if address is not None and executor != "dask":
         raise InputError(f"address {address!r}: expected executor 'dask' with it")
@@ -122,12 +122,12 @@ def check_pool(executor: Where | Executor, address: str | None) -> None:
 
 @contextlib.contextmanager
 def pool_of(executor: Where | Executor, workers: int | None, address: str | None) -> Iterator[Pool]:
-    """Give a pool and end it afterwards, a given executor excepted.
+    """Yield a pool and end it afterwards, except for a given executor.
 
     Raises
     ------
     InputError
-        Where there is no such pool, or the packages for it are missing.
+        If there is no such pool, or its packages are missing.
     """
     count = workers or available_workers()
     if isinstance(executor, Executor):
@@ -137,12 +137,12 @@ def pool_of(executor: Where | Executor, workers: int | None, address: str | None
         with _client(address, count) as client:
             from distributed.scheduler import KilledWorker  # an optional package
 
-            # The scheduler hands a lost worker's tasks to others, and gives up on one that kills several.
+            # The scheduler reassigns a lost worker's tasks, and gives up on one that kills several workers.
             known = client.get_executor(pure=False)
             yield Pool(known, lambda: max(int(sum(client.nthreads().values())), 1), (KilledWorker,))
     else:
         new = functools.partial(_processes if executor == "processes" else ThreadPoolExecutor, count)
-        # When a process is killed the others go down with it.
+        # When one process is killed, the others end with it.
         pool = Pool(new(), lambda: count, (BrokenProcessPool,), new)
         try:
             yield pool
@@ -172,7 +172,7 @@ def _client(address: str | None, workers: int) -> Iterator[Any]:
         with client:
             yield client
         return
-    # Loopback only: nobody else on the network is meant to reach the workers.
+    # Loopback only, so that the workers are not reachable from the network.
     with (
         dask.config.set(QUIET),
         distributed.LocalCluster(

@@ -1,4 +1,4 @@
-"""A sweep's folder: parts as they come, a manifest of what it was begun with, and the table made of them."""
+"""Folder of a sweep: parts as they arrive, a manifest of its settings, and the final table."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ from shipfp_rs.support.toml import Section, validated
 
 MANIFEST, RESULTS, SUMMARY, PARTS, LOCK = "manifest.json", "results.parquet", "summary.json", "parts", ".lock"
 ROWS_PER_GROUP = 16_384
-"""Rows written at once, whatever the parts' size: the same bytes come of any parts, from flat memory."""
+"""Rows written at once, so that the bytes do not depend on the parts' size, and memory is constant."""
 PARTS_PER_FOLDER = 1000
 
 
 class Manifest(Section):
-    """What a folder was begun with."""
+    """Settings with which a folder was started."""
 
     format: Literal[1] = 1
     part_draws: Annotated[int, Field(ge=1)]
@@ -37,9 +37,9 @@ class Manifest(Section):
 
 @dataclass
 class Store:
-    """The folder of one sweep. Part k holds draws k part_draws up to the next part's.
+    """Folder of one sweep. Part k holds the draws from k part_draws up to those of the next part.
 
-    A part is written under another name and renamed: whatever is killed when, it is done as a whole or to do as a whole.
+    A part is written under another name and renamed, so that after a kill it is either complete or missing.
     """
 
     folder: Path
@@ -48,7 +48,7 @@ class Store:
     draws: int
     part_draws: int
     done: set[int] = field(init=False)
-    """Parts that are in the folder."""
+    """Parts in the folder."""
 
     def __post_init__(self) -> None:
         parts = range(0 if self.finished else -(-self.draws // self.part_draws))
@@ -56,27 +56,27 @@ class Store:
 
     @property
     def finished(self) -> bool:
-        """Whether the table is there."""
+        """Whether the final table exists."""
         return (self.folder / RESULTS).exists()
 
     def draws_of(self, part: int) -> range:
-        """Return the draws of a part."""
+        """Draws of a part."""
         return range(part * self.part_draws, min((part + 1) * self.part_draws, self.draws))
 
     def to_do(self) -> Iterator[int]:
-        """Give the parts that are not done, in order."""
+        """Yield the missing parts, in order."""
         return (part for part in range(-(-self.draws // self.part_draws)) if part not in self.done)
 
     @property
     def rows(self) -> int:
-        """Number of draws that are in the folder."""
+        """Number of draws in the folder."""
         return self.draws if self.finished else sum(len(self.draws_of(part)) for part in self.done)
 
     def add(self, part: int, rows: pa.RecordBatch) -> None:
-        """Write the rows of a part; from its return on the part is done."""
+        """Write the rows of a part."""
         path = self._path(part)
         with replacing(path) as temporary:
-            # Not compressed: a part lives only while the sweep runs, and writing it takes less than half the time.
+            # Uncompressed: a part exists only while the sweep runs, and is written in less than half the time.
             pq.write_table(
                 pa.Table.from_batches([rows]),
                 temporary,
@@ -88,7 +88,7 @@ class Store:
         self.done.add(part)
 
     def finish(self) -> None:
-        """Make `results.parquet` of all parts, in the order of their draws, then remove them."""
+        """Write all parts to `results.parquet`, in the order of their draws, then remove them."""
         schema = self.schema.with_metadata({"shipfp_sweep": json.dumps(dict(self.record), sort_keys=True)})
         with (
             replacing(self.folder / RESULTS) as temporary,
@@ -99,7 +99,7 @@ class Store:
         shutil.rmtree(self.folder / PARTS, ignore_errors=True)
 
     def batches(self) -> Iterator[pa.RecordBatch]:
-        """Give the rows that there are, in the order of their draws."""
+        """Yield the available rows, in the order of their draws."""
         if self.finished:
             with pq.ParquetFile(local(self.folder) / RESULTS) as file:
                 yield from file.iter_batches(batch_size=ROWS_PER_GROUP)
@@ -121,7 +121,7 @@ class Store:
         return local(self.folder) / PARTS / f"{part // PARTS_PER_FOLDER:06d}" / f"{part:09d}.parquet"
 
     def _is_whole(self, part: int) -> bool:
-        """Whether a part is there as it was written, and under its own name."""
+        """Whether a part is complete and has its final name."""
         try:
             table = self._read(part)
             return bool(table.schema.equals(self.schema)) and table["index"].to_pylist() == [
@@ -139,12 +139,12 @@ class Store:
 def opened(
     folder: Path, record: Mapping[str, Any], schema: pa.Schema, draws: int, part_draws: int
 ) -> Iterator[Store]:
-    """Open a sweep's folder to run it or go on with it; nobody else can until this is left.
+    """Open a sweep's folder to start or resume it, locked against others.
 
     Raises
     ------
     InputError
-        Where the folder holds something else, was made by another SWEEP.toml, or is being worked in.
+        If the folder has other contents, belongs to another SWEEP.toml, or is in use.
     """
     _manifest_of(folder, record)  # before anything is written
     lock = FileLock(folder / LOCK, blocking=False)
@@ -160,14 +160,14 @@ def opened(
             f"{folder}: can't be written, {error.strerror or error}; choose another folder"
         ) from error
     with held:
-        # Read again: whoever held the folder until now may have begun a sweep in it.
+        # Read again, since the previous holder of the lock may have started a sweep.
         manifest = _manifest_of(folder, record)
         if manifest is None:
             manifest = Manifest(part_draws=part_draws, sweep=dict(record))
             try:
                 write_text_atomically(folder / MANIFEST, manifest.model_dump_json(indent=1) + "\n")
             except InputError:
-                with contextlib.suppress(OSError):  # others stand in it
+                with contextlib.suppress(OSError):  # not empty
                     (folder / LOCK).unlink(missing_ok=True)
                     folder.rmdir()
                 raise
@@ -176,7 +176,7 @@ def opened(
 
 
 def _manifest_of(folder: Path, record: Mapping[str, Any]) -> Manifest | None:
-    """Return the manifest of a sweep's folder, None where there is none; refuse what is no such folder."""
+    """Manifest of a sweep's folder; None without one; `InputError` for other folders."""
     path = folder / MANIFEST
     if not os.path.lexists(path):
         _require_empty(folder)
@@ -187,7 +187,7 @@ def _manifest_of(folder: Path, record: Mapping[str, Any]) -> Manifest | None:
 
 
 def _remove_leftovers(folder: Path) -> None:
-    """Remove what a killed run had not yet renamed, or not yet removed."""
+    """Remove files that a killed run had not yet renamed or removed."""
     if (folder / RESULTS).exists():
         shutil.rmtree(folder / PARTS, ignore_errors=True)
     for pattern in (f".{MANIFEST}.*", f".{RESULTS}.*", f".{SUMMARY}.*", f"{PARTS}/*/.*"):

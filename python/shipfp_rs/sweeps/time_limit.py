@@ -1,4 +1,4 @@
-"""A limit of time for a piece of Python, in whatever thread or process it runs."""
+"""Time limit for Python code, in any thread or process."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ Result = TypeVar("Result")
 
 
 class TimedOut(BaseException):
-    """The limit was reached. Not an `Exception`: no handler on the way up may take it for a failure of its own."""
+    """The limit was reached. Not an `Exception`, so that no handler catches it as its own failure."""
 
 
 def within(limit_s: float | None, work: Callable[[], Result]) -> Result:
-    """Return what `work` returns, or raise `TimedOut` in it once the limit has passed.
+    """Return the result of `work`, or raise `TimedOut` in it after the limit.
 
-    It is raised between two steps of the interpreter: a kernel that runs finishes first.
+    It is raised between two steps of the interpreter; a running kernel finishes first.
     """
     if limit_s is None:
         return work()
@@ -37,13 +37,13 @@ def within(limit_s: float | None, work: Callable[[], Result]) -> Result:
         timer.cancel()
         with lock:
             running = False
-            # Asked for but not yet raised: the work is done, so it must not strike whatever comes next.
+            # Requested but not yet raised: the work is done, so later code must not be interrupted.
             raise_in(thread, None)
     return result
 
 
 def raise_in(thread: int, error: type[BaseException] | None) -> None:
-    """Have the interpreter raise an exception in a thread; None takes back one that waits."""
+    """Raise an exception in a thread; None cancels a pending one."""
     ctypes.pythonapi.PyThreadState_SetAsyncExc(
         ctypes.c_ulong(thread), None if error is None else ctypes.py_object(error)
     )
