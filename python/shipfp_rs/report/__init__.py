@@ -1,4 +1,4 @@
-"""report.html: one self-contained page: what was found, how sure it is, what happened to the data."""
+"""report.html: one self-contained page with results, their certainty, and the treatment of the data."""
 
 from __future__ import annotations
 
@@ -41,11 +41,11 @@ LOGGER = logging.getLogger("shipfp_rs")
 Responses = Sequence[tuple[FrequencyResponse, FrequencyResponse]]
 
 STILL_PICTURES = 1
-"""Experiments that have a picture for readers without JavaScript, too; each takes as long as half of the page."""
+"""Experiments with a picture also for readers without JavaScript; each takes as long as half of the page."""
 
 
 class Content(TypedDict, total=False):
-    """What a report may hold beside a fingerprint and its experiments; see `write_report`."""
+    """Optional content of a report besides a fingerprint and its experiments; see `write_report`."""
 
     simulated: Sequence[Experiment]
     responses: Responses
@@ -62,10 +62,10 @@ def write_report(
     experiments: Sequence[Experiment] | None = None,
     **content: Unpack[Content],
 ) -> Path:
-    """Write the report of a fingerprint; the file appears whole or not at all.
+    """Write the report of a fingerprint; the file is written atomically.
 
-    The page needs nothing from elsewhere, and no text of a log can run in it: its policy allows its own scripts
-    only and no request at all. An 8 h log makes less than 10 MB.
+    The page is self-contained, and no text of a log can run in it: its policy allows only its own scripts and no
+    requests. For an 8 h log it is smaller than 10 MB.
 
     Parameters
     ----------
@@ -74,21 +74,21 @@ def write_report(
     fingerprint
         The result.
     experiments
-        Experiments that the fingerprint was fitted to; None: those stored in it, together with the model's outputs.
+        Experiments of the fit; None: those stored in the fingerprint, together with the model's outputs.
     simulated
-        The fitted model's outputs for each experiment, as `Fingerprint.predict` gives them; may be empty.
+        The fitted model's outputs for each experiment, from `Fingerprint.predict`; may be empty.
     responses
-        Measured responses, each with the model's, for Bode plots; `assessment.compared_responses` makes them.
+        Measured responses, each with the model's, for Bode plots, from `assessment.compared_responses`.
     truth
-        Name to true value, for simulated logs.
+        True values by name, for simulated logs.
     title
         Headline.
     language
         One of `shipfp_rs.support.languages.LANGUAGES`.
     structure
-        The fingerprint's, where its equations are a user's own; None rebuilds it.
+        Structure of the fingerprint, if its equations are the user's; None rebuilds it.
     vessel
-        The trial's vessel, from which the words for drive and load follow; None: an engine and a propeller.
+        The trial's vessel, which determines the words for drive and load; None: an engine and a propeller.
 
     Returns
     -------
@@ -105,7 +105,7 @@ def write_report(
 def _simulated(
     fingerprint: Fingerprint, experiments: Sequence[Experiment], structure: Structure | None
 ) -> list[Experiment]:
-    """Return the fitted model's experiments; none where it runs away from one of them: the report goes without."""
+    """Outputs of the fitted model; empty if it diverges for an experiment, and the report omits them."""
     try:
         return [fingerprint.predict(one, structure) for one in experiments]
     except SimulationError as error:
@@ -125,7 +125,7 @@ def render(
     structure: Structure | None = None,
     vessel: Vessel | None = None,
 ) -> str:
-    """Return the page of `write_report` as a string."""
+    """Page of `write_report` as a string."""
     say = Say(language, instead(fingerprint, experiments, vessel))
     pictures = Pictures(say)
     figures = loop.figures(fingerprint, structure)
@@ -177,9 +177,9 @@ def render(
 
 
 def _page(title: str, ship: str, sections: Sequence[tuple[str, str, Sequence[str]]], say: Say) -> str:
-    """Return the page that holds sections, with its scripts and the policy that lets no other one run."""
+    """Page with sections, its scripts and the policy that permits no others."""
     scripts = [_resource(name) for name in ("sort.js", "save.js", "zoom.js")]
-    # Whatever slipped through the escaping could neither run nor call anyone.
+    # If escaping failed, text could neither run nor send requests.
     allowed = " ".join(f"'sha256-{_digest(script)}'" for script in scripts)
     policy = f"default-src 'none'; style-src 'unsafe-inline'; img-src data:; script-src {allowed}"
     return (
@@ -200,7 +200,7 @@ def _page(title: str, ship: str, sections: Sequence[tuple[str, str, Sequence[str
 
 
 def _structure_name(fingerprint: Fingerprint, say: Say) -> str:
-    """Return what a structure is called: of the ship's, which elements the drive train has."""
+    """Name of a structure: for that of the ship, the elements of the drive train."""
     if fingerprint.settings.get("structure") == FULL_SHIP:
         return say("the whole drive train")
     name = str(fingerprint.structure.get("name", ""))
@@ -214,7 +214,7 @@ def _structure_name(fingerprint: Fingerprint, say: Say) -> str:
 
 
 def _folded(summary: str, parts: Iterable[str]) -> Iterable[str]:
-    """Yield the parts in a collapsible section; nothing where there are none."""
+    """Yield the parts in a collapsible section; empty without parts."""
     content = Markup("\n").join(part for part in parts if part)
     if content:
         yield markup.details(summary, content)
@@ -283,7 +283,7 @@ def _settings(fingerprint: Fingerprint, say: Say) -> Iterable[str]:
 
 
 def _outline(content: Mapping[str, Any], indent: str = "") -> str:
-    """Write nested settings one a line; what is not a table of its own stays on its line."""
+    """Format nested settings, one per line; inner values stay on one line."""
     lines = []
     for key, value in content.items():
         if isinstance(value, Mapping) and any(isinstance(entry, Mapping) for entry in value.values()):

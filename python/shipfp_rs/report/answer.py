@@ -1,4 +1,4 @@
-"""The first screen: what the fingerprint is good for, the ship, its loop, and one picture of model and measurement."""
+"""First screen: usability of the fingerprint, the ship, its loop, and one picture of model and measurement."""
 
 from __future__ import annotations
 
@@ -45,24 +45,24 @@ COMPARISON = Sentence(
 SHOWN_S = (8.0, 30.0)
 """Shortest and longest stretch of the picture [s]; between them a twentieth of the record."""
 TONES: Mapping[str, str] = {"usable": "good", "usable except": "warn", "not usable": "bad"}
-"""What colour the first sentence has."""
+"""Colour of the first sentence."""
 KNOWN_WELL = 0.2
-"""Half of an interval over its value up to which a parameter is known well enough for green."""
+"""Largest relative half-width of an interval shown in green."""
 OPEN_ABOVE = 3.0
-"""Upper end of an interval, over its value, from which it is open above: only what it is at least helps."""
+"""Ratio of an interval's upper end to the value above which only the lower end is shown."""
 RELATED = 0.9
-"""Correlation above which parameters are known only roughly because of each other."""
+"""Correlation above which two parameters are known only roughly because of each other."""
 AT_AN_END = 0.05
-"""Part of an interval within which an estimate is at its end."""
+"""Fraction of an interval within which an estimate is at its end."""
 AT_REST = 1e-4
-"""Standard deviation of a set point over the operating speed, below which it rests."""
+"""Standard deviation of a set point at rest, relative to the operating speed."""
 CHANNELS = (*LATE_CHANNELS, "T_0")
-"""Parameters of the measurement, no part of the ship."""
+"""Parameters of the measurement, not of the ship."""
 WORTH = ("bandwidth", "phase margin", "gain margin", "recovery time")
 DELAYS = ("T_d", "T_set", "tau_act", "T_s")
-"""Parameters that may be zero, of which the data give only an upper limit."""
+"""Parameters that may be zero, for which the data give only an upper limit."""
 NONE = 0.02
-"""Part of a delay's greatest value below which its least one is none."""
+"""Fraction of a delay's upper limit below which its lower limit counts as zero."""
 
 
 def answer(
@@ -75,9 +75,9 @@ def answer(
     say: Say,
     top: Sequence[tuple[str, str, str, str, str]] = (),
 ) -> Iterable[str]:
-    """Yield the verdict's first sentence, the ship and its loop beside the pictures, and what is not determined.
+    """Yield the verdict's first sentence, the ship and its loop beside the pictures, and undetermined parameters.
 
-    `step` is the picture of the loop's answer to a step, `top` rows above those of the ship.
+    `step` is the picture of the loop's step response, `top` rows above those of the ship.
     """
     lead = _with_names(fingerprint.usable, fingerprint.parameters, say)
     if not lead and fingerprint.verdict:
@@ -92,7 +92,7 @@ def answer(
     heading = (
         say("Figures of the model, not to be used") if failed else say("The drive train, with 95 % intervals")
     )
-    # Where the search found no minimum there is nothing to tell, not even of the model.
+    # If the search found no minimum there are no results, not even for the model.
     told = fingerprint.why_not != "no minimum"
     tables = [piece("facts", heading, [*top, *ship_rows(fingerprint, say)], failed)] if told else []
     # The loop of a model that is not the ship's would be taken for the ship's.
@@ -112,8 +112,8 @@ def answer(
 
 
 def next_steps(fingerprint: Fingerprint, say: Say) -> list[str]:
-    """Return what to do about a fingerprint that can't be used, or holds for its model only; nothing for any other."""
-    # Whether its intervals hold for the ship is said in its sentence; a bent one misses nothing.
+    """Advice on a fingerprint that is unusable or valid only for its model; empty for any other."""
+    # If the intervals hold only for the model, its causes are listed; no data are missing.
     bent = not fingerprint.adequate.get("stands", True) or "hold for the model" in fingerprint.usable
     if not fingerprint.why_not and not fingerprint.engine_described:
         return [
@@ -141,9 +141,9 @@ def next_steps(fingerprint: Fingerprint, say: Say) -> list[str]:
 
 
 def acting(fingerprint: Fingerprint, say: Say) -> list[str]:
-    """Return which elements act, which may, which were not found, and whether something small is missing.
+    """Elements that act, may act, or were not found, and whether a small one is missing.
 
-    A fingerprint that can't be used gives none of these: the elements of its model say nothing about the ship.
+    Empty for an unusable fingerprint, whose elements say nothing about the ship.
     """
     if fingerprint.why_not:
         return []
@@ -172,7 +172,7 @@ def acting(fingerprint: Fingerprint, say: Say) -> list[str]:
 
 
 def interval(row: Row, estimate: Estimate, say: Say, *, with_end: bool = True) -> str:
-    """Write an interval, and where the estimate is at its end that it is; one that begins on a bound has one end only."""
+    """Format an interval, with a remark if the estimate is at its end; on a bound it has one end only."""
     if estimate.ci95 is None:
         return ""
     if estimate.ci95[1] == np.inf:
@@ -186,7 +186,7 @@ def interval(row: Row, estimate: Estimate, say: Say, *, with_end: bool = True) -
 
 
 def at_an_end(estimate: Estimate, say: Say) -> str:
-    """Say that an estimate lies at an end of its interval, since a reader may take that for a mistake."""
+    """Remark that an estimate lies at an end of its interval, which may look like a mistake."""
     if estimate.value is None or estimate.ci95 is None:
         return ""
     low, high = estimate.ci95
@@ -197,9 +197,9 @@ def at_an_end(estimate: Estimate, say: Say) -> str:
 
 
 def ship_rows(fingerprint: Fingerprint, say: Say) -> list[tuple[str, str, str, str, str]]:
-    """Return plain name, symbol, value with unit, interval, and the same in other units, of each parameter of the ship.
+    """Plain name, symbol, value with unit, interval, and the same in other units, for each parameter of the ship.
 
-    In SI units first, where the vessel is known; the normalised parameter stands behind.
+    SI units come first if the vessel is known; the normalised parameter follows.
     """
     rows = []
     known = dict(fingerprint.parameters)
@@ -224,7 +224,7 @@ def ship_rows(fingerprint: Fingerprint, say: Say) -> list[tuple[str, str, str, s
         inertia = name
         if row.name in ("tau_n", "tau_prop"):
             inertia = say("{inertia}, seen from the propeller shaft", inertia=short_name(row.name, say))
-        # Where it lies in its interval is said once, of the interval in SI units.
+        # The position in its interval is stated once, for the interval in SI units.
         none = may_be_zero(row, known[row.name])
         alone = told if none else interval(row, known[row.name], say, with_end=False)
         normalised = f"{say('normalised')}: {row.name} {value if none else f'= {value}'}"
@@ -234,18 +234,18 @@ def ship_rows(fingerprint: Fingerprint, say: Say) -> list[tuple[str, str, str, s
 
 
 def _in_si(estimate: Estimate, quantity: Mapping[str, Any], say: Say) -> tuple[str, str]:
-    """Return a quantity with its SI unit, and its interval."""
+    """Value of a quantity with its SI unit, and its interval."""
     ends = quantity["ci95"]
     told = replace(
         estimate, value=quantity["value"], std=quantity["std"], ci95=None if ends is None else tuple(ends)
     )
     (row,) = rounded_rows({"": replace(told, unit=quantity["unit"])})
-    # Where there is no room for both the unit goes to the next line, and stays whole.
+    # If both do not fit, the unit moves to the next line as a whole.
     return _value_and_interval(row, told, " ", say)
 
 
 def _value_and_interval(row: Row, estimate: Estimate, gap: str, say: Say) -> tuple[str, str]:
-    """Return a value with its unit and its interval; of a value that may be zero its upper limit."""
+    """Value with its unit, and its interval; for a value that may be zero, its upper limit."""
     unit = unit_shown(row.unit).replace(" ", "\u00a0")
     if not row.value:
         return say(row.status), ""
@@ -255,7 +255,7 @@ def _value_and_interval(row: Row, estimate: Estimate, gap: str, say: Say) -> tup
 
 
 def may_be_zero(row: Row, estimate: Estimate) -> bool:
-    """Whether the data only limit a parameter from above: a delay that may be zero, or a value that rounds to zero."""
+    """Whether the data give only an upper limit: a delay that may be zero, or a value that rounds to zero."""
     if estimate.ci95 is None or not 0.0 < estimate.ci95[1] < np.inf:
         return False
     low, high = estimate.ci95
@@ -265,7 +265,7 @@ def may_be_zero(row: Row, estimate: Estimate) -> bool:
 
 
 def loop_rows(loop: Mapping[str, Estimate], say: Say) -> list[tuple[str, str, str, str, str]]:
-    """Return what a control engineer asks first: name, no symbol, value with unit, interval, and what it means."""
+    """Main figures for a control engineer: name, no symbol, value with unit, interval, and meaning."""
     meanings = {
         "bandwidth": say("up to this frequency the speed follows the set point"),
         "phase margin": _damped(loop["phase margin"].value, say),
@@ -279,7 +279,7 @@ def loop_rows(loop: Mapping[str, Estimate], say: Say) -> list[tuple[str, str, st
         estimate = loop[row.name]
         value, told = say.number(row.value), interval(row, estimate, say)
         if row.value and told and is_rough(estimate, KNOWN_WELL):
-            # A value that may be off by more would be taken for one that is known.
+            # A less accurate value would be taken for a known one.
             value, told = interval(row, estimate, say, with_end=False), say("known only roughly")
             if estimate.ci95 is not None and estimate.ci95[1] > OPEN_ABOVE * abs(estimate.value or 0.0):
                 value = say("at least {low}", low=say.number(f"{estimate.ci95[0]:.2g}"))
@@ -305,13 +305,13 @@ def _damped(margin: float | None, say: Say) -> str:
 
 
 def _told_of(fingerprint: Fingerprint) -> dict[str, Estimate]:
-    """Return the parameters of which the report tells."""
-    described = fingerprint.engine_described  # else the first sentence says what is not given
+    """Parameters included in the report."""
+    described = fingerprint.engine_described  # else the first sentence says what is missing
     return {name: one for name, one in fingerprint.parameters.items() if described or one.value is not None}
 
 
 def undetermined(fingerprint: Fingerprint) -> list[str]:
-    """Return the parameters that the data do not determine, in the order in which an engineer looks."""
+    """Undetermined parameters, in the order of their importance to an engineer."""
     return as_looked_at(
         name
         for name, estimate in _told_of(fingerprint).items()
@@ -321,7 +321,7 @@ def undetermined(fingerprint: Fingerprint) -> list[str]:
 
 
 def of_what(name: str, value: float | None, fingerprint: Fingerprint, say: Say) -> str:
-    """Say what a figure without a unit is a share of, and of a torque how much that is where it is known; else nothing."""
+    """Reference of a figure without a unit, and for a torque its value if known; else empty."""
     point = operating_point(fingerprint)
     if name != "M_max" or point is None or value is None:
         return say(OF_WHAT.get(name, ""))
@@ -329,7 +329,7 @@ def of_what(name: str, value: float | None, fingerprint: Fingerprint, say: Say) 
 
 
 def open_questions(fingerprint: Fingerprint, say: Say) -> list[str]:
-    """Return a line for what can't be told, or only roughly, and what would settle it; nothing of a model that is not so."""
+    """A line for each undetermined or rough result, and the remedy; empty for an unusable model."""
     if fingerprint.why_not not in ("", "nothing told"):
         return []
     estimates, unknown = _told_of(fingerprint), undetermined(fingerprint)
@@ -360,7 +360,7 @@ def open_questions(fingerprint: Fingerprint, say: Say) -> list[str]:
 
 
 def _sharpened(fingerprint: Fingerprint, names: Sequence[str], say: Say) -> str:
-    """Say which one parameter, known from elsewhere, would sharpen another most, and by how much; nothing if none would."""
+    """Parameter whose knowledge would improve another one most, and by how much; empty if there is none."""
     related = fingerprint.correlations
     pairs = [
         (abs(related.get(one, {}).get(other, 0.0)), one, other)
@@ -380,7 +380,7 @@ def _sharpened(fingerprint: Fingerprint, names: Sequence[str], say: Say) -> str:
 
 
 def short_name(symbol: str, say: Say) -> str:
-    """Return what a sentence calls a parameter: an inertia by what turns, anything else by its plain name."""
+    """Name of a parameter in a sentence: an inertia by the rotating part, others by their plain names."""
     turning = {
         "tau_n": say("inertia of the whole drive train"),
         "tau_prop": say("inertia behind the torque gauge"),
@@ -389,7 +389,7 @@ def short_name(symbol: str, say: Say) -> str:
 
 
 def _with_names(sentence: str, symbols: Container[str], say: Say) -> str:
-    """Return a sentence with plain names for the symbols that it lists."""
+    """Replace the symbols listed in a sentence by plain names."""
 
     def named(value: str) -> str:
         return say("the {name}", name=short_name(value, say)) if value in symbols else say.figure(value)
@@ -407,7 +407,7 @@ def _listed(symbols: Iterable[str], say: Say) -> str:
 def _picture(
     experiments: Sequence[Experiment], simulated: Sequence[Experiment], pictures: Pictures, say: Say
 ) -> str:
-    """Draw the stretch of the first experiment in which its speed moves most, measured and modelled."""
+    """Draw the stretch of the first experiment with the most motion of the speed, measured and modelled."""
     if not experiments or not simulated:
         return ""
     experiment, model = experiments[0], dict(list(simulated[0].outputs.items())[:2])
@@ -437,7 +437,7 @@ def _picture(
 
 
 def driver_of(experiment: Experiment) -> Sentence:
-    """Return what moves the drive in an experiment."""
+    """Input that moves the drive in an experiment."""
     if "M_load" not in experiment.signals:
         return Sentence("set point")
     if "n_set" not in experiment.signals or float(np.nanstd(experiment.dn_set)) < AT_REST:
@@ -453,7 +453,7 @@ def _draw_load(ax: Axes, experiment: Experiment, stretch: tuple[float, float]) -
 
 
 def _stretch_csv(experiment: Experiment, model: Mapping[str, Array], stretch: tuple[float, float]) -> str:
-    """Return a stretch of an experiment, measured and modelled, as CSV."""
+    """Stretch of an experiment, measured and modelled, as CSV."""
     rows = slice(*(round(edge * experiment.rate_hz) for edge in stretch))
     columns = {"time_s": np.arange(len(experiment)) / experiment.rate_hz}
     for name in ("n_set", "M_load"):
@@ -468,7 +468,7 @@ def _stretch_csv(experiment: Experiment, model: Mapping[str, Array], stretch: tu
 
 
 def _liveliest(experiment: Experiment, model: Array) -> tuple[float, float]:
-    """Return the stretch in which a model's output goes up and down most [s]."""
+    """Stretch with the most motion of a model's output [s]."""
     shortest, longest = SHOWN_S
     length = min(max(experiment.duration / 20.0, shortest), longest, experiment.duration)
     way = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(model)))])

@@ -1,4 +1,4 @@
-"""Time plots that zoom: signals, model, what is left over and faults, packed into the page for zoom.js to draw."""
+"""Zoomable time plots of signals, model, residuals and faults, packed into the page for zoom.js."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ from shipfp_rs.support.sentences import Sentence
 from shipfp_rs.support.spans import runs
 
 VALUES = 2_600_000
-"""Numbers of two bytes that all charts of a page hold together: 6.9 MB as text."""
+"""Two-byte numbers in all charts of a page: 6.9 MB as text."""
 STEPS = 65_534
-"""Steps from a series' smallest to its largest value; one more stands for a masked sample."""
+"""Steps from a series' smallest to its largest value; one more code is for masked samples."""
 MARKS = 4000
-"""Faults of one kind and channel closer than this part of the record are drawn as one."""
+"""Faults of one kind and channel closer than this fraction of the record are drawn as one."""
 MODEL = "currentColor"
 LEAST_SHARE = 0.3
-"""Part of a residual from which on what the tachometer makes of it is worth a sentence; of the power a tenth."""
+"""Least fraction of a residual due to the tachometer that is mentioned; a tenth of its power."""
 
 HELP = (
     "Drag across to zoom, double-click to see all. With the keyboard: arrows move, + and − zoom, 0 shows all, "
@@ -56,21 +56,21 @@ BUTTONS = (
     "time [h:min:s]",
     "masked",
 )
-"""What zoom.js says."""
+"""Texts of zoom.js."""
 
 
 def charts(experiments: Sequence[Experiment], simulated: Sequence[Experiment], say: Say) -> list[str]:
-    """Return a figure for each experiment.
+    """Figure for each experiment.
 
-    Samples are kept one by one where the page has room for all, else as smallest and largest of equal stretches, so
-    that no peak is lost; the page thins them further, in the same way, to what the zoom shows.
+    Single samples are kept if the page has room for all, else the extremes of equal stretches, so that no peak is lost; the
+    page reduces them further in the same way according to the zoom.
 
     Parameters
     ----------
     experiments
-        What was fitted.
+        Experiments of the fit.
     simulated
-        For each experiment the fitted model's; may be empty.
+        Output of the fitted model for each experiment; may be empty.
     """
     models = [one.outputs for one in simulated] or [{}] * len(experiments)
     total = sum(len(e) * (len(e.signals) + 2 * len(m)) for e, m in zip(experiments, models, strict=True))
@@ -113,7 +113,7 @@ def _chart(experiment: Experiment, model: Mapping[str, Array], width: int, say: 
 
 
 def of_the_tachometer(experiment: Experiment, model: Mapping[str, Array], say: Say) -> str:
-    """Say how much of the speed's residual the pulses' resolution makes; nothing where that is little, or not known."""
+    """Sentence on the part of the speed's residual due to the resolution of pulses; empty if small or unknown."""
     speed = experiment.provenance.get("speed", {})
     size, name = speed.get("resolution_rpm"), next((one for one in ("n_e", "n_s") if one in model), "")
     if size is None or not name:
@@ -132,7 +132,7 @@ def of_the_tachometer(experiment: Experiment, model: Mapping[str, Array], say: S
 
 
 def _masked(experiment: Experiment, unit: str) -> Iterator[Fault]:
-    """Yield what is masked in signals of which no fault has a known place."""
+    """Yield masked stretches of signals without a localised fault."""
     for name, samples in experiment.signals.items():
         if UNITS[name] == unit and np.isnan(samples).any():
             spans = runs(np.isnan(samples))
@@ -153,7 +153,7 @@ def _panel(
 
 
 def _series(label: str, colour: str, samples: Array, width: int, kind: str = "") -> dict[str, Any]:
-    """Return samples to draw; of `kind` "broad", "dashed" or neither."""
+    """Samples to draw; `kind` is "broad", "dashed" or empty."""
     thinned = thin(samples, width)
     finite = thinned[np.isfinite(thinned)]
     low, high = (float(finite.min()), float(finite.max())) if finite.size else (0.0, 0.0)
@@ -166,7 +166,7 @@ def _series(label: str, colour: str, samples: Array, width: int, kind: str = "")
 
 
 def thin(samples: Array, width: int) -> Array:
-    """Return smallest and largest of every `width` samples in turn, NaN where all are NaN; all samples for width 1.
+    """Minimum and maximum of every `width` samples in turn, NaN if all are NaN; all samples for width 1.
 
     Examples
     --------
@@ -181,7 +181,7 @@ def thin(samples: Array, width: int) -> Array:
 
 
 def _mark(fault: Fault, experiment: Experiment, say: Say) -> dict[str, Any]:
-    """Return places of a fault [s], those that no screen tells apart as one."""
+    """Spans of a fault [s], merged where a screen can't separate them."""
     spans = fault.spans_s[np.argsort(fault.spans_s[:, 0], kind="stable")]
     ends = np.maximum.accumulate(spans[:, 1])
     apart = np.append(True, spans[1:, 0] - ends[:-1] > experiment.duration / MARKS)

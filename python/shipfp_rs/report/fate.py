@@ -1,4 +1,4 @@
-"""The fate of every sample: kept, repaired or cut, and why; how good the log was."""
+"""Treatment of every sample: kept, repaired or cut, and why; quality of the log."""
 
 from __future__ import annotations
 
@@ -17,27 +17,27 @@ from shipfp_rs.report.markup import Cell, Row, bullets, count, details, number, 
 from shipfp_rs.support.arrays import Array
 
 FATES = {2: "kept", 3: "repaired", 4: "cut", 1: "another sensor used", 0: "outside windows"}
-"""What can become of a recorded sample; of two the one with the higher code counts."""
+"""Treatments of a recorded sample by code; if several apply, the highest code counts."""
 SPANS_SHOWN = 100
-"""Places of one kind of repair that are listed; experiments.parquet holds all."""
+"""Most spans listed for one kind of repair; experiments.parquet has all."""
 
 
 @dataclass(frozen=True)
 class Fault:
-    """What was wrong with a channel of one experiment.
+    """Fault of a channel in one experiment.
 
     Parameters
     ----------
     kind, channel, method
-        As in a `shipfp_rs.logs.faults.Fault`.
+        See `shipfp_rs.logs.faults.Fault`.
     signal
-        Signal that the channel became; empty where the account does not tell.
+        Signal of the channel; empty if the record has none.
     spans
-        First sample and first one after, on the channel's own index, shape (K, 2).
+        First sample and one past the last, by the channel's own index, shape (K, 2).
     spans_s
-        The same as times from the experiment's first sample [s], shape (K, 2); empty where the account has no rate.
+        The same as times from the experiment's first sample [s], shape (K, 2); empty if the record has no rate.
     cut
-        Whether no fit sees the signals at these times, whatever was put in their place.
+        Whether fits omit the signals at these times, even if they were filled in.
     """
 
     kind: str
@@ -50,17 +50,17 @@ class Fault:
 
     @property
     def kept(self) -> bool:
-        """Whether the samples were told of only."""
+        """Whether the samples were only reported."""
         return not self.cut and self.method.startswith("kept")
 
     @property
     def samples(self) -> int:
-        """Samples concerned."""
+        """Number of affected samples."""
         return int((self.spans[:, 1] - self.spans[:, 0]).sum())
 
 
 def faults(experiment: Experiment) -> list[Fault]:
-    """Return the faults on an experiment's record."""
+    """Faults recorded in an experiment."""
     provenance = experiment.provenance
     found = []
     for record in provenance.get("faults", ()):
@@ -78,14 +78,14 @@ def faults(experiment: Experiment) -> list[Fault]:
 
 
 def of_every_sample(fingerprint: Fingerprint, experiments: Sequence[Experiment], say: Say) -> Iterable[str]:
-    """Yield what became of the logs' samples, of the experiments' and of each fault."""
+    """Yield the treatment of the logs' samples, of the experiments' samples and of each fault."""
     yield _recorded(experiments, say)
     yield _fitted(fingerprint, experiments, say)
     yield _faults(experiments, say)
 
 
 def _recorded(experiments: Sequence[Experiment], say: Say) -> str:
-    """Count the samples of each channel as recorded; each is in exactly one column."""
+    """Table of recorded samples by channel; each sample is in exactly one column."""
     rows: list[Row] = []
     for log, group in groupby(experiments, key=lambda e: str(e.provenance.get("log", ""))):
         cut_from = [e for e in group if "recorded" in e.provenance]
@@ -111,7 +111,7 @@ def _recorded(experiments: Sequence[Experiment], say: Say) -> str:
 
 
 def _fates(channel: str, experiments: Sequence[Experiment]) -> npt.NDArray[np.uint8]:
-    """Return the code in `FATES` of each recorded sample of a channel, shape (N,); of several codes the highest."""
+    """Code in `FATES` of each recorded sample of a channel, shape (N,); the highest if several apply."""
     fate = np.zeros(experiments[0].provenance["recorded"][channel]["samples"], dtype=np.uint8)
 
     def raise_to(code: int, first: int, stop: int) -> None:
@@ -131,7 +131,7 @@ def _fates(channel: str, experiments: Sequence[Experiment]) -> npt.NDArray[np.ui
 
 
 def _fitted(fingerprint: Fingerprint, experiments: Sequence[Experiment], say: Say) -> str:
-    """Count the samples that the fit saw; a masked one takes its neighbours within the filter with it."""
+    """Table of fitted samples; a masked one also removes its neighbours within the filter."""
     records = {str(record.get("name", "")): record for record in fingerprint.data}
     rows: list[Row] = []
     for experiment in experiments:
@@ -194,13 +194,13 @@ def _faults(experiments: Sequence[Experiment], say: Say) -> str:
 
 
 def _done(fault: Fault, say: Say) -> str:
-    """Say what was done about a fault."""
+    """Treatment of a fault in words."""
     method = say(fault.method)
     return method if fault.kept else f"{say('cut' if fault.cut else 'repaired')}: {method}"
 
 
 def log_quality(experiments: Sequence[Experiment], say: Say) -> Iterable[str]:
-    """Yield what the log's sensors were worth: pulse trains, calibrations, filter, operating points."""
+    """Yield the quality of the log's sensors: pulse trains, calibrations, filter, operating points."""
     rows: list[Row] = []
     for experiment in experiments:
         speed = experiment.provenance.get("speed", {})

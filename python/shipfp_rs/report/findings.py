@@ -1,4 +1,4 @@
-"""What was found in figures: parameters and combinations, and the statistics behind them."""
+"""Numerical results: parameters and combinations, and their statistics."""
 
 from __future__ import annotations
 
@@ -41,9 +41,9 @@ FIGURES: Mapping[str, str] = {
     "chi_squared": "chi-squared",
     "degrees_of_freedom": "degrees of freedom",
 }
-"""Figure of a fit to what the report calls it."""
+"""Names of a fit's statistics in the report."""
 UNEVEN = 1.5
-"""How many times the longer side of an interval is the shorter one before it is explained."""
+"""Ratio of the longer to the shorter side of an interval from which it is explained."""
 NORMALISED = ("g", "v", "K_p", "K_i", "vK_p", "vK_i")
 
 
@@ -96,7 +96,7 @@ def parameters(
 
 
 def not_to_be_used(fingerprint: Fingerprint, say: Say) -> Iterable[str]:
-    """Yield a warning above the figures of a fingerprint that can't be used."""
+    """Yield a warning above the numbers of an unusable fingerprint."""
     if fingerprint.why_not:
         yield paragraph(say("These figures are not to be used."), "bad")
 
@@ -109,7 +109,7 @@ def _is_uneven(estimate: Estimate) -> bool:
 
 
 def _meanings(fingerprint: Fingerprint, say: Say) -> Iterable[str]:
-    """Yield what each symbol means, and what gains and slopes are normalised to."""
+    """Yield the meaning of each symbol, and the normalisation of gains and slopes."""
     told = [f"{name}: {meaning}." for name in fingerprint.parameters if (meaning := say.meaning(name))]
     if not told:
         return
@@ -162,7 +162,7 @@ def _estimates(
     formula: bool = False,
     failed: bool = False,
 ) -> Iterable[str]:
-    """Yield a table of estimates, and below it each reason that holds for several of them."""
+    """Yield a table of estimates, followed by the reasons that apply to several of them."""
     value = say("value of the model") if failed else say("estimate")
     head = [*say.each("symbol", "name"), value, *say.each("std", "95 % interval", "unit")]
     head += [say("truth")] if truth else []
@@ -209,7 +209,7 @@ def _estimates(
 
 
 def elements(fingerprint: Fingerprint, say: Say) -> Iterable[str]:
-    """Yield the elements as a table."""
+    """Yield the table of elements."""
     if not fingerprint.elements:
         return
     yield from not_to_be_used(fingerprint, say)
@@ -239,7 +239,7 @@ def elements(fingerprint: Fingerprint, say: Say) -> Iterable[str]:
 
 
 def _gain(row: Mapping[str, Any]) -> float:
-    """What an element buys; one whose trial fitted worse than none bought nothing."""
+    """Gain in fit from an element; zero if its trial fitted worse than without it."""
     return max(float(row["evidence"] or 0.0), 0.0)
 
 
@@ -254,7 +254,7 @@ def _limit(name: str, row: Mapping[str, Any], fingerprint: Fingerprint, say: Say
 
 
 def statistics(fingerprint: Fingerprint, pictures: Pictures, say: Say) -> Iterable[str]:
-    """Yield what is behind a fold: the verdict in full, rank, fits and residual tests."""
+    """Yield the collapsed section: full verdict, rank, fits and residual tests."""
     if fingerprint.verdict:
         yield piece("heading", say("The verdict in full"))
         yield bullets(say(line) for line in fingerprint.verdict)
@@ -285,7 +285,7 @@ def _rank(fingerprint: Fingerprint, say: Say) -> Iterable[str]:
 
 
 def _correlations(fingerprint: Fingerprint, say: Say) -> Iterable[str]:
-    """Yield the correlations of the parameters that were searched for."""
+    """Yield the correlations of the searched parameters."""
     related = fingerprint.correlations
     if len(related) < 2:
         return

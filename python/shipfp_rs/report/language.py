@@ -1,4 +1,4 @@
-"""The language of a report: English texts, said as a catalogue has them and in words that go with the trial."""
+"""Language of a report: translation of English texts, with words that suit the trial's drive and load."""
 
 from __future__ import annotations
 
@@ -24,22 +24,22 @@ KINDS = {
     "squares": "square waves",
     "prbs": "pseudo-random steps",
 }
-"""Kind of a window to what the set point does in it; any other is a plain word, or the user's own."""
+"""Motion of the set point by kind of window; other kinds are plain or the user's own words."""
 LABEL = re.compile(r"(.*?)((?: (?:[$\[(]|\w+_).*)?)$")
-"""A label: its words, and what follows of symbols, units and shares."""
+"""A label: its words, followed by symbols, units and fractions."""
 CELL = re.compile(r'(<td class="number[^>]*>)([^<]*)')
-"""A table's cell of figures: what opens it, and its text."""
+"""A numeric table cell: its opening tag and its text."""
 
 
 class Say:
-    """Says what a report has to say in one language.
+    """Translator of report texts into one language.
 
     Parameters
     ----------
     language
         One of `LANGUAGES`.
     instead
-        Words that do not go with the trial's drive or load, with what to write in place of them, as `driven` lists them.
+        Words that do not suit the trial's drive or load, and their replacements, from `driven`.
     """
 
     def __init__(self, language: str = "en", instead: Iterable[str] = ()) -> None:
@@ -50,15 +50,15 @@ class Say:
         self._instead = driven.pairs_of(map(self._translated, instead))
 
     def __call__(self, text: str, /, **values: Any) -> str:
-        """Return a text, its fields in braces filled in; as it is where the catalogue does not know it."""
+        """Translate a text and fill in its fields; texts missing from the catalogue stay English."""
         return self.told(Sentence(text, **values) if values else text, self.figure)
 
     def each(self, *texts: str) -> list[str]:
-        """Return texts one by one, as heads of a table; an empty one stays empty."""
+        """Translate each text, such as the headings of a table; empty ones stay empty."""
         return [self(text) for text in texts]
 
     def told(self, text: str, leaf: Callable[[str], str]) -> str:
-        """Return a text; `leaf` writes the values in it that are no sentences themselves."""
+        """Translate a text; `leaf` formats its values that are not sentences."""
         template = text.template if isinstance(text, Sentence) else text
         said = self.fitting(self._translated(template)) if template else ""
         if not isinstance(text, Sentence):
@@ -70,38 +70,38 @@ class Say:
         return filled(said, values)
 
     def fitting(self, text: str) -> str:
-        """Return a text of the report in words that go with the trial's drive and load."""
+        """Replace words of a text that do not suit the trial's drive and load."""
         return driven.fitting(text, self._instead, is_english=self.language == "en")
 
     def figure(self, text: str) -> str:
-        """Return a value; of a number with the language's decimal sign."""
+        """Format a value; numbers with the language's decimal sign."""
         return self.number(text) if NUMBER.fullmatch(text) else text
 
     def number(self, text: str) -> str:
-        """Return text whose numbers have the language's decimal sign."""
+        """Replace decimal points in numbers by the language's decimal sign."""
         return POINT.sub(self._decimal, text)
 
     def cells(self, page: str) -> str:
-        """Return a page whose cells of figures have the language's decimal sign."""
+        """Replace decimal points in the numeric cells of a page."""
         return CELL.sub(lambda found: found[1] + self.number(found[2]), page)
 
     def called(self, experiment: str, kind: str, driver: str = "set point") -> str:
-        """Return an experiment's name and what the set point, or another driver, did in it, where that is known."""
+        """Name of an experiment and the motion of its set point or other driver, if known."""
         if not kind:
             return experiment
         return f"{experiment} ({self(driver)}: {self(KINDS.get(kind, kind))})"
 
     def name(self, symbol: str) -> str:
-        """Return the plain name of a parameter or combination, the part of a joint structure in brackets behind it."""
+        """Plain name of a parameter or combination, followed in brackets by the part of a joint structure."""
         own, bracket, part = symbol.partition(" (")
         return self(plain_name(own)) + bracket + part if plain_name(symbol) else ""
 
     def meaning(self, symbol: str) -> str:
-        """Return what a parameter means; empty for a parameter of a user's own."""
+        """Meaning of a parameter; empty for a user's own."""
         return self(glossary.meaning(symbol.partition(" (")[0]))
 
     def label(self, text: str) -> str:
-        """Return the label of an axis or of a legend, its symbols and units as they are."""
+        """Translate the label of an axis or a legend, except symbols and units."""
         if (said := self(text)) != text:
             return said
         return LABEL.sub(lambda found: self(found[1]) + self.number(found[2]), text, count=1)

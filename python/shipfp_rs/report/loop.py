@@ -1,4 +1,4 @@
-"""The speed loop at the estimate: its answer to a step, its poles and margins."""
+"""Speed loop at the estimate: step response, poles and margins."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 INSTANTS = 400
 LONGER = 2.5
-"""Length of the picture over the time of recovery."""
+"""Duration of the picture relative to the time of recovery."""
 PADE = 5
 SHOWN = ("dn", "dM")
 """Outputs in the picture."""
@@ -42,7 +42,7 @@ TONES = {"pass": "good", "fail": "bad", "open": "warn"}
 
 
 def figures(fingerprint: Fingerprint, structure: Structure | None) -> Mapping[str, Estimate]:
-    """Return poles, margins and times; nothing for a structure without a linearisation, or an engine not described."""
+    """Poles, margins and times; empty for a structure without a linearisation, or an undescribed engine."""
     if "optimum" not in fingerprint.settings or not fingerprint.engine_described:
         return {}
     try:
@@ -52,7 +52,7 @@ def figures(fingerprint: Fingerprint, structure: Structure | None) -> Mapping[st
 
 
 def section(fingerprint: Fingerprint, loop: Mapping[str, Estimate], say: Say) -> Iterable[str]:
-    """Yield the table of the loop's figures; nothing of a model that is not to be used."""
+    """Yield the table of the loop's figures; empty for an unusable model."""
     if not loop or fingerprint.why_not:
         return
     yield paragraph(say("Computed from the model linearised about the operating point, for small motions."))
@@ -74,7 +74,7 @@ def section(fingerprint: Fingerprint, loop: Mapping[str, Estimate], say: Say) ->
 
 
 def in_per_cent(estimate: Estimate) -> Estimate:
-    """Return a share as per cent."""
+    """Convert a fraction to per cent."""
     value, std, ends = (
         None if one is None else 100.0 * np.asarray(one)
         for one in (estimate.value, estimate.std, estimate.ci95)
@@ -96,7 +96,7 @@ def classes(
     vessel: Vessel | None,
     say: Say,
 ) -> Iterable[str]:
-    """Yield the table of the classes of governing; nothing of a drive train that feeds no generator or brake."""
+    """Yield the table of governing classes; empty unless the drive train feeds a generator or brake."""
     if not loop or fingerprint.why_not or not feeds_a_generator(fingerprint, experiments, vessel):
         return
     yield paragraph(
@@ -125,7 +125,7 @@ def classes(
 
 
 def steps(experiments: Iterable[Experiment], say: Say) -> Iterable[str]:
-    """Yield the table of the load steps that were measured; nothing where there are none."""
+    """Yield the table of measured load steps; empty if there are none."""
     rows: list[Row] = [
         [
             experiment.name,
@@ -172,7 +172,7 @@ def _class(name: str, found: Governing, say: Say) -> Row:
 
 
 def _told(estimate: Estimate, say: Say) -> Cell:
-    """Return a cell with an estimate and its interval."""
+    """Cell with an estimate and its interval."""
     (row,) = rounded_rows({"": estimate})
     told = interval(row, estimate, say, with_end=False) if estimate.std else ""
     return number(f"{row.value} ({told})" if told else row.value, key=estimate.value)
@@ -185,7 +185,7 @@ def step_response(
     pictures: Pictures,
     say: Say,
 ) -> str:
-    """Draw the loop's answer to a step of the set point; nothing for a loop that does not recover."""
+    """Draw the loop's response to a step of the set point; empty for a loop that does not recover."""
     recovery = loop["recovery time"].value if loop else None
     if not recovery:
         return ""
@@ -210,9 +210,9 @@ def step_response(
 
 
 def _step(structure: Structure, optimum: Mapping[str, float], times: Array) -> dict[str, Array]:
-    """Return the outputs after a step of the set point at time 0; the dead time before the loop is kept exactly.
+    """Outputs after a step of the set point at time 0, with the exact dead time before the loop.
 
-    Before the loop's own dead time is over nothing moves: its Pade approximation, which does, is cut there.
+    Outputs are zero during the loop's own dead time, in which its Pade approximation is not.
     """
     known = loop_of(structure, optimum)[1]
     space = state_space(structure, {**optimum, "T_set": 0.0, **dict.fromkeys(LATE_CHANNELS, 0.0)}, PADE)

@@ -1,4 +1,4 @@
-"""Where the drive ran and how heavy it is, in rpm, Nm, kW and kg m2: what stands above all normalised figures."""
+"""Operating point and inertia in rpm, Nm, kW and kg m2, shown above all normalised values."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from shipfp_rs.vessel.vessel import Vessel
 
 Fact = tuple[str, str, str, str, str]
 LARGE_NM, LARGE_KW = 1e4, 1e3
-"""Torque that is given in kNm, and power that is given without decimals."""
+"""Torque from which kNm are used, and power from which decimals are omitted."""
 
 
 def feeds_a_generator(
     fingerprint: Fingerprint, experiments: Iterable[Experiment], vessel: Vessel | None
 ) -> bool:
-    """Whether a drive train feeds a generator or a brake: a load was measured, or an engine has no propeller."""
+    """Whether a drive train feeds a generator or a brake: a measured load, or an engine without a propeller."""
     return is_loaded(fingerprint, experiments) or (
         vessel is not None and vessel.given("engine.cylinders") and not vessel.given("propeller")
     )
@@ -33,7 +33,7 @@ def feeds_a_generator(
 def facts(
     fingerprint: Fingerprint, experiments: Iterable[Experiment], vessel: Vessel | None, say: Say
 ) -> list[Fact]:
-    """Return rows with the operating point, and inertia or inertia constant where no other row has them."""
+    """Rows with the operating point, and inertia or inertia constant unless another row has them."""
     point = operating_point(fingerprint)
     if point is None:
         return []

@@ -1,4 +1,4 @@
-"""Pictures drawn once, as SVG within the page."""
+"""Static pictures as inline SVG."""
 
 from __future__ import annotations
 
@@ -22,24 +22,24 @@ if TYPE_CHECKING:
     from matplotlib.ticker import Formatter
 
 WIDE = 8.0
-"""Width [in] from which on a picture scrolls on a phone, where its text could not be read any more."""
+"""Width [in] from which a picture scrolls on a phone, to keep its text legible."""
 NARROW = 6.4
-"""Width of a picture that a phone shows whole, its text larger for that [in]."""
+"""Width of a picture that a phone shows whole, with larger text [in]."""
 LETTER = 0.62
-"""Width of a letter over its size."""
+"""Width of a letter relative to its size."""
 MATH = re.compile(r"\\\w+|[${}^_]")
-"""What a label's formulas are written with, but not shown."""
+"""Markup of formulas in a label, which is not displayed."""
 FINER = re.compile(r"(?<=\.\d)\d+")
-"""Digits of a number behind the first decimal."""
+"""Digits after the first decimal."""
 INK = "#010203"
-"""Colour of text and axes in a picture; the page replaces it by its own, light or dark."""
+"""Placeholder colour of text and axes; the page replaces it by its own, light or dark."""
 
 
 Point = tuple[str, str, str, float, float, float | str, float | str]
 
 
 class Pictures:
-    """Draws pictures as inline SVG, each with identifiers of its own."""
+    """Draws pictures as inline SVG with unique identifiers."""
 
     def __init__(self, say: Say) -> None:
         self._count = 0
@@ -57,10 +57,10 @@ class Pictures:
         saved: bool = True,
         table: str = "",
     ) -> str:
-        """Return a figure element: `panels` axes above each other, each `height` inches high, drawn by `paint`.
+        """Figure element of `panels` axes above each other, each `height` inches high, drawn by `paint`.
 
-        Below the picture stand a link to its data as CSV, if `table` is given, and a link to the picture as PNG, if `saved`
-        is true and scripts run.
+        Below it are links to its data as CSV, if `table` is given, and to the picture as PNG, if `saved` is true and
+        scripts are enabled.
         """
         from matplotlib import rc_context
         from matplotlib.figure import Figure
@@ -86,7 +86,7 @@ class Pictures:
         return piece("figure", svg, caption, width < WIDE, shown, f"picture-{self._count}")
 
     def _translate(self, axes: Sequence[Axes]) -> None:
-        """Put labels and legends into the report's language and words; titles are names that a user gave."""
+        """Translate labels and legends; titles are the user's names."""
         for ax in axes:
             for axis in (ax.xaxis, ax.yaxis) if self._say.number("1.5") != "1.5" else ():
                 axis.set_major_formatter(_spoken(axis.get_major_formatter(), self._say))
@@ -98,19 +98,19 @@ class Pictures:
                 text.set_text(self._say.label(text.get_text()))
 
     def _inline(self, svg: str, caption: str) -> str:
-        """Strip what only a file of its own needs, take on the page's colour, and make identifiers unique."""
+        """Remove parts needed only in a separate file, use the page's colours, and make identifiers unique."""
         svg = svg[svg.index("<svg") :]
         svg = re.sub(r"<metadata>.*?</metadata>", "", svg, count=1, flags=re.DOTALL)
         svg = re.sub(r' xmlns(:xlink)?="[^"]*"', "", svg)
         svg = svg.replace(INK, "currentColor")
         svg = re.sub(r'(\bid="|href="#|url\(#)', rf"\g<1>picture{self._count}-", svg)
-        # A tenth of a point is finer than any screen, and half the size.
+        # A tenth of a point is finer than any screen, and halves the size.
         svg = re.sub(r'\bd="[^"]*"', lambda path: FINER.sub("", path.group()), svg)
         return svg.replace("<svg ", f'<svg role="img" aria-label="{escape(caption)}" ', 1)
 
 
 def _spoken(inner: Formatter, say: Say) -> Formatter:
-    """Return what labels ticks as `inner` does, with the language's decimal sign."""
+    """Formatter of tick labels like `inner`, with the language's decimal sign."""
     from matplotlib.ticker import Formatter
 
     class Spoken(Formatter):
@@ -127,7 +127,7 @@ def _spoken(inner: Formatter, say: Say) -> Formatter:
 
 
 def _arrange(figure: Figure, axes: Sequence[Axes]) -> None:
-    """Give axes the room that their labels need, from the letters of these: drawing them to measure it takes far longer."""
+    """Make room for labels, estimated from their letters, since drawing them to measure it takes far longer."""
     size = float(axes[0].xaxis.label.get_fontsize()) / 72.0
     width, height = figure.get_size_inches()
     left = max(_beside(ax, size) for ax in axes)
@@ -171,7 +171,7 @@ def _below(ax: Axes, size: float) -> float:
 
 
 def curves_csv(axes: Sequence[Axes]) -> str:
-    """Return every point of the panels' lines: both axes' names, series, place, value, ends of its bar."""
+    """CSV of all points of the panels' lines: names of both axes, series, coordinates, ends of the error bar."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(["value_of", "against", "series", "place", "value", "low", "high"])
@@ -184,7 +184,7 @@ def curves_csv(axes: Sequence[Axes]) -> str:
 
 
 def _rows(ax: Axes, against: str) -> Iterator[Point]:
-    """Yield the rows of a panel; lines across all of it, such as a limit's, are no data."""
+    """Yield the rows of a panel, without lines across all of it such as limits."""
     from matplotlib.container import ErrorbarContainer
 
     panel = ax.get_ylabel()

@@ -1,4 +1,4 @@
-"""Both sides of the drive train by themselves: what speed and torque alone tell, what the engine's side shows."""
+"""Both sides of the drive train separately: the load from speed and torque alone, and the engine."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 LARGE_IN, SMALL_IN = 1.9, 1.1
-"""Height of a panel where the engine's side is not described, and where it is."""
+"""Height of a panel if the engine's side is not described, and if it is."""
 BARS = 2.0
-"""Standard errors that a bar reaches up and down."""
+"""Half-length of an error bar, in standard errors."""
 
 
 def section(fingerprint: Fingerprint, pictures: Pictures, say: Say) -> Iterable[str]:
-    """Yield the table of the load's side, and the picture of what the engine's torque has beyond the model."""
+    """Yield the table of the load's side, and the picture of the engine torque's residual."""
     if fingerprint.load_side:
         yield piece(
             "heading", say("The load's side by itself (speed and torque alone, no model of the engine)")
@@ -71,7 +71,7 @@ def section(fingerprint: Fingerprint, pictures: Pictures, say: Say) -> Iterable[
 
 
 def ends(row: Row, say: Say) -> str:
-    """Write the interval of a row; nothing where it has none."""
+    """Format the interval of a row; empty if it has none."""
     return say("{low} to {high}", low=row.low, high=row.high) if row.low else ""
 
 

@@ -1,1 +1,1 @@
-"""`shipfp view`: a local page to look through raw logs, to write TRIAL.toml, to run it and to read reports."""
+"""`shipfp view`: a local page to view raw logs, write TRIAL.toml, run it and read reports."""

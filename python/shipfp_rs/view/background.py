@@ -1,4 +1,4 @@
-"""Work that a page asks for and then looks at from time to time: begun once, on a thread of its own."""
+"""Background work that a page starts and polls, on its own thread."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ Progress = Callable[[float], None]
 
 
 class Background(Generic[T]):
-    """The result of a function that may take long.
+    """Result of a function that may take long.
 
     Parameters
     ----------
     function
-        Given a function that takes the share done, 0 to 1.
+        Called with a function that reports the completed fraction, 0 to 1.
     """
 
     def __init__(self, function: Callable[[Progress], T]) -> None:
@@ -31,7 +31,7 @@ class Background(Generic[T]):
         self.done = threading.Event()
 
     def begin(self) -> Background[T]:
-        """Begin, unless it has begun."""
+        """Start, unless already started."""
         with self._lock:
             if self._thread is None:
                 self._thread = threading.Thread(target=self._run, daemon=True)
@@ -39,14 +39,14 @@ class Background(Generic[T]):
         return self
 
     def wait(self) -> T:
-        """Return the result when there is one; `ShipfpError` where there will be none."""
+        """Wait for the result; `ShipfpError` on failure."""
         self.begin().done.wait()
         if self.result is None:
             raise ShipfpError(self.error or "no result")
         return self.result
 
     def state(self) -> dict[str, Any]:
-        """Return what a page is told: working and how far, failed and why, or done."""
+        """State for the page: working and progress, failed and reason, or done."""
         if not self.done.is_set():
             return {"state": "working", "progress": round(self.progress, 3)}
         return {"state": "failed", "error": self.error} if self.error is not None else {"state": "done"}
@@ -56,7 +56,7 @@ class Background(Generic[T]):
             self.result = self._function(self._tell)
         except (ShipfpError, OSError, MemoryError) as error:
             self.error = str(error) or type(error).__name__
-        except Exception as error:  # whatever it was, the waiting page must show an error
+        except Exception as error:  # every error must reach the waiting page
             self.error = f"internal error: {type(error).__name__}: {error}"
         finally:
             self.done.set()

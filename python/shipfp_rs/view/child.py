@@ -1,4 +1,4 @@
-"""The process that checks or runs a trial for a page: tells its progress a line at a time, ends when its parent does."""
+"""Process that checks or runs a trial for a page; it reports progress in lines and ends with its parent."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 GRACE_S = 10.0
-"""Time to tidy up after a stop, before the process ends whatever it does."""
+"""Time for clean-up after a stop, before the process exits."""
 
 
 def tell(**message: Any) -> None:
@@ -22,7 +22,7 @@ def tell(**message: Any) -> None:
 
 
 def _end_with_parent() -> None:
-    """Stop, as Ctrl-C would, when the parent closes the pipe or is no more."""
+    """Stop, as on Ctrl-C, when the parent closes the pipe or dies."""
     sys.stdin.buffer.read()
     os.kill(os.getpid(), signal.SIGINT)
     threading.Event().wait(GRACE_S)
@@ -30,7 +30,7 @@ def _end_with_parent() -> None:
 
 
 def main(arguments: list[str]) -> int:
-    """Do the job that the arguments name: check TRIAL.toml, or run TRIAL.toml FOLDER."""
+    """Run the job given by the arguments: check TRIAL.toml, or run TRIAL.toml FOLDER."""
     from shipfp_rs.errors import ShipfpError
     from shipfp_rs.support.progress import heard_by
 
@@ -57,7 +57,7 @@ def main(arguments: list[str]) -> int:
     except (ShipfpError, OSError, MemoryError) as error:
         tell(error=" ".join(str(error).split()) or type(error).__name__)
         return 2
-    except Exception as error:  # the page shows it in place of a traceback
+    except Exception as error:  # the page shows it instead of a traceback
         tell(error=f"internal error: {type(error).__name__}: {error}")
         return 1
     return 0

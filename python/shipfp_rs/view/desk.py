@@ -1,4 +1,4 @@
-"""What a page may ask for: documents of one folder, their tiles, drafts of trials, jobs and results."""
+"""Requests of a page: documents of one folder, their tiles, drafts of trials, jobs and results."""
 
 from __future__ import annotations
 
@@ -32,25 +32,25 @@ from shipfp_rs.view.jobs import Jobs
 from shipfp_rs.view.results import Results
 
 NAME = re.compile(r"[^/\\\0:.][^/\\\0:]{0,99}\.toml")
-"""A file that may be written: a TOML file's name, and no path."""
+"""Permitted file names: a TOML file without a path."""
 NO_VESSEL = Header.model_fields["vessel"].default
-"""The ship of a trial that names none."""
+"""The ship of a trial without a vessel."""
 MOST_TILES = 256
 MOST_ENTRIES = 500
 LARGEST_TOML = 1 << 20
 UNREADABLE = (InputError, OSError, ValueError, RuntimeError)
-"""What an odd file of the folder may raise, which must not hide the others; RuntimeError: links in a circle."""
+"""Errors of invalid files in the folder, which must not hide the others; RuntimeError: circular links."""
 
 Asked = Mapping[str, str]
 
 
 class Desk:
-    """The folder that is looked at, and what is open of it.
+    """Folder viewed, and its open documents.
 
     Parameters
     ----------
     folder
-        Folder of the trial: the only one that is ever written to.
+        Folder of the trial, the only one that is written to.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -88,7 +88,7 @@ class Desk:
         }
 
     def open(self, path: Path, rate_hz: float | None = None, trial: Path | None = None) -> int:
-        """Return the number of a log's document, new or known."""
+        """Number of a log's document, new or known."""
         key = (path.resolve(), trial and trial.resolve())
         with self._lock:
             if key not in self._documents:
@@ -97,34 +97,34 @@ class Desk:
             return self._documents[key]
 
     def open_trial(self, path: Path) -> list[int]:
-        """Return the documents of a trial's logs, in order; relative names count from its folder."""
+        """Documents of a trial's logs, in order; paths are relative to its folder."""
         logs, rate_hz = _logs_of(path)
         return [self.open(log, rate_hz, path) for log in logs]
 
     def open_log(self, path: Path, rate_hz: float | None = None) -> int:
-        """Return the document of a log, with the newest TRIAL.toml of the folder that names it, where there is one."""
+        """Document of a log, with the newest TRIAL.toml in the folder that names it, if any."""
         for trial in self.trials_of(path):
             return self.open(path, rate_hz or _logs_of(trial)[1], trial)
         return self.open(path, rate_hz)
 
     def trials_of(self, path: Path) -> list[Path]:
-        """Return the trials of the folder that name a log, the newest first."""
+        """Trials in the folder that name a log, newest first."""
         found, log = [], path.resolve()
         for file, _ in self._files(".toml"):
             with contextlib.suppress(*UNREADABLE):
                 if log in [one.resolve() for one in _logs_of(file)[0]]:
-                    drafts.read_draft(file)  # one that the page can't edit is none
+                    drafts.read_draft(file)  # skip files that the page can't edit
                     found.append((file.stat().st_mtime_ns, file))
         return [file for _, file in sorted(found, reverse=True)]
 
     def document(self, number: int) -> Document:
-        """Return a document by its number; `InputError` where there is none."""
+        """Document with this number; `InputError` if there is none."""
         if number >= len(self._open):
             raise InputError(f"doc: {number}, expected a document that is open")
         return self._open[number]
 
     def tiles(self, asked: Asked) -> bytes:
-        """Return tiles one after the other; `want` names them as series.level.index, with commas between."""
+        """Concatenated tiles; `want` lists them as series.level.index, separated by commas."""
         series = self._document(asked).series()
         wanted = _text(asked, "want").split(",")
         if len(wanted) > MOST_TILES:
@@ -141,7 +141,7 @@ class Desk:
             for place, level, tile in jobs[index]:
                 parts[place] = series[index].tile(level, tile)
 
-        # Samples come off the disk channel by channel, as many at once as there are processors.
+        # Samples are read from disk by channel, on all processors.
         side_by_side([partial(fill, index) for index in jobs], threading.Event())
         return b"".join(parts)
 
@@ -167,9 +167,9 @@ class Desk:
         return {"folder": self.folder.name, **{key: found[:MOST_ENTRIES] for key, found in shown.items()}}
 
     def _files(self, suffix: str = "") -> Iterator[tuple[Path, int]]:
-        """Give the ordinary files of the folder, in order, with their sizes: no pipes, devices and links to nothing.
+        """Yield the regular files of the folder, in order, with their sizes: no pipes, devices or broken links.
 
-        Those of a suffix are small enough to be configuration.
+        Those with a suffix are small enough to be configuration.
         """
         for entry in sorted(self.folder.iterdir())[: 20 * MOST_ENTRIES]:
             with contextlib.suppress(OSError):
@@ -219,7 +219,7 @@ class Desk:
         return self._free("TRIAL", document.path.stem, f"{document.path.stem}-trial")
 
     def _free(self, *stems: str) -> Path:
-        """Return the first of some names that no file has, the last one with a number behind it where all are taken."""
+        """First unused name, or the last one with a number."""
         numbered = (f"{stems[-1]}-{number}" for number in range(2, MOST_ENTRIES))
         for stem in (*stems, *numbered):
             path = self.folder / f"{stem}.toml"
@@ -237,7 +237,7 @@ class Desk:
         return [*own, *(name for name in built_in("vessels") if name != NO_VESSEL)]
 
     def _text_of(self, content: Mapping[str, Any]) -> tuple[Document, Path, str]:
-        """Return the document, the file and the text that a draft makes of it."""
+        """Document, file and text of a draft."""
         document = self._document(content)
         draft = validated(content.get("draft") or {}, Draft, "draft")
         path = self._writable(content.get("file"))
@@ -255,7 +255,7 @@ class Desk:
         return document.trial and document.trial.resolve()
 
     def _writable(self, name: Any) -> Path:
-        """Return the path of a file that may be written: in the trial's folder, by its name alone."""
+        """Path of a file that may be written: by name, in the trial's folder."""
         if not isinstance(name, str) or not NAME.fullmatch(name):
             raise InputError(f"file: found {name!r}, expected a name like TRIAL.toml, without a folder")
         path = self.folder / name
@@ -268,7 +268,7 @@ class Desk:
         return path
 
     def _trial(self, text: str, path: Path) -> Trial:
-        """Return the trial of a text as if it stood in the folder."""
+        """Trial of a text, as if it were in the folder."""
         trial = drafts.checked(text, path.name)
         header = trial.trial
         changes: dict[str, Any] = {"log": tuple(str(self.folder / log) for log in header.log)}
@@ -298,7 +298,7 @@ class Desk:
             return {"file": path.name, "version": drafts.version_of(path), "doc": trial}
 
     def _save_vessel(self, content: Mapping[str, Any]) -> dict[str, Any]:
-        """Write a vessel file of what the form holds; nothing is written over."""
+        """Write a new vessel file from the form; existing files are not overwritten."""
         values = content.get("values")
         if not isinstance(values, dict) or not all(isinstance(value, str) for value in values.values()):
             raise InputError("values: expected the form's keys, each with a text")
@@ -322,7 +322,7 @@ class Desk:
 
 
 def _logs_of(path: Path) -> tuple[list[Path], float | None]:
-    """Return the logs that a TRIAL.toml names, and their rate [Hz] where it tells one."""
+    """Logs named in a TRIAL.toml, and their rate [Hz] if given."""
     header = read_tables(path).get("trial")
     header = header if isinstance(header, dict) else {}
     logs = header.get("log", [])

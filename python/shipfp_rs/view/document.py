@@ -1,4 +1,4 @@
-"""A log that is looked at: its channels at any zoom, its faults, its windows, spectra, and what processing makes of it."""
+"""Log as viewed: channels at any zoom, faults, windows, spectra, and processed signals."""
 
 from __future__ import annotations
 
@@ -24,24 +24,24 @@ from shipfp_rs.view.background import Background, Progress
 from shipfp_rs.view.series import Series
 
 SPECTRUM_S = 300.0
-"""Longest stretch whose spectrum is made, about the middle of what is asked for."""
+"""Longest stretch for a spectrum, about the middle of the selection."""
 SPECTRUM_POINTS = 2000
 LEAST_SPECTRUM = 64
-"""Samples of the shortest stretch that has a spectrum."""
+"""Fewest samples for a spectrum."""
 OTHER_SIGNALS = ("n_set", "n_e", "M_g", "M_b", "M_s", "X_f")
 
 
 class Document:
-    """One log of a page, alone or as a trial describes it.
+    """One log of a page, with or without a trial.
 
     Parameters
     ----------
     path
         The log.
     rate_hz
-        Sample rate of the log, where its file states none.
+        Sample rate of the log, if its file states none.
     trial
-        TRIAL.toml that it belongs to; None where it stands alone.
+        Its TRIAL.toml; None without one.
     """
 
     def __init__(self, path: Path, rate_hz: float | None = None, trial: Path | None = None) -> None:
@@ -57,11 +57,11 @@ class Document:
         self.processed_version = 0
 
     def log(self) -> Log:
-        """Return the log, opened when it is asked for first."""
+        """The log, opened on first use."""
         with self._lock:
             if self._log is None:
                 with warnings.catch_warnings():
-                    warnings.simplefilter("ignore")  # what a file lacks stands in its faults
+                    warnings.simplefilter("ignore")  # defects of the file are among its faults
                     self._log = Log.open(self.path, rate_hz=self.rate_hz)
             return self._log
 
@@ -71,7 +71,7 @@ class Document:
 
     def _raw(self, _: Progress) -> list[Series]:
         channels = self.pyramid.wait().channels
-        # Opening a text log takes as long as reading it: begun before the first sample is asked for.
+        # Opening a text log takes as long as reading it, so it starts before samples are needed.
         threading.Thread(target=self._opened_ahead, daemon=True).start()
         return [Series.of_channel(one, self.log) for one in channels]
 
@@ -80,11 +80,11 @@ class Document:
             self.log()
 
     def series(self) -> list[Series]:
-        """Return everything that is drawn, channels before signals."""
+        """Everything that is drawn, channels before signals."""
         return [*self.raw.wait(), *self.processed]
 
     def facts(self) -> dict[str, Any]:
-        """Return what the page has to know before it draws."""
+        """Data that the page needs before it draws."""
         told = {
             "name": self.path.name,
             "trial": self.trial and self.trial.name,
@@ -105,12 +105,12 @@ class Document:
         }
 
     def _faults(self, _: Progress) -> dict[str, Any]:
-        """Everything that `shipfp inspect` lists, with the trial where there is one, and what it did not look for."""
+        """Results of `shipfp inspect`, with the trial if there is one, and the faults not searched."""
         from shipfp_rs.inspection import inspect_log  # SciPy takes long to load
 
         trial = None
         if self.trial is not None:
-            with contextlib.suppress(InputError):  # one that is not complete yet: the log is looked at alone
+            with contextlib.suppress(InputError):  # an incomplete trial is ignored
                 trial = Trial.load(self.trial)
         found = inspect_log(self.log(), trial)
         left_out = found.checks["looked_for"]["left_out"]
@@ -126,7 +126,7 @@ class Document:
         return {"faults": faults, "left_out": [KINDS[kind] for kind in left_out]}
 
     def windows(self, driver: str, load: str | None = None) -> Background[tuple[str, list[FoundWindow]]]:
-        """Return the channel that moves, set point or load, and its windows, looked for once."""
+        """Channel that moves, set point or load, and its windows, computed once."""
         self.log().channel(driver)
         with self._lock:
             if (driver, load) not in self._windows:
@@ -134,7 +134,7 @@ class Document:
             return self._windows[driver, load].begin()
 
     def told_windows(self, driver: str, load: str | None = None) -> dict[str, Any]:
-        """Return the state of the search for windows, and what was found."""
+        """State of the search for windows, and its result."""
         search = self.windows(driver, load)
         search.done.wait(0.2)
         mover, found = search.result or (driver, [])
@@ -147,20 +147,20 @@ class Document:
         }
 
     def within(self, column: str, start_s: float, stop_s: float) -> dict[str, Any]:
-        """Return what a stretch of a set point holds, and the longest of it."""
+        """Windows in a stretch of a set point, and the longest that is not a rest."""
         found = find_windows(self.log(), column, start_s, stop_s)
         moving = [one for one in found if one.kind != "steady"]
         main = max(moving or found, key=lambda one: one.stop_s - one.start_s, default=None)
         return {"found": [_found(one) for one in found], "main": main and _found(main)}
 
     def mean(self, index: int, start_s: float, stop_s: float) -> dict[str, float | None]:
-        """Return the mean of a stretch of a series, for a calibration's reading."""
+        """Mean of a stretch of a series, as the reading for a calibration."""
         values = self._stretch(self._one(index), start_s, stop_s)
         values = values[np.isfinite(values)]
         return {"mean": float(values.mean()) if values.size else None}
 
     def spectrum(self, index: int, start_s: float, stop_s: float) -> dict[str, Any]:
-        """Return the amplitudes of a stretch by frequency, extremes where there are more than can be drawn."""
+        """Amplitude spectrum of a stretch, as extremes if there are too many lines to draw."""
         from shipfp_rs.inspection.spectrum import amplitude_spectrum, find_peaks
 
         series = self._one(index)
@@ -188,7 +188,7 @@ class Document:
         }
 
     def process(self, trial: Trial) -> dict[str, Any]:
-        """Begin to make the processed signals of a trial's windows; one trial at a time."""
+        """Start processing the windows of a trial; one trial at a time."""
         with self._lock:
             if self._processed is not None and not self._processed.done.is_set():
                 return self._processed.state()
@@ -214,7 +214,7 @@ class Document:
         return signals
 
     def process_state(self) -> dict[str, Any]:
-        """Return how far the processed signals are."""
+        """Progress of the processing."""
         work = self._processed
         return {"state": "none"} if work is None else {**work.state(), "layer": self.processed_version}
 
@@ -257,6 +257,6 @@ def _found(window: FoundWindow) -> dict[str, Any]:
 def _times(
     channel: Channel | None, spans: list[list[int]], channels: dict[str, Channel]
 ) -> list[list[float]]:
-    """Spans in seconds; those of the clock, which is no channel, by the first channel."""
+    """Spans in seconds; those of the clock, which is not a channel, by the first channel."""
     about = channel or next(iter(channels.values()))
     return [[about.start_s + edge / about.rate_hz for edge in span] for span in spans]

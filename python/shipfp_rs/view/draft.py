@@ -1,4 +1,4 @@
-"""A trial as the page edits it, and TRIAL.toml: what the page knows is set, all else stays, comments too."""
+"""Trial as edited on the page, and TRIAL.toml: known keys are set, all else is kept, including comments."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ LEVELS: Mapping[str, type[Level]] = {
     "rack": Rack,
     "load": Load,
 }
-"""Roles that are keys of their tables; a train's and a speed's table has a name of its own."""
+"""Roles whose tables have fixed keys; tables of pulse trains and speeds have their own names."""
 SHOWN = {"train": "pulse train", "speed": "speed"}
 TRAIN_NAME = r"^[A-Za-z0-9_.\- ]{1,60}$"
 
@@ -49,7 +49,7 @@ class DraftCalibration(Section):
 
 
 class DraftChannel(Section):
-    """What a channel is."""
+    """Role and properties of a channel."""
 
     column: Short
     role: Literal["set_point", "command", "torque", "rack", "load", "speed", "train"]
@@ -57,9 +57,9 @@ class DraftChannel(Section):
     calibration: DraftCalibration = DraftCalibration()
     location: Literal["gauge", "brake", "shaft"] = "gauge"
     quantity: Literal["torque", "power"] = "torque"
-    """Of a load."""
+    """Quantity of a load."""
     name: Short = ""
-    """Of a pulse train's or a speed's table; its column's where it is empty."""
+    """Name of the table of a pulse train or speed; if empty, the column's."""
     pulses_per_rev: Annotated[int, Field(ge=1, le=100_000)] = 1
     shaft: Literal["engine", "propeller"] = "engine"
     threshold: Number | None = None
@@ -76,23 +76,23 @@ class DraftWindow(Section):
 
 
 class Draft(Section):
-    """What the page edits of a trial."""
+    """Part of a trial that the page edits."""
 
     name: Short = "Trial"
     vessel: Short = ""
-    """Of the trial's header; empty: none, engine and propeller turn alike."""
+    """Vessel in the trial's header; empty: none, engine and propeller turn at the same speed."""
     channels: Annotated[tuple[DraftChannel, ...], Field(strict=False, max_length=1000)] = ()
     steady_s: Stretch | None = None
     windows: Annotated[tuple[DraftWindow, ...], Field(strict=False, max_length=MOST_WINDOWS)] = ()
 
 
 def version_of(path: Path) -> str:
-    """Return what tells one content of a file from another; empty where there is no file."""
+    """Text that identifies the version of a file; empty without a file."""
     return hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else ""
 
 
 def read_draft(path: Path) -> Draft:
-    """Return what the page can edit of a TRIAL.toml, which need not be complete."""
+    """Read the editable part of a TRIAL.toml, which may be incomplete."""
     content = read_tables(path)
     header, point = _table(content, "trial"), _table(content, "operating_point")
     channels = []
@@ -125,20 +125,20 @@ def written(
     rate_hz: float | None = None,
     rates_hz: Mapping[str, float] = MappingProxyType({}),
 ) -> str:
-    """Return the text of a TRIAL.toml.
+    """Text of a TRIAL.toml.
 
     Parameters
     ----------
     draft
-        What the page knows.
+        Part edited on the page.
     old
-        The file as it stands; None: a new one, with the comments of the template.
+        Current text of the file; None: a new file, with the comments of the template.
     log
-        Path of the log for a new file, as it is to stand there.
+        Path of the log in a new file.
     rate_hz
-        Its rate, where the log tells none.
+        Rate of the log, if it states none.
     rates_hz
-        Rate of each of its channels: the signals of a new file have no higher one than theirs.
+        Rates of its channels, the upper limits of the common rate in a new file.
     """
     try:
         document = tomlkit.parse(template("TRIAL") if old is None else old)
@@ -170,12 +170,12 @@ def written(
 
 
 def checked(text: str, source: str) -> Trial:
-    """Return the trial of a text; `InputError` with the first thing that is wrong or missing."""
+    """Trial of a text; `InputError` with the first wrong or missing value."""
     return validated(parsed_toml(text, source), Trial, source)
 
 
 def _role(key: str, table: Mapping[str, Any]) -> str | None:
-    """Return what a channel's table is on the page; None for one that the page leaves as it is, such as an encoder."""
+    """Role of a channel's table on the page; None if the page keeps it unchanged, such as an encoder."""
     if key == "actuator":
         return None
     if key in LEVELS:
@@ -202,7 +202,7 @@ def _sub_table(document: Any, key: str) -> Any:
 
 
 def _put(table: Any, key: str, value: Any) -> None:
-    """Set a key whose value differs; what stays keeps its spelling and comment."""
+    """Set a key if its value differs, so that unchanged ones keep spelling and comment."""
     old = table.get(key)
     if old is None or getattr(old, "unwrap", lambda: old)() != value:
         table[key] = value
@@ -260,7 +260,7 @@ def _plain_line(line: Mapping[str, Any]) -> Any:
 
 
 def _line(calibration: DraftCalibration) -> InlineTable | None:
-    """Return a calibration as it is written; None where neither scale nor table is given."""
+    """Calibration as TOML; None without scale and table."""
     line = tomlkit.inline_table()
     if calibration.table is not None:
         line["table"] = [list(row) for row in calibration.table]
@@ -299,12 +299,12 @@ def _put_windows(document: Any, windows: Sequence[DraftWindow]) -> None:
 
 
 def new_draft(name: str) -> Draft:
-    """Return the draft of a log that has no trial."""
+    """Draft for a log without a trial."""
     return Draft(name=name)
 
 
 def guessed(channels: Sequence[Channel]) -> list[DraftChannel]:
-    """Return what names and units tell of channels; what stays open has no role."""
+    """Roles guessed from names and units; undetermined channels have none."""
     roles = named_roles(channels)
     levels = {getattr(roles, role): role for role in ("set_point", "command", "torque", "load")}
     found = []
@@ -324,9 +324,9 @@ def guessed(channels: Sequence[Channel]) -> list[DraftChannel]:
 
 
 def factors(unit: str) -> dict[str, dict[str, Any]]:
-    """Return by role the factor of a unit that needs no calibration, None for others, and what a load of the unit is.
+    """By role, the factor of a unit that needs no calibration (None for others), and the quantity of a load.
 
-    Of a speed it is whether the unit asks for a calibration: no factor is written for one that is known.
+    For a speed it is whether the unit needs a calibration, since factors of known units are not written.
     """
     unit = told(unit)
     given = {"quantity": "power" if unit in TO_W else "torque"}

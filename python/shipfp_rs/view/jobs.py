@@ -1,4 +1,4 @@
-"""Checks and runs in processes of their own, which a page starts, looks at and stops."""
+"""Checks and runs in separate processes, which a page starts, polls and stops."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ from shipfp_rs.support.arrays import attributes
 from shipfp_rs.support.threads import ONE_BLAS_THREAD
 
 AT_ONCE = 2
-"""Jobs under way at most: each takes all cores."""
+"""Most concurrent jobs, since each uses all cores."""
 STOP_S = 15.0
-"""Time that a job has to tidy up after a stop."""
+"""Time for a job's clean-up after a stop."""
 KEPT_LINES = 50
 
 
@@ -33,11 +33,11 @@ class Job:
     Parameters
     ----------
     id
-        Its number.
+        Number of the job.
     kind
         "check" or "run".
     folder
-        What a run writes.
+        Results of a run.
     """
 
     id: int
@@ -48,14 +48,14 @@ class Job:
     state: str = "working"
     progress: str = ""
     share: float = 0.0
-    """Of the work that is done; it does not fall where a part is done again."""
+    """Completed fraction; it does not decrease when a part is repeated."""
     error: str = ""
     done: dict[str, Any] | None = None
     warnings: list[str] = field(default_factory=list)
     ended: float | None = None
 
     def told(self) -> dict[str, Any]:
-        """Return what a page is told."""
+        """State for the page."""
         return {
             **attributes(self, "id", "kind", "state", "progress", "share", "error", "done", "warnings"),
             "seconds": round((self.ended or time.monotonic()) - self.began, 1),
@@ -70,12 +70,12 @@ class Jobs:
         self._jobs: dict[int, Job] = {}
 
     def begin(self, kind: str, trial: Path) -> Job:
-        """Begin to check or run a trial; a run writes a new folder beside it.
+        """Start to check or run a trial; a run writes a new folder beside it.
 
         Raises
         ------
         InputError
-            Where two jobs are under way already, or there is no such trial.
+            If two jobs are active already, or there is no such trial.
         """
         if not trial.is_file():
             raise InputError(f"{trial.name}: no such file; save the trial first")
@@ -99,13 +99,13 @@ class Jobs:
         return job
 
     def job(self, number: int) -> Job:
-        """Return a job; `InputError` where there is none of that number."""
+        """Job with this number; `InputError` if there is none."""
         if number not in self._jobs:
             raise InputError(f"job {number}: no such job")
         return self._jobs[number]
 
     def stop(self, number: int) -> Job:
-        """Stop a job as Ctrl-C would; it leaves nothing behind."""
+        """Stop a job as on Ctrl-C; it leaves no files."""
         job = self.job(number)
         if job.state == "working":
             job.state = "stopping"
@@ -123,7 +123,7 @@ class Jobs:
             self._end(job)
 
     def _new_folder(self, trial: Path) -> Path:
-        """Return a name beside the trial that no folder has and no job is about to make."""
+        """Name beside the trial, unused by folders and active jobs."""
         taken = {job.folder for job in self._jobs.values() if job.state in ("working", "stopping")}
         stem = "shipfp" if trial.stem == "TRIAL" else trial.stem
         for number in range(1, 10_000):
@@ -171,7 +171,7 @@ class Jobs:
 
 
 def _close(job: Job) -> None:
-    """Close the pipe by which a job knows that it is wanted."""
+    """Close the pipe whose end stops the job."""
     with contextlib.suppress(OSError):
         if job.process.stdin is not None:
             job.process.stdin.close()

@@ -1,7 +1,7 @@
-"""A file of least and greatest samples beside a log: any zoom of it is drawn from a few thousand numbers.
+"""Pyramid of minima and maxima beside a log, from which any zoom is drawn with a few thousand numbers.
 
-The file holds pairs of float64, level after level, and ends in a description of them as JSON. It belongs to one state of
-the log, told by size, time of change and version of this format; with any other it is made anew.
+The file consists of pairs of float64, level by level, followed by a description as JSON. It is valid for one state of the
+log, identified by size, time of change and version of this format; otherwise it is rebuilt.
 """
 
 from __future__ import annotations
@@ -33,13 +33,13 @@ Array = npt.NDArray[np.float64]
 Progress = Callable[[float], None]
 
 BASE = 64
-"""Samples in a block of the finest level that is stored; finer ones are made of the samples themselves."""
+"""Samples in a block of the finest stored level; finer levels are computed from samples."""
 FACTOR = 4
-"""Blocks of a level that make one of the next."""
+"""Blocks of a level combined into one of the next."""
 COARSEST = 256
-"""Blocks of the last level at most: a whole log in a glance."""
+"""Most blocks of the last level, which shows a whole log."""
 PIECE = FACTOR << 16
-"""Blocks of a level that are made coarser at once."""
+"""Blocks of a level that are combined at once."""
 SUFFIX = ".shipfp-pyramid"
 VERSION = 1
 _END = b"SHIPFPYR"
@@ -47,21 +47,21 @@ _END = b"SHIPFPYR"
 
 @dataclass(frozen=True)
 class Stored:
-    """Channel, its missing samples, and what is stored of it."""
+    """Channel, its missing samples, and its stored levels."""
 
     channel: Channel
     """Name, unit, rate, samples, start."""
     gaps: npt.NDArray[np.int64]
-    """The first stretches of missing samples: first and first after, shape (G, 2)."""
+    """First stretches of missing samples: first and one past the last, shape (G, 2)."""
     gap_count: int
-    """Number of them in all."""
+    """Total number of stretches."""
     levels: tuple[Array, ...]
-    """Least and greatest of every 64, 256, 1024, ... samples, each of shape (K, 2); NaN where none is finite."""
+    """Minimum and maximum of every 64, 256, 1024, ... samples, each of shape (K, 2); NaN without finite samples."""
 
 
 @dataclass(frozen=True)
 class Pyramid:
-    """What is stored of a log."""
+    """Stored levels of a log."""
 
     path: Path
     start_utc: datetime | None
@@ -69,13 +69,13 @@ class Pyramid:
 
 
 def key_of(path: Path, rate_hz: float | None) -> dict[str, Any]:
-    """Return what tells one state of a log from another."""
+    """Identification of the state of a log."""
     state = path.stat()
     return {"version": VERSION, "size": state.st_size, "mtime_ns": state.st_mtime_ns, "rate_hz": rate_hz}
 
 
 def places(path: Path) -> Iterator[Path]:
-    """Give the names under which a log's pyramid may stand, best first: beside it, in the user's cache, for this hour."""
+    """Yield possible paths of a log's pyramid, best first: beside it, in the user's cache, temporary."""
     name = path.name + SUFFIX
     yield path.parent / name
     digest = hashlib.sha256(str(path.absolute()).encode()).hexdigest()[:16]
@@ -87,7 +87,7 @@ def places(path: Path) -> Iterator[Path]:
 
 
 def stored(path: Path, rate_hz: float | None = None) -> Pyramid | None:
-    """Return the pyramid of a log in its present state; None where there is none."""
+    """Pyramid of a log in its present state; None if there is none."""
     key = key_of(path, rate_hz)
     for place in places(path):
         with contextlib.suppress(OSError, ValueError, KeyError, TypeError):
@@ -98,12 +98,12 @@ def stored(path: Path, rate_hz: float | None = None) -> Pyramid | None:
 
 
 def made(log: Log, path: Path, rate_hz: float | None = None, progress: Progress = lambda _: None) -> Pyramid:
-    """Read a log once and write its pyramid, whole or not at all.
+    """Read a log once and write its pyramid, atomically.
 
     Raises
     ------
     InputError
-        Where the log can't be read, or no place for the pyramid can be written.
+        If the log can't be read, or the pyramid can't be written anywhere.
     """
     key = key_of(path, rate_hz)
     reason = ""
@@ -127,7 +127,7 @@ def made(log: Log, path: Path, rate_hz: float | None = None, progress: Progress 
 
 @contextlib.contextmanager
 def _appearing(place: Path) -> Iterator[IO[bytes]]:
-    """Give a file without a name, which gets its name when it is complete; whoever is killed before leaves nothing."""
+    """Yield an unnamed file that is named on completion; if the process is killed before, nothing remains."""
     if not hasattr(os, "O_TMPFILE") or not Path("/proc/self/fd").exists():
         from shipfp_rs.support.files import replacing
 
@@ -139,7 +139,7 @@ def _appearing(place: Path) -> Iterator[IO[bytes]]:
         file.flush()
         beside = place.with_name(f".{place.name}.{os.getpid()}-{threading.get_ident()}")
         beside.unlink(missing_ok=True)
-        # Only with a folder descriptor does Python follow the link in /proc, and so link the file itself.
+        # Python follows the link in /proc, and so links the file itself, only with a folder descriptor.
         folder = os.open(place.parent, os.O_RDONLY)
         try:
             os.link(f"/proc/self/fd/{file.fileno()}", beside, src_dir_fd=folder, follow_symlinks=True)
@@ -149,7 +149,7 @@ def _appearing(place: Path) -> Iterator[IO[bytes]]:
 
 
 class _Builder:
-    """Writes the levels of all channels side by side into one file whose layout is known before."""
+    """Writes the levels of all channels in parallel into one file of known layout."""
 
     def __init__(self, log: Log, file: IO[bytes], progress: Progress) -> None:
         self.log, self.file, self.progress = log, file, progress
@@ -213,7 +213,7 @@ class _Builder:
 
 
 def level_counts(samples: int) -> list[int]:
-    """Return the number of blocks of every stored level of a channel."""
+    """Number of blocks of every stored level of a channel."""
     counts = [-(-samples // BASE)]
     while counts[-1] > COARSEST:
         counts.append(-(-counts[-1] // FACTOR))
@@ -221,7 +221,7 @@ def level_counts(samples: int) -> list[int]:
 
 
 def as_fed(chunk: Samples) -> Samples:
-    """Samples in a type that the kernels take, C-contiguous."""
+    """Samples in a type that the kernels accept, C-contiguous."""
     if chunk.dtype not in (np.float32, np.float64, np.int16):
         chunk = chunk.astype(np.float64)
     return np.ascontiguousarray(chunk)

@@ -1,4 +1,4 @@
-"""Finds the finished runs and sweeps of a folder, summarises each in a line, and serves their files."""
+"""Finished runs and sweeps of a folder: a summary line for each, and their files."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from shipfp_rs.support.json_files import read_json
 from shipfp_rs.support.toml import MOST_CHARACTERS
 
 DEPTH = 3
-"""Folders below the one that is looked at."""
+"""Depth of the search below the folder."""
 MOST = 500
 MOST_FOLDERS = 10_000
-"""Folders that are looked into at most, so that a page of a whole disk comes, too."""
+"""Most folders that are searched, so that a page of a whole disk loads, too."""
 RUN_FILES = ("report.html", "fingerprint.json", "TRIAL.toml")
 SWEEP_FILES = ("summary.json",)
 TYPES = {
@@ -32,12 +32,12 @@ TYPES = {
 
 
 class Results:
-    """The finished runs and sweeps below a folder.
+    """Finished runs and sweeps below a folder.
 
     Parameters
     ----------
     root
-        The folder; nothing outside of it is ever handed out.
+        The folder; files outside are never served.
     """
 
     def __init__(self, root: Path) -> None:
@@ -45,10 +45,10 @@ class Results:
         self._folders: dict[str, Path] = {}
 
     def listed(self) -> list[dict[str, Any]]:
-        """Return what is there, newest first."""
+        """Runs and sweeps, newest first."""
         found = []
         for folder in itertools.islice(_folders(self.root, DEPTH), MOST_FOLDERS):
-            with contextlib.suppress(OSError):  # a folder that may not be read, or has gone meanwhile
+            with contextlib.suppress(OSError):  # an unreadable folder, or one removed meanwhile
                 told = _run(folder) or _sweep(folder)
                 if told is None:
                     continue
@@ -64,7 +64,7 @@ class Results:
         return sorted(found, key=lambda one: -one["changed"])
 
     def file(self, key: str, name: str) -> tuple[Path, str] | None:
-        """Return a listed file and its media type; None for anything else."""
+        """Listed file and its media type; None for any other."""
         if key not in self._folders:
             self.listed()
         folder = self._folders.get(key)
@@ -123,7 +123,7 @@ def _text(structure: Any) -> str:
 
 
 def _short(value: Any) -> str:
-    """What a file calls a name or a verdict, whatever it is."""
+    """Short text for a name or verdict in a file, of any type."""
     return "" if value is None else str(value)[:MOST_CHARACTERS]
 
 

@@ -1,4 +1,4 @@
-"""What the page draws: a channel or signal at any zoom, in tiles of a thousand blocks."""
+"""Channels and signals at any zoom, in tiles of a thousand blocks."""
 
 from __future__ import annotations
 
@@ -22,36 +22,36 @@ Array = npt.NDArray[np.float64]
 TILE = 1024
 """Blocks in a tile."""
 FINER = 3
-"""Levels below the first that is stored: of 1, 4 and 16 samples a block."""
+"""Levels finer than the stored ones: of 1, 4 and 16 samples per block."""
 PIECE = 1 << 18
-"""Samples that are read at once."""
+"""Samples read at once."""
 KEPT = 8
-"""Pieces of a channel that stay at hand: eight megabytes of single precision."""
+"""Pieces of a channel kept in memory: eight megabytes of single precision."""
 HEAD = np.dtype([("offset", "<f8"), ("count", "<u4"), ("columns", "<u4")])
-"""Before the float32 of a tile: what is to be added to them, number of rows, one column (samples) or two (extremes)."""
+"""Header of a tile's float32 values: offset to add, number of rows, one column (samples) or two (extremes)."""
 
 
 @dataclass(frozen=True)
 class Series:
-    """A channel or signal at every zoom."""
+    """Channel or signal at every zoom."""
 
     channel: Channel
     """Name, unit, rate, samples, start."""
     read: Callable[[int, int], Samples]
-    """Samples by first and stop."""
+    """Function (first, stop) that returns samples."""
     levels: tuple[Array, ...]
     """Extremes of every 64, 256, ... samples, each of shape (K, 2)."""
     gaps: npt.NDArray[np.int64]
     gap_count: int
-    """The first stretches without samples, shape (G, 2), and how many there are."""
+    """First stretches without samples, shape (G, 2), and their total number."""
     layer: str = "raw"
     """"raw" or "processed"."""
     ahead: Callable[[int, int], None] | None = None
-    """Begins to read samples by first and stop; None where they are in memory."""
+    """Function (first, stop) that starts to read samples; None if they are in memory."""
 
     @classmethod
     def of_channel(cls, stored: Stored, log: Callable[[], Log]) -> Series:
-        """Return a channel of a log that is opened when its samples are asked for."""
+        """Channel of a log that is opened when samples are needed."""
         channel, pieces = stored.channel, _Pieces(log, stored.channel)
         return cls(
             channel, pieces.read, stored.levels, stored.gaps, stored.gap_count, ahead=pieces.begin_to_read
@@ -59,7 +59,7 @@ class Series:
 
     @classmethod
     def of_array(cls, channel: Channel, samples: Array, layer: str) -> Series:
-        """Return a signal that is held in memory."""
+        """Signal in memory."""
         extremes = Extremes(BASE)
         levels = [np.concatenate([extremes.feed(as_fed(samples)), extremes.finish()])]
         for _ in level_counts(len(samples))[1:]:
@@ -76,11 +76,11 @@ class Series:
 
     @property
     def depth(self) -> int:
-        """Number of levels, that of single samples the first."""
+        """Number of levels, starting with single samples."""
         return FINER + len(self.levels)
 
     def blocks(self, level: int, first: int, stop: int) -> Array:
-        """Return blocks of a level, shape (K, 2): least and greatest; samples of level 0 as (K, 1)."""
+        """Blocks of a level, shape (K, 2): minimum and maximum; samples at level 0, shape (K, 1)."""
         if level >= FINER:
             return self.levels[level - FINER][first:stop]
         size = FACTOR**level
@@ -94,19 +94,19 @@ class Series:
         return np.concatenate([extremes.feed(as_fed(samples)), extremes.finish()])
 
     def tile(self, level: int, index: int) -> bytes:
-        """Return a tile as the page reads it; `InputError` where there is none."""
+        """Tile in the page's format; `InputError` if there is none."""
         if not 0 <= level < self.depth or not 0 <= index * TILE * FACTOR**level < max(
             self.channel.samples, 1
         ):
             raise InputError(f"{self.channel.name}: no tile {index} of level {level}")
-        if self.ahead is not None and level == FINER:  # whoever zooms in further will want its samples
+        if self.ahead is not None and level == FINER:  # zooming in further will need its samples
             size = TILE * FACTOR**level
             self.ahead(index * size, min((index + 1) * size, self.channel.samples))
         return packed(self.blocks(level, index * TILE, (index + 1) * TILE))
 
 
 class _Pieces:
-    """Samples of a channel, read in pieces of which the last ones stay at hand: whoever looks moves little by little."""
+    """Samples of a channel, read in pieces; the last ones are kept, since views move gradually."""
 
     def __init__(self, log: Callable[[], Log], channel: Channel) -> None:
         self._log, self._channel = log, channel
@@ -114,7 +114,7 @@ class _Pieces:
         self._held: OrderedDict[int, Samples] = OrderedDict()
 
     def read(self, first: int, stop: int) -> Samples:
-        """Return samples, shape (stop - first,)."""
+        """Samples, shape (stop - first,)."""
         parts = []
         for index in range(first // PIECE, -(-stop // PIECE)):
             start = index * PIECE
@@ -122,12 +122,12 @@ class _Pieces:
         return parts[0] if len(parts) == 1 else np.concatenate(parts)
 
     def begin_to_read(self, first: int, stop: int) -> None:
-        """Read the pieces that hold these samples while something else is done."""
+        """Start to read the pieces with these samples."""
         if any(index not in self._held for index in range(first // PIECE, -(-stop // PIECE))):
             threading.Thread(target=self._read_quietly, args=(first, stop), daemon=True).start()
 
     def _read_quietly(self, first: int, stop: int) -> None:
-        with contextlib.suppress(InputError, OSError):  # told when the samples are asked for
+        with contextlib.suppress(InputError, OSError):  # raised again when the samples are read
             self.read(first, stop)
 
     def _piece(self, index: int) -> Samples:
@@ -144,14 +144,14 @@ class _Pieces:
 
 
 def packed(blocks: Array) -> bytes:
-    """Return blocks as single precision about an offset, which keeps the digits of what changes little about much."""
+    """Blocks in single precision relative to an offset, which preserves small changes of large values."""
     offset, most = 0.0, float(np.finfo(np.float32).max)
     finite = blocks[np.isfinite(blocks)]
     if finite.size and not np.array_equal(
         np.clip(finite, -most, most).astype(np.float32).astype(np.float64), finite
     ):
         offset = 0.5 * float(finite.min()) + 0.5 * float(finite.max())
-    # What single precision can't hold is as high as it can; an infinite sample is a missing one, as in the levels above.
+    # Values are limited to the range of single precision; infinite samples are missing, as in the other levels.
     single = np.where(np.isfinite(blocks), np.clip(blocks - offset, -most, most), np.nan)
     head = np.array([(offset, len(blocks), blocks.shape[1])], dtype=HEAD)
     return head.tobytes() + single.astype("<f4").tobytes()

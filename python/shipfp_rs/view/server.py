@@ -1,4 +1,4 @@
-"""A server for the pages of one user on one machine: nothing else may ask it, and it asks nobody."""
+"""Local server of the pages for one user, without access for others or requests to other hosts."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ HOST = "127.0.0.1"
 LARGEST_BODY = 1 << 20
 IDLE_S = 60.0
 UNSHARED = 0o077
-"""Rights that others must not have."""
+"""Permissions that others must not have."""
 TYPES = {
     "html": "text/html; charset=utf-8",
     "js": "text/javascript; charset=utf-8",
@@ -37,16 +37,16 @@ POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; img-src 'self' data:; "
     "frame-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
 )
-"""Of the page: its own files and nothing written into them."""
+"""Policy of the page: only its own files, no inline content."""
 REPORT_POLICY = (
     "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data:; "
     "base-uri 'none'; form-action 'none'; frame-ancestors 'self'; sandbox allow-scripts"
 )
-"""Of a report, whose file anyone may have made: it runs apart from the page, and may ask for nothing."""
+"""Policy of reports, which may come from anyone: isolated from the page, without requests."""
 
 
 class Refused(Exception):
-    """A request that is not answered."""
+    """Request that is rejected."""
 
     def __init__(self, status: HTTPStatus, message: str) -> None:
         super().__init__(message)
@@ -54,12 +54,12 @@ class Refused(Exception):
 
 
 class Server(ThreadingHTTPServer):
-    """Serves a desk under a secret address.
+    """Server of a desk under a secret address.
 
     Parameters
     ----------
     desk
-        What is served.
+        The desk.
     """
 
     daemon_threads = True
@@ -69,17 +69,17 @@ class Server(ThreadingHTTPServer):
         super().__init__((HOST, 0), _Handler)
         self.desk = desk
         self.token, self.results_token = secrets.token_urlsafe(24), secrets.token_urlsafe(24)
-        """The page's secret, and one of their own for reports, which so never learn the page's."""
+        """Secret of the page, and a separate one for reports, so that these never learn the page's."""
         self.origin = f"http://{HOST}:{self.server_port}"
         self.first_page = "folder.html"
 
     @property
     def address(self) -> str:
-        """What to open in a browser."""
+        """Address to open in a browser."""
         return f"{self.origin}/{self.token}/{self.first_page}"
 
     def handle_error(self, request: Any, client_address: Any) -> None:
-        """Say nothing: a page that was closed breaks its connections."""
+        """Ignore errors: a closed page breaks its connections."""
 
     def close(self) -> None:
         """Stop listening, and end every job."""
@@ -96,11 +96,11 @@ class _Handler(BaseHTTPRequestHandler):
 
     def setup(self) -> None:
         super().setup()
-        # Answers are small; waiting for more to send costs 40 ms each.
+        # Answers are small; Nagle's algorithm costs 40 ms each.
         self.connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, True)
 
     def log_message(self, format: str, *args: Any) -> None:
-        """Say nothing on the terminal."""
+        """Write no log to the terminal."""
 
     def do_GET(self) -> None:
         self._answer(self._get)
@@ -113,7 +113,7 @@ class _Handler(BaseHTTPRequestHandler):
             status = HTTPStatus.OK
             kind, body, policy = act(self._path())
         except Refused as refusal:
-            # What was sent along is not read: the connection can't go on.
+            # The request's body is not read, so the connection must be closed.
             self.close_connection = True
             status, kind, body, policy = (
                 refusal.status,
@@ -124,7 +124,7 @@ class _Handler(BaseHTTPRequestHandler):
         except (ShipfpError, OSError) as error:
             told = {"error": " ".join(str(error).split()) or type(error).__name__}
             status, kind, body, policy = HTTPStatus.BAD_REQUEST, "application/json", _json(told), POLICY
-        except Exception as error:  # a page shows what went wrong; no traceback, no broken connection
+        except Exception as error:  # reported by the page, without a traceback or a broken connection
             told = {"error": f"internal error: {type(error).__name__}: {error}"}
             status, kind, body, policy = (
                 HTTPStatus.INTERNAL_SERVER_ERROR, "application/json", _json(told), POLICY,
@@ -150,10 +150,10 @@ class _Handler(BaseHTTPRequestHandler):
         self.wfile.write(body)
 
     def _path(self) -> list[str]:
-        """Check who asks, and return the parts of the path after the secret, its kind first."""
+        """Authorise the request and return the parts of the path after the secret, starting with its kind."""
         host = self.headers.get_all("Host") or []
         if host != [f"{HOST}:{self.server.server_port}"]:
-            # A name of somebody else's that was led to this machine.
+            # A foreign name resolved to this machine.
             raise Refused(HTTPStatus.FORBIDDEN, "refused: not the address of this server")
         if self.headers.get("Origin", self.server.origin) != self.server.origin:
             raise Refused(HTTPStatus.FORBIDDEN, "refused: another page's request")
@@ -169,7 +169,7 @@ class _Handler(BaseHTTPRequestHandler):
         raise Refused(HTTPStatus.FORBIDDEN, "refused: open the address that shipfp view printed")
 
     def _is_opened(self) -> bool:
-        """Whether a page is opened in a tab, as by the file that hands it to a browser: that tells nobody anything."""
+        """Whether a page is opened in a tab, as by the file that leads a browser to it: this discloses nothing."""
         opens = (self.headers.get("Sec-Fetch-Mode"), self.headers.get("Sec-Fetch-Dest"))
         return self.command == "GET" and opens == ("navigate", "document") and ".html" in self.path
 
@@ -223,12 +223,12 @@ def _pages() -> dict[str, bytes]:
 
 
 PAGES = _pages()
-"""The files of the page, by name; there is no way from a name to any other file."""
+"""Files of the page by name; no other file is reachable."""
 
 
 @contextlib.contextmanager
 def serving(desk: Desk, first_page: str = "folder.html") -> Iterator[Server]:
-    """Serve a desk on a thread of its own, until the block is left."""
+    """Serve a desk on a thread, until the end of the block."""
     server = Server(desk)
     server.first_page = first_page
     thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.1}, daemon=True)
@@ -242,7 +242,7 @@ def serving(desk: Desk, first_page: str = "folder.html") -> Iterator[Server]:
 
 @contextlib.contextmanager
 def handed_over(address: str, beside: Path) -> Iterator[str]:
-    """Give the address of a private file that leads to a page: all users may read the arguments of a browser."""
+    """Yield the address of a private file that redirects to a page, since all users may read a browser's arguments."""
     with _private_folder(beside) as folder:
         file = Path(folder) / "view.html"
         file.write_text(
@@ -252,19 +252,19 @@ def handed_over(address: str, beside: Path) -> Iterator[str]:
 
 
 def _private_folder(beside: Path) -> tempfile.TemporaryDirectory[str]:
-    """A folder for this user alone; not the system's where it can be, since a browser in a sandbox can't read there."""
+    """Folder for this user alone, preferably not the system's, which a sandboxed browser can't read."""
     try:
         made = tempfile.TemporaryDirectory(prefix=".shipfp-view-", dir=beside)
     except OSError:
         return tempfile.TemporaryDirectory()
-    if Path(made.name).stat().st_mode & UNSHARED:  # a disk that keeps no rights
+    if Path(made.name).stat().st_mode & UNSHARED:  # a disk without permissions
         made.cleanup()
         return tempfile.TemporaryDirectory()
     return made
 
 
 def end_asked_for() -> threading.Event:
-    """Return what is set on Ctrl-C or when the process is asked to end, from now on."""
+    """Event that is set on Ctrl-C or when the process is asked to end."""
     ended = threading.Event()
 
     def end(*_: object) -> None:

@@ -1,4 +1,4 @@
-"""A vessel file by a form: its fields are the keys of the template that `shipfp init --vessel` writes."""
+"""Form for a vessel file, with the keys of the template of `shipfp init --vessel` as fields."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ LINE = re.compile(
 
 
 class Line(NamedTuple):
-    """A line of the template: of a table's head the key is that of the table, any other text has none."""
+    """Line of the template: for a table's heading the key is that of the table, other text has none."""
 
     text: str
     key: str = ""
@@ -29,24 +29,24 @@ class Line(NamedTuple):
 
 
 def fields() -> list[dict[str, Any]]:
-    """Return what the form asks for: heads of tables, and keys with an example and what they are."""
+    """Fields of the form: headings of tables, and keys with example and description."""
     return [line._asdict() for line in _lines() if line.key]
 
 
 def vessel_file(values: Mapping[str, str], source: str) -> str:
-    """Return the text of a vessel file; what is not given stays in it as a comment.
+    """Text of a vessel file; keys without a value remain as comments.
 
     Parameters
     ----------
     values
-        Dotted key, such as "gearbox.ratio", to what was typed.
+        Text entered for each dotted key, such as "gearbox.ratio".
     source
         Name of the file, for messages.
 
     Raises
     ------
     InputError
-        Where a key is no field of the form, or the vessel's loader refuses a value: one line that names the key.
+        If a key is not a field of the form, or the vessel's loader rejects a value, which the message names.
     """
     given = {key: value.strip() for key, value in values.items() if value.strip()}
     if unknown := given.keys() - {line.key for line in _lines() if not line.is_table}:
@@ -69,7 +69,7 @@ def _filled(line: Line, given: Mapping[str, str]) -> str:
 
 
 def _value(typed: str, example: str) -> str:
-    """Return what was typed as TOML: a number where it is one and the example is, else a text for the loader to judge."""
+    """Entered text as TOML: a number if it and the example are numbers, else a text for the loader to validate."""
     if not example.startswith('"'):
         for number in (int, float):
             with suppress(ValueError):
