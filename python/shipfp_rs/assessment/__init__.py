@@ -1,1 +1,1 @@
-"""What a fingerprint is worth: prediction, validation, comparison, profiles."""
+"""Assessment of fingerprints: prediction, validation, comparison, profiles."""

@@ -1,4 +1,4 @@
-"""Uncertainty without a noise model: fits to the model's own output with the residuals put back in blocks."""
+"""Bootstrap uncertainty without a noise model: fits to the model's output with resampled blocks of residuals."""
 
 from __future__ import annotations
 
@@ -21,29 +21,29 @@ from shipfp_rs.support.threads import with_one_blas_thread
 FEWEST_DRAWS = 20
 MOST_DRAWS = 1_000_000
 FEWEST_BLOCKS = 10
-"""In the shortest experiment: with fewer, draws hardly differ."""
+"""Fewest blocks in the shortest experiment: with fewer, draws hardly differ."""
 QUIET_LAGS = 5
-"""Successive lags of no significant correlation that end it, at least (K_N of Politis and White)."""
+"""Least number of successive insignificant lags that end the correlation (K_N of Politis and White)."""
 
 
 @dataclass(frozen=True, repr=False)
 class Bootstrap(Brief):
-    """Estimates of all draws, and what they say of the fingerprint's own intervals.
+    """Bootstrap estimates, for comparison with the fingerprint's intervals.
 
     Parameters
     ----------
     fingerprint
-        The fit whose residuals were drawn from.
+        The fit whose residuals were resampled.
     names
-        Parameters and combinations that the data tell.
+        Identifiable parameters and combinations.
     draws
-        Their estimates, shape (B, P); NaN where a draw's data did not tell one.
+        Their estimates, shape (B, P); NaN where a draw did not determine one.
     failed
-        Draws whose search found no minimum; they are left out.
+        Number of draws whose search found no minimum; they are omitted.
     block_s
-        Length of a block [s], one for each experiment.
+        Length of a block in each experiment [s].
     seed
-        Of the draws.
+        Seed of the draws.
     """
 
     fingerprint: Fingerprint
@@ -55,7 +55,7 @@ class Bootstrap(Brief):
 
     @property
     def std(self) -> dict[str, float]:
-        """Standard deviation of each over the draws."""
+        """Standard deviation of each quantity over the draws."""
         return dict(zip(self.names, np.nanstd(self.draws, axis=0, ddof=1).tolist(), strict=True))
 
     @property
@@ -65,12 +65,12 @@ class Bootstrap(Brief):
         return np.atleast_2d(np.cov(whole, rowvar=False))
 
     def interval(self, name: str, level: float = 0.95) -> tuple[float, float]:
-        """Return the interval between percentiles of the draws.
+        """Return the percentile interval of the draws.
 
         Raises
         ------
         InputError
-            For a name that was not drawn, or a level outside (0, 1).
+            For a name without estimates, or a level outside (0, 1).
         """
         if name not in self.names:
             raise InputError(f"bootstrap: no estimates of {name!r}, expected one of {', '.join(self.names)}")
@@ -118,28 +118,28 @@ def bootstrap(
     progress: Callable[[int, int], None] | None = None,
     **options: Any,
 ) -> Bootstrap:
-    """Fit, put the residuals back in blocks drawn at random, and fit again, many times.
+    """Fit, resample the residuals in random blocks, and refit many times.
 
-    The scatter of the estimates is their uncertainty whatever colours the residuals, noise or model error, as long as it
-    is forgotten within a block and is alike all along the record. It takes `draws` fits, and serves to check the
-    intervals of `identify`.
+    The scatter of the estimates is their uncertainty for any coloured residuals, from noise or model error, if their
+    correlation is shorter than a block and they are stationary. It takes `draws` fits, and serves to check the intervals of
+    `identify`.
 
     Parameters
     ----------
     experiments
-        One or several that are fitted together.
+        One experiment, or several that are fitted together.
     structure
         The model.
     draws
         Number of fits.
     block_s
-        Length of a block [s]; by default from how long the residuals stay correlated.
+        Length of a block [s]; by default from the correlation of the residuals.
     seed
-        Of the draws.
+        Seed of the draws.
     progress
-        Called with (fits done, fits in all).
+        Called with (completed fits, all fits).
     options
-        Of `identify`.
+        Options of `identify`.
 
     Returns
     -------
@@ -148,9 +148,9 @@ def bootstrap(
     Raises
     ------
     InputError
-        For fewer than 20 draws, data that are no experiments, or blocks too long for the shortest experiment.
+        For fewer than 20 draws, data other than experiments, or blocks too long for the shortest experiment.
     IdentificationError
-        Where the first fit fails.
+        If the first fit fails.
 
     Notes
     -----
@@ -188,9 +188,9 @@ def bootstrap(
 
 
 def block_length(residuals: Array) -> int:
-    """Return how many samples a circular block should have for a series of residuals, shape (N,).
+    """Length of a circular block for a series of residuals, shape (N,), in samples.
 
-    Politis and White: from the correlogram up to where `QUIET_LAGS` lags in a row are insignificant, tapered by a flat top.
+    Politis and White: from the correlogram up to `QUIET_LAGS` successive insignificant lags, with a flat-top taper.
 
     Examples
     --------
@@ -220,7 +220,7 @@ def block_length(residuals: Array) -> int:
 
 @dataclass(frozen=True)
 class _Residuals:
-    """An experiment as model and residuals, both as deviations (O, N), and its block's length in samples."""
+    """Model and residuals of an experiment, both as deviations (O, N), and the block length in samples."""
 
     record: Experiment
     signals: tuple[str, ...]
@@ -251,7 +251,7 @@ class _Residuals:
         return cls(record, tuple(simulated), model, kept - kept.mean(axis=1, keepdims=True), valid, block)
 
     def drawn(self, random: np.random.Generator) -> Experiment:
-        """Return the model's output with residuals in blocks of another order; masked samples stay masked."""
+        """Model output with resampled blocks of residuals; masked samples stay masked."""
         count = self.residual.shape[1]
         starts = random.integers(0, count, -(-count // self.block))
         order = ((starts[:, None] + np.arange(self.block)) % count).ravel()[:count]

@@ -22,31 +22,32 @@ from shipfp_rs.support.quantiles import DEVIATIONS_95
 from shipfp_rs.support.sentences import Sentence
 
 TOLD = 1e-4
-"""Largest relative change of a figure along a direction that the data do not determine."""
+"""Largest relative change of a determined figure along a direction that the data do not determine."""
 PADE = 5
 SLOWEST = 5
 """Number of roots of the approximation that are refined to exact ones: two, their conjugates, and one in reserve."""
 SETTLED = 1e-3
-"""Last step of Newton's method relative to the pole; a larger one means that no pole was found."""
+"""Largest last step of Newton's method relative to the pole; with a larger one no pole was found."""
 SEARCHED_HZ = np.geomspace(1e-4, 1e2, 1200)
 RECOVERED = 0.05
-"""Band, relative to a step of the set point, within which the speed stays once it has recovered."""
+"""Band, relative to a step of the set point, within which the speed has recovered."""
 LONGEST = 8.0
-"""Time constants of the slowest pole after which a step is over."""
+"""Duration of a step response, in time constants of the slowest pole."""
 INSTANTS = 4000
 LEADING = 1e-6
 """Phase [turns] below which a phase is rounding, and counts as zero."""
 LARGEST = 2.0
-"""Relative standard deviation above which a figure is not determined: on a logarithmic scale a factor of 50."""
+"""Relative standard deviation above which a figure is not determined: a factor of 50 on a logarithmic scale."""
 STRAIGHT = 0.2
-"""Relative standard deviation up to which linear propagation gives a figure's interval; above it, the ships that profiles
-found possible do."""
+"""Largest relative standard deviation for which a figure's interval follows from linear propagation; above it, from the
+ships that profiles found possible.
+"""
 LEAST = {"phase margin": -np.inf, "overshoot": 0.0, "dM_b(0)": -np.inf, "dM_g(0)": -np.inf}
-"""Figures that may be zero or change sign, with their least values; all others have symmetric intervals of the logarithm."""
+"""Least values of figures that may be zero or change sign; intervals of all others are symmetric in the logarithm."""
 ENDLESS = ("gain margin", "ultimate gain")
-"""Figures that are infinite where they have no value."""
+"""Figures that are infinite if they have no value."""
 SAME = {"dM_b(inf)": "vK_p", "dM_b(0)": "p", "dM_g(0)": "p"}
-"""Figures that equal a parameter for a ship without further elements, and so have that parameter's interval."""
+"""Parameters that equal a figure for a ship without further elements, and so share its interval."""
 
 Figure = Callable[[Values], float]
 Searched = Callable[[Values], ComplexArray]
@@ -58,33 +59,33 @@ Result = TypeVar("Result")
 
 @checked
 def closed_loop(fingerprint: Fingerprint, structure: Structure | None = None) -> dict[str, Estimate]:
-    """Return the figures that a control engineer expects of a speed loop, linearised about the operating point.
+    """Return the usual control figures of the speed loop, linearised about the operating point.
 
     Parameters
     ----------
     fingerprint
-        Fingerprint of a linear structure, of the ship or of a vessel's plant.
+        Fingerprint of a linear structure: that of the ship or of a vessel's plant.
     structure
         Structure of the fingerprint; None rebuilds it.
 
     Returns
     -------
     dict
-        Name to estimate with 95 % interval. Intervals are first order in the covariance of the parameters, on a logarithmic
-        scale if the figure can't change its sign, and include the figures of all ships that profiles found possible.
+        Estimates with 95 % intervals by name. Intervals are first order in the covariance of the parameters, on a
+        logarithmic scale if the figure can't change its sign, and include the figures of all ships that profiles found
+        possible.
         The figures: real and imaginary part of the two slowest poles, the slower one first, of pairs the upper one [rad/s],
         with exact dead times; crossover [Hz], phase margin [deg], gain margin [-]; proportional gain vK_p [-] and period
-        [s] at which the loop would oscillate if all gains grew together (K_u and P_u of tuning rules); bandwidth of the
-        speed, where its gain has fallen by 3 dB [Hz]; time after a step of the set point from which on the speed stays
-        within 5 % of it [s], and overshoot [-]; slow and fast gain of the torque [-] (eq. 3.39, 3.40), the fast one before
-        any lag or twist.
-        A figure that the data do not determine has no value. Nor has the gain margin of a loop that never oscillates: its
-        interval then begins at the least gain at which the loop would oscillate if an element that was not found acted.
+        [s] at which the loop would oscillate if all gains increased together (K_u and P_u of tuning rules); -3 dB bandwidth
+        of the speed [Hz]; settling time of the speed to within 5 % after a step of the set point [s], and overshoot [-];
+        slow and fast gain of the torque [-] (eq. 3.39, 3.40), the fast one before any lag or twist.
+        An undetermined figure has no value. Neither has the gain margin of a loop that never oscillates; its interval then
+        begins at the least gain at which the loop would oscillate with an element that was not found.
 
     Raises
     ------
     InputError
-        Where the structure has no linearisation.
+        If the structure has no linearisation.
 
     Examples
     --------
@@ -107,7 +108,7 @@ def closed_loop(fingerprint: Fingerprint, structure: Structure | None = None) ->
 
 
 def poles_of(structure: Structure, values: Values) -> ComplexArray:
-    """Return the two slowest poles of the loop with its dead time [rad/s], the slower one first, shape (2,) or (1,).
+    """Two slowest poles of the loop with its dead time [rad/s], the slower one first, shape (2,) or (1,).
 
     Of a pair it is the upper one; a pole is slow if its absolute value is small. Newton's method refines the poles of a
     Pade approximation of the dead time to the exact ones.
@@ -130,7 +131,7 @@ def _roots(structure: Structure, values: Values) -> ComplexArray:
         value, above, below = np.split(equations.characteristic(known, asked), 3)
         moved = value * 2.0 * step / (above - below)
         poles = poles - moved
-    # From a root of the approximation that is near no exact pole, the iteration does not converge.
+    # For a root of the approximation without a nearby exact pole, the iteration does not converge.
     poles = poles[np.abs(moved) < SETTLED * np.abs(poles)]
     upper = poles[poles.imag > -1e-9 * np.abs(poles)]
     upper = np.where(np.abs(upper.imag) < 1e-7 * np.abs(upper), upper.real, upper)
@@ -172,7 +173,7 @@ def _figures(structure: Structure, values: Values) -> dict[str, tuple[str, Figur
 
 
 def once(function: Callable[[Values], Result]) -> Callable[[Values], Result]:
-    """Return a function of a ship's values that is computed only once for each ship."""
+    """Cache a function of a ship's values."""
     known = cache(lambda items: function(dict(items)))
     return lambda values: known(tuple(values.items()))
 
@@ -180,13 +181,13 @@ def once(function: Callable[[Values], Result]) -> Callable[[Values], Result]:
 def _pole(
     roots: Callable[[Values], ComplexArray], pole: complex, part: Callable[[Any], Any], values: Values
 ) -> float:
-    """The pole of another ship that is nearest to a given pole, since poles change their order as they pass each other."""
+    """The pole of another ship nearest to a given pole, since poles may exchange their order."""
     found = roots(values)
     return float(part(min(found, key=lambda one: abs(one - pole)))) if len(found) else float("nan")
 
 
 def _passed(searched: Array, value: Callable[[float], float]) -> float:
-    """Lowest frequency [Hz] at which a function, known at `SEARCHED_HZ`, falls through zero; NaN where it never does."""
+    """Lowest frequency [Hz] at which a function, known at `SEARCHED_HZ`, falls through zero; NaN without one."""
     change = np.flatnonzero(np.diff(np.sign(searched)) < 0.0)
     if not len(change):
         return float("nan")
@@ -205,9 +206,10 @@ def _crossover(structure: Structure, searched: Searched, values: Values) -> floa
 
 
 def _followed(loop: ComplexArray) -> Array:
-    """Unwrapped phase of the open loop at `SEARCHED_HZ` [rad], followed from low frequencies.
+    """Unwrapped phase of the open loop at `SEARCHED_HZ` [rad], from low frequencies up.
 
-    There the loop lags by 90 degrees, or by 270 where engine and load alone are unstable (g above p); it never leads.
+    At low frequencies the loop lags by 90 degrees, or by 270 if engine and load alone are unstable (g above p); it never
+    leads.
     """
     phase = np.unwrap(np.angle(loop))
     return np.asarray(phase - 2.0 * np.pi * np.ceil(phase[0] / (2.0 * np.pi) - LEADING))
@@ -228,7 +230,7 @@ def _phase_margin(structure: Structure, followed: Followed, crossing: Figure, va
 
 
 def _turning(structure: Structure, followed: Followed, values: Values) -> float:
-    """Frequency at which the loop oscillates if its gain is high enough [Hz]; NaN where it never does."""
+    """Frequency at which the loop oscillates for a high enough gain [Hz]; NaN if it never does."""
     phase = followed(values)
     return _passed(
         np.degrees(phase) + 180.0, lambda frequency: _turned(structure, phase, values, frequency) + 180.0
@@ -236,17 +238,17 @@ def _turning(structure: Structure, followed: Followed, values: Values) -> float:
 
 
 def _ultimate_gain(structure: Structure, turning: Figure, values: Values) -> float:
-    """Proportional gain vK_p at which the loop oscillates, with all gains in their present proportion."""
+    """Proportional gain vK_p at which the loop oscillates, with the present ratio of all gains."""
     return _gain_margin(structure, turning, values) * _proportional(loop_of(structure, values)[1])
 
 
 def _proportional(known: Values) -> float:
-    """Proportional gain of the loop, which data determine even where they determine neither of its factors."""
+    """Proportional gain of the loop, which data determine even without determining its factors."""
     return known.get("vK_p", known.get("v", 1.0) * known.get("K_p", 0.0))
 
 
 def _gain_margin(structure: Structure, turning: Figure, values: Values) -> float:
-    """Factor by which the gain may grow before the loop oscillates; NaN where no gain makes it oscillate."""
+    """Factor on the gain at which the loop oscillates; NaN if no gain makes it oscillate."""
     frequency = turning(values)
     if not np.isfinite(frequency):
         return float("nan")
@@ -263,7 +265,7 @@ def _bandwidth(structure: Structure, searched: Searched, values: Values) -> floa
 
 
 def _step(structure: Structure, values: Values) -> tuple[float, float]:
-    """Return the time of recovery [s] and the overshoot [-] after a step of the set point."""
+    """Recovery time [s] and overshoot [-] after a step of the set point."""
     speed = state_space(structure, values, PADE)
     slowest = -np.linalg.eigvals(speed.A).real.max()
     if "dn" not in speed.outputs or slowest <= 0.0:
@@ -283,7 +285,7 @@ def _step(structure: Structure, values: Values) -> tuple[float, float]:
 
 
 def _decay(space: StateSpace) -> tuple[ComplexArray, ComplexArray, float]:
-    """Return the speed's deviation after a step: poles, weights of their exponentials, and the part that remains."""
+    """Speed deviation after a step: poles, weights of their exponentials, and the constant part."""
     place = space.outputs.index("dn")
     poles, modes = np.linalg.eig(space.A)
     weights = (space.C[place] @ modes) * np.linalg.solve(modes, space.B) / poles
@@ -291,7 +293,7 @@ def _decay(space: StateSpace) -> tuple[ComplexArray, ComplexArray, float]:
 
 
 def _powers(base: ComplexArray, count: int) -> ComplexArray:
-    """Return base^0, base^1, ... of each base, shape (P, count), as products of few powers."""
+    """Powers base^0, base^1, ... of each base, shape (P, count), as products of few powers."""
     width = int(np.ceil(np.sqrt(count)))
     few = base[:, None] ** np.arange(width)
     many = (base[:, None] ** width) ** np.arange(width)
@@ -299,14 +301,14 @@ def _powers(base: ComplexArray, count: int) -> ComplexArray:
 
 
 def _fast_torque(structure: Structure, values: Values) -> float:
-    """Gain from a fast set point to the torque that the governor demands at once, before a lag or a twist smooths it."""
+    """Gain from a fast set point to the torque demanded by the governor, before lag or twist."""
     known = loop_of(structure, values)[1]
     gain = _proportional(known)
     return gain * known["tau_prop"] / known["tau_n"] if "tau_prop" in structure.names else gain
 
 
 def _same(fingerprint: Fingerprint, name: str, value: float) -> Estimate | None:
-    """Return the estimate of the parameter that a figure equals; None where it equals none."""
+    """Estimate of the parameter that equals a figure; None if there is none."""
     told = {**fingerprint.derived, **fingerprint.parameters}.get(SAME.get(name, ""))
     if (
         told is None
@@ -328,10 +330,10 @@ def estimated(
     *,
     endless: bool = False,
 ) -> Estimate:
-    """Return a figure of the ship with its interval.
+    """Estimate of a figure of the ship, with its interval.
 
     `least` is its least possible value; None: it keeps its sign. A figure without a value may be `endless`: infinite, or
-    larger than any ship's.
+    larger than for any ship.
     """
     values = dict(fingerprint.optimum)
     value = figure(values)
@@ -348,7 +350,7 @@ def estimated(
     ]
     slopes = dict(zip(free, gradient_of(figure, values, free, structure.ties), strict=True))
     for entry in fingerprint.identifiability.null_space:
-        # Directions are changes relative to the parameter, or to its typical size where that is larger.
+        # Directions are changes relative to the parameter, or to its typical size if that is larger.
         change = sum(
             slopes[name] * max(abs(values[name]), structure[name].scale) * part
             for name, part in entry["direction"].items()
@@ -376,7 +378,7 @@ def estimated(
 
 
 def _first_order(value: float, std: float, least: float | None) -> tuple[float, float]:
-    """Return the ends of a figure's interval; if it keeps its sign they are the value divided and multiplied by a factor."""
+    """Ends of a figure's interval; if it keeps its sign they are the value divided and multiplied by a factor."""
     reach = DEVIATIONS_95 * std
     if least is not None or not value:
         return max(value - reach, -np.inf if least is None else least), value + reach
@@ -385,9 +387,9 @@ def _first_order(value: float, std: float, least: float | None) -> tuple[float, 
 
 
 def _possible(fingerprint: Fingerprint, figure: Figure) -> list[float]:
-    """Return a figure of every ship that the profiles of a fingerprint found possible."""
+    """Figure of every ship that the profiles of a fingerprint found possible."""
     found = []
     for other in fingerprint.settings.get("possible", ()):
-        with contextlib.suppress(ValueError, np.linalg.LinAlgError):  # no root in reach, no step that settles
+        with contextlib.suppress(ValueError, np.linalg.LinAlgError):  # no root, or no convergence
             found.append(figure({**fingerprint.optimum, **other}))
     return [value for value in found if np.isfinite(value)]

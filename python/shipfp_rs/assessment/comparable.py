@@ -1,7 +1,7 @@
-"""Whether fingerprints can be compared at all, with which elements, and what weakens it if they can.
+"""Comparability of fingerprints: whether, with which elements, and with which reservations.
 
-Only what somebody gave has to be the same in both. Where the data chose the structure, they chose an element of one ship and
-none of another, and left some parameters where the search ended: that is told, and is no obstacle.
+Only values given by the user must be equal in both. If the data selected the structures, they may have selected an element
+for only one ship, and some parameters may be undetermined; this is reported, but does not prevent a comparison.
 """
 
 from __future__ import annotations
@@ -21,24 +21,24 @@ from shipfp_rs.structures.elements import ELEMENTS
 from shipfp_rs.structures.ties import declared
 
 SPEED_APART = 0.05
-"""Operating speeds that differ by more than this part are two operating points: every parameter depends on it."""
+"""Relative difference in speed above which operating points differ, on which every parameter depends."""
 OF_NO_MATTER = {"dX"}
-"""Outputs beside which the others' parameters mean the same: the rack tells one more of them."""
+"""Outputs that do not change the meaning of the other outputs' parameters; the rack adds information on one of them."""
 TORQUE_APART = 0.05
-"""Operating torques that differ by more than this part are worth a word: tau_n is relative to them."""
+"""Relative difference in operating torque that is reported, since tau_n is relative to the torque."""
 
 
 def with_common_elements(
     fingerprints: Sequence[Fingerprint], data: Sequence[Sequence[Experiment]] | None
 ) -> tuple[list[Fingerprint], list[str]]:
-    """Return fingerprints of the full ship that all have the elements that one of them shows, fitted again where need be.
+    """Return fingerprints of the full ship with all elements found in any of them, refitted if necessary.
 
     Parameters
     ----------
     fingerprints
-        Two or more; those of a given structure are returned as they are.
+        Two or more; those of a given structure are returned unchanged.
     data
-        The experiments of each; None: those that the fingerprints hold. Without any they are returned as they are, too.
+        The experiments of each; None: those stored in the fingerprints. Without any, fingerprints are returned unchanged.
     """
     acting = {
         name for one in fingerprints for name in TRIED if one.elements.get(name, {}).get("state") == "on"
@@ -77,7 +77,7 @@ def with_common_elements(
 
 
 def require_comparable(before: Fingerprint, after: Fingerprint) -> tuple[str, ...]:
-    """Raise where a difference would mean nothing, return remarks on what weakens it."""
+    """Remarks on what weakens a comparison; raises an error if a difference would be meaningless."""
     if before.vessel and after.vessel and before.vessel != after.vessel:
         raise InputError(f"fingerprints of {before.vessel!r} and {after.vessel!r}; expected the same ship")
     chosen = _chosen(before, after)
@@ -134,12 +134,12 @@ def require_comparable(before: Fingerprint, after: Fingerprint) -> tuple[str, ..
 
 
 def _chosen(*fingerprints: Fingerprint) -> bool:
-    """Whether the data chose the structure of all, within the full ship."""
+    """Whether the data selected all structures, within the full ship."""
     return all(one.settings.get("structure") == FULL_SHIP for one in fingerprints)
 
 
 def _given(fingerprint: Fingerprint) -> dict[str, float]:
-    """Return the values that the user fixed; values that the search fitted without an interval are not among them."""
+    """Values fixed by the user, not those that the search left without an interval."""
     return {
         name: estimate.value
         for name, estimate in fingerprint.parameters.items()
@@ -148,7 +148,7 @@ def _given(fingerprint: Fingerprint) -> dict[str, float]:
 
 
 def _alone(before: Fingerprint, after: Fingerprint) -> Iterator[str]:
-    """Yield what only one of both knows."""
+    """Yield what only one of them contains."""
     for label, one, other in (("first", before, after), ("second", after, before)):
         known = [name for name, estimate in one.items() if estimate.std]
         names = [name for name in known if name not in other or other[name].value is None]

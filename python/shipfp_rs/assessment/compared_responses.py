@@ -1,4 +1,4 @@
-"""Measured frequency responses of experiments beside the fitted model's."""
+"""Measured frequency responses of experiments and those of the fitted model."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.structures.structure import Structure
 
 SMOOTHED = 13
-"""Bins over which the set point's power is averaged: as many as a point of `local_response` has at least."""
+"""Bins over which the set point's power is averaged, the least number in a point of `local_response`."""
 EXCITED = 1e-4
-"""Least power of the set point, relative to its highest, at a frequency that it excites."""
+"""Least power of the set point at an excited frequency, relative to its maximum."""
 LOST = 0.3
 """Relative standard deviation above which a point carries no information."""
 
@@ -26,23 +26,23 @@ LOST = 0.3
 def compared_responses(
     fingerprint: Fingerprint, experiments: Sequence[Experiment], structure: Structure | None = None
 ) -> list[tuple[FrequencyResponse, FrequencyResponse]]:
-    """Return the measured response of each experiment that has one, and the model's.
+    """Return the measured response of each experiment, and the model's.
 
-    The measured one knows nothing of the model: local polynomials over the band that the set point excites.
-    Points with a standard deviation above 30 % are left out, and experiments without any point. A model that is not linear
-    has no response but to an excitation: its own to the experiment's set point, found in the same way.
+    The measured response is independent of the model: local polynomials over the band excited by the set point. Points
+    with a standard deviation above 30 % are omitted, and so are experiments without any point. The response of a nonlinear
+    model depends on the excitation; it is estimated in the same way from a simulation with the experiment's set point.
 
     Parameters
     ----------
     fingerprint, structure
-        As in `predict`.
+        See `predict`.
     experiments
-        What was fitted.
+        Experiments of the fit.
 
     Raises
     ------
     InputError
-        As `predict`.
+        See `predict`.
     """
     structure, pairs = structure or structure_of(fingerprint), []
     for experiment in experiments:
@@ -58,7 +58,7 @@ def compared_responses(
 
 
 def _simulated(model: Experiment, measured: FrequencyResponse) -> FrequencyResponse:
-    """Return the response of a model that made an experiment, at the measured frequencies."""
+    """Response of the model that simulated an experiment, at the measured frequencies."""
     response = local_response(model, _band(model), signals=[*measured.response])
     return response.select(np.isin(response.frequency_hz, measured.frequency_hz))
 
@@ -71,13 +71,13 @@ def _measured(experiment: Experiment, structure: Structure) -> FrequencyResponse
     try:
         response = local_response(experiment, _band(experiment), signals=signals)
     except InputError:
-        return None  # nothing but rest, or too short a record: there is no response to show
+        return None  # only rest, or too short a record
     known = np.all([response.amplitude_std[name] < LOST for name in signals], axis=0)
     return response.select(known) if known.any() else None
 
 
 def _band(experiment: Experiment) -> tuple[float, float]:
-    """Return lowest and highest frequency that the set point excites [Hz]; `InputError` where it never moves."""
+    """Lowest and highest frequency excited by the set point [Hz]; `InputError` if it is constant."""
     power = np.abs(np.fft.rfft(experiment.dn_set - experiment.dn_set.mean())) ** 2
     smooth = uniform_filter1d(power, SMOOTHED, mode="constant")
     excited = np.flatnonzero(smooth > EXCITED * smooth.max())

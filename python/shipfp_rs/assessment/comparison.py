@@ -1,4 +1,4 @@
-"""What changed between two fingerprints of a ship, and whether that is more than chance."""
+"""Changes between two fingerprints of a ship, and their significance."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from shipfp_rs.support.threads import with_one_blas_thread
 from shipfp_rs.support.units import unit_shown
 
 SAME_DIRECTION = 1e-8
-"""Ratio of a correlation matrix's eigenvalue to its largest below which a quantity follows from the others."""
+"""Ratio of an eigenvalue of a correlation matrix to the largest, below which a quantity depends on the others."""
 
 DAMAGED = "settings.possible of the fingerprint: expected a finite value of every parameter in each"
 
@@ -32,8 +32,8 @@ DAMAGED = "settings.possible of the fingerprint: expected a finite value of ever
 class Change:
     """One parameter or combination in both fingerprints: values, difference with its 95 % interval, p, verdict.
 
-    `p` is two-sided. `significant` compares it with a level that is corrected for the number of quantities (Holm's
-    method): without any change, the chance of one or more false alarms is at most that level.
+    `p` is two-sided. `significant` compares it with a level corrected for the number of quantities (Holm's method):
+    without any change, the probability of at least one false alarm is at most that level.
     """
 
     name: str
@@ -58,7 +58,7 @@ class Joint(NamedTuple):
 
 @dataclass(frozen=True, repr=False)
 class Comparison(Brief):
-    """Changes by quantity, the joint test, remarks on what weakens them, and the verdict in plain words."""
+    """Changes by quantity, joint test, remarks on what weakens them, and verdict in plain words."""
 
     changes: tuple[Change, ...]
     joint: Joint
@@ -94,37 +94,37 @@ def compare(
     level: float = 0.05,
     data: Sequence[Sequence[Experiment]] | None = None,
 ) -> Comparison:
-    """Tell which parameters changed from one fingerprint to another, with significance under both covariances.
+    """Compare the parameters of two fingerprints, with the significance of changes under both covariances.
 
     Parameters
     ----------
     before, after
-        Fingerprints of the same ship, structure and operating speed, from data of their own. Where the data chose the
-        structure, one may have an element, such as a torque limit, that the other lacks; the other is then fitted again
+        Fingerprints of the same ship, structure and operating speed, from separate data. If the data selected the
+        structure, one may have an element, such as a torque limit, that the other lacks; the other is then refitted
         with this element.
     level
-        Probability of a false alarm, for all quantities together, and for the joint test.
+        Probability of a false alarm, over all quantities, and for the joint test.
     data
-        Experiments of both, for such a fit; None: those stored in the fingerprints. Without experiments both are compared
-        as they are, and a remark says so.
+        Experiments of both, for such a refit; None: those stored in the fingerprints. Without experiments both are
+        compared unchanged, with a remark.
 
     Returns
     -------
     Comparison
-        Every parameter and combination that both fingerprints know; what only one knows is in its remarks.
+        Every parameter and combination known in both fingerprints; the remarks list those known in one only.
 
     Raises
     ------
     InputError
-        Where they can't be compared: another ship, structure, operating speed or given value, a search that ended in no
-        minimum, or nothing that both know.
+        If they can't be compared: another ship, structure, operating speed or given value, a search without a minimum,
+        or no quantity known in both.
 
     Notes
     -----
-    The interval of a difference adds the half-widths of both intervals in quadrature, each on the side that matters (the
-    square-and-add limits of Zou and Donner, 10.1002/sim.3095), so that skewness is kept. The joint test weighs the
-    differences by the sum of both covariances, over the quantities that both contain and the eigenvectors that are not
-    singular. The spread along each is at least that of the ships that the data allow.
+    The interval of a difference adds the half-widths of both intervals in quadrature, each on the relevant side (the
+    square-and-add limits of Zou and Donner, 10.1002/sim.3095), which preserves skewness. The joint test weights the
+    differences by the sum of both covariances, over the quantities in both and the non-singular eigenvectors. The
+    spread along each is at least that of the ships compatible with the data.
     """
     if not 0.0 < level < 1.0:
         raise InputError(f"level {level}, expected a probability between 0 and 1")
@@ -152,22 +152,22 @@ def trend(
     Parameters
     ----------
     fingerprints
-        Time (any unit) to fingerprint, three or more.
+        Three or more fingerprints by time (any unit).
     name
         Parameter or combination.
     data
-        Time to the experiments of each, for those that are fitted again, as in `compare`.
+        Experiments of each by time, for refits as in `compare`.
 
     Returns
     -------
     slope, std, p
         Slope per unit of time, its standard deviation, and the two-sided probability of such a slope without a trend.
-        Where the values scatter about the line more than their deviations allow, the scatter sets the standard deviation.
+        If the values scatter about the line more than their standard deviations, the scatter determines it.
 
     Raises
     ------
     InputError
-        For fewer than three, or where the quantity is not known in one.
+        For fewer than three, or if one does not determine the quantity.
     """
     if len(fingerprints) < 3:
         raise InputError(
@@ -200,7 +200,7 @@ def _common(before: Fingerprint, after: Fingerprint) -> list[str]:
     names = [
         name
         for name, estimate in {**before.parameters, **before.derived}.items()
-        if estimate.std  # on a bound there may be none, or one of zero
+        if estimate.std  # on a bound it may be missing or zero
         and name not in tied
         and (name in after.parameters or name in after.derived)
         and after[name].std
@@ -235,7 +235,7 @@ def _change(name: str, before: Estimate, after: Estimate) -> Change:
 
 
 def _sides(estimate: Estimate) -> tuple[float, float]:
-    """Half-widths of the interval below and above; one that a bound cut short is replaced by the other."""
+    """Half-widths of the interval below and above; one that a bound cuts short is replaced by the other."""
     assert estimate.value is not None
     assert estimate.std is not None
     half = DEVIATIONS_95 * estimate.std
@@ -246,7 +246,7 @@ def _sides(estimate: Estimate) -> tuple[float, float]:
 
 
 def _holm(probabilities: Sequence[float], level: float) -> list[bool]:
-    """Return which probabilities are significant by Holm's step-down method (Holm 1979)."""
+    """Which probabilities are significant by Holm's step-down method (Holm 1979)."""
     significant = [False] * len(probabilities)
     for rank, index in enumerate(np.argsort(probabilities)):
         if probabilities[index] > level / (len(probabilities) - rank):
@@ -263,7 +263,7 @@ def _is_correlated(fingerprint: Fingerprint, name: str) -> bool:
     try:
         slopes = gradient_of(COMBINATIONS[name][1], values, [*values], declared(fingerprint.structure))
     except (KeyError, ZeroDivisionError):
-        return True  # `covariance_of` says what is wrong
+        return True  # `covariance_of` raises the error
     members = [member for member, slope in zip(values, slopes, strict=True) if slope]
     return all(one in known or fingerprint[one].status == "fixed" for one in members)
 
@@ -273,8 +273,8 @@ def _joint(names: Sequence[str], before: Fingerprint, after: Fingerprint) -> Joi
         return Joint(0.0, 0, 1.0)
     change = np.array([(after[name].value or 0.0) - (before[name].value or 0.0) for name in names])
     both = covariance_of(before, names), covariance_of(after, names)
-    # A quantity that follows from the others adds no degree of freedom. It does so in each fingerprint by slightly
-    # different coefficients, so the smaller rank counts.
+    # A quantity that depends on the others adds no degree of freedom. The coefficients of this dependence differ slightly
+    # between the fingerprints, so the smaller rank counts.
     told = min(_rank(covariance) for covariance in both)
     size = np.sqrt(np.diag(both[0] + both[1]))
     strength, direction = (
@@ -290,9 +290,9 @@ def _joint(names: Sequence[str], before: Fingerprint, after: Fingerprint) -> Joi
 
 
 def _reached(fingerprint: Fingerprint, names: Sequence[str]) -> Array:
-    """Return the distance of each ship that the data also allow from the estimate, by quantity, shape (ships, K).
+    """Distance from the estimate, by quantity, of each ship compatible with the data, shape (ships, K).
 
-    A covariance describes a straight valley of the likelihood. Where the valley bends, as among delays, some of these
+    A covariance describes a straight valley of the likelihood. If the valley is curved, as for delays, some of these
     ships lie outside the covariance.
     """
     try:
@@ -315,14 +315,14 @@ def _rank(covariance: Array) -> int:
 
 
 def covariance_of(fingerprint: Fingerprint, names: Sequence[str]) -> Array:
-    """Return the covariance of parameters and combinations, shape (K, K).
+    """Covariance of parameters and combinations, shape (K, K).
 
-    Their correlations are those of the linearised problem, their deviations those of their intervals.
+    Correlations are those of the linearised problem, standard deviations those of the intervals.
 
     Raises
     ------
     InputError
-        For a quantity that the fingerprint does not know.
+        For a quantity that the fingerprint does not determine.
     """
     known, matrix = (
         fingerprint.covariance["names"],

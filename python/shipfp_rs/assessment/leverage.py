@@ -1,4 +1,4 @@
-"""How much each point of a frequency response counts in a fit that weighs it by its deviations."""
+"""Leverage of each point of a frequency response in a fit weighted by standard deviations."""
 
 from __future__ import annotations
 
@@ -21,30 +21,29 @@ from shipfp_rs.support.arrays import Array
 def leverage(
     data: FrequencyResponse, structure: Structure, fingerprint: Fingerprint
 ) -> Mapping[str, tuple[Array, Array]]:
-    """Return how far each point's amplitude and phase decide the fit to themselves.
+    """Return the leverage of each point's amplitude and phase.
 
-    The diagonal of the hat matrix: 0 where the fit would be the same without the point, 1 where the point alone fixes a
-    direction of the parameters. All together they make the number of directions that the data tell, less what priors
-    tell of them.
+    The diagonal of the hat matrix: 0 if the fit would be the same without the point, 1 if the point alone determines a
+    direction of the parameters. The sum is the number of identifiable directions, less the information from priors.
 
     Parameters
     ----------
     data
-        What was fitted, with its deviations.
+        Response of the fit, with standard deviations.
     structure
-        The structure that was fitted.
+        Structure of the fit.
     fingerprint
-        Of `identify(data, structure, noise="std")`.
+        Result of `identify(data, structure, noise="std")`.
 
     Returns
     -------
     dict
-        Signal name to (of amplitudes, of phases), shape (F,) each; zero where a point is missing.
+        For each signal name the leverage of amplitudes and of phases, shape (F,) each; zero where a point is missing.
 
     Raises
     ------
     InputError
-        Where the fit was not weighed by the points' deviations.
+        If the fit was not weighted by the points' standard deviations.
 
     Notes
     -----

@@ -1,4 +1,4 @@
-"""The speed after a step of the load, against the classes of governing of ISO 8528-5."""
+"""Speed after a load step, compared with the governing classes of ISO 8528-5."""
 
 from __future__ import annotations
 
@@ -18,18 +18,19 @@ from shipfp_rs.structures.structure import Structure
 from shipfp_rs.support.arrays import Array, Values
 
 STEP_PCT = 10.0
-"""Step of the load [% of the operating torque]. What the standard names depends on the engine's mean effective pressure,
-which no log tells; of ten per cent limits and curved laws are still far off."""
+"""Step of the load [% of the operating torque]. The standard's steps depend on the engine's mean effective pressure, which
+is not in a log; a step of ten per cent is far from limits and nonlinearity.
+"""
 INSTANTS = 1500
 WHOLE_PCT = 100.0
-"""Largest step that is stated: the model does not hold beyond the operating torque itself."""
+"""Largest step that is stated: the model does not hold above the operating torque."""
 
 State = Literal["pass", "fail", "open"]
 
 
 @dataclass(frozen=True)
 class Limits:
-    """What a class asks for when the load rises: deviation of the frequency [%], recovery time [s], its band [%]."""
+    """Requirements of a class on load increase: frequency deviation [%], recovery time [s], its band [%]."""
 
     deviation_pct: float
     recovery_s: float
@@ -42,12 +43,13 @@ CLASSES: Mapping[str, Limits] = {
     "G3": Limits(15.0, 3.0, 2.0),
 }
 """ISO 8528-5:2022, table of operating limits: transient frequency deviation on load increase, frequency recovery time,
-frequency tolerance band alpha_f."""
+frequency tolerance band alpha_f.
+"""
 
 
 @dataclass(frozen=True)
 class Governing:
-    """How a ship stands to a class: greatest fall of the speed [%], recovery time [s], largest step that meets both [%]."""
+    """Performance against a class: largest fall of speed [%], recovery time [s], largest step that meets both [%]."""
 
     limits: Limits
     deviation: Estimate
@@ -57,9 +59,9 @@ class Governing:
 
 
 def governing(fingerprint: Fingerprint, structure: Structure | None = None) -> dict[str, Governing]:
-    """Return whether the linearised loop meets each class, for a load step by 10 % of the operating torque.
+    """Whether the linearised loop meets each class, for a load step of 10 % of the operating torque.
 
-    The state is "open" where the interval contains the limit, or where there is no interval.
+    The state is "open" if the interval contains the limit, or there is no interval.
     """
     model = structure or structure_of(fingerprint)
     # All figures need the load steps of the same ships.
@@ -88,7 +90,7 @@ def _state(estimate: Estimate, limit: float) -> State:
 
 
 def _fall(structure: Structure, values: Values) -> tuple[Array, Array]:
-    """Return times [s], and by how much the speed is off after a load step by the operating torque [%]; none: unstable."""
+    """Times [s] and speed deviation after a load step of the operating torque [%]; empty if unstable."""
     space = state_space(structure, {**values, **dict.fromkeys(LATE_CHANNELS, 0.0)}, PADE, driven_by="load")
     slowest = -np.linalg.eigvals(space.A).real.max()
     if slowest <= 0.0 or "dn" not in space.outputs:
@@ -98,7 +100,7 @@ def _fall(structure: Structure, values: Values) -> tuple[Array, Array]:
 
 
 def _recovery(band_pct: float, times: Array, off: Array) -> float:
-    """Time after which the speed stays within a band [s]; none where it never leaves it."""
+    """Time after which the speed stays within a band [s]; zero if it never leaves it."""
     off = off * STEP_PCT / 100.0
     outside = np.flatnonzero(~(off <= band_pct))
     if not len(outside):
@@ -111,7 +113,7 @@ def _recovery(band_pct: float, times: Array, off: Array) -> float:
 
 
 def _largest(limits: Limits, times: Array, off: Array) -> float:
-    """Largest load step that keeps within both limits of a class [% of the operating torque]."""
+    """Largest load step within both limits of a class [% of the operating torque]."""
     late = max(np.interp(limits.recovery_s, times, off), *off[times > limits.recovery_s], 0.0)
     most = min(limits.deviation_pct / off.max(), limits.band_pct / max(late, 1e-9))
     return float(min(100.0 * most, WHOLE_PCT))

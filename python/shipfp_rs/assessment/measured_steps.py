@@ -1,4 +1,4 @@
-"""Load steps as they were measured: how far the speed goes, and when it is back."""
+"""Measured load steps: speed deviation and recovery time."""
 
 from __future__ import annotations
 
@@ -13,21 +13,22 @@ LEAST_STEP = 0.05
 """Least change of the load within `AROUND_S` that counts as a step, relative to the operating torque."""
 AROUND_S, BEFORE_S, APART_S = 0.5, 1.0, 3.0
 """Half the longest duration of a step, length of the stretches before and after it whose means are its levels, and least
-time between two steps [s]."""
+time between two steps [s].
+"""
 STILL = 2e-3
 """Largest motion of a set point that counts as constant, relative to the operating speed."""
 STEADY = 0.15
-"""Largest standard deviation of the load before and after a step, relative to the step; with more it is an oscillation."""
+"""Largest standard deviation of the load before and after a step, relative to the step; above it is an oscillation."""
 BAND_PCT = 2.0
 """Band about the speed before the step within which it has recovered, of classes G2 and G3 of ISO 8528-5 [%]."""
 
 
 @dataclass(frozen=True)
 class MeasuredStep:
-    """A load step: when [s], by how much of the operating torque [%], the speed's greatest deviation [%], recovery [s].
+    """Load step: time [s], size relative to the operating torque [%], largest speed deviation [%], recovery time [s].
 
-    The deviation is a fall where the load rises, and a rise where it falls; `recovery_s` is None where the speed is not back
-    before the next step, or before the record ends.
+    The speed falls if the load rises, and rises if it falls; `recovery_s` is None if the speed does not recover before the
+    next step or the end of the record.
     """
 
     at_s: float
@@ -37,7 +38,7 @@ class MeasuredStep:
 
 
 def measured_steps(experiment: Experiment) -> list[MeasuredStep]:
-    """Return the load steps of an experiment with a measured load, those during which the set point stands.
+    """Load steps of an experiment with a measured load, during which the set point is constant.
 
     Examples
     --------
@@ -67,7 +68,7 @@ def measured_steps(experiment: Experiment) -> list[MeasuredStep]:
             continue
         off = 100.0 * (speed[place - around : end] - speed[level].mean())
         outside = np.flatnonzero(np.abs(off) > BAND_PCT)
-        # Since the step began, which lies about the middle of the stretch over which it is looked for.
+        # From the start of the step, which is near the middle of the searched stretch.
         last = (outside[-1] + 1 - around) / rate_hz if len(outside) else 0.0
         back = not len(outside) or outside[-1] + 1 < len(off)
         deviation = float((-np.sign(step) * off).max())
@@ -78,18 +79,18 @@ def measured_steps(experiment: Experiment) -> list[MeasuredStep]:
 
 
 def _bridged(row: Array) -> Array:
-    """A signal with lines over what is masked."""
+    """Signal with masked samples interpolated linearly."""
     kept = np.flatnonzero(np.isfinite(row))
     return np.interp(np.arange(len(row)), kept, row[kept]) if len(kept) else np.zeros(len(row))
 
 
 def _places(load: Array, around: int, apart: int) -> list[int]:
-    """Where a load changes most, one place a step."""
+    """Indices at which a load changes most, one per step."""
     change = np.zeros(len(load))
     change[around : len(load) - around] = np.abs(load[2 * around :] - load[: -2 * around])
     places: list[int] = []
     while (largest := float(change.max(initial=0.0))) > LEAST_STEP:
-        # The middle of the stretch over which the change is as large: there the step is.
+        # The middle of the range of largest change is the step.
         first = int(np.argmax(change))
         begin = max(first - 2 * around, 0)
         near = np.flatnonzero(change[begin : first + 2 * around + 1] > 0.5 * largest)

@@ -1,4 +1,4 @@
-"""The structure and the frequency response of a fingerprint's model."""
+"""Structure and frequency response of a fingerprint's model."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ def predict_response(
     points: int = 200,
     structure: Structure | None = None,
 ) -> FrequencyResponse:
-    """Return the fitted model's response over the range of measured frequencies, at `points` of them.
+    """Return the fitted model's response at `points` frequencies over the measured range.
 
     Raises
     ------
     InputError
-        As `predict`.
+        See `predict`.
     """
     structure = structure or structure_of(fingerprint)
     signals = tuple(
@@ -36,12 +36,12 @@ def predict_response(
 
 
 def structure_of(fingerprint: Fingerprint) -> Structure:
-    """Rebuild the structure that a fingerprint was fitted with.
+    """Rebuild the structure of a fingerprint.
 
     Raises
     ------
     InputError
-        Where its equations are a user's own: a file can't hold them.
+        If its equations are the user's, which a file can't contain.
     """
     try:
         return Structure.from_dict(fingerprint.structure)

@@ -1,4 +1,4 @@
-"""Profile likelihoods to look at: how the best fit worsens as one parameter goes along, and whether the data end it."""
+"""Profile likelihoods: increase of the cost as one parameter varies, and whether the data bound it."""
 
 from __future__ import annotations
 
@@ -30,15 +30,15 @@ Drawn = tuple[Array, Array, Array]
 LEVEL = float(chi2.ppf(0.95, 1))
 """Deviance at the ends of a 95 % interval, 3.84."""
 BEYOND = 1.5
-"""How far past an end that the data set a profile is drawn, in distances from the minimum to it."""
+"""Extent of a profile past an end set by the data, in distances from the minimum to the end."""
 POINTS = 12
-"""Of each side."""
+"""Points on each side."""
 CONFIRMED = 0.9
-"""Part of the level that the deviance past an end reaches, or the end is none."""
+"""Fraction of the level that the deviance must reach past an end for the end to count."""
 FAR = 100.0
-"""Most of a deviance over the level that an end is interpolated with."""
+"""Largest deviance relative to the level that is used to interpolate an end."""
 WITHOUT_BOUND = 10.0
-"""Typical sizes to which a profile without end or bound is drawn."""
+"""Extent of a profile without end or bound, in typical sizes."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -48,21 +48,21 @@ class Likelihood(Brief):
     Parameters
     ----------
     name, unit
-        Of the parameter.
+        Name and unit of the parameter.
     value
-        At the minimum.
+        Value at the minimum.
     values
-        Of the parameter, ascending, shape (K,).
+        Values of the parameter, ascending, shape (K,).
     deviance
-        Twice the fall of the log likelihood below its maximum at each, all other parameters at their best, in units in
-        which the 95 % interval ends at 3.84; infinite where the model can't be simulated, shape (K,).
+        Twice the decrease of the log likelihood from its maximum at each value, with all other parameters optimised, in
+        units in which the 95 % interval ends at 3.84; infinite where the model can't be simulated, shape (K,).
     others
-        The other searched parameters' best values along it, shape (K,) each: where a valley leads.
+        Best values of the other searched parameters along the profile, shape (K,) each.
     interval
-        Ends at which the deviance passes 3.84, or a bound that comes before; infinite where there is neither.
+        Ends at which the deviance passes 3.84, or a bound before it; infinite without either.
     kind
-        "bounded": the data end the interval on both sides; "one-sided": on one side, a bound or nothing on the other;
-        "flat": on neither side, so that the data do not determine this parameter.
+        "bounded": the data limit the interval on both sides; "one-sided": on one side, with a bound or no limit on the
+        other; "flat": on neither side, so the data do not determine this parameter.
     """
 
     name: str
@@ -75,7 +75,7 @@ class Likelihood(Brief):
     kind: Kind
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the JSON form; what is infinite is None."""
+        """Return the JSON form; infinite values are None."""
 
         def plain(values: Sequence[float] | Array) -> list[float | None]:
             return [float(value) if np.isfinite(value) else None for value in values]
@@ -113,32 +113,32 @@ def profile_likelihood(
     parameters: Sequence[str] | None = None,
     **options: Any,
 ) -> tuple[Likelihood, ...]:
-    """Fit, then lead each parameter away from its best value and fit the others again at every step.
+    """Compute profile likelihoods: vary each parameter from its best value and refit the others at every step.
 
     Parameters
     ----------
     data, structure
-        As for `identify`.
+        See `identify`.
     parameters
-        Names; by default all that are searched for.
+        Names; by default all searched parameters.
     options
-        Of `identify`.
+        Options of `identify`.
 
     Returns
     -------
     tuple of Likelihood
-        One a parameter, in the order of the names.
+        One per parameter, in the order of the names.
 
     Raises
     ------
     InputError
-        For a name that is not searched for, and as `identify`.
+        For a parameter that is not searched; also see `identify`.
     IdentificationError
-        As `identify`.
+        See `identify`.
 
     Notes
     -----
-    The noise of the minimum is held. D. J. Venzon and S. H. Moolgavkar, 10.2307/2347496; for the three
+    The noise is kept as at the minimum. D. J. Venzon and S. H. Moolgavkar, 10.2307/2347496; for the three
     kinds A. Raue et al., 10.1093/bioinformatics/btp358, who call them identifiable, practically and structurally
     unidentifiable.
 
@@ -189,9 +189,9 @@ def _likelihood(told: StructureEstimates, parameter: Parameter) -> Likelihood:
 def _side(
     told: StructureEstimates, parameter: Parameter, sign: float, end: float, kind: str
 ) -> tuple[tuple[float, bool], Drawn]:
-    """Return the end on one side, whether the data set it, and the part of the profile to draw.
+    """End on one side, whether the data set it, and the part of the profile to draw.
 
-    An end that the profile found is none if the deviance drawn past it stays below the level.
+    An end found by the profile does not count if the deviance past it stays below the level.
     """
     value = told.values[parameter.name]
     bound = parameter.lower if sign < 0.0 else parameter.upper
@@ -213,7 +213,7 @@ def _side(
 
 
 def _drawn(told: StructureEstimates, parameter: Parameter, value: float, reach: float) -> Drawn:
-    """The deviance with the parameter given at places up to `reach`, everything else at its best for it."""
+    """Deviance with the parameter at values up to `reach` and all others optimised."""
     names = told.fit.likelihood.coordinates.names
     if reach == value:
         return np.empty(0), np.empty(0), np.empty((0, len(names)))
@@ -225,7 +225,7 @@ def _drawn(told: StructureEstimates, parameter: Parameter, value: float, reach: 
     for place in places:
         given = told.structure.with_fixed(**{parameter.name: float(place)})
         likelihood = told.fit.likelihood.of_structure(given)
-        # On along the valley, and from where it was.
+        # Start from an extrapolation along the valley, and from the previous point.
         ends = [
             descend(likelihood, start, steps=STEPS, settled=SETTLED)
             for start in (2.0 * vector - before, vector)

@@ -1,4 +1,4 @@
-"""What a fingerprint's uncertainty means for the ship's responses: Bode and step responses with their deviations."""
+"""Propagation of a fingerprint's uncertainty to the ship's Bode and step responses."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ LEAD_S = 1.0
 
 @dataclass(frozen=True)
 class StepResponse:
-    """Answer to a step of the set point at time 0, normalised by its size: time [s] (N,), output to mean and std (N,)."""
+    """Response to a set-point step at time 0, normalised by its size: time [s] (N,), mean and std (N,) by output."""
 
     time: Array
     mean: Mapping[str, Array]
@@ -31,26 +31,26 @@ class StepResponse:
 def response_with_deviation(
     fingerprint: Fingerprint, frequency_hz: npt.ArrayLike, structure: Structure | None = None
 ) -> FrequencyResponse:
-    """Return the fitted model's response by output, with the deviations that its parameters' covariance leaves.
+    """Return the fitted model's response by output, with standard deviations from the parameters' covariance.
 
     Parameters
     ----------
     fingerprint
-        Directions that its data do not tell change no response, so they need not be known.
+        Undetermined directions do not change the response, so they need not be known.
     frequency_hz
-        Shape (F,), ascending [Hz].
+        Frequencies in ascending order [Hz], shape (F,).
     structure
-        The fingerprint's; None rebuilds a linear one.
+        Structure of the fingerprint; None rebuilds a linear one.
 
     Returns
     -------
     FrequencyResponse
-        By output ("dn", "dM", ...); `amplitude_std` relative, `phase_std` in rad, first order.
+        Response by output ("dn", "dM", ...), with relative `amplitude_std` and `phase_std` in rad, to first order.
 
     Raises
     ------
     InputError
-        Where the structure is not linear and not given.
+        If the structure is not linear and not given.
     """
     structure = structure or structure_of(fingerprint)
     names, covariance = _covariance(fingerprint)
@@ -75,19 +75,19 @@ def step_with_deviation(
     rate_hz: float = 50.0,
     structure: Structure | None = None,
 ) -> StepResponse:
-    """Return the fitted model's answer to a step of the set point, with the deviations of its covariance.
+    """Return the fitted model's response to a step of the set point, with standard deviations.
 
     Parameters
     ----------
     fingerprint, structure
-        As for `response_with_deviation`.
+        See `response_with_deviation`.
     duration_s, rate_hz
-        Time after the step and samples a second.
+        Time after the step [s] and sample rate [Hz].
 
     Raises
     ------
     InputError
-        As `response_with_deviation`.
+        See `response_with_deviation`.
     """
     structure = structure or structure_of(fingerprint)
     names, covariance = _covariance(fingerprint)
@@ -109,5 +109,5 @@ def _covariance(fingerprint: Fingerprint) -> tuple[list[str], Array]:
 
 
 def _deviation(slopes: Array, covariance: Array) -> Array:
-    """First-order standard deviation (O, N) of what has these derivatives (W, O, N)."""
+    """First-order standard deviation (O, N) from derivatives (W, O, N)."""
     return np.asarray(np.sqrt(np.maximum(np.einsum("won,wv,von->on", slopes, covariance, slopes), 0.0)))

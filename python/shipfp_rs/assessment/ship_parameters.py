@@ -1,4 +1,4 @@
-"""A vessel's linear parameters, and vessels that have given ones."""
+"""Linear parameters of a vessel, and vessels with given parameters."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from shipfp_rs.vessel.vessel import Vessel
 
 @checked
 def parameters_of(vessel: Vessel, n_e_rpm: float | None = None) -> dict[str, float]:
-    """Return a vessel's linear parameters, the actuator's lag and the shaft's twist apart.
+    """Return a vessel's linear parameters, with separate actuator lag and shaft twist.
 
     Parameters
     ----------
     vessel
         The ship.
     n_e_rpm
-        Engine speed of the operating point [rpm]; None: the vessel's own.
+        Engine speed of the operating point [rpm]; None: that of the vessel.
     """
     model = dict(vars(linearise(vessel, n_e_rpm)))
     lag, stiffness = vessel.actuator.lag_s, vessel.shaft.stiffness_Nm_rad
@@ -35,9 +35,9 @@ def parameters_of(vessel: Vessel, n_e_rpm: float | None = None) -> dict[str, flo
 
 @checked
 def with_parameters(vessel: Vessel, values: Mapping[str, float]) -> Vessel:
-    """Return a vessel whose linear parameters at its operating point are those given; the others stay.
+    """Return a vessel with the given linear parameters at its operating point; the others are unchanged.
 
-    A dead time in the loop shorter than what sampling, firing and computing take leaves the actuator's at zero.
+    If the loop's dead time is shorter than that of sampling, firing and computing, the actuator's is zero.
 
     Parameters
     ----------
@@ -49,13 +49,13 @@ def with_parameters(vessel: Vessel, values: Mapping[str, float]) -> Vessel:
     Raises
     ------
     InputError
-        For another name, or a ship that can't be.
+        For another name, or an impossible ship.
     """
     if unknown := sorted(set(values) - PARAMETERS):
         raise InputError(
             f"found parameters {', '.join(unknown)}, expected some of {', '.join(sorted(PARAMETERS))}"
         )
-    # Torque, drag and inertia of the water depend on each other a little: four times round and they agree.
+    # Torque, drag and water inertia depend weakly on each other, so four iterations suffice.
     for _ in range(4):
         vessel = vessel.replace(_changes(vessel, values))
     return vessel

@@ -1,4 +1,4 @@
-"""A fingerprint in SI units: inertias, slopes and gains, through the vessel's gear ratio and the operating point."""
+"""Conversion of a fingerprint to SI units: inertias, slopes and gains, by the gear ratio and the operating point."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from shipfp_rs.support.sentences import Sentence
 from shipfp_rs.vessel.vessel import Vessel
 
 FAR_OFF = 2.0
-"""Times a torque that draws a word, over the vessel file's or under it."""
+"""Ratio of the torque to the vessel file's, or its inverse, above which a doubt is reported."""
 QUANTITIES: Mapping[str, str] = {
     "tau_n": "inertia",
     "tau_prop": "propeller_inertia",
@@ -25,24 +25,24 @@ QUANTITIES: Mapping[str, str] = {
     "tau_act": "actuator_lag",
     "M_max": "torque_limit",
 }
-"""Parameter to the quantity in SI units that it stands for."""
+"""Quantity in SI units for each parameter."""
 
 
 def in_si(fingerprint: Fingerprint, vessel: Vessel) -> dict[str, dict[str, Any]]:
-    """Return what the parameters are in SI units, with intervals, for the mean operating point of the data.
+    """Convert the parameters to SI units, with intervals, for the mean operating point of the data.
 
     Parameters
     ----------
     fingerprint
-        Estimates in normalised terms; the operating points stand in its data.
+        Normalised estimates; the operating points are in its data.
     vessel
-        Gives the gear ratio and the efficiency between engine and shaft, without which the gearbox loses nothing.
+        Source of the gear ratio and efficiency between engine and shaft; without an efficiency the gearbox is lossless.
 
     Returns
     -------
     dict
-        Quantity to {"value", "std", "ci95", "unit"}; a parameter that the data do not tell has none. Inertias are seen
-        from the propeller shaft, gains act on the engine's speed in rpm, the torque limit is the engine's.
+        {"value", "std", "ci95", "unit"} of each quantity; undetermined parameters have none. Inertias are referred to the
+        propeller shaft, gains act on the engine's speed in rpm, the torque limit is that of the engine.
 
     Notes
     -----
@@ -77,7 +77,7 @@ def in_si(fingerprint: Fingerprint, vessel: Vessel) -> dict[str, dict[str, Any]]
 
 
 def doubts(fingerprint: Fingerprint, vessel: Vessel) -> list[str]:
-    """Return sentences where the losses of a gear are not known, or the torque is far from the vessel file's."""
+    """Sentences on a gear of unknown losses, or a torque far from that of the vessel file."""
     point = operating_point(fingerprint)
     if point is None:
         return []

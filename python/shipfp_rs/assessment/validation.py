@@ -1,4 +1,4 @@
-"""Validation: how well a fingerprint explains experiments that it was not fitted to."""
+"""Validation: how well a fingerprint explains experiments that were not used in the fit."""
 
 from __future__ import annotations
 
@@ -22,26 +22,26 @@ from shipfp_rs.support.threads import with_one_blas_thread
 def validate(
     fingerprint: Fingerprint, experiment: Experiment, structure: Structure | None = None
 ) -> dict[str, float]:
-    """Return the fit in per cent (eq. 4.9) of a fingerprint's simulation to an experiment, by output.
+    """Return the fit of a fingerprint's simulation to an experiment in per cent (eq. 4.9), by output.
 
     Parameters
     ----------
     fingerprint
-        Its parameters as fitted; the initial state and a constant offset of each output are taken from the experiment.
+        Source of the parameters; the initial state and a constant offset of each output are fitted to the experiment.
     experiment
-        Set point and measured outputs; masked samples do not count.
+        Set point and measured outputs; masked samples are ignored.
     structure
-        The fingerprint's; None rebuilds a linear one.
+        Structure of the fingerprint; None rebuilds a linear one.
 
     Returns
     -------
     dict
-        Output to NRMSE [%]: 100 is perfect, 0 no better than the mean, less is worse; NaN for a constant signal.
+        NRMSE [%] of each output: 100 is perfect, 0 no better than the mean, negative worse; NaN for a constant signal.
 
     Raises
     ------
     InputError
-        As `predict`.
+        See `predict`.
     """
     structure = structure or structure_of(fingerprint)
     predicted = structure.measured(fingerprint.predict(experiment, structure))
@@ -51,14 +51,14 @@ def validate(
 
 @dataclass(frozen=True)
 class CrossValidation:
-    """Fits of every fingerprint to every experiment.
+    """Fit of every fingerprint to every experiment.
 
-    Printed, it is a table for each output.
+    It is printed as a table for each output.
 
     Parameters
     ----------
     fits
-        Name of the experiment fitted to, name of the one simulated, output: NRMSE [%].
+        NRMSE [%] by name of the fitted experiment, name of the simulated experiment, and output.
     fingerprints
         The fingerprint of each experiment.
     """
@@ -72,7 +72,7 @@ class CrossValidation:
         return tuple(next(iter(next(iter(self.fits.values())).values())))
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the JSON form: output to fitted to simulated to NRMSE [%], None where it is not defined."""
+        """JSON form: NRMSE [%] by output, fitted and simulated experiment, None if undefined."""
         return {
             output: {
                 fitted: {
@@ -112,18 +112,18 @@ def cross_validation(
     Parameters
     ----------
     experiments
-        With names of their own.
+        Experiments with unique names.
     structure
         The model.
     progress
-        Called with (fits done, fits in all).
+        Called with (completed fits, all fits).
     options
-        Of `identify`.
+        Options of `identify`.
 
     Raises
     ------
     InputError
-        For no experiments, or two of one name.
+        If there are no experiments, or two with the same name.
     """
     names = [experiment.name for experiment in experiments]
     if not names or len(set(names)) != len(names):
