@@ -26,18 +26,7 @@ from shipfp_rs.vessel.vessel import Vessel
 class Subject:
     """Ship expected in the planned trial.
 
-    Parameters
-    ----------
-    name
-        Name of the ship.
-    structure, values
-        Structure linear about the operating point, by which lines are chosen, and its parameters by name.
-    operating_point
-        Operating point of each signal.
-    vessel
-        None if the expectation is a fingerprint.
-    fitted
-        Structure to fit; None: the full ship.
+    `structure` is linear about the operating point; `fitted` is the structure to fit, None for the full ship.
     """
 
     name: str

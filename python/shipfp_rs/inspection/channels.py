@@ -22,21 +22,7 @@ from shipfp_rs.support.threads import side_by_side
 
 @dataclass(frozen=True)
 class ChannelReport:
-    """Contents of one channel.
-
-    Parameters
-    ----------
-    channel
-        Name, unit, rate, samples, start.
-    gaps
-        Missing samples: first and one past the last, shape (K, 2).
-    low, high
-        Smallest and largest finite sample; NaN without any.
-    noise
-        Standard deviation of the noise from second differences; NaN for a pulse train.
-    pulses_hz
-        Pulses per second of a pulse train over its first two minutes; None for other channels.
-    """
+    """Contents of one channel; gaps are spans (K, 2), `pulses_hz` is None except for a pulse train, whose noise is NaN."""
 
     channel: Channel
     gaps: Spans

@@ -78,15 +78,7 @@ def rates_of(vessel: Vessel, n_e_rpm: float) -> dict[str, float]:
 
 
 def find_peaks(frequency: Array, amplitude: Array, known: Mapping[str, float] | None = None) -> list[Peak]:
-    """Prominent lines of a spectrum in order of frequency.
-
-    Parameters
-    ----------
-    frequency, amplitude
-        Result of `amplitude_spectrum`, shape (F,).
-    known
-        Rates [Hz] by name, to name the lines.
-    """
+    """Prominent lines of an amplitude spectrum in order of frequency, named after the `known` rates [Hz]."""
     step = float(frequency[1] - frequency[0])
     half = int(np.clip(0.5 * FLOOR_HZ / step, 1, len(amplitude) - 1))
     padded = np.pad(amplitude, half, mode="reflect")

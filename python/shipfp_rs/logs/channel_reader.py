@@ -25,21 +25,7 @@ class Stopped(Exception):
 
 
 class Rows:
-    """Rows of a channel by first and stop; read in ascending order, each sample is decoded once.
-
-    Parameters
-    ----------
-    log, channel
-        Recording and name of the channel.
-    delay_s
-        Delay of the channel [s], subtracted from the times of its samples.
-    size
-        Samples read at once; it does not affect results.
-    kept_bytes
-        Memory for samples before the last one read; earlier ones are read again.
-    stopped
-        Event by which another thread cancels the reading.
-    """
+    """Rows of a channel by first and stop, less its delay; read in ascending order, each sample is decoded once."""
 
     def __init__(
         self,

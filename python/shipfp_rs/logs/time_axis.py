@@ -49,19 +49,7 @@ MOST_EQUAL = 0.1
 
 @dataclass(frozen=True)
 class TimeAxis:
-    """Even grid, and the mapping of a file's rows to it.
-
-    Parameters
-    ----------
-    start_s, rate_hz, samples
-        Grid.
-    faults
-        Jumps and gaps of the clock.
-    note
-        Treatment of the times, in one line; empty if they were even.
-    on_grid
-        Converts blocks of rows to blocks of samples on the grid.
-    """
+    """Even grid, faults of the clock, a note on uneven times, and the conversion of a file's rows to samples on the grid."""
 
     start_s: float
     rate_hz: float

@@ -42,19 +42,7 @@ def words() -> Mapping[str, frozenset[str]]:
 
 @dataclass(frozen=True)
 class Named:
-    """Meaning of a channel's name and unit.
-
-    Parameters
-    ----------
-    unit
-        Unit of the channel, or the one at the end of its name; empty if neither exists.
-    quantity
-        "speed", "frequency", "torque", "power", "angle" or "other"; None if undetermined.
-    tells
-        Meanings of the words in its name: headings of `channel_words.toml`.
-    by
-        "its unit 'rpm'" or "its name".
-    """
+    """Unit, quantity (None if undetermined) and word meanings (headings of `channel_words.toml`) of a channel's name."""
 
     unit: str
     quantity: str | None

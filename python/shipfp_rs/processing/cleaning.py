@@ -43,26 +43,7 @@ class Cleaned:
 
 
 class Cleaner:
-    """Calibrated samples of a channel in a stretch, with faults bridged or masked.
-
-    Parameters
-    ----------
-    rows
-        The channel.
-    sensor
-        Its table in the trial. Set point and load, which are inputs of the model, are bridged; torque and rack are masked.
-    processing
-        Limits of faults.
-    first, last
-        First sample of the stretch and one past its last.
-    may_rest
-        Whether the channel may be constant throughout, such as a set point while the load changes.
-
-    Raises
-    ------
-    InputError
-        If set point or load is missing for longer than may be bridged.
-    """
+    """Calibrated samples of a channel in a stretch: inputs of the model are bridged, torque and rack masked where faulty."""
 
     def __init__(
         self,

@@ -83,26 +83,7 @@ def _beside(counted: Source, levels: Sequence[_Level], std_rpm: float, base: Cha
 
 
 class EngineSpeed:
-    """Interval speeds of all trains in a stretch, and the resulting engine speed.
-
-    Parameters
-    ----------
-    trains
-        Trains of one shaft line.
-    label
-        Label of the stretch.
-    stretch_s
-        Its start and stop [s].
-    base
-        Channel on whose index the speed is sampled.
-    rate_hz
-        Rate of the grid on which the fused speed is checked for nearby pulses [Hz].
-
-    Raises
-    ------
-    InputError
-        If there are no pulses, or the speeds of the trains differ.
-    """
+    """Interval speeds of all trains in a stretch, and the resulting engine speed; `InputError` if the trains differ."""
 
     def __init__(
         self,

@@ -89,14 +89,7 @@ def _between(source: Source, samples: int, step: float, first: int, stop: int) -
 class LowPass:
     """Zero-phase FIR low-pass and resampling to the common rate, in pieces, with masked samples.
 
-    Parameters
-    ----------
-    channel
-        The channel, or the one on whose index the samples are.
-    rate_hz
-        Common rate [Hz].
-    start
-        Index of the first output on the channel [samples], not necessarily whole.
+    `start` is the channel index of the first output, not necessarily whole.
     """
 
     def __init__(self, channel: Channel, rate_hz: float, start: float) -> None:

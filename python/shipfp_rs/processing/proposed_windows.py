@@ -23,20 +23,7 @@ LEAST_SWING = 2e-3
 
 
 def proposed(log: Log, drives: Sequence[str], mover: str, found: Sequence[FoundWindow]) -> list[FoundWindow]:
-    """Adapt detected windows to the requirements of a run.
-
-    A gap in an input of the model divides a window, and windows without motion become rests. A short window is extended into
-    the adjacent rests as far as needed, and merged with a window that it meets there.
-
-    Parameters
-    ----------
-    log
-        The recording.
-    drives, mover
-        Input channels of the model, and the channel in which the windows were detected.
-    found
-        Windows in order of time.
-    """
+    """Adapt detected windows: divide at gaps, extend short ones into adjacent rests, make those without motion rests."""
     whole = _whole(log, drives)
     least_s = min(SHORTEST_S, max((stop - start for start, stop in whole), default=0.0))
     cut = [

@@ -32,21 +32,7 @@ SPLINE_REACH = 40
 
 
 class PulseTrain:
-    """Pulse train of a log, read once; its reflectors are measured on the longest stretch.
-
-    Parameters
-    ----------
-    rows
-        The channel.
-    name
-        Name of the train in the trial.
-    tacho
-        Its table in the trial.
-    gear_ratio
-        Turns of the engine per turn of the propeller.
-    stretches
-        Start and stop of each stretch on the log's clock [s], by label.
-    """
+    """Pulse train of a log, read once; its reflectors are measured on the longest stretch."""
 
     def __init__(
         self,

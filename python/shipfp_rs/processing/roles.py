@@ -56,17 +56,7 @@ class Roles:
 def guess_roles(
     log: Log, pulse_rate: Callable[[str], float | None] = lambda _: None, set_point: str | None = None
 ) -> Roles:
-    """Guess the role of each channel.
-
-    Parameters
-    ----------
-    log
-        The recording.
-    pulse_rate
-        Function of a channel's name: pulses per second; None if it is not a pulse train.
-    set_point
-        Name of the set point, if the user gives it.
-    """
+    """Guess the role of each channel; `pulse_rate` returns the pulses per second of a pulse train, else None."""
     roles = named_roles(list(log.channels.values()), set_point)
     open_ = [
         name

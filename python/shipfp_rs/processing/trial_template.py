@@ -92,21 +92,7 @@ def drafted(
     time: str | None = None,
     names: Path | None = None,
 ) -> str:
-    """Text of a TRIAL.toml for a log.
-
-    Parameters
-    ----------
-    template
-        Text of `support.toml.template`, whose tables are separated by empty lines.
-    log, paths
-        The log and its file; several files for loggers merged by time stamps.
-    roles
-        Guessed roles of its channels, and the reasons.
-    windows, mover
-        Detected windows, and the channel that moves in them.
-    rate_hz, time, names
-        Options with which it was opened.
-    """
+    """Text of a TRIAL.toml for a log, from the template, the guessed roles and the detected windows."""
     kept = {_header(table): table for table in template.split("\n\n")}
     kept["processing"] = _at_most(kept["processing"], _slowest(log, roles))
     given = {

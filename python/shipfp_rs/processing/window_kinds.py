@@ -43,14 +43,7 @@ def middle_of(samples: Array) -> float:
 def kind_of(deviation: Array, rate_hz: float, *, swings: bool) -> tuple[Kind, tuple[float, float] | None]:
     """Kind of an excitation and its first and last frequency [Hz]; None if it hardly crosses its middle.
 
-    Parameters
-    ----------
-    deviation
-        Samples relative to the middle of their extremes, shape (N,), finite.
-    rate_hz
-        Sample rate [Hz].
-    swings
-        Whether it moves most of the time; a stair does not, and has no lines.
+    `swings`: it moves most of the time. A stair does not, and has no lines.
     """
     crossings = _crossings(deviation) / rate_hz
     halves = np.diff(crossings)

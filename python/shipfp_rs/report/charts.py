@@ -60,17 +60,9 @@ BUTTONS = (
 
 
 def charts(experiments: Sequence[Experiment], simulated: Sequence[Experiment], say: Say) -> list[str]:
-    """Figure for each experiment.
+    """Interactive figure for each experiment.
 
-    Single samples are kept if the page has room for all, else the extremes of equal stretches, so that no peak is lost; the
-    page reduces them further in the same way according to the zoom.
-
-    Parameters
-    ----------
-    experiments
-        Experiments of the fit.
-    simulated
-        Output of the fitted model for each experiment; may be empty.
+    Single samples are kept if the page has room for all, else the extremes of equal stretches, so that no peak is lost.
     """
     models = [one.outputs for one in simulated] or [{}] * len(experiments)
     total = sum(len(e) * (len(e.signals) + 2 * len(m)) for e, m in zip(experiments, models, strict=True))

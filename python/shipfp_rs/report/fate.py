@@ -24,21 +24,7 @@ SPANS_SHOWN = 100
 
 @dataclass(frozen=True)
 class Fault:
-    """Fault of a channel in one experiment.
-
-    Parameters
-    ----------
-    kind, channel, method
-        See `shipfp_rs.logs.faults.Fault`.
-    signal
-        Signal of the channel; empty if the record has none.
-    spans
-        First sample and one past the last, by the channel's own index, shape (K, 2).
-    spans_s
-        The same as times from the experiment's first sample [s], shape (K, 2); empty if the record has no rate.
-    cut
-        Whether fits omit the signals at these times, even if they were filled in.
-    """
+    """Fault of a channel in one experiment; `cut`: fits omit the signals at these times, even if they were filled in."""
 
     kind: str
     channel: str

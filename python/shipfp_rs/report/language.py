@@ -32,15 +32,7 @@ CELL = re.compile(r'(<td class="number[^>]*>)([^<]*)')
 
 
 class Say:
-    """Translator of report texts into one language.
-
-    Parameters
-    ----------
-    language
-        One of `LANGUAGES`.
-    instead
-        Words that do not suit the trial's drive or load, and their replacements, from `driven`.
-    """
+    """Translator of report texts into one language; `instead` replaces words that do not suit the trial's drive or load."""
 
     def __init__(self, language: str = "en", instead: Iterable[str] = ()) -> None:
         one_of("language", language, LANGUAGES)

@@ -17,21 +17,7 @@ LONGEST_WORD = 24
 
 @dataclass(frozen=True)
 class Cell:
-    """Cell of a table.
-
-    Parameters
-    ----------
-    text
-        Displayed text.
-    number
-        Whether it is aligned to the right, as numbers are.
-    tone
-        "good", "warn", "bad", "note" or empty.
-    code
-        Whether it is a name from a file or a program.
-    key
-        Sort key; None: the text, or the number at its start.
-    """
+    """Cell of a table: text, alignment of numbers, tone ("good", "warn", "bad", "note" or empty), code, and sort key."""
 
     text: str
     number: bool = False
@@ -68,17 +54,7 @@ def number(text: str, tone: str = "", key: float | None = None) -> Cell:
 
 
 def table(about: str, head: Sequence[str], rows: Iterable[Row]) -> Markup:
-    """Table that is sorted by a click on a heading.
-
-    Parameters
-    ----------
-    about
-        Description of the content, for screen readers.
-    head
-        Column headings; those of columns with numbers in the first row are aligned to the right.
-    rows
-        Cells of each row, the first one its name.
-    """
+    """Table that is sorted by a click on a heading; `about` describes it for screen readers."""
     lines = [[one if isinstance(one, Cell) else Cell(one) for one in row] for row in rows]
     return piece("table", about, head, lines)
 

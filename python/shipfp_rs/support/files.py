@@ -23,20 +23,7 @@ NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS)
 
 
 def read_text(path: Path, expected: str) -> str:
-    """Read a UTF-8 text file; pipes and devices, which may never end, are rejected.
-
-    Parameters
-    ----------
-    path
-        File to read.
-    expected
-        Expected content for messages, such as "a TOML file".
-
-    Raises
-    ------
-    InputError
-        If it is not a file or can't be read; in one line.
-    """
+    """Read a UTF-8 text file; pipes and devices, which may never end, are rejected. Errors name the `expected` content."""
     try:
         kind = path.stat().st_mode
         content = None

@@ -37,20 +37,7 @@ def json_text(content: Any, *, ascii_only: bool = True) -> str:
 
 
 def read_json(path: Path, expected: str) -> Any:
-    """Read a JSON file.
-
-    Parameters
-    ----------
-    path
-        File to read, UTF-8.
-    expected
-        Expected content for messages, such as "a fingerprint, as `shipfp run` writes it".
-
-    Raises
-    ------
-    InputError
-        If it can't be read, is not JSON, or contains NaN, an infinite number or half a character; in one line.
-    """
+    """Read a UTF-8 JSON file; `InputError`, with the `expected` content, if it is invalid or contains NaN."""
     return parsed_json(read_text(path, expected), str(path), expected)
 
 

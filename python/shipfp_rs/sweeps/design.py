@@ -26,19 +26,7 @@ def seed_of(seed: int, index: int) -> int:
 def place(
     design: Literal["random", "latin", "sobol"], factors: int, draws: int, seed: int, index: int
 ) -> Array:
-    """Point of a draw in the unit cube, shape (factors,), each coordinate in [0, 1).
-
-    Parameters
-    ----------
-    design
-        "random", "latin" (hypercube: one draw in each of as many strata) or "sobol" (scrambled).
-    factors, draws
-        Size of the whole sweep; each block of `BLOCK` draws is a separate design.
-    seed
-        Seed of the sweep.
-    index
-        Index of the draw, from 0.
-    """
+    """Point of a draw in the unit cube, shape (factors,); each block of `BLOCK` draws is a separate design."""
     block, row = divmod(index, BLOCK)
     return np.asarray(_block(design, factors, min(BLOCK, draws - block * BLOCK), seed, block)[row])
 

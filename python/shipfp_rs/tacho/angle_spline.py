@@ -48,17 +48,7 @@ class AngleSpline:
 
 @dataclass(frozen=True)
 class AnglePieces:
-    """Angle splines with gaps between them.
-
-    Parameters
-    ----------
-    splines
-        Splines in order of time.
-    spans_s
-        Start and end of each spline [s], shape (P, 2).
-    offsets
-        Angle at the start of each stretch [rev], shape (S,).
-    """
+    """Angle splines in order of time with gaps between them, and the angle at the start of each stretch [rev]."""
 
     splines: tuple[AngleSpline, ...]
     spans_s: Array

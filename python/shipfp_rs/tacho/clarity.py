@@ -54,18 +54,9 @@ def without_noise(times: Array, heights: Array, limits: Array) -> Array:
 
 
 def clear_pulses(times: Array, heights: Array, limits: Array, usual: float) -> Flags:
-    """Mark the crossings that are pulses: high enough, or evenly spaced.
+    """Mark the crossings that are pulses: higher than their limits, or evenly spaced.
 
-    Parameters
-    ----------
-    times
-        Times of the crossings [samples], shape (N,).
-    heights
-        Height of the train at each, 0 without turning points, NaN if not needed, shape (N,).
-    limits
-        Heights above which a crossing can't be noise, shape (N,).
-    usual
-        Usual height of the train.
+    Heights are 0 without turning points, NaN if not needed.
     """
     clear = ~((heights < limits) | (heights < AT_REST * usual))
     if clear.all():
@@ -119,19 +110,7 @@ def _joined(times: Array, heights: Array, sure: Flags, low: Spans) -> Flags:
 
 
 def unclear(times: Array, kept: Flags, low: Flags, missing: Spans, samples: int) -> Array:
-    """Stretches that have samples but no clear pulses, from pulse to pulse [samples], shape (K, 2).
-
-    Parameters
-    ----------
-    times
-        All crossings [samples], shape (N,).
-    kept, low
-        Which crossings are pulses, and which are barely higher than noise, shape (N,).
-    missing
-        Stretches without samples, first and one past the last, shape (K, 2).
-    samples
-        Number of samples in the record.
-    """
+    """Stretches that have samples but no clear pulses, from pulse to pulse [samples], shape (K, 2)."""
     pulses = times if kept.all() else times[kept]
     if not len(pulses):
         return np.array([[0.0, float(samples)]])

@@ -13,13 +13,7 @@ Progress = Callable[[float], None]
 
 
 class Background(Generic[T]):
-    """Result of a function that may take long.
-
-    Parameters
-    ----------
-    function
-        Called with a function that reports the completed fraction, 0 to 1.
-    """
+    """Result of a function that may take long and reports the completed fraction, 0 to 1."""
 
     def __init__(self, function: Callable[[Progress], T]) -> None:
         self._function = function

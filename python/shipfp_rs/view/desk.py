@@ -45,13 +45,7 @@ Asked = Mapping[str, str]
 
 
 class Desk:
-    """Folder viewed, and its open documents.
-
-    Parameters
-    ----------
-    folder
-        Folder of the trial, the only one that is written to.
-    """
+    """Folder viewed, the only one that is written to, and its open documents."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder.resolve()

@@ -32,17 +32,7 @@ OTHER_SIGNALS = ("n_set", "n_e", "M_g", "M_b", "M_s", "X_f")
 
 
 class Document:
-    """One log of a page, with or without a trial.
-
-    Parameters
-    ----------
-    path
-        The log.
-    rate_hz
-        Sample rate of the log, if its file states none.
-    trial
-        Its TRIAL.toml; None without one.
-    """
+    """One log of a page, with or without a trial."""
 
     def __init__(self, path: Path, rate_hz: float | None = None, trial: Path | None = None) -> None:
         self.path, self.rate_hz, self.trial = path, rate_hz, trial

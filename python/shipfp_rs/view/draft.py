@@ -125,21 +125,7 @@ def written(
     rate_hz: float | None = None,
     rates_hz: Mapping[str, float] = MappingProxyType({}),
 ) -> str:
-    """Text of a TRIAL.toml.
-
-    Parameters
-    ----------
-    draft
-        Part edited on the page.
-    old
-        Current text of the file; None: a new file, with the comments of the template.
-    log
-        Path of the log in a new file.
-    rate_hz
-        Rate of the log, if it states none.
-    rates_hz
-        Rates of its channels, the upper limits of the common rate in a new file.
-    """
+    """Text of a TRIAL.toml from a draft and the old text; a new file has the comments of the template."""
     try:
         document = tomlkit.parse(template("TRIAL") if old is None else old)
     except (TOMLKitError, RecursionError) as error:

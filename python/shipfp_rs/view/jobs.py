@@ -28,17 +28,7 @@ KEPT_LINES = 50
 
 @dataclass
 class Job:
-    """One check or run.
-
-    Parameters
-    ----------
-    id
-        Number of the job.
-    kind
-        "check" or "run".
-    folder
-        Results of a run.
-    """
+    """One check or run; `folder` has the results of a run."""
 
     id: int
     kind: str

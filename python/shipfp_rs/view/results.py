@@ -32,13 +32,7 @@ TYPES = {
 
 
 class Results:
-    """Finished runs and sweeps below a folder.
-
-    Parameters
-    ----------
-    root
-        The folder; files outside are never served.
-    """
+    """Finished runs and sweeps below a root folder; files outside are never served."""
 
     def __init__(self, root: Path) -> None:
         self.root = root.resolve()

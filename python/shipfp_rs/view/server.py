@@ -54,13 +54,7 @@ class Refused(Exception):
 
 
 class Server(ThreadingHTTPServer):
-    """Server of a desk under a secret address.
-
-    Parameters
-    ----------
-    desk
-        The desk.
-    """
+    """Server of a desk under a secret address."""
 
     daemon_threads = True
     request_queue_size = 32

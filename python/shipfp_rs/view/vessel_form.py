@@ -34,20 +34,7 @@ def fields() -> list[dict[str, Any]]:
 
 
 def vessel_file(values: Mapping[str, str], source: str) -> str:
-    """Text of a vessel file; keys without a value remain as comments.
-
-    Parameters
-    ----------
-    values
-        Text entered for each dotted key, such as "gearbox.ratio".
-    source
-        Name of the file, for messages.
-
-    Raises
-    ------
-    InputError
-        If a key is not a field of the form, or the vessel's loader rejects a value, which the message names.
-    """
+    """Text of a vessel file from the values entered for dotted keys; keys without a value remain as comments."""
     given = {key: value.strip() for key, value in values.items() if value.strip()}
     if unknown := given.keys() - {line.key for line in _lines() if not line.is_table}:
         raise InputError(f"{source}: {min(unknown)}: found an unknown key, expected one of the form")

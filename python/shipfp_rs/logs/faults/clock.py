@@ -46,17 +46,7 @@ class Segment:
 
 @dataclass(frozen=True)
 class Clock:
-    """Result of scanning a time column.
-
-    Parameters
-    ----------
-    start_s, rate_hz
-        Time of the first sample [s], and sample rate [Hz] outside jumps.
-    segments
-        Mapping from rows to samples; one segment without jumps.
-    faults
-        The jumps.
-    """
+    """Start and rate of a time column, the mapping from rows to samples (one segment without jumps), and its jumps."""
 
     start_s: float
     rate_hz: float
@@ -127,22 +117,7 @@ class ClockScan:
     def finish(
         self, name: str, column: str, same: Callable[[int, int, int], bool], *, trusted: bool
     ) -> Clock:
-        """Finish the scan.
-
-        Parameters
-        ----------
-        name, column
-            File and time column, for messages.
-        same
-            Function (row, earlier row, count): whether the rows have equal samples in every channel.
-        trusted
-            False if the user gave a rate: then only the start and the mean rate, as a check, are needed.
-
-        Raises
-        ------
-        InputError
-            If the times do not increase or jump too often.
-        """
+        """Finish the scan; `same` (row, earlier row, count) compares rows, `trusted` is False if the user gave a rate."""
         if self._held:
             self._take(self._begin())
         whole = (Segment(0, self._count, 0),)

@@ -13,11 +13,6 @@ Array = npt.NDArray[Any]
 class BlockExtremes:
     """Extremes of blocks of equal length; the result does not depend on the chunks fed.
 
-    Parameters
-    ----------
-    block
-        Samples in a block.
-
     Examples
     --------
     >>> extremes = BlockExtremes(2)

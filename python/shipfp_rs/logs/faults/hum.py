@@ -26,13 +26,7 @@ NOTCH_S = 0.5
 
 
 class HumScan:
-    """Amplitude at mains frequency in each block of a channel, fed in chunks of any length.
-
-    Parameters
-    ----------
-    rate_hz, mains_hz
-        Sample rate and mains frequency [Hz].
-    """
+    """Amplitude at mains frequency in each block of a channel, fed in chunks of any length."""
 
     @staticmethod
     def tells(rate_hz: float, mains_hz: float, samples: int) -> bool:

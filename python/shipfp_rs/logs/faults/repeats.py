@@ -18,19 +18,8 @@ LEAST = 128
 def repeated_rows(
     candidates: npt.NDArray[np.int64], equal: Callable[[int, int, int], npt.NDArray[np.bool_]], samples: int
 ) -> Spans:
-    """Second copies among the candidates, shape (K, 2).
+    """Second copies among the candidates of `RepeatScan`, shape (K, 2), compared by `equal` (first, stop, lag).
 
-    Parameters
-    ----------
-    candidates
-        Rows of (sample, lag) from `shipfp_rs._core.RepeatScan`.
-    equal
-        Function (first, stop, lag): whether the rows from first to stop equal those a lag later in every channel.
-    samples
-        Length of the channels.
-
-    Notes
-    -----
     A repeat longer than its own lag is not a copied buffer but a periodic signal without noise.
     """
     found: list[Spans] = []

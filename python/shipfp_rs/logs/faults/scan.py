@@ -35,22 +35,9 @@ def scan(
     least_hum: float = 1e-3,
     repeats: bool = False,
 ) -> dict[str, Spans]:
-    """Faults in samples [first, stop) of a channel: kind to spans by its own index.
+    """Faults in samples [first, stop) of an analogue channel: kind to spans by its own index.
 
-    Parameters
-    ----------
-    channel_rows
-        An analogue channel; for faults of pulse trains see `shipfp_rs.tacho`.
-    first, stop
-        Samples to scan.
-    limits
-        Limits of level faults.
-    mains_hz
-        Mains frequency for the detection of hum [Hz]; None: no detection. It needs a high enough sample rate.
-    least_hum
-        Least amplitude of hum, relative to the channel's typical magnitude.
-    repeats
-        Whether to detect rows written twice in all channels of the same rate.
+    Hum is detected only with a mains frequency, and repeated rows only on request.
     """
     log, about = channel_rows.log, channel_rows.channel
     limits = limits or LevelLimits()

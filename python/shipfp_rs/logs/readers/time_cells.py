@@ -106,17 +106,7 @@ def looks_like_time(cell: str) -> bool:
 
 
 def find_text_time(cells: Sequence[str], *, dates: bool = True, european: bool = False) -> TextTime | None:
-    """Find the format of cells; None if no pattern fits all of them.
-
-    Parameters
-    ----------
-    cells
-        Cells of a column, in order of the rows; empty ones are ignored.
-    dates
-        Whether eight digits without punctuation may be a date.
-    european
-        Whether the file has decimal commas, so that dates start with the day by custom.
-    """
+    """Find the format of cells; None if no pattern fits all. `european`: by custom, dates start with the day."""
     filled = [cell for cell in cells if cell.strip()]
     if not filled:
         return None
@@ -245,23 +235,7 @@ Cells = Callable[[str], Iterator[pa.Array]]
 
 @dataclass(frozen=True)
 class TimePlan:
-    """Interpretation of the time of a table.
-
-    Parameters
-    ----------
-    keys
-        Fields of the table: one, or a date and a time of day.
-    name
-        Name of these fields in messages.
-    how
-        Format of each; None for numbers and timestamps.
-    factor, offset
-        For numbers: seconds per unit, and the offset subtracted first.
-    zero
-        Origin of the seconds, if the file states it.
-    note
-        Summary in one line.
-    """
+    """Interpretation of a table's time: fields, their formats (None for numbers), scale, offset and origin."""
 
     keys: tuple[str, ...]
     name: str
