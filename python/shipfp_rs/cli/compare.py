@@ -31,7 +31,7 @@ def compare(
     force: Replace = False,
     json: Json = False,
 ) -> None:
-    """Tell what changed between two fingerprints of a ship, and whether it is more than chance."""
+    """Compare two fingerprints of a ship: what changed, and whether it is more than chance."""
     from shipfp_rs.assessment.comparison import compare as compare_fingerprints
     from shipfp_rs.experiments.parquet import read_experiments
     from shipfp_rs.identification.fingerprint import Fingerprint

@@ -95,7 +95,7 @@ def design(
     force: Force = False,
     json: Json = False,
 ) -> None:
-    """Plan a trial: what to put on the set point, what it will tell, files for crew and signal generator."""
+    """Plan a trial: set point, expected accuracy, and files for crew and signal generator."""
     from shipfp_rs.designs import design as plan_of
 
     bands = [_pair("--avoid", text) for text in avoid or ()]

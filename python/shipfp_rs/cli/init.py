@@ -28,7 +28,7 @@ def init(
     vessel: Annotated[bool, typer.Option("--vessel", help="Write a commented vessel file instead.")] = False,
     sweep: Annotated[bool, typer.Option("--sweep", help="Write a commented SWEEP.toml instead.")] = False,
 ) -> None:
-    """Write a commented TRIAL.toml; with --log all that the log tells is in it, and what it does not tell is marked."""
+    """Write a commented TRIAL.toml; with --log it is filled in from the log, and missing values are marked."""
     from shipfp_rs.support.toml import TO_BE_GIVEN, template
 
     given = {"--set-point": set_point, "--rate": rate_hz, "--time": time, "--names": names}

@@ -104,7 +104,7 @@ class Faults(Section):
     clipped_samples: Annotated[int, Field(ge=2, le=1_000_000_000)] = 8
     """Least number of samples at the extreme value of a clipped channel."""
     longest_bridge_s: Stretch = 0.25
-    """Longest missing stretch of a set point that is bridged by a straight line [s]; the outputs are masked there."""
+    """Longest stretch of a lost set point that is bridged by a straight line [s]; the outputs are masked there."""
     mains_hz: Annotated[float, Field(ge=1.0, le=1000.0)] = 50.0
     """Frequency of the mains, whose hum is removed from the set point [Hz]."""
     least_hum: Share = 1e-3

@@ -40,7 +40,7 @@ def sine_sequence(
     amplitude_rpm
         Amplitude [rpm].
     avoid_hz
-        Bands (low, high) around resonances [Hz]; frequencies in them are left out.
+        Bands (low, high) around resonances [Hz]; frequencies in them are omitted.
     rate_hz, name
         Sample rate [Hz] and label.
 
@@ -117,7 +117,7 @@ def multisine(
     periods
         Number of periods; the ship settles during the first.
     avoid_hz
-        Bands (low, high) around resonances [Hz]; frequencies in them are left out.
+        Bands (low, high) around resonances [Hz]; frequencies in them are omitted.
     rate_hz
         Sample rate [Hz].
     iterations

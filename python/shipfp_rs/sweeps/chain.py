@@ -36,17 +36,17 @@ class Noise(Section):
     """Standard deviation of each signal's noise relative to its operating point, for the chain "experiment"."""
 
     n_e: Share = 0.0
-    """Noise of the engine speed."""
+    """Of the engine speed."""
     n_s: Share = 0.0
-    """Noise of the shaft speed."""
+    """Of the shaft speed."""
     M_b: Share = 0.0
-    """Noise of the brake torque."""
+    """Of the brake torque."""
     M_s: Share = 0.0
-    """Noise of the shaft torque."""
+    """Of the shaft torque."""
     M_g: Share = 0.0
-    """Noise of the gauge torque."""
+    """Of the gauge torque."""
     X_f: Share = 0.0
-    """Noise of the fuel rack."""
+    """Of the fuel rack."""
     level: Annotated[float, Field(ge=0.0, le=1000.0)] = 1.0
     """Factor on all of them."""
     correlation: Annotated[float, Field(gt=-1.0, lt=1.0)] = 0.0
