@@ -148,7 +148,7 @@ def _given(fingerprint: Fingerprint) -> dict[str, float]:
 
 
 def _alone(before: Fingerprint, after: Fingerprint) -> Iterator[str]:
-    """Yield what only one of them contains."""
+    """Yield the quantities that only one of them determines."""
     for label, one, other in (("first", before, after), ("second", after, before)):
         known = [name for name, estimate in one.items() if estimate.std]
         names = [name for name in known if name not in other or other[name].value is None]

@@ -110,7 +110,6 @@ def twin(
 
 
 def _print(found: Reproduction) -> None:
-    """Print each table with its notes, then the verdict."""
     tables = {row.table: [other for other in found.rows if other.table == row.table] for row in found.rows}
     for table, rows in tables.items():
         if table in TOO_WIDE:

@@ -191,7 +191,6 @@ def _and_unit(told: Named) -> str:
 
 
 def _locate(roles: Roles, torque: str) -> None:
-    """Determine the location of the torque."""
     tells = roles.named[torque].tells
     if "brake" in tells and "gauge" not in tells:
         roles.location, roles.located_by = "brake", "of the engine or motor, by its name"

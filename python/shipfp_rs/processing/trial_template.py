@@ -128,7 +128,6 @@ def drafted(
 
 
 def _channels(log: Log, roles: Roles, windows: Sequence[FoundWindow]) -> list[str]:
-    """Tables of channels."""
     if roles.command is not None:
         tables = [
             _level("command", log.channel(roles.command), roles, {roles.named[roles.command].unit: 1.0}, "")

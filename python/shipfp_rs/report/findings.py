@@ -285,7 +285,6 @@ def _rank(fingerprint: Fingerprint, say: Say) -> Iterable[str]:
 
 
 def _correlations(fingerprint: Fingerprint, say: Say) -> Iterable[str]:
-    """Yield the correlations of the searched parameters."""
     related = fingerprint.correlations
     if len(related) < 2:
         return

@@ -41,7 +41,7 @@ def standard(
     Parameters
     ----------
     kind
-        "chirp" (logarithmic), "steps" (a fifth of the duration each), "multisine" and "sines" (16 frequencies, the
+        "chirp" (logarithmic), "steps" (each held for a fifth of the duration), "multisine" and "sines" (16 frequencies, the
         latter over two decades), "prbs" or "noise".
     duration_s
         Length [s]; "prbs" rounds it down to whole periods of its sequence.

@@ -231,7 +231,6 @@ class Desk:
         return [*own, *(name for name in built_in("vessels") if name != NO_VESSEL)]
 
     def _text_of(self, content: Mapping[str, Any]) -> tuple[Document, Path, str]:
-        """Document, file and text of a draft."""
         document = self._document(content)
         draft = validated(content.get("draft") or {}, Draft, "draft")
         path = self._writable(content.get("file"))

@@ -129,7 +129,6 @@ def _frames(file: Any) -> Frames | None:
 
 
 def _group_axis(path: Path, file: Any, number: int, count: int, rate_hz: float | None) -> TimeAxis:
-    """Grid of a channel group."""
     if file.masters_db.get(number) is None and rate_hz is None:
         raise InputError(f"{path}: group {number} has no time channel; give rate_hz (--rate)")
 
