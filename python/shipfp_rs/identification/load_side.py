@@ -65,6 +65,16 @@ class LoadSide:
     places: Mapping[str, int]
     """Of the parameters among the equation's unknowns."""
 
+    @property
+    def law(self) -> dict[str, float]:
+        """Exponent p [-] and inertia "tau" [s] behind the torque, for starting values of a search."""
+        p, tau = (
+            self.parameters[name].value for name in ("p", "tau_prop" if self.torque == "gauge" else "tau_n")
+        )
+        assert p is not None
+        assert tau is not None
+        return {"p": p, "tau": max(tau, 0.01)}
+
     def __repr__(self) -> str:
         rows = [
             f"{row.name} {row.value} ± {row.std}{' s' if row.unit == 's' else ''}"

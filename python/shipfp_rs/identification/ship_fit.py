@@ -166,22 +166,13 @@ def _corrected(fit: ShipFit, between: Between | None, until: float | None) -> Sh
     return settled(fit, until)
 
 
-def _law_of(question: Question, side: LoadSide | None) -> dict[str, float] | None:
-    """The load's law from its own side, as a starting value."""
-    if side is None:
-        return None
-    p, tau = (side.parameters[name].value for name in ("p", "tau_prop" if question.gauge else "tau_n"))
-    assert p is not None
-    assert tau is not None
-    return {"p": p, "tau": max(tau, 0.01)}
-
-
 def _begun(
     question: Question, between: Between | None, starts: int, seed: int | None, side: LoadSide | None
 ) -> tuple[EquationLikelihood, list[Array]]:
     """Return the likelihood for the first descents, and the vectors at which they start."""
     likelihood = question.likelihood(between)
-    guesses = first_guesses(likelihood.records, question.outputs, question.gauge, _law_of(question, side))
+    law = None if side is None else side.law
+    guesses = first_guesses(likelihood.records, question.outputs, question.gauge, law)
     drawn: list[dict[str, float]] = []
     if question.structure is not None:
         own, random = question.structure.parameters, np.random.default_rng(seed)

@@ -14,10 +14,10 @@ from functools import partial
 import numpy as np
 
 from shipfp_rs.errors import IdentificationError, SimulationError
-from shipfp_rs.identification.basins import LIKELY, Basin, descend, each
+from shipfp_rs.identification.basins import LIKELY, Basin, best_basins, descend, each
 from shipfp_rs.identification.engine_tests import engine_tests, limit_to_try, touched
 from shipfp_rs.identification.equation_likelihood import EquationLikelihood
-from shipfp_rs.identification.first_guesses import guesses_by_bandwidth
+from shipfp_rs.identification.first_guesses import first_guesses, guesses_by_bandwidth
 from shipfp_rs.identification.limited_likelihood import WATERS_HZ, LimitedLikelihood
 from shipfp_rs.identification.question import TRIED
 from shipfp_rs.identification.ship_found import (
@@ -41,6 +41,10 @@ LEAST_TOUCHED = 10.0
 """Least samples at a limit: a limit that the record hardly reaches only stands in for something else."""
 TWISTS_S, DAMPINGS = (1e-3, 4e-3), (0.3, 2.0)
 """Starting values of the shaft's twist [s] and its damping."""
+BEHIND_TWIST = 0.3
+"""Starting value of the share of the inertia behind a twisting shaft, where the torque is measured ahead of it."""
+GUESSES = 8
+"""Starts of a twisting ship that do not come from the stiff fit."""
 ROUNDS, STEPS, STILL = 6, 12, 1.0
 """Most rounds of descents with a limit, most steps of each, and the fall of the deviance below which they end."""
 BEHIND = 0.2
@@ -48,9 +52,14 @@ BEHIND = 0.2
 the limit's fall."""
 KEPT = 5
 """Number of starts, those of least deviance, from which a descent begins."""
-LEVELS, SLOPES, GAINS = (0.9, 0.97, 0.995), (0.9, 0.99), (1.0, 2.0, 4.0)
-"""Quantiles of torque and of its slope at which limits are tried, and factors of the gains: a fit without the rate limit
-underestimates the gains."""
+LEVELS, AHEAD = (0.9, 0.97, 0.995), 1.5
+"""Quantiles of the torque at which limits are tried, and a factor on the last: a gauge behind the engine's inertia measures
+less torque than the engine gives while the shaft accelerates."""
+STEEP, RATES = 0.99, (0.6, 1.0, 1.6, 2.5)
+"""Quantile of the torque's slope, and factors on it at which limits of the rate are tried: a gauge shows slopes down to 0.4
+times the rack's, noise steeper ones."""
+GAINS = (1.0, 2.0, 4.0)
+"""Factors of the governor's gains in starts with a limited rate: a fit without the limit underestimates them."""
 WAYS_DOWN = (0.5, 0.7, 1.0, 1.4, 2.0)
 """Starting values of the rack's rate on its way down, over the rate found for both directions."""
 
@@ -63,16 +72,28 @@ def with_limits(fit: ShipFit, until: float | None) -> ShipFit:
     while (suspect := _suspect(fit, tried)) is not None:
         tell(f"trying {ELEMENTS[suspect].words}", 0.3 * len(fit.elements))
         tried.remove(suspect)
-        taken = _limited(fit, suspect, until)
+        taken = _worthy(fit, suspect, until)
         if taken is None:
             continue
-        gain = fit.total - taken.total
-        if gain <= LEAST_FALL[suspect] or touched(taken, suspect) < LEAST_TOUCHED:
-            continue
-        gains = {**fit.gains, suspect: gain}
-        fit = replace(taken, gains=gains)
-        fit = replace(fit, scores=engine_tests(fit))
+        if suspect == "rack_rate" and "torque_limit" in tried:
+            # A smooth loop that has absorbed a torque limit leaves slopes that look like a rate's.
+            other = _worthy(fit, "torque_limit", until)
+            if other is not None and other.total < taken.total:
+                tried = tried - {"torque_limit"} | {"rack_rate"}
+                taken = other
+        fit = replace(taken, scores=engine_tests(taken))
     return fit
+
+
+def _worthy(fit: ShipFit, element: str, until: float | None) -> ShipFit | None:
+    """Return the fit with a limit; None where it lowers the deviance too little, or the record hardly touches it."""
+    taken = _limited(fit, element, until)
+    if taken is None:
+        return None
+    gain = fit.total - taken.total
+    if gain <= LEAST_FALL[element] or touched(taken, element) < LEAST_TOUCHED:
+        return None
+    return replace(taken, gains={**fit.gains, element: gain})
 
 
 def _suspect(fit: ShipFit, tried: Container[str]) -> str | None:
@@ -116,7 +137,29 @@ def with_twist(fit: ShipFit, before: ShipFit, until: float | None) -> ShipFit:
         taken = _taken(one, "twist", *found, until)
         if taken.total < least - CHANCE and _is_inside(taken.likelihood, taken.best, "twist"):
             gain, best, least = fit.total - taken.total, replace(taken, stiff=fit), taken.total
+    elsewhere = _twist_elsewhere(fit, until)
+    if elsewhere is not None and elsewhere[1].cost < least - CHANCE:
+        taken = _taken(fit, "twist", *elsewhere, until)
+        if taken.total < least - CHANCE and _is_inside(taken.likelihood, taken.best, "twist"):
+            gain, best = fit.total - taken.total, replace(taken, stiff=fit)
     return replace(best, gains={**fit.gains, "twist": gain})
+
+
+def _twist_elsewhere(fit: ShipFit, until: float | None) -> tuple[EquationLikelihood, Basin] | None:
+    """Return the best minimum with a twist from the first guesses; the cost is the total deviance.
+
+    A twist may lead the stiff fit to a wrong minimum, from which no descent finds the twisting ship.
+    """
+    question, likelihood = fit.question, likelihood_of(fit, (*fit.elements, "twist"))
+    c, law = likelihood.coordinates, None if fit.side is None else fit.side.law
+    guesses = first_guesses(likelihood.records, question.outputs, question.gauge, law)[:GUESSES]
+    behind = {} if question.gauge else {"tau_prop": BEHIND_TWIST * guesses[0]["tau_n"]}
+    starts = [c.vector({**DEFAULTS, "c_2": 0.0, **guess, **behind}) for guess in guesses]
+    try:
+        likelihood, basins = best_basins(likelihood, starts, until=until)
+    except SimulationError:
+        return None
+    return likelihood, replace(basins[0], cost=likelihood.total(basins[0].vector))
 
 
 def _taken(
@@ -238,12 +281,7 @@ def _other_loops(fit: ShipFit) -> list[dict[str, float]]:
     """Starts with loops of several bandwidths around the load that its side determines: a limit misleads the smooth fit."""
     if fit.side is None:
         return []
-    told = fit.side.parameters
-    p, tau = told["p"].value, told["tau_prop" if fit.question.gauge else "tau_n"].value
-    assert p is not None
-    assert tau is not None
-    law = {"p": p, "tau": max(tau, 0.01)}
-    return guesses_by_bandwidth(law, fit.question.gauge, fit.values.get("T_set", 0.0))
+    return guesses_by_bandwidth(fit.side.law, fit.question.gauge, fit.values.get("T_set", 0.0))
 
 
 def _starts(
@@ -254,7 +292,8 @@ def _starts(
     values = c.values(basin.vector)
     states = c.states_at(basin.vector)
     if element == "twist":
-        behind = values["tau_prop"] if fit.question.gauge else max(values["tau_prop"], 0.3 * values["tau_n"])
+        least = 0.0 if fit.question.gauge else BEHIND_TWIST * values["tau_n"]
+        behind = max(values["tau_prop"], least)
         return [
             ({**values, "tau_twist": twist, "zeta_twist": damping, "tau_prop": behind}, states)
             for twist in TWISTS_S
@@ -269,16 +308,13 @@ def _starts(
     if element == "torque_limit":
         # While the shaft slows, a gauge behind the engine's inertia measures more torque than the engine gives.
         levels = np.quantile(np.concatenate([one.decimated[place] for one in records]), LEVELS)
-        limits = np.clip(1.0 + levels, 1.02, 4.5).tolist()
+        limits = np.clip([*(1.0 + levels), 1.0 + AHEAD * levels[-1]], 1.02, 4.5).tolist()
         return [({**one, "M_max": limit}, states) for one in every for limit in limits]
     steep = np.concatenate([np.abs(np.diff(one.decimated[place])) for one in records])
-    rates = np.clip(np.quantile(steep, SLOPES) * records[0].data_hz / records[0].down, 0.03, 50.0)
-    return [
-        (
-            {**one, "rate": float(rate), "vK_p": one["vK_p"] * more, "vK_i": one["vK_i"] * more},
-            states,
-        )
-        for one in every
-        for rate in rates
-        for more in GAINS
+    steepest = np.quantile(steep, STEEP) * records[0].data_hz / records[0].down
+    rates = np.clip(steepest * np.array(RATES), 0.03, 50.0).tolist()
+    loops = [
+        *({**values, "vK_p": values["vK_p"] * more, "vK_i": values["vK_i"] * more} for more in GAINS),
+        *every[1:],
     ]
+    return [({**one, "rate": rate}, states) for one in loops for rate in rates]
