@@ -1,8 +1,7 @@
-"""Whether the model is the ship's: what it misses where the ship is driven hard, beyond what is left where it is not.
+"""Model adequacy: the residual power that appears only where the ship is excited, which noise can't explain.
 
-Noise does not know the excitation; what a model lacks, whether linear or not, comes and goes with it. The residual's power
-in stretches and bands in which the response is strong, less its power in stretches in which the same band is quiet, is a
-miss that no noise explains.
+Noise does not depend on the excitation, but the error of a wrong model does. The residual's power is therefore compared
+between stretches in which the response in a band is strong, and stretches in which it is weak.
 """
 
 from __future__ import annotations
@@ -16,20 +15,20 @@ from shipfp_rs.identification.sampling import BEFORE_S
 from shipfp_rs.support.arrays import Array
 
 STRETCH_S = 20.0
-"""Length of the stretches whose spectra are looked at [s]."""
+"""Length of a stretch, over which a spectrum is computed [s]."""
 STRONG, WEAK = 0.75, 0.5
-"""Quantiles of the response's power within a band above which a stretch is driven, and below which it is quiet."""
+"""Quantiles of the response's power in a band: above the first a stretch counts as excited, below the second as quiet."""
 CHANCE = 3.0
-"""Deviations of what chance leaves in excess that are taken off a miss."""
+"""Standard deviations of the noise power that are subtracted from an excess, so that chance does not count as a misfit."""
 
 SELDOM = 0.99
-"""Level of the law of the smooth errors up to which they are taken for those of gauge and calibration."""
+"""Level of the smooth errors' chi-squared law up to which they are attributed to gauge and calibration."""
 
 
 def strain(likelihood: Likelihood, vector: Array) -> float:
-    """Return how large the smooth errors are that a fit needs, over what gauge and calibration leave open.
+    """Return the squared size of the fit's smooth errors, over the largest that gauge and calibration explain.
 
-    Above one the model is bent by more than that: it is not the ship's.
+    Above 1 the model is wrong: it needs errors larger than that.
     """
     sizes, unsure = likelihood.smooth_errors(likelihood.residuals(vector))
     told = len(unsure) - float(np.trace(unsure))
@@ -37,7 +36,7 @@ def strain(likelihood: Likelihood, vector: Array) -> float:
 
 
 def misses_pct(likelihood: Likelihood, vector: Array) -> list[float]:
-    """Return what the model misses of each output's response, per cent of its size, all records together."""
+    """Return the misfit of each output, in per cent of its response, over all records."""
     missed = np.zeros(len(likelihood.accuracy))
     scatter = np.zeros(len(likelihood.accuracy))
     size = np.full(len(likelihood.accuracy), 1e-30)
@@ -57,7 +56,7 @@ def misses_pct(likelihood: Likelihood, vector: Array) -> list[float]:
             weak = power <= np.quantile(power, WEAK, axis=1, keepdims=True)
             quiet = np.sum(left * weak, axis=1) / weak.sum(axis=1)
             missed[output] += np.sum((left - quiet[:, None]) * strong)
-            # Powers scatter as much as they are.
+            # The standard deviation of a spectral power equals its mean.
             scatter[output] += np.sum(
                 quiet**2 * (strong.sum(axis=1) + strong.sum(axis=1) ** 2 / weak.sum(axis=1))
             )
@@ -67,7 +66,7 @@ def misses_pct(likelihood: Likelihood, vector: Array) -> list[float]:
 
 
 def explained_pct(likelihood: Likelihood, vector: Array) -> list[list[float]]:
-    """Return the fit 100 (1 - |y - model| / |y - mean|) of each record's outputs in the band."""
+    """Return the fit 100 (1 - |y - model| / |y - mean(y)|) of each record's outputs in the band."""
     rows = []
     for index, record in enumerate(likelihood.records):
         model = likelihood.modelled(vector, index)

@@ -46,15 +46,15 @@ TOGETHER = ("K_p/K_i", "(p-g)/tau_n", "vK_p/tau_n", "vK_i/tau_n", "(p-g)/(vK_i)"
 FULL_SHIP = "the full ship"
 """Name, in a fingerprint's settings, of the structure that is fitted where none is given."""
 LOWER, RESTARTS = 0.5, 2
-"""Profiles start again where one finds a deviance lower than the minimum by this much; most such restarts."""
+"""A search for a profile restarts where the profile finds a deviance lower by the first; the second is the most restarts."""
 COMBINED_TRIES = 3
-"""Most tries of the profile of a combination: its members' profiles have already found most of the interval."""
+"""Most iterations of a combination's profile: the profiles of its parameters have already found most of the interval."""
 NUISANCES = {one.name for element in ELEMENTS.values() for one in element.parameters if one.fixed}
 """Parameters that elements declare as fixed: where the search includes them, they are estimated without an interval."""
 EXPLAINED = 0.3
-"""Share of the speed that the set point explains through the load's side, above which the speed counts as following it."""
+"""Share of the speed that the set point explains in the load's equation, above which the speed counts as following it."""
 UNTOLD = 0.9
-"""An interval that covers this share of the searched range determines nothing."""
+"""Share of the searched range from which on an interval counts as not determined."""
 
 
 def identified(
@@ -69,7 +69,7 @@ def identified(
 ) -> Fingerprint:
     """Fit the ship and return the fingerprint."""
     side = load_side_of(question)
-    # If torque and speed are related as in a load, the speed channel is the right one, whatever the governor does.
+    # If torque and speed are related as in a load, the speed channel is right, whatever the governor does.
     explained = 0.0 if side is None else min(record.explained for record in side.records)
     require_excited(experiments, follows=explained < EXPLAINED)
     with part(0.0, 0.5):
@@ -85,7 +85,7 @@ def answered(
     seed: int | None = None,
     vessel: str | None = None,
 ) -> Fingerprint:
-    """Return the fingerprint of the ship that the search found."""
+    """Return the fingerprint of a fitted ship."""
     question = fit.question
     fit, (missed, rows), kind = _described(fit)
     before, values, c = fit, fit.values, fit.likelihood.coordinates
@@ -98,7 +98,7 @@ def answered(
     # If the data contradict the engine's model, its intervals are not reported, and need no profiles.
     fit, found, possible = intervals_of(fit, figures, "symmetric" if kind else intervals)
     if fit.stiff is not None and "tau_twist" in fit.along and fit.is_smooth:
-        # The data decide for neither model: intervals cover what either allows.
+        # The data reject neither model: intervals cover both.
         with suppress(IdentificationError):
             _, other, _ = intervals_of(refined(fit.stiff), figures, "symmetric")
             found = {name: _either(one, other[name]) for name, one in found.items()}
@@ -117,7 +117,7 @@ def answered(
     derived = {name: _combined(found[name], COMBINATIONS[name][0]) for name in together if name in found}
     if kind:
         parameters, derived = load_alone(parameters, fit.side, kind, question.bounds), {}
-    if fit is not before:  # a profile has led to a lower minimum
+    if fit is not before:  # a profile reached a lower minimum
         missed, rows = _missed(fit)
     misses = dict(zip(question.outputs, missed, strict=True))
     fingerprint = Fingerprint(
@@ -161,9 +161,9 @@ def _adequate(fit: ShipFit, misses: Mapping[str, float], kind: str | None) -> di
 
 
 def _described(fit: ShipFit) -> tuple[ShipFit, tuple[list[float], list[list[float]]], str | None]:
-    """Return the fit, what it misses and explains, and what contradicts it.
+    """Return the fit, its misfit and explained shares, and the contradiction to its engine, if any.
 
-    Where load and engine contradict each other, an equally likely minimum without a contradiction is preferred.
+    If load and engine contradict each other, an equally likely minimum without a contradiction is preferred.
     """
     missed, rows = _missed(fit)
     kind = undescribed(fit, missed, [min(row) for row in rows])
@@ -180,7 +180,7 @@ def _described(fit: ShipFit) -> tuple[ShipFit, tuple[list[float], list[list[floa
 
 
 def _missed(fit: ShipFit) -> tuple[list[float], list[list[float]]]:
-    """Per cent of each output that the fit misses, and per cent of each record's outputs that it explains."""
+    """Return the misfit of each output [%], and the explained share of each record's outputs [%]."""
     at = fit.likelihood, fit.best.vector
     return misses_pct(*at), explained_pct(*at)
 
@@ -188,7 +188,7 @@ def _missed(fit: ShipFit) -> tuple[list[float], list[list[float]]]:
 def intervals_of(
     fit: ShipFit, figures: Mapping[str, Figure], intervals: Literal["profile", "symmetric"]
 ) -> tuple[ShipFit, dict[str, Interval], list[dict[str, float]]]:
-    """Return the fit, each figure's interval, and ships within these; profiles may have led the fit to a lower minimum."""
+    """Return the fit, the interval of each figure, and ships within the intervals; a profile may lower the fit's minimum."""
     if intervals == "symmetric":
         profiles = Profiles(fit.likelihood, list(fit.basins))
         return fit, {name: profiles.symmetric(figure) for name, figure in figures.items()}, []
@@ -196,9 +196,9 @@ def intervals_of(
     for left in reversed(range(RESTARTS + 1)):
         likelihood, c = fit.likelihood, fit.likelihood.coordinates
         profiles = Profiles(likelihood, [descend(likelihood, one.vector) for one in fit.basins])
-        # Ships that earlier profiles found possible still count.
+        # Ships that earlier profiles accepted still count.
         profiles.visited += [Basin(likelihood.cost(vector), vector) for vector in possible]
-        # With limits, the derivatives hold only close to the minimum, too close for a profile.
+        # With limits, derivatives hold only in a neighbourhood of the minimum that is too small for a profile.
         found = (
             {}
             if fit.is_smooth
@@ -214,7 +214,7 @@ def intervals_of(
                 possible = [point.vector for point in points if point.cost < lower.cost + RISE]
                 try:
                     fit = refined(replace(fit, basins=(descend(likelihood, lower.vector),)))
-                except IdentificationError:  # with the noise estimated anew it is no minimum
+                except IdentificationError:  # no minimum under the re-estimated noise
                     continue
                 break
         else:
@@ -268,10 +268,7 @@ def structure_of(fit: ShipFit) -> Structure:
 
 
 def _named(fit: ShipFit, structure: Structure, values: Mapping[str, float]) -> dict[str, float]:
-    """Return the values of the structure's parameters in a ship: searched ones within their bounds, given ones as given.
-
-    Nuisance parameters, which have no interval, take the ship's own values.
-    """
+    """Return the parameters of the structure; searched ones within their bounds, nuisance parameters as fitted."""
     found, along = {}, (NUISANCES | fit.along) & set(fit.likelihood.coordinates.names)
     for one in structure.parameters:
         if one.fixed and one.name not in along:
@@ -309,7 +306,7 @@ def _estimate(fit: ShipFit, name: str, interval: Interval) -> Estimate:
     c, found = fit.likelihood.coordinates, fit.best.products
     flat = name in c.free and found is not None and found.matrix[c.place(name), c.place(name)] == 0.0
     if name in ("M_max", "rate", "rate_down") and (flat or ends[1] >= high):
-        # Far above all that the record reached, no profile finds the level at which a limit would begin to act.
+        # For a limit far above everything in the record, no profile finds the level at which it would act.
         reason = (
             Sentence("no limit was reached in the data")
             if flat or ends[0] <= low
@@ -334,7 +331,7 @@ def _estimate(fit: ShipFit, name: str, interval: Interval) -> Estimate:
 
 
 def _fixed(fit: ShipFit, parameter: Parameter) -> Estimate:
-    """Estimate without an interval: of a parameter that was given, assumed, or searched as a nuisance."""
+    """Return the estimate, without interval, of a parameter that was given, assumed, or searched as a nuisance."""
     reason = ALONG if parameter.name in fit.likelihood.coordinates.free else "given"
     # Without a measured torque the load's gain is unknown, and `question_of` fixes it at 1.
     if parameter.name == "k_L" and parameter.start == 1.0 and "dM" not in fit.question.outputs:
@@ -348,10 +345,7 @@ def _combined(interval: Interval, unit: str) -> Estimate:
 
 
 def _of_a_stiff_shaft(parameters: Mapping[str, Estimate], question: Question) -> dict[str, Estimate]:
-    """Return the estimate of the inertia on one side of the shaft, for when a stiff shaft fits as well as a twisting one.
-
-    Only the twist determines that part of the inertia.
-    """
+    """Return the inertia on one side of a stiff shaft as unidentifiable, if a stiff shaft fits as well as a twisting one."""
     part, twist = parameters.get("tau_prop"), parameters.get("tau_twist")
     if (
         question.gauge
@@ -369,7 +363,7 @@ def _of_a_stiff_shaft(parameters: Mapping[str, Estimate], question: Question) ->
 
 
 def _without_torque(parameters: Mapping[str, Estimate], question: Question) -> dict[str, Estimate]:
-    """Return the estimates for data without torque: the speed alone determines only their ratios to the inertia."""
+    """Return the estimates for data without torque, where the speed determines only ratios to the inertia."""
     found = dict(parameters)
     if question.loaded or "tau_n" in (question.priors or {}):
         return found
@@ -387,7 +381,7 @@ def _identifiability(parameters: Mapping[str, Estimate]) -> Identifiability:
 
 
 def _covariance(profiles: Profiles, fit: ShipFit, parameters: Mapping[str, Estimate]) -> dict[str, Any]:
-    """Return the covariances: standard deviations from the intervals, correlations from the curvature of the deviance."""
+    """Return the covariances: standard deviations from the intervals, correlations from the deviance's curvature."""
     names = [
         name
         for name in fit.likelihood.coordinates.names

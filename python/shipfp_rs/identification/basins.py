@@ -17,35 +17,35 @@ from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.threads import require_going
 
 SETTLED = 0.01
-"""Least decrease of the deviance for a descent to go on: a hundredth of the change that moves an interval's end by a
-thousandth."""
+"""Least decrease of the deviance for a descent to continue; so small a change moves an interval's ends by a thousandth."""
 MOST_STEPS = 60
 LEAST = 1e-14
-"""Damping that keeps a matrix from being singular where the data do not determine some direction."""
+"""Damping that keeps a matrix regular where the data do not determine a direction."""
 DAMPED, DAMPED_NEAR, REJECTED, LESS, MORE, FURTHER = 1e-4, 1e-6, 1e-6, 0.15, 8.0, 2.0
-"""Initial damping of a descent, and of one that begins near its end; least damping after a bad step; its factors after a
-good and after a bad step (Marquardt 1963), and the growth of the latter with each bad step in a row (Nielsen 1999)."""
+"""Levenberg-Marquardt damping: initial value, initial value near the minimum, and least value after a rejected step; its
+factors after an accepted and after a rejected step (Marquardt 1963); and the growth of the latter with each further rejected
+step (Nielsen 1999)."""
 MOST_DAMPED = 1e4
-"""Damping at which a descent ends: a step a ten-thousandth as long as that along the gradient gains nothing."""
+"""Damping at which a descent stops: steps are then a ten-thousandth of the gradient's and gain nothing."""
 FIRST, ROUGH, MIDDLE, FINE = (3, 50.0), (8, 50.0), (30, 1.0), (MOST_STEPS, SETTLED)
-"""Most steps and least decrease of the descents, from many starts to few minima."""
+"""Most steps and least decrease of each round of descents, from many starts to few minima."""
 MOST_BASINS = 5
 SAME = 4.0
-"""Two ends are the same minimum where their distance, by the deviance's curvature, is less than this: two deviations."""
+"""Squared distance, in the metric of the deviance's curvature, below which two minima count as the same."""
 ALIKE = 10.0
-"""Height of a minimum above the lowest beyond which it does not matter for an interval of 95 per cent."""
+"""Deviance above the lowest minimum from which another minimum no longer affects a 95 % interval."""
 
 LIKELY = 30.0
-"""Height of an end of a first descent above the lowest beyond which it is dropped: its last steps would gain less."""
+"""Deviance above the lowest, after the first round of descents, from which a start is dropped: later steps gain less."""
 
 Known = TypeVar("Known", bound=Likelihood)
 Penalty = Callable[[Array], tuple[float, Array]]
-"""Function from a vector to the value and gradient of a row that is added to the residuals."""
+"""Maps a vector to the value and gradient of a residual that is added to the likelihood's."""
 
 
 @dataclass(frozen=True)
 class Basin:
-    """The end of a descent: deviance and vector, and what was computed there without a penalty."""
+    """A minimum: deviance, vector, and what was computed there without a penalty."""
 
     cost: float
     vector: Array
@@ -65,18 +65,8 @@ def descend(
 ) -> Basin:
     """Minimise the deviance within the bounds, by Levenberg-Marquardt with an active set.
 
-    Parameters
-    ----------
-    likelihood, start
-        Likelihood whose deviance is minimised, and the vector at which the descent begins.
-    steps, settled
-        Most steps, and the decrease below which the descent ends.
-    penalty
-        A stiff additional row, for a profile; the cost returned is without it.
-    near
-        Whether the descent begins near its end.
-    until
-        Time (`time.monotonic`) at which the descent ends at the latest.
+    A `penalty` is not part of the returned cost; `near`: the start is close to the minimum; `until`: deadline by
+    `time.monotonic`.
     """
     low, high = likelihood.coordinates.bounds
     x = np.clip(start, low, high)
@@ -92,11 +82,11 @@ def descend(
             break
         try:
             step = _step(now, x, low, high, damping)
-        except np.linalg.LinAlgError:  # singular to rounding: the data do not determine some direction
+        except np.linalg.LinAlgError:  # numerically singular: the data do not determine some direction
             damping = max(damping * MORE, 1e-9)
             continue
         promised = 2.0 * step @ now.downhill - step @ now.matrix @ step
-        if promised < 0.0:  # the bounds cut the step so that it would rise
+        if promised < 0.0:  # cut by the bounds, the step would raise the deviance
             damping *= MORE
             continue
         if promised < 0.1 * settled:
@@ -123,12 +113,12 @@ def descend(
 
 
 def _computed(likelihood: Likelihood, penalty: Penalty | None, vector: Array) -> tuple[Products, Products]:
-    """Return deviance, gradient and curvature at a vector, without and with a penalty."""
+    """Return deviance, gradient and curvature at a vector, without and with the penalty."""
     found = likelihood.products(vector)
     if penalty is None:
         return found, found
     value, slope = penalty(vector)
-    # The row's residual is -value; its derivative has the sign of the model's: slope.
+    # The penalty's residual is -value, so its derivative equals the model's slope.
     return found, found._replace(
         cost=found.cost + value**2,
         downhill=found.downhill - value * slope,
@@ -137,8 +127,8 @@ def _computed(likelihood: Likelihood, penalty: Penalty | None, vector: Array) ->
 
 
 def _step(now: Products, x: Array, low: Array, high: Array, damping: float) -> Array:
-    """Damped Gauss-Newton step within the bounds: entries that would leave them are held, and the rest is solved again."""
-    # By Cholesky, whose accuracy does not depend on the entries' units, even if these differ by orders of magnitude.
+    """Return a damped Gauss-Newton step within the bounds; entries that would cross a bound are held there."""
+    # Cholesky's accuracy does not depend on the entries' units, which differ by orders of magnitude.
     damped, downhill, low, high = now.matrix.copy(), now.downhill, low - x, high - x
     damped.flat[:: len(x) + 1] += np.maximum(now.matrix.diagonal(), 1e-30) * (damping + LEAST)
     held = ((low >= 0.0) & (downhill < 0.0)) | ((high <= 0.0) & (downhill > 0.0))
@@ -162,13 +152,7 @@ def _step(now: Products, x: Array, low: Array, high: Array, damping: float) -> A
 
 
 def _solved(matrix: Array, right: Array) -> Array:
-    """Solution of a symmetric system, by LAPACK directly: the checks of `numpy.linalg.solve` take longer than solving.
-
-    Raises
-    ------
-    numpy.linalg.LinAlgError
-        Where the matrix is not positive definite.
-    """
+    """Solve a positive definite system by LAPACK, without the checks of `numpy.linalg.solve`, or raise `LinAlgError`."""
     _, found, fault = dposv(matrix.T, right)
     if fault:
         raise np.linalg.LinAlgError("a matrix that is not positive definite")
@@ -179,15 +163,15 @@ def _solved(matrix: Array, right: Array) -> Array:
 def best_basins(
     likelihood: Known, starts: Sequence[Array], *, until: float | None = None
 ) -> tuple[Known, list[Basin]]:
-    """Return the likelihood with its noise, and the distinct minima that count, the lowest first.
+    """Return the likelihood with estimated noise, and its distinct minima, the lowest first.
 
-    Rough descents with white noise come first. The best ends then descend with the noise of their own residuals, and the
-    likeliest of them gives the noise for all.
+    Rough descents with white noise come first. The best of them continue, each with the noise of its own residuals; the
+    likeliest of these gives the noise for all.
 
     Raises
     ------
     SimulationError
-        Where no start leads to a ship that can be simulated.
+        If no start leads to a ship that can be simulated.
     """
     ends = each(likelihood, starts, until, *FIRST)
     ends = each(likelihood, [end.vector for end in ends], until, *ROUGH)
@@ -202,7 +186,7 @@ def best_basins(
 
 
 def by_own_noise(likelihood: Likelihood, vector: Array, *, until: float | None = None) -> Basin:
-    """Descend with the noise estimated from the residuals themselves; the cost is the total, log determinant included."""
+    """Descend with the noise re-estimated from the residuals; the cost is the total deviance, log determinant included."""
     for steps, settled in (MIDDLE, FINE):
         try:
             likelihood = likelihood.with_noise(vector)
@@ -213,7 +197,7 @@ def by_own_noise(likelihood: Likelihood, vector: Array, *, until: float | None =
 
 
 def distinct(likelihood: Likelihood, ends: Sequence[Basin]) -> list[Basin]:
-    """Leave out duplicate minima: those whose distance the deviance can't resolve, or that are nearly equal everywhere."""
+    """Return the minima without duplicates: those that the deviance can't distinguish, or that are nearly equal."""
     ends = sorted((end for end in ends if np.isfinite(end.cost)), key=lambda one: one.cost)
     if len(ends) < 2:
         return ends
@@ -233,7 +217,7 @@ def each(
     steps: int = MOST_STEPS,
     settled: float = SETTLED,
 ) -> list[Basin]:
-    """Descend from each start, in parallel; return the ends, the lowest first."""
+    """Descend from each start, in parallel; return the minima, the lowest first."""
     jobs = [
         partial(descend, likelihood, start, steps=steps, settled=settled, until=until) for start in starts
     ]

@@ -1,6 +1,6 @@
-"""Coordinates in which a ship is searched: ratios to the inertia's time constant tau_n.
+"""Search coordinates of a ship: ratios to the inertia's time constant tau_n.
 
-Data determine these ratios far better than each parameter. Divided by tau_n, the ship's equations are linear in 1 / tau_n,
+Data determine these ratios far better than the parameters. Divided by tau_n, the ship's equations are linear in 1 / tau_n,
 (p - g) / tau_n, vK_p / tau_n and vK_i / tau_n, except for N^p (eq. 3.31). A valley of the deviance along which only the
 curvature of N^p changes is a straight line in these coordinates.
 """
@@ -20,14 +20,14 @@ from shipfp_rs.support.arrays import Array, Values
 STATE_REACH = 0.3
 """Largest relative error of a record's set point and torque."""
 LOGARITHMS = ("tau_n", "rate", "rate_down", "tau_twist", "v", "M_soft")
-"""Parameters that are searched by their logarithm."""
+"""Parameters that are searched as logarithms."""
 SQUARES = ("hold",)
-"""Parameters that are searched by their square: they act by it, so that their own derivative vanishes at zero."""
+"""Parameters that are searched as squares: their effect is quadratic, so their derivative vanishes at zero."""
 RATIOS = ("vK_p", "vK_i")
-"""Parameters that are searched as a ratio to tau_n, without a logarithm: along a valley (p - g) / tau_n and vK_i / tau_n
-rise in proportion, and a logarithm would bend that valley."""
+"""Parameters that are searched as a ratio to tau_n, without a logarithm. Along a valley (p - g) / tau_n and vK_i / tau_n
+rise in proportion; a logarithm would bend that valley."""
 MOST_BEHIND, WALL = 0.95, 0.01
-"""Largest share of the inertia that may lie behind a gauge, and the width of the penalty there."""
+"""Largest share of the inertia behind a gauge, and width of the penalty near it."""
 SMALLEST = 1e-3
 """Least gain over tau_n."""
 
@@ -38,18 +38,18 @@ STATE_DEVIATION = 0.1
 
 @dataclass(frozen=True)
 class Coordinates:
-    """Free parameters of a ship within bounds, as a vector, followed by the unknowns of its records.
+    """Free parameters of a ship as a bounded vector, followed by the unknowns of its records.
 
     Parameters
     ----------
     free
-        Name to (lower, upper) bound, in the parameters' own units.
+        Name to (lower, upper) bound, in the parameter's unit.
     given
         Name to value of the parameters that are not searched.
     records
-        Number of records, each with unknowns of its own.
+        Number of records.
     unknowns
-        Names of a record's unknowns.
+        Names of the unknowns that each record has.
     """
 
     free: Mapping[str, tuple[float, float]]
@@ -74,7 +74,7 @@ class Coordinates:
 
     @cached_property
     def _own(self) -> tuple[Callable[[float], float], ...]:
-        """Functions that map entries of a vector to parameters in their own units."""
+        """Functions that map entries of a vector to parameters in their units."""
         return tuple(
             math.exp if name in LOGARITHMS else math.sqrt if name in SQUARES else float for name in self.names
         )
@@ -88,17 +88,17 @@ class Coordinates:
         return tuple(name for name in RATIOS if name in self.free)
 
     def place(self, name: str) -> int:
-        """Place of a parameter in a vector."""
+        """Index of a parameter in a vector."""
         return self._place_of[name]
 
     def states(self, record: int) -> slice:
-        """Slice of a record's states in the vector."""
+        """Slice of a record's unknowns in a vector."""
         first = len(self.free) + record * len(self.unknowns)
         return slice(first, first + len(self.unknowns))
 
     @cached_property
     def bounds(self) -> tuple[Array, Array]:
-        """Bounds of a vector. A parameter that is searched as a ratio has wide ones; the intervals apply its own bounds."""
+        """Bounds of a vector; those of ratios are wide, since intervals apply the parameter's bounds."""
         rows = [self._bounds(name, *self.free[name]) for name in self.free]
         rows += [(-STATE_REACH, STATE_REACH)] * (self.records * len(self.unknowns))
         low, high = np.array(rows).T
@@ -114,7 +114,7 @@ class Coordinates:
         return (low**2, high**2) if name in SQUARES else (low, high)
 
     def values(self, vector: Array) -> dict[str, float]:
-        """Return the parameters in their own units, those given included."""
+        """Return the parameters in their units, given ones included."""
         values = dict(self.given)
         for name, own, x in zip(self.names, self._own, vector.tolist(), strict=False):
             values[name] = own(x)
@@ -126,7 +126,7 @@ class Coordinates:
         return self.completed(values)
 
     def completed(self, values: dict[str, float]) -> dict[str, float]:
-        """Return the values, with the gains K = vK / v added where the rack's torque v is searched."""
+        """Add the gains K = vK / v to the values where the rack's torque v is searched."""
         if "v" in self.free:
             values |= {gain[1:]: values[gain] / values["v"] for gain in RATIOS}
         return values
@@ -139,7 +139,7 @@ class Coordinates:
         ]
 
     def vector(self, values: Mapping[str, float], states: Sequence[Mapping[str, float]] = ()) -> Array:
-        """Return the vector of values within the bounds; a record's unknowns are zero unless given."""
+        """Return the vector for values within the bounds; unknowns of records are zero unless given."""
         known = {**self.given, **values}
         tau = known["tau_n"]
         vector = np.zeros(self.size)
@@ -158,7 +158,7 @@ class Coordinates:
         return np.clip(vector, *self.bounds)
 
     def slopes(self, values: Mapping[str, float]) -> dict[str, dict[int, float]]:
-        """Derivatives of the parameters by the places of a vector: {parameter: {place: slope}}."""
+        """Derivatives of the parameters by entries of a vector: {parameter: {index: slope}}."""
         rows = self.jacobian(values).tolist()
         return {
             name: {place: slope for place, slope in enumerate(row) if slope}
@@ -166,7 +166,7 @@ class Coordinates:
         }
 
     def jacobian(self, values: Mapping[str, float]) -> Array:
-        """Derivatives of the free parameters by their places in a vector, (W, W)."""
+        """Derivatives of the free parameters by their entries of a vector, (W, W)."""
         own = [
             values[name] if way is math.exp else 0.5 / values[name] if way is math.sqrt else 1.0
             for name, way in zip(self.names, self._own, strict=True)
@@ -209,7 +209,7 @@ class Coordinates:
 
 
 def loop_of(values: Values) -> dict[str, float]:
-    """Return parameters as transfer functions take them: p includes the damping; where v is known, gains exclude it."""
+    """Return the parameters of transfer functions: p includes the damping; where v is known, gains exclude it."""
     found = {**values, "p": values["p"] + values.get("damping", 0.0)}
     for gain in ("vK_p", "vK_i", "vK_d"):
         if "v" in found and gain in found:
@@ -218,7 +218,7 @@ def loop_of(values: Values) -> dict[str, float]:
 
 
 def wall_row(c: Coordinates, vector: Array, values: Mapping[str, float] | None = None) -> Array | None:
-    """Residual and derivatives (1 + P,) of the penalty on a larger inertia behind the gauge; None where it is inactive."""
+    """Residual and derivatives (1 + P,) of the penalty on the inertia behind the gauge; None where it is inactive."""
     values = c.values(vector) if values is None else values
     behind, whole = values.get("tau_prop", 0.0), values["tau_n"]
     if behind <= MOST_BEHIND * whole or "tau_prop" not in c.free:

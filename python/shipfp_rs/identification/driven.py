@@ -1,4 +1,4 @@
-"""Words that suit the drive and the load of a trial: a generating set has no propeller, an electric motor no fuel rack."""
+"""Vocabulary for the drive and load of a trial: a generating set has no propeller, an electric motor no fuel rack."""
 
 from __future__ import annotations
 
@@ -14,27 +14,27 @@ from shipfp_rs.support.sentences import Sentence
 from shipfp_rs.vessel.vessel import Vessel
 
 Words = Sequence[tuple[re.Pattern[str], str]]
-"""Words to be replaced, each with what to write in its place."""
+"""Patterns and their replacements."""
 
 LOADS = Sentence("a load beside the propeller's = a second load; propeller = load")
-"""Words for a propeller, each with the word for a load of any kind; each translation lists the pairs of its language."""
+"""Replacements of "propeller" for a load of any kind; each translation lists its own words."""
 DRIVES = Sentence(
     "engine = drive; fuel rack = control signal; fuel actuator = actuator; fuel path = actuator path; "
     "fuel's torque = drive's torque; the rack = the control signal"
 )
-"""Words for a combustion engine, each with the word for a drive of any kind."""
+"""Replacements of a combustion engine's words for a drive of any kind."""
 COMMANDS = Sentence("set point = command")
-"""Words for a governor's set point, each with the word for the command of a drive in open loop."""
+"""Replacement of a governor's set point for a drive in open loop."""
 GIVEN = ("propeller", "engine.cylinders")
-"""Keys of a vessel file that say that the ship has a propeller, and a combustion engine."""
+"""Keys of a vessel file that imply a propeller and a combustion engine."""
 
 
 class Identified(Protocol):
-    """The parts of a fingerprint from which its drive and its load are known."""
+    """Attributes of a fingerprint that identify its drive and load."""
 
     @property
     def structure(self) -> Mapping[str, Any]:
-        """Parts of the ship, and what drives it."""
+        """Elements of the ship, and its input."""
 
     @property
     def vessel(self) -> str | None:
@@ -46,12 +46,12 @@ class Identified(Protocol):
 
     @property
     def settings(self) -> Mapping[str, Any]:
-        """What the fit was asked for."""
+        """Settings of the fit."""
 
 
 @dataclass(frozen=True)
 class Asked:
-    """A fit that has not begun, of which only the ship's name is known."""
+    """A fit before its start, of which only the ship's name is known."""
 
     vessel: str | None
     structure: Mapping[str, Any] = field(default_factory=dict)
@@ -63,25 +63,25 @@ class Asked:
 def progress_of(
     experiments: Sequence[Experiment], name: str | None, vessel: Vessel | None = None
 ) -> Iterator[None]:
-    """Within the block, report progress in words that suit the drive and its load, as a report does."""
+    """Within the block, report progress in the vocabulary of the drive and its load."""
     words = pairs_of(instead(Asked(name), experiments, vessel))
     with said_as(lambda what: fitting(what, words)):
         yield
 
 
 def of_vessel(vessel: Vessel) -> dict[str, Any]:
-    """Return the settings of a fingerprint that say which of `GIVEN` its vessel's file gives."""
+    """Return the fingerprint settings that say which of `GIVEN` the vessel's file has."""
     return {"vessel_gives": [name for name in GIVEN if vessel.given(name)]}
 
 
 def pairs_of(lists: Iterable[str]) -> Words:
-    """Return the pairs of words that lists such as `LOADS` contain."""
+    """Return the pairs of words in lists such as `LOADS`."""
     pairs = [pair.split(" = ") for words in lists for pair in words.split("; ")]
     return [(re.compile(rf"\b{re.escape(said)}\b"), word) for said, word in pairs]
 
 
 def fitting(text: str, words: Words, *, is_english: bool = True) -> str:
-    """Return a text with words replaced; an English article before a new word becomes "a" or "an" as its sound asks."""
+    """Return a text with words replaced, and the English articles before them adjusted."""
     for pattern, word in words:
         if is_english:
             article = r"\1n " if word[0] in "aeiou" else r"\1 "
@@ -100,11 +100,11 @@ def is_loaded(fingerprint: Identified, experiments: Iterable[Experiment]) -> boo
 def instead(
     fingerprint: Identified, experiments: Sequence[Experiment], vessel: Vessel | None = None
 ) -> list[str]:
-    """Return lists of words to write in place of a ship's; nothing for an engine that turns a propeller.
+    """Return the lists of word replacements; none for an engine that turns a propeller.
 
-    The words name a propeller only where no load was measured, and either the vessel file has a propeller or the
-    fingerprint names its ship. They name an engine unless the vessel file has no cylinders and no fuel rack was measured.
-    In open loop the set point is called a command. Without a vessel the fingerprint's settings say what its file gave.
+    "Propeller" is kept where no load was measured, and the vessel file has a propeller or the fingerprint names its ship.
+    "Engine" is replaced if the vessel file has no cylinders and no fuel rack was measured. In open loop "set point" becomes
+    "command". Without a vessel, the fingerprint's settings say what its file contained.
     """
     told: Mapping[str, Any] = fingerprint.settings if vessel is None else of_vessel(vessel)
     gives = told.get("vessel_gives")

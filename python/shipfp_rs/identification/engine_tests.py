@@ -1,8 +1,7 @@
-"""Score tests for effects on the engine's side that the model lacks: limits, a gain that changes, another lag.
+"""Score tests for engine-side effects that the model lacks: limits, a variable gain, another lag.
 
-The model's own signals give the shape of the torque that a limiter takes away or a governor adds. Such a torque acts on
-speed and torque as any disturbance of the engine does. Its size in the residuals is one unknown for each shape, so that no
-fit is needed.
+The model's signals give the shape of the torque that a limiter removes or a governor adds. Such a torque acts on speed and
+torque like any disturbance of the engine. Its size in the residuals is the only unknown of each shape, so no fit is needed.
 """
 
 from __future__ import annotations
@@ -21,39 +20,39 @@ from shipfp_rs.structures.transfer import SLOWEST, TransferFunctions
 from shipfp_rs.support.arrays import Array, ComplexArray, Values
 
 LEVELS, SLOPES = (0.8, 0.9, 0.97, 0.995), (0.5, 0.8, 0.95, 0.99)
-"""Quantiles of the torque, and of its slope, at which a limit is tried."""
+"""Quantiles of the torque, and of its slope, at which limits are tested."""
 BANDS = (0.3, 0.6, 0.85)
-"""Quantiles of the speed error: within each of these bands a different gain of the governor is tried."""
+"""Quantiles of the speed error, each the half width of a band with another governor gain."""
 LAGS_S = (0.02, 0.06, 0.2, 0.6, 2.0)
-"""Lags of the governor's command that are tried [s]."""
+"""Lags of the governor's command that are tested [s]."""
 LIMITS = {"torque_limit", "rack_rate"}
-"""Kinds of shapes that a limiter takes away; a negative size is no evidence of a limit."""
+"""Kinds of shapes that a limiter removes; a negative size is no evidence of a limit."""
 SHOWN = 16.0
-"""Least fall of the deviance for a shape to count as present; chance exceeds it, with any shape, once in a thousand."""
+"""Least decrease of the deviance for a shape to be significant; by chance, any shape exceeds it once in a thousand."""
 CONSISTENT = 2.7
-"""Least consistency over stretches for a shape to count as present; chance exceeds it once in twenty (one-sided)."""
+"""Least consistency over stretches for a shape to be significant; chance exceeds it once in twenty (one-sided)."""
 NEAR = 3.0
-"""A shape that exceeds a limit's fall by less than this may be caused by that limit."""
+"""Factor by which a shape's decrease may exceed that of a limit which could explain the shape."""
 SURE = 60.0
-"""Fall of the deviance from which a limit is tried even if it shows in a single stretch only."""
+"""Decrease of the deviance from which a limit is fitted even if only one stretch shows it."""
 WORTH = 8.0
-"""Fall of the deviance from which a limit is worth a fit."""
+"""Decrease of the deviance from which a limit is fitted."""
 NONE = Score(0.0, 0.0, 0.0, 0.0)
 ROUNDED, NEARLY = 3.0, 0.8
-"""A torque counts as limited from this many widths of the rounding below its limit, a rack from this share of its rate."""
+"""A torque counts as limited within this many rounding widths below its limit, a rack above this share of its rate."""
 BINS, LEAST_STRETCHES = 15, 4
-"""Number of bins of a curve, and least stretches in a bin for its standard error."""
+"""Number of bins of a curve, and least stretches in a bin for a standard error."""
 LEAST_PERIODS, LEAST_BAND = 30, 0.1
-"""Least periods in a record, and least share of the band, of a frequency that counts for a curve. Below, the governor's
-integral enlarges drifts of the speed, which would hide the curve."""
+"""Lowest frequency of a curve: least periods in a record, and least share of the band. Below it the governor's integral
+amplifies drifts of the speed, which would hide the curve."""
 
 
 def engine_tests(fit: ShipFit) -> dict[str, Score]:
-    """Return the strongest score of each kind of shape; none where no torque was measured.
+    """Return the strongest score of each kind of shape; empty where no torque was measured.
 
-    "torque_limit" and "rack_rate" are limits; "gain" is a gain that changes with the error, as with a dead band;
-    "asymmetry" is an effect in one direction only, such as a slower decrease; "lag" is a command that acts sooner or later
-    than in the model, as behind an inner loop.
+    "torque_limit" and "rack_rate" are limits. "gain" is a gain that depends on the error, such as a dead band. "asymmetry"
+    is an effect in one direction only, such as a slower decrease. "lag" is a command that acts earlier or later than in
+    the model, as behind an inner loop.
     """
     if "dM" not in fit.question.outputs:
         return {}
@@ -69,11 +68,11 @@ def engine_tests(fit: ShipFit) -> dict[str, Score]:
 
 
 def engine_curves(fit: ShipFit) -> dict[str, dict[str, list[float]]]:
-    """Return curves of the engine torque that the model lacks, against the governor's error and against the rack's slope.
+    """Return the engine torque that the model lacks as curves over the governor's error and over the rack's slope.
 
-    For each bin a curve has "at", the mean of the abscissa (relative to the operating point; a slope in 1/s), "torque", the
-    mean torque relative to the operating torque, and "std", its standard error from stretches. Empty where no torque was
-    measured, or the ship is not described by two equations, since the residuals then are not the engine's alone.
+    A curve has for each bin "at", the mean abscissa (relative to the operating point; a slope in 1/s), "torque", the mean
+    torque relative to the operating torque, and "std", its standard error over stretches. The result is empty where no
+    torque was measured, or the ship is not described by two equations: the residuals are then not the engine's alone.
     """
     likelihood, values = fit.likelihood, fit.values
     if "dM" not in fit.question.outputs or not fit.is_smooth:
@@ -88,7 +87,7 @@ def engine_curves(fit: ShipFit) -> dict[str, dict[str, list[float]]]:
         least_hz = min(LEAST_PERIODS * rate_hz / record.count, LEAST_BAND * record.band_hz)
         torque[record.frequency_hz < least_hz] = 0.0
         at = np.arange(record.count) / rate_hz
-        # The fuel responds with a delay to what the governor saw.
+        # The fuel responds with a delay to the error that the governor measured.
         seen = at - values.get("T_d", 0.0) - values.get("tau_act", 0.0)
         _, rack, error = _signals(fit, index)
         length = max(round(STRETCH_S * rate_hz), 1)
@@ -104,8 +103,8 @@ def engine_curves(fit: ShipFit) -> dict[str, dict[str, list[float]]]:
 
 
 def _binned(row: Array, torque: Array, stretch: Array) -> dict[str, list[float]]:
-    """Mean of a torque (K,) in quantile bins of a row, and its standard error by the scatter of stretches."""
-    # A ship that rests between steps has most samples at one value: bins of equal width are spread better.
+    """Mean of a torque (K,) in quantile bins of a row, and its standard error over stretches."""
+    # Most samples of a ship at rest between steps share a value, so that bins of equal width are better.
     even = np.linspace(0.0, 1.0, BINS + 1)
     edges = 0.5 * (np.quantile(row, even) + row.min() + (row.max() - row.min()) * even)
     place = np.clip(np.searchsorted(edges, row, side="right") - 1, 0, BINS - 1)
@@ -124,7 +123,7 @@ def _binned(row: Array, torque: Array, stretch: Array) -> dict[str, list[float]]
 
 
 def touched(fit: ShipFit, element: str) -> float:
-    """Number of samples that, by the model, lie in a limit or within its rounding."""
+    """Number of samples that reach a limit, or its rounding, in the model."""
     values, found = fit.values, 0.0
     for index, record in enumerate(fit.likelihood.records):
         engine, rack, _ = _signals(fit, index)
@@ -141,7 +140,7 @@ def touched(fit: ShipFit, element: str) -> float:
 
 
 def _signals(fit: ShipFit, index: int) -> tuple[Array, Array, Array]:
-    """The engine's torque, its rack, and the governor's error in the model of a record, (K,) each."""
+    """Engine torque, rack, and governor's error in the model of a record, (K,) each."""
     values, record = fit.values, fit.likelihood.records[index]
     model = dict(zip(fit.question.outputs, fit.likelihood.modelled(fit.best.vector, index), strict=True))
     speed, engine = model["dn"], model["dM"]
@@ -152,13 +151,13 @@ def _signals(fit: ShipFit, index: int) -> tuple[Array, Array, Array]:
 
 
 def _governor(values: Values, s: ComplexArray) -> ComplexArray:
-    """Torque over the governor's error (F,)."""
+    """Transfer function (F,) from the governor's error to the torque."""
     fuel = np.exp(-s * values.get("T_d", 0.0)) / (1.0 + s * values.get("tau_act", 0.0))
     return np.asarray(fuel * (values["vK_p"] + values["vK_i"] / s))
 
 
 def _shapes(fit: ShipFit, index: int) -> dict[str, list[ComplexArray]]:
-    """Response of a record's outputs (O, F) to each shape of torque on the engine's side, by kind."""
+    """Response of a record's outputs (O, F) to each engine torque shape, by kind."""
     values, record = fit.values, fit.likelihood.records[index]
     rate_hz = record.data_hz / record.down
     engine, rack, error = _signals(fit, index)
@@ -183,7 +182,7 @@ def _shapes(fit: ShipFit, index: int) -> dict[str, list[ComplexArray]]:
 
 
 def _rate_limited(signal: Array, most: float) -> Array:
-    """A signal (K,) limited to a rate of `most` a sample."""
+    """Limit a signal (K,) to a rate of `most` per sample."""
     steps = signal.tolist()
     now, found = steps[0], []
     for value in steps:
@@ -193,7 +192,7 @@ def _rate_limited(signal: Array, most: float) -> Array:
 
 
 def _answers(values: Values, record: Spectra, fit: ShipFit) -> Callable[[Array, bool], ComplexArray]:
-    """Return the function from a torque (K,), or an error that the governor sees, to the response of the outputs (O, F)."""
+    """Return the function from a torque (K,), or an error of the governor's input, to the response of the outputs (O, F)."""
     s = 1j * np.maximum(2.0 * np.pi * record.frequency_hz, SLOWEST)
     known = {**loop_of(values), "tau_twist": 0.0}
     outputs = fit.question.outputs
@@ -213,9 +212,9 @@ def _answers(values: Values, record: Spectra, fit: ShipFit) -> Callable[[Array, 
 
 
 def suspected(scores: Mapping[str, Score], beyond: float = 1.0) -> str | None:
-    """Return the strongest kind of shape that exceeds both chance and an error of calibration; None where none does.
+    """Return the strongest kind of shape that exceeds both chance and calibration errors; None if none does.
 
-    `beyond` is the factor, as for a ship in a limit, by which estimates may scatter more than chance explains.
+    `beyond` is the factor by which estimates may scatter more than chance explains, as for a ship at a limit.
     """
     sure = {
         kind: score.fall * (NEAR if kind in LIMITS else 1.0)
@@ -228,11 +227,11 @@ def suspected(scores: Mapping[str, Score], beyond: float = 1.0) -> str | None:
 
 
 def limit_to_try(scores: Mapping[str, Score], among: Container[str]) -> str | None:
-    """Return the limit to fit next, or None. The bar is low: a smooth loop absorbs most of a limit's effect."""
-    # A smooth loop that absorbs a limit makes another lag appear, which is no evidence against the limit.
+    """Return the limit to fit next, or None. The threshold is low: a smooth loop absorbs most of a limit's effect."""
+    # A smooth loop that absorbs a limit appears to have another lag; this is no evidence against the limit.
     shapes = [score for kind, score in scores.items() if kind != "lag"]
     most = max((score.fall for score in shapes), default=0.0)
-    # Some effect is certain, and a smooth loop may have absorbed most of a limit.
+    # Some effect is certain; a smooth loop may have absorbed most of a limit.
     surely = any(score.fall > BELIEVED and score.consistency > CONSISTENT for score in shapes)
     worth = {
         kind: scores[kind].fall

@@ -1,7 +1,7 @@
-"""The likelihood of a smooth ship: residuals of its two equations in closed form, without simulation.
+"""The likelihood of a ship without limits: residuals of its two equations in closed form, without simulation.
 
-The kernel returns products of whitened residuals, derivatives and smooth errors in its own parameters. This module
-transforms them to the coordinates of the search.
+The kernel returns products of whitened residuals, derivatives and smooth errors, by its own parameters. This module
+transforms them to search coordinates.
 """
 
 from __future__ import annotations
@@ -40,9 +40,9 @@ from shipfp_rs.support.arrays import Array, ComplexArray, Numbers
 from shipfp_rs.support.interpolation import interpolated
 
 INDEX = {name: index for index, name in enumerate(_core.EQUATION_PARAMETERS)}
-"""Places of the kernel's parameters."""
+"""Indices of the kernel's parameters."""
 OFF = np.array([float(name in ("v", "s_M", "s_B")) for name in INDEX])
-"""Values of the kernel's parameters at which they have no effect."""
+"""The kernel's parameters without effect."""
 UNKNOWNS = {
     "set point offset": "u_0",
     "torque scale": "s_M",
@@ -50,41 +50,41 @@ UNKNOWNS = {
     BRAKE_SCALE: "s_B",
     "rack offset": "x_0",
 }
-"""Names of a record's unknowns, here and in the kernel. They exist because the operating point, a mean over a minute of
-moving water, is only right to parts in a thousand: set point and speed differ by an offset, and the torque is relative to
-another mean than the load's."""
+"""Unknowns of a record and their names in the kernel. The operating point, a mean over a minute of moving water, is exact
+only to parts in a thousand. Set point and speed therefore differ by an offset, and the torque is scaled by another mean
+than the load's."""
 
 
 Asked = tuple[Array, Array, float, list[tuple[Array, float]], list[int], bool, bool, bool]
-"""Arguments that the kernel's functions have in common."""
+"""Arguments that the kernel's functions share."""
 LATE = {"dn": "T_n", "dM": "T_M", BRAKE: "T_B"}
-"""Parameters that delay each output's reading."""
+"""Delay parameter of each output's sensor."""
 STEP = 1e-4
-"""Step of an entry of the vector when derivatives are taken by differences."""
+"""Step of a vector's entry for a difference quotient."""
 QUICK = 60_000
-"""Size of a derivative matrix below which threads do not pay off: a call of the kernel then takes half a millisecond."""
+"""Size of a derivative matrix below which threads do not pay off, since a kernel call takes half a millisecond."""
 FINE_HZ = 200.0
-"""Rate from which on straight lines between samples are as good as the band-limited set point [Hz]."""
+"""Sample rate above which linear interpolation of a band-limited set point is accurate enough [Hz]."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class EquationLikelihood(Likelihood):
-    """Likelihood of a ship without limits, given records.
+    """Likelihood of a ship without limits for given records.
 
     Parameters
     ----------
     gauge
         Whether the torque is measured between the inertias.
     unknowns
-        Names of a record's own unknowns.
+        Names of the unknowns that each record has.
     ships
-        For each record the ship of a given structure; empty: the parameters of the coordinates are those of the kernel.
+        Ship of a given structure for each record; empty: the parameters of the coordinates are the kernel's.
     white
-        Whether each record's noise is white: one covariance for all frequencies.
+        Whether each record's noise is white, with one covariance for all frequencies.
     steps
-        Whether a governor that samples takes the set point's steps late, and does not smooth them.
+        Whether a sampling governor delays the set point's steps instead of smoothing them.
     about
-        Vector at which the derivatives of what is taken off the residuals are computed; None: at the current vector.
+        Vector at which the derivatives of the subtracted effects are computed; None: at the current vector.
     """
 
     records: tuple[Spectra, ...]
@@ -101,7 +101,7 @@ class EquationLikelihood(Likelihood):
         return [_core.EQUATION_OUTPUTS.index(name) for name in self.records[0].outputs]
 
     def of_structure(self, structure: Structure) -> Self:
-        """Return the likelihood of a structure with the same parameters, of which others are searched."""
+        """Return the likelihood of a structure with the same parameters, but other free ones."""
         c = self.coordinates
         assert isinstance(c, StructureCoordinates)
         own = replace(c, structure=structure)
@@ -110,7 +110,7 @@ class EquationLikelihood(Likelihood):
 
     @property
     def is_quick(self) -> bool:
-        """Whether an evaluation is too short for a thread of its own to pay off."""
+        """Whether an evaluation is too short for threads to pay off."""
         return self.coordinates.size * sum(len(one.frequency_hz) for one in self.records) < QUICK
 
     @property
@@ -120,7 +120,7 @@ class EquationLikelihood(Likelihood):
 
     @property
     def behind_twist(self) -> bool:
-        """Whether the speed is the propeller's, behind a shaft that twists."""
+        """Whether the speed is measured on the propeller's side of a shaft that twists."""
         return bool(self.ships) and self.ships[0].behind_twist
 
     def values_of(self, vector: Array, record: int) -> dict[str, float]:
@@ -131,7 +131,7 @@ class EquationLikelihood(Likelihood):
         return self.ships[record].values(values) if self.ships else values
 
     def _asked(self, values: dict[str, float], vector: Array, record: int) -> Asked:
-        """Return the leading arguments of the kernel's functions: its parameters, and those up to the ones that move."""
+        """Return the first arguments of the kernel's functions, up to the indices of varied parameters."""
         data, parameters = self.records[record], OFF.copy()
         own = self._own(values, record)
         for name, value in own.items():
@@ -147,24 +147,24 @@ class EquationLikelihood(Likelihood):
 
     @cached_property
     def _unknowns(self) -> list[int]:
-        """Places of a record's own unknowns among the kernel's parameters."""
+        """Indices of a record's unknowns among the kernel's parameters."""
         return [INDEX[UNKNOWNS[name]] for name in self.unknowns]
 
     @cached_property
     def _moving(self) -> list[list[int]]:
-        """For each record the indices of the kernel's parameters that depend on the vector."""
+        """Indices of the kernel's parameters that depend on the vector, for each record."""
         if not self.ships:
             own = [INDEX[name] for name in self.coordinates.names if name in INDEX]
             return [[*own, *self._unknowns]] * len(self.records)
         return [[*(INDEX[name] for name in ship.moved), *self._unknowns] for ship in self.ships]
 
     def _places(self, record: int) -> npt.NDArray[np.intp]:
-        """Places in a vector of the free parameters and a record's own unknowns."""
+        """Indices of the free parameters and a record's unknowns in a vector."""
         own, states = len(self.coordinates.names), self.coordinates.states(record)
         return np.array([*range(own), *range(states.start, states.stop)])
 
     def _turn(self, values: Mapping[str, float], jacobian: Array, record: int) -> Array:
-        """Return the matrix that transforms columns to residual, free parameters and a record's own unknowns."""
+        """Return the matrix from the kernel's columns to residual, free parameters and unknowns of a record."""
         own = jacobian[[name in INDEX for name in self.coordinates.names]] if not self.ships else jacobian
         by = self.ships[record].slopes(values) @ jacobian if self.ships else own
         (rows, columns), count = by.shape, len(self._unknowns)
@@ -227,7 +227,7 @@ class EquationLikelihood(Likelihood):
         return gram
 
     def _joined(self, found: Sequence[tuple[Array, Array]], size: int) -> tuple[Array, Array]:
-        """Products of all records, each by residual, free parameters and its own unknowns, by all columns."""
+        """Sum the products of all records over the columns of the whole vector."""
         gram, errors = np.zeros((size, size)), np.zeros((len(found[0][1]), size))
         for index, (products, crossed) in enumerate(found):
             columns = np.append(0, 1 + self._places(index))[: len(products)]
@@ -237,14 +237,14 @@ class EquationLikelihood(Likelihood):
 
     @cached_property
     def _laid_out(self) -> list[tuple[Array, Array, Array]]:
-        """For each record the noise's root, whitened shapes of the smooth errors and their hats, for the kernel."""
+        """Noise root, whitened shapes of smooth errors and their hat functions, in the kernel's layout, for each record."""
         found = []
         for index, record in enumerate(self.records):
             root = self.root(index)
             if root.ndim == 2:
                 root = np.broadcast_to(root, (len(record.frequency_hz), *root.shape))
             root = np.moveaxis(root, 0, -1).astype(complex)
-            root[..., 0] = 0.0  # the means belong to the offsets alone
+            root[..., 0] = 0.0  # means determine only the offsets
             shapes, hats = np.zeros((0, 0, 2, 0)), np.zeros((0, record.padded))
             if self.bends:
                 shapes = _parts(root * (self.accuracy[:, None] * self.responses[index])[None], record.padded)
@@ -259,12 +259,12 @@ class EquationLikelihood(Likelihood):
 
     @cached_property
     def _bands(self) -> list[Array]:
-        """Products of each hat function with itself and with the next, (2 K - 1, F); others do not overlap."""
+        """Products of each hat function with itself and with the next one, (2 K - 1, F); no others overlap."""
         return [np.concatenate([hats**2, hats[:-1] * hats[1:]]) for hats in self._hats]
 
     @cached_property
     def _errors_inverse(self) -> Array:
-        """Covariance of the smooth errors' sizes given the records, (E, E), E = outputs x (amplitude, phase) x knots."""
+        """Posterior covariance of the smooth errors' sizes (E, E), E = outputs x (amplitude, phase) x knots."""
         if not self.bends:
             return np.zeros((0, 0))
         outputs, knots = len(self.accuracy), len(self._hats[0])
@@ -288,13 +288,13 @@ class EquationLikelihood(Likelihood):
 
     @property
     def freedom(self) -> int:
-        """Degrees of freedom of white noise: real numbers in the data less the unknowns."""
+        """Degrees of freedom of white noise: real numbers in the data minus unknowns."""
         numbers = sum(2 * (len(record.frequency_hz) - 1) for record in self.records)
         return len(self.accuracy) * numbers - self.coordinates.size
 
     @property
     def quantile(self) -> float:
-        """Half of an interval of 95 per cent over the standard deviation."""
+        """Half width of a 95 % interval, in standard deviations."""
         return quantile_of(self.freedom) if self.white else super().quantile
 
     def _noise(self, residuals: Sequence[Numbers], unsure: Sequence[Numbers | float]) -> tuple[Numbers, ...]:
@@ -306,12 +306,12 @@ class EquationLikelihood(Likelihood):
             )
         else:
             found = super()._noise(residuals, unsure)
-        # Filled samples have hardly any residual, and carry no information on the noise.
+        # Interpolated samples have almost no residual, and carry no information about the noise.
         told = (1.0 - record.masked.mean(axis=0) for record in self.records)
         return tuple(root * share for root, share in zip(found, told, strict=True))
 
     def spread(self) -> float:
-        """Contribution of the noise's log determinants to the deviance."""
+        """Log determinants of the noise, as part of the deviance."""
         if not self.white:
             return super().spread()
         assert self.roots is not None
@@ -322,7 +322,7 @@ class EquationLikelihood(Likelihood):
         )
 
     def smooth_errors(self, residuals: Sequence[Numbers]) -> tuple[Array, Array]:
-        """Estimated sizes of the smooth errors in prior deviations (E,), and the covariance of these estimates (E, E)."""
+        """Estimated sizes of the smooth errors in prior standard deviations (E,), and their covariance (E, E)."""
         if not self.bends:
             size = 2 * len(self.accuracy) * len(self._hats[0])
             return np.zeros(size), np.eye(size)
@@ -346,7 +346,7 @@ class EquationLikelihood(Likelihood):
             + 1j * (inverse[:, 1, :, :, 0] - inverse[:, 0, :, :, 1])
         )
         both = np.moveaxis(both, 1, 2)
-        # Only overlapping hat functions count: each with itself and with the next.
+        # Only overlapping hat functions contribute: each with itself and with the next.
         next_ones = both.diagonal(1, 2, 3) + both.diagonal(-1, 2, 3)
         along = np.concatenate([both.diagonal(0, 2, 3), next_ones], axis=2)
         left, unsure = [], []
@@ -360,7 +360,7 @@ class EquationLikelihood(Likelihood):
         return left, unsure
 
     def spectra(self, vector: Array, record: int) -> tuple[ComplexArray, ComplexArray]:
-        """Residuals (O, F) of a record and the model's derivatives by the whole vector (P, O, F)."""
+        """Residuals (O, F) of a record, and the model's derivatives by the whole vector (P, O, F)."""
         values = self.coordinates.values(vector)
         turn = self._turn(values, self.coordinates.jacobian(values), record)
         rows = self._residuals(vector, record, self._moving[record])
@@ -379,7 +379,7 @@ class EquationLikelihood(Likelihood):
         found = _core.equation_residuals(*asked, moving)
         count = len(self.records[record].frequency_hz)
         rows = _whole(found, count)
-        rows[..., 0] = 0.0  # the means belong to the offsets alone
+        rows[..., 0] = 0.0  # means determine only the offsets
         return np.asarray(rows)
 
     def residual(self, vector: Array, record: int) -> ComplexArray:
@@ -389,13 +389,13 @@ class EquationLikelihood(Likelihood):
 
     @cached_property
     def takes(self) -> bool:
-        """Whether the closed form leaves out an effect, which is then taken off its residuals."""
+        """Whether the closed form lacks an effect, which is then subtracted from its residuals."""
         return any(one.between == "held" for one in self.records)
 
     def taken(self, vector: Array, record: int) -> ComplexArray:
-        """Spectra (O, F) of the effects that the closed form leaves out, less what was already taken off the record.
+        """Spectra (O, F) of the effects that the closed form lacks, minus those that are already subtracted from the record.
 
-        For a smooth ship these are the images of a held set point, in outputs sampled at the same rate.
+        Without limits, these are the images of a held set point, in outputs sampled at the same rate.
         """
         data = self.records[record]
         if data.between != "held":
@@ -404,7 +404,7 @@ class EquationLikelihood(Likelihood):
         return stairs if data.shown is None else stairs - data.shown
 
     def _moves(self, vector: Array, record: int, taken: ComplexArray) -> ComplexArray:
-        """Derivatives of what limits take off a record, by differences, (P, O, F)."""
+        """Derivatives (P, O, F) of the subtracted effects, by difference quotients."""
         states, (_, high) = self.coordinates.states(record), self.coordinates.bounds
         places = [*range(len(self.coordinates.names)), *range(states.start, states.stop)]
 
@@ -425,19 +425,19 @@ class EquationLikelihood(Likelihood):
         return [self._moves(about, index, self.taken(about, index)) for index in range(len(self.records))]
 
     def residuals(self, vector: Array) -> list[Numbers]:
-        """For each record the residuals at a vector, (O, F)."""
+        """Residuals (O, F) of each record."""
         return [self.residual(vector, index) for index in range(len(self.records))]
 
     def modelled(self, vector: Array, record: int) -> Array:
-        """Modelled outputs of a record, decimated (O, K); at its ends and above the band they equal the data."""
+        """Modelled outputs of a record, decimated (O, K); at the record's edges and above the band they equal the data."""
         data = self.records[record]
         answer = data.in_time(data.spectrum - self.residual(vector, record))
         return np.asarray(data.decimated + (data.taken - data.decimated) * data.tapers[0] + answer)
 
     def with_columns(self, vector: Array, columns: Sequence[ComplexArray]) -> Array:
-        """Products of residual, derivatives and more columns, smooth errors and priors included, (1 + P + C, 1 + P + C).
+        """Gram matrix of residual, derivatives and `columns`, (1 + P + C, 1 + P + C), with smooth errors and priors.
 
-        `columns` has for each record spectra of the outputs, (C, O, F).
+        `columns` are spectra of the outputs (C, O, F) for each record.
         """
         rows = []
         for index, more in enumerate(columns):
@@ -446,7 +446,7 @@ class EquationLikelihood(Likelihood):
         return self._gram_of(vector, rows)
 
     def _gram_of(self, vector: Array, rows: Sequence[ComplexArray]) -> Array:
-        """Products of each record's rows (R, O, F), residual and derivatives first, smooth errors and priors included."""
+        """Gram matrix of rows (R, O, F) of each record, residual and derivatives first, with smooth errors and priors."""
         gram, errors = np.zeros(()), np.zeros(())
         for (root, shapes, _), hats, own in zip(self._laid_out, self._hats, rows, strict=True):
             white = turned(np.moveaxis(_whole(root, hats.shape[1]), -1, 0), own)
@@ -464,13 +464,13 @@ class EquationLikelihood(Likelihood):
         return np.asarray(gram)
 
     def simulated(self, vector: Array, record: int, limits: Mapping[str, float]) -> Array:
-        """Outputs of a record by the stepper, at the data's rate, (O, N), with limits of torque and rate."""
+        """Outputs of a record (O, N), simulated with limits of torque and rate, at the data's rate."""
         return self._simulated(vector, record, limits, None)
 
     def _simulated(
         self, vector: Array, record: int, limits: Mapping[str, float], beyond: Array | None
     ) -> Array:
-        """Simulated outputs, also driven by a load torque that the law does not explain, at the simulation's rate."""
+        """Simulate outputs; `beyond` is a load torque that the law does not explain, at the simulation's rate."""
         data, values = self.records[record], self.values_of(vector, record)
         values = {
             name: value
@@ -478,7 +478,7 @@ class EquationLikelihood(Likelihood):
             if name not in ("M_max", "M_soft", "rate", "rate_down")
         }
         if self.ships and self.ships[record].is_linear:
-            # The second-order law becomes a straight line again.
+            # This c_2 cancels the second-order term of the law, which leaves a straight line.
             values["c_2"] = -0.5 * values["p"] * (values["p"] - 1.0)
         own = dict(zip(self.unknowns, vector[self.coordinates.states(record)], strict=True))
         parameters = stepper_parameters(values | dict(limits), open_loop=self.open_loop)
@@ -508,19 +508,19 @@ class EquationLikelihood(Likelihood):
         return FINE_HZ
 
     def _finer(self, record: Spectra) -> int:
-        """Simulation steps a sample of the set point, fine enough for lines between them to match a low-passed signal."""
+        """Simulation steps per sample of the set point: enough for linear interpolation of a low-passed signal."""
         return max(1, round(self._fine_hz / record.data_hz)) if record.between == "band-limited" else 1
 
     @cached_property
     def _driving(self) -> list[tuple[Array, Array]]:
-        """For each record set point and load at the rate of its simulation."""
+        """Set point and load of each record at the rate of its simulation."""
         return [
             (interpolated(1.0 + one.set_point, self._finer(one)), interpolated(one.load, self._finer(one)))
             for one in self.records
         ]
 
     def _response(self, values: Mapping[str, float], frequency_hz: Array) -> ComplexArray:
-        """Response (O, F) of the outputs, delays of their readings included, to a ship's input, by kernel parameters."""
+        """Response (O, F) of the outputs to the ship's input, delays of the sensors included, by kernel parameters."""
         outputs = self.records[0].outputs
         place: Place = "propeller" if self.behind_twist else "engine"
         if self.open_loop:
@@ -533,7 +533,7 @@ class EquationLikelihood(Likelihood):
 
     @property
     def is_corrected_by_model(self) -> bool:
-        """Whether the model corrects the records: gaps, or squares of the propeller's speed behind a twist."""
+        """Whether the model corrects the records: gaps, images of a held set point, or propeller speed behind a twist."""
         gaps = any(one.masked.any() for one in self.records)
         slips = "tau_twist" in self.coordinates.free and not self.behind_twist
         return gaps or slips or any(one.between == "held" for one in self.records)
@@ -548,21 +548,21 @@ class EquationLikelihood(Likelihood):
         return replace(self, records=tuple(records))
 
     def near(self, vector: Array) -> Self:
-        """Return the likelihood with derivatives fixed at a vector where they are costly, else the likelihood itself."""
+        """Return the likelihood with derivatives frozen at a vector where they are expensive, else the likelihood itself."""
         del vector
         return self
 
     def resettled_at(self, vector: Array) -> Self:
-        """Return the likelihood settled at a vector; images that were taken off before stay, since they hardly change."""
+        """Return the likelihood settled at a vector again; images already subtracted remain, since they hardly change."""
         return (self.corrected(vector) if self.is_corrected_by_model else self).with_noise(vector)
 
     def settled_at(self, vector: Array) -> Self:
-        """Return the likelihood of the records corrected by the model at a vector, with noise estimated from residuals."""
+        """Return the likelihood with records corrected by the model at a vector, and noise estimated from its residuals."""
         needs = self.is_corrected_by_model or any(one.between != "band-limited" for one in self.records)
         return (self.corrected(vector) if needs else self).with_noise(vector)
 
     def _models(self, vector: Array, record: int) -> tuple[Array | None, Array | None]:
-        """The model's outputs (O, N) for a record with gaps, and what limits take off them; None where it diverges."""
+        """Modelled outputs (O, N) for a record with gaps, and the effect of limits; None where the model diverges."""
         limits = self._limits(vector)
         if not (limits or self.records[record].masked.any()):
             return None, None
@@ -573,21 +573,21 @@ class EquationLikelihood(Likelihood):
         return (None, None) if smooth is None else (whole, whole - smooth)
 
     def _whole(self, vector: Array, record: int, limits: Mapping[str, float]) -> Array | None:
-        """The model's outputs (O, N); None where the simulation diverges."""
+        """Modelled outputs (O, N); None where the simulation diverges."""
         try:
             return self.simulated(vector, record, limits)
         except SimulationError:
             return None
 
     def _limits(self, vector: Array) -> Mapping[str, float]:
-        """Limits that act at a vector, by the stepper's names."""
+        """Active limits at a vector, by the stepper's names."""
         del vector
         return {}
 
     def prior_rows(
         self, vector: Array, values: Mapping[str, float] | None = None, slopes: Slopes | None = None
     ) -> Array:
-        """The priors of all models, and a penalty that keeps the inertia behind the gauge below the total."""
+        """Rows of the priors, and of a penalty that keeps the inertia behind the gauge below the total."""
         del slopes
         values = self.coordinates.values(vector) if values is None else values
         return self._priors(vector, values, self.coordinates.jacobian(values))
@@ -604,7 +604,7 @@ class EquationLikelihood(Likelihood):
 
     @cached_property
     def _begun(self) -> tuple[Array, list[int], list[int], Array]:
-        """Constant part of the priors' rows, and for rows that depend on the vector their indices, parameters and units."""
+        """Constant part of the priors' rows; then row indices, entries of the vector and deviations of the variable rows."""
         c, first = self.coordinates, len(self.priors)
         own = c.size - len(c.names)
         rows = np.zeros((first + own, 1 + c.size))
@@ -623,12 +623,12 @@ class EquationLikelihood(Likelihood):
 
 
 def _parts(values: Numbers, padded: int) -> Array:
-    """Complex numbers (O, O, F) as real and imaginary parts, (O, O, 2, padded)."""
+    """Split complex numbers (O, O, F) into real and imaginary parts, (O, O, 2, padded)."""
     found = np.zeros((*values.shape[:2], 2, padded))
     found[:, :, 0, : values.shape[2]], found[:, :, 1, : values.shape[2]] = values.real, values.imag
     return found
 
 
 def _whole(parts: Array, count: int) -> ComplexArray:
-    """Complex numbers (..., F) of real and imaginary parts, (..., 2, padded)."""
+    """Join real and imaginary parts (..., 2, padded) to complex numbers (..., F)."""
     return np.asarray(parts[..., 0, :count] + 1j * parts[..., 1, :count])

@@ -1,4 +1,4 @@
-"""One estimate and what the data tell of all of them: the parts of a fingerprint, and their rounding."""
+"""Estimates and identifiability, as a fingerprint holds them, and their rounding."""
 
 from __future__ import annotations
 
@@ -21,17 +21,17 @@ STATUS: Mapping[str, str] = {
 }
 
 ALONG = "estimated, without an interval"
-"""Reason that is given for a parameter that was searched but has no interval."""
+"""Reason of a searched parameter without an interval."""
 ASSUMED = "assumed"
-"""Reason that is given for a parameter that was neither given nor estimated."""
+"""Reason of a parameter that was neither given nor estimated."""
 
 KNOWN: tuple[Status, ...] = ("free", "prior")
-"""States of an estimate that has an interval of its own."""
+"""Statuses of an estimate with an interval."""
 
 Usable = Literal["", "usable", "usable except", "not usable"]
-"""What of a fingerprint can be used: all, all but some parameters, nothing; empty where nothing was judged."""
+"""Extent to which a fingerprint can be used; empty where this was not judged."""
 WhyNot = Literal["", "no minimum", "nothing explained", "nothing told", "misfit"]
-"""Why nothing of a fingerprint can be used; empty where something can."""
+"""Reason why a fingerprint can't be used; empty where it can."""
 
 
 @dataclass(frozen=True)
@@ -73,13 +73,13 @@ class Estimate:
 
 
 ROUGH, OPEN = 0.25, 2.0
-"""Half of an interval over its value above which a parameter is known only roughly, and above which not at all."""
+"""Half an interval over the value, above which a parameter is rough, and above which it is unknown."""
 SMALL: Mapping[str, float] = {"s": 0.05, "-": 0.5, "1/s": 0.5}
-"""What is small for a ship's parameter of that unit: an interval is not measured by less."""
+"""Small values of a ship's parameters by unit: the reference of an interval about a value near zero."""
 
 
 def roughness(estimate: Estimate) -> float:
-    """Half of an interval over the value, or over what is small for a ship; 0 without an interval."""
+    """Return half the interval over the value, or over what is small for a ship; 0 without an interval."""
     if estimate.value is None or estimate.ci95 is None:
         return 0.0
     size = max(abs(estimate.value), SMALL.get(estimate.unit, 0.0), 1e-300)
@@ -87,16 +87,16 @@ def roughness(estimate: Estimate) -> float:
 
 
 def is_rough(estimate: Estimate, most: float = ROUGH) -> bool:
-    """Whether an interval's half is more than this part of the value, or of what is small for a ship."""
+    """Whether half the interval exceeds this share of the value, or of what is small for a ship."""
     return roughness(estimate) > most
 
 
 @dataclass(frozen=True)
 class Identifiability:
-    """Numerical rank of the sensitivities at the estimate, and the directions that the data leave open.
+    """Numerical rank of the sensitivities at the estimate, and the directions that the data do not determine.
 
-    `null_space` holds one entry a direction: {"combination": text, "direction": {parameter: relative change}};
-    `closes_gap` the parameters any of which, once known, makes the rest identifiable.
+    `null_space` has an entry for each direction: {"combination": text, "direction": {parameter: relative change}}.
+    `closes_gap` names parameters; knowing any of them makes the others identifiable.
     """
 
     rank: int
@@ -122,7 +122,7 @@ class Identifiability:
 
 
 def estimate_of(entry: dict[str, Any]) -> Estimate:
-    """Return the estimate that a JSON form describes."""
+    """Return the estimate of a JSON form."""
     interval = entry["ci95"]
     return Estimate(
         value=_figure(entry, "value"),
@@ -144,13 +144,13 @@ def _figure(entry: Mapping[str, Any], key: str) -> float | None:
 
 
 def _end(value: float | None, open_end: float) -> float:
-    """End of an interval; null in JSON means that there is none."""
+    """Bound of an interval; null in JSON means none."""
     return open_end if value is None else float(value)
 
 
 @dataclass(frozen=True)
 class Row:
-    """One line of a table of estimates, rounded to what its uncertainty allows; empty text where None."""
+    """A row of a table of estimates, rounded to the uncertainty; empty text where a value is None."""
 
     name: str
     value: str
@@ -167,7 +167,7 @@ class Row:
 def rounded_rows(
     estimates: Mapping[str, Estimate], truth: Mapping[str, float] | None = None
 ) -> Iterator[Row]:
-    """Give a line for each estimate, with the true value, and whether its interval holds it, where known."""
+    """Yield a row for each estimate, with the true value and whether the interval contains it, where known."""
     for name, estimate in estimates.items():
         places = decimals(estimate.std)
         real = (truth or {}).get(name)
@@ -187,9 +187,9 @@ def rounded_rows(
 
 
 def decimals(std: float | None) -> int | None:
-    """Digits behind the point, below zero before it, that leave two significant ones of a standard deviation.
+    """Digits after the decimal point that leave two significant digits of a standard deviation; None without one.
 
-    None where there is none.
+    Negative for digits before the point.
     """
     if not std or not math.isfinite(std):
         return None
@@ -197,7 +197,7 @@ def decimals(std: float | None) -> int | None:
 
 
 def rounded(value: float | None, places: int | None) -> str:
-    """Write a value with `places` digits after the point; None: four significant digits. No value: empty text."""
+    """Format a value with `places` digits after the point; None: four significant digits. No value: empty text."""
     if value is None:
         return ""
     if places is None or not math.isfinite(value):

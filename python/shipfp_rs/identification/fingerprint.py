@@ -1,4 +1,4 @@
-"""Fingerprints: fitted parameters with their uncertainty, and what the data can't tell. Saved as JSON."""
+"""Fingerprints: fitted parameters, their uncertainty, and what the data can't determine. Saved as JSON."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ FORMAT = 1
 """Version of the JSON layout; raised when a key changes its meaning."""
 WRITTEN = "a fingerprint, as `shipfp run` writes it"
 ALARM = 0.01
-"""Probability of a false alarm of each residual test, all outputs together."""
+"""False alarm probability of each residual test, over all outputs."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -36,48 +36,48 @@ class Fingerprint(FingerprintTables, SimulationMixin):
     Parameters
     ----------
     parameters
-        Name to estimate, every parameter of the structure, free or not.
+        Name to estimate of every parameter of the structure, free or not.
     derived
-        Combinations that are identifiable though their members are not.
+        Combinations that are identifiable although their parameters are not.
     identifiability
         Rank and null directions.
     fit
-        Output to {"nrmse_pct": ..., ...}; "overall" holds the figures of all outputs together.
+        Output to {"nrmse_pct": ..., ...}; "overall" has the figures of all outputs together.
     structure, vessel, data, settings, versions
-        What was fitted, to which ship and experiments, how, and with which software.
+        Structure, ship, experiments and settings of the fit, and versions of the software.
     seed
         Seed of the random starts.
     verdict
-        Plain sentences: what is known, what is not, what would settle it.
+        Plain sentences: what is known, what is not, and what would settle it.
     covariance
-        "names" of the parameters searched for and not held by a bound, and the "matrix" of their covariances on the
-        directions that the data tell.
+        "names" of the searched parameters that no bound holds, and "matrix", their covariance in the directions that the
+        data determine.
     residuals
         Output to {"autocorrelation": ..., "set_point": ...}: "lags" [samples], "correlation" [-] of the whitened residuals
-        with themselves and with the set point that long before, and the half width of the "band" of 95 % by chance.
+        with themselves and with the earlier set point, and "band", the half width of their 95 % band by chance.
     elements
         Element of the ship model to {"state": "on" | "off" | "open", "limit": ..., "evidence": change of the deviance};
         empty where the structure was given.
     adequate
-        "stands": whether the residuals leave the model unchallenged; "misses_pct": what it misses of each output, in
-        per cent of its spread; "bias": how far that can move each parameter; "sides": whether the "load" and the "engine"
-        with its governor are described; "engine": what the engine's side shows beyond the model, by kind of shape;
-        "engine_curves": the torque that it shows against the governor's "error" and the rack's "slope".
+        "stands": whether the residuals are consistent with the model. "misses_pct": misfit of each output, in per cent of
+        its spread. "bias": how far the misfit can move each parameter. "sides": whether the model describes the "load", and the
+        "engine" with its governor. "engine": effects on the engine's side that the model lacks, by kind of shape.
+        "engine_curves": the torque that the model lacks over the governor's "error" and over the rack's "slope".
     load_side
-        What speed and torque alone tell of the load, without a model of engine and governor, see `load_side`; name to
-        estimate, empty where they tell nothing.
+        Name to estimate of the load from speed and torque alone, without a model of engine and governor, see `load_side`;
+        empty where these determine nothing.
     usable
-        The verdict's first sentence: what the fingerprint can be used for.
+        First sentence of the verdict: what the fingerprint can be used for.
     usability
-        The same in a word: "usable", "usable except" (of the parameters or intervals that the sentence names) or "not
-        usable"; empty where it is unknown, as for a structure fitted to frequency responses.
+        The same in a word: "usable", "usable except" (the parameters or intervals in the sentence) or "not usable"; empty
+        where it is unknown, as for a structure fitted to frequency responses.
     why_not
         Reason why a fingerprint is not usable: "no minimum", "nothing explained" (of an output), "nothing told" (of any
         parameter), or "misfit" (of the model).
     si
         Quantity to {"value", "std", "ci95", "unit"} in SI units, where a vessel gives the scale.
     experiments
-        What was fitted; a file does not hold it.
+        The fitted experiments, which a file does not hold.
     """
 
     parameters: Mapping[str, Estimate]
@@ -107,9 +107,9 @@ class Fingerprint(FingerprintTables, SimulationMixin):
 
     @property
     def model_adequate(self) -> bool | None:
-        """Whether the residuals leave the model unchallenged, by `adequate` or `structure_test`; None where none tests it.
+        """Whether the residuals are consistent with the model, by `adequate` or `structure_test`; None without such a test.
 
-        A structure that suits the ship is called wrong in one fit of a hundred.
+        A correct structure is rejected in one fit of a hundred.
         """
         p = self.fit.get("overall", {}).get("structure_p")
         return self.adequate.get("stands") if p is None else p >= ALARM
@@ -142,7 +142,7 @@ class Fingerprint(FingerprintTables, SimulationMixin):
         return {**content, "sentences": parts_of(content)}
 
     def to_json(self) -> str:
-        """Return the text that `save` writes, one JSON document with an end of line; numbers that are not finite are null.
+        """Return the JSON document that `save` writes, with a final newline; numbers that are not finite are null.
 
         Examples
         --------
@@ -158,13 +158,13 @@ class Fingerprint(FingerprintTables, SimulationMixin):
         Raises
         ------
         InputError
-            Where the name ends as that of another kind of file, or can't be written.
+                If the suffix belongs to another kind of file, or the file can't be written.
         """
         return write_text_atomically(ending_in(path, ".json"), self.to_json())
 
     @checked
     def report(self, path: str | Path, **content: Any) -> Path:
-        """Write `report.html`: what was found, how sure it is, what happened to the data.
+        """Write `report.html`: the estimates, their uncertainty, and the processing of the data.
 
         Parameters
         ----------
@@ -178,13 +178,13 @@ class Fingerprint(FingerprintTables, SimulationMixin):
         Path
             `path`.
         """
-        # By name: nothing here knows how a fingerprint is shown.
+        # Imported by name, since this module does not depend on the report.
         write: Callable[..., Path] = import_module("shipfp_rs.report").write_report
         return write(ending_in(path, ".html"), self, **content)
 
     @checked
     def plot(self, **options: Any) -> Any:
-        """Draw what was measured and the fitted model's; see `plot.fit`, which takes the options and gives the axes."""
+        """Plot measured and modelled outputs; see `plot.fit`, which takes the options and returns the axes."""
         return import_module("shipfp_rs.plot").fit(self, **options)
 
     @classmethod
@@ -195,7 +195,7 @@ class Fingerprint(FingerprintTables, SimulationMixin):
         Raises
         ------
         InputError
-            Where the file is missing, is not JSON, or lacks a key.
+                If the file is missing, is not JSON, or lacks a key.
         """
         path = Path(path)
         content = read_json(path, WRITTEN)
@@ -234,7 +234,7 @@ class Fingerprint(FingerprintTables, SimulationMixin):
             versions=content["versions"],
             verdict=tuple(content["verdict"]),
             covariance=content["covariance"],
-            residuals=content.get("residuals", {}),  # older files have none of these
+            residuals=content.get("residuals", {}),  # absent in older files, like the following keys
             elements=content.get("elements", {}),
             adequate=content.get("adequate", {}),
             load_side={name: estimate_of(entry) for name, entry in content.get("load_side", {}).items()},

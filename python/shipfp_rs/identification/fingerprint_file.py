@@ -1,4 +1,4 @@
-"""The layout of `fingerprint.json`, held against what a file holds before anything is made of it."""
+"""Validation of `fingerprint.json` before a fingerprint is made from it."""
 
 from __future__ import annotations
 
@@ -28,18 +28,18 @@ TABLES = (
 )
 OPTIONAL_TABLES = ("residuals", "elements", "adequate", "load_side", "si")
 ROWS = ("parameters", "derived", "fit", "residuals", "elements", "load_side", "si")
-"""Tables of tables."""
+"""Keys whose values are tables of tables."""
 REBUILT = ("linear", "ship", "commanded", "joint")
-"""Kinds of structures that a file tells whole."""
+"""Kinds of structures that a file describes completely."""
 STATES = ("on", "off", "open")
-"""What the data can say of an element of the ship."""
+"""States of an element of the ship."""
 WORDS: Mapping[str, tuple[str, ...]] = {
     "noise": get_args(NoiseModel),
     "intervals": get_args(Intervals),
     "set_point": (*get_args(Between), "straight lines"),
     "set_point_noise": ("left out", "taken for signal"),
 }
-"""Settings that are one of some words."""
+"""Settings with a fixed set of words."""
 SETTINGS: Mapping[str, tuple[Any, str]] = {
     "starts": (Count, "a whole number of 1 or more"),
     "time_limit_s": (Positive | None, "null or a positive number"),
@@ -52,7 +52,7 @@ SETTINGS: Mapping[str, tuple[Any, str]] = {
     "possible": (Sequence[Mapping[str, float]], "a list of tables of numbers"),
     "vessel_gives": (Sequence[str], "a list of texts"),
 }
-"""Settings that a search writes: an annotation of each value, and its words. Others are kept as they are."""
+"""Annotation and description of the settings that a search writes; other settings are not checked."""
 ADEQUATE: Mapping[str, tuple[Any, str]] = {
     "stands": (bool, "true or false"),
     "misses_pct": (Mapping[str, float | None], "a table of percentages of 0 or more"),
@@ -65,7 +65,7 @@ ADEQUATE: Mapping[str, tuple[Any, str]] = {
         "a table of tables of lists of numbers",
     ),
 }
-"""What `adequate` tells: an annotation of each value, and its words."""
+"""Annotation and description of each value of `adequate`."""
 RANK: Mapping[str, tuple[Any, str]] = {
     "rank": (Whole, "a whole number of 0 or more"),
     "free": (Whole, "a whole number of 0 or more"),
@@ -73,22 +73,22 @@ RANK: Mapping[str, tuple[Any, str]] = {
     "null_space": (Sequence[Mapping[str, Any]], "a list of tables"),
     "closes_gap": (Sequence[str], "a list of texts"),
 }
-"""What `identifiability` tells: an annotation of each value, and its words."""
+"""Annotation and description of each value of `identifiability`."""
 FIGURES: Mapping[str, tuple[float, float, str]] = {
     "_p": (0.0, 1.0, "a probability"),
     "nrmse_pct": (-math.inf, 100.0, "100 % or less"),
     "_pct": (0.0, 100.0, "0 to 100 %"),
 }
-"""Ends of the names of figures of `fit`, the first that suits: their range, and its words."""
+"""Suffix of a figure of `fit` to its range and description; the first match counts."""
 LEAST_STD = 1e-100
-"""Of a standard deviation that is not zero: the square of a smaller one leaves the double precision."""
+"""Least standard deviation besides zero: the square of a smaller one underflows double precision."""
 VERSION = re.compile(r"\d+(\.\w+)+([+-][\w.]+)*")
 OF_A_SEARCH = ("optimum", "criterion", "converged", "message", "minima")
-"""Settings none of which stands without the others."""
+"""Settings that occur only together."""
 
 
 def require_layout(content: Mapping[str, Any]) -> None:
-    """Raise `ValueError`, a line about one key, where a file is not laid out as a fingerprint is."""
+    """Raise `ValueError`, with a line about one key, where the content of a file is no fingerprint's."""
     for key in (*TABLES, *(key for key in OPTIONAL_TABLES if key in content)):
         _table(content[key], key)
     for key in ROWS:
@@ -143,7 +143,7 @@ def require_layout(content: Mapping[str, Any]) -> None:
 
 
 def sentences_of(table: Any) -> dict[str, Sentence]:
-    """Return the sentences whose parts a file holds, by their text, which the parts must make."""
+    """Return the sentences of a file by their text, which their parts must reproduce."""
     made = {text: Sentence.from_dict(entry) for text, entry in _table(table, "sentences").items()}
     for text, sentence in made.items():
         expect(text == sentence, "sentences", str(sentence), f"parts that make {text[:60]!r}")
@@ -151,7 +151,7 @@ def sentences_of(table: Any) -> dict[str, Sentence]:
 
 
 def _require_estimate(key: str, row: Mapping[str, Any], texts: Sequence[str]) -> None:
-    """Value, standard deviation and interval, none of which can be told without the value."""
+    """Check value, standard deviation and interval of an estimate; the latter two require the value."""
     for text in texts:
         expect(isinstance(row[text], str) and is_one_line(row[text]), f"{key}.{text}", row[text], "a text")
     for figure in ("value", "std"):
@@ -205,7 +205,7 @@ def _require_software(content: Mapping[str, Any]) -> None:
 
 
 def _require_optimum(content: Mapping[str, Any]) -> None:
-    """Refuse values that a search can't have ended at: outside the bounds, or of a fixed parameter moved."""
+    """Refuse an optimum that no search reaches: outside the bounds, or with a fixed parameter changed."""
     if "optimum" not in content["settings"]:
         return
     optimum = content["settings"]["optimum"]
@@ -220,7 +220,7 @@ def _require_optimum(content: Mapping[str, Any]) -> None:
 
 
 def _require_within(key: str, value: float, row: Mapping[str, Any]) -> None:
-    """Refuse a value that the declaration of its parameter excludes."""
+    """Refuse a value outside its parameter's declaration."""
     if row.get("fixed"):
         expect(_is_near(value, row["start"]), key, value, f"{row['start']:.6g}, at which it is fixed")
     elif row.get("bounds") is not None:

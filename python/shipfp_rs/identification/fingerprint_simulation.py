@@ -1,4 +1,4 @@
-"""A fingerprint's model at work: simulations, predictions, and its linearisation for python-control."""
+"""Simulation, prediction and linearisation (for python-control) with a fingerprint's model."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from shipfp_rs.support.tables import package
 DELAYS = ("T_d", "T_set", "tau_act", *LATE_CHANNELS)
 """Delays that a linearisation approximates."""
 SHORT_S = 1e-3
-"""A delay found below this is none that a loop notices [s]."""
+"""Estimated delay below which a linearisation omits it, since it does not affect the loop [s]."""
 
 
 class SimulationMixin:
@@ -38,12 +38,12 @@ class SimulationMixin:
 
     @property
     def optimum(self) -> Mapping[str, float]:
-        """Name to value where the search ended, of every parameter, told or not.
+        """Name to value of every parameter at the minimum of the search, whether determined or not.
 
         Raises
         ------
         InputError
-            Where the fingerprint was not made by a search, or its file lacks them.
+            If the fingerprint was not made by a search, or its file lacks the values.
         """
         if "optimum" not in self.settings:
             raise InputError(
@@ -57,15 +57,14 @@ class SimulationMixin:
 
     @checked
     def simulate(self, drive: Experiment | Excitation, structure: Structure | None = None) -> Experiment:
-        """Return what noise-free sensors would record of the fitted ship, from rest at the operating point.
+        """Simulate the fitted ship with noise-free sensors, from rest at the operating point.
 
         Parameters
         ----------
         drive
-            An experiment, whose set point is taken and whose measured signals are not, or an excitation about the
-            operating point of the data.
+            An experiment, of which only the set point is used, or an excitation about the operating point of the data.
         structure
-            The fingerprint's; None rebuilds it.
+            The fingerprint's structure; None rebuilds it.
 
         Returns
         -------
@@ -75,9 +74,9 @@ class SimulationMixin:
         Raises
         ------
         InputError
-            Where the structure has equations of a user's own and is not given, or an operating point is missing.
+            If the structure has user equations and is not given, or an operating point is missing.
         SimulationError
-            Where the model leaves the range of finite numbers.
+            If the simulation overflows.
         """
         model, values = self._model(structure)
         record = self.data[0] if self.data else {}
@@ -96,7 +95,7 @@ class SimulationMixin:
                     "that has it"
                 )
         set_point = drive.signals[driver] if isinstance(drive, Experiment) else point[driver] + drive.samples
-        # One sample at rest before: else a step at the start would be where the ship has always been.
+        # The simulation starts one sample earlier, at rest, so that a step at the start is not taken for the rest state.
         begun = {driver: np.concatenate([[point[driver]], set_point])}
         bare = Experiment(drive.name, drive.rate_hz, begun, point, drive.hold, drive.kind)
         rows = model.part(drive.name).equations.simulate(values, bare)[:, 1:]
@@ -116,24 +115,24 @@ class SimulationMixin:
 
     @checked
     def predict(self, experiment: Experiment | None = None, structure: Structure | None = None) -> Experiment:
-        """Return what the fitted model makes of an experiment, its initial state and offsets fitted to what was measured.
+        """Predict an experiment with the fitted model, its initial state and offsets fitted to the measured outputs.
 
         Parameters
         ----------
         experiment
-            Set point and measured outputs; None: the first one that was fitted, which a file does not hold.
+            Set point and measured outputs; None: the first fitted experiment, which a file does not hold.
         structure
-            The fingerprint's; None rebuilds it.
+            The fingerprint's structure; None rebuilds it.
 
         Returns
         -------
         Experiment
-            Set point and outputs in the units of the measured signals, each sample.
+            Set point and outputs in the units of the measured signals, at each sample.
 
         Raises
         ------
         InputError
-            As `simulate`, or where an output was not measured.
+            As `simulate`, or if an output was not measured.
         """
         record = self.first(experiment)
         model, values = self._model(structure)
@@ -149,12 +148,12 @@ class SimulationMixin:
         )
 
     def first(self, experiment: Experiment | None = None) -> Experiment:
-        """Return an experiment that is given, or the first one that was fitted.
+        """Return the given experiment, or the first fitted one.
 
         Raises
         ------
         InputError
-            Where none is given, and the fingerprint comes from a file or was fitted to responses.
+            If none is given, and the fingerprint comes from a file or was fitted to responses.
         """
         if experiment is None and not self.experiments:
             raise InputError(
@@ -166,7 +165,7 @@ class SimulationMixin:
         return {"simulated": f"fingerprint of {self.vessel or 'a drive train not named'}"}
 
     def _linearised(self, structure: Structure | None, order: int) -> tuple[StateSpace, str]:
-        """Return the linearisation without delays that no loop notices, and a name that says which."""
+        """Return the linearisation without negligible delays, and its name."""
         model, values = self._model(structure)
         short = [
             name
@@ -182,21 +181,21 @@ class SimulationMixin:
 
     @checked
     def to_ss(self, *, order: Count = 3, structure: Structure | None = None) -> Any:
-        """Return the model linearised about the operating point as a state space of python-control, signals named.
+        """Return the model linearised about the operating point, as a python-control state space with named signals.
 
-        Delays below 1 ms, which no loop notices, are left out, and its name says so.
+        Delays below 1 ms are omitted, which its name says.
 
         Parameters
         ----------
         order
             Order of the Pade approximation of each dead time.
         structure
-            The fingerprint's; None rebuilds it.
+            The fingerprint's structure; None rebuilds it.
 
         Raises
         ------
         InputError
-            Where python-control is not installed, or the structure has no linearisation.
+            If python-control is not installed, or the structure has no linearisation.
         """
         control = package("control", "python-control")
         space, name = self._linearised(structure, order)
@@ -212,7 +211,7 @@ class SimulationMixin:
 
     @checked
     def to_tf(self, *, order: Count = 3, structure: Structure | None = None) -> Any:
-        """Return the same as transfer functions of python-control, one for each output; see `to_ss`."""
+        """Return the linearised model as python-control transfer functions, one for each output; see `to_ss`."""
         control = package("control", "python-control")
         space, name = self._linearised(structure, order)
         numerators, denominator = ss2tf(space.A, space.B[:, None], space.C, space.D[:, None])

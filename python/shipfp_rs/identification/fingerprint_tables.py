@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 HEAD = ("symbol", "name", "value", "95 % interval", "unit")
 COLUMNS = ("symbol", "name", "value", "std", "low", "high", "unit", "status", "reason")
 SHORT = 8
-"""Parameters in the short form of a fingerprint."""
+"""Most parameters in the short form of a fingerprint."""
 GREEK = ("tau", "eta", "rho")
 LATEX = {
     **{sign: f"\\{sign}" for sign in "&%$#_{}"},
@@ -65,7 +65,7 @@ class FingerprintTables:
 
     @property
     def engine_described(self) -> bool:
-        """Whether the model describes engine and governor, as far as was tested; else only the load's side is told."""
+        """Whether the model describes engine and governor, as far as was tested; else only the load is reported."""
         return bool(self.adequate.get("sides", {}).get("engine", True))
 
     @property
@@ -104,7 +104,7 @@ class FingerprintTables:
 
     @property
     def correlations(self) -> dict[str, dict[str, float]]:
-        """Correlation of each two parameters that were searched for [-]: ``fingerprint.correlations["tau_n"]["g"]``."""
+        """Correlation between searched parameters [-]: ``fingerprint.correlations["tau_n"]["g"]``."""
         names = list(self.covariance["names"])
         matrix = np.array(self.covariance["matrix"], dtype=np.float64).reshape(len(names), len(names))
         spread = np.sqrt(np.diag(matrix))
@@ -135,7 +135,7 @@ class FingerprintTables:
         return "\n".join([lead, "", *(line.rstrip() for line in lines), *self._load_lines()])
 
     def _load_lines(self) -> list[str]:
-        """Return the table of the load's side by itself; nothing where it tells nothing."""
+        """Return the table of the load's estimates from speed and torque alone; empty without such estimates."""
         if not self.load_side:
             return []
         rows = [("symbol", "by itself", "95 % interval", "whole model", "95 % interval", "unit")]
@@ -172,12 +172,12 @@ class FingerprintTables:
 
     @checked
     def fit_report(self, min_correl: float = 0.1) -> str:
-        """Return values, deviations and correlations as text, laid out as lmfit's `fit_report`.
+        """Return values, deviations and correlations as text, in the layout of lmfit's `fit_report`.
 
         Parameters
         ----------
         min_correl
-            Smaller correlations are left out.
+            Least absolute correlation that is printed.
         """
         between("min_correl", min_correl, 0.0, 1.0)
         overall = self.fit.get("overall", {})
@@ -230,7 +230,7 @@ class FingerprintTables:
         return f"{label}{estimate.value:.8g}{spread}{began}"
 
     def _name(self, symbol: str) -> str:
-        """Return a symbol's plain name in words that go with the drive and its load, as in the report."""
+        """Return a symbol's plain name in the vocabulary of the drive and its load."""
         return fitting(plain_name(symbol), pairs_of(instead(self, self.experiments)))
 
     def _records(self) -> list[tuple[Any, ...]]:
@@ -240,9 +240,9 @@ class FingerprintTables:
         ]
 
     def to_pandas(self) -> pd.DataFrame:
-        """Return a `pandas.DataFrame`, a row for each symbol: name, value, std, low, high, unit, status, reason.
+        """Return a `pandas.DataFrame` with a row for each symbol: name, value, std, low, high, unit, status, reason.
 
-        `InputError` where pandas is not installed.
+        Raises `InputError` if pandas is not installed.
         """
         pandas = package("pandas")
         frame: pd.DataFrame = pandas.DataFrame.from_records(self._records(), columns=COLUMNS, index="symbol")
@@ -262,7 +262,7 @@ class FingerprintTables:
         )
 
     def to_latex(self) -> str:
-        """Return symbol, name, value, 95 % interval and unit as a LaTeX table with rules of the package booktabs."""
+        """Return symbol, name, value, 95 % interval and unit as a LaTeX table with booktabs rules."""
         lines = [
             r"\begin{tabular}{llrrl}",
             r"\toprule",
@@ -278,7 +278,7 @@ class FingerprintTables:
 
 
 def beside_the_whole(fingerprint: FingerprintTables) -> Iterator[tuple[Row, Row]]:
-    """Give what the load's side by itself tells of each parameter, and what the whole model has, with intervals if told."""
+    """Yield each parameter's estimate by the load's side alone and by the whole model."""
     known = {name: one for name, one in fingerprint.load_side.items() if name in fingerprint.parameters}
     for row in rounded_rows(known):
         left = fingerprint.settings.get("optimum", {}).get(row.name)
@@ -289,7 +289,7 @@ def beside_the_whole(fingerprint: FingerprintTables) -> Iterator[tuple[Row, Row]
 
 
 def agreement(fingerprint: FingerprintTables) -> Sentence:
-    """Say whether the load's side by itself and the whole model agree, as `sides.undescribed` found."""
+    """Say whether the load's side alone and the whole model agree, as determined by `sides.undescribed`."""
     if fingerprint.engine_described:
         return Sentence("Both agree within their errors.")
     return Sentence(
@@ -299,7 +299,7 @@ def agreement(fingerprint: FingerprintTables) -> Sentence:
 
 
 def _figures(row: Row) -> tuple[str, str]:
-    """Return value and interval as text; why not, where there is none."""
+    """Return value and interval as text, or the reason for none."""
     if not row.value:
         return "", row.status
     return row.value, f"{row.low} to {row.high}" if row.low else row.status
@@ -310,7 +310,7 @@ def _latex_text(text: str) -> str:
 
 
 def _latex_symbol(symbol: str) -> str:
-    """Write a symbol such as vK_p/tau_n in mathematics; a part's name in brackets stays text."""
+    """Write a symbol such as vK_p/tau_n in mathematics; text in brackets stays text."""
     own, bracket, part = symbol.partition(" (")
 
     def letter(found: re.Match[str]) -> str:

@@ -18,23 +18,23 @@ from shipfp_rs.support.arrays import Array, ComplexArray
 LOOP_DEAD_TIMES_S = (0.0, 0.02, 0.04, 0.06, 0.08, 0.1, 0.13, 0.16, 0.2, 0.25, 0.3, 0.4)
 SET_POINT_DEAD_TIMES_S = (*np.arange(0.0, 0.5, 0.03), 0.6, 0.8, 1.0, 1.4)
 LAGS_S = (0.0, 0.03, 0.08, 0.15, 0.3)
-"""Grid of lags [s], as fine as a basin of a 2 Hz loop is wide."""
+"""Grid of lags [s]; its spacing is the width of a minimum of a 2 Hz loop."""
 LOW_PASS_HZ = 3.0
-"""Highest frequency that the regressions use [Hz]: slower motions have wider basins (Ha and Welsh 2017)."""
+"""Highest frequency of the regressions [Hz]: minima are wider at low frequencies (Ha and Welsh 2017)."""
 STRONGEST = 400
-"""Most frequencies in a regression: those at which the inputs are strongest."""
+"""Most frequencies of a regression, those at which the inputs are strongest."""
 CORNER = 3.0
-"""The equation is divided by jw + this [rad/s], so that noise of fast motions weighs little."""
+"""The equation is divided by jw + this [rad/s], which reduces the weight of noise at high frequencies."""
 APART_S = 0.07
-"""Least sum of the differences in delay between two starts [s]."""
+"""Least distance between two starts: the sum of their differences in delay [s]."""
 KEPT = 8
-"""Number of distinct starts that are kept."""
+"""Number of starts that are returned."""
 LEAST_SLOPE = 0.02
-"""Least (p - g) of a guess relative to vK_p; with less, the drive train itself would settle at no speed."""
+"""Least (p - g) of a guess relative to vK_p; below it the drive train alone would have no steady speed."""
 LEAST_INTEGRAL = 1e-2
-"""Least vK_i / tau_n of a guess [1/s2]: a slower governor would not hold a speed within a trial."""
+"""Least vK_i / tau_n of a guess [1/s2]: a slower governor would not settle within a trial."""
 BANDWIDTHS = (2.0, 5.0, 12.0)
-"""Bandwidths of loops that are added to those from regressions [rad/s], since limits may mislead regressions."""
+"""Loop bandwidths of additional guesses [rad/s], since limits may mislead regressions."""
 SHARES = (0.3, 0.6)
 """Shares of the inertia behind a gauge that are tried, tau_prop / tau_n."""
 
@@ -69,7 +69,7 @@ def guesses_from(
     rows.sort(key=lambda row: row[0])
     kept: list[tuple[float, float, float, float, Array]] = []
     told = [row for row in rows if row[4][0] > LEAST_SLOPE * row[4][1] and row[4][2] > LEAST_INTEGRAL]
-    # Loops with identifiable gain and integral come first; if there are none, loops of which only their ratio is.
+    # Loops with identifiable gain and integral come first; then those of which only the ratio is identifiable.
     for row in (*told, *rows) if len(told) < KEPT else told:
         if all(
             sum(abs(a - b) for a, b in zip(row[1:4], other[1:4], strict=True)) > APART_S for other in kept
@@ -104,7 +104,7 @@ def guesses_from(
 
 
 def guesses_by_bandwidth(law: Mapping[str, float], gauge: bool, late: float) -> list[dict[str, float]]:
-    """Return guesses of loops with fixed bandwidths, without regressions; `late`: dead time of the set point."""
+    """Return guesses with fixed loop bandwidths, without regressions; `late`: dead time of the set point."""
     tau = float(np.clip(law["tau"] / (SHARES[0] if gauge else 1.0), 0.05, 15.0))
     behind = float(np.clip(law["tau"], 0.01, 0.9 * tau))
     common = {"tau_n": tau, "g": -0.5, "p": law["p"], "tau_prop": behind, "T_set": max(late, 3e-3)}
@@ -121,7 +121,7 @@ def guesses_by_bandwidth(law: Mapping[str, float], gauge: bool, late: float) -> 
 
 
 class LoopSpectra:
-    """Set point, speed, torque and load of a record below the low-pass, divided by jw + the corner."""
+    """Spectra of a record's set point, speed, torque and load below the low-pass, divided by jw + the corner."""
 
     def __init__(
         self,
@@ -134,7 +134,7 @@ class LoopSpectra:
 
     @classmethod
     def of(cls, record: Spectra, outputs: Sequence[str]) -> LoopSpectra:
-        """Return the loop's spectra from a record, at the frequencies at which the inputs are strongest."""
+        """Return the spectra of a record at the frequencies of the strongest inputs."""
         inputs = record.inputs()
         power = np.sum([np.abs(record.frequency_hz * row) for row in inputs if row is not None], axis=0)
         allowed = (record.frequency_hz > 0.0) & (record.frequency_hz <= LOW_PASS_HZ)
@@ -148,7 +148,7 @@ class LoopSpectra:
 
     @classmethod
     def of_response(cls, frequency_hz: Array, responses: Mapping[str, ComplexArray]) -> LoopSpectra:
-        """Return the loop's spectra from a response to the set point, outputs by name, each (F,)."""
+        """Return the spectra of a response to the set point, outputs by name, each (F,)."""
         kept = (frequency_hz > 0.0) & (frequency_hz <= LOW_PASS_HZ)
         s = np.asarray(2j * np.pi * frequency_hz[kept])
         divided = 1.0 / (s + CORNER)
@@ -157,7 +157,7 @@ class LoopSpectra:
         )
 
     def regressions(self, ways: Sequence[tuple[float, float]]) -> tuple[Array, Array, float]:
-        """Normal equations for pairs (W) of lag and dead time and set-point dead times (T), (W, T, 3, 3) and (W, T, 3)."""
+        """Normal equations, (W, T, 3, 3) and (W, T, 3), for (lag, dead time) pairs (W) and set-point dead times (T)."""
         s, speed = self.s, self.by_name["dn"]
         lag, dead = np.array(ways).T[:, :, None]
         way = np.exp(-s * dead) / (1.0 + s * lag)
@@ -175,14 +175,14 @@ class LoopSpectra:
                 products = ((way * factor * row.conj()) @ late.T).real
                 gram[:, :, place, column] = gram[:, :, column, place] = products
             right[:, :, column] = ((way * factor * target.conj()) @ late.T).real
-        # An error and its integral differ by 90 degrees at every frequency: their product has no real part.
+        # An error and its integral differ by 90 degrees at every frequency, so their product has no real part.
         gram[:, :, np.array(beside)[:, None], beside] = (known @ known.conj().T).real
         right[:, :, beside] = (known @ target.conj()).real
         return gram, right, float(np.vdot(target, target).real)
 
 
 def guesses_in_open_loop(parts: Sequence[LoopSpectra], gauge: bool) -> list[dict[str, float]]:
-    """Return starting values for a drive in open loop, the best first, over dead times and lags."""
+    """Return starting values of a drive in open loop, best first, over dead times and lags."""
     law, rows = _law(parts), []
     for lag in LAGS_S:
         for dead in LOOP_DEAD_TIMES_S:

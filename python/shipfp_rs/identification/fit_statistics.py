@@ -69,9 +69,9 @@ def information_criteria(scatter: Array, samples: int, parameters: int) -> dict[
 
 
 def missed_pct(row: Mapping[str, float | None], chance: float = 0.0) -> float:
-    """Return what a model misses of an output, as a part of the output's spread [%].
+    """Return the misfit of an output, in per cent of its spread.
 
-    That is the root of the share of the whitened residual which the set point still explains, less what chance explains.
+    It is the root of the share of the whitened residual that the set point still explains, less the share by chance.
     """
     share = (row.get("input_explained_pct") or 0.0) / 100.0
     rest = max(1.0 - (row.get("nrmse_pct") or 0.0) / 100.0, 0.0)

@@ -1,4 +1,4 @@
-"""What data are expected to tell before they are fitted: a fingerprint by the likelihood's curvature, without profiles."""
+"""Expected fingerprints before a fit: intervals from the likelihood's curvature, without profiles."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.threads import with_one_blas_thread
 
 ABSENT = {"T_d": 0.0, "T_set": 0.0, "tau_act": 0.0, "c_2": 0.0}
-"""Values without effect of what the full ship always has."""
+"""Values without effect of the elements that the full ship always has."""
 
 
 @with_one_blas_thread
@@ -36,16 +36,16 @@ def foresee(
     values: Mapping[str, float] | None = None,
     **choice: Any,
 ) -> Fingerprint:
-    """Return the fingerprint to expect of data, in a fraction of the time of `identify`.
+    """Return the expected fingerprint of data, much faster than `identify`.
 
     Parameters
     ----------
     experiments
         The data.
     structure
-        That will be fitted; None: the full ship.
+        Structure to fit; None: the full ship.
     values
-        Parameters of the ship, about which is looked; None: those of a first look, without the elements that are tried.
+        Assumed parameters of the ship; None: those of a first fit, without the elements that are tried.
     **choice
         As of `question_of`, without a structure.
 
@@ -57,7 +57,7 @@ def foresee(
     Raises
     ------
     InputError, IdentificationError
-        Where a fit would be refused.
+        If `identify` would refuse the data.
     """
     require_excited(experiments)
     if structure is None and in_open_loop(experiments):
@@ -73,7 +73,7 @@ def foresee(
 
 
 def _at(question: Question, values: Mapping[str, float]) -> ShipFit:
-    """Return the fit that ended at the values, under the noise of what they leave."""
+    """Return the fit with its minimum at the values, under the noise of their residuals."""
     likelihood = question.likelihood(None)
     vector = likelihood.coordinates.vector({**DEFAULTS, **ABSENT, **values})
     likelihood = likelihood.settled_at(vector)
@@ -83,7 +83,7 @@ def _at(question: Question, values: Mapping[str, float]) -> ShipFit:
 def _of_structure(
     experiments: Sequence[Experiment], structure: Structure, values: Mapping[str, float] | None
 ) -> Fingerprint:
-    """Return what to expect of a structure with equations of its own."""
+    """Return the expected fingerprint of a structure with its own equations."""
     options = Options(intervals="symmetric", starts=1)
     if values is None:
         return fitted(experiments, structure, options)
@@ -95,6 +95,6 @@ def _of_structure(
 
 
 def _end(likelihood: Likelihood, vector: Array) -> Basin:
-    """Return the expected minimum at the true parameters: its slope is zero, though one draw of the noise has another."""
+    """Return the expected minimum at the true parameters: its gradient is zero, unlike that of one realisation of the noise."""
     found = likelihood.products(vector)
     return Basin(found.cost, vector, products=found._replace(downhill=np.zeros_like(found.downhill)))

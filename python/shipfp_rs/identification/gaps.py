@@ -1,4 +1,4 @@
-"""Masked samples of signals, foretold from those beside them by their own auto- and cross-covariances (simple cokriging)."""
+"""Interpolation of masked samples from their neighbours, by auto- and cross-covariances of the signals (simple cokriging)."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ NUGGET = 1e-4
 
 
 def kriged(values: Array, gaps: npt.NDArray[np.bool_], reach: int) -> Array:
-    """Return signals (O, N) whose samples in gaps (O, N) are the best linear estimate from what was measured around.
+    """Return signals (O, N) with the samples in gaps (O, N) replaced by their best linear estimate.
 
-    `reach` samples on either side count, of all signals. Far inside a long gap of all of them the estimate is the mean.
+    The estimate uses `reach` samples of all signals on either side. Far inside a gap in all signals it is the mean.
 
     Notes
     -----
@@ -45,19 +45,19 @@ def kriged(values: Array, gaps: npt.NDArray[np.bool_], reach: int) -> Array:
 
 
 def _stretches(gaps: npt.NDArray[np.bool_]) -> npt.NDArray[np.intp]:
-    """First sample of each gap and the one behind its last, shape (G, 2)."""
+    """First sample of each gap, and the first after it, shape (G, 2)."""
     return np.flatnonzero(np.diff(np.concatenate([[False], gaps, [False]]))).reshape(-1, 2)
 
 
 def _covariance(centred: Array, gaps: npt.NDArray[np.bool_], lags: int) -> Array:
-    """Covariance of a signal with another one so many samples earlier, outside gaps, shape (O, O, 2 `lags` - 1).
+    """Covariance of signals at lags between -`lags` and `lags`, outside gaps, shape (O, O, 2 `lags` - 1).
 
-    The lag counts from 0 on, then back from -`lags` + 1, as indices of Python do.
+    Negative lags have negative indices.
     """
     size = next_fast_len(centred.shape[1] + lags, real=True)
     spectra = rfft(centred, size)
     counts = np.sqrt((~gaps).sum(axis=1))
-    # All lags are divided by the same number: only then the covariance matrix is positive definite.
+    # A common divisor for all lags keeps the covariance matrix positive definite.
     products = irfft(spectra[:, None] * spectra[None].conj(), size) / np.outer(counts, counts)[..., None]
     return np.asarray(products[:, :, np.r_[0:lags, size - lags + 1 : size]])
 

@@ -1,4 +1,4 @@
-"""What data can tell: numerical rank of the sensitivities, null directions and identifiable combinations by name."""
+"""Identifiability: numerical rank of the sensitivities, null directions and identifiable combinations by name."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.sentences import Sentence, joined, listed
 
 RANK_TOLERANCE = 1e-7
-"""Singular values below this part of the largest count as zero: the sensitivities are exact to about 1e-10."""
+"""Singular values below this share of the largest count as zero: the sensitivities are exact to about 1e-10."""
 NULL_PART = 1e-4
-"""A parameter, or the gradient of a combination, is free of a null direction below this part of its length."""
+"""A parameter, or a combination's gradient, is independent of null directions below this share of its length."""
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ class Sensitivity:
     @classmethod
     def of(cls, jacobian: Array, names: Sequence[str], scale: Array) -> Sensitivity:
         """Decompose a Jacobian of shape (R, P); `scale` (P,) are typical sizes of the parameters."""
-        # The triangular factor has the same singular values and right vectors as the tall matrix.
+        # The triangular factor has the singular values and right vectors of the tall matrix.
         triangle = np.linalg.qr(jacobian * scale, mode="r")
         _, singular, right = np.linalg.svd(triangle, full_matrices=True)
         singular = np.concatenate([singular, np.zeros(len(names) - len(singular))])
@@ -41,7 +41,7 @@ class Sensitivity:
 
     @property
     def rank(self) -> int:
-        """Number of directions that the data tell."""
+        """Number of directions that the data determine."""
         if not self.singular.size or self.singular[0] == 0.0:
             return 0
         return int(np.sum(self.singular > RANK_TOLERANCE * self.singular[0]))
@@ -57,22 +57,22 @@ class Sensitivity:
         return float(self.singular[0] / self.singular[-1]) if self.rank == len(self.names) else float("inf")
 
     def covariance(self) -> Array:
-        """Covariance for unit residual variance, on the directions that the data tell, shape (P, P)."""
+        """Covariance for unit residual variance, in the directions that the data determine, shape (P, P)."""
         rank = self.rank
         half = (self.right[:rank].T / self.singular[:rank]) * self.scale[:, None]
         return np.asarray(half @ half.T)
 
     def held_by_bounds(self, inward: npt.NDArray[np.int_]) -> npt.NDArray[np.bool_]:
-        """Tell which parameters a bound really holds, shape (P,).
+        """Return which parameters a bound holds, shape (P,).
 
-        `inward` is +1 or -1 for a parameter on a bound, towards the inside, and 0 elsewhere. Where a null direction
-        leads inside without pushing another parameter over its bound, the data do not press against the bound:
-        the search just happened to stop there.
+        `inward` is +1 or -1 for a parameter on a bound, towards the inside, and 0 elsewhere. Where a null direction leads
+        inside without pushing another parameter over its bound, the data do not press against the bound: the search just
+        happened to stop there.
         """
         held = inward != 0
         if not held.any() or not len(self.null):
             return np.asarray(held)
-        # Directions d = null' z with every bounded parameter moving inward or staying.
+        # Directions d = null' z in which every parameter on a bound moves inward or not at all.
         constraint = -(inward[held, None] * self.null.T[held])
         for index in np.flatnonzero(held):
             goal = linprog(
@@ -86,7 +86,7 @@ class Sensitivity:
         return np.asarray(held)
 
     def reach(self, values: Array, lower: Array, upper: Array) -> Array:
-        """How far the null directions lead each parameter from one bound of any of them to the next, shape (P,)."""
+        """Range of each parameter along the null directions, between the bounds of all parameters, shape (P,)."""
         reach = np.zeros(len(values))
         if not len(self.null):
             return reach
@@ -107,7 +107,7 @@ class Sensitivity:
         return reach
 
     def tells(self, gradient: Array) -> bool:
-        """Whether the data determine a combination with this gradient (P,): it has no part along a null direction."""
+        """Whether the data determine a combination with this gradient (P,), which has no component in a null direction."""
         relative = gradient * self.scale
         size = float(np.linalg.norm(relative))
         return size > 0.0 and float(np.linalg.norm(self.null @ relative)) < NULL_PART * size
@@ -119,17 +119,14 @@ def gradient_of(
     names: Sequence[str],
     ties: Ties | None = None,
 ) -> Array:
-    """Central-difference gradient of a combination with respect to `names`, exact to about 1e-9 relative.
-
-    Parameters that are tied to one of `names` change with it.
-    """
+    """Central-difference gradient of a combination by `names`, exact to about 1e-9; tied parameters change along."""
     following = ties or {}
     gradient = np.empty(len(names))
     for index, name in enumerate(names):
         step = 1e-6 * (abs(values[name]) or 1.0)
         up, down = dict(values), dict(values)
         up[name] += step
-        # A delay of none has no shorter one.
+        # A delay of zero can't decrease.
         back = step if values[name] != 0.0 else 0.0
         down[name] -= back
         rise = function(followed(up, following)) - function(followed(down, following))
@@ -138,13 +135,13 @@ def gradient_of(
 
 
 def describe(sensitivity: Sensitivity) -> Identifiability:
-    """Put rank and null directions into parameter names, and name what extra knowledge would close the gap."""
+    """Describe rank and null directions by parameter names, with the parameters that would close the gap."""
     names, null = sensitivity.names, sensitivity.null
     directions = [_direction(names, row) for row in _sparse_basis(null)]
     members = [name for index, name in enumerate(names) if np.linalg.norm(null[:, index]) > NULL_PART]
     missing = len(null)
     closing: list[str] = []
-    # Lists of more than three missing values would help nobody.
+    # A list of more than three missing values would not help.
     if 0 < missing <= 3:
         for chosen in combinations(members, missing):
             columns = null[:, np.array([names.index(name) for name in chosen])]
@@ -168,7 +165,7 @@ def _direction(names: Sequence[str], row: Array) -> dict[str, object]:
 
 
 def without_nuisance(jacobian: Array, count: int) -> Array:
-    """Return the parameters' columns without the part that the blocks' own unknowns could explain, shape (R, P)."""
+    """Return the parameters' columns without the component that unknowns of the records could explain, shape (R, P)."""
     columns, nuisance = jacobian[:, :count], jacobian[:, count:]
     if not nuisance.shape[1]:
         return columns
@@ -178,7 +175,7 @@ def without_nuisance(jacobian: Array, count: int) -> Array:
 
 
 def why_unknown(everything: Sensitivity, index: int) -> str:
-    """Say why the data do not tell a parameter, empty where they do."""
+    """Say why the data do not determine a parameter; empty where they do."""
     null_part = float(np.linalg.norm(everything.null[:, index])) if len(everything.null) else 0.0
     if null_part <= NULL_PART:
         return ""
@@ -197,7 +194,7 @@ def why_unknown(everything: Sensitivity, index: int) -> str:
 
 
 def _sparse_basis(null: Array) -> Array:
-    """Gauss-Jordan form with full pivoting: each direction has a leading 1 and zeros at the others' leads."""
+    """Gauss-Jordan form with full pivoting: each direction has a leading 1, and zeros at the others' leading entries."""
     basis = null.copy()
     for row in range(len(basis)):
         free_rows = np.abs(basis[row:])

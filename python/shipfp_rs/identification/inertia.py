@@ -1,4 +1,4 @@
-"""Inertias in kg m2 without a vessel's file, from the operating points of the data where torque and speed share a shaft."""
+"""Inertias in kg m2 without a vessel's file, from operating points of torque and speed on the same shaft."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from shipfp_rs.identification.fingerprint import Fingerprint
 
 ENGINE_SIDE = "M_b"
 LEAST_RPM = 5.0
-"""Below it an operating point is no engine's speed but a normalised one [rpm]."""
+"""Least operating speed in rpm; lower ones are normalised speeds."""
 INERTIAS: Mapping[str, str] = {"tau_n": "inertia", "tau_prop": "propeller_inertia"}
 
 
 def inertias(fingerprint: Fingerprint) -> dict[str, dict[str, Any]]:
-    """Return inertias with intervals, each with the place that it is seen from; none where the gear ratio would be needed.
+    """Return inertias with intervals and their reference shaft; empty where the gear ratio would be needed.
 
     Eq. 3.23 of the thesis: tau_n = 2 pi I n_0 / M_0 with n_0 in rev/s.
     """
@@ -35,7 +35,7 @@ def inertias(fingerprint: Fingerprint) -> dict[str, dict[str, Any]]:
 
 
 def scaled(estimate: Estimate, factor: float, unit: str) -> dict[str, Any]:
-    """Return an estimate in another unit, as `Fingerprint.si` holds it."""
+    """Return an estimate in another unit, in the form of `Fingerprint.si`."""
     assert estimate.value is not None
     interval = None if estimate.ci95 is None else [factor * end for end in estimate.ci95]
     return {
@@ -47,11 +47,11 @@ def scaled(estimate: Estimate, factor: float, unit: str) -> dict[str, Any]:
 
 
 def operating_point(fingerprint: Fingerprint, speed: str = "n_e") -> tuple[float, float, str] | None:
-    """Return speed [rpm], torque [Nm] and the torque's signal, means over the experiments; None where either is missing."""
+    """Return speed [rpm], torque [Nm] and the torque's signal, means over experiments; None where either is missing."""
     speeds, torques, signal = [], [], ""
     for record in fingerprint.data:
         point: Mapping[str, float] = record.get("operating_point", {})
-        # Where only a torque command was recorded, the operating point holds that command as the engine's torque.
+        # Where only a torque command was recorded, the operating point has that command as engine torque.
         signal = str(record.get("signals", {}).get("dM", ENGINE_SIDE))
         if speed in point and signal in point:
             speeds.append(float(point[speed]))
