@@ -95,6 +95,6 @@ def _of_structure(
 
 
 def _end(likelihood: Likelihood, vector: Array) -> Basin:
-    """Return the expected minimum at the true parameters: its gradient is zero, unlike that of one realisation of the noise."""
+    """Return the expected minimum at the true parameters: its gradient is zero, unlike that of a draw of the noise."""
     found = likelihood.products(vector)
     return Basin(found.cost, vector, products=found._replace(downhill=np.zeros_like(found.downhill)))

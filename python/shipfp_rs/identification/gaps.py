@@ -1,4 +1,4 @@
-"""Interpolation of masked samples from their neighbours, by auto- and cross-covariances of the signals (simple cokriging)."""
+"""Interpolation of masked samples from their neighbours, by auto- and cross-covariances (simple cokriging)."""
 
 from __future__ import annotations
 

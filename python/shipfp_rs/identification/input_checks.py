@@ -1,4 +1,4 @@
-"""Plausibility before a fit: whether there is anything to fit, and whether the channels can be what they are called."""
+"""Plausibility checks before a fit: whether the ship is excited, and whether channels match their names."""
 
 from __future__ import annotations
 
@@ -14,45 +14,45 @@ from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.sentences import Sentence
 
 LEAST_SWING = 2e-3
-"""Least standard deviation of a set point or a load, relative to its operating point, that excites the ship."""
+"""Least standard deviation of a set point or load, relative to the operating point, that counts as excitation."""
 LEAST_SAMPLES = 200
 """Least number of samples of an experiment."""
 LEAST_CORRELATION = 0.3
-"""The speed follows the set point if their correlation, at the best delay, is above this."""
+"""Least correlation of set point and speed, at the best delay, for the speed to follow the set point."""
 LONGEST_DELAY_S = 5.0
-"""Longest delay of the speed behind its set point that is tried [s]."""
+"""Longest tested delay of the speed behind its set point [s]."""
 EARLY_S, CLEARLY, BY_CHANCE = 0.15, 0.03, 3.0
-"""Criteria for a speed that moves before its set point: it does so by more than the first [s], where the correlation of the
-slopes exceeds that at any delay by the second, and by the third in standard deviations of what water alone causes."""
+"""Criteria for a speed that moves before its set point: by more than the first [s], with a correlation of the slopes above
+that at any other delay by the second plus the third times the standard deviation by chance."""
 SAME_SPEED, SAME_RACK = 5e-3, 1e-4
-"""Least difference, relative to the swing, of a speed from its set point, and of a rack from a torque. With less they are
-the same channel: no governor is that fast, and no rack has the very noise of the torque."""
+"""Least difference, relative to the swing, of a speed from its set point, and of a rack from a torque. Below it both are
+the same channel: no governor is that fast, and no rack has exactly the torque's noise."""
 APART = 0.02
-"""Difference of set point and speed at the operating point that causes a remark; an integrating governor has none."""
+"""Difference of set point and speed at the operating point that causes a remark; an integrating governor leaves none."""
 STILL = 1e-7
 """Relative standard deviation of a torque below which it counts as constant."""
 SLOW_HZ = 1.0
-"""Band in which channels are compared [Hz]."""
+"""Upper limit of the band in which channels are compared [Hz]."""
 SAMPLES_A_PERIOD = 8.0
-"""Samples a period of the band's upper end; more samples do not improve a correlation."""
+"""Samples per period of that limit; more samples do not improve a correlation."""
 LEAST_AGREEMENT = 0.5
-"""Least negative correlation at which a torque counts as opposed to the load."""
+"""Least negative correlation at which a torque counts as opposite to the load."""
 LEAST_OWN = 0.2
-"""Least share of a torque's power that the set point must cause for the torque's sign to be checked by it."""
+"""Least share of the torque's power caused by the set point, for a check of the torque's sign."""
 POINT_OFF = 0.3
-"""Largest difference of a signal's mean from its operating point, relative."""
+"""Largest relative difference between a signal's mean and its operating point."""
 
 
 def require_excited(experiments: Sequence[Experiment], *, follows: bool = True) -> None:
-    """Refuse experiments from which nothing can be identified, or whose channels can't be what they are called.
+    """Refuse experiments without excitation, or with channels that do not match their names.
 
-    `follows`: whether a speed that hardly follows its set point is refused; a ship in its limit has such a speed.
+    `follows`: whether a speed that hardly follows its set point is refused; at a limit the speed does not follow.
 
     Raises
     ------
     InputError
-        One line for the first finding: too few samples, a set point that stands still, a speed that does not follow,
-        a torque of the wrong sign, an operating point that is off.
+        On the first problem: too few samples, a constant set point, a speed that does not follow, a torque of the wrong
+        sign, or a wrong operating point.
     """
     for experiment in experiments:
         if len(experiment) < LEAST_SAMPLES:
@@ -75,13 +75,7 @@ def require_excited(experiments: Sequence[Experiment], *, follows: bool = True) 
 
 
 def require_plausible(experiments: Sequence[Experiment]) -> None:
-    """Refuse experiments whose channels can't be what they are called, whether or not the speed follows its set point.
-
-    Raises
-    ------
-    InputError
-        One line for the first finding: an operating point that is off, or a torque that stands still.
-    """
+    """Refuse a wrong operating point or a constant torque, whether or not the speed follows its set point."""
     for experiment in experiments:
         _require_operating_point(experiment)
         _require_moving_torque(experiment)
@@ -135,7 +129,7 @@ def _require_operating_point(experiment: Experiment) -> None:
         if not np.isfinite(values).any():
             continue
         mean = float(np.nanmean(values))
-        # Torque goes with the load; what the load is on average is no error.
+        # Torque follows the load, whose mean deviation is no error.
         loaded = abs(_load_mean(experiment)) if name.startswith("M_") else 0.0
         if abs(mean) > POINT_OFF + loaded:
             raise InputError(
@@ -163,11 +157,11 @@ def _require_following(experiment: Experiment, follows: bool) -> None:
     longest = min(round(LONGEST_DELAY_S * rate), len(speed) // 4)
     lags = np.unique(np.linspace(0, longest, 41).astype(int))
     apart = max(int(rate / (SAMPLES_A_PERIOD * SLOW_HZ)), 1)
-    with np.errstate(invalid="ignore"):  # a speed that never moves
+    with np.errstate(invalid="ignore"):  # for a constant speed
         pairs = [
             float(np.corrcoef(asked[: len(asked) - lag : apart], speed[lag::apart])[0, 1]) for lag in lags
         ]
-    # A sine falls as it rises half a period later: only a speed that follows at no delay has the wrong sign.
+    # Half a period later a sine has the opposite sign: the sign is wrong only if no delay gives a positive correlation.
     best = max(pairs) if max(pairs) >= LEAST_CORRELATION else min(pairs)
     if not np.isfinite(best) or (follows and abs(best) < LEAST_CORRELATION):
         raise InputError(
@@ -182,14 +176,14 @@ def _require_following(experiment: Experiment, follows: bool) -> None:
 
 
 def _apart(one: Array, other: Array) -> float:
-    """Part of a signal that is no multiple of another."""
+    """Norm of the component of a signal that is no multiple of another, relative to the signal's."""
     one, other = one - one.mean(), other - other.mean()
     factor = float(one @ other) / max(float(other @ other), 1e-300)
     return float(np.linalg.norm(one - factor * other) / max(float(np.linalg.norm(one)), 1e-300))
 
 
 def _require_own_rack(experiment: Experiment) -> None:
-    """Refuse a rack that is a torque's own samples by another scale."""
+    """Refuse a rack channel that is a scaled copy of a torque channel."""
     if "X_f" not in experiment.signals:
         return
     rack = experiment.normalised("X_f")
@@ -206,7 +200,7 @@ def _require_own_rack(experiment: Experiment) -> None:
 
 
 def doubts(experiments: Sequence[Experiment]) -> list[Sentence]:
-    """Return a sentence for each experiment whose set point is late from some time on, or differs from its speed at rest."""
+    """Return a sentence for each experiment whose set point becomes late, or differs from its speed at rest."""
     lines = []
     for experiment in experiments:
         if (moved := moved_from(experiment)) is not None:
@@ -261,7 +255,7 @@ def _require_cause(experiment: Experiment, name: str, asked: Array, speed: Array
 
 
 def _chance(one: Array, other: Array) -> float:
-    """Standard deviation of the correlation of two signals that have nothing to do with each other (Bartlett)."""
+    """Standard deviation of the correlation of two independent signals (Bartlett)."""
     powers = [np.abs(np.fft.fft(values, 2 * len(values))) ** 2 for values in (one, other)]
     sizes = float(one @ one) * float(other @ other) * len(one)
     return float(np.sqrt(np.mean(powers[0] * powers[1]) / max(sizes, 1e-300)))
@@ -295,7 +289,7 @@ def _require_torque_sign(experiment: Experiment) -> None:
         )
     if not set_point_moves([experiment]):
         return
-    # Under a load the shaft slows down while the torque rises: only what the set point moves tells the sign.
+    # Under a load the shaft slows down while the torque rises: only the response to the set point shows the sign.
     asked = _delayed(_slow(experiment.dn_set, rate), rate)
     causes = asked if load is None else np.column_stack([asked, _delayed(load, rate)])
     motions = np.column_stack([slow, speed, np.gradient(speed) * rate])
@@ -312,7 +306,7 @@ def _require_torque_sign(experiment: Experiment) -> None:
 
 
 def _delayed(values: Array, rate_hz: float) -> Array:
-    """A signal at delays up to the longest, (N, K): what it causes is a sum of these."""
+    """Copies of a signal at delays up to the longest, (N, K); a response to the signal is a sum of these."""
     at = np.arange(len(values))
     delays = np.arange(0.0, min(LONGEST_DELAY_S, 0.1 * len(values) / rate_hz), 0.5 / SLOW_HZ) * rate_hz
     return np.column_stack([np.interp(at - delay, at, values) for delay in delays])

@@ -1,8 +1,8 @@
-"""The one likelihood: residuals of all outputs together, coloured by their own spectral matrix, with priors.
+"""The likelihood: residuals of all outputs, with their spectral matrix as noise, and priors.
 
-Beside its parameters a model has unknowns that are linear and have a prior, eliminated in closed form: smooth multiplicative
-errors of each output's response, amplitude and phase, an octave wide, of the size that gauge and calibration leave open
-(Kennedy and O'Hagan 2001, doi:10.1111/1467-9868.00294). Whittle 1953 (doi:10.1007/BF02590998) is the likelihood of spectra.
+Besides its parameters a model has linear unknowns with a prior, eliminated in closed form: smooth multiplicative errors of
+each output's response, in amplitude and phase, an octave wide, as large as errors of gauge and calibration (Kennedy and
+O'Hagan 2001, doi:10.1111/1467-9868.00294). The likelihood of spectra is that of Whittle 1953 (doi:10.1007/BF02590998).
 """
 
 from __future__ import annotations
@@ -23,42 +23,42 @@ from shipfp_rs.support.threads import where_alone
 T = TypeVar("T")
 
 ACCURACY = 3e-3
-"""Smooth relative error of an output's response that gauge and calibration leave open, one standard deviation."""
+"""Prior standard deviation of the smooth relative error of an output's response, due to gauge and calibration."""
 OCTAVE = 1.0
-"""Width of these errors in octaves."""
+"""Width of a smooth error in octaves."""
 OVER, LEAST_REACH, MOST_REACH = 0.35, 10, 40
-"""Frequencies on either side over which the residuals' spectral matrix is averaged: a third of the own one, within these."""
+"""Half width of the average that smooths the residuals' spectral matrix: share of the frequency's index, and limits."""
 STEEP, MOST_FALL = 40, -2.0
-"""Number of the lowest frequencies over which noise may fall by a power of the frequency, and the greatest fall."""
+"""Number of the lowest frequencies at which the noise may follow a power law, and that law's least exponent."""
 FLOOR = 1e-3
-"""Least of that matrix, over its median."""
+"""Least value of that matrix's diagonal over its median."""
 WHITE = 1e-3
-"""Noise over the operating point before any was estimated."""
+"""Standard deviation of the noise before any estimate, relative to the operating point."""
 LEAST_NOISE, LEAST_OWN = 1e-7, 1e-9
-"""Least deviation of white noise over an output's own root mean square, far above rounding, and least part of an output's
-variance that is its own."""
+"""Least standard deviation of white noise over an output's root mean square, far above rounding; and least share of an
+output's variance that is independent of other outputs."""
 SMALL = 1e-6
-"""Step of a difference, over a value or one."""
+"""Relative step of a difference quotient."""
 
 Slopes = Mapping[str, Mapping[int, float]]
-"""Derivatives of the parameters by the places of a vector: {parameter: {place: slope}}."""
+"""Derivatives of the parameters by entries of a vector: {parameter: {index: slope}}."""
 Figure = Callable[[Mapping[str, float]], float]
-"""What follows from the parameters."""
+"""A quantity as a function of the parameters."""
 
 
 @dataclass(frozen=True)
 class Itself:
-    """A parameter as a figure."""
+    """A parameter as a figure of itself."""
 
     name: str
 
     def __call__(self, values: Mapping[str, float]) -> float:
-        """Return it."""
+        """Return its value."""
         return values[self.name]
 
 
 class Products(NamedTuple):
-    """Deviance at a vector, half its gradient's negative, and the Gauss-Newton matrix."""
+    """Deviance at a vector, its gradient times -1/2, and the Gauss-Newton matrix."""
 
     cost: float
     downhill: Array
@@ -66,7 +66,7 @@ class Products(NamedTuple):
 
 
 class Space(Protocol):
-    """Coordinates: free parameters as a vector, with the records' own unknowns behind them."""
+    """Coordinates: free parameters as a vector, followed by the unknowns of the records."""
 
     @property
     def free(self) -> Mapping[str, tuple[float, float]]:
@@ -94,25 +94,25 @@ class Space(Protocol):
 
     @property
     def state_deviation(self) -> float:
-        """Prior deviation of the records' unknowns, over the operating point."""
+        """Prior deviation of the records' unknowns, relative to the operating point."""
 
     def place(self, name: str) -> int:
-        """Place of a parameter in a vector."""
+        """Index of a parameter in a vector."""
 
     def states(self, record: int) -> slice:
-        """Places of a record's own unknowns."""
+        """Slice of a record's unknowns in a vector."""
 
     def values(self, vector: Array) -> dict[str, float]:
-        """Return the parameters in their own units, those given included."""
+        """Return the parameters in their units, given ones included."""
 
     def states_at(self, vector: Array) -> list[dict[str, float]]:
-        """Return each record's own unknowns by name."""
+        """Return each record's unknowns by name."""
 
     def vector(self, values: Mapping[str, float], states: Sequence[Mapping[str, float]] = ()) -> Array:
-        """Return the vector of values within the bounds."""
+        """Return the vector for values within the bounds."""
 
     def slopes(self, values: Mapping[str, float]) -> dict[str, dict[int, float]]:
-        """Derivatives of the parameters by the places of a vector."""
+        """Derivatives of the parameters by entries of a vector."""
 
     def gradient(self, figure: Figure, vector: Array) -> Array:
         """Derivative of a figure by a vector, shape (P,)."""
@@ -120,22 +120,22 @@ class Space(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Likelihood:
-    """Of a model, given records; `EquationLikelihood` and `StructureLikelihood` say which.
+    """Likelihood of a model for given records; subclasses are `EquationLikelihood` and `StructureLikelihood`.
 
     Parameters
     ----------
     records, coordinates
         Data, each with a spectrum (O, F), and free parameters.
     accuracy
-        Smooth relative error of each output's response, one standard deviation, shape (O,).
+        Standard deviation of each output's smooth relative error, shape (O,).
     priors
         Parameter to (mean, standard deviation).
     roots
-        For each record the root of the inverse spectral matrix of its noise, (F, O, O), or (O, O) where it is white;
-        None: not estimated yet.
+        For each record, a root of the inverse spectral matrix of its noise, (F, O, O), or (O, O) where it is white; None:
+        not estimated yet.
     responses
-        For each record the spectra of the model's outputs at the vector that the noise is from, (O, F): what smooth errors
-        are relative to. Relative to the data's they would take noise for a response, and be rewarded for shrinking it.
+        For each record, spectra of the model's outputs (O, F) at the vector of the noise estimate. Smooth errors are
+        relative to these: relative to the data they would treat noise as response, and reward a smaller response.
     """
 
     records: tuple[Any, ...]
@@ -147,15 +147,15 @@ class Likelihood:
 
     @property
     def is_quick(self) -> bool:
-        """Whether an evaluation is too short for a thread of its own to pay off."""
+        """Whether an evaluation is too short for threads to pay off."""
         return False
 
     def each(self, jobs: Sequence[Callable[[], T]]) -> list[T]:
-        """Run jobs that evaluate this likelihood, in parallel where that is quicker; return their results in order."""
+        """Run jobs that evaluate this likelihood, in parallel where that is faster; return the results in order."""
         return [job() for job in jobs] if self.is_quick else where_alone(jobs)
 
     def spectra(self, vector: Array, record: int) -> tuple[Numbers, Numbers]:
-        """Residuals (O, F) of a record and the model's derivatives by the whole vector (P, O, F)."""
+        """Residuals (O, F) of a record, and the model's derivatives by the whole vector (P, O, F)."""
         raise NotImplementedError
 
     def modelled(self, vector: Array, record: int) -> Array:
@@ -163,12 +163,12 @@ class Likelihood:
         raise NotImplementedError
 
     def residuals(self, vector: Array) -> list[Numbers]:
-        """For each record the residuals at a vector, (O, F)."""
+        """Residuals (O, F) of each record."""
         raise NotImplementedError
 
     @property
     def quantile(self) -> float:
-        """Half of an interval of 95 per cent over the standard deviation."""
+        """Half width of a 95 % interval, in standard deviations."""
         return DEVIATIONS_95
 
     @property
@@ -177,14 +177,14 @@ class Likelihood:
         return False
 
     def under(self, residuals: Sequence[Numbers]) -> float:
-        """Deviance of residuals under their own noise."""
+        """Deviance of residuals under the noise that they show."""
         own = replace(self, roots=self._noise(residuals, [0.0] * len(residuals)))
         rows = [own._white(one[None], index) for index, one in enumerate(residuals)]
         return own.spread() + sum(float(np.sum(row**2)) for row in rows)
 
     @cached_property
     def bends(self) -> bool:
-        """Whether there are smooth errors."""
+        """Whether smooth errors are included."""
         return self.roots is not None and bool(self.accuracy.any())
 
     def products(self, vector: Array) -> Products:
@@ -193,14 +193,14 @@ class Likelihood:
         Raises
         ------
         SimulationError
-            Where the model runs away, or leaves the numbers.
+                If the simulation diverges or overflows.
         """
         with np.errstate(over="ignore", invalid="ignore"):
             rows = [self._rows(vector, index) for index in range(len(self.records))]
             return self._products(vector, np.concatenate(rows, axis=1))
 
     def _products(self, vector: Array, rows: Array) -> Products:
-        """The same of residual and derivatives, or of residuals alone, in units of the noise, (1 + P, R)."""
+        """Products from rows in units of the noise, (1 + P, R): the residual and derivatives, or the residual alone."""
         gram = rows @ rows.T
         if self.bends:
             shapes, inverse = self._errors
@@ -218,7 +218,7 @@ class Likelihood:
         return self._white(np.concatenate([residual[None], jacobian]), index)
 
     def whitened(self, vector: Array) -> Array:
-        """Residual, derivatives and smooth errors in units of the noise, with the priors' rows, (R, 1 + P + E)."""
+        """Residual, derivatives and smooth errors in units of the noise, with rows of the priors, (R, 1 + P + E)."""
         rows = np.concatenate([self._rows(vector, index) for index in range(len(self.records))], axis=1)
         if self.bends:
             rows = np.concatenate([rows, self._errors[0]])
@@ -228,16 +228,17 @@ class Likelihood:
         return np.concatenate([rows.T, np.pad(priors, ((0, 0), (0, errors))), own])
 
     def smooth_errors(self, residuals: Sequence[Numbers]) -> tuple[Array, Array]:
-        """Sizes of the smooth errors that residuals show, in prior deviations (E,), and what these are unsure by (E, E)."""
+        """Estimated sizes of the smooth errors in prior standard deviations (E,), and their covariance (E, E)."""
         shapes, unsure = self._errors
         white = np.concatenate([self._white(one[None], index)[0] for index, one in enumerate(residuals)])
         return unsure @ (shapes @ white), unsure
 
     def _left(self, residuals: Sequence[Numbers]) -> tuple[list[Numbers], list[Numbers]]:
-        """What the smooth errors leave of the residuals, (O, F), and the covariance of what they took, (O, O, F).
+        """Residuals without the smooth errors (O, F), and the covariance of these errors' estimate (O, O, F).
 
-        What is left is noise, and all that the model lacks. At low frequencies the errors take noise along, so its power is
-        what is left and what they are unsure of (Dempster, Laird and Rubin 1977, doi:10.1111/j.2517-6161.1977.tb01600.x).
+        The remainder is noise and everything that the model lacks. At low frequencies the errors' estimate absorbs noise, so
+        the noise power is the remainder plus that covariance (Dempster, Laird and Rubin 1977,
+        doi:10.1111/j.2517-6161.1977.tb01600.x).
         """
         if not self.bends:
             return list(residuals), [np.zeros((len(one), *one.shape), complex) for one in residuals]
@@ -261,9 +262,9 @@ class Likelihood:
             return np.inf
 
     def total(self, vector: Array) -> float:
-        """Deviance at a vector under the noise of its own residuals, with that noise's determinant; infinite as `cost`.
+        """Deviance under the noise of its own residuals, with that noise's log determinant; infinite where `cost` is.
 
-        Only so two ends compare that leave different residuals: under the noise of the one the other is at a disadvantage.
+        Minima with different residuals must be compared by this: under the noise of one, another is at a disadvantage.
         """
         try:
             own = self.with_noise(vector)
@@ -272,17 +273,14 @@ class Likelihood:
             return np.inf
 
     def spread(self) -> float:
-        """Deviance of the determinants of the noise."""
+        """Log determinants of the noise, as part of the deviance."""
         assert self.roots is not None
         return sum(map(spread_of, self.roots))
 
     def prior_rows(
         self, vector: Array, values: Mapping[str, float] | None = None, slopes: Slopes | None = None
     ) -> Array:
-        """Residuals and derivatives of the priors, in units of their deviations, shape (K, 1 + P).
-
-        Parameters and their derivatives may be given where they are known.
-        """
+        """Residuals and derivatives of the priors, in units of their deviations, shape (K, 1 + P)."""
         c = self.coordinates
         values = c.values(vector) if values is None else values
         slopes = c.slopes(values) if slopes is None else slopes
@@ -297,7 +295,7 @@ class Likelihood:
         return rows
 
     def root(self, record: int) -> Numbers:
-        """Root of the inverse spectral matrix of a record's noise; a guess before any was estimated."""
+        """Root of the inverse spectral matrix of a record's noise; a guess before the first estimate."""
         return np.eye(len(self.accuracy)) / WHITE if self.roots is None else self.roots[record]
 
     def _white(self, spectra: Numbers, record: int) -> Array:
@@ -309,34 +307,34 @@ class Likelihood:
         return np.asarray(self._white(spectra[None], record)[0])
 
     def with_noise(self, vector: Array) -> Self:
-        """Return the likelihood whose noise is that of the residuals at a vector."""
+        """Return the likelihood with the noise of the residuals at a vector."""
         residuals = self.residuals(vector)
         responses = tuple(record.spectrum - one for record, one in zip(self.records, residuals, strict=True))
         roots = self._noise(*self._left(residuals))
         return replace(self, roots=roots, responses=responses)
 
     def _noise(self, residuals: Sequence[Numbers], unsure: Sequence[Numbers | float]) -> tuple[Numbers, ...]:
-        """For each record the root of the inverse spectral matrix of its residuals."""
+        """Root of the inverse spectral matrix of each record's residuals."""
         return tuple(map(noise_root, residuals, unsure))
 
     def with_noise_of(self, other: Likelihood) -> Self:
-        """Return the likelihood with the noise of another one of the same records."""
+        """Return the likelihood with the noise of another likelihood of the same records."""
         return replace(self, roots=other.roots, responses=other.responses)
 
     def knots(self) -> Array:
-        """Octaves at which smooth errors have sizes of their own, (K,)."""
+        """Knots of the smooth errors, in octaves, (K,)."""
         least = min(record.frequency_hz[1] for record in self.records)
         most = max(record.frequency_hz[-1] for record in self.records)
         return np.arange(np.log2(least), np.log2(most) + OCTAVE, OCTAVE)
 
     def hats(self, frequency_hz: Array) -> Array:
-        """Weights by which sizes at the knots make the error at each frequency, (K, F)."""
+        """Hat functions: weight of each knot's error at each frequency, (K, F)."""
         octaves = np.log2(np.maximum(frequency_hz, 1e-9))
         return np.asarray(np.maximum(1.0 - np.abs(octaves - self.knots()[:, None]) / OCTAVE, 0.0))
 
     @cached_property
     def _shapes(self) -> tuple[Numbers, ...]:
-        """For each record the shapes of the smooth errors in units of their prior deviation, (E, O, F)."""
+        """Shapes of the smooth errors of each record, in units of their prior deviation, (E, O, F)."""
         knots, found = self.knots(), []
         for record, response in zip(self.records, self.responses, strict=True):
             hats = self.hats(record.frequency_hz)
@@ -349,7 +347,7 @@ class Likelihood:
 
     @cached_property
     def _errors(self) -> tuple[Array, Array]:
-        """The shapes in units of the noise as rows of all records' numbers (E, R), and what their sizes vary by (E, E)."""
+        """Shapes in units of the noise, as real rows of all records (E, R), and posterior covariance of their sizes (E, E)."""
         rows = np.concatenate(
             [self._white(shapes, index) for index, shapes in enumerate(self._shapes)], axis=1
         )
@@ -357,7 +355,7 @@ class Likelihood:
 
 
 def turned(root: Numbers, spectra: Numbers) -> Numbers:
-    """Spectra (W, O, F) through a root (F, O, O) or (O, O)."""
+    """Multiply spectra (W, O, F) by a root (F, O, O) or (O, O)."""
     if root.ndim == 2:
         return np.asarray(root @ spectra)
     found = np.zeros_like(spectra)
@@ -373,26 +371,26 @@ def real_rows(spectra: Numbers) -> Array:
 
 
 def spread_of(root: Numbers) -> float:
-    """Deviance of noise's determinants by the roots of its inverse, lower triangles (F, O, O); a number has two parts."""
+    """Log determinants of noise by roots of its inverse, lower triangles (F, O, O); each number has two real components."""
     return -4.0 * float(np.log(np.abs(root.diagonal(0, -2, -1))).sum())
 
 
 def _shape(amplitudes: Array) -> Array:
-    """How amplitudes (O, F) fall from the lowest frequency on, by a power of it, and stay from `STEEP` on, (O, F)."""
+    """Power law of amplitudes (O, F) over the lowest `STEEP` frequencies, constant above them, (O, F)."""
     steep = min(STEEP, amplitudes.shape[1] - 1)
     places = np.log(np.arange(1, steep + 1))
     places -= places.mean()
     fall = np.log(amplitudes[:, 1 : steep + 1] + 1e-300) @ places / max(places @ places, 1e-300)
-    # Below the first frequency, at the mean, it rises no further.
+    # Constant below the first frequency, too, which is the mean.
     reached = np.clip(np.arange(steep + 1), 1, steep) ** np.clip(fall, MOST_FALL, 0.0)[:, None]
     return np.pad(reached, ((0, 0), (0, amplitudes.shape[1] - steep - 1)), mode="edge")
 
 
 def noise_root(residual: Numbers, unsure: Numbers | float = 0.0) -> Numbers:
-    """Root of the inverse of the smoothed spectral matrix of residuals (O, F), with what is unsure of them, (F, O, O)."""
+    """Root of the inverse smoothed spectral matrix of residuals (O, F), (F, O, O); `unsure` is added to the matrix."""
     outputs, count = residual.shape
     place = np.arange(count)
-    # Moving water is slow: at low frequencies its noise is steep, and a mean over some of them is right where it is flat.
+    # Noise of moving water is steep at low frequencies; an average over frequencies is unbiased only where noise is flat.
     shape = _shape(np.abs(residual))
     a, b = np.tril_indices(outputs)
     both = shape[a] * shape[b]
@@ -410,9 +408,10 @@ def noise_root(residual: Numbers, unsure: Numbers | float = 0.0) -> Numbers:
 
 
 def white_root(left: Array, said: Array, share: float, quantile: float) -> Array:
-    """Root of the inverse of one covariance of residuals (O, R), a share of what was; `said` is the data's, (O, R).
+    """Root of the inverse covariance of residuals `left` (O, R); `said` are the data (O, R).
 
-    It allows for what the unknowns took of the residuals, and for the quantile, so that all intervals end at the same rise.
+    The unknowns absorb noise: residuals have only `share` of its power. The root is scaled by the quantile, so that all
+    intervals end at the same rise of the deviance.
     """
     covariance = left @ left.T / (left.shape[1] * share)
     size = LEAST_NOISE**2 * (np.mean(said**2, axis=1) + 1e-12) + LEAST_OWN * np.diag(covariance)
@@ -422,18 +421,12 @@ def white_root(left: Array, said: Array, share: float, quantile: float) -> Array
 
 @cache
 def quantile_of(freedom: int) -> float:
-    """Half of an interval of 95 per cent over the standard deviation: noise from few numbers is uncertain itself."""
+    """Half width of a 95 % interval, in standard deviations, by Student's t: noise from few numbers is uncertain."""
     return float(student.ppf(0.975, max(freedom, 1)))
 
 
 def _inverse_root(matrix: Numbers) -> Numbers:
-    """Inverse of the Cholesky factor of matrices by their lower triangles, (O, O, F), a lower triangle.
-
-    Raises
-    ------
-    numpy.linalg.LinAlgError
-        Where one is not positive definite.
-    """
+    """Inverse Cholesky factor of matrices by lower triangles (O, O, F); `LinAlgError` where one is not positive definite."""
     root, found = np.zeros_like(matrix), np.zeros_like(matrix)
     for a in range(len(matrix)):
         for b in range(a + 1):

@@ -1,10 +1,10 @@
-"""The likelihood of a ship with limits of torque or rate: that of the smooth ship in closed form, and the limits' effect.
+"""The likelihood of a ship with limits of torque or rate: the closed form without limits, and the limits' effect.
 
-The effect of limits is computed in one of two ways; the data choose. On the engine's side alone, a limit clamps a known
-signal: the governor's command for the measured set point and speed. Nothing is simulated, moving water is allowed for, and
-an oscillating loop misleads no search; but noise of the speed blurs the corners. The other way is the difference of two
-simulations of the whole ship, with and without limits, driven by the torque that the load's law does not explain. That
-effect at one vector is removed from the records, so that the rest is small near this vector.
+The limits' effect is computed in one of two ways, chosen by the data. On the engine's side alone, a limit clamps a known
+signal: the governor's command for the measured set point and speed. This needs no simulation, allows for moving water, and
+does not let an oscillating loop mislead the search; but noise of the speed blurs the limit's corners. The other way is the
+difference of two simulations of the whole ship, with and without limits, driven by the torque that the load's law does not
+explain. The effect at one vector is removed from the records, so that the remainder is small near that vector.
 """
 
 from __future__ import annotations
@@ -32,37 +32,36 @@ from shipfp_rs.support.interpolation import interpolated
 LIMITS = ("M_max", "M_soft", "rate", "rate_down")
 """Parameters of limits."""
 FINE_HZ = 100.0
-"""Rate of the simulations [Hz]: linear interpolation between their samples affects the limits' effect only."""
+"""Rate of the simulations [Hz]; linear interpolation between their samples affects only the limits' effect."""
 WATERS_HZ = (2.0, 0.7, 0.0)
-"""Frequencies tried as the upper end [Hz] of moving water in the torque that the load's law does not explain. Above it that
-torque is the gauge's noise, which moves no ship; zero: there is no water."""
+"""Tried upper frequencies [Hz] of moving water in the torque that the load's law does not explain. Above it that torque is
+noise of the gauge, which does not act on the ship; zero: no water."""
 SIDE_HZ, LEADS = 50.0, 1.0
-"""Least rate at which the engine's side is computed [Hz]; rate at which the measured torque corrects the governor's
-integral [1/s]."""
+"""Least rate of the engine side's computation [Hz]; rate at which the measured torque corrects the governor's integral
+[1/s]."""
 HOLDS = 1e-4
-"""Least torque, relative to the operating torque, that a clamp takes off while it counts as active."""
+"""Torque removed by a clamp, relative to the operating torque, above which the clamp counts as active."""
 SAMPLING_S, PHASES, FINER = (0.01, 0.03), 3, 4
-"""Range of a governor's sample period [s], number of instants of its first sample that are tried, and simulation steps in
-one period."""
+"""Range of a governor's sample period [s], number of tested first instants, and simulation steps per period."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class LimitedLikelihood(EquationLikelihood):
-    """Likelihood of a ship with limits, given records.
+    """Likelihood of a ship with limits for given records.
 
     Parameters
     ----------
     beyond
-        For each record the torque that the load's law does not explain, decimated (K,); None: none.
+        For each record, the torque that the load's law does not explain, decimated (K,); None: none.
     law
-        Parameters of the load's law, delay and scale of the torque, from the load's side alone; none: from the vector.
+        Parameters of the load's law, delay and scale of the torque, from the load's side alone; empty: from the vector.
     water_hz
-        Frequency [Hz] up to which the simulations take the torque beyond the law for water; None: the limits' effect is
-        computed on the engine's side alone.
+        Highest frequency [Hz] of `beyond` that simulations attribute to water; None: the limits' effect is computed on the
+        engine's side alone.
     governor
-        Parameters of the stepper that replace those of a vector.
+        Stepper parameters that replace those of a vector.
     held
-        For each record the share of its time in which a clamp is active, from the engine's side alone.
+        For each record, the share of time in which a clamp is active, by the engine's side alone.
     """
 
     beyond: tuple[Array, ...] | None = None
@@ -73,7 +72,7 @@ class LimitedLikelihood(EquationLikelihood):
 
     @property
     def is_quick(self) -> bool:
-        """Whether an evaluation is too short for a thread of its own to pay off; simulations are not."""
+        """Whether an evaluation is too short for threads to pay off; simulations are not."""
         return False
 
     @property
@@ -81,7 +80,7 @@ class LimitedLikelihood(EquationLikelihood):
         return FINE_HZ * (FINER if self.governor else 1)
 
     def taken(self, vector: Array, record: int) -> ComplexArray:
-        """Spectra (O, F) of what limits take off the outputs of a record, less what was already put back."""
+        """Spectra (O, F) of the limits' effect on the outputs of a record, minus what was already put back."""
         data = self.records[record]
         if self.water_hz is None:
             found = self._taken_off_engine(vector, record)
@@ -91,16 +90,16 @@ class LimitedLikelihood(EquationLikelihood):
             found = data.see(data.low_passed(with_limits - without) - data.taken)
         if not np.isfinite(found).all():
             raise SimulationError("what the limits take off is not finite")
-        found[:, 0] = 0.0  # the means belong to the offsets alone
+        found[:, 0] = 0.0  # means determine only the offsets
         return found + super().taken(vector, record)
 
     @property
     def takes(self) -> bool:
-        """Whether limits act, which the closed form leaves out."""
+        """Whether limits act, which the closed form lacks."""
         return True
 
     def _clamped(self, vector: Array, record: int) -> tuple[Array, Array]:
-        """What clamps take off the engine's torque, and off the rack's part of it, (N,) each, for measured signals."""
+        """Torque that clamps remove from the engine, and the rack's share of it, (N,) each, for measured signals."""
         data, values = self.records[record], self.values_of(vector, record)
         own = dict(zip(self.unknowns, vector[self.coordinates.states(record)], strict=True))
         beside = BRAKE in data.outputs
@@ -120,7 +119,7 @@ class LimitedLikelihood(EquationLikelihood):
         return _core.taken_by_limits(parameters, *self._side[record], every)
 
     def _taken_off_engine(self, vector: Array, record: int) -> ComplexArray:
-        """Spectra of what limits take off, from the engine's side alone: the effect of the clamped torque on the loop."""
+        """Spectra of the limits' effect by the engine's side alone: the loop's response to the clamped torque."""
         data, values = self.records[record], self.values_of(vector, record)
         own = dict(zip(self.unknowns, vector[self.coordinates.states(record)], strict=True))
         finer = self._side_finer(data)
@@ -139,7 +138,7 @@ class LimitedLikelihood(EquationLikelihood):
 
     @cached_property
     def _side(self) -> list[tuple[Array, Array, Array]]:
-        """For each record set point, speed and the torque nearest to the engine, interpolated to the rate of the clamps."""
+        """Set point, speed and the torque nearest to the engine of each record, interpolated to the rate of the clamps."""
         found: list[tuple[Array, Array, Array]] = []
         for data in self.records:
             named, finer = dict(zip(data.outputs, data.whole, strict=True)), self._side_finer(data)
@@ -149,7 +148,7 @@ class LimitedLikelihood(EquationLikelihood):
         return found
 
     def _models(self, vector: Array, record: int) -> tuple[Array | None, Array | None]:
-        """The model's outputs for a record with gaps; where simulations give it, what limits take off them."""
+        """Modelled outputs for a record with gaps, and the limits' effect where simulations compute it."""
         if self.water_hz is not None:
             return super()._models(vector, record)
         if not self.records[record].masked.any():
@@ -162,17 +161,17 @@ class LimitedLikelihood(EquationLikelihood):
 
     @property
     def is_corrected_by_model(self) -> bool:
-        """Whether the model corrects the records: what limits take off is put back where simulations give it."""
+        """Whether the model corrects the records; simulated effects of limits are put back."""
         return self.water_hz is not None or super().is_corrected_by_model
 
     def simulated(self, vector: Array, record: int, limits: Mapping[str, float]) -> Array:
-        """Outputs of a record by the stepper, driven by moving water, at the data's rate, (O, N), with limits."""
+        """Outputs of a record (O, N), simulated with limits and moving water, at the data's rate."""
         beyond = None if self.beyond is None else self._water[record]
         return self._simulated(vector, record, limits, beyond)
 
     @cached_property
     def _water(self) -> list[Array]:
-        """For each record the torque that the load's law does not explain, at the rate of its simulation."""
+        """Torque that the load's law does not explain, at the rate of each record's simulation."""
         assert self.beyond is not None
         found = []
         for data, row, (set_point, _) in zip(self.records, self.beyond, self._driving, strict=True):
@@ -181,15 +180,15 @@ class LimitedLikelihood(EquationLikelihood):
         return found
 
     def near(self, vector: Array) -> Self:
-        """Return the likelihood with derivatives of what limits take off about a vector, where they are simulated."""
+        """Return the likelihood with the derivatives of simulated effects frozen at a vector."""
         return self if self.water_hz is None else replace(self, about=vector)
 
     def moved_by_sampling(self, vector: Array) -> Array:
-        """How far the minimum moves with the sampling instants of a governor, (PHASES, P).
+        """Change of the minimum with the governor's sampling instants, (PHASES, P).
 
-        A smooth ship responds to their mean only. With a limit, the instant counts at which a command leaves the limit.
-        Zero where the loop with a sampling governor diverges, and on the engine's side, whose measured signals already
-        contain the instants.
+        Without limits a ship responds only to their mean. With a limit, the instant at which a command leaves the limit
+        matters. Zero where the loop with a sampling governor diverges, and on the engine's side, whose measured signals
+        already contain the instants.
         """
         if self.water_hz is None:
             return np.zeros((PHASES, self.coordinates.size))
@@ -209,7 +208,7 @@ class LimitedLikelihood(EquationLikelihood):
         return np.asarray(gram[size:, 1:size] @ -scaled_inverse(gram[1:size, 1:size]))
 
     def driven(self, vector: Array) -> Self:
-        """Return the likelihood of the ship driven by what speed and torque show of moving water at a vector."""
+        """Return the likelihood of the ship driven by the moving water that speed and torque show at a vector."""
         if "dM" not in self.records[0].outputs or not self.water_hz:
             return replace(self, beyond=None)
         values = {**self.coordinates.values(vector), **self.law}
@@ -219,7 +218,7 @@ class LimitedLikelihood(EquationLikelihood):
         return replace(self, beyond=tuple(found))
 
     def _beyond(self, record: Spectra, values: Mapping[str, float], scale: float) -> Array:
-        """Load torque that the load's law does not explain (K,), faded in and out; `scale` is the torque gauge's scale."""
+        """Load torque that the load's law does not explain (K,), faded in and out; `scale` is that of the torque gauge."""
         speed, torque = (record.decimated[record.outputs.index(name)] for name in ("dn", "dM"))
         late, twist = values.get("T_M", 0.0), values.get("tau_twist", 0.0)
         through = (1.0 + record.through(torque, lambda s: np.exp(s * late), 1.0, late)) / scale - 1.0
@@ -239,11 +238,11 @@ class LimitedLikelihood(EquationLikelihood):
         )
 
     def resettled_at(self, vector: Array) -> Self:
-        """Return the likelihood of the records corrected by the model at a vector, with water and noise seen there."""
+        """Return the likelihood with records corrected by the model at a vector, and water and noise estimated there."""
         return super(LimitedLikelihood, self.driven(vector)).resettled_at(vector)
 
     def with_noise(self, vector: Array) -> Self:
-        """Return the likelihood whose noise is that of the residuals at a vector."""
+        """Return the likelihood with the noise of the residuals at a vector."""
         if self.water_hz is not None:
             return replace(super().with_noise(vector), about=vector)
         held = [
@@ -254,7 +253,7 @@ class LimitedLikelihood(EquationLikelihood):
     def prior_rows(
         self, vector: Array, values: Mapping[str, float] | None = None, slopes: Slopes | None = None
     ) -> Array:
-        """The priors of smooth ships, and a row that corrects the determinant of the noise while a clamp is active."""
+        """Rows of the priors, and a row that corrects the noise's determinant for the time in which a clamp is active."""
         rows = super().prior_rows(vector, values, slopes)
         if self.water_hz is not None or not any(self.held):
             return rows
@@ -267,10 +266,10 @@ class LimitedLikelihood(EquationLikelihood):
         return np.concatenate([rows, found])
 
     def _opened(self, vector: Array) -> float:
-        """Root of the deviance that is added since the loop is open, not closed, while a clamp is active.
+        """Root of the deviance that is added because the loop is open while a clamp is active.
 
-        The inverse of the loop turns noise of the equations into noise of the outputs. While a clamp is active there is no
-        loop, and the determinant of the noise is larger by the return difference.
+        The inverse of the closed loop maps noise of the equations to noise of the outputs. While a clamp is active the loop
+        is open, and the determinant of the noise is larger by the return difference.
         """
         found = 0.0
         for index, (record, share) in enumerate(zip(self.records, self.held, strict=True)):

@@ -1,7 +1,8 @@
-"""The load's equation by two-stage least squares: spectra of speed and torque, and instruments from set point and load.
+"""The load's equation by two-stage least squares: spectra of speed and torque, instruments from set point and load.
 
-Lags of the inputs explain the speed. The explained speed is the instrument of the load's law, whose noise is coloured.
-Smooth errors of the torque's response are unknowns with a prior (Kennedy and O'Hagan 2001, doi:10.1111/1467-9868.00294).
+Lag filters of the inputs explain the speed. The explained speed is the instrument for the load's law, whose noise is
+coloured. Smooth errors of the torque's response are unknowns with a prior (Kennedy and O'Hagan 2001,
+doi:10.1111/1467-9868.00294).
 """
 
 from __future__ import annotations
@@ -18,36 +19,37 @@ from shipfp_rs.identification.spectra import Spectra
 from shipfp_rs.support.arrays import Array, ComplexArray
 
 SCALE_DEVIATION, LATEST_S = 0.02, 0.02
-"""Prior deviation of the torque's scale, and the largest delay of a torque [s]. The scale is uncertain since a torque is
+"""Prior deviation of the torque's scale, and largest delay of a torque [s]. The scale is uncertain since the torque is
 relative to a mean over a minute of moving water."""
 SOFT_HZ, FROM_SHAFT = 5.5, 0.6
-"""Prior of the twist: natural frequency [Hz] of a shaft softer than a stiff one by the prior's standard deviation, and the
-share of the inertia on the engine's side of it."""
+"""Prior of the twist: natural frequency [Hz] of the shaft whose compliance is one prior standard deviation, and share of
+the inertia on the engine's side."""
 BEHIND, BEHIND_DEVIATION, BEHIND_ENDS = 0.4, 0.12, (0.1, 0.8)
-"""Share of the inertia behind a shaft that twists, where the torque is the engine's; its prior deviation and range."""
+"""Share of the inertia behind a shaft that twists, for an engine torque; its prior deviation and range."""
 BANDWIDTHS, DEAD_TIMES_S = np.geomspace(0.2, 30.0, 16), np.arange(0.0, 1.2, 0.1)
 """Bandwidths [rad/s] and dead times [s] of the first-order loops that are compared with the speed's response."""
 POLES, ORDER = (0.35, 1.0, 3.0), 4
-"""Poles of the Laguerre lags, relative to the loop's bandwidth, and number of lags for each pole."""
+"""Poles of the Laguerre filters, relative to the loop's bandwidth, and number of filters per pole."""
 INERTIA = (0.05, 5.0)
-"""Range of the inertia that serves as a unit for the shaft's compliance [s]."""
+"""Range of the inertia [s] that scales the prior of the shaft's compliance."""
 FIXED = 1e-6
-"""Prior deviation of a quantity that is known."""
+"""Prior deviation of a known quantity."""
 EXPLAINED, LEAST_EXPLAINED = 0.995, 0.1
-"""Share of the explained acceleration's power that lies below the highest frequency that counts; least share of the speed
-that must be explained."""
+"""Share of the explained acceleration's power that is below the highest used frequency; least explained share of the
+speed."""
 MOST_HZ = 1.5
-"""Highest frequency that counts [Hz]: above it twist and delay of the torque matter more than load and inertia."""
+"""Highest used frequency [Hz]; above it twist and delay of the torque matter more than load and inertia."""
 SOFTEST, SOFT_BELOW = 0.6, 0.25
-"""Bound of the twist, as the squared ratio of the highest frequency to the inertia's resonance; share of it below zero."""
+"""Bound of the twist, as squared ratio of the highest frequency to the inertia's resonance; share allowed below zero."""
 ROUNDS, PATIENCE, STILL, CLOSE = 40, 8, 0.02, 0.5
-"""Most rounds, and most until the instrument is computed anew; step sizes, in standard deviations, that end either."""
+"""Most iterations, and most of them before the instrument is updated; largest step of the last iteration, and of the last
+before the update, in standard deviations."""
 SHARED = ("p", "tau", "c_2", "T_M", "tau_twist", "behind", "k_L")
-"""Unknowns that all records share; after them come the torque scale of each record and the smooth errors."""
+"""Unknowns that all records share; the torque scale of each record and the smooth errors follow them."""
 
 
 class Record:
-    """An experiment's spectra (F,), the part of the speed that its inputs explain, and the weight of each frequency."""
+    """Spectra of an experiment (F,), the component of the speed that its inputs explain, and weights of the frequencies."""
 
     def __init__(self, data: Spectra) -> None:
         speed, torque = (data.decimated[data.outputs.index(name)] for name in ("dn", "dM"))
@@ -81,12 +83,12 @@ class Record:
 
     @cached_property
     def _early(self) -> ComplexArray:
-        """Factors that undo each dead time, (D, F)."""
+        """Factors that compensate each dead time, (D, F)."""
         return np.asarray(np.exp(self.s * DEAD_TIMES_S[:, None]))
 
     @cached_property
     def _lags(self) -> tuple[ComplexArray, ComplexArray]:
-        """Set point and load, if there is one, filtered by the fixed lags, (C, F) each."""
+        """Set point, and load if measured, each passed through the lag filters, (C, F)."""
         load = np.empty((0, len(self.s)), complex) if self.load is None else self._lagged(self.load)
         return self._lagged(self.set_point), load
 
@@ -100,7 +102,7 @@ class Record:
         return np.array(columns)
 
     def explain(self, weight: Array) -> None:
-        """Explain the speed by the lags, weighted by frequency (F,), with the best dead time of the set point."""
+        """Explain the speed by the filtered inputs, weighted by frequency (F,), with the best dead time of the set point."""
         first, rest = (columns * weight for columns in self._lags)
         target, best = self.N * weight, (-1.0, np.empty(0), rest)
         for early in self._early if len(rest) else self._early[:1]:
@@ -153,7 +155,7 @@ class Fit:
     def _columns(
         self, x: Array, record: Record, V: ComplexArray, slope: ComplexArray
     ) -> tuple[ComplexArray, ComplexArray]:
-        """Linear response to a speed (F,), and derivatives by the shared unknowns and the scale (8, F)."""
+        """Linear torque response to a speed (F,), and its derivatives by the shared unknowns and the scale (8, F)."""
         p, tau, _, late, twist, behind, k = x[: len(SHARED)]
         way = np.exp(-record.s * late)
         through = p + behind * tau * record.s
@@ -175,12 +177,12 @@ class Fit:
         return answer, np.array(rows)
 
     def found(self) -> tuple[Array, Array]:
-        """Unknowns (U,) without the smooth errors, and their covariance (U, U).
+        """Return the unknowns (U,) without smooth errors, and their covariance (U, U).
 
         Raises
         ------
         InputError
-            Where set point and load explain next to nothing of the speed.
+            If set point and load explain almost nothing of the speed.
         """
         x = self._begun()
         self._instruments(x)
@@ -203,7 +205,7 @@ class Fit:
         return x, spread[: self.main, : self.main]
 
     def influence(self, unknown: int, index: int) -> ComplexArray:
-        """How far a torque that the model lacks moves an estimated unknown, at each frequency of a record (F,)."""
+        """Influence of an unmodelled torque on an estimated unknown, at each frequency of a record (F,)."""
         record, hats, x = self.records[index], self.hats[index], self.x
         told, B = self._columns(x, record, record.Z, record.s * record.Z)
         along = self.inverse[unknown]
@@ -218,7 +220,7 @@ class Fit:
         return self._columns(self.x, self.records[index], speed, self.records[index].s * speed)[0]
 
     def _begun(self) -> Array:
-        """Starting values by plain least squares of torque on speed and acceleration, and the noise of their residuals."""
+        """Starting values by ordinary least squares of torque on speed and acceleration; their residuals weigh frequencies."""
         x, square, along = np.array(self.start), np.zeros((2, 2)), np.zeros(2)
         for record in self.records:
             rows = np.array([record.N, record.slope])
@@ -233,7 +235,7 @@ class Fit:
         return x
 
     def _step(self, x: Array, normal: Array, right: Array, found: Array) -> Array:
-        """Keep delay and twist within their bounds in a step: fast motions that no set point explains would mislead them."""
+        """Keep delay and twist of a step within their bounds, since fast motions that no set point explains mislead them."""
         fastest = max(abs(record.s[record.count - 1]) for record in self.records)
         most = SOFTEST / (x[5] * max(abs(x[1] + found[1]), 0.05) * fastest**2)
         bounds = {3: (-LATEST_S, LATEST_S), 4: (-SOFT_BELOW * most, most), 5: self.behind_ends}
@@ -260,7 +262,7 @@ class Fit:
             )
 
     def _normal(self, x: Array, *, instruments: bool = False) -> tuple[Array, Array]:
-        """Normal matrix of instruments by derivatives, or by themselves, and right side, priors included."""
+        """Normal matrix and right side, priors included; with `instruments`, the matrix of the instruments by themselves."""
         size = len(self.prior)
         normal, right = np.diag(self.prior), np.zeros(size)
         right[: self.main] = self.prior[: self.main] * (self.start - x)
@@ -285,13 +287,13 @@ class Fit:
         return normal, right
 
     def _torque(self, x: Array, record: Record, answer: ComplexArray, scale: float) -> ComplexArray:
-        """The torque's spectrum by the model, without smooth errors, (F,)."""
+        """Modelled spectrum of the torque, without smooth errors, (F,)."""
         p, c_2 = x[0], x[2]
         curved = (p * (p - 1.0) / 2.0 + c_2) * record.N2 + p * (p - 1.0) * (p - 2.0) / 6.0 * record.N3
         return np.asarray((1.0 + scale) * (answer + curved) + scale * record.one)
 
     def _weigh(self, found: Array, share: float) -> None:
-        """Update the weight of each frequency from the noise in a step's residuals; `share` of it is new."""
+        """Update the frequency weights from the residuals of a step; `share` is the weight of the new noise."""
         knots = len(self.hats[0])
         amplitude, phase = found[self.main :].reshape(2, knots)
         for index, (record, hats) in enumerate(zip(self.records, self.hats, strict=True)):
@@ -303,7 +305,7 @@ class Fit:
 
 
 def _products(B: ComplexArray, told: ComplexArray, A: ComplexArray, bent: ComplexArray, hats: Array) -> Array:
-    """Real products of two sets of columns. Each is extended by smooth errors: hats times `told` or `bent`, also times i."""
+    """Real products of two sets of columns, each extended by smooth errors: hats times `told` or `bent`, also times i."""
     main, knots = len(B), len(hats)
     product = np.empty((main + 2 * knots,) * 2)
     product[:main, :main] = _along(B, A)
@@ -318,5 +320,5 @@ def _products(B: ComplexArray, told: ComplexArray, A: ComplexArray, bent: Comple
 
 
 def _along(B: ComplexArray, A: ComplexArray) -> Array:
-    """Real part of B conjugated times A, row by row."""
+    """Real part of conj(B) times A, for each pair of rows."""
     return np.asarray(np.ascontiguousarray(B).view(float) @ np.ascontiguousarray(A).view(float).T)

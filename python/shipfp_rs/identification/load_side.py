@@ -63,7 +63,7 @@ class LoadSide:
     si: Mapping[str, Mapping[str, Any]]
     equation: Fit
     places: Mapping[str, int]
-    """Of the parameters among the equation's unknowns."""
+    """Indices of the parameters among the equation's unknowns."""
 
     @property
     def law(self) -> dict[str, float]:
@@ -96,24 +96,25 @@ def load_side(
     Parameters
     ----------
     experiments
-        One, or several of the same ship that are fitted together; each N samples of a set point (or command), a speed and a
-        torque, 20 s or more. A load that was measured in all of them drives the ship, too.
-    torque
-        The side of the torque, "gauge" between the inertias or "brake" of the engine; None: by the signal, brake first.
-    vessel
-        Vessel as an object, name or file: its gear ratio and efficiency give the inertia in kg m2. Without a vessel the
-        inertia is known only for a torque M_b, seen from the engine.
+            One, or several of the same ship that are fitted together. Each has N samples of a set point (or command), a speed
+            and a torque, over 20 s or more. A load that was measured in all of them is an input, too.
+        torque
+            Location of the torque sensor: "gauge" between the inertias, or "brake" of the engine; None: by the signal, brake
+            first.
+        vessel
+            Vessel as an object, name or file, whose gear ratio and efficiency give the inertia in kg m2. Without a vessel the
+            inertia in kg m2 is known only for a torque M_b, referred to the engine.
 
     Returns
     -------
     LoadSide
-        p [-], c_2 [-], lateness T_M [s], torque scale [-] and tau_prop or tau_n [s] with 95 % intervals, normalised by the
-        operating point, and the inertia J = tau M_0 / (2 pi n_0), n_0 in rev/s.
+            p [-], c_2 [-], delay T_M [s], torque scale [-] and tau_prop or tau_n [s] with 95 % intervals, normalised by the
+            operating point, and the inertia J = tau M_0 / (2 pi n_0), n_0 in rev/s.
 
     Raises
     ------
     InputError
-        Where no speed or torque was measured, one cannot be what it is called, or nothing excites the ship.
+            If speed or torque was not measured, a channel can't be what it is called, or nothing excites the ship.
 
     Notes
     -----
@@ -143,7 +144,7 @@ def _told(
     side: Torque,
     vessel: Vessel | str | Path | None = None,
 ) -> LoadSide:
-    """Return the load identified from records of experiments."""
+    """Return the load identified from the records of experiments."""
     loaded = bool(len(spectra[0].load))
     accuracy = max(one.gauge_accuracy.get(signal, ACCURACY) for one in several)
     fit = Fit([Record(one) for one in spectra], side == "gauge", accuracy)
@@ -173,9 +174,9 @@ def _told(
 
 
 def load_side_of(question: Question, records: Sequence[Spectra] | None = None) -> LoadSide | None:
-    """Return the load identified from speed and torque of a question's experiments alone; None where that is impossible.
+    """Return the load from speed and torque of a question's experiments alone; None where that is impossible.
 
-    `records` are those of the experiments, corrected by a model: without images of the set point, gaps filled.
+    `records` are corrected by a model: without images of the set point, gaps filled.
     """
     if "dM" not in question.outputs:
         return None
@@ -190,7 +191,7 @@ def load_side_of(question: Question, records: Sequence[Spectra] | None = None) -
 
 
 def _signals(experiments: Sequence[Experiment], torque: Torque | None) -> tuple[str, str, Torque]:
-    """Names of speed and torque, and the torque's side."""
+    """Names of speed and torque, and location of the torque sensor."""
     common = set.intersection(*(set(one.signals) for one in experiments))
     speed = next((name for name in ("n_e", "n_s") if name in common), None)
     if speed is None:
@@ -236,7 +237,7 @@ def _si(
     tau: Estimate,
     vessel: Vessel | str | Path | None,
 ) -> dict[str, dict[str, Any]]:
-    """Inertia in kg m2: of the propeller shaft with a vessel, else of the engine where the torque is its."""
+    """Inertia in kg m2: referred to the propeller shaft with a vessel, else to the engine if the torque is its own."""
     if vessel is None and signal != "M_b":
         return {}
     rpm, moment = (abs(np.mean([one.operating_point[key] for one in experiments])) for key in (speed, signal))

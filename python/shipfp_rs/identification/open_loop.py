@@ -1,4 +1,4 @@
-"""What experiments in open loop ask for: the structure of a drive that a command moves, with what they measured."""
+"""The structure for experiments in open loop: a drive that follows a command, with the measured outputs."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ TAKEN_FOR_TORQUE = Sentence(
 
 
 def in_open_loop(experiments: Sequence[Experiment]) -> bool:
-    """Whether a command drives the experiments, and no governor's set point.
+    """Whether the experiments are driven by a command instead of a governor's set point.
 
     Raises
     ------
     InputError
-        Where some have the one and some the other.
+        If some have a command and others a set point.
     """
     drivers = {one.driver for one in experiments}
     if len(drivers) > 1:
@@ -39,7 +39,7 @@ def in_open_loop(experiments: Sequence[Experiment]) -> bool:
 
 
 def require_driver(data: Sequence[object], structure: Structure) -> None:
-    """Refuse a governor's structure for experiments with a command, and the other way round."""
+    """Refuse a governor's structure for experiments with a command, and vice versa."""
     expected = {"commanded": "command", "linear": "n_set", "ship": "n_set"}.get(structure.settings["kind"])
     for one in data:
         if isinstance(one, Experiment) and expected not in (None, one.driver):
@@ -60,13 +60,13 @@ def structure_in_open_loop(
 ) -> Structure:
     """Return the structure of a drive in open loop with the outputs that all experiments measured; arguments of `identify`.
 
-    Without a torque only tau_n / v and (p - g) / v are identifiable. Then v is 1 and g is 0 unless they are given, as for a
-    drive whose torque follows the command; v is free where the inertia is known.
+    Without a torque only tau_n / v and (p - g) / v are identifiable. Then v is 1 and g is 0 unless given, as for a drive
+    whose torque follows the command; v is free where the inertia is known.
 
     Raises
     ------
     InputError
-        For an element, output or parameter that such a drive has not.
+        For an element, output or parameter that such a drive does not have.
     """
     common = set.intersection(*(set(one.signals) for one in experiments))
     measured = next((name for name in SIGNALS if name in common), None)
@@ -87,7 +87,7 @@ def structure_in_open_loop(
 
 
 def with_caveat(fingerprint: Fingerprint, fixed: Mapping[str, float] | None) -> Fingerprint:
-    """Return the fingerprint with a word on what is assumed, and on what the command is taken for where nothing says it."""
+    """Return the fingerprint with a sentence on assumed parameters, and on the assumed meaning of the command."""
     assumed = {
         name: replace(estimate, reason=ASSUMED)
         for name, estimate in fingerprint.parameters.items()

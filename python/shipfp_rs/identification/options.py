@@ -1,4 +1,4 @@
-"""How a search goes: the options of `identify`, and what they demand of the structure."""
+"""Options of a search, and their requirements on the structure."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from shipfp_rs.structures.structure import Structure
 NoiseModel = Literal["coloured", "white", "std"]
 Intervals = Literal["profile", "symmetric"]
 MOST_STARTS = 10_000
-"""Starts of a search; each takes a second or so."""
+"""Most starts of a search; each takes about a second."""
 
 
 @dataclass(frozen=True)
 class Options:
-    """How to search: the options of `identify`, where they are explained."""
+    """Options of a search; see `identify`."""
 
     noise: NoiseModel | None = None
     intervals: Intervals = "profile"
@@ -24,12 +24,12 @@ class Options:
     seed: int | None = 0
     time_limit_s: float | None = None
     at_rest: bool = False
-    """Whether records were computed from rest, so that there is no initial state, no offset and no error of a gauge."""
+    """Whether records were computed from rest, without initial state, offset or gauge error."""
 
     def starts_for(self, structure: Structure) -> int:
-        """Return the number of starts; by default five where a dead time is free, since the cost has several minima then.
+        """Return the number of starts; by default five where a dead time is free, since the cost then has several minima.
 
-        A drive in open loop begins at regressions that go through the dead times.
+        A drive in open loop starts from regressions over a grid of dead times.
         """
         if self.starts is not None:
             return self.starts
@@ -38,13 +38,7 @@ class Options:
         return 5 if any(parameter.name in ("T_d", "T_set") for parameter in structure.free) else 1
 
     def require(self) -> None:
-        """Refuse what can't be.
-
-        Raises
-        ------
-        InputError
-            For an unknown value.
-        """
+        """Raise `InputError` for an unknown value."""
         if self.noise is not None:
             _require_one_of("noise", self.noise, NoiseModel)
         _require_one_of("intervals", self.intervals, Intervals)

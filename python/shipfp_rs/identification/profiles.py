@@ -1,7 +1,7 @@
-"""Intervals: profiles of the deviance, for any figure that follows from the parameters.
+"""Intervals: profiles of the deviance for any figure that is a function of the parameters.
 
-An additional stiff row of residuals holds a figure at a value, while all else is fitted again. The interval ends where the
-deviance has risen by the quantile. Profiles start from every basin that the data do not reject.
+An additional stiff residual holds the figure at a value, while everything else is refitted. The interval ends where the
+deviance has risen by the quantile. Profiles start from every minimum that the data do not reject.
 """
 
 from __future__ import annotations
@@ -20,25 +20,25 @@ from shipfp_rs.identification.likelihood import Figure, Itself, Likelihood, Prod
 from shipfp_rs.support.arrays import Array
 
 RISE = float(chi2.ppf(0.95, 1))
-"""Rise of the deviance at the ends of an interval of 95 per cent."""
+"""Rise of the deviance at the ends of a 95 % interval."""
 NEAR, ABOUT = 0.1, 0.4
-"""A point counts as inside if its rise exceeds the quantile by at most the first share. Within the second share, above or
-below, the end is interpolated from the square root of the rise, which is nearly linear."""
+"""Relative excess of the rise over the quantile up to which a point counts as inside; and relative difference within which
+the end is interpolated from the square root of the rise, which is nearly linear."""
 TRIES = 7
 STEPS = 15
 STIFF = 10.0
-"""Standard deviation of a figure over the distance by which it may stray while it is held."""
+"""Standard deviation of a figure over the tolerance with which it is held."""
 SHRINK, SHRUNK = 0.15, 0.01
-"""Factor by which a figure's scale is reduced where bounds hold it back, and the least scale."""
+"""Factor that reduces a figure's scale where bounds restrain it, and the least total reduction."""
 FURTHER = 1.3
-"""Largest distance of an extrapolated end, relative to that of the last point inside."""
+"""Largest extrapolation: distance of an end over that of the last point inside."""
 ROUNDING, STRAIGHT = 1e-13, 1e-9
-"""Least relative curvature of a direction: the first is the limit of rounding, the second is for the path of a profile."""
+"""Least relative curvature of a direction: for inverses, set by rounding, and for the path of a profile."""
 
 
 @dataclass(frozen=True)
 class Interval:
-    """Value at the best basin, both ends, and what set each end: the data ("data") or a bound ("bound")."""
+    """Value at the best minimum, both ends, and the cause of each end: the data ("data") or a bound ("bound")."""
 
     value: float
     low: float
@@ -48,9 +48,9 @@ class Interval:
 
 @dataclass
 class Profiles:
-    """Profiles of a likelihood about its basins.
+    """Profiles of a likelihood about its minima.
 
-    Every point that a profile visits counts for all figures: if the data allow it, it is inside their intervals.
+    Each visited point counts for all figures: if the data do not reject it, it is inside their intervals.
     """
 
     likelihood: Likelihood
@@ -65,7 +65,7 @@ class Profiles:
     def interval(
         self, figure: Figure, tries: int = TRIES, within: tuple[float, float] = (-np.inf, np.inf)
     ) -> Interval:
-        """Return the interval of a figure of the parameters; the figure can only be `within` these bounds."""
+        """Return the interval of a figure, which is always `within` these bounds."""
         best = self.best
         value = figure(self.likelihood.coordinates.values(best.vector))
         # Both sides run in parallel, each from the points visited before.
@@ -80,10 +80,10 @@ class Profiles:
         return Interval(value, min(low, value), max(high, value), (first, last))
 
     def symmetric(self, figure: Figure, *, surely: bool = False) -> Interval:
-        """Return the interval from the curvature alone, without a profile. Parameters of the figure may leave their bounds.
+        """Return the interval from the curvature alone, without a profile; it may cross the bounds of parameters.
 
-        `surely`: so may a parameter that the deviance holds to its bound by less than an interval of 95 per cent. A
-        parameter leaves its bound inward only.
+        `surely`: a parameter that the deviance presses to its bound by less than the quantile is free, too. Parameters leave
+        a bound only inward.
         """
         best = self.best
         slope, now = self.gradient(figure, best.vector), self._products(best)
@@ -101,7 +101,7 @@ class Profiles:
         return basin.products or self.likelihood.products(basin.vector)
 
     def _inward(self, vector: Array) -> npt.NDArray[np.int_]:
-        """For each entry +1 on its lower bound, -1 on its upper one, 0 between them."""
+        """+1 for each entry on its lower bound, -1 on its upper one, 0 between them."""
         low, high = self.likelihood.coordinates.bounds
         return (vector <= low + 1e-9).astype(int) - (vector >= high - 1e-9)
 
@@ -110,9 +110,9 @@ class Profiles:
         return self.likelihood.coordinates.gradient(figure, vector)
 
     def covariance(self, basin: Basin, moving: Array | None = None, least: float = ROUNDING) -> Array:
-        """Covariance about a point, shape (P, P). Entries on bounds are held unless `moving` or drawn inside by the data.
+        """Covariance about a point, shape (P, P). Entries on bounds are held, unless `moving` or drawn inside by the data.
 
-        Directions whose relative curvature is below `least` count as having that curvature.
+        Relative curvatures below `least` count as `least`.
         """
         now, inward = self._products(basin), self._inward(basin.vector)
         held = (inward != 0) & (inward * now.downhill <= 0.0)
@@ -124,12 +124,12 @@ class Profiles:
         return found
 
     def widened(self, figure: Figure, interval: Interval) -> Interval:
-        """Return the interval widened by the points that profiles of other figures have visited since."""
+        """Return the interval widened by the points that other figures' profiles have visited since."""
         ends = [self._farthest(figure, side, interval.value)[0] for side in (-1, 1)]
         return replace(interval, low=min(interval.low, ends[0]), high=max(interval.high, ends[1]))
 
     def _farthest(self, figure: Figure, side: int, value: float) -> tuple[float, Basin]:
-        """Of all visited points that the data allow, the one farthest to one side."""
+        """Return the outermost figure on one side among visited points that the data do not reject, and its point."""
         c, best = self.likelihood.coordinates, self.best
         far, farthest = value, best
         for point in (*self.basins, *self.visited):
@@ -142,9 +142,9 @@ class Profiles:
     def _end(
         self, basin: Basin, figure: Figure, side: int, tries: int, most: float
     ) -> tuple[float, str, list[Basin]]:
-        """End of the interval on one side, what set it ("data" or "bound"), and the points that the profile visited.
+        """End of the interval on one side, its cause ("data" or "bound"), and the visited points.
 
-        `most` is the largest value that the figure can have.
+        `most` is the figure's limit on that side.
         """
         c = self.likelihood.coordinates
         value = figure(c.values(basin.vector))
@@ -159,7 +159,7 @@ class Profiles:
         scale, way = float(np.sqrt(spread)), self._way(basin, figure, covariance @ slope / spread)
         far, inside = self._farthest(figure, side, value)
         x, reached, over = inside.vector, side * (far - value), np.inf
-        # Last point inside on the profile itself, and the square root of its rise, which is nearly linear from there on.
+        # Last inner point of this profile, and the root of its rise, which is nearly linear from there on.
         known, root = 0.0, 0.0
         found = self._products(basin)
         scale = min(scale, _scale_uphill(max(-2.0 * side * float(found.downhill @ way), 0.0), spread))
@@ -196,7 +196,7 @@ class Profiles:
                 if stuck and scale <= SHRUNK * np.sqrt(spread):
                     return value + side * reached, "bound", visited
                 if stuck:
-                    # A parameter that would compensate is on its bound: the rise is steeper than the curvature says.
+                    # A parameter that would compensate is on its bound: the rise is steeper than the curvature predicts.
                     scale *= SHRINK
                     distance = reached + np.sqrt(RISE) * scale
                     continue
@@ -204,7 +204,7 @@ class Profiles:
                 distance = min(step, 0.5 * (reached + over)) if np.isfinite(over) else step
             if over - reached < 0.03 * over:
                 break
-        # If the tries run out, the next target is closer to the end than the last point inside.
+        # Out of tries: the next target is closer to the end than the last point inside.
         return value + side * max(reached, min(distance, FURTHER * reached)), "data", visited
 
     def _at(
@@ -216,10 +216,10 @@ class Profiles:
         way: Array,
         visited: Sequence[Basin],
     ) -> Basin:
-        """Minimum with a figure held at a target, searched from x; where that is high, also from another visited point."""
+        """Minimum with the figure held at a target, searched from x; where that is high, also from another visited point."""
         end = self._held(self._moved(x, way, figure, target), figure, target, scale)
         if end.cost - self.best.cost > RISE * (1.0 + ABOUT):
-            # Another valley may be lower there.
+            # Another valley may be lower at this target.
             other = self._nearest(figure, target, visited)
             if other is not x:
                 again = self._held(self._moved(other, way, figure, target), figure, target, scale)
@@ -227,20 +227,20 @@ class Profiles:
         return end
 
     def _moved(self, vector: Array, way: Array, figure: Figure, target: float) -> Array:
-        """A vector moved along a direction until the figure is about at the target."""
+        """Move a vector along a direction until the figure is close to the target."""
         c = self.likelihood.coordinates
         return np.clip(vector + way * (target - figure(c.values(vector))), *c.bounds)
 
     def _nearest(self, figure: Figure, target: float, visited: Sequence[Basin]) -> Array:
-        """Of the points that the data allow, the one whose figure is nearest to a target."""
+        """Return the point whose figure is nearest to a target, among those that the data do not reject."""
         c, most = self.likelihood.coordinates, self.best.cost + RISE
         points = [one for one in (*self.basins, *self.visited, *visited) if one.cost <= most]
         return min(points, key=lambda one: abs(figure(c.values(one.vector)) - target)).vector
 
     def _way(self, end: Basin, figure: Figure, otherwise: Array) -> Array:
-        """Change of the whole vector per unit change of the figure, at a point in a valley that may bend."""
+        """Change of the vector per unit change of the figure, at a point in a valley that may be curved."""
         slope = self.gradient(figure, end.vector)
-        # Directions that the data do not determine would make this change far too long.
+        # Undetermined directions would make this change far too long.
         covariance = self.covariance(end, slope, STRAIGHT)
         spread = float(slope @ covariance @ slope)
         return covariance @ slope / spread if spread > 0.0 else otherwise
@@ -256,9 +256,9 @@ class Profiles:
 
 
 def _scale_uphill(uphill: float, spread: float) -> float:
-    """Standard deviation of a figure on a bound, where the deviance also has a slope.
+    """Effective standard deviation of a figure on a bound where the deviance has a slope.
 
-    At a distance d the deviance has risen by `uphill` d + d^2 / `spread`; the interval ends where this is `RISE`.
+    At a distance d the deviance rises by `uphill` d + d^2 / `spread`; the interval ends where the rise is `RISE`.
     """
     half = 0.5 * uphill * spread
     straight = np.sqrt(half**2 + RISE * spread) - half
@@ -266,14 +266,14 @@ def _scale_uphill(uphill: float, spread: float) -> float:
 
 
 def _spread(matrix: Array, slope: Array, inward: npt.NDArray[np.int_]) -> float:
-    """Squared change of a figure for a rise of the deviance by one, if entries on bounds only move inward."""
+    """Squared change of a figure per unit rise of the deviance, if entries on bounds only move inward."""
     scale, cut = np.sqrt(np.maximum(np.diag(matrix), 1e-30)), inward != 0
     matrix, slope = matrix / np.outer(scale, scale), slope / scale
     inverse = scaled_inverse(matrix[np.ix_(~cut, ~cut)])
     found = max(float(slope[~cut] @ inverse @ slope[~cut]), 0.0)
     if not cut.any():
         return found
-    # All other entries are at their best; entries that leave a bound compensate by steps of one sign only.
+    # All other entries are optimal; entries that leave a bound compensate by steps of one sign.
     across = matrix[np.ix_(cut, ~cut)] @ inverse
     rest = matrix[np.ix_(cut, cut)] - across @ matrix[np.ix_(~cut, cut)]
     gain, ways = (slope[cut] - across @ slope[~cut]) * inward[cut], inward[cut]
@@ -284,7 +284,7 @@ def _spread(matrix: Array, slope: Array, inward: npt.NDArray[np.int_]) -> float:
 
 
 def scaled_inverse(matrix: Array, least: float = ROUNDING) -> Array:
-    """Inverse of a symmetric matrix through its correlations; directions without information get a huge variance."""
+    """Inverse of a symmetric matrix through its correlations; directions without information get a large variance."""
     scale = np.sqrt(np.maximum(np.diag(matrix), 1e-30))
     sizes, turned = np.linalg.eigh(matrix / np.outer(scale, scale))
     inverse = (turned / np.maximum(sizes, least)) @ turned.T
@@ -292,5 +292,5 @@ def scaled_inverse(matrix: Array, least: float = ROUNDING) -> Array:
 
 
 def figures_of(names: Sequence[str]) -> dict[str, Figure]:
-    """Figures that are parameters themselves."""
+    """Return figures that are the parameters themselves."""
     return {name: Itself(name) for name in names}
