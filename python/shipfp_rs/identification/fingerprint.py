@@ -158,7 +158,7 @@ class Fingerprint(FingerprintTables, SimulationMixin):
         Raises
         ------
         InputError
-                If the suffix belongs to another kind of file, or the file can't be written.
+            If the suffix belongs to another kind of file, or the file can't be written.
         """
         return write_text_atomically(ending_in(path, ".json"), self.to_json())
 
@@ -195,7 +195,7 @@ class Fingerprint(FingerprintTables, SimulationMixin):
         Raises
         ------
         InputError
-                If the file is missing, is not JSON, or lacks a key.
+            If the file is missing, is not JSON, or lacks a key.
         """
         path = Path(path)
         content = read_json(path, WRITTEN)

@@ -193,7 +193,7 @@ class Likelihood:
         Raises
         ------
         SimulationError
-                If the simulation diverges or overflows.
+            If the simulation diverges or overflows.
         """
         with np.errstate(over="ignore", invalid="ignore"):
             rows = [self._rows(vector, index) for index in range(len(self.records))]
@@ -347,7 +347,7 @@ class Likelihood:
 
     @cached_property
     def _errors(self) -> tuple[Array, Array]:
-        """Shapes in units of the noise, as real rows of all records (E, R), and posterior covariance of their sizes (E, E)."""
+        """Shapes in units of the noise, as real rows of all records (E, R), and covariance of their sizes (E, E)."""
         rows = np.concatenate(
             [self._white(shapes, index) for index, shapes in enumerate(self._shapes)], axis=1
         )

@@ -220,7 +220,7 @@ class Fit:
         return self._columns(self.x, self.records[index], speed, self.records[index].s * speed)[0]
 
     def _begun(self) -> Array:
-        """Starting values by ordinary least squares of torque on speed and acceleration; their residuals weigh frequencies."""
+        """Starting values by least squares of torque on speed and acceleration, and weights from their residuals."""
         x, square, along = np.array(self.start), np.zeros((2, 2)), np.zeros(2)
         for record in self.records:
             rows = np.array([record.N, record.slope])

@@ -96,25 +96,25 @@ def load_side(
     Parameters
     ----------
     experiments
-            One, or several of the same ship that are fitted together. Each has N samples of a set point (or command), a speed
-            and a torque, over 20 s or more. A load that was measured in all of them is an input, too.
-        torque
-            Location of the torque sensor: "gauge" between the inertias, or "brake" of the engine; None: by the signal, brake
-            first.
-        vessel
-            Vessel as an object, name or file, whose gear ratio and efficiency give the inertia in kg m2. Without a vessel the
-            inertia in kg m2 is known only for a torque M_b, referred to the engine.
+        One, or several of the same ship that are fitted together. Each has N samples of a set point (or command), a speed
+        and a torque, over 20 s or more. A load that was measured in all of them is an input, too.
+    torque
+        Location of the torque sensor: "gauge" between the inertias, or "brake" of the engine; None: by the signal, brake
+        first.
+    vessel
+        Vessel as an object, name or file, whose gear ratio and efficiency give the inertia in kg m2. Without a vessel the
+        inertia in kg m2 is known only for a torque M_b, referred to the engine.
 
     Returns
     -------
     LoadSide
-            p [-], c_2 [-], delay T_M [s], torque scale [-] and tau_prop or tau_n [s] with 95 % intervals, normalised by the
-            operating point, and the inertia J = tau M_0 / (2 pi n_0), n_0 in rev/s.
+        p [-], c_2 [-], delay T_M [s], torque scale [-] and tau_prop or tau_n [s] with 95 % intervals, normalised by the
+        operating point, and the inertia J = tau M_0 / (2 pi n_0), n_0 in rev/s.
 
     Raises
     ------
     InputError
-            If speed or torque was not measured, a channel can't be what it is called, or nothing excites the ship.
+        If speed or torque was not measured, a channel can't be what it is called, or nothing excites the ship.
 
     Notes
     -----
