@@ -33,9 +33,9 @@ from shipfp_rs.support.arguments import Count, Positive, Whole, checked
 from shipfp_rs.support.threads import with_one_blas_thread
 
 OF_A_CALL = ("vessel", "elements", "torque", "outputs", "fixed", "priors")
-"""Arguments of `identify` that are no options of a search."""
+"""Arguments of `identify` that are not options of a search."""
 ONLY_WITH_A_STRUCTURE = ("noise", "starts")
-"""Options that the fit without a structure has not, since it has one likelihood and one search."""
+"""Options that a fit without a structure does not have, since it has a single likelihood and search."""
 
 
 @checked
@@ -61,31 +61,31 @@ def identify(
     Parameters
     ----------
     data
-        One `Experiment` or `FrequencyResponse`, or several that are fitted together. A `pandas.DataFrame` is an experiment:
-        its columns are named as signals are (n_set, n_e, M_s, ...), in their units; see `experiments.frames`.
+        An `Experiment` or `FrequencyResponse`, or several that are fitted together. A `pandas.DataFrame` is an experiment
+        whose columns are named as signals (n_set, n_e, M_s, ...), in their units; see `experiments.frames`.
     structure
-        The model; its free parameters are searched within their bounds, those with a prior pulled to it. None: the full
-        ship of `ship_fit`, whose elements act or not as their intervals say; of experiments with a `command` in place of
-        a set point the drive without a governor, `structures.commanded`.
+        The model. Its free parameters are searched within their bounds and priors. None: the full ship of `ship_fit`, with
+        the elements that the data support; for experiments with a `command` instead of a set point, the drive without a
+        governor of `structures.commanded`.
     elements, torque, outputs, fixed, priors
-        Without a structure: elements that act (True) or not (False), the side of the torque ("gauge" or "brake"; None:
-        by the signal, brake before gauge), outputs, and parameters that are known or have a prior (mean, deviation).
+        Without a structure: elements that act (True) or not (False), location of the torque sensor ("gauge" or "brake";
+        None: by the signal, brake before gauge), outputs, and parameters that are known or have a prior (mean, deviation).
     noise
-        "coloured": the spectral matrix of the residuals, estimated along, in the band that the set point excites. "white":
-        one covariance over all samples or frequencies, which is the thesis's determinant criterion (eq. 4.5 put into 4.4
-        properly). "std": the standard deviations that a response has. Default: "coloured" for experiments, "std" for
-        responses that have deviations, "white" for others.
+        "coloured": the spectral matrix of the residuals, estimated in the band that the set point excites. "white": one
+        covariance over all samples or frequencies, the thesis's determinant criterion (eq. 4.5 correctly substituted in
+        4.4). "std": the standard deviations of a response. Default: "coloured" for experiments, "std" for responses with
+        standard deviations, "white" for others.
     intervals
-        "profile": each ends where the cost, with all others at their best, has risen by the quantile's square; "symmetric":
-        the covariance's, cut by the bounds, in a fraction of the time, for Monte-Carlo sweeps.
+        "profile": each end is where the minimum of the cost over all other parameters has risen by the quantile's square.
+        "symmetric": by the covariance, cut by the bounds, in a fraction of the time, for Monte-Carlo sweeps.
     starts, seed
-        Number of starts, the first one declared by the structure, the others drawn within the bounds. Default: 1, or 5
-        where a dead time is free, since the cost then has several minima. A ship is also searched from regressions of its
-        spectra, so that its default is 1.
+        Number of starts: the declared start, and random ones within the bounds. Default: 1, or 5 where a dead time is
+        free, since the cost then has several minima. The search of a ship also starts from regressions of its spectra, so
+        its default is 1.
     time_limit_s
-        Limit of each search.
+        Time limit of each search [s].
     vessel
-        Name for the record.
+        Name of the ship.
 
     Returns
     -------
@@ -101,11 +101,10 @@ def identify(
 
     Notes
     -----
-    Intervals are profiles of the likelihood, from every minimum that the data do not reject, cut by the bounds. Smooth
-    errors of 0.3 % of each output's response, or of the experiment's `gauge_accuracy`, are allowed for where noise is
-    "coloured". With every experiment an initial state is estimated along, and an offset of each output where the
-    structure has no unknowns of its own for it. Eq. 4.5 put into 4.4 as the thesis prints them would make the cost
-    constant.
+    Intervals are profiles of the likelihood, from every minimum that the data do not reject, cut by the bounds. "Coloured"
+    noise allows for smooth errors of each output's response, of 0.3 % or the experiment's `gauge_accuracy`. For each
+    experiment an initial state is estimated, and an offset of each output unless the structure has unknowns for it.
+    Substituting eq. 4.5 in 4.4 as printed in the thesis would make the cost constant.
     """
     data = of_frames(data)
     options = Options(noise, intervals, starts, seed, time_limit_s)
@@ -134,7 +133,7 @@ def identify(
 
 
 def _with(fingerprint: Fingerprint, data: Data | Sequence[Data]) -> Fingerprint:
-    """Return the fingerprint with the experiments that it is of, and its inertia in kg m2 where these tell it."""
+    """Return the fingerprint with its experiments, and with its inertia in kg m2 where these determine it."""
     return replace(fingerprint, experiments=tuple(_experiments(data)), si=inertias(fingerprint))
 
 
@@ -187,7 +186,7 @@ def _full_ship(
 def _given_ship(
     data: Data | Sequence[Data], structure: Structure, options: Options, vessel: str | None
 ) -> Fingerprint | None:
-    """Fit a given ship as the full one is; None where its search has not what the structure or an option asks for."""
+    """Fit a given ship like the full ship; None where that search does not support the structure or an option."""
     given = [data] if isinstance(data, Experiment | FrequencyResponse) else list(data)
     experiments = _experiments(given)
     if (
@@ -203,7 +202,7 @@ def _given_ship(
 
 
 def _as_given(fingerprint: Fingerprint, names: Collection[str]) -> Fingerprint:
-    """Return the fingerprint with what somebody gave called so, and not assumed."""
+    """Return the fingerprint with given parameters marked as given instead of assumed."""
     given = {
         name: replace(estimate, reason="given")
         for name, estimate in fingerprint.parameters.items()
@@ -226,13 +225,7 @@ def _answered(question: Question, options: Options, vessel: str | None) -> Finge
 
 
 def options_of(given: Mapping[str, Any]) -> Options:
-    """Return the options given, the others as `identify` has them.
-
-    Raises
-    ------
-    InputError
-        For an option that it has not.
-    """
+    """Return the options with defaults of `identify`, or raise `InputError` for an unknown option."""
     known = [name for name in identify.__kwdefaults__ or {} if name not in OF_A_CALL]
     for name in given:
         if name not in known:

@@ -1,4 +1,4 @@
-"""What is asked of which experiments: outputs, parameters always searched, elements tried, what is known beforehand."""
+"""The question of a fit: outputs, parameters that are always searched, elements that are tried, fixed values and priors."""
 
 from __future__ import annotations
 
@@ -25,27 +25,27 @@ from shipfp_rs.structures.structure import Structure
 from shipfp_rs.support.arrays import Array
 
 LAW_DEVIATION = 0.25
-"""Prior deviation of c_2, a quadratic term added to N^p in the load's law. It is a fifth of the second-order coefficient of
-N^2.2, since open-water torque curves differ from a power of the speed by about as much."""
+"""Prior deviation of c_2, a quadratic term added to N^p in the load's law: a fifth of the second-order coefficient of N^2.2,
+by about which open-water torque curves differ from a power of the speed."""
 PRIORS: Mapping[str, tuple[float, float]] = {
     "c_2": (0.0, LAW_DEVIATION),
     "T_M": (0.0, 3e-3),
     "T_B": (0.0, 3e-3),
 }
-"""Mean and deviation of what is never known well. A torque channel is late by its filters and its hold, telemetry at 500 Hz
-by 1 to 5 ms, which takes p times as much off tau_prop."""
+"""Prior mean and deviation of parameters that are never known exactly. Filters, hold and telemetry at 500 Hz delay a torque
+channel by 1 to 5 ms; a delay reduces tau_prop by p times as much."""
 WIDE: Mapping[str, tuple[float, float]] = {"g": (-1.0, 4.0)}
-"""So wide that few data notice it: an engine's torque falls or rises with its speed by a few times the operating point's
-ratio, between the bounds -10 and 3."""
+"""Prior that is too wide to matter for most data: an engine's torque changes with its speed by a few times the operating
+point's ratio, between the bounds -10 and 3."""
 OF_LOADED: Mapping[str, tuple[float, float]] = {"p": (0.5, 0.5), "g": (-0.5, 0.7)}
-"""The same beside a measured load: p is then of the shaft's losses, near zero to one, and g is the slope of an engine at
-constant fuel."""
+"""Priors with a measured load: p then belongs to the shaft's losses, near zero to one, and g to an engine at constant
+fuel."""
 SIGNALS: Mapping[str, Torque] = {"M_b": "brake", "M_s": "brake", "M_g": "gauge"}
-"""Torque signals, the best one first, with the side of the inertia that each is read on."""
+"""Torque signals, best first, with the location of their sensor."""
 SMOOTH = ("dead_time_loop", "dead_time_set_point", "actuator_lag", "curvature")
 """Elements of the full model."""
 SHARPEST = 2e-4
-"""Least rounding of a torque limit, over the operating torque: no gauge tells a sharper one, on which descents get stuck."""
+"""Least rounding of a torque limit, over the operating torque: no gauge resolves less, and sharper limits stop descents."""
 BOUNDS: Mapping[str, tuple[float, float]] = {
     "tau_n": (0.01, 20.0),
     "g": (-10.0, 3.0),
@@ -74,7 +74,7 @@ BOUNDS: Mapping[str, tuple[float, float]] = {
     "tau_twist": (3e-4, 0.1),
     "zeta_twist": (0.0, 6.0),
 }
-"""Between which parameters are searched; the same as those that structures declare."""
+"""Search bounds of parameters, the same as those that structures declare."""
 OF_SIGNALS: Mapping[str, str] = {
     "n_e": "dn",
     "n_s": "dn",
@@ -82,40 +82,40 @@ OF_SIGNALS: Mapping[str, str] = {
     "X_f": "dX",
     "E_n": "dE",
 }
-"""Outputs that may be asked for by the names of their signals."""
+"""Outputs by the names of their signals."""
 RACK_OFFSET = "rack offset"
-"""A record's unknown that only a measured rack has."""
+"""Unknown of records with a measured rack."""
 TRIED: Mapping[str, tuple[str, ...]] = {
     "torque_limit": ("M_max", "M_soft"),
     "rack_rate": ("rate",),
     "rack_rate_down": ("rate_down",),
     "twist": ("tau_twist", "zeta_twist"),
 }
-"""Elements that are tried, with their parameters."""
+"""Elements that are tried, and their parameters."""
 
 
 @dataclass(frozen=True)
 class Question:
-    """What is asked of which data.
+    """The question of a fit.
 
     Parameters
     ----------
     experiments
         The data.
     outputs, gauge
-        Outputs that are compared, and whether the torque is read by a gauge between the inertias.
+        Compared outputs, and whether the torque is measured by a gauge between the inertias.
     always, tried
         Parameters that are always searched, and elements that are tried.
     fixed, priors
         Parameter to value, and to (mean, standard deviation).
     accuracy
-        Output to the smooth relative error of its response that gauge and calibration leave open.
+        Output to the standard deviation of its smooth relative error, due to gauge and calibration.
     loaded
         Whether a measured load drives the ship, too.
     bounds
-        Parameter to the bounds of its search.
+        Parameter to its search bounds.
     structure
-        The structure that was given; None: the full ship.
+        The given structure; None: the full ship.
     """
 
     experiments: tuple[Experiment, ...]
@@ -154,7 +154,7 @@ class Question:
         return self.structure.signal_for(output, experiment.signals, experiment.name)
 
     def _accuracy(self, output: str) -> float:
-        """Of an output's signals: as asked, or as the worst of the experiments' says, or as usual."""
+        """Accuracy of an output: as given, or the worst of the experiments', or the default."""
         said = [one.gauge_accuracy.get(self.signal_in(one, output), ACCURACY) for one in self.experiments]
         return self.accuracy.get(output, max(said))
 
@@ -164,7 +164,7 @@ class Question:
         )
 
     def coordinates(self, elements: Sequence[str], unknowns: tuple[str, ...]) -> Coordinates:
-        """Return the coordinates of the ship with some of the elements tried, and a record's own unknowns."""
+        """Return the coordinates of the ship with the given tried elements, and the unknowns of each record."""
         names = [*self.always, *(name for element in elements for name in TRIED[element])]
         if "tau_twist" in names and "tau_prop" not in names:
             names.append("tau_prop")
@@ -185,7 +185,7 @@ class Question:
         return {name: prior for name, prior in every.items() if name in free or name == "g"}
 
     def likelihood(self, between: Between | None) -> EquationLikelihood:
-        """Return the likelihood of the ship whose set points run so between their samples, no element tried."""
+        """Return the likelihood of the ship without tried elements; `between`: course of set points between samples."""
         own = {"dX": RACK_OFFSET, BRAKE: BRAKE_SCALE}
         beside = [name for output, name in own.items() if output in self.outputs]
         unknowns = ("set point offset", "torque scale", *beside)
@@ -204,7 +204,7 @@ class Question:
         return self.with_elements(smooth, ())
 
     def with_elements(self, likelihood: EquationLikelihood, elements: Sequence[str]) -> EquationLikelihood:
-        """Return the likelihood of the same records with some of the elements tried."""
+        """Return the likelihood of the same records with the given tried elements."""
         coordinates = self.coordinates(elements, likelihood.unknowns)
         changed: dict[str, Any] = {"coordinates": coordinates, "priors": self._priors(coordinates.free)}
         if {"M_max", "rate"} & {*coordinates.free, *coordinates.given} and not isinstance(
@@ -227,12 +227,12 @@ def question_of(
     priors: Mapping[str, tuple[float, float]] | None = None,
     accuracy: Mapping[str, float] | None = None,
 ) -> Question:
-    """Return what is asked of the experiments: with the outputs that all of them measured.
+    """Return the question for the outputs that all experiments measured.
 
     Raises
     ------
     InputError
-        Where no speed was measured, or an unknown element or parameter is named.
+        If no speed was measured, or an element or parameter is unknown.
     """
     elements, known = dict(elements or {}), dict(fixed or {})
     for name in elements:
@@ -258,7 +258,7 @@ def question_of(
     if "dM" in outputs:
         elements.setdefault("late_torque", True)
     else:
-        # The speed alone tells ratios to the inertia; of a measured load it tells the inertia.
+        # The speed alone determines ratios to the inertia; with a measured load it determines the inertia.
         known = {"tau_n": 1.0, "p": 2.0, **known} if not loaded else {"k_L": 1.0, **known}
         elements.setdefault("curvature", False)
     if loaded:
@@ -271,8 +271,8 @@ def question_of(
         if elements.get(name, name in SMOOTH) and name != "sampling":
             always += [parameter.name for parameter in element.parameters if parameter.name not in always]
     if known.get("T_d") == 0.0:
-        known.setdefault("hold", 0.0)  # a share of nothing
-    # A twist shows between speed and torque.
+        known.setdefault("hold", 0.0)  # there is no delay to share
+    # Only speed and torque together show a twist.
     tried = tuple(name for name in TRIED if name not in elements and (name != "twist" or "dM" in outputs))
     if "tau_twist" in always and "tau_prop" not in always:
         always.append("tau_prop")
@@ -291,12 +291,12 @@ def question_of(
 
 
 def question_of_ship(experiments: Sequence[Experiment], structure: Structure) -> Question | None:
-    """Return what a given ship asks of the experiments; None where it has what the full ship's search has not.
+    """Return a given ship's question; None where the full ship's search does not support the structure.
 
     Raises
     ------
     InputError
-        Where an experiment lacks a signal.
+        If an experiment lacks a signal.
     """
     equations = structure.equations
     names = {parameter.name: parameter for parameter in structure.parameters}
@@ -345,7 +345,7 @@ def _require_values(fixed: Mapping[str, float], priors: Mapping[str, tuple[float
     for table, values in (("fixed", fixed), ("priors", {name: mean for name, (mean, _) in priors.items()})):
         for name, value in values.items():
             low, high = BOUNDS[name]
-            if not (low <= value <= high or value == 0.0):  # at zero most are without effect
+            if not (low <= value <= high or value == 0.0):  # zero switches most parameters off
                 raise InputError(f"{table}.{name}: found {value:g}, expected {low:g} to {high:g}")
     for name, (_, std) in priors.items():
         if not std > 0.0:
@@ -353,14 +353,14 @@ def _require_values(fixed: Mapping[str, float], priors: Mapping[str, tuple[float
 
 
 def _known_elements(fixed: Mapping[str, float]) -> dict[str, bool]:
-    """Elements of which a parameter is known act."""
+    """Mark elements with a known parameter as acting."""
     return {name: True for name, parameters in TRIED.items() if not fixed.keys().isdisjoint(parameters)}
 
 
 def _compared(
     outputs: Sequence[str] | None, torque: Torque | None, common: set[str], speed: str
 ) -> tuple[Torque, list[str], dict[str, str]]:
-    """The torque's place, the outputs that are compared, and the signals that stand for outputs."""
+    """Location of the torque sensor, compared outputs, and signals of the outputs."""
     sides: dict[str, str] = {side: name for name, side in reversed(list(SIGNALS.items())) if name in common}
     first = next((name for name in SIGNALS if name in common), "")
     both = outputs is not None and _are_both_torques(outputs)
@@ -375,7 +375,7 @@ def _compared(
 
 
 def _are_both_torques(outputs: Sequence[str]) -> bool:
-    """Whether the brake's torque is asked for beside a gauge's."""
+    """Whether both the brake's and a gauge's torque are compared."""
     asked = set(outputs)
     return BRAKE in asked or (bool({"dM", "M_g"} & asked) and bool({"M_b", "M_s"} & asked))
 

@@ -1,8 +1,8 @@
-"""Residual tests: what a fit leaves over should be free of the set point, and white where it was taken for white.
+"""Residual tests: independence of the set point, and whiteness where the noise is assumed white.
 
-Ljung's test (1999, section 16.6) asks whether lagged set points still explain residuals. A fit has taken away what its own
-derivatives explain, so the lagged set points are cleared of these first. Both stand as spectra in units of the noise that
-the residuals themselves show, so that what is left follows a chi-squared law whatever colours the noise.
+Ljung's test (1999, section 16.6) asks whether lagged set points still explain residuals. A fit has already removed what its
+derivatives explain, so the lagged set points are projected off these first. Both are spectra in units of the noise that the
+residuals show, so the test statistic is chi-squared for noise of any colour.
 """
 
 from __future__ import annotations
@@ -27,23 +27,23 @@ from shipfp_rs.support.quantiles import DEVIATIONS_95
 INPUT_LAGS = 12
 """Number of lags of the set point besides zero, in geometric steps, since missing dynamics may be fast or slow."""
 INPUT_REACH = 10
-"""The longest lag, as a part of the record."""
+"""Longest lag: the record's length over this."""
 LEAST_LEFT = 0.1
-"""Least part of the noise that counts as left over."""
+"""Least share of a residual's power that counts as remaining after the projection."""
 OPEN = 1e-8
-"""A direction of the lagged set points counts as explained by the fit where less than this part of its size is left."""
+"""Share of a direction's size below which a lagged set point counts as explained by the fit."""
 
 
 @dataclass(frozen=True)
 class OutputTests:
-    """Both tests of one output's residuals, and how many numbers they had; whiteness of noise taken for white only."""
+    """Tests of one output's residuals, and their number of samples; whiteness only where noise is assumed white."""
 
     by_input: ResidualTest
     whiteness: ResidualTest | None
     samples: int
 
     def figures(self) -> dict[str, float | None]:
-        """Return the p-values and what the set point still explains [%], for the fingerprint's fit."""
+        """Return the p-values, and the residual's share that the set point explains [%], for the fingerprint's fit."""
         white = {} if self.whiteness is None else {"whiteness_p": self.whiteness.p}
         return {
             **white,
@@ -58,7 +58,7 @@ class OutputTests:
 
 
 def residual_tests(fit: StructureFit) -> dict[str, OutputTests]:
-    """Test each output's residuals at the end of a search; none where no experiment is long enough for a spectrum."""
+    """Test each output's residuals at the minimum; empty where no experiment is long enough for a spectrum."""
     found = _in_band(fit)
     if found is None:
         return {}
@@ -82,9 +82,9 @@ def residual_tests(fit: StructureFit) -> dict[str, OutputTests]:
 
 
 def _in_band(fit: StructureFit) -> tuple[list[InBand], Fitted, Array] | None:
-    """Return the experiments as spectra, their likelihood with the noise at the end, and the end's entries in it.
+    """Return the experiments as spectra, their likelihood with noise at the minimum, and its vector.
 
-    None where there is no experiment, or none that is long enough for a spectrum.
+    None where no experiment is long enough for a spectrum.
     """
     c, vector = fit.likelihood.coordinates, fit.best.vector
     if all(isinstance(record, InBand) for record in fit.records):
@@ -106,9 +106,9 @@ def _in_band(fit: StructureFit) -> tuple[list[InBand], Fitted, Array] | None:
 
 
 def _without_inputs(likelihood: Fitted, vector: Array, shapes: Sequence[Numbers]) -> Fitted:
-    """Return the likelihood whose noise is what is left where lagged set points (O, L, O, F) explain what they can.
+    """Return the likelihood with the noise that remains after lagged set points (O, L, O, F) explain the residuals.
 
-    With what a structure misses counted as noise, the test would see a part of it only.
+    If the noise included what the structure lacks, the test would be less sensitive.
     """
     rows = likelihood.whitened(vector)
     every = [one.reshape(-1, *one.shape[2:]) for one in shapes]
@@ -117,7 +117,7 @@ def _without_inputs(likelihood: Fitted, vector: Array, shapes: Sequence[Numbers]
     size = np.linalg.norm(columns, axis=0)
     turn, sizes, _ = np.linalg.svd(columns / np.where(size > 0.0, size, 1.0), full_matrices=False)
     basis = turn[:, sizes > OPEN * sizes[0]]
-    # What is explained takes noise along, where it has much to say nearly all (the hat matrix's diagonal).
+    # The projection also absorbs noise, by the hat matrix's diagonal.
     taken = np.einsum("rk,rk->r", basis, basis)
     left = (rows[:, 0] - basis @ (basis.T @ rows[:, 0])) / np.maximum(1.0 - taken, LEAST_LEFT)
     roots, first = [], 0
@@ -125,7 +125,7 @@ def _without_inputs(likelihood: Fitted, vector: Array, shapes: Sequence[Numbers]
         size = record.spectrum.size
         real, imaginary = left[first : first + 2 * size].reshape(2, *record.spectrum.shape)
         own = turned(np.linalg.inv(likelihood.root(index)), (real + 1j * imaginary)[None])[0]
-        # The inverse of a matrix that is a mean of so many is too large by chance (Wishart 1928).
+        # The inverse of an average over so few spectra is biased upwards (Wishart 1928).
         looks = 2 * LEAST_REACH + 1
         roots.append(noise_root(own) * np.sqrt(1.0 - len(own) / looks))
         first += 2 * size
@@ -137,24 +137,24 @@ def _moving(columns: Array) -> Array:
 
 
 def _lags(records: Sequence[InBand]) -> npt.NDArray[np.int64]:
-    """Lags of the set point that are looked at [samples]."""
+    """Tested lags of the set point [samples]."""
     shortest = min(len(record.data) for record in records)
     lags = np.unique(np.round(np.geomspace(1, max(shortest // INPUT_REACH, 1), INPUT_LAGS)).astype(np.int64))
     return np.append(0, lags)
 
 
 def _lagged(record: InBand, lags: npt.NDArray[np.int64]) -> Numbers:
-    """Return what the set point at each lag would be as each output, (O, L, O, F)."""
+    """Return the set point at each lag as a signal of each output, (O, L, O, F)."""
     asked = record.data.dn_set
     wide = np.concatenate([np.full(lags[-1], asked[0]), asked])
     delayed = np.array([wide[lags[-1] - lag :][: len(asked)] for lag in lags])[:, None]
-    if not record.valid.all():  # each output has gaps of its own
+    if not record.valid.all():  # the gaps of each output differ
         delayed = np.repeat(delayed, len(record.measured), axis=1)
     return np.asarray(np.eye(len(record.measured))[:, None, :, None] * record.seen(delayed))
 
 
 def _inputs(likelihood: Fitted, shapes: Sequence[Numbers], rows: int) -> Array:
-    """Shapes (L, O, F) of each record in units of the noise, zero where priors stand, (R, L)."""
+    """Shapes (L, O, F) of each record in units of the noise, zero in rows of priors, (R, L)."""
     found = np.concatenate(
         [real_rows(turned(likelihood.root(index), one)) for index, one in enumerate(shapes)], axis=1
     ).T
@@ -179,7 +179,7 @@ def _test(inputs: Array, cleared: Array, residual: Array, lags: npt.NDArray[np.i
 
 
 def _whiteness(fit: StructureFit, output: int) -> ResidualTest | None:
-    """Test one output of the records whose noise was taken for white."""
+    """Test one output of the records whose noise is assumed white."""
     rows = []
     for index, record in enumerate(fit.records):
         if isinstance(record, Samples) and (not isinstance(record, InBand) or record.white):
@@ -194,10 +194,10 @@ def _whiteness(fit: StructureFit, output: int) -> ResidualTest | None:
 
 
 def input_dispersion(figures: Mapping[str, Any], samples: int) -> float:
-    """Return the ratio of an output's residual power that the set point explains to that of noise, at least one.
+    """Return the residual power of an output that the set point explains over that of noise, at least one.
 
-    `figures` are those of `OutputTests.figures`. The ratio is the share of the power that the set point explains, times
-    the number of samples, over the degrees of freedom of the test.
+    From `OutputTests.figures`: the explained share of the power times the number of samples, over the test's degrees of
+    freedom.
     """
     share = float(figures.get("input_explained_pct") or 0.0) / 100.0
     return max(share * samples / (INPUT_LAGS + 1.0), 1.0)

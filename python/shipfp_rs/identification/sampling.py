@@ -1,4 +1,4 @@
-"""How far up in frequency a record's inputs excite, and how they run between their samples."""
+"""Excited bandwidth of a record, and the course of inputs between samples."""
 
 from __future__ import annotations
 
@@ -11,29 +11,29 @@ from scipy.fft import prev_fast_len, rfft
 from shipfp_rs.support.arrays import Array
 
 Between = Literal["band-limited", "straight", "held"]
-"""Course of the inputs between their samples: smooth, along straight lines, or held."""
+"""Course of the inputs between samples: smooth, piecewise linear, or held."""
 BAND_HZ = 4.0
-"""Upper limit of the compared band [Hz]: above it, tachometers and loops of ships carry little information."""
+"""Highest frequency that is compared [Hz]; above it ships' tachometers and loops carry little information."""
 EXCITED = 0.99
-"""Share of the inputs' power times frequency that lies below the band's end; above the end the data are noise."""
+"""Share of the inputs' power times frequency that is inside the band; beyond it the data are noise."""
 LEAST_HZ, LEAST_PERIODS = 0.5, 40
-"""Least upper end of a band [Hz], and least number of the record's frequencies in it, for the noise to be estimated."""
+"""Least bandwidth [Hz], and least number of a record's frequencies in it, so that the noise can be estimated."""
 EDGE_S = 2.0
-"""Time over which a record fades in and out [s], so that its ends leave nothing in the band."""
+"""Time over which a record fades in and out [s], so that its edges do not leak into the band."""
 SHORTEST_S = 10.0 * EDGE_S
-"""Shortest record that has a spectrum [s]."""
+"""Least length of a record for a spectrum [s]."""
 BEFORE_S = 2.0
-"""First stretch that is not compared [s]: a record that begins in the middle of an excitation does not tell what went on
-before, and dead times carry that into it."""
+"""Initial time that is not compared [s]: dead times carry into it what happened before the record, which is unknown if the
+record starts during an excitation."""
 
 
 def down_of(rate_hz: float, seen_hz: float) -> int:
-    """Factor of decimation that keeps three samples or more a period of the highest frequency."""
+    """Decimation factor that keeps three or more samples per period of the highest frequency."""
     return max(1, int(rate_hz / (3.0 * seen_hz) + 1e-9))
 
 
 def excited_hz(inputs: Sequence[Array], rate_hz: float, most_hz: float) -> float:
-    """Return the frequency [Hz] up to which the inputs have `EXCITED` of their power times frequency, at most `most_hz`."""
+    """Return the frequency [Hz] below which the inputs have `EXCITED` of their power times frequency, at most `most_hz`."""
     found = LEAST_HZ
     for one in inputs:
         if not len(one):

@@ -1,8 +1,8 @@
-"""Finds a set point that is late, or early, from some time of a record on, as where its recorder lost samples.
+"""Detection of a set point that becomes late or early during a record, as where its recorder lost samples.
 
-A linear difference equation leads from the set point, and the load, to the speed. It is fitted to the whole record with
-the set point shifted from some time on, for many times and shifts. Only the true shift lets one equation hold in every
-stretch, both before and after that time.
+A linear difference equation relates the speed to the set point and the load. It is fitted to the whole record, with the set
+point shifted from some time on, for many times and shifts. Only with the true shift does one equation hold in every stretch
+before and after that time.
 """
 
 from __future__ import annotations
@@ -15,21 +15,21 @@ from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.support.arrays import Array
 
 RATE_HZ = 10.0
-"""Rate of the block means to which the equation is fitted [Hz]."""
+"""Rate of the block means for which the equation is fitted [Hz]."""
 FARTHEST, LEAST = 8, 3
-"""Largest and smallest shift that is tried, in block means."""
+"""Largest and smallest tested shift, in block means."""
 OWN, CAUSES = 3, 6
-"""Numbers of past samples on which the speed depends: of the speed itself, and of set point and load."""
+"""Numbers of past samples in the equation: of the speed, and of set point and load."""
 STRETCHES, EDGE, SHORTEST = 24, 5, 20
-"""Number of stretches of the record, stretches at either end without a search, and least samples of a stretch."""
+"""Number of stretches of the record, stretches at either end that are not searched, and least samples of a stretch."""
 BETTER, AGREED = 1.15, 0.8
-"""Least factor by which a shift lessens the residual's variance, and least share of stretches on either side that agree. Of
-176 simulated trials without a shift none was found to have one. A shift of 0.4 s from the middle on was found in 142, in
-three of these at another time or by another size."""
+"""Least factor by which a shift reduces the residual's variance, and least share of stretches on each side that agree. Of
+176 simulated trials without a shift none was detected. A shift of 0.4 s in the second half was detected in 142, in three of
+these at another time or with another size."""
 
 
 def moved_from(experiment: Experiment) -> tuple[float, float] | None:
-    """Return the time [s] from which on the set point is late, and its delay [s], negative for early; None: it never is."""
+    """Return the time [s] from which the set point is late, and its delay [s], negative if early; None if it never is."""
     block = max(int(experiment.rate_hz // RATE_HZ), 1)
     names = [name for name in ("n_e", "n_s", "n_set", "M_load") if name in experiment.signals]
     if "n_set" not in names or len(names) < 2 or len(experiment) < block * STRETCHES * SHORTEST:
@@ -63,13 +63,13 @@ def moved_from(experiment: Experiment) -> tuple[float, float] | None:
 
 
 def _means(values: Array, block: int) -> Array:
-    """Means of blocks, with masked samples interpolated linearly."""
+    """Block means, with masked samples interpolated linearly."""
     index, known = np.arange(len(values)), np.isfinite(values)
     filled = np.interp(index, index[known], values[known]) if known.any() else np.zeros(len(values))
     return np.asarray(filled[: len(values) // block * block].reshape(-1, block).mean(axis=1))
 
 
 def _left(products: Array) -> tuple[float, Array]:
-    """Residual sum of squares of the first column under the best equation, and that equation (K,)."""
+    """Return the least residual sum of squares of the first column, and the equation's coefficients (K,)."""
     factors = np.linalg.lstsq(products[1:, 1:], products[1:, 0], rcond=None)[0]
     return float(products[0, 0] - products[0, 1:] @ factors), np.concatenate([[1.0], -factors])

@@ -43,27 +43,27 @@ from shipfp_rs.support.progress import part, tell
 
 DELAYS = {"T_d", "T_set", "tau_act"}
 WAYS: tuple[Between, ...] = ("band-limited", "straight", "held")
-"""Courses of a set point between its samples, where processing did not low-pass it."""
+"""Tried courses of a set point between samples, where processing did not low-pass it."""
 SCALES = (0.6, 1.7)
-"""Factors of the inertia at which the search for a ship with a gauge starts again."""
+"""Factors of the inertia from which the search of a ship with a gauge restarts."""
 STEPS_ELSEWHERE = 12
-"""Most steps from a start with other delays, before noise and corrections are estimated anew."""
+"""Most steps from a start with other delays, before noise and corrections are re-estimated."""
 FAR = 100.0
-"""Ends of such searches whose deviance is higher by more are dropped: noise of their own would not make them best."""
+"""Excess of the deviance above which such minima are dropped: re-estimated noise would not make them the lowest."""
 LEVEL = 0.1
-"""Largest difference in deviance of two ends in the same valley."""
+"""Largest difference in deviance between two minima of the same valley."""
 LATER_S = 5e-3
-"""Least change of the set point's dead time in a search with the same lag behind ramps [s]."""
+"""Least change of the set point's dead time between starts with the same lag behind ramps [s]."""
 WITH_SAME_RAMP = 3
-"""Starts of that search that descend, those of the least deviance: descents from the others are long, and in vain."""
+"""Number of those starts, by least deviance, that descend; the others take long and find no lower minimum."""
 COMMON_S = 0.1
-"""Least time by which the governor's lead and the lag are both raised in other starts [s]."""
+"""Least time by which both the governor's lead and the lag are increased in other starts [s]."""
 HALF_PERIODS_S = (0.005, 0.015, 0.03)
-"""Starting values of half a governor's sample period [s]."""
+"""Starting values of half the governor's sample period [s]."""
 LEAST_LAG_S = 0.1
-"""Least lag that may in truth be the drive train's inertia [s]."""
+"""Least lag that may be confused with the drive train's inertia [s]."""
 REDIVIDED, MORE = 3, 4
-"""Most rounds of dividing the delays otherwise, and the number of new ends in each that descend to their minima."""
+"""Most rounds of redistributed delays, and number of new minima in each that are refined."""
 
 
 def fit_ship(
@@ -74,14 +74,14 @@ def fit_ship(
     time_limit_s: float | None = None,
     side: LoadSide | None = None,
 ) -> ShipFit:
-    """Search the ship that explains the data best; `side`: the load identified by itself, where that is known.
+    """Search the ship that best explains the data; `side` is the load identified from its side alone, if any.
 
-    For a given structure the search also begins at its declared start and at `starts` - 1 random ones.
+    For a given structure the search also starts from its declared start and `starts` - 1 random ones.
 
     Raises
     ------
     IdentificationError
-        Where no start leads to a ship that can be simulated.
+        If no start leads to a ship that can be simulated.
     """
     until = None if time_limit_s is None else time.monotonic() + time_limit_s
     given = tuple(element for element in sorted(LIMITED) if TRIED[element][0] in question.always)
@@ -149,12 +149,12 @@ def smooth_ship(
 
 
 def _corrected(fit: ShipFit, between: Between | None, until: float | None) -> ShipFit:
-    """Descend to the minima again, with this course of set points between samples, gaps filled and images removed.
+    """Refine the minima for a course of set points between samples, with gaps filled and images removed.
 
     Raises
     ------
     IdentificationError
-        Where no minimum is a ship that can be simulated.
+        If no minimum is a ship that can be simulated.
     """
     likelihood = likelihood_of(fit, (), between)
     if between == fit.between:
@@ -169,7 +169,7 @@ def _corrected(fit: ShipFit, between: Between | None, until: float | None) -> Sh
 def _begun(
     question: Question, between: Between | None, starts: int, seed: int | None, side: LoadSide | None
 ) -> tuple[EquationLikelihood, list[Array]]:
-    """Return the likelihood for the first descents, and the vectors at which they start."""
+    """Return the likelihood and the start vectors of the first descents."""
     likelihood = question.likelihood(between)
     law = None if side is None else side.law
     guesses = first_guesses(likelihood.records, question.outputs, question.gauge, law)
@@ -187,9 +187,9 @@ def _begun(
 
 
 def with_other_delays(fit: ShipFit, until: float | None = None, *, limited: bool = False) -> ShipFit:
-    """Return the fit, searched again with the sum of the delays divided otherwise among dead times, lag and hold.
+    """Return the fit after a search with the total delay redistributed among dead times, lag and hold.
 
-    The data determine their sum more closely than each of them, so a search may find the right sum but the wrong parts.
+    The data determine the total better than each delay, so a search may find the right total with wrong delays.
     """
     for _ in range(REDIVIDED):
         c, before = fit.likelihood.coordinates, fit.best
@@ -206,10 +206,10 @@ def with_other_delays(fit: ShipFit, until: float | None = None, *, limited: bool
 
 
 def with_steps_in_time(fit: ShipFit, until: float | None = None) -> ShipFit:
-    """Return the fit whose governor takes steps of the set point late and does not smooth them, where that is likelier.
+    """Return the fit with a governor that delays steps of the set point without smoothing them, where that is likelier.
 
-    On average, sampling by a governor smooths the set point. A step, however, acts at the governor's next sample, late by a
-    part of its period. This part is always the same where the steps are synchronous with the governor.
+    On average, sampling by a governor smooths the set point. A step, however, acts at the governor's next sample, after a
+    fraction of its period. This fraction is constant if the steps are synchronous with the governor.
     """
     likelihood, values = fit.likelihood, fit.values
     c = likelihood.coordinates
@@ -232,7 +232,7 @@ def with_steps_in_time(fit: ShipFit, until: float | None = None) -> ShipFit:
 
 
 def _within_a_period(values: Mapping[str, float]) -> list[dict[str, float]]:
-    """Starts with a sampling governor, whose period takes over more of the delays."""
+    """Starts with a sampling governor, whose period replaces some of the delays."""
     dead, late = values.get("T_d", 0.0), values.get("T_set", 0.0)
     moved = [min(late, part) for part in HALF_PERIODS_S]
     return [
@@ -242,7 +242,7 @@ def _within_a_period(values: Mapping[str, float]) -> list[dict[str, float]]:
 
 
 def _elsewhere(fit: ShipFit, starts: Sequence[Array], until: float | None) -> tuple[ShipFit, float]:
-    """Return the fit at the likeliest end, each judged with its own noise and corrections, and the fall of the total."""
+    """Return the fit at its likeliest minimum, each with its own noise and corrections, and the decrease of the total."""
     ends = [descend(fit.likelihood, one, steps=STEPS_ELSEWHERE, settled=1.0, until=until) for one in starts]
     ends = [one for one in ends if one.cost < fit.best.cost + FAR]
     others = [one for one in distinct(fit.likelihood, [fit.best, *ends]) if one is not fit.best]
@@ -265,16 +265,16 @@ def _elsewhere(fit: ShipFit, starts: Sequence[Array], until: float | None) -> tu
 
 
 def _is_apart(fit: ShipFit, basins: Sequence[Basin], other: Basin) -> bool:
-    """Whether an end that was found with other noise differs from all minima under the fit's noise."""
+    """Whether a minimum found under other noise differs from all minima under the fit's noise."""
     known = fit.best.products or fit.likelihood.products(fit.best.vector)
     moves = [other.vector - one.vector for one in basins]
     return all(one @ known.matrix @ one > SAME and np.abs(one).max() > 1e-3 for one in moves)
 
 
 def _with_limits_elsewhere(fit: ShipFit, until: float | None) -> ShipFit:
-    """Return the fit of a ship with limits, searched again with delays and inertia divided otherwise.
+    """Return the fit of a ship with limits after a search with redistributed delays and inertia.
 
-    The search computes the limits' effect on the engine's side alone; its ends are judged by the fit's own way.
+    The search computes the limits' effect on the engine's side alone; its minima are compared by the fit's method.
     """
     likelihood = fit.likelihood
     assert isinstance(likelihood, LimitedLikelihood)
@@ -292,9 +292,9 @@ def _with_limits_elsewhere(fit: ShipFit, until: float | None) -> ShipFit:
 
 
 def _with_same_ramp(fit: ShipFit, until: float | None) -> ShipFit:
-    """Return the fit, searched from other dead times of the set point with the same lag behind a slow ramp.
+    """Return the fit after a search from other dead times of the set point with the same lag behind a slow ramp.
 
-    That lag, (p - g) / vK_i + T_set, is known well. Where a limit acts, no descent follows the valley of what is not.
+    That lag, (p - g) / vK_i + T_set, is well known. Where a limit acts, no descent follows the valley of constant lag.
     """
     likelihood, values = fit.likelihood, fit.values
     assert isinstance(likelihood, LimitedLikelihood)
@@ -316,7 +316,7 @@ def _with_same_ramp(fit: ShipFit, until: float | None) -> ShipFit:
 
 
 def _scaled(values: Mapping[str, float]) -> list[dict[str, float]]:
-    """Starts with other inertias ahead of the gauge: apart from the curvature of N^p, data determine ratios to it only."""
+    """Starts with other inertias ahead of the gauge; the data determine ratios to it, except by the curvature of N^p."""
     p, g = values["p"], values["g"]
     return [
         {"tau_n": values["tau_n"] * factor, "g": p - (p - g) * factor}
@@ -326,7 +326,7 @@ def _scaled(values: Mapping[str, float]) -> list[dict[str, float]]:
 
 
 def _exchanged(values: Mapping[str, float], *, gauge: bool) -> list[dict[str, float]]:
-    """The ship with the roles of lag and inertia exchanged, and of integral and gain, which has nearly the same loop."""
+    """Starts with lag and inertia exchanged, and integral and gain, which have almost the same loop."""
     lag, tau = values.get("tau_act", 0.0), values["tau_n"]
     if lag < LEAST_LAG_S or "g" not in values:
         return []
@@ -344,7 +344,7 @@ def _exchanged(values: Mapping[str, float], *, gauge: bool) -> list[dict[str, fl
 
 
 def _redivided(values: Mapping[str, float]) -> list[dict[str, float]]:
-    """Starts with the same total delay divided otherwise, some with other values of the governor's lead and the lag."""
+    """Starts with the total delay redistributed, some with other values of the governor's lead and the lag."""
     dead, late, lag = (values.get(name, 0.0) for name in ("T_d", "T_set", "tau_act"))
     inside, lead = dead + lag, values["vK_p"] / values["vK_i"]
     both = min(lead, lag)
@@ -372,12 +372,12 @@ def _redivided(values: Mapping[str, float]) -> list[dict[str, float]]:
 
 
 def refined(fit: ShipFit, until: float | None = None) -> ShipFit:
-    """Settle the fit again, with the noise estimated at its end.
+    """Settle the fit again, with the noise estimated at its minimum.
 
     Raises
     ------
     IdentificationError
-        Where the ship found is unstable.
+        If the ship is unstable.
     """
     fit = settled(fit, until)
     if not np.isfinite(fit.best.cost):

@@ -1,4 +1,4 @@
-"""The ship that a search found, and the time step with which its loop is simulated."""
+"""The fitted ship, and its likelihood with other elements."""
 
 from __future__ import annotations
 
@@ -20,31 +20,31 @@ from shipfp_rs.identification.stretches import Score
 from shipfp_rs.structures.elements import ELEMENTS
 
 LIMITED = {"torque_limit", "rack_rate", "rack_rate_down"}
-"""Elements of which only simulations know what they take off."""
+"""Elements whose effect only simulations give."""
 BELIEVED = 25.0
-"""Fall of the deviance from which an element that is tried is called on. Chance gives 14 once in 1,000 with two parameters;
-what the model leaves out elsewhere gives as much again."""
+"""Decrease of the deviance from which a tried element counts as on. By chance, two parameters give 14 once in 1000; other
+errors of the model give as much again."""
 DISCREPANCY = 2.0
-"""Factor on the standard deviations of a ship with a limit. Errors of its simulations, at corners and in the water's shape,
-move all parameters together: on some twenty simulated ships the truth was twice as far away as chance explains."""
+"""Factor on the standard deviations of a ship with a limit. Errors of its simulation, at corners and in the water's shape,
+move all parameters together: for some twenty simulated ships the true values were twice as far away as chance explains."""
 RECORRECTED, STILL = 8, 0.1
-"""Most corrections of the records by the model; the squared move, in standard deviations, below which they end."""
+"""Most corrections of the records by the model, and the squared step, in standard deviations, below which they stop."""
 DEFAULTS: Mapping[str, float] = {
     **{parameter.name: parameter.start for element in ELEMENTS.values() for parameter in element.parameters},
     "tau_n": 1.2, "g": -0.5, "vK_p": 5.0, "vK_i": 5.0, "p": 2.0, "tau_prop": 0.4,
     "vK_d": 0.01, "damping": 0.0, "T_M": 1e-3, "T_n": 1e-3, "v": 1.2, "k_L": 1.0,
     "M_max": 1.2, "M_soft": 5e-3, "hold": 0.5, "rate": 1.0, "tau_twist": 2e-3, "zeta_twist": 0.5,
 }  # fmt: skip
-"""Starting values of parameters that no regression gives: those of the elements, overridden by the ones named here."""
+"""Starting values of parameters without a regression: those of the elements, overridden by those named here."""
 
 
 @dataclass(frozen=True)
 class ShipFit:
-    """The end of a search.
+    """The result of a search.
 
-    `gains` tells of each element tried by how much the deviance fell with it; `elements` those that act in the model;
-    `stiff` is the fit before a twist came in; `scores` what the engine's side shows beyond the model, by kind;
-    `side` what the load's side tells by itself; `also` are other ends that are as likely, each under its own noise.
+    `gains` is the decrease of the deviance for each tried element; `elements` are those that act. `stiff` is the fit before
+    a twist was added. `scores` are the engine-side effects that the model lacks, by kind. `side` is the load identified from
+    its side alone. `also` are other, equally likely minima, each under its own noise.
     """
 
     question: Question
@@ -80,7 +80,7 @@ class ShipFit:
 
     @property
     def along(self) -> frozenset[str]:
-        """Parameters of elements neither asked for nor excluded: fitted along, so that intervals allow for either."""
+        """Parameters of elements neither required nor excluded; they are searched, so that intervals allow for both."""
         names = {
             name
             for element in self.elements
@@ -95,14 +95,9 @@ def likelihood_of(
     elements: Sequence[str],
     between: Between | Literal["same"] | None = "same",
 ) -> EquationLikelihood:
-    """Return the likelihood of a fit's ship with some of the elements tried, under the fit's noise.
+    """Return the likelihood of a fit's ship with some tried elements, under the fit's noise.
 
-    Parameters
-    ----------
-    fit, elements
-        What was found, and the elements that act.
-    between
-        How the set points run between their samples; "same": as in the fit.
+    `between` is the course of the set points between samples; "same": as in the fit.
     """
     likelihood, way = fit.likelihood, fit.between if between == "same" else between
     if way != fit.between:
@@ -119,9 +114,9 @@ def likelihood_of(
 
 
 def settled(fit: ShipFit, until: float | None) -> ShipFit:
-    """Return the fit under the noise of each end in turn, until it moves no further.
+    """Return the fit with each minimum under its own noise, iterated until it no longer moves.
 
-    Gaps, squares of a propeller's speed, and the water that moves a ship in its limit, are each end's, too.
+    Gaps, squares of a propeller's speed, and the water that drives a ship at its limit, are re-estimated at each minimum.
     """
     likelihood, best = fit.likelihood, fit.best
     for _ in range(RECORRECTED):
@@ -130,7 +125,7 @@ def settled(fit: ShipFit, until: float | None) -> ShipFit:
         except (SimulationError, np.linalg.LinAlgError):
             break
         end = descend(following, best.vector, until=until)
-        if not np.isfinite(end.cost):  # corrected by itself it runs away
+        if not np.isfinite(end.cost):  # diverges with its own corrections
             break
         moved = end.vector - best.vector
         likelihood, best = following, end

@@ -1,4 +1,4 @@
-"""Elements and verdict of a ship: what acts, what the fingerprint can be used for, in typed rows and in sentences."""
+"""States of a ship's elements, and the verdict: what the fingerprint can be used for, in rows and sentences."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from shipfp_rs.structures.elements import ELEMENTS
 from shipfp_rs.support.sentences import Sentence, joined, listed
 
 OFF_S = 1e-3
-"""A delay whose interval begins below this may be zero [s]."""
+"""Lower end of a delay's interval below which the delay may be zero [s]."""
 SHORT_S = 0.02
-"""A delay that may be zero and is at most this is called off [s]."""
+"""Largest value of a delay that may be zero, for it to be called off [s]."""
 
 BENT = Sentence(
     "Usable for simulation and comparison, but not for control tuning: its intervals hold for the model, not for the drive "
@@ -41,23 +41,23 @@ NO_GAUGE = Sentence(
     "by about {over} %."
 )
 BEHIND_A_GAUGE = 0.9
-"""Part of the inertia that lies behind no gauge of a shaft with an engine in front; a brake torque called gauge shows
-0.95 to 1, gauges of the test ships up to 0.7."""
+"""Share of the inertia behind the sensor, above which a torque called gauge is probably the brake's: brake torques show 0.95
+to 1, gauges of the test ships up to 0.7."""
 STATES: Mapping[str, str] = {
     "on": Sentence("Acting elements: {elements}."),
     "off": Sentence("Not found to act: {elements}."),
     "open": Sentence("Undecided: {elements}."),
 }
-"""State of an element to the sentence that names those in it."""
+"""Sentence that lists the elements in each state."""
 ALWAYS = ("tau_n", "g", "p", "vK_p", "vK_i")
-"""Parameters that are off on no ship, so that an end of what is searched is no value of theirs."""
+"""Parameters of every ship; a value at the end of the search range is not plausible for them."""
 AT_BOUND = 1e-6
 UNDECIDED = 6.0
-"""Fall of the deviance from which an element fitted along may act: chance gives it once in 20 with two parameters."""
+"""Decrease of the deviance from which a searched element may act; chance gives it once in 20 with two parameters."""
 
 
 def element_rows(fit: ShipFit, parameters: Mapping[str, Estimate]) -> dict[str, dict[str, Any]]:
-    """Return each element's state: on, open or off by what its interval says, with an upper limit where it is not on."""
+    """Return each element's state by its interval: on, open or off, with an upper limit unless it is on."""
     rows: dict[str, dict[str, Any]] = {}
     for name in ("dead_time_loop", "dead_time_set_point", "actuator_lag"):
         parameter = ELEMENTS[name].parameters[0]
@@ -74,7 +74,7 @@ def element_rows(fit: ShipFit, parameters: Mapping[str, Estimate]) -> dict[str, 
         told = parameters.get(TRIED[name][0])
         acts = told is not None and told.status != "unidentifiable" and TRIED[name][0] not in fit.along
         if acts or name in fit.question.tried:
-            # What a limit would still bring is another figure once others act.
+            # The decrease by a limit changes once others act.
             gain = fit.gains.get(name, np.inf)
             gain = fit.scores[name].fall if name in fit.scores and name not in fit.elements else gain
             undecided = np.isfinite(gain) and gain > (UNDECIDED if TRIED[name][0] in fit.along else BELIEVED)
@@ -83,7 +83,7 @@ def element_rows(fit: ShipFit, parameters: Mapping[str, Estimate]) -> dict[str, 
             rows[name] = _row(name, state, None, gain if np.isfinite(gain) else None)
     if fit.question.loaded:
         rows["load"] = _row("load", "on", None)
-    # A governor's clock is seen in the raw torque or not at all: half its period is part of T_d either way.
+    # A governor's clock shows in the raw torque or not at all: half its period is part of T_d either way.
     clocks = [one.governor_clock[0] for one in fit.question.experiments if one.governor_clock]
     if clocks:
         rows["sampling"] = _row("sampling", "open", _limit("T_s", float(np.median(clocks)), "s"))
@@ -95,7 +95,7 @@ def element_rows(fit: ShipFit, parameters: Mapping[str, Estimate]) -> dict[str, 
 
 
 def _is_on_bound(name: str, estimate: Estimate) -> bool:
-    """Whether a parameter that no ship lacks stands at an end of what is searched."""
+    """Whether a parameter that every ship has is at an end of the search range."""
     if name not in ALWAYS or estimate.status not in KNOWN or estimate.value is None:
         return False
     low, high = BOUNDS[name]
@@ -113,7 +113,7 @@ def _limit(name: str, value: float, unit: str) -> dict[str, Any]:
 
 
 def _element(row: Mapping[str, Any]) -> Sentence:
-    """Return what an element is called, with its limit where it has one."""
+    """Return an element's name, with its limit if it has one."""
     words, limit = Sentence(row["words"]), row["limit"]
     if not limit:
         return words
@@ -135,7 +135,7 @@ def _is_limited(fingerprint: Fingerprint) -> bool:
 
 
 def _behind(fingerprint: Fingerprint) -> float:
-    """Return the part of the inertia that lies behind the gauge; 0 of a brake torque."""
+    """Return the share of the inertia behind the gauge; 0 for a brake torque."""
     behind, whole = (fingerprint.parameters.get(name) for name in ("tau_prop", "tau_n"))
     if "tau_prop" not in fingerprint.load_side or behind is None or whole is None:
         return 0.0
@@ -143,9 +143,9 @@ def _behind(fingerprint: Fingerprint) -> float:
 
 
 def with_verdict(fingerprint: Fingerprint, strain: float = 0.0, kind: str | None = None) -> Fingerprint:
-    """Return the fingerprint with what it can be used for, and the sentences about it.
+    """Return the fingerprint with its usability and verdict.
 
-    `strain` is that of `adequacy`, `kind` what contradicts the model's engine and governor, of `sides.KINDS`.
+    `strain` is that of `adequacy`; `kind` is the contradiction, of `sides.KINDS`, to the model's engine and governor.
     """
     found = usability(fingerprint)
     if kind is not None:

@@ -1,4 +1,4 @@
-"""Compares the sides of load and engine: which estimates remain valid if the model does not describe the engine's side.
+"""Comparison of the load's and the engine's side: which estimates remain valid if the model does not describe the engine.
 
 The load's side is identified without a governor. If the engine's side shows effects that no model explains, or the load's
 side alone differs from the whole fit, that fit's estimates of the engine are invalid. Then only those of the load's side
@@ -23,7 +23,7 @@ from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.sentences import Sentence
 
 APART = 3.5
-"""Difference of both estimates, in its standard deviations, above which the sides disagree: chance exceeds it once in two
+"""Difference of the two estimates, in its standard deviations, above which the sides disagree; chance exceeds it once in two
 thousand."""
 KINDS: Mapping[str, Sentence] = {
     "gain": Sentence("the governor's gain changes with the error: a dead band, or a gain in steps"),
@@ -34,11 +34,11 @@ KINDS: Mapping[str, Sentence] = {
     "misfit": Sentence("the model misses too much of the drive train's response"),
     "sides": Sentence("speed and torque alone give another load than the whole model"),
 }
-"""Sentence on the engine's side for each kind of contradiction."""
+"""Sentence about the engine's side for each kind of contradiction."""
 
 
 def undescribed(fit: ShipFit, misses_pct: Sequence[float], explained_pct: Sequence[float]) -> str | None:
-    """Return the kind, of `KINDS`, of a contradiction to the model's engine and governor; None where there is none."""
+    """Return the kind, of `KINDS`, of a contradiction to the model's engine and governor; None if there is none."""
     if (kind := suspected(fit.scores, 1.0 if fit.is_smooth else DISCREPANCY)) is not None:
         return kind
     poor = max(misses_pct) > LARGE_MISS_PCT or min(explained_pct) < LEAST_EXPLAINED_PCT
@@ -48,7 +48,7 @@ def undescribed(fit: ShipFit, misses_pct: Sequence[float], explained_pct: Sequen
 
 
 def _is_a_load(side: LoadSide) -> bool:
-    """Whether the torque surely rises with the speed."""
+    """Whether the torque certainly rises with the speed."""
     ends = side.parameters["p"].ci95
     return ends is not None and ends[0] > 0.0
 
@@ -74,10 +74,10 @@ def _agree(fit: ShipFit, side: LoadSide) -> bool:
 
 
 def _deviation_apart(fit: ShipFit, side: LoadSide, name: str, gradient: Array, stretches: Stretches) -> float:
-    """Standard deviation of the difference of two estimates that share data, smooth errors and priors, by influences.
+    """Standard deviation of the difference of two estimates that share data, smooth errors and priors.
 
-    Every stretch of the records, smooth error and prior has an influence on each estimate. Influences that are equal cancel
-    in the difference (Hampel 1974, doi:10.1080/01621459.1974.10482962).
+    Each stretch of the records, smooth error and prior has an influence on both estimates; equal influences cancel in the
+    difference (Hampel 1974, doi:10.1080/01621459.1974.10482962).
     """
     likelihood, equation, unknown = fit.likelihood, side.equation, side.places[name]
     apart, errors, priors = stretches.influence(gradient)
@@ -107,7 +107,7 @@ def load_alone(
     kind: str,
     bounds: Mapping[str, tuple[float, float]],
 ) -> dict[str, Estimate]:
-    """Return estimates with the load's from its own side, within bounds, and without the engine's."""
+    """Return estimates with the load's from its side alone, within bounds, and without the engine's."""
     reason = Sentence("engine and governor are not described: {what}", what=KINDS[kind])
     found = {}
     for name, one in parameters.items():
@@ -128,7 +128,7 @@ def _within(estimate: Estimate, unit: str, bounds: tuple[float, float]) -> Estim
 
 
 def covariance_of(parameters: Mapping[str, Estimate], side: LoadSide) -> dict[str, object]:
-    """Return the names and the covariance of those parameters that the load's side determines."""
+    """Return names and covariance of the parameters that the load's side determines."""
     every = list(side.parameters)
     names = [name for name in every if name in parameters and parameters[name].status in ("free", "prior")]
     places = [every.index(name) for name in names]
