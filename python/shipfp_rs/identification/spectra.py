@@ -1,6 +1,6 @@
-"""Spectra of a record, computed once: all that the two equations of a ship need of an experiment.
+"""Spectra of a record for the two equations of a ship, computed once.
 
-A taper w and an operator H do not commute: F[w (H x)] = sum_k (-1)^k / k! H^(k)(s) F[w^(k) x]. So each signal has one
+A taper w and an operator H do not commute: F[w (H x)] = sum_k (-1)^k / k! H^(k)(s) F[w^(k) x]. Each signal therefore has a
 spectrum with the taper and one with each of the taper's first three derivatives, which are exact.
 """
 
@@ -27,38 +27,38 @@ from shipfp_rs.structures.transfer import TransferFunctions
 from shipfp_rs.support.arrays import Array, ComplexArray
 
 QUICK, MOMENTS = 0.1, 0.03
-"""A set point goes in steps if it moves faster than `QUICK` times its fastest motion in at most `MOMENTS` of the samples."""
+"""A set point is stepwise if at most `MOMENTS` of its samples change by more than `QUICK` times the largest change."""
 ORDERS: int = _core.EQUATION_ORDERS
-"""Number of terms of the series: the taper and the derivatives of it that are used."""
+"""Number of terms of the series: the taper and its derivatives."""
 EDGE_S, EDGE_SHARE, BEFORE_S = 3.0, 0.025, 2.0
-"""Least length of the taper's edges [s], their least share of the record, and time at its beginning that is left out [s].
-Dead times carry into that time what went on before the record began. Both equations followed by the inverse of their loop
-leave noise unchanged, except at the edges: steep edges turn much noise of one output into noise of the other."""
+"""Least length of the taper's edges [s], their least share of the record, and initial time that is omitted [s]. Dead times
+carry into that time what happened before the record. Both equations followed by the inverse of their loop leave noise
+unchanged, except at the edges: steep edges mix the noise of the outputs."""
 GRID_S = 0.05
-"""Step of the delays by which a signal is moved before it is tapered [s]; a series does the rest of a delay."""
+"""Step of delays that are applied before the taper [s]; a series gives the remaining delay."""
 TAPS_A_SAMPLE, PASSED, WINDOW_80_DB = 24, 0.43, ("kaiser", 9.0)
-"""Low-pass before a decimation: its length in decimated samples, its passband edge over the decimated rate, its window."""
+"""Low-pass before decimation: length in decimated samples, passband edge over the decimated rate, window."""
 RISE = np.polynomial.Polynomial([0, 0, 0, 0, 35, -84, 70, -20])
 """Edge of the taper: from 0 to 1 with three continuous derivatives."""
 PAD_S = 6.0
-"""Padding at either end of a signal that is moved by a delay [s]."""
+"""Padding at each end of a delayed or filtered signal [s]."""
 IMAGES = {"held": 24, "straight": 4}
 """Number of multiples of the sample rate, on either side of zero, whose images of the set point are computed."""
 
 KRIGED_S, MOST_KRIGED = 0.6, 100
-"""Stretch on either side of a gap from which the missing samples are estimated [s], and the most samples of it."""
+"""Time on either side of a gap whose samples are used for interpolation [s], and most such samples."""
 FEW = 13
-"""Number of frequencies at which images are computed for a comparison: apart from a delay they vary slowly."""
+"""Number of frequencies at which images are computed and then interpolated: apart from a delay they vary slowly."""
 AT_ONCE = 1e4
-"""Frequency over the sample rate at which a frequency response equals the instant response to a jump."""
+"""Frequency, over the sample rate, whose response equals the instantaneous response to a step."""
 SLOW_PACE, QUICK_PACE = 5.0, 16.0
-"""Bandwidths of loops [rad/s]: above the first a record may be shorter than `SHORTEST_S`; above the second more frequencies
-are compared."""
+"""Bandwidths of loops [rad/s]: above the first a record may be shorter than `SHORTEST_S`, above the second the compared band
+is wider."""
 WHOLE_EDGES_S = 24.0
-"""Length of a record from which its edges have full length [s]; a shorter record has shorter edges in proportion."""
+"""Length of a record from which its edges have full length [s]; those of shorter records are reduced in proportion."""
 PACES, DEAD_TIMES_S, STRONGEST = np.geomspace(1.0, 400.0, 32), np.arange(0.0, 0.6, 0.02), 300
-"""Bandwidths [rad/s] and dead times [s] of the first-order loops that are compared with the speed, and the number of
-frequencies, the strongest of the set point, at which they are compared."""
+"""Bandwidths [rad/s] and dead times [s] of the first-order loops that are compared with the speed, and number of compared
+frequencies, the strongest of the set point."""
 
 
 Respond = Callable[[Mapping[str, float], Array], ComplexArray]
@@ -67,31 +67,30 @@ Respond = Callable[[Mapping[str, float], Array], ComplexArray]
 
 @dataclass(frozen=True, eq=False)
 class Spectra:
-    """Signals of an experiment as tapered spectra.
+    """Tapered spectra of an experiment's signals.
 
     Parameters
     ----------
     name, outputs
-        The experiment's name; its outputs, "dn", "dM" or "dX".
+        Name of the experiment, and its outputs: "dn", "dM" or "dX".
     set_point, load
-        Deviation of the set point (N,) and of a measured load (N,) or (0,).
+        Deviation of the set point (N,), and of a measured load (N,) or (0,).
     measured
         Normalised deviations of the outputs (O, N), NaN where masked.
     data_hz, seen_hz, band_hz
-        Rate of the data, highest frequency that the low-pass keeps and highest that is compared [Hz].
+        Sample rate, highest frequency that the low-pass keeps, and highest that is compared [Hz].
     between
-        How the set point runs between its samples.
+        Course of the set point between samples.
     model
-        Model's outputs (O, N), which stand in for masked samples; None: masked samples are estimated from the data alone.
+        Modelled outputs (O, N) for masked samples; None: these are interpolated from the data alone.
     images
-        Part of the outputs (O, N) that the set point's images about multiples of the sample rate cause; None: not known yet.
+        Effect on the outputs (O, N) of the set point's images about multiples of the sample rate; None: not yet known.
     shown
-        Spectra (O, F) of the images of a held set point that were taken off; None: none were.
+        Spectra (O, F) of the subtracted images of a held set point; None: none.
     limited
-        What limits of torque and rate take off the outputs (O, N), by a model; None: nothing.
+        Effect of torque and rate limits on the outputs (O, N), by a model; None: none.
     slip
-        Difference in speed between the engine's and the propeller's end of a shaft that twists, decimated (K,); None: a
-        stiff shaft.
+        Difference in speed between engine and propeller end of a shaft that twists, decimated (K,); None: a stiff shaft.
     is_linear
         Whether the load's law is a straight line, without squares of the speed.
     """
@@ -125,25 +124,23 @@ class Spectra:
         between: Between | None = None,
         wide: bool = False,
     ) -> Spectra:
-        """Make an experiment ready.
+        """Make the spectra of an experiment.
 
         Parameters
         ----------
         experiment, outputs, measured
-            The recorded experiment, the names of its outputs, and the normalised outputs (O, N).
+            The experiment, the names of its outputs, and the normalised outputs (O, N).
         load
             Whether the experiment's load torque drives the ship, too.
         between
-            How the set point runs between its samples; None: band-limited where processing low-passed it, else as the
-            experiment says.
+            Course of the set point between samples; None: band-limited if processing low-passed it, else as recorded.
         wide
-            Whether the band goes up to the highest frequency that the inputs excite. It must for a user's own structure,
-            whose bandwidth is unknown.
+            Whether the band reaches the highest excited frequency, as needed for a user's structure of unknown bandwidth.
 
         Raises
         ------
         InputError
-            Where the record is too short for a spectrum.
+            If the record is too short for a spectrum.
         """
         set_point = np.asarray(experiment.dn_set, dtype=float)
         loads = experiment.normalised("M_load") if load else np.empty(0)
@@ -175,7 +172,7 @@ class Spectra:
 
     @cached_property
     def down(self) -> int:
-        """Samples of the data for one decimated sample."""
+        """Decimation factor."""
         return down_of(self.data_hz, self.seen_hz)
 
     @property
@@ -185,12 +182,12 @@ class Spectra:
 
     @cached_property
     def count(self) -> int:
-        """Number of decimated samples, chosen so that the Fourier transform is fast."""
+        """Number of decimated samples, suitable for a fast Fourier transform."""
         return int(prev_fast_len(-(-self.measured.shape[1] // self.down), real=True))
 
     @cached_property
     def frequency_hz(self) -> Array:
-        """Frequencies that are compared [Hz], shape (F,); the first is 0, the mean."""
+        """Compared frequencies [Hz], shape (F,); the first is 0, the mean."""
         frequency = np.fft.rfftfreq(self.count, 1.0 / self.rate_hz)
         return np.asarray(frequency[: np.searchsorted(frequency, self.band_hz, side="right")])
 
@@ -216,7 +213,7 @@ class Spectra:
         return _tapers(self.count, self.rate_hz)
 
     def tapered(self, signal: Array, orders: int = ORDERS) -> ComplexArray:
-        """Return spectra of a decimated signal (K,) with each order of the taper, shape (orders, F)."""
+        """Return spectra of a decimated signal (K,) with the taper and its derivatives, shape (orders, F)."""
         return self._scaled(rfft(signal * self.tapers[:orders], axis=-1))
 
     def low_passed(self, signals: Array) -> Array:
@@ -230,7 +227,7 @@ class Spectra:
 
     @cached_property
     def whole(self) -> Array:
-        """The data (O, N) without images; masked samples are the model's, plus the residual estimated from those beside."""
+        """The data (O, N) without images; masked samples are the model's plus the interpolated residual."""
         measured = self.measured if self.images is None else self.measured - self.images
         if not self.masked.any():
             return measured
@@ -240,7 +237,7 @@ class Spectra:
 
     @cached_property
     def decimated(self) -> Array:
-        """The data behind the low-pass, without images, shape (O, K)."""
+        """The low-passed data without images, shape (O, K)."""
         if self.masked.any():
             return self.low_passed(self.whole)
         low = self._once("measured", self.measured)
@@ -248,27 +245,27 @@ class Spectra:
 
     @cached_property
     def taken(self) -> Array:
-        """What limits take off the outputs, behind the low-pass, shape (O, K); zero, shape (1, 1), without limits."""
+        """Effect of limits on the low-passed outputs, shape (O, K); zeros of shape (1, 1) without limits."""
         return np.zeros((1, 1)) if self.limited is None else self.low_passed(self.limited)
 
     @cached_property
     def unlimited(self) -> Array:
-        """The data that a ship without limits would have given, shape (O, K)."""
+        """The data of the same ship without limits, shape (O, K)."""
         return self.decimated - self.taken
 
     def _once(self, name: str, signals: Array) -> Array:
-        """Signals behind the low-pass, computed once for all records of the same data."""
+        """Low-pass signals, once for all records of the same data."""
         if name not in self._low_passed:
             self._low_passed[name] = self.low_passed(signals)
         return self._low_passed[name]
 
     @cached_property
     def spectrum(self) -> ComplexArray:
-        """Spectra of the data that a ship without limits would have given, shape (O, F)."""
+        """Spectra of the data of the same ship without limits, shape (O, F)."""
         return self.see(self.unlimited)
 
     def in_time(self, spectra: ComplexArray) -> Array:
-        """Return the tapered signals (..., K), at the decimated rate, that have the spectra (..., F)."""
+        """Return tapered signals (..., K) at the decimated rate from spectra (..., F)."""
         spectra = spectra * np.sqrt(0.5 * self.count)
         spectra[..., 0] *= np.sqrt(2.0)
         return np.asarray(irfft(spectra, self.count, axis=-1))
@@ -279,24 +276,24 @@ class Spectra:
 
     def _scaled(self, found: ComplexArray) -> ComplexArray:
         found = found[..., : len(self.frequency_hz)] / np.sqrt(0.5 * self.count)
-        # The mean is real; its variance is twice that of the real part of any other frequency.
+        # The mean is real; its variance is twice that of the real component of any other frequency.
         found[..., 0] *= np.sqrt(0.5)
         return found
 
     @cached_property
     def goes_in_steps(self) -> bool:
-        """Whether the set point rests except at a few moments."""
+        """Whether the set point is constant except for a few changes."""
         moves = np.abs(np.diff(self.set_point))
         return bool(np.mean(moves > QUICK * moves.max()) < MOMENTS)
 
     @cached_property
     def set_point_low(self) -> Array:
-        """Deviation of the set point behind the low-pass, decimated (K,)."""
+        """Low-passed deviation of the set point, decimated (K,)."""
         return self._once("set point", self.set_point)
 
     @cached_property
     def signals(self) -> Array:
-        """Spectra as the kernel takes them, shape (8, ORDERS, 2, padded)."""
+        """Spectra in the kernel's layout, shape (8, ORDERS, 2, padded)."""
         named = dict(zip(self.outputs, self.unlimited, strict=True))
         speed = named["dn"]
         propeller = speed if self.slip is None else speed - self.slip
@@ -317,14 +314,14 @@ class Spectra:
         return found
 
     def _laid_out(self, spectra: ComplexArray) -> Array:
-        """Spectra (ORDERS, F) as real and imaginary parts, signs of the orders included, (ORDERS, 2, padded)."""
+        """Real and imaginary parts (ORDERS, 2, padded) of spectra (ORDERS, F), with the signs of the orders."""
         found = np.zeros((ORDERS, 2, self.padded))
         signed = spectra * (-1.0) ** np.arange(ORDERS)[:, None]
         found[:, 0, : spectra.shape[1]], found[:, 1, : spectra.shape[1]] = signed.real, signed.imag
         return found
 
     def delayed(self, signal: Literal["speed", "set point", "torque"], delay_s: float) -> tuple[Array, float]:
-        """Return the signal delayed by a whole number of `GRID_S` (ORDERS, 2, padded), and the rest of the delay [s]."""
+        """Return a signal delayed by a multiple of `GRID_S` (ORDERS, 2, padded), and the remaining delay [s]."""
         steps = round(delay_s / GRID_S)
         if (signal, steps) not in self._delayed:
             if signal == "set point":
@@ -342,7 +339,7 @@ class Spectra:
     def through(
         self, row: Array, transfer: Callable[[ComplexArray], ComplexArray], gain: float, slope: float
     ) -> Array:
-        """Filter a decimated signal (K,) by a transfer function of s, whose value at s = 0 is `gain`, its slope `slope`."""
+        """Filter a decimated signal (K,) by a transfer function with value `gain` and derivative `slope` at s = 0."""
         pad = int(PAD_S * self.rate_hz)
         wide = _beyond(row, pad)
         line = np.linspace(wide[0], wide[-1], len(wide))
@@ -358,7 +355,7 @@ class Spectra:
         return set_point, self.tapered(self.low_passed(self.load), 1)[0] if len(self.load) else None
 
     def _between_samples(self, frequency_hz: Array) -> ComplexArray:
-        """Frequency response (F,) of the hold, or the straight lines, between the set point's samples."""
+        """Frequency response (F,) of the interpolation between the set point's samples."""
         at = frequency_hz / self.data_hz
         if self.between == "held":
             return np.asarray(np.sinc(at) * np.exp(-1j * np.pi * at))
@@ -373,13 +370,13 @@ class Spectra:
         *,
         slips: bool = False,
     ) -> Spectra:
-        """Return the record corrected by a model: without images, masked samples filled, the effect of limits undone.
+        """Return the record corrected by a model: without images, with masked samples filled, without the effect of limits.
 
-        `respond` gives the outputs' response to the set point, `model` the outputs (O, N) for masked samples, `limited`
-        what limits take off the outputs (O, N). With `slips`, squares in the load's law are of the propeller's own speed.
+        `respond` gives the outputs' response to the set point, `model` the outputs (O, N) for masked samples, and `limited`
+        the effect of limits on the outputs (O, N). With `slips`, squares in the load's law are of the propeller's speed.
 
-        A set point that is held, or straight, between its samples has images about multiples of the sample rate. They
-        pass through the closed loop and, where the data are not low-passed, fold into the band.
+        A set point that is held or linear between samples has images about multiples of the sample rate. They pass through
+        the closed loop and, where the data are not low-passed, fold into the band.
         """
         images = None if self.between == "band-limited" else self._images(values, respond)
         shown = self.stairs(values, respond) if self.between == "held" else None
@@ -390,7 +387,7 @@ class Spectra:
         return replace(found, slip=found._slip(values)) if slips else found
 
     def _slip(self, values: Mapping[str, float]) -> Array:
-        """Rate of twist of the shaft (K,) in the model's response to the set point: the measured torque is too noisy."""
+        """Difference of engine and propeller speed (K,) in the modelled response: the measured torque is too noisy."""
         known = loop_of(values)
 
         def transfer(s: ComplexArray) -> ComplexArray:
@@ -404,27 +401,27 @@ class Spectra:
         return self.through(self.set_point_low, transfer, 0.0, values["tau_twist"] * values["p"])
 
     def running(self, between: Between) -> Spectra:
-        """Return the record with another course of the set point between its samples, and without corrections."""
+        """Return the record without corrections, with another course of the set point between samples."""
         none: dict[str, Any] = dict.fromkeys(("model", "images", "shown", "limited", "slip"))
         return replace(self, between=between, _delayed={}, **none)
 
     def _images(self, values: Mapping[str, float], respond: Respond) -> Array:
-        """Part of the outputs that the set point's images cause, (O, N)."""
+        """Effect of the set point's images on the outputs, (O, N)."""
         pad = int(PAD_S * self.data_hz)
         wide = _beyond(self.set_point, pad)
         frequency = np.fft.rfftfreq(len(wide), 1.0 / self.data_hz)
         answer = np.zeros((len(self.outputs), len(frequency)), complex)
         kept = frequency <= 1.25 * self.band_hz
         answer[:, kept] = self._folded(values, respond, np.asarray(frequency[kept], dtype=np.float64))
-        # The mean has no images: they would lie at the multiples themselves, where the hold has no gain.
+        # The mean has no images: they would be at the multiples themselves, where the hold has zero gain.
         answer[:, 0] = 0.0
         found = irfft(answer * rfft(wide), len(wide), axis=-1)
         return np.asarray(found[:, pad : pad + len(self.set_point)])
 
     def _folded(self, values: Mapping[str, float], respond: Respond, frequency_hz: Array) -> ComplexArray:
-        """Response of the sampled outputs to the set point's samples through its images, folded into the band (O, F)."""
+        """Response (O, F) of the sampled outputs to the set point's samples through images that fold into the band."""
         most = IMAGES[self.between]
-        # Gain of the hold, or the straight lines, at an image: its sine is the same at all images, its divisor is not.
+        # Gain of the interpolation at an image: the sine is the same for all images, the divisor is not.
         at, order = frequency_hz / self.data_hz, 1 if self.between == "held" else 2
         course = (np.sin(np.pi * at) / np.pi) ** order
         course = course * np.exp(-1j * np.pi * at) if self.between == "held" else course
@@ -435,14 +432,14 @@ class Spectra:
         answer = np.sum(every * (course / there**order), axis=1)
         late_s = sum(values.get(name, 0.0) for name in ("T_d", "T_set", "tau_act"))
         if self.between == "held" and late_s < 0.5 / (most * self.data_hz):
-            # A sample at a jump has the value after the jump; a Fourier sum has the mean of both values.
+            # A sample at a jump has the value after it; a Fourier sum has the mean of both values.
             at_once = {**values, "T_d": 0.0, "T_set": 0.0, "tau_act": 0.0}
             jump = respond(at_once, np.array([AT_ONCE * self.data_hz])).real
             answer = answer - 0.5 * jump * np.expm1(-2j * np.pi * at)
         return np.asarray(answer)
 
     def stairs(self, values: Mapping[str, float], respond: Respond) -> ComplexArray:
-        """Spectra (O, F) of what a held set point's images add to the outputs, interpolated from few frequencies."""
+        """Spectra (O, F) of a held set point's images in the outputs, interpolated from few frequencies."""
         few, between = self._few
         late_s = values.get("T_d", 0.0) + values.get("T_set", 0.0)
         turned = self._folded(values, respond, few) * np.exp(2j * np.pi * late_s * few)
@@ -450,7 +447,7 @@ class Spectra:
 
     @cached_property
     def _few(self) -> tuple[Array, Array]:
-        """Few frequencies [Hz], and the matrix (FEW, F) of cubic splines that interpolates from them to all frequencies."""
+        """Few frequencies [Hz], and the cubic-spline matrix (FEW, F) that interpolates from these to all frequencies."""
         few: Array = np.linspace(0.0, float(self.frequency_hz[-1]), FEW)
         return few, np.ascontiguousarray(CubicSpline(few, np.eye(FEW))(self.frequency_hz).T)
 
@@ -486,13 +483,13 @@ def _tapers(count: int, rate_hz: float) -> Array:
 
 
 def _beyond(row: Array, pad: int) -> Array:
-    """Extend a signal by constant values, at least `pad` samples at either end, to a length with a fast transform."""
+    """Extend a signal by constants, at least `pad` samples at each end, to a length with a fast transform."""
     length = next_fast_len(len(row) + 2 * pad, real=True)
     return np.pad(row, (pad, length - len(row) - pad), mode="edge")
 
 
 def _pace(set_point: Array, speed: Array, rate_hz: float) -> float:
-    """Return the bandwidth [rad/s] of the first-order loop with dead time that explains most of a speed; 0: none does."""
+    """Return the bandwidth [rad/s] of the first-order loop with dead time that best explains a speed; 0 if none does."""
     kept, at = np.isfinite(speed), np.arange(len(speed))
     taper = np.hanning(len(speed))
     driver, answer = (
@@ -504,7 +501,7 @@ def _pace(set_point: Array, speed: Array, rate_hz: float) -> float:
     if not power[strong].any():
         return 0.0
     s, driver, answer = 2j * np.pi * frequency[strong], driver[strong], answer[strong]
-    # Time derivatives are compared: all frequencies of a step then have the same weight.
+    # Time derivatives are compared, so that all frequencies of a step have equal weight.
     shapes = s * driver / (1.0 + s / PACES[:, None])
     along = ((shapes.conj() * s * answer) @ np.exp(s * DEAD_TIMES_S[:, None]).T).real
     told = np.where(along > 0.0, along**2, 0.0).max(axis=1) / np.sum(np.abs(shapes) ** 2, axis=1)

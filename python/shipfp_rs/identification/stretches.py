@@ -1,6 +1,6 @@
-"""Scores of each stretch of the records: intervals that allow for a wrong model, tests that no single jump can pass.
+"""Deviance gradients of short stretches: intervals that allow for a wrong model, and tests that no single jump can pass.
 
-A deviance is a sum over time. If the model is right, its slopes in stretches of the records scatter as much as its
+A deviance is a sum over time. If the model is right, its gradients in stretches of the records scatter as much as its
 curvature predicts. If the model is wrong they scatter more, and so do estimates (White 1982, doi:10.2307/1912526).
 """
 
@@ -21,15 +21,15 @@ from shipfp_rs.identification.spectra import Spectra
 from shipfp_rs.support.arrays import Array, ComplexArray
 
 STRETCH_S = 3.0
-"""Length of a stretch [s]: a whitened residual forgets sooner."""
+"""Length of a stretch [s], longer than the correlation of a whitened residual."""
 
 
 class Score(NamedTuple):
-    """Test of a column that might be missing from the model.
+    """Test of a column that the model may lack.
 
-    `fall` is that of the deviance; `consistency` the square of the stretches' sum over the sum of their squares, one by
-    chance; `size` the column's factor; `share` the root mean square of what it explains over the response's, the most of
-    any output.
+    `fall` is the decrease of the deviance. `consistency` is the squared sum over stretches, divided by the sum of squares;
+    one by chance. `size` is the column's coefficient. `share` is the root mean square of its effect over the response's,
+    largest of any output.
     """
 
     fall: float
@@ -40,14 +40,14 @@ class Score(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Stretches:
-    """Slopes of a deviance at a vector by stretches of the records, smooth errors taken out.
+    """Gradients of a deviance at a vector by stretches of the records, with smooth errors eliminated.
 
     Parameters
     ----------
     likelihood, vector
-        What was lowered, and where it ended.
+        The likelihood and its minimum.
     columns
-        For each record spectra of the outputs that might be missing, (C, O, F).
+        For each record, spectra of the outputs that the model may lack, (C, O, F).
     """
 
     likelihood: Likelihood
@@ -65,7 +65,7 @@ class Stretches:
 
     @cached_property
     def _rows(self) -> list[ComplexArray]:
-        """Residual, derivatives and further columns of each record, stacked (1 + P + C, O, F), in units of noise."""
+        """Residual, derivatives and additional columns of each record, stacked (1 + P + C, O, F), in units of noise."""
         found = []
         for index in range(len(self.likelihood.records)):
             residual, jacobian = self.likelihood.spectra(self.vector, index)
@@ -78,7 +78,7 @@ class Stretches:
 
     @cached_property
     def _white(self) -> list[ComplexArray]:
-        """The same rows, smooth errors taken out by their priors."""
+        """The same rows with smooth errors eliminated, given their priors."""
         errors, found = self._smooth, [rows.copy() for rows in self._rows]
         square = np.eye(len(errors[0])) + sum(_products(one, one) for one in errors)
         along = sum(_products(one, rows) for one, rows in zip(errors, found, strict=True))
@@ -89,7 +89,7 @@ class Stretches:
 
     @cached_property
     def _gram(self) -> Array:
-        """Products of residual, derivatives and columns as the deviance has them, (1 + P + C, 1 + P + C)."""
+        """Gram matrix of residual, derivatives and columns in the deviance, (1 + P + C, 1 + P + C)."""
         gram = np.array(sum(_products(one, rows) for one, rows in zip(self._white, self._rows, strict=True)))
         priors = self.likelihood.prior_rows(self.vector)
         size = priors.shape[1]
@@ -108,25 +108,25 @@ class Stretches:
 
     @cached_property
     def _covariance(self) -> Array:
-        """Covariance of the parameters from the curvature of the deviance, zero for a parameter on its bound, (P, P)."""
+        """Covariance of the parameters from the deviance's curvature (P, P), zero for a parameter on its bound."""
         end = 1 + self._priors.shape[1]
         now = Products(float(self._gram[0, 0]), self._gram[0, 1:end], self._gram[1:end, 1:end])
         return Profiles(self.likelihood, []).covariance(Basin(now.cost, self.vector, products=now))
 
     def widening(self, gradient: Array) -> float:
-        """Return a figure's standard deviation from the scatter of stretches over that from the curvature, at least 1."""
-        # Parameters on a bound are free here, too: their true values may lie inside it.
+        """Return a figure's standard deviation by the scatter of stretches over that by the curvature, at least 1."""
+        # Parameters on a bound are free here, since their true values may be inside it.
         end = 1 + self._priors.shape[1]
         along = scaled_inverse(self._gram[1:end, 1:end]) @ gradient
         scatter = sum(float(moves @ moves) for moves in self._moved(along))
         return float(np.sqrt(max(scatter / max(float(gradient @ along), 1e-300), 1.0)))
 
     def influence(self, gradient: Array) -> tuple[Array, Array, Array]:
-        """Return how far a figure is moved by stretches (S,), and by smooth errors (E,) and priors (K,) of their size."""
+        """Return the change of a figure by stretches (S,), and by smooth errors (E,) and priors (K,) of their deviation."""
         return self._moved(self._covariance @ gradient)
 
     def _moved(self, along: Array) -> tuple[Array, Array, Array]:
-        """How far stretches, smooth errors and priors move the parameters along a direction (P,)."""
+        """Change of the parameters along a direction (P,) by stretches, smooth errors and priors."""
         size = len(along)
         pairs = zip(self._white, self._smooth, strict=True)
         errors = [
@@ -159,7 +159,7 @@ class Stretches:
 
 
 def by_stretch(record: Spectra, rows: ComplexArray, residual: ComplexArray) -> Array:
-    """Products of rows of outputs (A, O, F) with a residual (O, F) in each stretch of a record, (A, S)."""
+    """Products of rows (A, O, F) with a residual (O, F) in each stretch of a record, (A, S)."""
     count = record.decimated.shape[1]
     in_time, left = (irfft(one, count, axis=-1) for one in (rows, residual))
     local = 0.5 * count * np.sum(in_time * left, axis=1)
@@ -169,7 +169,7 @@ def by_stretch(record: Spectra, rows: ComplexArray, residual: ComplexArray) -> A
 
 
 def _power(spectra: Sequence[ComplexArray]) -> Array:
-    """Power of each row's outputs (A, O) of records' spectra (A, O, F), without the means."""
+    """Power of each row's outputs (A, O) in spectra of records (A, O, F), without means."""
     return np.asarray(np.sum([np.sum(np.abs(one[..., 1:]) ** 2, axis=-1) for one in spectra], axis=0))
 
 
@@ -179,5 +179,5 @@ def _products(first: ComplexArray, second: ComplexArray) -> Array:
 
 
 def _flat(rows: ComplexArray) -> Array:
-    """Rows of complex numbers (A, O, F) as rows of real ones, the same memory, (A, R)."""
+    """View of complex rows (A, O, F) as real rows (A, R)."""
     return rows.reshape(len(rows), -1).view(float)

@@ -1,4 +1,4 @@
-"""The end of a given structure's search as a fingerprint: estimates, fits, tests, verdict, and what it was made from."""
+"""The fingerprint of a given structure: estimates, fits, tests and verdict at the search's minimum."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def fitted(
 
 
 def of_structure(fit: StructureFit, options: Options, *, vessel: str | None = None) -> Fingerprint:
-    """Say what data tell of a structure, about the end of a search."""
+    """Return the fingerprint of a fitted structure."""
     structure = fit.structure
     found = StructureEstimates(fit, options.intervals)
     records, tests = fit.records, residual_tests(fit)
@@ -112,7 +112,7 @@ def _noise(records: Sequence[Seen]) -> str:
 
 
 def _fits(fit: StructureFit) -> list[list[float]]:
-    """For each record the fit of each output's plain simulation [%]."""
+    """Fit of each output's simulation, for each record [%]."""
     return [record.fit_pct(fit.known(index)) for index, record in enumerate(fit.records)]
 
 
@@ -127,7 +127,7 @@ def _mean_fits(
 
 
 def _overall(fit: StructureFit, found: StructureEstimates) -> dict[str, float | None]:
-    """Figures of the whole fit: of white noise the information criteria, of known deviations chi-squared."""
+    """Figures of the whole fit: information criteria for white noise, chi-squared for known deviations."""
     likelihood, vector = fit.likelihood, fit.best.vector
     outputs, rank = len(likelihood.accuracy), found.everything.rank
     unknown = likelihood.coordinates.size - len(likelihood.coordinates.free)

@@ -1,4 +1,4 @@
-"""Coordinates in which a given structure is searched: its free parameters, those of wide bounds by their logarithm."""
+"""Search coordinates of a given structure: its free parameters, as logarithms where bounds are wide."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from shipfp_rs.structures.structure import Parameter, Structure
 from shipfp_rs.support.arrays import Array
 
 STATE_DEVIATION = 1.0
-"""Prior deviation of initial states and offsets, over the operating point: so wide that few data notice it."""
+"""Prior deviation of initial states and offsets, relative to the operating point, too wide to matter for most data."""
 
 
 @dataclass(frozen=True)
 class StructureCoordinates:
-    """Free parameters of a structure between their bounds, as a vector, with the unknowns of its records behind them."""
+    """Free parameters of a structure as a bounded vector, followed by the unknowns of its records."""
 
     structure: Structure
     unknowns: tuple[tuple[str, ...], ...]
@@ -58,17 +58,17 @@ class StructureCoordinates:
         return len(self.free) + sum(map(len, self.unknowns))
 
     def place(self, name: str) -> int:
-        """Place of a parameter in a vector."""
+        """Index of a parameter in a vector."""
         return self.names.index(name)
 
     def states(self, record: int) -> slice:
-        """Places of a record's own unknowns."""
+        """Slice of a record's unknowns in a vector."""
         first = len(self.free) + sum(map(len, self.unknowns[:record]))
         return slice(first, first + len(self.unknowns[record]))
 
     @cached_property
     def logarithmic(self) -> frozenset[str]:
-        """Parameters that are searched by their logarithm."""
+        """Parameters that are searched as logarithms."""
         return frozenset(one.name for one in self.parameters if one.logarithmic)
 
     @cached_property
@@ -80,11 +80,11 @@ class StructureCoordinates:
         return low, high
 
     def values(self, vector: Array) -> dict[str, float]:
-        """Return the parameters in their own units, those given and tied included."""
+        """Return the parameters in their units, given and tied ones included."""
         found = dict(self.given)
         for name, x in zip(self.names, vector.tolist(), strict=False):
             low, high = self.free[name]
-            # An exponential of a logarithm may miss a bound by rounding.
+            # exp(log(x)) may exceed a bound by rounding.
             found[name] = min(max(math.exp(x), low), high) if name in self.logarithmic else x
         return self.structure.complete(found) if self._tied else found
 
@@ -100,7 +100,7 @@ class StructureCoordinates:
         ]
 
     def vector(self, values: Mapping[str, float], states: Sequence[Mapping[str, float]] = ()) -> Array:
-        """Return the vector of values within the bounds; records' unknowns are zero unless given."""
+        """Return the vector for values within the bounds; unknowns of records are zero unless given."""
         vector = np.zeros(self.size)
         for place, name in enumerate(self.names):
             value = values[name]
@@ -110,7 +110,7 @@ class StructureCoordinates:
         return np.clip(vector, *self.bounds)
 
     def slopes(self, values: Mapping[str, float]) -> dict[str, dict[int, float]]:
-        """Derivatives of the free parameters by the places of a vector."""
+        """Derivatives of the free parameters by entries of a vector."""
         return {
             name: {place: values[name] if name in self.logarithmic else 1.0}
             for place, name in enumerate(self.names)
@@ -133,5 +133,5 @@ class StructureCoordinates:
         return found
 
     def jacobian(self, values: Mapping[str, float]) -> Array:
-        """Derivatives of the free parameters by their places in a vector, (W, W)."""
+        """Derivatives of the free parameters by their entries of a vector, (W, W)."""
         return np.diag([values[name] if name in self.logarithmic else 1.0 for name in self.names])

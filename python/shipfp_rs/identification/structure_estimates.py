@@ -1,4 +1,4 @@
-"""From the end of a given structure's search to estimates: what the data tell, how well, and why not the rest."""
+"""Estimates from a given structure's minimum: values, intervals, and reasons where the data determine none."""
 
 from __future__ import annotations
 
@@ -33,32 +33,32 @@ from shipfp_rs.support.quantiles import DEVIATIONS_95
 from shipfp_rs.support.sentences import Sentence
 
 ON_BOUND = 1e-5
-"""A parameter is on a bound if it is nearer than this part of its size, or of the width between its bounds, if less."""
+"""Distance from a bound, relative to the parameter's size or the bounds' width if less, below which it is on the bound."""
 CUT = 10.0
-"""Along a null direction parameters can move only until one of them meets a bound. A parameter that moves by less than so
-many standard deviations has an interval all the same."""
+"""Along a null direction parameters can move only until one of them meets a bound. A parameter that moves by less than this
+many standard deviations still has an interval."""
 SHORT = 1e-3
-"""The same limit, as a part of the width between the parameter's own bounds."""
+"""The same limit, as a share of the width between the parameter's bounds."""
 EDGE = 1e-6
-"""The same limit, as a part of the parameter's size, where the standard deviation is zero."""
+"""The same limit, as a share of the parameter's size, where the standard deviation is zero."""
 SHARPER = 1.0 / 3.0
-"""A combination is listed where its relative deviation is below this part of that of its least known member."""
+"""A combination is listed if its relative deviation is below this share of its least known parameter's."""
 UNTOLD = 0.99
-"""Part of the width between bounds from which an interval tells nothing."""
+"""Share of the bounds' width from which on an interval counts as not determined."""
 STILL = 1e-4
-"""The fit explains more than chance where the probability is below this."""
+"""Largest probability, by chance, of the explained deviance for the fit to be significant."""
 
 
 @dataclass(frozen=True)
 class StructureEstimates:
-    """What the end of a search tells of each parameter, alone and together."""
+    """Estimates of each parameter and their covariance at a minimum."""
 
     fit: StructureFit
     intervals: str
 
     @property
     def structure(self) -> Structure:
-        """What was fitted."""
+        """The fitted structure."""
         return self.fit.structure
 
     @cached_property
@@ -68,7 +68,7 @@ class StructureEstimates:
 
     @cached_property
     def values(self) -> dict[str, float]:
-        """Parameters at the best minimum; one that is very close to a bound is set to the bound."""
+        """Parameters at the best minimum; values very close to a bound are set to it."""
         values = self.fit.likelihood.coordinates.values(self.fit.best.vector)
         for parameter in self.structure.free:
             bound = _bound(parameter, values[parameter.name])
@@ -78,12 +78,12 @@ class StructureEstimates:
 
     @cached_property
     def narrower(self) -> float:
-        """Standard deviations over those that the likelihood's curvature gives: it ends intervals of 95 % at one rise."""
+        """Factor on standard deviations by curvature, so that all 95 % intervals end at the same rise of the deviance."""
         return DEVIATIONS_95 / self.fit.likelihood.quantile
 
     @cached_property
     def own(self) -> Array:
-        """Derivatives by the free parameters in units of the noise, without what the records' unknowns explain, (R, P)."""
+        """Derivatives by the free parameters in units of the noise, without what records' unknowns explain, (R, P)."""
         likelihood, count = self.fit.likelihood, len(self.structure.free)
         jacobian = likelihood.whitened(self.fit.best.vector)[:, 1:]
         if not _responds(self.fit):
@@ -99,27 +99,27 @@ class StructureEstimates:
 
     @cached_property
     def scale(self) -> Array:
-        """Typical sizes of the parameters: a value near zero does not show it, (P,)."""
+        """Typical sizes of the parameters, also for values near zero, (P,)."""
         return np.array([max(abs(self.values[one.name]), one.scale) for one in self.structure.free])
 
     @cached_property
     def everything(self) -> Sensitivity:
-        """What the data tell of all free parameters."""
+        """Sensitivity of the data to all free parameters."""
         return Sensitivity.of(self.own, [one.name for one in self.structure.free], self.scale)
 
     @cached_property
     def inward(self) -> npt.NDArray[np.int_]:
-        """For each parameter +1 on its lower bound, -1 on its upper one, 0 between them."""
+        """+1 for each parameter on its lower bound, -1 on its upper one, 0 between them."""
         return np.array([_inward(one, self.values[one.name]) for one in self.structure.free], dtype=int)
 
     @cached_property
     def on_bound(self) -> Mask:
-        """Which parameters a bound holds."""
+        """Whether a bound holds each parameter."""
         return self.everything.held_by_bounds(self.inward)
 
     @cached_property
     def held(self) -> Mask:
-        """Which parameters the data press against a bound, beyond which the deviance would fall by the quantile."""
+        """Whether the data press each parameter to a bound: beyond it the deviance would fall by more than the quantile."""
         now = self.fit.best.products or self.fit.likelihood.products(self.fit.best.vector)
         count = len(self.inward)
         held = np.zeros(count, dtype=bool)
@@ -132,7 +132,7 @@ class StructureEstimates:
 
     @cached_property
     def inner(self) -> Sensitivity:
-        """What the data tell of the parameters that are not held."""
+        """Sensitivity of the data to the parameters that are not held."""
         names = [name for name, held in zip(self.everything.names, self.held, strict=True) if not held]
         return Sensitivity.of(self.own[:, ~self.held], names, self.scale[~self.held])
 
@@ -156,7 +156,7 @@ class StructureEstimates:
         return with_tied(found, self.structure)
 
     def _reach(self) -> Array:
-        """How far the null directions lead each parameter between the bounds, shape (P,)."""
+        """Range of each parameter along null directions between the bounds, shape (P,)."""
         centre = np.array([self.values[one.name] for one in self.structure.free])
         low, high = np.array([(one.lower, one.upper) for one in self.structure.free]).T
         return self.everything.reach(centre, low, high)
@@ -197,10 +197,10 @@ class StructureEstimates:
         return Estimate(value, std, ends, unit, "free" if parameter.prior is None else "prior")
 
     def _unknown(self, index: int, parameter: Parameter, reach: float) -> str:
-        """Say why a parameter has no interval of its own, empty where it has one."""
+        """Say why a parameter has no interval; empty where it has one."""
         place = self.inner.names.index(parameter.name)
         variance = float(self.covariance[place, place])
-        # Where bounds cut a null direction, a parameter on a bound still has an interval.
+        # A parameter on a bound has an interval even where bounds cut a null direction.
         open_over = CUT * float(np.sqrt(variance)) + EDGE * self.scale[index]
         cut = reach < min(open_over, SHORT * (parameter.upper - parameter.lower))
         reason = "" if self.on_bound[index] or cut else why_unknown(self.everything, index)
@@ -223,10 +223,10 @@ class StructureEstimates:
 
     @cached_property
     def derived(self) -> dict[str, Estimate]:
-        """Combinations that the data determine although one of their members is not known by itself.
+        """Combinations that the data determine although one of their parameters is not identifiable.
 
-        Where the model is curved the data tell something of every member; then also combinations that are known far better
-        than one of their members.
+        A nonlinear model makes every parameter slightly identifiable; then also combinations that are much better known than
+        one of their parameters.
         """
         found: dict[str, Estimate] = {}
         if self.fit.likelihood.untold:
@@ -268,9 +268,9 @@ class StructureEstimates:
 
 
 def _responds(fit: StructureFit) -> bool:
-    """Whether the fit explains experiments better than constants do, by a likelihood ratio, or there are responses.
+    """Whether the fit explains experiments better than constants do, by a likelihood ratio; True with frequency responses.
 
-    Even without excitation initial states can be fitted to the noise, and parameters to their decay.
+    Without excitation, initial states and the parameters of their decay can still be fitted to noise.
     """
     likelihood = fit.likelihood
     if any(isinstance(record, Response) for record in fit.records):
@@ -291,7 +291,7 @@ def _responds(fit: StructureFit) -> bool:
 
 
 def with_tied(parameters: Mapping[str, Estimate], structure: Structure) -> dict[str, Estimate]:
-    """Add what is tied to the parameters that are not, in the structure's order."""
+    """Add tied parameters, in the structure's order."""
     found = dict(parameters)
     for name, tie in structure.ties.items():
         other = parameters[tie.to]

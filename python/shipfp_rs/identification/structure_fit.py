@@ -1,4 +1,4 @@
-"""The search of a given structure: from several starts to their minima, each under the noise of its own residuals."""
+"""The search of a given structure: descents from several starts, each under the noise of its own residuals."""
 
 from __future__ import annotations
 
@@ -31,23 +31,23 @@ from shipfp_rs.support.arrays import Array
 LOGGER = logging.getLogger("shipfp_rs")
 
 ROUNDS, STILL = 200, 0.01
-"""Most descents, each with the noise estimated at the end of the one before, and the fall of the total deviance below
-which they end. True noise settles in few; the misfit of a model to computed data may take a hundred."""
+"""Most descents, each with the noise estimated at the previous minimum, and decrease of the total deviance below which they
+stop. True noise converges in few; the misfit of a model to simulated data may take a hundred."""
 UNMOVED = 3e-7
-"""Largest move of any entry of the vector in a descent after which they end, too: without noise the total never settles."""
+"""Largest step of a vector's entries below which the descents stop, too: without noise the total never converges."""
 STEPS, SETTLED, LAST = 100, 1e-4, 1e-9
-"""Most steps of a descent, the decrease below which it ends, and a finer one for the last descent, which then costs only a
-step or two."""
+"""Most steps of a descent, decrease below which it stops, and a smaller decrease for the last descent, which then takes only
+one or two steps more."""
 ROUNDING = 1e-9
 """Relative decrease of a deviance below which it may be rounding."""
 OFF_BY = 0.1
-"""Prior deviation of the offsets and scales of a ship's records, over the operating point."""
+"""Prior deviation of the offsets and scales of a ship's records, relative to the operating point."""
 DRAWS = 100
-"""Most random draws until a start with a stable loop is found."""
+"""Most random draws for a start with a stable loop."""
 
 
 GUESSED = 2
-"""Number of starts from regressions that are followed, those of least deviance."""
+"""Number of starts from regressions, by least deviance."""
 
 
 Fitted = StructureLikelihood | EquationLikelihood
@@ -55,7 +55,7 @@ Fitted = StructureLikelihood | EquationLikelihood
 
 @dataclass(frozen=True)
 class StructureFit:
-    """The end of a search: data, the likelihood with its noise, the minima that count, and the end of each start."""
+    """The result of a search: data, the likelihood with noise, distinct minima, and the minimum of each start."""
 
     structure: Structure
     records: tuple[Seen, ...]
@@ -70,24 +70,24 @@ class StructureFit:
 
     @property
     def coordinates(self) -> StructureCoordinates:
-        """Those of the search."""
+        """Coordinates of the search."""
         return _coordinates(self.likelihood)
 
     def known(self, record: int) -> dict[str, float]:
-        """Parameters and a record's own unknowns at the best end, by name."""
+        """Parameters and a record's unknowns at the best minimum, by name."""
         c, vector = self.likelihood.coordinates, self.best.vector
         return c.values(vector) | c.states_at(vector)[record]
 
 
 def fit_structure(data: Data | Sequence[Data], structure: Structure, options: Options) -> StructureFit:
-    """Search the parameters that explain data best.
+    """Search the parameters that best explain data.
 
     Raises
     ------
     InputError
         For data or options that can't be used.
     IdentificationError
-        Where no start leads to a minimum.
+        If no start leads to a minimum.
     """
     options.require()
     records, likelihood = likelihood_of(data, structure, options)
@@ -122,7 +122,7 @@ def fit_structure(data: Data | Sequence[Data], structure: Structure, options: Op
 def likelihood_of(
     data: Data | Sequence[Data], structure: Structure, options: Options
 ) -> tuple[tuple[Seen, ...], Fitted]:
-    """Return data as a structure is compared with them, and its likelihood with no noise estimated yet."""
+    """Return the data in the form compared with a structure, and the likelihood before any noise estimate."""
     items = [data] if isinstance(data, Experiment | FrequencyResponse) else list(data)
     if not items:
         raise InputError("identify: no data given, expected an Experiment or a FrequencyResponse")
@@ -143,7 +143,7 @@ def likelihood_of(
 
 
 def _in_closed_form(records: Sequence[Seen], own: StructureLikelihood) -> EquationLikelihood | None:
-    """Return the likelihood by the ship's two equations; None where the structure has more, or data are no spectra."""
+    """Return the likelihood by the ship's two equations; None if the structure has more, or data are no spectra."""
     structure, names = own.coordinates.structure, own.coordinates.names
     ships = [TwoEquations.of(record.structure, names) for record in records]
     spectra = [record.record for record in records if isinstance(record, InBand)]
@@ -173,7 +173,7 @@ def _coordinates(likelihood: Fitted) -> StructureCoordinates:
 
 
 def _unknowns(ship: TwoEquations) -> tuple[str, ...]:
-    """A record's own unknowns: in open loop an offset of the fuel; a linear ship's torque has an offset, others' a scale."""
+    """Unknowns of a record: offset of fuel or set point, and offset (of a linear ship) or scale of the torque."""
     outputs, found = ship.equations.outputs, [] if ship.open_loop else ["set point offset"]
     if "dM" in outputs:
         found.append("torque offset" if ship.is_linear else "torque scale")
@@ -183,7 +183,7 @@ def _unknowns(ship: TwoEquations) -> tuple[str, ...]:
 
 
 def _ends(likelihood: Fitted, vectors: Sequence[Array], until: float | None) -> list[Basin]:
-    """Where each start leads; those that come together on their way are followed once."""
+    """Return the minimum of each start; starts that converge on the way share a descent."""
     rough = likelihood.each(
         [partial(descend, likelihood, one, steps=STEPS, settled=1.0, until=until) for one in vectors]
     )
@@ -201,11 +201,11 @@ def _ends(likelihood: Fitted, vectors: Sequence[Array], until: float | None) -> 
 
 
 def _settled(likelihood: Fitted, end: Basin, until: float | None) -> Basin:
-    """Go down, each time under the noise of the end before, until the total falls no further; the cost is the total."""
+    """Descend repeatedly with the noise re-estimated at each minimum; the cost is the total deviance."""
     total = np.inf
     for place in range(ROUNDS):
         try:
-            # Images move little with the vector.
+            # Images hardly change with the vector.
             likelihood = (likelihood.resettled_at if place else likelihood.settled_at)(end.vector)
         except (SimulationError, np.linalg.LinAlgError):
             return Basin(np.inf, end.vector, False)
@@ -219,7 +219,7 @@ def _settled(likelihood: Fitted, end: Basin, until: float | None) -> Basin:
 
 
 def start_vectors(records: Sequence[Seen], likelihood: Fitted, count: int, seed: int | None) -> list[Array]:
-    """Return the declared start and `count` - 1 random ones of stable loops, logarithmic over bounds that span decades."""
+    """Return the declared start and `count` - 1 random ones with stable loops."""
     c = _coordinates(likelihood)
     vectors = [c.vector({one.name: one.start for one in c.parameters})]
     random = np.random.default_rng(seed)
@@ -234,9 +234,9 @@ def start_vectors(records: Sequence[Seen], likelihood: Fitted, count: int, seed:
 
 
 def guessed_vectors(records: Sequence[Seen], likelihood: Fitted, structure: Structure) -> list[Array]:
-    """Return the best starts by regressions of spectra, for a drive train of known terms whose dead times are searched.
+    """Return the best starts from regressions of spectra, for a drive train with unknown dead times.
 
-    Declared starts, and random ones, may all lie in a basin with the wrong ones.
+    Declared and random starts may all lead to a minimum with wrong dead times.
     """
     free = {one.name for one in structure.free}
     if (
@@ -280,7 +280,7 @@ def guessed_vectors(records: Sequence[Seen], likelihood: Fitted, structure: Stru
 
 
 def _require_sense(data: FrequencyResponse) -> None:
-    """Refuse a speed that leads its set point, or that follows it slowly with another gain than 1 (eq. 3.31)."""
+    """Refuse a speed that leads its set point, or that follows it slowly with a gain other than 1 (eq. 3.31)."""
     speed = next((name for name in ("n_e", "n_s") if name in data.response), None)
     if speed is None:
         return

@@ -1,4 +1,4 @@
-"""The likelihood of a given structure: its own equations on experiments, spectra and frequency responses."""
+"""The likelihood of a given structure: its equations on experiments, spectra and frequency responses."""
 
 from __future__ import annotations
 
@@ -26,19 +26,19 @@ from shipfp_rs.support.arrays import Array, Numbers
 from shipfp_rs.support.quantiles import DEVIATIONS_95
 
 FIRST_NOISE = 0.1
-"""White noise over an output's spread before any was estimated."""
+"""Standard deviation of the noise before any estimate, over an output's spread."""
 
 
 @dataclass(frozen=True, eq=False)
 class StructureLikelihood(Likelihood):
-    """Of a structure, given records."""
+    """Likelihood of a structure for given records."""
 
     records: tuple[Seen, ...]
     coordinates: StructureCoordinates
 
     @classmethod
     def of(cls, records: Sequence[Seen], structure: Structure, *, accurate: bool = False) -> Self:
-        """Return a likelihood with its noise not yet estimated; `accurate`: for computed data, without smooth errors."""
+        """Return a likelihood before any noise estimate; `accurate`: for simulated data, without smooth errors."""
         accuracy = np.zeros(len(structure.outputs))
         for record in records if not accurate else ():
             if isinstance(record, InBand):
@@ -52,13 +52,13 @@ class StructureLikelihood(Likelihood):
         )
 
     def known(self, vector: Array, record: int) -> dict[str, float]:
-        """Parameters and a record's own unknowns by name."""
+        """Parameters and a record's unknowns by name."""
         c = self.coordinates
         own = vector[c.states(record)]
         return c.values(vector) | dict(zip(self.records[record].unknowns, map(float, own), strict=True))
 
     def spectra(self, vector: Array, record: int) -> tuple[Numbers, Numbers]:
-        """Residuals (O, F) of a record and the model's derivatives by the whole vector (P, O, F)."""
+        """Residuals (O, F) of a record, and the model's derivatives by the whole vector (P, O, F)."""
         c, count = self.coordinates, len(self.coordinates.free)
         values = self.known(vector, record)
         residual, slopes = self._evaluate(vector, record, c.names)
@@ -70,7 +70,7 @@ class StructureLikelihood(Likelihood):
         return residual, jacobian
 
     def residuals(self, vector: Array) -> list[Numbers]:
-        """For each record the residuals at a vector, (O, F)."""
+        """Residuals (O, F) of each record."""
         return [self._evaluate(vector, record, ())[0] for record in range(len(self.records))]
 
     def _evaluate(self, vector: Array, record: int, names: Sequence[str]) -> Evaluated:
@@ -79,7 +79,7 @@ class StructureLikelihood(Likelihood):
         return self.records[record].evaluate(self.known(vector, record), names)
 
     def root(self, record: int) -> Numbers:
-        """Root of the inverse spectral matrix of a record's noise; a part of what it shows before any was estimated."""
+        """Root of the inverse spectral matrix of a record's noise; before any estimate, a share of the data's spread."""
         own = self.records[record]
         if self.roots is not None:
             return self.roots[record]
@@ -90,12 +90,12 @@ class StructureLikelihood(Likelihood):
 
     @cached_property
     def _white_rows(self) -> int:
-        """Real numbers of each output in the records whose noise is one covariance."""
+        """Number of real values of each output in records with white noise."""
         white = (one for one in self.records if _is_white(one))
         return sum(one.used * (2 if isinstance(one, Response) else 1) for one in white)
 
     def of_structure(self, structure: Structure) -> Self:
-        """Return the likelihood of a structure that has the same parameters, some of them searched and others not."""
+        """Return the likelihood of a structure with the same parameters, but other free ones."""
         return replace(self, coordinates=replace(self.coordinates, structure=structure))
 
     def settled_at(self, vector: Array) -> Self:
@@ -106,12 +106,12 @@ class StructureLikelihood(Likelihood):
 
     @property
     def freedom(self) -> int:
-        """Numbers that are left over to tell the noise from, less the unknowns."""
+        """Degrees of freedom of white noise: real numbers in the data minus unknowns."""
         return len(self.accuracy) * self._white_rows - self.coordinates.size
 
     @property
     def quantile(self) -> float:
-        """Half of an interval of 95 per cent over the standard deviation: noise from few numbers is uncertain itself."""
+        """Half width of a 95 % interval, in standard deviations; larger where the noise is estimated from few numbers."""
         if not all(map(_is_white, self.records)):
             return DEVIATIONS_95
         return quantile_of(self.freedom)
@@ -138,13 +138,13 @@ class StructureLikelihood(Likelihood):
         return tuple(found[index] for index in range(len(self.records)))
 
     def _white_root(self, residuals: Sequence[Numbers], places: Sequence[int], share: float) -> Numbers:
-        """Root of the inverse of one covariance of records; share: of the numbers that the unknowns leave."""
+        """Root of the inverse joint covariance of records; `share` is the degrees of freedom over the number of values."""
         left = np.concatenate([real_rows(residuals[place]) for place in places], axis=1)
         said = np.concatenate([real_rows(self.records[place].spectrum) for place in places], axis=1)
         return white_root(left, said, share, self.quantile)
 
     def spread(self) -> float:
-        """Deviance of the determinants of the noise."""
+        """Log determinants of the noise, as part of the deviance."""
         assert self.roots is not None
         found = 0.0
         for record, root in zip(self.records, self.roots, strict=True):
@@ -157,7 +157,7 @@ class StructureLikelihood(Likelihood):
 
     @cached_property
     def _shapes(self) -> tuple[Numbers, ...]:
-        """The shapes of the smooth errors, which only spectra have."""
+        """Shapes of the smooth errors; only spectra have these."""
         spectra = replace(
             self,
             records=tuple(one for one in self.records if isinstance(one, InBand)),
@@ -177,5 +177,5 @@ class StructureLikelihood(Likelihood):
 
 
 def _is_white(record: Seen) -> bool:
-    """Whether a record's noise is one covariance."""
+    """Whether a record's noise has one covariance."""
     return not record.weighed if isinstance(record, Response) else not isinstance(record, InBand)

@@ -1,7 +1,7 @@
-"""Data in the form in which a structure is compared with them: samples, tapered spectra, or frequency responses.
+"""Data in the form compared with a structure: samples, tapered spectra, or frequency responses.
 
 Each kind has a spectrum (O, F), the residual of a model, and the model's derivatives. For samples the "frequencies" are the
-samples themselves: white noise has one covariance at all of them, so that samples and spectra carry the same information.
+samples: white noise has the same covariance at all of them, so samples and spectra carry the same information.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ Evaluated = tuple[Numbers, Numbers]
 
 
 class Measured:
-    """Measured data, NaN where masked or missing, and the part of them that is compared."""
+    """Measured data, NaN where masked or missing, and their compared subset."""
 
     measured: Numbers
 
@@ -46,18 +46,18 @@ class Measured:
 
     @cached_property
     def spectrum(self) -> Numbers:
-        """Spectrum, or samples, that are compared, shape (O, F)."""
+        """Compared spectrum or samples, shape (O, F)."""
         return self.measured[:, self.valid]
 
 
 @dataclass(frozen=True, eq=False)
 class Samples(Measured):
-    """An experiment's samples at which all outputs were measured.
+    """Samples of an experiment at which all outputs were measured.
 
     Parameters
     ----------
     data, structure, signals
-        The experiment, the structure that explains it, and the signals of its outputs.
+        The experiment, the structure, and the signals of its outputs.
     unknowns
         Unknowns of the record: initial states, then offsets such as "offset dn".
     measured
@@ -72,7 +72,7 @@ class Samples(Measured):
 
     @property
     def offsets(self) -> tuple[str, ...]:
-        """The record's unknowns that are constants added to an output."""
+        """The record's unknowns that are output offsets."""
         return tuple(name for name in self.unknowns if name.startswith("offset "))
 
     def simulated(self, values: Mapping[str, float], names: Sequence[str]) -> tuple[Array, Array]:
@@ -96,14 +96,14 @@ class Samples(Measured):
         return (self.measured - model)[:, self.valid], slopes[..., self.valid]
 
     def fit_pct(self, values: Mapping[str, float]) -> list[float]:
-        """Fit of each output's plain simulation, eq. 4.9 [%]."""
+        """Fit of each output's simulation, eq. 4.9 [%]."""
         residual, _ = Samples.evaluate(self, values, ())
         return [nrmse_pct(*pair) for pair in zip(self.measured[:, self.valid], residual, strict=True)]
 
 
 @dataclass(frozen=True, eq=False)
 class InBand(Samples):
-    """An experiment's tapered spectra in a band; `white`: their noise has one covariance at all frequencies."""
+    """Tapered spectra of an experiment in a band; `white`: the noise has one covariance at all frequencies."""
 
     record: spectra.Spectra
     white: bool = False
@@ -111,7 +111,7 @@ class InBand(Samples):
 
     @property
     def frequency_hz(self) -> Array:
-        """Frequencies that are compared [Hz], shape (F,)."""
+        """Compared frequencies [Hz], shape (F,)."""
         return self.record.frequency_hz
 
     @cached_property
@@ -120,7 +120,7 @@ class InBand(Samples):
         return self.seen(self.measured)
 
     def seen(self, signals: Array) -> Numbers:
-        """Return spectra (..., O, F) of signals (..., O, N), which are interpolated linearly across the data's gaps."""
+        """Return spectra (..., O, F) of signals (..., O, N), interpolated linearly across the data's gaps."""
         gaps = ~np.isfinite(self.measured)
         if gaps.any():
             signals = signals.copy()
@@ -141,7 +141,7 @@ class InBand(Samples):
         return self.spectrum - seen[0], seen[1:]
 
     def left(self, values: Mapping[str, float]) -> Array:
-        """Residual of a plain simulation whose initial state and offsets are fitted to the samples, (O, N)."""
+        """Residual (O, N) of a simulation whose initial state and offsets are fitted to the samples."""
         known = {name: values[name] for name in self.structure.names}
         at = tuple(known.values())
         if at not in self._left:
@@ -150,13 +150,13 @@ class InBand(Samples):
         return self._left[at]
 
     def fit_pct(self, values: Mapping[str, float]) -> list[float]:
-        """Fit of each output's plain simulation, eq. 4.9 [%]."""
+        """Fit of each output's simulation, eq. 4.9 [%]."""
         return [nrmse_pct(*pair) for pair in zip(self.measured, self.left(values), strict=True)]
 
 
 @dataclass(frozen=True, eq=False)
 class Response(Measured):
-    """A frequency response; `weighed`: residuals of log amplitude and phase, in units of its own standard deviations."""
+    """A frequency response; `weighed`: residuals are log amplitude and phase over their standard deviations."""
 
     data: FrequencyResponse
     structure: Structure
@@ -172,7 +172,7 @@ class Response(Measured):
         slopes = slopes.reshape(len(names), *model.shape)
         if not self.weighed:
             return self.spectrum - model, slopes
-        # A wrong phase is no error of the amplitude.
+        # Log amplitude and phase are independent errors.
         amplitude, phase = (
             np.array([one[signal][self.valid] for signal in self.signals])
             for one in (self.data.amplitude_std, self.data.phase_std)
@@ -192,12 +192,12 @@ Seen = Samples | Response
 
 
 def seen(data: Data, structure: Structure, noise: str | None = None, *, at_rest: bool = False) -> Seen:
-    """Return data in the form in which a structure is compared with them, for a kind of noise.
+    """Return data in the form compared with a structure, for a kind of noise.
 
     Raises
     ------
     InputError
-        Where a signal or its deviations are missing, or all of it is masked.
+        If a signal or its standard deviations are missing, or all samples are masked.
     """
     found: Seen
     if isinstance(data, FrequencyResponse):
@@ -245,8 +245,8 @@ def _in_time(data: Experiment, structure: Structure, noise: str | None, *, at_re
     if noise != "white":
         return banded(samples) if samples.valid.any() else samples
     ship = TwoEquations.of(structure, ())
-    # Data computed from rest are exact in time only, and a taper takes much of a short record. In time a linear ship is
-    # exact, too, and as fast.
+    # Simulated data that start at rest are exact only in time, and a taper removes much of a short record. A linear ship is
+    # exact in time, too, and as fast.
     short = data.duration < SHORTEST_S
     if ship is None or ship.is_linear or at_rest or short or not samples.valid.any():
         return samples
@@ -254,12 +254,12 @@ def _in_time(data: Experiment, structure: Structure, noise: str | None, *, at_re
 
 
 def banded(samples: Samples, *, white: bool = False) -> InBand:
-    """Return samples as spectra: for a ship in the band of its loop, for a user's structure in all of the excited band.
+    """Return the spectra of samples, for a ship in its loop's band, for a user's structure in the whole excited band.
 
     Raises
     ------
     InputError
-        Where the record is too short for a spectrum.
+        If the record is too short for a spectrum.
     """
     ship = TwoEquations.of(samples.structure, ())
     loaded = "load" in samples.structure.settings.get("elements", ())

@@ -33,12 +33,12 @@ from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.progress import tell
 
 CHANCE = 6.0
-"""Fall of the deviance that two parameters exceed by chance once in twenty; a smaller fall is no evidence of an element."""
+"""Decrease of the deviance that two parameters exceed by chance once in twenty; a smaller one is no evidence."""
 LEAST_FALL = {"torque_limit": CHANCE, "rack_rate": 2.0 * BELIEVED, "rack_rate_down": 2.0 * BELIEVED}
-"""Least fall of the total deviance for a limit to stay in the fit; for rate limits, whose intervals are rough, it is
-higher."""
+"""Least decrease of the total deviance for a limit to stay in the fit; higher for rate limits, whose intervals are
+approximate."""
 LEAST_TOUCHED = 10.0
-"""Least samples at a limit: a limit that the record hardly reaches only stands in for something else."""
+"""Least samples at a limit; a limit that the record hardly reaches may compensate for another error of the model."""
 TWISTS_S, DAMPINGS = (1e-3, 4e-3), (0.3, 2.0)
 """Starting values of the shaft's twist [s] and its damping."""
 BEHIND_TWIST = 0.3
@@ -46,10 +46,10 @@ BEHIND_TWIST = 0.3
 GUESSES = 8
 """Starts of a twisting ship that do not come from the stiff fit."""
 ROUNDS, STEPS, STILL = 6, 12, 1.0
-"""Most rounds of descents with a limit, most steps of each, and the fall of the deviance below which they end."""
+"""Most rounds of descents with a limit, most steps of each, and decrease of the deviance below which they stop."""
 BEHIND = 0.2
-"""Another way to compute a limit's effect is followed if, after a round, its deviance is higher by at most this share of
-the limit's fall."""
+"""Excess deviance after one round, as a share of the limit's decrease, up to which another computation of the limit's effect
+is continued."""
 KEPT = 5
 """Number of starts, those of least deviance, from which a descent begins."""
 LEVELS, AHEAD = (0.9, 0.97, 0.995), 1.5
@@ -61,11 +61,11 @@ times the rack's, noise steeper ones."""
 GAINS = (1.0, 2.0, 4.0)
 """Factors of the governor's gains in starts with a limited rate: a fit without the limit underestimates them."""
 WAYS_DOWN = (0.5, 0.7, 1.0, 1.4, 2.0)
-"""Starting values of the rack's rate on its way down, over the rate found for both directions."""
+"""Starting values of the rack's downward rate, over the rate found for both directions."""
 
 
 def with_limits(fit: ShipFit, until: float | None) -> ShipFit:
-    """Add the limits that the data ask for, one after the other; the fit returned has the tests of its engine's side."""
+    """Add the limits that the data support, one after the other; the returned fit has its engine-side tests."""
     tried, scores = set(fit.question.tried) & LIMITED, engine_tests(fit)
     falls = {name: scores[name].fall for name in sorted(tried) if name in scores}
     fit = replace(fit, scores=scores, gains={**fit.gains, **falls})
@@ -97,19 +97,19 @@ def _worthy(fit: ShipFit, element: str, until: float | None) -> ShipFit | None:
 
 
 def _suspect(fit: ShipFit, tried: Container[str]) -> str | None:
-    """Return the limit to try next; None where there is none."""
+    """Return the limit to try next, or None."""
     if "rack_rate_down" in tried and "rack_rate" in fit.elements:
         return "rack_rate_down"
     return limit_to_try(fit.scores, tried)
 
 
 def with_given_limits(fit: ShipFit, given: Sequence[str], until: float | None) -> ShipFit:
-    """Return the fit with limits that are given to act.
+    """Return the fit with given limits.
 
     Raises
     ------
     IdentificationError
-        Where no start leads to a ship with such a limit.
+        If no start leads to a ship with such a limit.
     """
     for element in given:
         taken = _limited(fit, element, until, surely=True)
@@ -121,9 +121,9 @@ def with_given_limits(fit: ShipFit, given: Sequence[str], until: float | None) -
 
 
 def with_twist(fit: ShipFit, before: ShipFit, until: float | None) -> ShipFit:
-    """Return the fit with a shaft that twists where the data ask for it.
+    """Return the fit with a shaft that twists, if the data support it.
 
-    `before` is the fit with the delays distributed otherwise: a fit without the twist may place delays wrongly.
+    `before` is the fit with the delays distributed otherwise, since a fit without twist may distribute them wrongly.
     """
     if "twist" not in fit.question.tried:
         return fit
@@ -165,7 +165,7 @@ def _twist_elsewhere(fit: ShipFit, until: float | None) -> tuple[EquationLikelih
 def _taken(
     fit: ShipFit, element: str, likelihood: EquationLikelihood, end: Basin, until: float | None
 ) -> ShipFit:
-    """Return the fit with an element, settled anew: smaller residuals mean less noise, so that other elements show."""
+    """Return the fit with an element, settled again: with less residual noise, other elements may become significant."""
     elements = (*fit.elements, element)
     return settled(replace(fit, likelihood=likelihood, basins=(end,), elements=elements, also=()), until)
 
@@ -173,7 +173,7 @@ def _taken(
 def _trial(fit: ShipFit, element: str, until: float | None) -> tuple[EquationLikelihood, Basin] | None:
     """Return the best minimum with one more element, under the noise estimated without it.
 
-    None where the record never comes near it, or it ends on its bound, where it is off or stands in for something else.
+    None where the record is never near it, or it ends on its bound, where it is off or compensates for another error.
     """
     starts = [start for basin in fit.basins[:2] for start in _starts(fit, element, basin)]
     if not starts:
@@ -190,16 +190,16 @@ def _trial(fit: ShipFit, element: str, until: float | None) -> tuple[EquationLik
 
 
 def _is_inside(likelihood: EquationLikelihood, end: Basin, element: str) -> bool:
-    """Whether a search ended inside the bounds of the element's first parameter."""
+    """Whether a minimum is inside the bounds of the element's first parameter."""
     low, high = likelihood.coordinates.bounds
     place = likelihood.coordinates.place(TRIED[element][0])
     return bool(np.isfinite(end.cost) and low[place] + 1e-6 < end.vector[place] < high[place] - 1e-6)
 
 
 def _limited(fit: ShipFit, element: str, until: float | None, *, surely: bool = False) -> ShipFit | None:
-    """Return the fit with a limit; None where the record never comes near it, or, unless `surely`, it ends on its bound.
+    """Return the fit with a limit; None if the record is never near it, or, unless `surely`, it ends on its bound.
 
-    A smooth loop in place of a limit leaves noise of another shape, so each minimum is judged with its own noise.
+    Without the limit, a smooth loop leaves noise of another shape, so minima are compared each with its own noise.
     """
     starts = [start for basin in fit.basins[:2] for start in _starts(fit, element, basin)]
     if not starts:
@@ -226,7 +226,7 @@ def _limited(fit: ShipFit, element: str, until: float | None, *, surely: bool = 
 def lowest(
     likelihood: LimitedLikelihood, vectors: Sequence[Array], until: float | None, kept: int = KEPT
 ) -> Basin:
-    """Return the minimum of lowest total from several starts: the best `kept` go one round, the best two go on."""
+    """Return the minimum of least total from several starts: the best `kept` descend for a round, the best two continue."""
     begun = sorted(vectors, key=partial(_total, likelihood))[:kept]
     ends = likelihood.each([partial(_by_own_noise, likelihood, start, 1, until) for start in begun])
     ends = sorted(ends, key=lambda end: end.cost)[:2]
@@ -237,9 +237,9 @@ def lowest(
 def _other_way(
     likelihood: LimitedLikelihood, best: Basin, smooth: float, until: float | None
 ) -> tuple[LimitedLikelihood, Basin]:
-    """Return the likelihood and minimum of the likeliest way to compute what limits take off.
+    """Return the likelihood and minimum of the likeliest method of computing the limits' effect.
 
-    A way that explains far less than the best one after one round is not followed.
+    A method with a much higher deviance than the best after one round is dropped.
     """
     if not np.isfinite(best.cost):
         return likelihood, best
@@ -262,7 +262,7 @@ def _total(likelihood: EquationLikelihood, vector: Array) -> float:
 
 
 def _by_own_noise(likelihood: EquationLikelihood, start: Array, rounds: int, until: float | None) -> Basin:
-    """Descend from a vector, in each round with the noise of the previous end; the cost is the total deviance."""
+    """Descend repeatedly, each round with the noise of the previous minimum; the cost is the total deviance."""
     end = Basin(np.inf, start, False)
     for _ in range(rounds):
         try:
@@ -278,7 +278,7 @@ def _by_own_noise(likelihood: EquationLikelihood, start: Array, rounds: int, unt
 
 
 def _other_loops(fit: ShipFit) -> list[dict[str, float]]:
-    """Starts with loops of several bandwidths around the load that its side determines: a limit misleads the smooth fit."""
+    """Starts with several loop bandwidths and the load identified from its side, since a limit misleads the smooth fit."""
     if fit.side is None:
         return []
     return guesses_by_bandwidth(fit.side.law, fit.question.gauge, fit.values.get("T_set", 0.0))
@@ -287,7 +287,7 @@ def _other_loops(fit: ShipFit) -> list[dict[str, float]]:
 def _starts(
     fit: ShipFit, element: str, basin: Basin
 ) -> list[tuple[dict[str, float], list[dict[str, float]]]]:
-    """Starting values from the record's own plateaus and steepest slopes."""
+    """Starting values from plateaus and steepest slopes of the record."""
     c = fit.likelihood.coordinates
     values = c.values(basin.vector)
     states = c.states_at(basin.vector)

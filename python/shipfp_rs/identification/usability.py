@@ -1,4 +1,4 @@
-"""What a fingerprint can be used for: a state, the reason where it can't be used, and a sentence for the report."""
+"""Usability of a fingerprint: a state, the reason where it can't be used, and a sentence for the report."""
 
 from __future__ import annotations
 
@@ -14,22 +14,22 @@ from shipfp_rs.structures.names import as_looked_at
 from shipfp_rs.support.sentences import Sentence, listed
 
 SMALL_MISS_PCT = 1.6
-"""Part of an output's spread that a model may miss and still stand: as much as a calibrated torque gauge is off by
-(static torque check of the thesis, eq. 6.3)."""
+"""Misfit, as a share of an output's spread, that is acceptable: the error of a calibrated torque gauge (static torque check
+of the thesis, eq. 6.3)."""
 LARGE_MISS_PCT = 10.0
-"""Part of an output's spread that a model may miss, in per cent, before it is called unusable."""
+"""Misfit, as a share of an output's spread, above which a fingerprint is not usable."""
 LEAST_EXPLAINED_PCT = 2.0
-"""Part of an output's spread that a usable model explains at least: below it the output is not the ship's answer."""
+"""Least explained share of an output's spread, below which the output is not the ship's response."""
 
 MISSES = Sentence("the model misses {share} % of the drive train's response")
 GAINS = ("vK_p", "vK_i", "K_p", "K_i")
 TO_TUNE = 1.0 / 3.0
-"""Error of a gain, over the true one, that control tuning bears: less than what most loops' margins leave."""
+"""Relative error of a gain that control tuning tolerates: less than most loops' margins."""
 
 
 @dataclass(frozen=True)
 class Usability:
-    """What a fingerprint can be used for, in a word, and in a sentence."""
+    """State, sentence and reason of a fingerprint's usability."""
 
     state: Usable
     sentence: Sentence
@@ -37,7 +37,7 @@ class Usability:
 
 
 def judged(fingerprint: Fingerprint, samples: int) -> Fingerprint:
-    """Return the fingerprint of a given structure with what it can be used for; as it is where no residuals test it."""
+    """Return the fingerprint of a given structure with its usability; unchanged where no residuals test it."""
     if "structure_p" not in fingerprint.fit.get("overall", {}):
         return fingerprint
     misses = misses_of(fingerprint.fit, samples)
@@ -54,10 +54,10 @@ def judged(fingerprint: Fingerprint, samples: int) -> Fingerprint:
 
 
 def misses_of(fit: Mapping[str, Mapping[str, float | None]], samples: int) -> dict[str, float]:
-    """Return what a model misses of each output, in per cent of its spread.
+    """Return the misfit of each output, in per cent of its spread.
 
-    The set point still explains some share of the power of an output's whitened residual. The miss is the root of that
-    share, less the share that chance explains, times the residual.
+    It is the root of the share of the whitened residual's power that the set point still explains, less the share by
+    chance, times the residual.
     """
     misses = {}
     for name, row in fit.items():
@@ -68,7 +68,7 @@ def misses_of(fit: Mapping[str, Mapping[str, float | None]], samples: int) -> di
 
 
 def usability(fingerprint: Fingerprint) -> Usability:
-    """Judge what a fingerprint can be used for, from its estimates and from `adequate`."""
+    """Judge the usability of a fingerprint by its estimates and `adequate`."""
     if (why := _why_not(fingerprint)) is not None:
         return why
     share = f"{_worst(fingerprint):.2g}"
@@ -126,7 +126,7 @@ def usability(fingerprint: Fingerprint) -> Usability:
 
 
 def _tunes(gain: Estimate) -> bool:
-    """Whether a gain is right to a third, whatever value of its interval is the true one."""
+    """Whether a gain is accurate to a third, wherever its true value is in the interval."""
     if gain.status == "fixed":
         return True
     if gain.value is None or gain.ci95 is None:
@@ -136,7 +136,7 @@ def _tunes(gain: Estimate) -> bool:
 
 
 def misfit(fingerprint: Fingerprint) -> Sentence:
-    """Say of which output the model explains nothing, or else which share it misses of the one of which it misses most."""
+    """Name the outputs that the model does not explain, or else the largest misfit."""
     unexplained = [
         Sentence("the {name}", name=Sentence(OUTPUTS.get(name, name)))
         for name, row in fingerprint.fit.items()
@@ -152,7 +152,7 @@ def _worst(fingerprint: Fingerprint) -> float:
 
 
 def _why_not(fingerprint: Fingerprint) -> Usability | None:
-    """Return why nothing of a fingerprint can be used; None where something can."""
+    """Return the reason why a fingerprint is not usable; None if it is."""
     what = misfit(fingerprint)
     said = Sentence("Not usable, because {what}.", what=what)
     why: WhyNot
@@ -171,5 +171,5 @@ def _why_not(fingerprint: Fingerprint) -> Usability | None:
 
 
 def _known_from_one_side(estimate: Estimate) -> bool:
-    """Whether an estimate stands on a bound from which the data allow it to go only so far, as a delay that may be zero."""
+    """Whether an estimate is on a bound and has an interval, as a delay that may be zero."""
     return estimate.status == "at_bound" and estimate.ci95 is not None

@@ -1,4 +1,4 @@
-"""Plain words: what a fit tells, what it doesn't, and what would settle it."""
+"""Plain sentences about a fit: what the data determine, what they don't, and what would."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from shipfp_rs.support.sentences import Sentence, joined
 from shipfp_rs.support.units import unit_shown
 
 SMALL_PCT = 0.1
-"""Part of an output's spread below which what is missed is no fault of the structure: no sensor of a ship is better [%]."""
+"""Misfit, in per cent of an output's spread, that is no fault of the structure: no sensor of a ship is more accurate."""
 
 
 def verdict(
@@ -24,10 +24,7 @@ def verdict(
     structure: Structure,
     trouble: str = "",
 ) -> tuple[str, ...]:
-    """Return the sentences of the verdict, most important first.
-
-    `trouble` says why the search's end is no minimum.
-    """
+    """Return the sentences of the verdict, most important first; `trouble`: why the search did not reach a minimum."""
     lines = [
         *(
             [
@@ -64,7 +61,7 @@ def _known(parameters: Mapping[str, Estimate], derived: Mapping[str, Estimate]) 
 
 
 def known(parameters: Mapping[str, Estimate]) -> Iterator[Sentence]:
-    """Yield what is known, and apart from it what is called not determined, since its interval is wider than it is large."""
+    """Yield known parameters, and separately those whose interval is wider than they are large."""
     found = {name: e for name, e in parameters.items() if e.status in KNOWN and e.value is not None}
     sure = [shown(name, e) for name, e in found.items() if not is_rough(e, OPEN)]
     unsure = [shown(name, e) for name, e in found.items() if is_rough(e, OPEN)]
@@ -75,7 +72,7 @@ def known(parameters: Mapping[str, Estimate]) -> Iterator[Sentence]:
 
 
 def _unknown(parameters: Mapping[str, Estimate]) -> Iterator[str]:
-    """Yield what is not known at all, and what is on a bound."""
+    """Yield unknown parameters and those on a bound."""
     for name, estimate in parameters.items():
         if estimate.status == "unidentifiable":
             yield not_identifiable(name, estimate)
@@ -96,7 +93,7 @@ def _unknown(parameters: Mapping[str, Estimate]) -> Iterator[str]:
 
 
 def not_identifiable(name: str, estimate: Estimate) -> Sentence:
-    """Say of a parameter that the data do not tell it, and why."""
+    """Say that the data do not determine a parameter, and why."""
     return Sentence("Not identifiable from these data: {name}.", name=_because(name, estimate))
 
 
@@ -105,7 +102,7 @@ def _because(name: str, estimate: Estimate) -> Sentence:
 
 
 def _gaps(identifiability: Identifiability) -> Iterator[str]:
-    """Yield what the data can't tell apart, and what would settle it."""
+    """Yield what the data can't distinguish, and what would settle it."""
     if identifiability.rank < identifiability.free:
         yield Sentence(
             "The data determine {rank} independent combinations of the {free} free parameters. The response does "
@@ -126,7 +123,7 @@ def _poor(fit: Mapping[str, Mapping[str, float | None]]) -> list[str]:
     overall = fit.get("overall", {})
     chi_squared, freedom = overall.get("chi_squared"), overall.get("degrees_of_freedom")
     if chi_squared is not None and freedom is not None:
-        # With known deviations chi-squared judges a fit better than per cent do: some points may carry no weight.
+        # With known deviations chi-squared is better than per cent, since some points may have no weight.
         poor = chi_squared > 2 * freedom
         told = Sentence(
             "chi-squared {value} at {freedom} degrees of freedom",
@@ -143,11 +140,11 @@ def _poor(fit: Mapping[str, Mapping[str, float | None]]) -> list[str]:
 
 
 def structure_test(tests: Mapping[str, Mapping[str, float | None]]) -> dict[str, float]:
-    """Return the one verdict on the structure of all outputs' residual tests; nothing where there is none.
+    """Return the joint test of the structure by the residuals of all outputs; empty without residual tests.
 
-    "structure_p" is the probability that the set point explains as much of any output's residuals by chance: the
-    least of the outputs' times their number (Bonferroni). "structure_misses_pct" is how much it explains of what was
-    left, the most of any output [%]: on long records a structure can be told wrong though what it lacks is little.
+    "structure_p" is the outputs' least p-value times their number (Bonferroni). "structure_misses_pct"
+    is the largest share of an output's residual that the set point explains [%]: on long records a structure may be
+    rejected though what it lacks is small.
     """
     found = [p for row in tests.values() if (p := row.get("input_correlation_p")) is not None]
     if not found:
@@ -201,7 +198,7 @@ def _chance(p: float) -> Sentence:
 
 
 def shown(name: str, estimate: Estimate) -> Sentence:
-    """Return a parameter with its value, interval and unit, as a sentence has it."""
+    """Return a parameter with value, interval and unit as a phrase."""
     assert estimate.value is not None
     (row,) = rounded_rows({name: estimate})
     spread: str = ""

@@ -1,4 +1,4 @@
-"""Whether residuals are white: the test of their correlations by lag."""
+"""Whiteness test of residuals by their correlations."""
 
 from __future__ import annotations
 
@@ -13,25 +13,23 @@ from shipfp_rs.support.arrays import Array, Mask
 from shipfp_rs.support.quantiles import DEVIATIONS_95
 
 WHITENESS_LAGS = 25
-"""Lags of the autocorrelation, as many as MATLAB's `resid` shows."""
+"""Lags of the autocorrelation, as in MATLAB's `resid`."""
 
 
 @dataclass(frozen=True)
 class ResidualTest:
-    """Correlations by lag.
-
-    They come with the test that all of them are chance.
+    """Correlations by lag, with a test of all together.
 
     Parameters
     ----------
     lags
         In samples, shape (L,).
     correlation, band
-        Correlation coefficients [-] and the half width of the band that holds 95 % of each if it is chance, shape (L,).
+        Correlation coefficients [-], and half width of their 95 % band by chance, shape (L,).
     statistic, freedom
-        What follows a chi-squared distribution with that many degrees of freedom if all of them are.
+        Test statistic and its degrees of freedom; chi-squared if there is no correlation.
     p
-        Probability of a statistic as large; None without a degree of freedom.
+        Probability of so large a statistic by chance; None without a degree of freedom.
     """
 
     lags: npt.NDArray[np.int64]
@@ -46,7 +44,7 @@ class ResidualTest:
         return float(chi2.sf(self.statistic, self.freedom)) if self.freedom > 0 else None
 
     def by_lag(self) -> dict[str, list[float]]:
-        """Return lags, correlations and bands as lists; lags without a pair of samples are left out."""
+        """Return lags, correlations and bands as lists, without lags that have no pair of samples."""
         known = np.isfinite(self.band)
         return {
             "lags": self.lags[known].tolist(),
@@ -58,16 +56,16 @@ class ResidualTest:
 def whiteness(
     records: Sequence[tuple[Array, Mask]], fitted: int = 0, lags: int = WHITENESS_LAGS
 ) -> ResidualTest:
-    """Test residuals for autocorrelation, Ljung and Box (10.1093/biomet/65.2.297), gaps left out.
+    """Test residuals for autocorrelation by Ljung and Box (10.1093/biomet/65.2.297), without gaps.
 
     Parameters
     ----------
     records
-        Residuals of one output in each experiment, shape (N,), and where they are valid.
+        Residuals of one output in each experiment, shape (N,), and their mask of valid samples.
     fitted
-        Coefficients of the noise model that made them white.
+        Number of noise-model coefficients that whitened them.
     lags
-        Number of lags, from one sample on.
+        Number of lags, starting at one sample.
 
     Examples
     --------

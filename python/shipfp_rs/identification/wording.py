@@ -1,4 +1,4 @@
-"""Words of a fingerprint, the same on the terminal and in the report."""
+"""Phrases of a fingerprint that the terminal and the report share."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ OUTPUTS: Mapping[str, str] = {
 }
 
 DOUBT = "look at"
-"""What a sentence of a verdict says of a sensor that disagrees with the rest."""
+"""Phrase in the verdict's sentences about a sensor that disagrees with the others."""
 
 FAULTS: Mapping[str, str] = {
     kind: f"{said} ({kind})" if kind[0].isupper() else said for kind, said in KINDS.items()
 }
-"""Faults of a log, those of Table 6.10 with their letters."""
+"""Faults of a log, with the letters of Table 6.10."""
 
 
 def rank(found: Identifiability, unknown: Sequence[str] = (), helped: Sequence[str] = ()) -> Sentence:
     """Say how many directions of the free parameters are identifiable.
 
-    `unknown` ones have intervals that tell nothing, `helped` ones are told by data and a prior together.
+    `unknown` parameters have intervals without information; `helped` ones are determined by data and prior together.
     """
     if helped:
         helps = Sentence(
@@ -61,7 +61,7 @@ def rank(found: Identifiability, unknown: Sequence[str] = (), helped: Sequence[s
 
 
 def missed(adequate: Mapping[str, Any]) -> Sentence:
-    """Say which share of each output's response the model misses; empty where none is known."""
+    """Say which share of each output's response the model misses; empty if unknown."""
     return joined(
         [
             Sentence(
@@ -74,7 +74,7 @@ def missed(adequate: Mapping[str, Any]) -> Sentence:
 
 
 def something_missing(adequate: Mapping[str, Any]) -> str:
-    """Say what a model that is not quite the ship's misses of each output; empty where nothing is missed."""
+    """Say what an inexact model misses of each output; empty if nothing is missed."""
     if adequate.get("dispersion", 1.0) <= 1.0:
         return ""
     said = (
