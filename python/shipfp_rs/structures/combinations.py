@@ -1,4 +1,4 @@
-"""Combinations of the linear parameters that data may determine where they do not determine each one."""
+"""Combinations of the linear parameters, which data may determine where they do not determine the parameters."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ COMBINATIONS: Mapping[str, tuple[str, Callable[[Mapping[str, float]], float]]] =
     "(p-g)/(vK_i)": ("s", lambda q: (q["p"] - q["g"]) / _product(q, "i")),
     "(p-g)/(vK_i)+T_set": ("s", lambda q: (q["p"] - q["g"]) / _product(q, "i") + q["T_set"]),
 }
-"""Combinations of the linear structure's parameters that are tried: unit and value. A KeyError means not applicable."""
+"""Unit and value of each tried combination of the linear structure's parameters. A KeyError means not applicable."""
 
 
 def _product(values: Values, letter: str) -> float:
@@ -27,7 +27,7 @@ def _product(values: Values, letter: str) -> float:
 
 
 def true_values(linear: Mapping[str, float]) -> dict[str, float]:
-    """Return the linear parameters and every combination of them that a fingerprint may name."""
+    """Return the linear parameters and all applicable combinations of them."""
     values = dict(linear)
     for name, (_, combine) in COMBINATIONS.items():
         values.setdefault(name, combine(linear))
@@ -35,7 +35,7 @@ def true_values(linear: Mapping[str, float]) -> dict[str, float]:
 
 
 def slope_of(name: str, values: Mapping[str, float | None], shift: Mapping[str, float]) -> float:
-    """Change of a combination for a unit of what shifts the parameters."""
+    """Directional derivative of a combination along a shift of the parameters."""
     _, function = COMBINATIONS[name]
     known = {key: value for key, value in values.items() if value is not None}
     try:

@@ -1,4 +1,4 @@
-"""A drive in open loop: a command of torque, current, voltage or fuel moves it, and no governor holds its speed."""
+"""A drive in open loop, whose input is a command of torque, current, voltage or fuel instead of a governor's set point."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ from shipfp_rs.structures.ship import INDEX, TORQUE_SCALE, ShipEquations
 from shipfp_rs.support.arrays import Array, ComplexArray, Names, Values
 
 KIND = "commanded"
-"""Of the settings of such a structure."""
+"""Kind of such a structure in its settings."""
 ELEMENTS = ("dead_time_loop", "actuator_lag", "damping", "curvature", "late_torque", "load")
-"""Elements of the ship that go without a governor."""
+"""Elements of the ship that do not need a governor."""
 MOST_TWISTED = 0.98
-"""Largest part of the inertia behind a shaft that twists, in a simulation."""
+"""Largest share of the inertia behind a shaft that twists, in a simulation."""
 FEEDBACK = 1e-9
-"""Gain of the kernel's governor, whose set point is scaled by its inverse: the command passes, the speed does not."""
+"""Gain of the kernel's governor. Its set point is scaled by the inverse, so that speed feedback vanishes."""
 
 
 def stepper_parameters(values: Values, *, open_loop: bool = False) -> Array:
-    """Return the stepper's parameters for a ship's by name; gains are products with the rack's torque v."""
+    """Return the stepper's parameters from a ship's by name; the governor's gains are products with the rack's torque v."""
     v = values.get("v", 1.0)
     own = {name: value / v if name in ("vK_p", "vK_i", "vK_d") else value for name, value in values.items()}
     if own.get("tau_twist"):
@@ -38,25 +38,25 @@ def stepper_parameters(values: Values, *, open_loop: bool = False) -> Array:
 
 @dataclass(frozen=True)
 class CommandedEquations(ShipEquations):
-    """The ship's equations with the command in place of the governor's."""
+    """The ship's equations with a command instead of a governor."""
 
     states: tuple[str, ...] = ("initial dn", "initial fuel", TORQUE_SCALE)
 
     def vector(self, values: Values) -> Array:
-        """Return the kernel's parameters for values by name; the dead time stands in the way of the set point."""
+        """Return the kernel's parameters for values by name; the dead time is that of the kernel's set point."""
         vector = super().vector({_KERNEL.get(name, name): value for name, value in values.items()})
         vector[[INDEX["K_p"], INDEX["K_i"]]] = FEEDBACK, 0.0
         vector[[INDEX["s_u"], INDEX["u_0"]]] = 1.0 / FEEDBACK, 1.0 - 1.0 / FEEDBACK
         return vector
 
     def stable(self, values: Values) -> bool:
-        """Whether the drive comes to rest by itself: load and drive together fall with the speed."""
+        """Whether the drive is stable by itself: the torque balance falls with the speed."""
         return values["p"] + values.get("damping", 0.0) > values["g"]
 
     def response(
         self, values: Values, frequency_hz: Array, names: Names
     ) -> tuple[ComplexArray, ComplexArray]:
-        """Return the response (O, F) to the command and its derivatives with respect to `names`, shape (W, O, F)."""
+        """Return the response (O, F) to the command and its derivatives by `names`, shape (W, O, F)."""
         s = 2j * np.pi * np.asarray(frequency_hz)
         own, inertia = values["p"] + values.get("damping", 0.0), "tau_prop" if self.gauge else "tau_n"
         lag, late = values.get("tau_act", 0.0), values.get("T_d", 0.0)
@@ -84,7 +84,7 @@ class CommandedEquations(ShipEquations):
 
 
 _KERNEL = {"T_d": "T_set"}
-"""Where the kernel has another place for a parameter."""
+"""Parameters whose kernel names differ."""
 
 
 def commanded(
@@ -95,18 +95,19 @@ def commanded(
     outputs: Sequence[str] = ("dn", "dM"),
     name: str | None = None,
 ) -> Any:
-    """Return the structure of a drive in open loop; `declare` is the class `Structure`, which imports what reads this.
+    """Return the structure of a drive in open loop; `declare` is the class `Structure`, which imports this module.
 
-    With N and M the speed and torque over their operating points, and c the command's deviation over its own:
+    With N and M the speed and torque over their operating points, and c the relative deviation of the command:
 
         tau_n dN/dt = M_b - N^p,                M_b = 1 + g (N - 1) + v c(t - T_d)
 
     Parameters
     ----------
     elements
-        Of `ELEMENTS`: T_d, tau_act, a load's damping and second-order coefficient, a late torque channel, a measured load.
+        Of `ELEMENTS`: T_d, tau_act, damping and second-order coefficient of the load, a delayed torque channel, a measured
+        load.
     torque, outputs, name
-        As of `Structure.ship`; "dn" and "dM".
+        As of `Structure.ship`; outputs are "dn" and "dM".
 
     Raises
     ------

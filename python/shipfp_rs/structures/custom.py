@@ -1,4 +1,4 @@
-"""Equations that a user brings: state-space matrices, run by the Rust kernel, or any function that simulates."""
+"""User equations: state-space matrices, run by the Rust kernel, or any function that simulates."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ Response = Callable[[Values, Array], npt.ArrayLike]
 class MatrixEquations(StateSpaceEquations):
     """x' = A x + B dn_set, y = C x + D dn_set, with matrices that depend on the parameters.
 
-    The derivatives are as good as those of the matrices, by complex step to rounding.
+    Derivatives are as accurate as those of the matrices; a complex step is exact to rounding.
     """
 
     matrices: Matrices
@@ -36,7 +36,7 @@ class MatrixEquations(StateSpaceEquations):
 
     @property
     def states(self) -> tuple[str, ...]:
-        """Initial states, "initial x1" and on."""
+        """Names of the initial states, from "initial x1" on."""
         A, *_ = self._matrices({p.name: p.start for p in self.parameters})
         return tuple(f"initial x{index + 1}" for index in range(len(A)))
 
@@ -46,7 +46,7 @@ class MatrixEquations(StateSpaceEquations):
         return self.states
 
     def models(self, values: Values, names: Names) -> list[Model]:
-        """Return the model with its derivative by each name, or without one where there is no name."""
+        """Return the model with its derivative by each name, or without derivative if there are no names."""
         moved = [p for p in self.parameters if p.name in names]
         matrices = self._matrices(values)
         states = [f"initial x{index + 1}" for index in range(len(matrices[0]))]
@@ -70,7 +70,7 @@ class MatrixEquations(StateSpaceEquations):
     def _matrices(self, values: Values) -> list[npt.NDArray[Any]]:
         own = {p.name: values[p.name] for p in self.parameters}
         try:
-            # What overflows is found below.
+            # Overflow is detected below.
             with np.errstate(all="ignore"):
                 A, B, C, D = (np.array(matrix) for matrix in self.matrices(own))
         except ArithmeticError as error:
@@ -114,7 +114,7 @@ class FunctionEquations(Equations):
         return np.asarray(self._rows(self.function, values, experiment, len(experiment)), dtype=np.float64)
 
     def sensitivities(self, values: Values, experiment: Experiment, names: Names) -> tuple[Array, Array]:
-        """Return the outputs (O, N) and their derivatives with respect to `names`, shape (W, O, N)."""
+        """Return the outputs (O, N) and their derivatives by `names`, shape (W, O, N)."""
         moved = [next(p for p in self.parameters if p.name == name) for name in names]
 
         def at(vector: npt.NDArray[Any]) -> npt.NDArray[Any]:
@@ -126,7 +126,7 @@ class FunctionEquations(Equations):
     def response(
         self, values: Values, frequency_hz: Array, names: Names
     ) -> tuple[ComplexArray, ComplexArray]:
-        """Return the response (O, F) and its derivatives with respect to `names`, shape (W, O, F)."""
+        """Return the response (O, F) and its derivatives by `names`, shape (W, O, F)."""
         if self.frequency_function is None:
             raise InputError(
                 "this structure has no frequency response; give Structure.from_function(..., response=...)"
@@ -139,7 +139,7 @@ class FunctionEquations(Equations):
             rows = self._rows(respond, own, frequency_hz, len(frequency_hz))
             return np.stack([rows.real, rows.imag])
 
-        # The imaginary part is taken: no complex step.
+        # The response is complex itself, so no complex step is possible.
         value, slopes = _differentiated(Differences(complex_step=False), at, values, moved)
         return value[0] + 1j * value[1], slopes[:, 0] + 1j * slopes[:, 1]
 
@@ -148,7 +148,7 @@ class FunctionEquations(Equations):
     ) -> npt.NDArray[Any]:
         own = {p.name: values[p.name] for p in self.parameters}
         try:
-            # What overflows is found below.
+            # Overflow is detected below.
             with np.errstate(all="ignore"):
                 rows = np.asarray(function(own, data))
         except ArithmeticError as error:
@@ -174,7 +174,7 @@ def _differentiated(
 
 
 def _about(values: Values, parameters: Sequence[Parameter]) -> tuple[Array, Array, Array, Array]:
-    """Return where to differentiate, typical sizes and bounds, each (W,)."""
+    """Return the point of differentiation, typical sizes and bounds, each (W,)."""
     return (
         np.array([values[p.name] for p in parameters], dtype=np.float64),
         np.array([p.scale for p in parameters]),

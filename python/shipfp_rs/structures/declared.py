@@ -1,4 +1,4 @@
-"""What a structure declares: parameters, outputs and equations, and what follows from them."""
+"""Declaration of a structure: parameters, outputs and equations, and properties derived from them."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ class Declared:
     name: str
     parameters: tuple[Parameter, ...]
     signals: Mapping[str, tuple[str, ...]]
-    """Each output, in order, with the measured signals that can stand for it, the first one present being taken."""
+    """Output names in order, each with the signals that may measure it, in order of preference."""
     equations: Equations
     settings: Mapping[str, Any]
 
     def part(self, name: str) -> Self:
-        """Return the structure for data of this name: itself; for a joint structure its part, with the joint names."""
+        """Return the structure for data of this name: itself, or a joint structure's component with the joint names."""
         parts = bare(self.equations)
         if self.settings["kind"] != "joint":
             return self
@@ -53,7 +53,7 @@ class Declared:
         return tuple(self.signals)
 
     def signal_for(self, output: str, available: Container[str], data: str) -> str:
-        """Return the first signal in `available` that can stand for an output; `data` names the data in the error."""
+        """Return the first signal in `available` that measures an output; the error names the `data`."""
         for candidate in self.signals[output]:
             if candidate in available:
                 return candidate
@@ -72,7 +72,7 @@ class Declared:
 
     @property
     def free(self) -> tuple[Parameter, ...]:
-        """The parameters that are estimated, those with a prior included, within bounds that suit all that follow them."""
+        """Estimated parameters, those with a prior included; their bounds respect those of parameters tied to them."""
         return tuple(
             self._within_ties(parameter)
             for parameter in self.parameters
@@ -81,11 +81,11 @@ class Declared:
 
     @property
     def ties(self) -> dict[str, Tie]:
-        """Tied parameters, each with what it is of one that is not."""
+        """Tied parameters, each resolved to one that is not tied."""
         return resolved({p.name: p.tied for p in self.parameters if p.tied is not None})
 
     def complete(self, values: Values) -> dict[str, float]:
-        """Return values by name in which the tied parameters follow the others."""
+        """Return values by name with the tied parameters set from the others."""
         return followed(values, self.ties)
 
     def _within_ties(self, parameter: Parameter) -> Parameter:

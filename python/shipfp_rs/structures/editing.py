@@ -15,7 +15,7 @@ from shipfp_rs.support.arguments import checked
 
 
 class Editable(Declared):
-    """A parametric model whose parameters can be changed, each change a copy."""
+    """A parametric model with methods that return modified copies."""
 
     def _with(self, name: str, **changes: Any) -> Self:
         changed = replace(self[name], **changes)
@@ -71,16 +71,15 @@ class Editable(Declared):
 
     @checked
     def with_tied(self, **ties: tuple[str, float] | tuple[str, float, float]) -> Self:
-        """Return a copy in which parameters follow others: each (name of the other, factor) or with an offset, too.
+        """Return a copy with tied parameters: each (name of the other, factor), or with an offset as third value.
 
-        What is known as a ratio, such as the reset time K_p/K_i from a governor's manual, is a tie. The tied parameter is
-        no unknown any more; it has the value, the interval and the status that the other one's make of it, and its
-        bounds count for the other one.
+        A tie expresses a known ratio, such as the reset time K_p/K_i from a governor's manual. The tied parameter is not
+        searched; its value, interval and status follow from the other's, and its bounds apply to the other.
 
         Raises
         ------
         InputError
-            For an unknown name, a factor of zero, ties in a circle, or a start that the bounds do not allow.
+            For an unknown name, a factor of zero, circular ties, or a start outside the bounds.
 
         Examples
         --------
@@ -98,7 +97,7 @@ class Editable(Declared):
             tie = Tie(given[0], *map(float, given[1:]))
             if not (np.isfinite(tie.factor) and np.isfinite(tie.offset)) or tie.factor == 0.0:
                 raise InputError(f"tied {name}: found {tie}, expected a finite factor that is not 0")
-            _ = structure[tie.to]  # an unknown name is refused
+            _ = structure[tie.to]  # raises for an unknown name
             structure = structure._with(name, fixed=False, prior=None, tied=tie)
         return structure
 
@@ -114,7 +113,7 @@ class Editable(Declared):
 
     @checked
     def with_bounds(self, **bounds: tuple[float, ...]) -> Self:
-        """Return a copy with other bounds, each (lower, upper) or (lower, start, upper); they must hold the start."""
+        """Return a copy with other bounds, each (lower, upper) or (lower, start, upper); they must contain the start."""
         structure = self
         for name, limits in bounds.items():
             if len(limits) not in (2, 3):

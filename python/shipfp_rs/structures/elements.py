@@ -1,4 +1,4 @@
-"""Elements of the one ship model: what each is called, which parameters it brings, and what its absence means."""
+"""Elements of the ship model: names, parameters and requirements."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from shipfp_rs.support.arrays import Names
 
 @dataclass(frozen=True)
 class Element:
-    """One part of a drive train that may act or not.
+    """An optional element of a drive train.
 
     Parameters
     ----------
     name
-        As in `Structure.ship`, TRIAL.toml and fingerprints.
+        Name in `Structure.ship`, TRIAL.toml and fingerprints.
     words
-        What a report calls it.
+        Name in a report.
     parameters
-        What it adds to a structure's parameters.
+        Parameters that it adds to a structure.
     needs
-        "load": a measured load torque, or another element's name; "": nothing.
+        Required "load", a measured load torque, or another element's name; "": nothing.
     """
 
     name: str
@@ -88,16 +88,16 @@ ELEMENTS: dict[str, Element] = {
 
 
 LATE_CHANNELS = ("T_n", "T_M", "T_B")
-"""Delays of the sensors: no part of the loop."""
+"""Delays of the sensors, which are outside the loop."""
 
 
 def chosen(names: Names) -> tuple[Element, ...]:
-    """Return the elements of these names in the table's order.
+    """Return the named elements in the table's order.
 
     Raises
     ------
     InputError
-        For an unknown or doubled name, or one without what it needs.
+        For an unknown or repeated name, or a missing requirement.
     """
     for name in names:
         if name not in ELEMENTS:

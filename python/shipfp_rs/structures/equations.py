@@ -1,4 +1,4 @@
-"""Equations of a structure: what every one must compute, and defaults for what only some can."""
+"""Interface of a structure's equations, with defaults."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from shipfp_rs.support.arrays import Array, ComplexArray, Names, Values
 
 
 class Equations(ABC):
-    """What a structure computes: outputs and their derivatives; the rest has defaults."""
+    """Outputs of a structure and their derivatives; other methods have defaults."""
 
     @property
     def states(self) -> tuple[str, ...]:
-        """Initial states that may be estimated with an experiment, zero if not given; names start with "initial"."""
+        """Names of initial states that may be estimated, zero if not given; all start with "initial"."""
         return ()
 
     @property
@@ -24,7 +24,7 @@ class Equations(ABC):
 
     @property
     def own_offsets(self) -> bool:
-        """Whether the states hold the errors of the operating point, so that outputs need no constants added."""
+        """Whether the states include errors of the operating point, so that outputs need no offsets."""
         return False
 
     @abstractmethod
@@ -33,20 +33,20 @@ class Equations(ABC):
 
     @abstractmethod
     def sensitivities(self, values: Values, experiment: Experiment, names: Names) -> tuple[Array, Array]:
-        """Return the outputs (O, N) and their derivatives with respect to `names`, shape (W, O, N)."""
+        """Return the outputs (O, N) and their derivatives by `names`, shape (W, O, N)."""
 
     def response(
         self, values: Values, frequency_hz: Array, names: Names
     ) -> tuple[ComplexArray, ComplexArray]:
-        """Return the response (O, F) and its derivatives with respect to `names`, shape (W, O, F).
+        """Return the response (O, F) and its derivatives by `names`, shape (W, O, F).
 
         Raises
         ------
         InputError
-            Where the equations have no frequency response.
+            If the equations have no frequency response.
         """
         raise InputError("this structure has no frequency response; fit it to an Experiment")
 
     def stable(self, values: Values) -> bool:
-        """Whether the closed loop is stable; True where the equations can't tell."""
+        """Whether the closed loop is stable; True where this is unknown."""
         return True

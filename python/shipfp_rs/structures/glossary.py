@@ -1,4 +1,4 @@
-"""The words of drive-train identification: symbol, meaning, formula, unit, and what others call it."""
+"""Glossary of drive-train identification: symbol, meaning, formula, unit, and names elsewhere."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ from importlib import resources
 
 @dataclass(frozen=True)
 class Term:
-    """One entry of the glossary.
+    """An entry of the glossary.
 
     Parameters
     ----------
     symbol
-        As in code, results and reports.
+        Symbol in code, results and reports.
     meaning
-        What it is, in a few words.
+        Short description.
     unit
-        As a fingerprint gives it; "-" for a ratio.
+        Unit in a fingerprint; "-" for a ratio.
     formula
-        Definition, in the symbols of the glossary; empty where the meaning says it all.
+        Definition in the glossary's symbols; empty where the meaning suffices.
     elsewhere
-        Word of the thesis, of MATLAB's System Identification Toolbox or of python-control.
+        Name in the thesis, MATLAB's System Identification Toolbox or python-control.
     """
 
     symbol: str
@@ -48,21 +48,21 @@ SIGNALS = _GROUPS["signals"]
 LINEAR = _GROUPS["linear"]
 """Parameters of the linear structure and of the ship."""
 COMBINATIONS = _GROUPS["combinations"]
-"""What is known where its members are not."""
+"""Combinations that may be known although their parameters are not."""
 OBJECTS = _GROUPS["objects"]
-"""What the package hands around, and the figure that a fit is judged by."""
+"""Objects of the package, and the figure of fit."""
 FORMULAS = _GROUPS["formulas"]
-"""Symbols in the formulas of parameters that are no parameters themselves."""
+"""Symbols in the parameters' formulas that are no parameters."""
 
 GLOSSARY: Mapping[str, Term] = {term.symbol: term for term in (*SIGNALS, *LINEAR, *COMBINATIONS, *OBJECTS)}
 """All terms by symbol."""
 
 
 def term(symbol: str) -> Term:
-    """Return a symbol's entry; of a part of a joint structure its own, and an empty one where there is none."""
+    """Return a symbol's entry, also for a component of a joint structure; an empty entry if there is none."""
     return GLOSSARY.get(symbol.partition(" (")[0], Term(symbol, ""))
 
 
 def meaning(symbol: str) -> str:
-    """Return what a symbol means, in a few words; empty where the glossary has none."""
+    """Return the short description of a symbol; empty if the glossary has none."""
     return GLOSSARY[symbol].meaning if symbol in GLOSSARY else ""

@@ -1,4 +1,4 @@
-"""One structure for several trials that have some parameters in common and others of their own."""
+"""A joint structure for several trials with shared and individual parameters."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ from shipfp_rs.support.arrays import Array, Names, Values
 
 @dataclass(frozen=True)
 class PartEquations(Behind):
-    """Equations of one trial in the names of all: the others' parameters do nothing to it."""
+    """Equations of a single trial under the joint parameter names; other trials' parameters have no effect."""
 
     names: Mapping[str, str]
-    """The joint structure's names to the equations' own."""
+    """Joint names to the names in the equations."""
 
     def own_values(self, values: Values) -> dict[str, float]:
-        """Return the values of the equations' own parameters."""
+        """Return the values of the equations' parameters."""
         states = {name: value for name, value in values.items() if name in self.states}
         return states | {own: values[name] for name, own in self.names.items()}
 
     def chain(self, names: Names) -> tuple[list[str], Array]:
-        """Return all of the equations' own that moves with `names`, and by how much, shape (W, all)."""
+        """Return the equations' parameters that depend on `names`, and their derivatives, shape (W, dependent)."""
         own = [self.names.get(name, name) for name in names]
         here = [name in self.names or name in self.states for name in names]
         return [name for name, is_here in zip(own, here, strict=True) if is_here], np.eye(len(names))[:, here]
@@ -36,7 +36,7 @@ class PartEquations(Behind):
 
 @dataclass(frozen=True)
 class JointEquations(Equations):
-    """Equations of each trial by its name."""
+    """Equations of each trial by name."""
 
     parts: Mapping[str, PartEquations]
 
@@ -51,16 +51,16 @@ class JointEquations(Equations):
         return next(iter(self.parts.values())).linear_in
 
     def stable(self, values: Values) -> bool:
-        """Whether every trial's loop is stable, as far as its equations can tell."""
+        """Whether every trial's loop is stable, where known."""
         return all(part.stable(values) for part in self.parts.values())
 
     def part(self, name: str) -> PartEquations:
-        """Return the equations of one trial.
+        """Return the equations of a trial.
 
         Raises
         ------
         InputError
-            For a name that no part has.
+            For an unknown name.
         """
         if name not in self.parts:
             raise InputError(
@@ -69,13 +69,13 @@ class JointEquations(Equations):
         return self.parts[name]
 
     def simulate(self, values: Values, experiment: Experiment) -> Array:
-        """Return the normalised outputs of an experiment that has the name of a part, shape (O, N)."""
+        """Return the normalised outputs of an experiment with the name of a trial, shape (O, N)."""
         return self.part(experiment.name).simulate(values, experiment)
 
     def sensitivities(self, values: Values, experiment: Experiment, names: Names) -> tuple[Array, Array]:
-        """Return the outputs (O, N) and their derivatives with respect to `names`, shape (W, O, N)."""
+        """Return the outputs (O, N) and their derivatives by `names`, shape (W, O, N)."""
         return self.part(experiment.name).sensitivities(values, experiment, names)
 
     def response(self, values: Values, frequency_hz: Array, names: Names) -> NoReturn:
-        """Refuse: without a name there is no telling whose response is meant."""
+        """Refuse, since a response has no trial without a name."""
         raise InputError("joint structure: a response is one part's; give structure.part(name)")

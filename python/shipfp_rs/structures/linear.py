@@ -1,4 +1,4 @@
-"""The linear drive train's equations as a state space, eq. 3.14 to 3.54 generalised."""
+"""State-space equations of the linear drive train, eq. 3.14 to 3.54 generalised."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from shipfp_rs.structures.transfer import SLOWEST
 from shipfp_rs.support.arrays import Array, ComplexArray, Names, Values
 
 ORDER = 6
-"""States of the delay in the loop: the [5/6] Pade approximation, in error by 2.4e-6 at omega T_d = 3."""
+"""States of the loop's delay, a [5/6] Pade approximation with an error of 2.4e-6 at omega T_d = 3."""
 SHORTEST = 1e-8
-"""Dead time in the loop [s] up to which its first order is all there is, in error by less than 1e-12."""
+"""Dead time of the loop [s] up to which a first-order expansion is used, with an error below 1e-12."""
 # The delay's states, orthonormal (Legendre delay network, Voelker and Eliasmith 2018, DOI 10.1162/neco_a_01046).
 _ORDERS = np.arange(ORDER)
 _NORM = np.sqrt(2.0 * _ORDERS + 1.0)
@@ -29,7 +29,7 @@ _WITHIN = np.outer(_NORM, _NORM) * np.where(
 class LinearEquations(StateSpaceEquations):
     """Linear structure with dead times, eq. 3.31, 3.35 and 3.38 generalised; see `Structure.linear`.
 
-    With the set point u1 late by T_set, u2 by T_d more, and z = vK_i E - vK_p n, of which y is what comes late by T_d:
+    u1 is the set point delayed by T_set, u2 is u1 delayed by T_d, and y is z = vK_i E - vK_p n delayed by T_d:
 
         tau_n n' = -(p - g) n + vK_p u2 + y        E' = u1 - n
     """
@@ -40,14 +40,14 @@ class LinearEquations(StateSpaceEquations):
     linear_in: tuple[str, ...] = ("initial dn", "initial dE")
 
     def models(self, values: Values, names: Names) -> list[Model]:
-        """Return the model with its derivative by each name, or without one where there is no name."""
+        """Return the model with its derivative by each name, or without derivative if there are no names."""
         order = 2 + ORDER * (values.get("T_d", 0.0) > SHORTEST)
         moved: list[Any] = [{**values, name: values.get(name, 0.0) + 1j * STEP} for name in names] or [values]
         return [self._model(one, order) for one in moved]
 
     @staticmethod
     def _parameters(q: Any) -> tuple[Any, ...]:
-        """Return tau_n, p, v, K_p and K_i, where v K_p and v K_i may stand for the last two."""
+        """Return tau_n, p, v, K_p and K_i; v K_p and v K_i may replace the last two."""
         gains = (q.get(name, q.get(f"v{name}", 0.0)) for name in ("K_p", "K_i"))
         return q["tau_n"], q["p"], q.get("v", 1.0), *gains
 
@@ -70,7 +70,7 @@ class LinearEquations(StateSpaceEquations):
         else:
             A[0, :2], B[0, 1] = (-a - b, c), b
             if inputs > 2:
-                # y = z - T_d z' to first order, with z' = c (u1 - n) - b n' as it was just before a step.
+                # y = z - T_d z' to first order, with z' = c (u1 - n) - b n' just before a step.
                 A[0], B[0, 2] = A[0] * (1.0 + T_d * b), T_d * (b * b - c)
                 A[0, 0] += T_d * c
         for row, (output, of_states) in enumerate(zip(self.outputs, C, strict=True)):
@@ -86,22 +86,22 @@ class LinearEquations(StateSpaceEquations):
         return Model(A, B, C, D, start, np.array([T_set, T_set + T_d, T_set + SHORTEST][:inputs]))
 
     def sensitivities(self, values: Values, experiment: Experiment, names: Names) -> tuple[Array, Array]:
-        """Return the outputs (O, N) and their derivatives with respect to `names`, shape (W, O, N)."""
+        """Return the outputs (O, N) and their derivatives by `names`, shape (W, O, N)."""
         found, slopes = super().sensitivities(values, experiment, names)
         if "T_d" in names and "dM" in self.outputs:
-            # Before the record all stood still, so that at its first sample no dead time shows.
+            # The record starts from rest, so that dead time does not affect its first sample.
             slopes[names.index("T_d"), self.outputs.index("dM"), 0] = 0.0
         return found, slopes
 
     def stable(self, values: Values) -> bool:
-        """Whether the closed loop is stable: exact without dead time, with the loop's T_d as its [5/6] Pade form."""
+        """Whether the closed loop is stable; exact without dead time, else with the [5/6] Pade approximation of T_d."""
         (model,) = self.models(values, ())
         return bool(np.linalg.eigvals(model.A.real).real.max() < 0.0)
 
     def response(
         self, values: Values, frequency_hz: Array, names: Names
     ) -> tuple[ComplexArray, ComplexArray]:
-        """Return the response (O, F) and its derivatives with respect to `names`, shape (W, O, F), dead times exact."""
+        """Return the response (O, F) and its derivatives by `names`, shape (W, O, F), with exact dead times."""
         tau_n, p, v, K_p, K_i = self._parameters(values)
         s = 1j * np.maximum(2.0 * np.pi * frequency_hz, SLOWEST)
         inertia, inertia_name = (values.get("tau_prop", 0.0), "tau_prop") if self.gauge else (tau_n, "tau_n")

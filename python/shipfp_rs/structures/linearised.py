@@ -1,4 +1,4 @@
-"""The drive train linearised about its operating point: its loop exactly, its state space with dead times approximated."""
+"""Linearisation of the drive train: its exact loop, and a state space with approximated dead times."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from shipfp_rs.structures.transfer import DERIVATIVE_FILTER, Place, TransferFunc
 from shipfp_rs.support.arrays import Array, ComplexArray, Values
 
 Form = Array
-"""A signal as what it takes of each state and, last, of the input."""
+"""A signal as its coefficients of the states and, last, of the input."""
 
 KINDS = ("linear", "ship")
-"""Kinds of structures that can be linearised here."""
+"""Kinds of structures that can be linearised."""
 MOST_STATES = 64
 
 
@@ -48,7 +48,7 @@ class StateSpace:
 
 
 def require_linear(structure: Structure) -> None:
-    """Refuse a structure that has no linearisation in the terms of the linear drive train."""
+    """Refuse a structure that has no linear drive train as linearisation."""
     if structure.settings.get("kind") not in KINDS:
         raise InputError(
             f"structure {structure.name!r} of the fingerprint is not linear, expected one of kind {', '.join(KINDS)}; "
@@ -57,7 +57,7 @@ def require_linear(structure: Structure) -> None:
 
 
 def loop_of(structure: Structure, values: Values) -> tuple[TransferFunctions, dict[str, float]]:
-    """Return the transfer functions of a structure about its operating point, and the values by their names."""
+    """Return a structure's transfer functions about its operating point, and their parameter values."""
     require_linear(structure)
     place: Place = "engine"
     if structure.settings.get("propeller_speed"):
@@ -68,7 +68,7 @@ def loop_of(structure: Structure, values: Values) -> tuple[TransferFunctions, di
 
 
 def open_loop(structure: Structure, values: Values, frequency_hz: npt.ArrayLike) -> ComplexArray:
-    """Return the open-loop response L (F,), with exact dead times: minus the ratio of returned to injected signal."""
+    """Return the open-loop response L (F,) with exact dead times: minus the ratio of returned to injected signal."""
     equations, known = loop_of(structure, values)
     s = 2j * np.pi * np.asarray(frequency_hz, dtype=np.float64)
     return np.asarray(equations.return_difference(known, s) - 1.0)
@@ -85,24 +85,24 @@ def state_space(
     Parameters
     ----------
     structure
-        Linear, or the ship.
+        A linear structure or the ship.
     values
         Parameters by name.
     order
-        Order of the Pade approximation of each dead time; a governor that samples and holds is late by half its period.
+        Order of each dead time's Pade approximation; a sampling governor is a delay of half its period.
     driven_by
-        What moves it; a load is over the operating torque, and acts on the propeller's side.
+        The input; a load is relative to the operating torque, and acts on the propeller's side.
 
     Raises
     ------
     InputError
-        For another structure.
+        For another kind of structure.
 
     Notes
     -----
-    Without a twisting shaft tau_n dn/dt = M_b - p n, M_g = p n + tau_prop dn/dt; with one the engine's side
-    (tau_n - tau_prop) dn_e/dt = M_b - M_g, the shaft M_g = M_k + zeta_twist (n_e - n_s) with tau_twist dM_k/dt = n_e - n_s,
-    and tau_prop dn_s/dt = M_g - p n_s.
+    With a stiff shaft tau_n dn/dt = M_b - p n and M_g = p n + tau_prop dn/dt. With a shaft that twists, the engine's side
+    is (tau_n - tau_prop) dn_e/dt = M_b - M_g, the shaft M_g = M_k + zeta_twist (n_e - n_s) with
+    tau_twist dM_k/dt = n_e - n_s, and the propeller's side tau_prop dn_s/dt = M_g - p n_s.
     """
     equations, q = loop_of(structure, values)
     wiring = _Wiring(order)
@@ -144,7 +144,7 @@ def state_space(
 
 
 class _Wiring:
-    """Signals as linear combinations of the states and the input; an element adds the states that it needs."""
+    """Signals as linear combinations of states and input; each element adds its states."""
 
     def __init__(self, order: int) -> None:
         self.order = order
@@ -163,7 +163,7 @@ class _Wiring:
         return row
 
     def lagged(self, signal: Form, time_constant: float) -> Form:
-        """Return a signal behind 1 / (1 + time_constant s)."""
+        """Return a signal filtered by 1 / (1 + time_constant s)."""
         if not time_constant:
             return signal
         state = self.state()
@@ -171,16 +171,16 @@ class _Wiring:
         return self.form(state)
 
     def differentiated(self, signal: Form, gain: float, proportional: float) -> Form:
-        """Return gain s / (1 + T_f s) times a signal, with the filter of `TransferFunctions`."""
+        """Return a signal filtered by gain s / (1 + T_f s), with the filter of `TransferFunctions`."""
         filter_s = DERIVATIVE_FILTER * gain / proportional
         return np.asarray(gain / filter_s * (signal - self.lagged(signal, filter_s)))
 
     def delayed(self, signal: Form, dead_time: float) -> Form:
-        """Return a signal behind a dead time, its Pade approximation in states that count time in dead times."""
+        """Return a delayed signal by a Pade approximation, whose time unit is the dead time."""
         if not dead_time:
             return signal
         m = self.order
-        # Coefficients from the highest power. The numerator has one order less, so that there is no direct feedthrough.
+        # Coefficients from the highest power. The numerator's order is lower, so that there is no direct feedthrough.
         late = np.array([comb(m, k) * factorial(2 * m - 1 - k) for k in range(m, -1, -1)], dtype=np.float64)
         early = [(-1) ** k * comb(m - 1, k) * factorial(2 * m - 1 - k) for k in range(m - 1, -1, -1)]
         late, early = late / late[0], np.array(early) / late[0]
@@ -192,7 +192,7 @@ class _Wiring:
         return np.asarray(sum((part * self.form(one) for part, one in zip(early, states, strict=True)), 0.0))
 
     def built(self, outputs: Mapping[str, Form]) -> StateSpace:
-        """Return the state space of these outputs."""
+        """Return the state space with these outputs."""
         rates = np.array([self.rates[state] for state in range(self.count)])
         rows = np.array([*outputs.values()])
         return StateSpace(

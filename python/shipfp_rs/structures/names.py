@@ -51,7 +51,7 @@ NAMES: Mapping[str, str] = {
     "(p-g)/(vK_i)": "lag behind a slow ramp of the set point",
     "(p-g)/(vK_i)+T_set": "lag behind a slow ramp of the set point, dead time included",
 }
-"""Symbol, or figure of the loop, to its plain name."""
+"""Symbol, or name of a loop figure, to plain name."""
 
 OF_WHAT: Mapping[str, str] = {
     "hold": "of T_d",
@@ -59,7 +59,7 @@ OF_WHAT: Mapping[str, str] = {
     "M_max": "times the operating torque",
     "M_soft": "times the operating torque",
 }
-"""What a figure without a unit is a share or a multiple of."""
+"""Reference of a dimensionless figure."""
 
 LOOKED_AT = (
     *("k_L", "tau_prop", "T_M", "T_B", "T_n", "T_0"),
@@ -67,11 +67,11 @@ LOOKED_AT = (
     *("tau_n", "g", "p", "c_2", "damping", "tau_twist", "zeta_twist"),
     *("K_p", "K_i", "K_d", "vK_p", "vK_i", "vK_d"),
 )
-"""Parameters in the order in which an engineer looks: sensors and their places, actuation, drive train and load, gains."""
+"""Parameters in the order of reports: sensors, actuation, drive train and load, gains."""
 
 
 def as_looked_at(names: Iterable[str]) -> list[str]:
-    """Return parameters in the order in which an engineer looks at them; a user's own last, as they came."""
+    """Return parameters in the order of reports; user parameters last, in their own order."""
 
     def place(name: str) -> int:
         own = name.partition(" (")[0]
@@ -81,9 +81,9 @@ def as_looked_at(names: Iterable[str]) -> list[str]:
 
 
 def plain_name(symbol: str) -> str:
-    """Return a symbol's plain name; the glossary's meaning where it has none, empty for a parameter of a user's own.
+    """Return a symbol's plain name, or the glossary's meaning; empty for a user parameter.
 
-    The name of a trial of a joint structure stays in brackets behind it: "inertia time constant (fast)".
+    The trial of a joint structure follows in brackets: "inertia time constant (fast)".
     """
     own, bracket, part = symbol.partition(" (")
     if own in NAMES:

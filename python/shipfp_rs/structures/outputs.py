@@ -1,4 +1,4 @@
-"""Outputs of a drive train, and the measured signals that stand for them."""
+"""Outputs of a drive train and the signals that measure them."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ Torque = Literal["brake", "gauge"]
 OUTPUTS = ("dn", "dM", "dE", "dX")
 """Outputs of the ship and of the linear structure: speed, torque, integrated speed error, fuel rack."""
 BRAKE = "dM_b"
-"""Output of the ship whose torque "dM" is a gauge's: the brake's torque, measured beside it."""
+"""Output for the brake's torque, where "dM" is a gauge's."""
 
 
 def signals_of(outputs: Sequence[str], torque: Torque) -> dict[str, tuple[str, ...]]:
-    """Measured signals that can stand for each output, best first; a gauge is no substitute but may be all there is."""
+    """Signals that may measure each output, best first; other torque locations are used only if nothing else is there."""
     candidates = {
         "dn": ("n_e", "n_s"),
         "dM": ("M_g", "M_s", "M_b") if torque == "gauge" else ("M_b", "M_s", "M_g"),
@@ -29,7 +29,7 @@ def signals_of(outputs: Sequence[str], torque: Torque) -> dict[str, tuple[str, .
 
 
 def own_signals(outputs: Sequence[str] | Mapping[str, str]) -> dict[str, tuple[str, ...]]:
-    """Measured signals for outputs of a user's own, or for some of `OUTPUTS`."""
+    """Signals for user outputs, or for some of `OUTPUTS`."""
     if isinstance(outputs, Mapping):
         signals: dict[str, tuple[str, ...]] = {output: (signal,) for output, signal in outputs.items()}
     else:
@@ -46,7 +46,7 @@ def own_signals(outputs: Sequence[str] | Mapping[str, str]) -> dict[str, tuple[s
 
 
 def require_outputs(outputs: Sequence[str], *, both_torques: bool = False) -> None:
-    """Refuse outputs that a drive train has not, or has twice; `both_torques`: the brake's may stand beside a gauge's."""
+    """Refuse unknown or repeated outputs; `both_torques`: the brake's torque is allowed besides a gauge's."""
     known = (*OUTPUTS, BRAKE) if both_torques else OUTPUTS
     for output in outputs:
         if output not in known:
@@ -56,7 +56,7 @@ def require_outputs(outputs: Sequence[str], *, both_torques: bool = False) -> No
 
 
 def require_no_rack(outputs: Sequence[str], *, dead_time: bool) -> None:
-    """Refuse the rack of the linear structure with a dead time in the loop, of which it knows the near side only."""
+    """Refuse the rack of a linear structure with dead time in the loop, which models the rack only without that delay."""
     if dead_time and "dX" in outputs:
         raise InputError(
             "output 'dX' with dead_time_loop: the linear structure has the governor's command, not the rack behind its dead "

@@ -1,4 +1,4 @@
-"""One parameter of a structure: what it is called, where its search starts and ends, and what is known of it."""
+"""A parameter of a structure: name, start, bounds and prior knowledge."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from shipfp_rs.structures.ties import Tie
 from shipfp_rs.support.arguments import check_fields
 
 DECADES = 30.0
-"""Bounds above zero that are further apart than this factor are for a parameter that counts by its logarithm."""
+"""Ratio of positive bounds above which the logarithm of a parameter is searched."""
 
 
 @dataclass(frozen=True)
 class Parameter:
-    """One parameter: name, unit, start, bounds; fixed at its start, with a prior (mean, standard deviation), or tied."""
+    """A parameter: name, unit, start, bounds; optionally fixed at its start, with a prior (mean, deviation), or tied."""
 
     name: str
     unit: str
@@ -50,7 +50,7 @@ class Parameter:
 
     @property
     def scale(self) -> float:
-        """A typical size, by which sensitivities are made comparable."""
+        """Typical size, which makes sensitivities comparable."""
         return abs(self.start) if self.start else min(1.0, self.upper - self.lower)
 
     @property
@@ -59,7 +59,7 @@ class Parameter:
         return self.lower > 0.0 and self.upper / self.lower > DECADES
 
     def drawn(self, random: np.random.Generator) -> float:
-        """Return a random start: between the bounds, or about the declared one where there are none."""
+        """Return a random start within the bounds, or near the declared start if there are none."""
         if not np.isfinite([self.lower, self.upper]).all():
             return float(self.start * (1.0 + random.normal()))
         if self.logarithmic:
@@ -68,5 +68,5 @@ class Parameter:
 
     @property
     def meaning(self) -> str:
-        """What the parameter is, in a few words; empty for one of a user's own."""
+        """Short description; empty for a user parameter."""
         return glossary.meaning(self.name)

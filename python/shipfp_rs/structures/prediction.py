@@ -1,4 +1,4 @@
-"""What a structure with given parameters makes of an experiment, its unknown beginning fitted."""
+"""Prediction of an experiment by a structure with given parameters, with fitted initial state."""
 
 from __future__ import annotations
 
@@ -12,28 +12,13 @@ from shipfp_rs.structures.structure import Structure
 from shipfp_rs.support.arrays import Array, Values
 
 CURVED, SETTLED = 30, 1e-9
-"""Most steps towards the initial state of a model that is nonlinear in it, and the step size at which they end."""
+"""Most iterations for the initial state of a model that is nonlinear in it, and the step size at which they stop."""
 SHORTER = 0.3
-"""Ratio of a step to the one before it; above this ratio the derivatives are computed anew."""
+"""Ratio of successive steps above which the derivatives are recomputed."""
 
 
 def simulated_about(structure: Structure, values: Values, experiment: Experiment) -> Mapping[str, Array]:
-    """Return the normalised outputs by signal; the initial state and each output's offset are fitted to the measurement.
-
-    Parameters
-    ----------
-    structure
-        The model.
-    values
-        Parameters by name.
-    experiment
-        Set point and measured outputs.
-
-    Returns
-    -------
-    dict
-        Signal name to normalised deviation, shape (N,).
-    """
+    """Return the normalised outputs (N,) by signal, with initial state and output offsets fitted to the measurement."""
     signals = tuple(
         structure.signal_for(output, experiment.signals, experiment.name) for output in structure.outputs
     )
@@ -44,16 +29,16 @@ def simulated_about(structure: Structure, values: Values, experiment: Experiment
     state = dict.fromkeys(equations.states, 0.0)
     model, slopes = equations.sensitivities({**values, **state}, experiment, equations.states)
     before = longest = np.inf
-    # A linear model is linear in its initial state, too: one least-squares solution is exact.
+    # A model that is linear in its initial state needs a single least-squares solution.
     for turn in range(1 if set(state) <= set(equations.linear_in) else CURVED):
         if turn:
             try:
-                # Near its end the slopes hardly change.
+                # Near convergence the slopes hardly change.
                 if longest < SHORTER * before:
                     model = equations.simulate({**values, **state}, experiment)
                 else:
                     model, slopes = equations.sensitivities({**values, **state}, experiment, equations.states)
-            except SimulationError:  # a step too far: the straight line to it is what is known
+            except SimulationError:  # the step was too long: the linear prediction is kept
                 break
         basis = np.concatenate([slopes.reshape(len(state), *model.shape), offsets])
         error = (measured - model)[:, valid]

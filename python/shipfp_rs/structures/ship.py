@@ -1,4 +1,4 @@
-"""The one ship model's equations: the nonlinear drive train in normalised terms, computed by the Rust kernel."""
+"""Equations of the ship model, the nonlinear normalised drive train computed by the Rust kernel."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from shipfp_rs.support.arrays import Array, ComplexArray, Names, Values
 
 SET_SCALE, TORQUE_SCALE, BRAKE_SCALE = "set point scale", "torque scale", "brake torque scale"
 STATES = ("initial dn", "initial fuel", SET_SCALE, TORQUE_SCALE)
-"""Unknowns of each experiment: deviations of speed and fuel torque from the operating point at its first sample, and
-relative errors of the readings of set point and torque, which include errors of the operating point."""
+"""Unknowns of each experiment: initial deviations of speed and fuel torque from the operating point, and relative errors of
+the set-point and torque readings, which include errors of the operating point."""
 
 INDEX = {name: index for index, name in enumerate(_core.SHIP_PARAMETERS)}
-"""Places of the kernel's parameters."""
+"""Indices of the kernel's parameters."""
 KERNEL = {
     "vK_p": "K_p",
     "vK_i": "K_i",
@@ -31,20 +31,20 @@ KERNEL = {
     "k_L": "load_gain",
     "c_2": "curvature",
 }
-"""Parameters whose names differ from the kernel's."""
+"""Parameters whose kernel names differ."""
 _KERNEL = KERNEL | {
     "initial dn": "initial_N",
     "initial fuel": "initial_F",
     SET_SCALE: "s_u",
     TORQUE_SCALE: "s_M",
 }
-"""Names that differ from the kernel's."""
+"""The same with the unknowns of an experiment."""
 _DEVIATIONS = ("initial dn", SET_SCALE, TORQUE_SCALE)
-"""What counts from zero here and from one in the kernel."""
+"""Unknowns that are zero without effect; the kernel's are one."""
 
 
 STEP = 1e-6
-"""Step of a difference, over a value or one."""
+"""Relative step of a difference quotient."""
 OF_BOTH_SIGNS = {*STATES, BRAKE_SCALE, "g", "p", "damping", "c_2"}
 """Parameters that may be negative."""
 
@@ -52,7 +52,7 @@ OF_BOTH_SIGNS = {*STATES, BRAKE_SCALE, "g", "p", "damping", "c_2"}
 def with_brake(
     step: Callable[[Array], Array], parameters: Array, outputs: Sequence[str], late_s: float, scale: float
 ) -> Array:
-    """Return what a simulation by the kernel's parameters makes of the outputs; its one torque channel stands for either."""
+    """Return the simulated outputs; the kernel's single torque channel is computed for gauge and brake in turn."""
     rows = step(parameters)
     if BRAKE in outputs:
         other = parameters.copy()
@@ -74,13 +74,13 @@ class ShipEquations(Equations):
     mean_sampling: bool = False
     """Whether a sampling governor is modelled by its mean delay, half a sample period."""
     envelope: tuple[tuple[float, float], ...] = ()
-    """Points of the highest torque by speed, both over the operating point's; none: no limit but M_max."""
+    """Highest torque at each speed, both over the operating point's; empty: no limit but M_max."""
     substeps: int = 0
-    """Steps a sample; 0 leaves it to the kernel."""
+    """Steps per sample; 0: chosen by the kernel."""
     states: tuple[str, ...] = STATES
     linear_in: tuple[str, ...] = ()
     own_offsets: bool = True
-    """The errors of the operating points stand among the states, so `identify` adds no constants."""
+    """The states include errors of the operating point, so that `identify` adds no offsets."""
 
     @property
     def _kernel_outputs(self) -> list[int]:
@@ -91,7 +91,7 @@ class ShipEquations(Equations):
         return [_core.SHIP_OUTPUTS.index(names.get(output, output)) for output in self.outputs]
 
     def vector(self, values: Values) -> Array:
-        """Return the kernel's parameters, shape (34,), for values by name; an element without a value is off."""
+        """Return the kernel's parameters, shape (34,), for values by name; elements without a value are off."""
         vector = np.array(_core.SHIP_OFF)
         vector[INDEX["v"]] = 1.0
         for name, value in values.items():
@@ -115,7 +115,7 @@ class ShipEquations(Equations):
         return np.ascontiguousarray(np.array(self.envelope).T) if self.envelope else None
 
     def stable(self, values: Values) -> bool:
-        """Whether the loop is stable about the operating point, judged without lag and sampling."""
+        """Whether the loop is stable about the operating point, without lag and sampling."""
         known = {
             name: values[name]
             for name in ("tau_n", "g", "v", "K_p", "K_i", "vK_p", "vK_i", "p", "T_d")
@@ -135,13 +135,13 @@ class ShipEquations(Equations):
         )
 
     def sensitivities(self, values: Values, experiment: Experiment, names: Names) -> tuple[Array, Array]:
-        """Return the outputs (O, N) and their derivatives with respect to `names` by differences, shape (W, O, N)."""
+        """Return the outputs (O, N) and their derivatives by `names`, by difference quotients, shape (W, O, N)."""
         found = self.simulate(values, experiment)
         slopes = np.empty((len(names), *found.shape))
         for slope, name in zip(slopes, names, strict=True):
             value = values.get(name, 0.0)
             step = STEP * max(abs(value), 1.0)
-            # What begins at zero has no slope on the other side.
+            # A parameter with lower bound zero has a one-sided difference there.
             least = value if name in OF_BOTH_SIGNS or value >= step else value + step
             ends = (self.simulate({**values, name: one}, experiment) for one in (value + step, least - step))
             slope[:] = (next(ends) - next(ends)) / (value + 2.0 * step - least)
@@ -150,7 +150,7 @@ class ShipEquations(Equations):
     def response(
         self, values: Values, frequency_hz: Array, names: Names
     ) -> tuple[ComplexArray, ComplexArray]:
-        """Return the response (O, F) of the linearisation and its derivatives with respect to `names`, shape (W, O, F)."""
+        """Return the response (O, F) of the linearisation and its derivatives by `names`, shape (W, O, F)."""
         place: Place = "propeller" if self.propeller_speed else "engine"
         linear = TransferFunctions(self.outputs, self.gauge, place)
         damping = values.get("damping", 0.0)

@@ -1,4 +1,4 @@
-"""Equations that are a linear state space: exact between samples, with any dead time of the input, with derivatives."""
+"""Linear state-space equations, exact between samples, with input dead times and derivatives."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ from shipfp_rs.structures.equations import Equations
 from shipfp_rs.support.arrays import Array, ComplexArray, Names, Values
 
 STEP = 1e-30
-"""Imaginary part that stands for a derivative; its square vanishes, so that any analytic computation carries it along."""
+"""Complex step of a derivative; its square vanishes, so any analytic computation propagates the derivative."""
 WHOLE = 1e-9
-"""A dead time so close to a whole number of samples is one: 0.3 s at 100 Hz is 30 samples, not 29 and a rounding error."""
+"""Distance from a whole number of samples below which a dead time is rounded: 0.3 s at 100 Hz is 30 samples."""
 LATEST = 2.0**50
-"""Longest dead time [samples]: up to here a double still resolves a fraction of a sample."""
+"""Longest dead time [samples] at which a double resolves fractions of a sample."""
 DEGREE = 14
-"""Degree of the exponential's Taylor polynomial: at a norm of 1/2 the first term that is left out is below 2e-17."""
+"""Degree of the exponential's Taylor polynomial: at a norm of 1/2 the first omitted term is below 2e-17."""
 
 
 class Model(NamedTuple):
-    """x' = A x + B u, y = C x + D u from a start x: real, or with a derivative as imaginary part, `STEP` times it.
+    """x' = A x + B u, y = C x + D u from a start x: real, or with a derivative times `STEP` as imaginary part.
 
-    The inputs u (J,) are one signal, each late by its own time [s].
+    The inputs u (J,) are the same signal with individual delays [s].
     """
 
     A: npt.NDArray[Any]
@@ -39,21 +39,21 @@ class Model(NamedTuple):
 
 
 class StateSpaceEquations(Equations):
-    """Equations of which only the model is to be given, and how it depends on the parameters."""
+    """Equations given by a model that depends on the parameters."""
 
     @abstractmethod
     def models(self, values: Values, names: Names) -> list[Model]:
-        """Return the model with its derivative by each name, or without one where there is no name."""
+        """Return the model with its derivative by each name, or without derivative if there are no names."""
 
     def simulate(self, values: Values, experiment: Experiment) -> Array:
         """Return the normalised outputs, shape (O, N)."""
         return self.sensitivities(values, experiment, ())[0]
 
     def sensitivities(self, values: Values, experiment: Experiment, names: Names) -> tuple[Array, Array]:
-        """Return the outputs (O, N) and their derivatives with respect to `names`, shape (W, O, N)."""
+        """Return the outputs (O, N) and their derivatives by `names`, shape (W, O, N)."""
         model = _together(self.models(values, names), values)
         dt = 1.0 / experiment.rate_hz
-        # What overflows is found here.
+        # Overflow is detected here.
         with np.errstate(all="ignore"):
             system, shifts = _sampled(model, dt, experiment.hold)
         if not np.isfinite(system).all():
@@ -66,7 +66,7 @@ class StateSpaceEquations(Equations):
     def response(
         self, values: Values, frequency_hz: Array, names: Names
     ) -> tuple[ComplexArray, ComplexArray]:
-        """Return the response (O, F) and its derivatives with respect to `names`, shape (W, O, F)."""
+        """Return the response (O, F) and its derivatives by `names`, shape (W, O, F)."""
         A, B, C, D = (_parted(part, len(names)) for part in _together(self.models(values, names), values)[:4])
         resolvent = 2j * np.pi * frequency_hz[:, None, None] * np.eye(len(A[0])) - A[0]
         try:
@@ -85,7 +85,7 @@ class StateSpaceEquations(Equations):
 
 
 def _together(models: list[Model], values: Values) -> Model:
-    """Return the models as one whose arrays have a first axis for them."""
+    """Stack models along a first axis of their arrays."""
     together = Model(*(np.array(parts) for parts in zip(*models, strict=True)))
     for name, part in zip(Model._fields, together, strict=True):
         if not np.isfinite(part).all():
@@ -94,21 +94,21 @@ def _together(models: list[Model], values: Values) -> Model:
 
 
 def listed(values: Values) -> str:
-    """Return values by name, for a message."""
+    """Format values by name for a message."""
     return ", ".join(f"{name} {value:.6g}" for name, value in values.items())
 
 
 def _parted(values: npt.NDArray[Any], count: int) -> Array:
-    """Return the value and its derivatives, shape (1 + W, ...)."""
+    """Split complex steps into value and derivatives, shape (1 + W, ...)."""
     return np.ascontiguousarray(np.concatenate([values[:1].real, values[:count].imag / STEP]))
 
 
 def _sampled(model: Model, dt: float, hold: str) -> tuple[npt.NDArray[Any], list[int]]:
-    """Return the system [F, G; C, D] from sample to sample, shape (W, n + O, n + R), and its inputs as shifts of the signal.
+    """Return the sampled system [F, G; C, D], shape (W, n + O, n + R), and its inputs as shifts of the signal.
 
-    Between samples the signal is a polynomial, whose derivatives are states as well (Van Loan 1978,
-    DOI 10.1109/TAC.1978.1101743); a late one has a corner inside the sample interval (Astrom and Wittenmark,
-    Computer-Controlled Systems, 3rd ed., section 3.2). Before the record it stands at its first sample.
+    Between samples the signal is a polynomial, whose derivatives are additional states (Van Loan 1978,
+    DOI 10.1109/TAC.1978.1101743). A delayed one has a corner inside the sample interval (Astrom and Wittenmark,
+    Computer-Controlled Systems, 3rd ed., section 3.2). Before the record the signal equals its first sample.
     """
     A, B, C, D, _, late = model
     (n, inputs), outputs, count = B.shape[1:], C.shape[1], len(A)
@@ -117,7 +117,7 @@ def _sampled(model: Model, dt: float, hold: str) -> tuple[npt.NDArray[Any], list
     rates[:, :n, :n], rates[:, :n, n : n + inputs] = A * dt, B * dt
     rates[:, n : n + inputs, n + inputs :] = np.eye(inputs)
     step = _exponential(rates)
-    # Responses, one sample later, to a step and to a ramp of each input that begins at the sample, or at its corner.
+    # Response after one sample to a step and a ramp of each input, starting at the sample or at the corner.
     held, ramp = step[:, :n, n : n + inputs], step[:, :n, n + inputs :]
     held_late, ramp_late = held.copy(), ramp.copy()
     for j in range(inputs):
@@ -127,7 +127,7 @@ def _sampled(model: Model, dt: float, hold: str) -> tuple[npt.NDArray[Any], list
     f = fraction[:, None, :]
     if hold == "zero":
         fed = np.stack([held - held_late, held_late, 0.0 * held], axis=-1)
-        # A step at the sample itself counts.
+        # A step at the sample itself is included.
         seen = np.stack([f.real != 0.0, f.real == 0.0, 0.0 * f], axis=-1)
     else:
         fed = np.stack(
@@ -145,7 +145,7 @@ def _sampled(model: Model, dt: float, hold: str) -> tuple[npt.NDArray[Any], list
 
 
 def _split(late: npt.NDArray[Any], dt: float) -> tuple[npt.NDArray[np.int64], npt.NDArray[Any]]:
-    """Return dead times (W, J) as whole samples (J,) and what is left (W, J)."""
+    """Split dead times (W, J) into whole samples (J,) and remainders (W, J)."""
     samples = np.minimum(late[0].real / dt, LATEST)
     nearest = np.round(samples)
     whole = np.where(np.abs(samples - nearest) < WHOLE, nearest, np.floor(samples))
@@ -165,7 +165,7 @@ def _exponential(matrices: npt.NDArray[Any]) -> npt.NDArray[Any]:
     for term in range(DEGREE, 1, -1):
         series_slopes = (slopes @ series + value @ series_slopes) / term
         series = identity + value @ series / term
-    # The squaring is done on exp - 1, not on exp: in exp, slow modes would be lost in the rounding of the 1.
+    # exp - 1 is squared instead of exp, where slow modes would be lost in rounding.
     less_one, by = value @ series, slopes @ series + value @ series_slopes
     for _ in range(squarings):
         by = less_one @ by + by @ less_one + 2.0 * by

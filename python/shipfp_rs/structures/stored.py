@@ -1,4 +1,4 @@
-"""Structures as JSON and back: what was declared, with every start, bound, fixed value, prior and tie."""
+"""Structures as JSON, with starts, bounds, fixed values, priors and ties."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ ROW: Mapping[str, tuple[Any, str]] = {
     "prior": (tuple[float, float] | None, "null or a mean and a standard deviation"),
     "tied": (Mapping[str, Any] | None, "null or a table"),
 }
-"""What the table of a parameter holds: an annotation of each value, and its words."""
+"""Annotation and description of each value in a parameter's table."""
 TIE: Mapping[str, tuple[Any, str]] = {
     "to": (str, "the name of a parameter"),
     "factor": (float, "a number"),
@@ -39,7 +39,7 @@ TIE: Mapping[str, tuple[Any, str]] = {
 
 
 def to_dict(structure: Any) -> dict[str, Any]:
-    """Return the JSON form kept in a fingerprint; a bound without end is None."""
+    """Return the JSON form that a fingerprint stores; an infinite bound is None."""
     return {
         "name": structure.name,
         **dict(structure.settings),
@@ -60,12 +60,12 @@ def _row(parameter: Parameter) -> dict[str, Any]:
 
 
 def from_dict(declare: Any, content: Mapping[str, Any]) -> Any:
-    """Return the structure that `to_dict` wrote; `declare` is the class `Structure`, which imports this.
+    """Return the structure of `to_dict`; `declare` is the class `Structure`, which imports this module.
 
     Raises
     ------
     InputError
-        For equations of a user's own, which JSON can't hold, and for what `to_dict` did not write.
+        For user equations, which JSON can't hold, and for content that `to_dict` did not write.
     """
     ways: Mapping[str, Callable[[Mapping[str, Any]], Any]] = {
         "linear": lambda told: declare.linear(**_options(told, LINEAR_OPTIONS)),
@@ -122,7 +122,7 @@ def _parameter(declared: Parameter, row: Mapping[str, Any]) -> Parameter:
     key = f"structure.parameters.{declared.name}"
     expect_row(key, row, ROW)
     lower, upper = declared.lower, declared.upper
-    if row.get("bounds") is not None:  # older files have none for a fixed parameter
+    if row.get("bounds") is not None:  # absent for a fixed parameter in older files
         low, high = row["bounds"]
         lower, upper = -math.inf if low is None else float(low), math.inf if high is None else float(high)
     prior, tie = row.get("prior"), row.get("tied")
@@ -144,7 +144,7 @@ def _parameter(declared: Parameter, row: Mapping[str, Any]) -> Parameter:
 
 
 def expect_row(key: str, row: Any, kinds: Mapping[str, tuple[Any, str]]) -> None:
-    """Refuse a table that lacks one of these keys or holds another kind of value under it."""
+    """Refuse a table that lacks one of these keys or has another kind of value."""
     expect(isinstance(row, Mapping), key, row, "a table")
     for part, (kind, words) in kinds.items():
         expect(fits(row.get(part), kind), f"{key}.{part}", row.get(part), words)

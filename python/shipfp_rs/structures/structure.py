@@ -1,4 +1,4 @@
-"""Structures: parametric models of the drive train, declared once as parameters, outputs and equations."""
+"""Structures: parametric models of the drive train, declared by parameters, outputs and equations."""
 
 from __future__ import annotations
 
@@ -38,8 +38,7 @@ def _gains(products: bool) -> tuple[Parameter, ...]:
 class Structure(Editable):
     """A parametric model: parameters with unit, bounds and start, outputs, equations.
 
-    `Structure.ship` declares the ship, `Structure.linear` its linearisation; the other constructors hang a user's own
-    equations in.
+    `Structure.ship` declares the ship, `Structure.linear` its linearisation; other constructors take user equations.
     """
 
     @classmethod
@@ -60,19 +59,18 @@ class Structure(Editable):
         Parameters
         ----------
         torque
-            "brake": the torque is the engine's, M_b* = p n* + tau_n dn*/dt (the thesis's structure, eq. 3.38);
-            "gauge": it is read by a strain gauge with only part of the inertia behind it,
-            M_g* = p n* + tau_prop dn*/dt.
+            "brake": the engine's torque, M_b* = p n* + tau_n dn*/dt (the thesis's structure, eq. 3.38); "gauge": a strain
+            gauge with part of the inertia behind it, M_g* = p n* + tau_prop dn*/dt.
         products
-            Declare vK_p and vK_i in place of v, K_p and K_i, which speed and torque never tell apart.
+            Declare vK_p and vK_i instead of v, K_p and K_i, which speed and torque can't distinguish.
         free_exponent
-            Free the propeller torque exponent p; otherwise it is 2 as in the thesis.
+            Estimate the propeller torque exponent p; otherwise it is 2 as in the thesis.
         dead_time_loop, dead_time_set_point
             Add the dead time T_d in the fuel path, T_set in the set-point path.
         outputs
-            Of "dn", "dM", "dE", "dX".
+            Some of "dn", "dM", "dE", "dX".
         name
-            For reports.
+            Name in reports.
 
         Raises
         ------
@@ -131,7 +129,7 @@ class Structure(Editable):
         mean_sampling: bool = False,
         name: str | None = None,
     ) -> Structure:
-        """Declare the ship: its nonlinear drive train in normalised terms, made of elements that act or do not.
+        """Declare the ship: its nonlinear drive train in normalised terms, with optional elements.
 
         With N, u and M the speed, set point and torque over their operating points:
 
@@ -141,33 +139,31 @@ class Structure(Editable):
         Parameters
         ----------
         elements
-            Names of what acts beside this, of `structures.elements.ELEMENTS`: "dead_time_loop" (T_d),
-            "dead_time_set_point" (T_set), "actuator_lag" (tau_act), "derivative" (vK_d, on the speed), "sampling" (T_s),
-            "torque_limit" (M_max), "rack_rate" (rate), "rack_rate_down" (rate_down, beside "rack_rate"), "twist"
-            (tau_twist, zeta_twist; between the inertias, of which tau_prop is the propeller's), "damping" (of the load),
-            "load" (measured).
+            Names of elements, of `structures.elements.ELEMENTS`: "dead_time_loop" (T_d), "dead_time_set_point" (T_set),
+            "actuator_lag" (tau_act), "derivative" (vK_d, on the speed), "sampling" (T_s), "torque_limit" (M_max),
+            "rack_rate" (rate), "rack_rate_down" (rate_down, with "rack_rate"), "twist" (tau_twist, zeta_twist; between the
+            inertias, of which tau_prop is the propeller's), "damping" (of the load), "load" (measured).
         torque
             "brake": the engine's, M_b; "gauge": M_g = N^p + tau_prop dN/dt, with part of the inertia behind it.
         outputs
-            Of "dn", "dM", "dX", "dE"; beside a gauge's "dM" also the brake's torque, "dM_b".
+            Some of "dn", "dM", "dX", "dE"; with a gauge's "dM" also the brake's torque, "dM_b".
         products
-            Declare vK_p and vK_i in place of v, K_p and K_i, which speed and torque never tell apart.
+            Declare vK_p and vK_i instead of v, K_p and K_i, which speed and torque can't distinguish.
         propeller_speed
-            The speed is measured behind a shaft that twists.
+            Whether the speed is measured behind a shaft that twists.
         mean_sampling
-            A governor that samples acts as one that is half a given period T_s late, which is what records show that are
-            low-passed below its clock.
+            Whether a sampling governor is modelled as a delay of half its period T_s, as in records that are low-passed
+            below its sample rate.
 
         Raises
         ------
         InputError
-            For an unknown element, output or torque, or what can't go together.
+            For an unknown element, output or torque, or an invalid combination.
 
         Notes
         -----
-        Each experiment has four unknowns of its own: speed and fuel torque at its first sample, and the relative errors
-        of its set point and its torque. Equations 3.1 to 3.11 divided by the operating point; the
-        exponent p is free, 2 in the thesis.
+        Each experiment has four unknowns: initial speed and fuel torque, and relative errors of its set point and torque.
+        The equations are 3.1 to 3.11 divided by the operating point; the exponent p is free, 2 in the thesis.
 
         Examples
         --------
@@ -223,31 +219,31 @@ class Structure(Editable):
         *,
         name: str,
     ) -> Structure:
-        """Declare a structure of one's own as x' = A x + B dn_set, y = C x + D dn_set, of any order.
+        """Declare a structure by matrices: x' = A x + B dn_set, y = C x + D dn_set, of any order.
 
-        Everything that works with `linear` works with it: initial states, joint fits, frequency responses. A dead time
-        needs an approximation by states, or `from_function`.
+        It supports all features of `linear`: initial states, joint fits, frequency responses. A dead time needs an
+        approximation by states, or `from_function`.
 
         Parameters
         ----------
         matrices
-            Parameter values by name to (A, B, C, D) in continuous time [s], of shapes (n, n), (n,), (O, n), (O,).
-            Written with NumPy they take complex numbers too, which makes the derivatives exact.
+            Function from parameter values by name to (A, B, C, D) in continuous time [s], of shapes (n, n), (n,), (O, n),
+            (O,). Functions of NumPy accept complex numbers, too, which makes the derivatives exact.
         parameters
             Name, unit, start, bounds of each.
         outputs
-            Some of "dn", "dM", "dE", "dX", or a mapping from names of one's own to the signals that measure them.
+            Some of "dn", "dM", "dE", "dX", or a mapping from your output names to the signals that measure them.
         name
-            For reports.
+            Name in reports.
 
         Raises
         ------
         InputError
-            For outputs, or shapes at the start values, that do not fit.
+            For unknown or repeated outputs, or inconsistent shapes at the start values.
 
         Examples
         --------
-        The rack follows the governor, and the shaft the rack, each with a lag of its own:
+        The rack follows the governor, and the shaft follows the rack, each with a lag:
 
         >>> import numpy as np
         >>> def matrices(q):
@@ -268,7 +264,7 @@ class Structure(Editable):
         """
         signals = own_signals(outputs)
         equations = MatrixEquations(matrices, tuple(parameters), tuple(signals))
-        equations.states  # noqa: B018 the shapes are checked here, not in the middle of a fit
+        equations.states  # noqa: B018 checks the shapes here instead of during a fit
         return cls(name, tuple(parameters), signals, equations, {"kind": "matrices"})
 
     @classmethod
@@ -282,25 +278,26 @@ class Structure(Editable):
         name: str,
         response: Response | None = None,
     ) -> Structure:
-        """Declare a structure of one's own as a function that simulates an experiment.
+        """Declare a structure by a function that simulates an experiment.
 
-        Derivatives are taken numerically, see `differences.Differences`. The function has the initial state in its own
-        hands: what is unknown of it is a parameter. An offset of each output is estimated along as always.
+        Derivatives are numerical, see `differences.Differences`. The function sets the initial state; unknown initial values
+        are parameters. An offset of each output is estimated as always.
 
         Parameters
         ----------
         simulate
-            (parameter values by name, `Experiment`) to the normalised outputs, shape (O, N). Where it can't, it raises
-            `SimulationError` or an ArithmeticError, or returns what is not finite, and the search turns back.
+            Function from (parameter values by name, `Experiment`) to the normalised outputs, shape (O, N). Where it fails,
+            it raises `SimulationError` or an ArithmeticError, or returns values that are not finite, and the search steps
+            back.
         parameters, outputs, name
             As for `from_matrices`.
         response
-            (parameter values, frequencies [Hz] (F,)) to complex responses (O, F), for frequency data.
+            Function from (parameter values, frequencies [Hz] (F,)) to complex responses (O, F), for frequency data.
 
         Raises
         ------
         InputError
-            For outputs that do not fit.
+            For unknown or repeated outputs.
 
         Examples
         --------
@@ -328,22 +325,22 @@ class Structure(Editable):
     def joint(
         cls, parts: Mapping[str, Structure], shared: Sequence[str], *, name: str | None = None
     ) -> Structure:
-        """Declare one structure for trials that share some parameters: a ship at two speeds, or after a refit.
+        """Declare a joint structure for trials that share parameters: a ship at two speeds, or before and after a refit.
 
         Parameters
         ----------
         parts
-            The name of an `Experiment` or `FrequencyResponse` to its structure; all with the same outputs.
+            Name of an `Experiment` or `FrequencyResponse` to its structure; all with the same outputs.
         shared
-            Names of the parameters that are the same for all; start, bounds and prior are the first part's. The others
-            are called by their part, "tau_n (fast)"; `with_tied` relates those that are alike in some of the parts.
+            Names of shared parameters, with the first structure's start, bounds and prior. Other parameters get the trial's
+            name, "tau_n (fast)"; `with_tied` relates those that are equal in some of the trials.
         name
-            For reports.
+            Name in reports.
 
         Raises
         ------
         InputError
-            For fewer than two parts, other outputs, or a shared parameter that a part has not.
+            For fewer than two trials, different outputs, or a shared parameter that a structure lacks.
 
         Examples
         --------
@@ -368,7 +365,7 @@ class Structure(Editable):
                     f"joint structure: {label!r} has ties, expected none; tie the joint structure's own"
                 )
             for parameter in shared:
-                _ = part[parameter]  # an unknown name is refused
+                _ = part[parameter]  # raises for an unknown name
             names = {own if own in shared else f"{own} ({label})": own for own in part.names}
             equations[label] = PartEquations(part.equations, names)
             for outer, own in names.items():
@@ -386,18 +383,18 @@ class Structure(Editable):
         )
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the JSON form kept in a fingerprint: all that `from_dict` needs, but equations of a user's own."""
+        """Return the JSON form that a fingerprint stores, for `from_dict`; user equations are not included."""
         return stored.to_dict(self)
 
     @classmethod
     @checked
     def from_dict(cls, content: Mapping[str, Any]) -> Structure:
-        """Return the structure that `to_dict` wrote, with its starts, bounds, fixed parameters, priors and ties.
+        """Return the structure of `to_dict`, with its starts, bounds, fixed parameters, priors and ties.
 
         Raises
         ------
         InputError
-            For equations of a user's own, which JSON can't hold, and for what `to_dict` did not write.
+            For user equations, which JSON can't hold, and for content that `to_dict` did not write.
 
         Examples
         --------

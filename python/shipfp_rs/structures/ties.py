@@ -1,4 +1,4 @@
-"""Parameters that follow another one along a straight line, and what that makes of values and derivatives."""
+"""Parameters as linear functions of others, with their values and derivatives."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ from shipfp_rs.support.arrays import Array, ComplexArray, Names, Values
 
 @dataclass(frozen=True)
 class Tie:
-    """A parameter's value as factor times that of parameter `to`, plus an offset in its own unit."""
+    """A parameter's value as factor times that of parameter `to`, plus an offset in its unit."""
 
     to: str
     factor: float
     offset: float = 0.0
 
     def __call__(self, value: float) -> float:
-        """Return what the parameter is where the other one has this value."""
+        """Return the parameter's value for a value of the other."""
         return self.factor * value + self.offset
 
     def inverse(self, value: float) -> float:
-        """Return what the other one is where the parameter has this value."""
+        """Return the other's value for a value of the parameter."""
         return (value - self.offset) / self.factor
 
     def __str__(self) -> str:
@@ -38,12 +38,12 @@ Ties = Mapping[str, Tie]
 
 
 def resolved(ties: Ties) -> dict[str, Tie]:
-    """Lead every tie back to a parameter that is tied to none.
+    """Resolve chains of ties to parameters that are not tied.
 
     Raises
     ------
     InputError
-        For ties in a circle.
+        For circular ties.
     """
     found = {}
     for name, tie in ties.items():
@@ -61,7 +61,7 @@ def resolved(ties: Ties) -> dict[str, Tie]:
 
 
 def followed(values: Values, ties: Ties) -> dict[str, float]:
-    """Return values in which the tied parameters have what resolved ties make of the others."""
+    """Return values with the tied parameters set by resolved ties."""
     return {**values, **{name: tie(values[tie.to]) for name, tie in ties.items() if tie.to in values}}
 
 
@@ -77,13 +77,13 @@ def bare(equations: Equations) -> Equations:
 
 
 def tied(equations: Equations, ties: Ties) -> Equations:
-    """Return the same equations with these ties in place of any before."""
+    """Return the equations with these ties instead of previous ones."""
     return TiedEquations(bare(equations), ties) if ties else bare(equations)
 
 
 @dataclass(frozen=True)
 class Behind(Equations):
-    """Equations whose parameters are functions, straight lines, of those that are asked for."""
+    """Equations whose parameters are linear functions of the given ones."""
 
     equations: Equations
 
@@ -99,11 +99,11 @@ class Behind(Equations):
 
     @property
     def own_offsets(self) -> bool:
-        """Whether the equations' states hold the errors of the operating point."""
+        """Whether the states include errors of the operating point."""
         return self.equations.own_offsets
 
     def stable(self, values: Values) -> bool:
-        """Whether the closed loop is stable, as far as the equations can tell."""
+        """Whether the closed loop is stable, where known."""
         return self.equations.stable(self.own_values(values))
 
     def simulate(self, values: Values, experiment: Experiment) -> Array:
@@ -111,7 +111,7 @@ class Behind(Equations):
         return self.equations.simulate(self.own_values(values), experiment)
 
     def sensitivities(self, values: Values, experiment: Experiment, names: Names) -> tuple[Array, Array]:
-        """Return the outputs (O, N) and their derivatives with respect to `names`, shape (W, O, N)."""
+        """Return the outputs (O, N) and their derivatives by `names`, shape (W, O, N)."""
         moved, chain = self.chain(names)
         simulated, slopes = self.equations.sensitivities(self.own_values(values), experiment, moved)
         return simulated, np.tensordot(chain, slopes.reshape(len(moved), *simulated.shape), axes=1)
@@ -119,33 +119,33 @@ class Behind(Equations):
     def response(
         self, values: Values, frequency_hz: Array, names: Names
     ) -> tuple[ComplexArray, ComplexArray]:
-        """Return the response (O, F) and its derivatives with respect to `names`, shape (W, O, F)."""
+        """Return the response (O, F) and its derivatives by `names`, shape (W, O, F)."""
         moved, chain = self.chain(names)
         response, slopes = self.equations.response(self.own_values(values), frequency_hz, moved)
         return response, np.tensordot(chain, slopes.reshape(len(moved), *response.shape), axes=1)
 
     def own_values(self, values: Values) -> dict[str, float]:
-        """Return the values of the equations' own parameters."""
+        """Return the values of the equations' parameters."""
         raise NotImplementedError
 
     def chain(self, names: Names) -> tuple[list[str], Array]:
-        """Return all of the equations' own that moves with `names`, and by how much, shape (W, all)."""
+        """Return the equations' parameters that depend on `names`, and their derivatives, shape (W, dependent)."""
         raise NotImplementedError
 
 
 @dataclass(frozen=True)
 class TiedEquations(Behind):
-    """Equations some of whose parameters follow others: a derivative is that along with all that follow."""
+    """Equations with tied parameters; a derivative includes those of the tied ones."""
 
     ties: Ties
-    """Resolved."""
+    """Resolved ties."""
 
     def own_values(self, values: Values) -> dict[str, float]:
-        """Return the values of the equations' own parameters."""
+        """Return the values of the equations' parameters."""
         return followed(values, self.ties)
 
     def chain(self, names: Names) -> tuple[list[str], Array]:
-        """Return all of the equations' own that moves with `names`, and by how much, shape (W, all)."""
+        """Return the equations' parameters that depend on `names`, and their derivatives, shape (W, dependent)."""
         moved = [*names, *(name for name, tie in self.ties.items() if tie.to in names and name not in names)]
         chain = np.eye(len(names), len(moved))
         for name in moved[len(names) :]:

@@ -15,35 +15,35 @@ Spectrum = npt.NDArray[Any]
 Part = Spectrum | float
 
 DERIVATIVE_FILTER = 0.1
-"""Time constant of the derivative's filter over the derivative time K_d / K_p, a customary choice
+"""Time constant of the derivative's filter over the derivative time K_d / K_p, a customary value
 (Astrom, Hagglund, "Advanced PID Control", 2006, section 3.3)."""
 SLOWEST = 1e-6
-"""Stands for the frequency zero, where an integrator has no value [rad/s]."""
+"""Frequency used for zero, where an integrator has a pole [rad/s]."""
 GAINS = ("K_p", "K_i", "K_d")
 
 
 @dataclass(frozen=True)
 class TransferFunctions:
-    """Outputs over the set point by the names of parameters; of those that are missing nothing acts.
+    """Transfer functions from the set point to the outputs; elements without parameters are off.
 
-    The governor C = K_p + K_i/s + K_d s/(1 + T_f s), of which the set point passes the first two parts only, reaches the
-    rack through A = exp(-s T_d) / (1 + tau_act s), times (1 - exp(-s T_s)) / (s T_s) of one that samples every T_s and
-    holds; the loop is L = v C A. The propeller's side takes M_g* = (p + tau_prop s) n_s*, and the shaft between twists:
+    The governor is C = K_p + K_i/s + K_d s/(1 + T_f s); the set point passes its first two terms only. The path to the rack
+    is A = exp(-s T_d) / (1 + tau_act s), times (1 - exp(-s T_s)) / (s T_s) for a governor that samples every T_s and holds.
+    The loop is L = v C A. The propeller's torque is M_g* = (p + tau_prop s) n_s*. The shaft twists by
     n_e* = (1 + Y (p + tau_prop s)) n_s*, with Y = tau_twist s / (1 + zeta_twist tau_twist s) and
-    tau_twist = M_s0 / (2 pi n_s0 k) of a stiffness k [Nm/rad]. The governor acts on the engine's side, where
+    tau_twist = M_s0 / (2 pi n_s0 k) for a stiffness k [Nm/rad]. The governor acts on the engine's side, where
     (tau_n - tau_prop) s n_e* = (g - L) n_e* + v (K_p + K_i/s) A n_set* - M_g*.
-    Without any of this: eq. 3.31 and 3.38.
+    Without these elements: eq. 3.31 and 3.38.
     """
 
     outputs: tuple[str, ...]
     gauge: bool
     speed: Place
-    """Whose speed is measured."""
+    """Side of the shaft on which the speed is measured."""
 
     def response(
         self, values: Values, frequency_hz: Array, names: Names
     ) -> tuple[ComplexArray, ComplexArray]:
-        """Return the outputs (O, F) over the set point, and their derivatives by `names`, shape (W, O, F)."""
+        """Return the response (O, F) to the set point, and its derivatives by `names`, shape (W, O, F)."""
         s = 1j * np.maximum(2.0 * np.pi * frequency_hz, SLOWEST)
         loop = _Loop.of(values, s)
         v, C, A, W = loop.v, loop.governor, loop.path, loop.twisted
@@ -79,7 +79,7 @@ class TransferFunctions:
         return np.array([rows[output] for output in self.outputs])
 
     def answer_to_torque(self, values: Values, s: Spectrum) -> ComplexArray:
-        """Return the outputs (O, F) over a torque of the engine that no governor asked for."""
+        """Return the response (O, F) of the outputs to an engine torque that the governor did not command."""
         loop = _Loop.of(values, s)
         fuel = loop.v * loop.governor * loop.path
         n_s = np.asarray(1.0 / ((loop.engine + fuel) * loop.twisted + loop.propeller))
@@ -96,7 +96,7 @@ class TransferFunctions:
         return np.asarray(turned)
 
     def characteristic(self, values: Values, s: Spectrum) -> Spectrum:
-        """Return the characteristic function (F,) at s: its zeros are the closed loop's poles, its poles the actuator's."""
+        """Return the characteristic function (F,) at s; its zeros are the closed loop's poles, its poles the actuator's."""
         loop = _Loop.of(values, s)
         shaft = loop.engine * loop.twisted + loop.propeller
         return np.asarray(s * (shaft + loop.v * loop.governor * loop.path * loop.twisted))
@@ -104,25 +104,25 @@ class TransferFunctions:
 
 @dataclass(frozen=True)
 class _Part:
-    """What the parameters make of governor, way to the rack and shaft, or how a parameter changes these, each (F,)."""
+    """Terms of governor, path to the rack and shaft, or their derivatives by a parameter, each (F,)."""
 
     v: float = 0.0
     g: float = 0.0
     integral: float = 0.0
     governor: Part = 0.0
     asked: Part = 0.0
-    """What the governor makes of its set point, all but the derivative, which is the speed's alone."""
+    """Governor's response to the set point, without the derivative, which acts on the speed only."""
     path: Part = 0.0
     propeller: Part = 0.0
     twisted: Part = 0.0
-    """Speed of the engine over the propeller's."""
+    """Engine speed over propeller speed."""
     engine: Part = 0.0
-    """Torque that the engine's side takes without fuel, over its speed."""
+    """Torque of the engine's side without fuel, over its speed."""
 
 
 @dataclass(frozen=True)
 class _Loop(_Part):
-    """The parts, and what their derivatives need."""
+    """Terms of the loop, and the inputs of their derivatives."""
 
     q: Values = field(default_factory=dict)
     s: Spectrum = field(default_factory=lambda: np.empty(0, dtype=np.complex128))
@@ -146,7 +146,7 @@ class _Loop(_Part):
         return cls(q.get("v", 1.0), q["g"], integral, governor, asked, path, propeller, twisted, engine, q, s)
 
     def change(self, name: str) -> _Part:
-        """Return the derivatives of the parts by a parameter."""
+        """Return the derivatives of the terms by a parameter."""
         q, s = self.q, self.s
         if name.removeprefix("v") in GAINS:
             return self._change_of_governor(name.removeprefix("v"))
@@ -190,7 +190,7 @@ class _Loop(_Part):
 
 
 def _half_apart(q: Values, s: Spectrum) -> Spectrum:
-    """Half of the delay between the two commands that stand for a hold, times s."""
+    """Half of the delay between two commands that represent a hold, times s."""
     return np.asarray(s * q.get("T_d", 0.0) * q.get("hold", 0.0) / np.sqrt(3.0))
 
 

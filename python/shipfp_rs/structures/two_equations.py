@@ -1,4 +1,4 @@
-"""A structure's parameters as those of a ship's two equations, which the kernel takes, trial by trial."""
+"""A structure's parameters as the kernel's parameters of a ship's two equations, for each trial."""
 
 from __future__ import annotations
 
@@ -20,19 +20,19 @@ from shipfp_rs.support.arrays import Array, ComplexArray, Values
 
 GAINS = ("K_p", "K_i", "K_d")
 KNOWN = {*_core.EQUATION_PARAMETERS, *GAINS}
-"""Parameters that the two equations have, gains by themselves included."""
+"""Parameters of the two equations, including the gains without v."""
 
 
 @dataclass(frozen=True)
 class TwoEquations:
-    """One trial's ship: the kernel's parameters as functions of the parameters that a search moves.
+    """The ship of a trial: kernel parameters as functions of the searched parameters.
 
     Parameters
     ----------
     names
-        Names of the parameters that are searched.
+        Names of the searched parameters.
     layers
-        Ties and parts between these and the ship's own parameters, the outermost first.
+        Ties and joint names between these and the ship's parameters, outermost first.
     equations, own
         Equations of the ship, and the names of their parameters.
     """
@@ -44,7 +44,7 @@ class TwoEquations:
 
     @classmethod
     def of(cls, structure: Structure, names: Sequence[str]) -> TwoEquations | None:
-        """Return the equations of a structure of one trial; None where it has an element that the two equations lack."""
+        """Return the equations of a single trial's structure; None if the two equations lack one of its elements."""
         equations: Equations = structure.equations
         layers: list[Behind] = []
         own = set(structure.names)
@@ -68,12 +68,12 @@ class TwoEquations:
 
     @property
     def gauge(self) -> bool:
-        """Whether the torque is read between the inertias."""
+        """Whether the torque is measured between the inertias."""
         return self.equations.gauge
 
     @property
     def behind_twist(self) -> bool:
-        """Whether the speed is the propeller's, behind a shaft that twists."""
+        """Whether the speed is measured on the propeller's side of a shaft that twists."""
         return (
             isinstance(self.equations, ShipEquations)
             and self.equations.propeller_speed
@@ -87,11 +87,11 @@ class TwoEquations:
 
     @property
     def open_loop(self) -> bool:
-        """Whether a command moves the drive, and no governor."""
+        """Whether the input is a command instead of a governor's set point."""
         return isinstance(self.equations, CommandedEquations)
 
     def values(self, values: Values) -> dict[str, float]:
-        """Return the kernel's parameters for a structure's."""
+        """Return the kernel's parameters from a structure's."""
         found = self._own(values)
         for gain in GAINS:
             if gain in found:
@@ -108,7 +108,7 @@ class TwoEquations:
 
     @cached_property
     def _chain(self) -> tuple[list[str], Array]:
-        """The ship's own parameters that move with those searched, and by how much, (W, own)."""
+        """The ship's parameters that depend on the searched ones, and their derivatives, (W, dependent)."""
         names, found = list(self.names), np.eye(len(self.names))
         for layer in self.layers:
             names, link = layer.chain(names)
@@ -117,7 +117,7 @@ class TwoEquations:
 
     @cached_property
     def moved(self) -> tuple[str, ...]:
-        """The kernel's parameters that move, in the order of `slopes`."""
+        """The kernel's varied parameters, in the order of `slopes`."""
         own = self._chain[0]
         gains = [gain for gain in GAINS if gain in self.own] if "v" in own else []
         found = [f"v{name}" if name in GAINS else name for name in own]
@@ -141,5 +141,5 @@ class TwoEquations:
         return np.asarray(link @ chain.T)
 
     def response(self, values: Values, frequency_hz: Array) -> ComplexArray:
-        """Response (O, F) of the outputs to what drives the ship, for a structure's values."""
+        """Response (O, F) of the outputs to the ship's input, for a structure's values."""
         return self.equations.response(self._own(values), frequency_hz, ())[0]
