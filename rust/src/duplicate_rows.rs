@@ -1,5 +1,5 @@
-//! Stretches that a channel holds twice. A print is a hash of successive samples; prints that recur in the same order show
-//! a copy.
+//! Detection of repeated stretches in a channel by fingerprints: hashes of successive samples, which recur in the same order
+//! in a copy.
 
 use std::collections::HashMap;
 
@@ -9,19 +9,20 @@ use crate::error::Result;
 use crate::instruction_set::arch;
 use crate::stop::Stop;
 
-/// Samples in a print.
+/// Samples per fingerprint ("print").
 const TAPS: usize = 8;
-/// Only prints that begin with so many zero bits are kept, one in 16, about 7 in 128 samples. Both copies keep the same.
+/// Leading zero bits of a kept fingerprint: one in 16 is kept, about 7 in 128 samples. Both copies keep the same ones.
 const KEPT_BITS: u32 = 4;
-/// Prints in a row that must recur at one distance before the samples themselves are compared.
+/// Successive fingerprints that must recur at the same distance before the samples are compared.
 const PRINTS: usize = 2;
-/// Longest stretch that a logger may write twice [samples]; its buffer.
+/// Longest stretch that a logger may repeat [samples]; its buffer.
 const LONGEST: u64 = 1 << 20;
-/// Samples whose prints are made at once.
+/// Samples whose fingerprints are computed together.
 const BATCH: usize = 1024;
-/// Samples after which prints are compared with each other and with those of the `LONGEST` samples before, and given up.
+/// Samples after which fingerprints are compared with each other and those of the previous `LONGEST` samples, then dropped.
 const COMPARED: u64 = 4 * LONGEST;
-/// Odd factors without a pattern. Factors that are multiples of each other would make prints of rounded signals collide.
+/// Odd factors without a pattern. With factors that are multiples of each other, fingerprints of rounded signals would
+/// collide.
 const MIX: [u64; TAPS] = [
     0x9e37_79b9_7f4a_7c15,
     0xbf58_476d_1ce4_e5b9,
@@ -33,25 +34,25 @@ const MIX: [u64; TAPS] = [
     0x5899_65cc_7537_4cc3,
 ];
 
-/// Prints of a channel's samples, fed in chunks of any length with the same answer. The memory does not grow with the
-/// samples fed, but for what is found.
+/// Fingerprints of a channel, fed in chunks of any length with the same result. Memory does not grow with the samples,
+/// except for the results.
 #[derive(Debug, Clone, Default)]
 pub struct RepeatScan {
-    /// Bits of the last samples, which the next ones complete to prints.
+    /// Bits of the last samples, whose fingerprints need later samples.
     held: Vec<u32>,
-    /// Place of the first sample held.
+    /// Index of the first of these samples.
     at: u64,
-    /// The prints kept, each with the place of its first sample.
+    /// Kept fingerprints, each with the index of its first sample.
     prints: Vec<(u64, u64)>,
-    /// Prints from this place on have not been compared with those before them.
+    /// Index from which fingerprints have not been compared with earlier ones.
     compared_to: u64,
-    /// By distance, prints that recur at it one after the other, up to the last samples.
+    /// Open runs by distance.
     open: HashMap<u64, Run>,
-    /// Distances and places of runs that are long enough and at their end.
+    /// Distance and start index of complete runs that are long enough.
     found: Vec<(u64, u64)>,
 }
 
-/// Prints that recur at one distance: places of the first and of the last one, how many there are.
+/// Run of fingerprints that recur at the same distance: indices of the first and last, and their number.
 #[derive(Debug, Clone, Copy)]
 struct Run {
     first: u64,
@@ -60,13 +61,13 @@ struct Run {
 }
 
 impl RepeatScan {
-    /// A scan that has seen nothing.
+    /// A scan before its first sample.
     #[must_use]
     pub fn new() -> Self {
         Self::default()
     }
 
-    /// Take the next samples.
+    /// Add the next samples.
     ///
     /// # Errors
     /// On a stop; the scan must not be used after it.
@@ -78,7 +79,7 @@ impl RepeatScan {
             let mut prints = [0; BATCH + TAPS];
             arch().dispatch(Print { bits: &self.held, prints: &mut prints[..count] });
             for ((place, &print), pair) in (self.at..).zip(&prints[..count]).zip(self.held.windows(2)) {
-                // Where nothing changes every print is the same and tells nothing.
+                // In a constant stretch all fingerprints are equal, and carry no information.
                 if print >> (u64::BITS - KEPT_BITS) == 0 && pair[0] != pair[1] {
                     self.prints.push((print, place));
                 }
@@ -92,7 +93,7 @@ impl RepeatScan {
         Ok(())
     }
 
-    /// Places and distances at which prints recur in a row: the first copy's sample, and how much later the second is.
+    /// Start index of the first copy, and distance of the second, for runs of recurring fingerprints.
     #[must_use]
     pub fn candidates(&self) -> Vec<(u64, u64)> {
         let mut whole = self.clone();
@@ -104,7 +105,7 @@ impl RepeatScan {
         whole.found.into_iter().map(|(lag, place)| (place, lag)).collect()
     }
 
-    /// Add the pairs that the newest prints make to the runs, and give up what no further print can belong to.
+    /// Add the pairs of the newest fingerprints to the runs, and drop fingerprints that no later one can match.
     fn compare(&mut self) {
         self.prints.sort_unstable();
         let mut pairs: Vec<(u64, u64)> = self
@@ -118,7 +119,7 @@ impl RepeatScan {
         pairs.sort_unstable();
         for (lag, place) in pairs {
             let run = self.open.entry(lag).or_insert(Run { first: place, last: place, prints: 0 });
-            // Prints of one repetition stand a lag or less apart: it is no longer than that.
+            // Fingerprints of the same repetition are at most a lag apart, since a repetition is no longer than that.
             if place - run.last > lag {
                 self.found.extend((run.prints >= PRINTS).then_some((lag, run.first)));
                 *run = Run { first: place, last: place, prints: 0 };
@@ -138,7 +139,7 @@ impl RepeatScan {
     }
 }
 
-/// Sums of products of the bits of each sample and those after it; compiled once for each instruction set.
+/// Sums of products of the bits of each sample and the following ones; compiled for each instruction set.
 struct Print<'a> {
     bits: &'a [u32],
     prints: &'a mut [u64],

@@ -1,12 +1,13 @@
-//! The engine's side alone: what limits of rate and torque take off it, for set point and speed as they were measured.
+//! The engine's side alone: the effect of rate and torque limits for measured set point and speed.
 //!
 //! ```text
 //! e(t) = u(t - T_set) + u_0 - N       X = K_p e + K_i I - K_d dN/dt       dI/dt = e
 //! tau_act dF/dt = X(t - T_d) - F      A follows as F does, -rate_down <= dA/dt <= rate       M = min(1 + g (N - 1) + A, M_max)
 //! ```
 //!
-//! Nothing is fed back, so a limit is a clamp on a known signal. The sum of a measured error drifts; what the measured torque
-//! has beyond `M` leads it back, slowly. `T_d` and `hold` act as the mean of two delays, in the manner of the ship's stepper.
+//! Nothing is fed back, so a limit is a clamp on a known signal. The integral of a measured error drifts; the difference
+//! between the measured torque and `M` corrects it slowly. `T_d` and `hold` act as the mean of two delays, as in the ship's
+//! stepper.
 
 use std::fmt::Debug;
 
@@ -15,8 +16,8 @@ use crate::finite::all_finite;
 use crate::stepper::{Pace, paced, softly_within};
 use crate::stop::{CHECK_EVERY, Stop};
 
-/// Names of the parameters: `ahead` is the inertia between engine and gauge [s], `s_M` the factor that the torque is read by,
-/// `leads` how fast the measured torque leads the sum back [1/s].
+/// Names of the parameters: `ahead` is the inertia between engine and gauge [s], `s_M` the scale of the torque reading, and
+/// `leads` the rate at which the measured torque corrects the integral [1/s].
 pub const PARAMETERS: [&str; 18] = [
     "g",
     "vK_p",
@@ -38,31 +39,31 @@ pub const PARAMETERS: [&str; 18] = [
     "leads",
 ];
 
-/// Deviations from the operating point, one number a sample.
+/// Deviations from the operating point, one value per sample.
 #[derive(Debug, Clone, Copy)]
 pub struct Measured<'a> {
-    /// What the governor is asked for.
+    /// Set point of the governor.
     pub set_point: &'a [f64],
-    /// Of the engine.
+    /// Engine speed.
     pub speed: &'a [f64],
-    /// Nearest to the engine.
+    /// Measured torque nearest to the engine.
     pub torque: &'a [f64],
-    /// Between two samples [s].
+    /// Sample time [s].
     pub every: f64,
 }
 
-/// What limits take off the engine's torque, and off the rack's part of it, at each sample.
+/// Torque that limits remove from the engine, and the rack's share of it, at each sample.
 ///
 /// # Errors
-/// [`crate::error::Error::Invalid`] for signals of several lengths, samples that are not finite, or a step, lag, rate, rounding
-/// or scale that can't be; [`crate::error::Error::Stopped`] after a request.
+/// [`crate::error::Error::Invalid`] for signals of different lengths, samples that are not finite, or an invalid step, lag,
+/// rate, rounding or scale; [`crate::error::Error::Stopped`] after a request.
 #[allow(clippy::too_many_lines, clippy::float_cmp)] // What is off is off exactly.
 pub fn taken_by_limits(
     data: Measured<'_>,
     parameters: &[f64; PARAMETERS.len()],
     stop: &Stop,
 ) -> Result<[Vec<f64>; 2]> {
-    // long: one pass over the samples, each of whose lines needs the state of the one before
+    // long: one pass over the samples, in which each line needs the state of the previous one
     let [
         g,
         k_p,
@@ -130,7 +131,7 @@ pub fn taken_by_limits(
         if k > 0 {
             let rise = (command - commanded) / h;
             let gap = commanded - rack;
-            // Its slope goes from gap / lag towards the command's: within the limit at both, it never meets it.
+            // Its slope changes from gap / lag to the command's slope; if both are within the limit, it never reaches it.
             rack = if lag > 0.0 && within(gap, lag) && within(rise, 1.0) {
                 command - rise * lag + (rise * lag - gap) * stays
             } else {
@@ -155,7 +156,7 @@ pub fn taken_by_limits(
     Ok(found)
 }
 
-/// Samples late by a delay, by the cubic through the four about it.
+/// Delayed samples by cubic interpolation.
 #[derive(Debug, Clone, Copy)]
 struct Taps {
     first: i64,
@@ -177,7 +178,7 @@ impl Taps {
         Self { first: whole as i64 - 1, weights }
     }
 
-    /// Beyond its ends a signal stands still.
+    /// A signal is constant beyond its ends.
     #[inline(always)]
     fn of(&self, signal: &[f64], k: usize) -> f64 {
         let first = k as i64 + self.first;

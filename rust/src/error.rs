@@ -1,9 +1,9 @@
-//! The one error type of the kernels; `python/errors.rs` is the one place that maps it to an exception.
+//! Error type of all kernels; only `python/errors.rs` maps it to exceptions.
 
-/// What can go wrong in a kernel.
+/// Errors of a kernel.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum Error {
-    /// An argument has the wrong shape, length or value; the message names it, what was found and what was expected.
+    /// An argument has the wrong shape, length or value; the message has its name, the found and the expected value.
     #[error("{0}")]
     Invalid(String),
     /// A simulation left the range of finite numbers.
@@ -18,19 +18,19 @@ pub enum Error {
         /// The signal that left the range.
         what: &'static str,
     },
-    /// The loop about the operating point runs away.
+    /// The loop about the operating point is unstable.
     #[error("the loop is unstable at these parameters")]
     Unstable,
-    /// The system has no room for what an argument asks for.
+    /// The system has not enough memory.
     #[error("no memory for {bytes} bytes; use fewer samples, outputs or directions")]
     Memory {
-        /// What was asked for.
+        /// Requested size.
         bytes: usize,
     },
     /// The caller asked to stop.
     #[error("stopped on request")]
     Stopped,
-    /// A defect of this library, caught before it could end the process.
+    /// A defect of this library, caught before it ends the process.
     #[error("internal error: {0}; please report it")]
     Internal(String),
 }

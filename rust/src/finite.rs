@@ -1,10 +1,10 @@
-//! Whether values are all finite, at the speed at which they are read.
+//! Test of values for finiteness, as fast as they can be read.
 
 use pulp::{Simd, WithSimd};
 
 use crate::instruction_set::arch;
 
-/// All of them, without an early exit: that much the compiler turns into vector code.
+/// Tests all values without an early exit, so that the compiler vectorises the loop.
 #[must_use]
 pub fn all_finite(values: &[f64]) -> bool {
     arch().dispatch(AllFinite(values))

@@ -1,10 +1,10 @@
-//! How a set point runs between samples.
+//! Course of a set point between samples.
 
 use std::str::FromStr;
 
 use crate::error::{Error, Result};
 
-/// How the set point runs between samples.
+/// Course of the set point between samples.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Hold {
     /// Constant until the next sample.

@@ -1,7 +1,7 @@
-//! The one place that chooses the instruction set: the widest one of the machine, unless another one is asked for.
+//! Choice of the instruction set: the widest one of the machine, unless another is requested.
 //!
-//! The tests ask for each in turn. Kernels round the same with every set that fuses multiply-adds (AVX2, AVX-512, NEON), and
-//! otherwise with plain numbers, which a machine without vectors gets.
+//! Tests request each in turn. Kernels round identically with all sets that fuse multiply-adds (AVX2, AVX-512, NEON), and
+//! identically with plain numbers otherwise, as on a machine without vectors.
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 
@@ -9,36 +9,36 @@ use pulp::Arch;
 
 use crate::error::{Error, Result};
 
-/// Names of the sets that this processor's family may have, from the narrowest on.
+/// Names of the instruction sets of this processor family, narrowest first.
 #[cfg(any(target_arch = "x86", target_arch = "x86_64"))]
 pub const NAMES: [&str; 3] = ["scalar", "avx2", "avx512"];
-/// Names of the sets that this processor's family may have, from the narrowest on.
+/// Names of the instruction sets of this processor family, narrowest first.
 #[cfg(target_arch = "aarch64")]
 pub const NAMES: [&str; 2] = ["scalar", "neon"];
-/// Names of the sets that this processor's family may have, from the narrowest on.
+/// Names of the instruction sets of this processor family, narrowest first.
 #[cfg(not(any(target_arch = "x86", target_arch = "x86_64", target_arch = "aarch64")))]
 pub const NAMES: [&str; 1] = ["scalar"];
 
-/// Place in [`NAMES`] of what was asked for; past the last where nothing was.
+/// Index of the requested set in [`NAMES`]; beyond the last if none is requested.
 static ASKED_FOR: AtomicUsize = AtomicUsize::new(usize::MAX);
 
-/// What kernels are dispatched to.
+/// Instruction set to which kernels are dispatched.
 #[inline]
 #[must_use]
 pub fn arch() -> Arch {
     at(ASKED_FOR.load(Ordering::Relaxed)).unwrap_or_default()
 }
 
-/// Names of the sets that this machine has.
+/// Names of the sets that this machine supports.
 #[must_use]
 pub fn available() -> Vec<&'static str> {
     NAMES.iter().enumerate().filter(|(place, _)| at(*place).is_some()).map(|(_, name)| *name).collect()
 }
 
-/// Dispatch to a set from now on, in all threads; None for the widest again.
+/// Dispatch to a set from now on, in all threads; None: the widest again.
 ///
 /// # Errors
-/// [`Error::Invalid`] for a set that this machine has not.
+/// [`Error::Invalid`] for a set that this machine does not support.
 pub fn choose(name: Option<&str>) -> Result<()> {
     let place = match name {
         None => usize::MAX,
@@ -52,7 +52,7 @@ pub fn choose(name: Option<&str>) -> Result<()> {
     Ok(())
 }
 
-/// The set at a place in [`NAMES`], where the machine has it.
+/// The set at an index of [`NAMES`], if the machine supports it.
 #[inline]
 fn at(place: usize) -> Option<Arch> {
     match place {

@@ -1,11 +1,11 @@
-//! Memory whose size an argument decides: what the system refuses is an error, not the end of the process.
+//! Allocation of sizes that depend on arguments: failure is an error instead of the end of the process.
 
 use crate::error::{Error, Result};
 
-/// So many zeros.
+/// Allocate zeros.
 ///
 /// # Errors
-/// [`Error::Memory`] where the system has no room.
+/// [`Error::Memory`] if the system has not enough memory.
 pub fn zeros(count: usize) -> Result<Vec<f64>> {
     let mut values = Vec::new();
     reserve(&mut values, count)?;
@@ -13,10 +13,10 @@ pub fn zeros(count: usize) -> Result<Vec<f64>> {
     Ok(values)
 }
 
-/// Room for so many more values.
+/// Reserve capacity for more values.
 ///
 /// # Errors
-/// [`Error::Memory`] where the system has no room.
+/// [`Error::Memory`] if the system has not enough memory.
 pub fn reserve<T>(values: &mut Vec<T>, more: usize) -> Result<()> {
     values.try_reserve(more).map_err(|_| Error::Memory { bytes: more.saturating_mul(size_of::<T>()) })
 }

@@ -1,4 +1,4 @@
-//! Places in a vector, by names.
+//! Named indices of a vector.
 
 /// Constants that count from 0.
 macro_rules! places {
@@ -9,12 +9,12 @@ macro_rules! places {
     };
 }
 
-/// Names in order, and a module `at` of their places.
+/// Names in order, and a module `at` of their indices.
 macro_rules! named_places {
     ($(#[$told:meta])* $names:ident: $($place:ident $name:literal,)+) => {
         $(#[$told])*
         pub const $names: [&str; [$($name),+].len()] = [$($name),+];
-        /// Places of the names.
+        /// Indices of the names.
         #[allow(missing_docs)]
         pub mod at {
             $crate::places::places! { $($place),+ }

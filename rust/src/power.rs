@@ -3,9 +3,9 @@
 /// `speed` |`speed`|^(`exponent` - 1).
 #[inline(always)]
 #[must_use]
-#[allow(clippy::float_cmp)] // An exponent of a whole number is that number exactly.
+#[allow(clippy::float_cmp)] // Whole exponents are exact.
 pub fn power(speed: f64, exponent: f64) -> f64 {
-    // A branch that is always foreseen.
+    // The branch is always predicted.
     match exponent {
         1.0 => speed,
         2.0 => speed * speed.abs(),
@@ -16,7 +16,7 @@ pub fn power(speed: f64, exponent: f64) -> f64 {
     }
 }
 
-/// `speed` |`speed`|^(`exponent` - 1), and its slope.
+/// `speed` |`speed`|^(`exponent` - 1), and its derivative.
 #[inline(always)]
 #[must_use]
 pub fn power_and_slope(speed: f64, exponent: f64) -> [f64; 2] {
@@ -25,7 +25,7 @@ pub fn power_and_slope(speed: f64, exponent: f64) -> [f64; 2] {
     [speed * slope, exponent * slope]
 }
 
-/// 2^52. The sum of it and a small whole number holds that number in its low bits.
+/// 2^52; its sum with a small whole number has that number in the low bits.
 const TWO_52: f64 = 4_503_599_627_370_496.0;
 
 /// Base-2 logarithm of a positive normal number.
@@ -35,7 +35,7 @@ const TWO_52: f64 = 4_503_599_627_370_496.0;
 fn log2(x: f64) -> f64 {
     const SQRT_HALF: u64 = std::f64::consts::FRAC_1_SQRT_2.to_bits();
     const ONE: u64 = 1.0_f64.to_bits();
-    /// 2 atanh(s) / (s ln 2) in powers of s^2, interpolated at Chebyshev nodes; off by 1.5e-17 at most.
+    /// 2 atanh(s) / (s ln 2) in powers of s^2, interpolated at Chebyshev nodes, with an error of at most 1.5e-17.
     const SERIES: [f64; 8] = [
         2.885_390_081_777_926_8,
         0.961_796_693_925_989_8,
@@ -46,7 +46,7 @@ fn log2(x: f64) -> f64 {
         0.220_913_084_231_176_8,
         0.213_658_956_943_192_7,
     ];
-    // Shifted so that the exponent field counts k from sqrt(1/2) on.
+    // Shifted so that the exponent field starts k at sqrt(1/2).
     let biased = x.to_bits().wrapping_add(ONE - SQRT_HALF) >> 52;
     let k = f64::from_bits(TWO_52.to_bits() | biased) - (TWO_52 + 1023.0);
     let m = f64::from_bits(x.to_bits().wrapping_sub(biased.wrapping_sub(1023) << 52));
@@ -57,9 +57,9 @@ fn log2(x: f64) -> f64 {
 /// 2^y, from 2^-1022 to 2^1023: 2^k 2^f with f in [-1/2, 1/2].
 #[inline(always)]
 fn exp2(y: f64) -> f64 {
-    /// Adding it rounds to a whole number, which the low bits then hold in two's complement.
+    /// Adding this rounds to a whole number, in two's complement in the low bits.
     const ROUND: f64 = 1.5 * TWO_52;
-    /// 2^f, interpolated at Chebyshev nodes; off by 2e-17 at most.
+    /// 2^f, interpolated at Chebyshev nodes, with an error of at most 2e-17.
     const SERIES: [f64; 12] = [
         1.0,
         std::f64::consts::LN_2,
@@ -79,9 +79,9 @@ fn exp2(y: f64) -> f64 {
     polynomial(y - (rounded - ROUND), SERIES) * f64::from_bits(rounded.to_bits().wrapping_add(1023) << 52)
 }
 
-/// A polynomial of an even number of coefficients, the constant one first.
+/// A polynomial with an even number of coefficients, the constant first.
 ///
-/// Even and odd powers apart: two chains half as long, which is what its caller waits for.
+/// Even and odd powers are separate: two chains of half the length have less latency.
 #[inline(always)]
 #[must_use]
 pub fn polynomial<const N: usize>(x: f64, coefficients: [f64; N]) -> f64 {
@@ -106,7 +106,7 @@ mod tests {
         fn polynomials_agree_with_the_library(speed in -1e4..1e4_f64, small in -1e-4..1e-4_f64, exponent in 0.3..4.0) {
             for speed in [speed, small] {
                 let expected = speed.abs().powf(exponent).copysign(speed);
-                // The logarithm's last bit counts as often as the logarithm is large.
+                // The error of the logarithm's last bit is multiplied by the logarithm.
                 let found = power(speed, exponent);
                 prop_assert!((found - expected).abs() <= 1e-14 * expected.abs(), "{found} {expected}");
             }

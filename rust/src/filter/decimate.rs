@@ -1,4 +1,4 @@
-//! Zero-phase FIR low-pass that puts out only the samples wanted, over pieces of any length.
+//! Zero-phase FIR low-pass that computes only the requested samples, over input in pieces of any length.
 
 use pulp::{Simd, WithSimd};
 
@@ -7,36 +7,36 @@ use crate::instruction_set::arch;
 use crate::memory::reserve;
 use crate::stop::{CHECK_EVERY, Stop};
 
-/// Number of sums computed side by side, to hide the latency of additions.
+/// Number of parallel sums, which hide the latency of additions.
 const LANES: usize = 32;
 
-/// Largest numerator and denominator of a ratio of rates: a row of taps is kept for each of `up` phases.
+/// Largest numerator and denominator of a rate ratio: each of `up` phases has its own row of taps.
 const MOST: usize = 1 << 16;
 
-/// Resamples by `up / down` with one filter: output m is the filter's answer at input m down / up.
+/// Resamples by `up / down` with one filter: output m is the filter's output at input m down / up.
 ///
-/// The input may come in pieces of any length; before the first sample and after the last it stands at these. The
-/// outputs are the same bits for any pieces. Samples must be finite.
+/// The input may come in pieces of any length. It is extended by its first and last samples. The outputs are bitwise equal
+/// for any pieces. Samples must be finite.
 #[derive(Debug, Clone)]
 pub struct Decimator {
-    /// One row for each phase between two input samples, in the order in which it meets the samples, zeros before it
-    /// up to a whole number of lanes.
+    /// Taps of each phase between two input samples, in the order of the samples, with leading zeros up to a multiple of the
+    /// number of lanes.
     phases: Vec<Vec<f64>>,
     up: usize,
     down: usize,
-    /// Taps on either side of the middle one.
+    /// Taps on each side of the middle one.
     half: usize,
-    /// Samples that later outputs still need. Before the first sample of all, copies of it stand in for a whole row of taps.
+    /// Samples that later outputs need. Initially, copies of the first sample for a whole row of taps.
     held: Vec<f64>,
-    /// Number of samples dropped before those held.
+    /// Number of dropped samples.
     given_up: usize,
-    /// Outputs made so far.
+    /// Number of computed outputs.
     made: usize,
 }
 
 impl Decimator {
-    /// A filter with these taps, the middle one at the output's place, at `up` times the input's rate; its gain is
-    /// their sum.
+    /// A filter with these taps at `up` times the input's rate; the middle tap is at the output's time, and the gain is the
+    /// taps' sum.
     ///
     /// # Errors
     /// Unless the number of taps is odd, they are finite, and `up` and `down` are positive and not too large.
@@ -63,7 +63,7 @@ impl Decimator {
         Ok(Self { phases, up, down, half: taps.len() / 2, held: Vec::new(), given_up: 0, made: 0 })
     }
 
-    /// Outputs that the next piece completes.
+    /// Return the outputs that the next piece completes.
     ///
     /// # Errors
     /// On a stop; the filter must not be used after it.
@@ -77,15 +77,15 @@ impl Decimator {
         self.make(usize::MAX, stop)
     }
 
-    /// The outputs that are left, `total` in all from the very first, the input standing at its last sample.
+    /// Return the remaining outputs, `total` since the start; the input is extended by its last sample.
     ///
     /// # Errors
-    /// On a stop, where no sample was ever fed, or for outputs beyond the filter's reach behind the last one.
+    /// On a stop, without any sample, or for outputs beyond the filter's reach after the last sample.
     pub fn finish(&mut self, total: usize, stop: &Stop) -> Result<Vec<f64>> {
         let Some(&last) = self.held.last() else {
             return Err(Error::Invalid("samples: none were fed, expected at least one".to_owned()));
         };
-        // The last sample is repeated for the filter's length and one output more; further outputs would not change.
+        // The last sample is repeated for the filter's length plus one output; further outputs would be the same.
         let row = self.phases[0].len();
         let samples = self.given_up + self.held.len() - row;
         let most = (samples + row).saturating_mul(self.up) / self.down + 1;
@@ -101,18 +101,18 @@ impl Decimator {
         self.make(total, stop)
     }
 
-    /// Index one past the newest sample that an output needs, counting the copies of the first sample.
+    /// One past the index of the newest sample that an output needs, including the copies of the first sample.
     #[inline]
     fn end_of(&self, output: usize) -> usize {
         (output * self.down + self.half) / self.up + 1 + self.phases[0].len()
     }
 
-    /// Make all outputs whose samples are held, but no more than `total` in all, and give up what no later one needs.
+    /// Compute all outputs of which the samples are present, up to `total`, and drop samples that no later output needs.
     fn make(&mut self, total: usize, stop: &Stop) -> Result<Vec<f64>> {
         let result = arch().dispatch(Outputs { filter: self, total, stop })?;
         self.made += result.len();
         let begin = self.end_of(self.made) - self.phases[0].len();
-        // The last one stays: it may have to be repeated.
+        // The last sample is kept, since it may have to be repeated.
         let done = (begin - self.given_up).min(self.held.len() - 1);
         self.held.drain(..done);
         self.given_up += done;
@@ -120,7 +120,7 @@ impl Decimator {
     }
 }
 
-/// The outputs that can be made; compiled once for each instruction set.
+/// The outputs that can be computed; compiled for each instruction set.
 struct Outputs<'a> {
     filter: &'a Decimator,
     total: usize,
@@ -150,12 +150,12 @@ impl WithSimd for Outputs<'_> {
     }
 }
 
-/// Sum of products of two slices of a whole number of lanes.
+/// Dot product of two slices whose length is a multiple of the lanes.
 #[inline(always)]
 fn dot(taps: &[f64], samples: &[f64]) -> f64 {
     let mut sums = [0.0; LANES];
     for (row, column) in taps.as_chunks::<LANES>().0.iter().zip(samples.as_chunks::<LANES>().0) {
-        // By index: an iterator over the sums would keep them in memory, and the loop be three times slower.
+        // By index: an iterator would keep the sums in memory, three times slower.
         #[allow(clippy::needless_range_loop)]
         for lane in 0..LANES {
             sums[lane] += row[lane] * column[lane];
@@ -186,7 +186,7 @@ mod tests {
         result
     }
 
-    /// Zeros put between the samples, every tap times every place.
+    /// Zeros inserted between samples, then a direct convolution.
     fn reference(taps: &[f64], up: usize, down: usize, samples: &[f64], total: usize) -> Vec<f64> {
         let half = (taps.len() / 2).cast_signed();
         let (up_, last) = (up.cast_signed(), samples.len().cast_signed() - 1);

@@ -1,18 +1,19 @@
-//! Median of a window that runs over a signal, by sorting blocks.
+//! Running median by sorting blocks.
 //!
-//! J. Suomela, "Median filtering is equivalent to sorting", arXiv:1406.1717. The signal is cut into blocks of one window
-//! each, and each block is sorted once. A window that reaches from one block into the next is the end of the first
-//! and the beginning of the second: both are kept as linked lists in order of size, from which samples are taken out in
-//! the order of time (first block), or were taken out in reverse and are put back (second). Sorting is all that takes
-//! more than a constant number of steps a sample, and it runs through memory that stays in the cache.
+//! J. Suomela, "Median filtering is equivalent to sorting", arXiv:1406.1717. The signal is cut into blocks of a window's
+//! length, and each block is sorted once. A window over two blocks is the end of the first and the beginning of the second.
+//! Both are linked lists in order of size: samples are removed from the first in order of time, and reinserted in the
+//! second, from which they were removed in reverse. Only sorting takes more than a constant number of steps per sample, and
+//! it stays in the cache.
+//!
 
 use crate::error::{Result, require};
 use crate::memory::reserve;
 use crate::stop::{CHECK_EVERY, Stop};
 
-/// Longest window over any signal [samples]; over a long one it may reach four times as far as the signal.
+/// Longest window for any signal [samples]; for a long signal, up to four times the signal's length.
 const LONGEST: usize = 1 << 20;
-/// Samples that are sorted between two looks for a stop.
+/// Samples sorted between two checks for a stop.
 const PIECE: usize = 1 << 18;
 
 /// Median of the `window` samples around each one, the signal reflected at its ends (d c b a | a b c d | d c b a).
@@ -33,14 +34,14 @@ pub fn running_median(samples: &[f64], window: usize, stop: &Stop) -> Result<Vec
         return Ok(samples.to_vec());
     }
     let (count, half) = (samples.len(), window / 2);
-    // Reflected sample `index` places after the beginning of the first window.
+    // Reflected sample, `index` samples after the beginning of the first window.
     let at = |index: usize| {
         let place = (index + 2 * count * half.div_ceil(2 * count) - half) % (2 * count);
         samples[if place < count { place } else { 2 * count - 1 - place }]
     };
     let mut result = Vec::new();
     reserve(&mut result, count + window)?;
-    // The block that the window leaves and the one that it enters change places from block to block.
+    // The leaving and the entering block swap roles at each block.
     let mut blocks = [Block::new(window)?, Block::new(window)?];
     blocks[0].sort((0..window).map(at), stop)?;
     result.push(number(blocks[0].least_large()));
@@ -62,7 +63,7 @@ pub fn running_median(samples: &[f64], window: usize, stop: &Stop) -> Result<Vec
             leaving.take_out(index);
             entering.put_back(index);
             if leaving.small + entering.small < half {
-                // No branch predictor can guess which one moves, so both are moved, one of them to where it is.
+                // No branch predictor can guess which one moves: both are updated, one to its present value.
                 let from_leaving = leaving.least_large() <= entering.least_large();
                 leaving.advance_if(from_leaving);
                 entering.advance_if(!from_leaving);
@@ -76,26 +77,26 @@ pub fn running_median(samples: &[f64], window: usize, stop: &Stop) -> Result<Vec
     Ok(result)
 }
 
-/// A block's samples as a linked list in order of size, divided into small and large ones.
+/// Samples of a block as a linked list in order of size, divided into small and large ones.
 struct Block {
-    /// Keys in order, their last bits replaced by the place: one word sorts much faster than two.
+    /// Keys in order, with the index in their last bits: one word sorts much faster than two.
     order: Vec<u64>,
-    /// Place to its key; the greatest of all past the last.
+    /// Key of each index; the largest key past the last.
     keys: Vec<u64>,
-    /// Place to its links; the list's end is past the last, and both ends are one.
+    /// Links of each index; those past the last are both ends of the list.
     links: Vec<Link>,
-    /// The least of the large ones.
+    /// Index of the least large one.
     middle: u32,
-    /// How many small ones there are.
+    /// Number of small ones.
     small: usize,
 }
 
-/// Where a sample stands in the list.
+/// Position of a sample in the list.
 #[derive(Clone, Copy, Default)]
 struct Link {
     next: u32,
     previous: u32,
-    /// Position in the whole block's order.
+    /// Rank in the whole block.
     rank: u32,
 }
 
@@ -112,7 +113,7 @@ impl Block {
         Ok(Self { order, keys, links, middle: 0, small: 0 })
     }
 
-    /// Take the samples in; half of them are small.
+    /// Sort the samples into the list; half of them are small.
     fn sort(&mut self, samples: impl ExactSizeIterator<Item = f64>, stop: &Stop) -> Result<()> {
         let window = samples.len();
         let places = window.next_power_of_two() as u64 - 1;
@@ -127,7 +128,7 @@ impl Block {
         }
         stop.check()?;
         if window > PIECE {
-            #[allow(clippy::stable_sort_primitive)] // it merges what is sorted
+            #[allow(clippy::stable_sort_primitive)] // it merges sorted runs
             self.order.sort();
         }
         let keys = &self.keys;
@@ -153,7 +154,7 @@ impl Block {
         Ok(())
     }
 
-    /// Empty the list from the last place to the first, so that `put_back` in the order of time undoes it.
+    /// Empty the list in reverse order of time, so that `put_back` in order of time undoes it.
     fn take_all_out(&mut self) {
         let end = self.links.len() - 1;
         for place in (0..end).rev() {
@@ -175,13 +176,13 @@ impl Block {
         self.links[place].rank < self.links[self.middle as usize].rank
     }
 
-    /// Take a sample out of the list; the large ones give up their least in place of a small one.
+    /// Remove a sample from the list; the least large one replaces a removed small one.
     #[inline]
     fn take_out(&mut self, place: usize) {
         let is_small = self.is_small(place);
         self.unlink(place);
         if self.small > 0 {
-            // Its own links still show what stood before it.
+            // Its links still show its predecessor.
             let before = self.links[self.middle as usize].previous;
             self.middle = if is_small { self.middle } else { before };
             self.small -= 1;
@@ -190,7 +191,7 @@ impl Block {
         }
     }
 
-    /// Put a sample back; the count of small ones stays, so a new small one makes the greatest of them large.
+    /// Reinsert a sample; the number of small ones is constant, so a new small one makes the greatest of them large.
     #[inline]
     fn put_back(&mut self, place: usize) {
         let Link { next, previous, .. } = self.links[place];
@@ -213,7 +214,7 @@ impl Block {
     }
 }
 
-/// An integer in the order of the numbers, NaN after infinity, the greatest integer left free.
+/// Map a number to an integer of the same order, NaN above infinity; the greatest integer is unused.
 #[inline]
 const fn ordered(value: f64) -> u64 {
     let bits = value.to_bits();
@@ -226,7 +227,7 @@ const fn ordered(value: f64) -> u64 {
     }
 }
 
-/// The number back from its integer.
+/// Inverse of this map.
 #[inline]
 const fn number(key: u64) -> f64 {
     if key == u64::MAX - 1 {

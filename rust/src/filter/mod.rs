@@ -1,5 +1,4 @@
-//! Filters over long recorded channels: the running median and what stands out from it, the decimating low-pass, slopes of
-//! a spline.
+//! Filters of long channels: running median, spikes, decimating low-pass, slopes of a spline.
 
 mod decimate;
 mod median;

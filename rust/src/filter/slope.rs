@@ -1,4 +1,4 @@
-//! Slope of a piecewise cubic polynomial at even times.
+//! Derivative of a piecewise cubic polynomial at equidistant times.
 
 use pulp::{Simd, WithSimd};
 
@@ -7,19 +7,19 @@ use crate::instruction_set::arch;
 use crate::memory::zeros;
 use crate::stop::{CHECK_EVERY, Stop};
 
-/// Most slopes at once: 24 days at 2 kHz.
+/// Most slopes in a call: 24 days at 2 kHz.
 const MOST: usize = 1 << 32;
-/// Least distance of two times, in relative roundings of the latest.
+/// Least difference of two times, in rounding units of the latest.
 const RESOLUTION: f64 = 8.0;
 
-/// Slope at the times `start + k / rate` that lie within [first edge, last edge), and the first such k.
+/// Derivative at the times `start + k / rate` in [first edge, last edge), and the first such k.
 ///
-/// `coefficients` are four rows with one value for each stretch between edges, the highest power first, as in `SciPy`'s
-/// `PPoly`; the values are its own to the last bit.
+/// `coefficients` are four rows with a value for each interval between edges, highest power first, as in `SciPy`'s `PPoly`;
+/// the results are bitwise equal.
 ///
 /// # Errors
-/// Unless there are four rows, edges ascend, `rate` is positive and its times can be told apart; for more slopes than memory
-/// holds; or on a stop.
+/// Unless there are four rows, edges ascend, and `rate` is positive and resolves the times; for more slopes than memory; or
+/// on a stop.
 pub fn slope_at_even_times(
     edges: &[f64],
     coefficients: &[f64],
@@ -43,7 +43,7 @@ pub fn slope_at_even_times(
         format!("start, rate: found {start} and {rate}, expected finite numbers, the rate positive")
     })?;
     let latest = start.abs().max(edges[0].abs()).max(edges[stretches].abs());
-    // Where times are equal after rounding, the search among them would not end.
+    // The search would not end if times were equal after rounding.
     require(1.0 / rate >= RESOLUTION * f64::EPSILON * latest, || {
         format!(
             "rate: found {rate} Hz at times up to {latest} s, expected one that a number of 64 bits can tell apart there"
@@ -85,8 +85,8 @@ impl Grid {
         self.start + k as f64 / self.rate
     }
 
-    /// The first time at or after an edge, `count` if there is none.
-    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // a guess, clamped
+    /// Index of the first time at or after an edge, or `count`.
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // an estimate, clamped
     fn first_from(&self, edge: f64) -> usize {
         let mut k = (((edge - self.start) * self.rate) as usize).min(self.count);
         while k > 0 && self.time(k - 1) >= edge {
@@ -99,7 +99,7 @@ impl Grid {
     }
 }
 
-/// Slopes over one stretch; compiled once for each instruction set.
+/// Derivative over one interval; compiled for each instruction set.
 struct Stretch<'a> {
     slopes: &'a mut [f64],
     first: usize,

@@ -1,29 +1,29 @@
-//! Short excursions of a signal from its running median, by Hampel's rule; a spike comes back to where it began.
+//! Spikes: short excursions from the running median by Hampel's rule, which return to the previous level.
 
 use super::running_median;
 use crate::error::{Result, require};
 use crate::stop::Stop;
 
-/// Standard deviation over median absolute deviation of Gaussian noise.
+/// Ratio of standard deviation to median absolute deviation for Gaussian noise.
 const ROBUST_SIGMA: f64 = 1.4826;
-/// Largest difference of level before and after a spike, as a share of its height.
+/// Largest difference of the levels before and after a spike, as a share of its height.
 const COMES_BACK: f64 = 0.3;
-/// A spike's flanks belong to it down to this share of the threshold.
+/// Share of the threshold down to which a spike's flanks are part of it.
 const SHOULDER: f64 = 0.5;
-/// A spike's length is measured at this share of its peak. Lower down its neighbours may be suspect, too: on a steep slope
-/// a long spike shifts the median.
+/// Share of the peak at which a spike's length is measured. Lower down neighbours may be suspect, too: on a steep slope a
+/// long spike shifts the median.
 const FOOT: f64 = 0.25;
-/// Samples in a block. A block whose extremes lie close together holds no spike, and no median is taken there.
+/// Samples in a block. No median is computed in a block whose extremes are close, since it has no spike.
 const BLOCK: usize = 64;
 
-/// What counts as a spike.
+/// Definition of a spike.
 #[derive(Debug, Clone, Copy)]
 pub struct SpikeRule {
-    /// Samples in the longest one; the running median reaches so far on either side.
+    /// Longest spike [samples]; the running median reaches as far on each side.
     pub longest: usize,
-    /// Every `stride`-th sample counts for the spread of the signal about its running median.
+    /// Stride of the samples that estimate the spread about the running median.
     pub stride: usize,
-    /// Samples, `stride` apart, whose median distance is the spread; an odd number.
+    /// Number of such samples whose median distance is the spread; odd.
     pub scale_window: usize,
     /// Height in robust standard deviations.
     pub threshold: f64,
@@ -31,14 +31,14 @@ pub struct SpikeRule {
     pub least: f64,
 }
 
-/// The spikes of a signal, each its first sample and the first one after.
+/// Spikes of a signal, each as its first sample and the first after it.
 ///
-/// A sample is suspect where its distance from the running median is more than half of the least height there. Suspects
-/// that stand close together are a spike if it lasts, above its foot, no longer than the longest one, with shoulders no
-/// more than twice as long, its peak is high enough and the signal goes on where it was left.
+/// A sample is suspect if its distance from the running median exceeds half of the least height there. Adjacent suspects are
+/// a spike if they last, above the foot, no longer than the longest spike, with shoulders no more than twice as long, the
+/// peak is high enough, and the signal returns to its level.
 ///
 /// # Errors
-/// For a rule that makes no sense, or on a stop.
+/// For an invalid rule, or on a stop.
 pub fn find_spikes(samples: &[f64], rule: &SpikeRule, stop: &Stop) -> Result<Vec<(usize, usize)>> {
     require((1..1 << 30).contains(&rule.longest) && rule.stride > 0, || {
         format!("longest, stride: found {} and {}, expected positive numbers", rule.longest, rule.stride)
@@ -67,7 +67,7 @@ pub fn find_spikes(samples: &[f64], rule: &SpikeRule, stop: &Stop) -> Result<Vec
         for (place, _) in group.iter().enumerate().filter(|&(_, &distance)| distance > shoulder) {
             let at = index * rule.stride + place;
             match suspects.last_mut() {
-                // A spike that swings through the baseline counts as one.
+                // A spike that crosses the baseline counts as one.
                 Some((_, end)) if at - *end <= (rule.longest / 10).max(1) => *end = at + 1,
                 _ => suspects.push((at, at + 1)),
             }
@@ -93,8 +93,8 @@ pub fn find_spikes(samples: &[f64], rule: &SpikeRule, stop: &Stop) -> Result<Vec
         .collect())
 }
 
-/// A spike without what is suspect at its ends only because the median, half of whose window a long spike fills, is shifted
-/// towards it: the line from the level before to the level after is not.
+/// A spike without end samples that are suspect only because a long spike shifts the median. The reference is the line from
+/// the level before to the level after.
 fn trimmed(
     samples: &[f64],
     (start, end): (usize, usize),
@@ -118,13 +118,13 @@ fn trimmed(
         .map_or((start, end), |(first, last)| (first, last + 1))
 }
 
-/// False where no sample is as far from another one within the median's reach as a suspect is from the median.
+/// False if all samples are closer to each other, within the median's reach, than a suspect is to the median.
 ///
-/// The median lies within its window, and no window's median has a lesser magnitude than the signal's least sample.
+/// The median is within its window's range, and its magnitude is at least that of the signal's least sample.
 fn may_have_suspects(samples: &[f64], rule: &SpikeRule) -> bool {
     let extremes: Vec<(f64, f64)> = samples.chunks(BLOCK).map(extremes).collect();
     let (lowest, highest) = join(&extremes);
-    // NaN and infinity are no bounds.
+    // NaN and infinity are not valid bounds.
     let nearest_zero = if lowest > 0.0 { lowest } else { (-highest).max(0.0) };
     let shoulder = SHOULDER * (rule.least * nearest_zero);
     let reach = rule.longest.div_ceil(BLOCK);
@@ -146,7 +146,7 @@ fn join(extremes: &[(f64, f64)]) -> (f64, f64) {
         .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), pair| (low.min(pair.0), high.max(pair.1)))
 }
 
-/// Whether the signal comes back to its level before the spike; true at the record's ends, where it can't be seen.
+/// Whether the signal returns to its level before the spike; true at the record's ends, where this is unknown.
 fn comes_back(before: &[f64], peak: f64, after: &[f64]) -> bool {
     if before.is_empty() || after.is_empty() {
         return true;
@@ -155,7 +155,7 @@ fn comes_back(before: &[f64], peak: f64, after: &[f64]) -> bool {
     (after - before).abs() < COMES_BACK * (peak - before).abs()
 }
 
-/// Median of numbers, the mean of the middle two where there is no middle one; NaN where there are none.
+/// Median; the mean of the middle two for an even count, NaN for none.
 fn median(values: &mut [f64]) -> f64 {
     let half = values.len() / 2;
     if values.is_empty() {

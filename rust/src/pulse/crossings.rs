@@ -7,11 +7,11 @@ use super::thresholds::{Edge, Levels};
 use crate::error::Result;
 use crate::stop::Stop;
 
-/// A detector of pulses: armed by a sample at or below `low`, it fires at the next one at or above `high`, and the
-/// crossing of `middle` that led there is interpolated linearly.
+/// A detector of pulses. A sample at or below `low` arms it; the next one at or above `high` fires it. The time is that of
+/// the preceding crossing of `middle`, interpolated linearly.
 ///
-/// A missing sample (NaN) disarms it, so no crossing is interpolated over a gap. An infinite sample is a saturated one:
-/// it counts as high or low, but a crossing next to it is put at the later sample.
+/// A missing sample (NaN) disarms it, so that no crossing is interpolated over a gap. An infinite sample is saturated: it
+/// counts as high or low, but a crossing next to it gets the time of the later sample.
 #[derive(Debug, Clone)]
 pub struct PulseCrossings {
     levels: Levels,
@@ -20,7 +20,7 @@ pub struct PulseCrossings {
 }
 
 impl PulseCrossings {
-    /// A detector that has seen nothing.
+    /// A detector before its first sample.
     ///
     /// # Errors
     /// Unless `low < middle < high`, all finite.
@@ -32,15 +32,15 @@ impl PulseCrossings {
         Ok(Self { levels, cursor, gaps: Gaps::default() })
     }
 
-    /// Go on with other levels, for a train whose levels drift.
+    /// Change the levels, for a train whose levels drift.
     ///
     /// # Errors
-    /// Unless `low < middle < high`, all finite; the levels are then as they were before.
+    /// Unless `low < middle < high`, all finite; the previous levels then remain.
     pub fn set_levels(&mut self, low: f64, high: f64, middle: f64) -> Result<()> {
         self.follow(Levels { low, high, middle, slope: 0.0, origin: self.cursor.seen })
     }
 
-    /// Go on with other levels, whose middle has to stay between the thresholds for as long as they hold.
+    /// Change the levels; their middle must remain between the thresholds as long as they apply.
     ///
     /// # Errors
     /// As [`Self::set_levels`].
@@ -49,35 +49,35 @@ impl PulseCrossings {
         let previous = self.cursor.previous;
         let last = self.cursor.seen.wrapping_sub(1);
         if previous < self.levels.middle_at(last) && previous >= levels.middle_at(last) {
-            // The level came down through the signal: the last sample is where the two met.
+            // The level passed the signal from above: they met at the last sample.
             self.cursor.pending = Edge { time: last as f64, rise: f64::INFINITY };
         }
         self.levels = levels;
         Ok(())
     }
 
-    /// Forget a low sample seen before: the next pulse has to be armed anew.
+    /// Forget an earlier low sample: the next pulse must arm the detector again.
     pub fn disarm(&mut self) {
         self.cursor.armed = false;
     }
 
-    /// Samples seen so far.
+    /// Number of samples so far.
     #[must_use]
     pub const fn seen(&self) -> u64 {
         self.cursor.seen
     }
 
-    /// Stretches of missing samples, each from its first to past its last; one that is still open ends at [`Self::seen`].
-    /// If there are more than 65,536, the nearest ones are merged.
+    /// Stretches of missing samples, each from its first to one past its last; an open one ends at [`Self::seen`]. If there
+    /// are more than 65,536, the nearest are merged.
     pub fn gaps(&self) -> impl Iterator<Item = (u64, u64)> {
         let open = self.cursor.gap_start.map(|start| (start, self.cursor.seen));
         self.gaps.spans().chain(open)
     }
 
-    /// Times of the rising crossings found in the next chunk, in samples since the very first.
+    /// Return the times of rising crossings in the next chunk, in samples from the first.
     ///
     /// # Errors
-    /// If the sample type can't hold a threshold, or on a stop; the detector is then as it was before.
+    /// If the sample type can't represent a threshold, or on a stop; the detector is then unchanged.
     pub fn feed<T: Sample>(&mut self, chunk: &[T], stop: &Stop) -> Result<Vec<f64>> {
         self.pass(chunk, stop)
     }
@@ -96,8 +96,8 @@ impl PulseCrossings {
         Ok(self.taken(found))
     }
 
-    /// As [`Self::edges`] for a chunk without gaps whose crossings are `known`, found for a detector that was armed or not
-    /// as `before` says. None where this detector's state differs: the chunk must then be searched.
+    /// As [`Self::edges`] for a chunk without gaps whose crossings are `known`, for a detector that was armed as `before`
+    /// says. None if this detector's state differs: the chunk must then be searched.
     pub(super) fn timed<T: Sample>(
         &mut self,
         chunk: &[T],
@@ -129,7 +129,7 @@ mod tests {
         (times, detector.gaps().collect())
     }
 
-    /// The rules said sample by sample.
+    /// The rules, applied sample by sample.
     fn reference(samples: &[f64]) -> (Vec<f64>, Vec<(u64, u64)>) {
         let (mut times, mut gaps) = (Vec::new(), Vec::<(u64, u64)>::new());
         let (mut armed, mut previous, mut crossing) = (false, f64::NAN, f64::NAN);

@@ -1,4 +1,4 @@
-//! Millions of adversarial trains, levels and chunks, each compared with a slow detector that goes sample by sample.
+//! Fuzz test: millions of adversarial trains, levels and chunks, compared with a slow detector that works sample by sample.
 //!
 //! `cargo test --release pulse_fuzz -- --ignored --nocapture` runs ten million.
 
@@ -6,7 +6,7 @@ use super::thresholds::Levels;
 use super::{PulseCrossings, PulseTracker, Sample, pulse_levels};
 use crate::stop::Stop;
 
-/// A sample type that takes any f64, rounded or clamped.
+/// A sample type that converts from any f64, by rounding or clamping.
 trait Any: Sample {
     fn of(x: f64) -> Self;
 }
@@ -17,21 +17,21 @@ impl Any for f64 {
     }
 }
 
-#[allow(clippy::cast_possible_truncation)] // wanted
+#[allow(clippy::cast_possible_truncation)] // intended
 impl Any for f32 {
     fn of(x: f64) -> Self {
         x as Self
     }
 }
 
-#[allow(clippy::cast_possible_truncation)] // `as` clamps, NaN becomes 0
+#[allow(clippy::cast_possible_truncation)] // `as` clamps; NaN becomes 0
 impl Any for i16 {
     fn of(x: f64) -> Self {
         x as Self
     }
 }
 
-/// `SplitMix64` (doi:10.1145/2660193.2660195): fast, and any seed will do.
+/// `SplitMix64` (doi:10.1145/2660193.2660195): fast, with any seed.
 struct Draw(u64);
 
 impl Draw {
@@ -87,7 +87,7 @@ impl Draw {
         }
     }
 
-    /// A train of runs and noise; now and then one longer than the detector's batch.
+    /// A train of runs and noise, sometimes longer than the detector's batch.
     fn train<T: Any>(&mut self, levels: [f64; 3]) -> Vec<T> {
         let length = if self.below(4096) == 0 { self.below(10_000) } else { self.below(150) };
         let mut train = Vec::with_capacity(length);
@@ -100,7 +100,7 @@ impl Draw {
     }
 }
 
-/// The rules said sample by sample.
+/// The rules, applied sample by sample.
 struct Reference {
     levels: Levels,
     seen: u64,
@@ -165,7 +165,7 @@ struct Tally {
     refused: usize,
 }
 
-/// One train, fed whole or in chunks, levels now and then changed between them.
+/// Test one train, fed whole or in chunks, with occasional changes of levels between them.
 fn execute<T: Any>(draw: &mut Draw, tally: &mut Tally) {
     let mut levels = draw.levels();
     let train: Vec<T> = draw.train(levels);
@@ -178,7 +178,7 @@ fn execute<T: Any>(draw: &mut Draw, tally: &mut Tally) {
         if draw.below(8) == 0 {
             levels = draw.levels();
             let [low, high, middle] = levels;
-            // Half the way to a threshold at most, by the end of the train.
+            // At most half the distance to a threshold at the end of the train.
             let [down, up] = [low, high].map(|end| (0.5 * end - 0.5 * middle) / (rest.len() + 1) as f64);
             let slope = [0.0, down, up, up * draw.unit()][draw.below(4)];
             let line = Levels { low, high, middle, slope, origin: reference.seen };
@@ -193,9 +193,9 @@ fn execute<T: Any>(draw: &mut Draw, tally: &mut Tally) {
                     reference.take(x.into());
                 }
             }
-            Err(_) => tally.refused += 1, // a level outside the sample type; as if the chunk had never come
+            Err(_) => tally.refused += 1, // a level outside the sample type; the chunk has no effect
         }
-        // An empty chunk is a case of its own, but must not come for ever.
+        // An empty chunk is a test case, but must not repeat forever.
         rest = if chunk.is_empty() && draw.below(2) == 0 { &rest[1..] } else { after };
     }
     let bits = |times: &[f64]| times.iter().map(|t| t.to_bits()).collect::<Vec<_>>();
@@ -211,7 +211,7 @@ fn execute<T: Any>(draw: &mut Draw, tally: &mut Tally) {
     );
 
     let (low, high) = pulse_levels(&train, &Stop::new()).unwrap();
-    // The levels take a quarter of the largest number and more for saturated.
+    // The levels treat a quarter of the largest number and more as saturated.
     let finite = || train.iter().map(|&x| x.into()).filter(|x: &f64| x.abs() <= f64::MAX / 4.0);
     let (least, most) = (finite().fold(f64::INFINITY, f64::min), finite().fold(f64::NEG_INFINITY, f64::max));
     if least > most {
@@ -225,7 +225,7 @@ fn execute<T: Any>(draw: &mut Draw, tally: &mut Tally) {
     tally.gaps += gaps.len();
 }
 
-/// Windows of any length: crossings in order within the record, as many heights and deviations, and the same gaps.
+/// Windows of any length: ordered crossings within the record, as many heights and deviations, and the same gaps.
 fn track<T: Any>(train: &[T], draw: &mut Draw) {
     let given = |draw: &mut Draw, value: f64| (draw.below(4) == 0).then_some(value);
     let [low, high, middle] = draw.levels();
@@ -245,7 +245,7 @@ fn track<T: Any>(train: &[T], draw: &mut Draw) {
         }
         let Some(window) = k.checked_sub(1).map(|k| windows[k]) else { continue };
         seen += window.len();
-        // A width that is given may lie outside the sample type.
+        // A given width may be outside the sample type.
         let Ok(pulses) = tracker.cross(window, &Stop::new()) else { return };
         for (&time, &height) in pulses.times.iter().zip(&pulses.heights) {
             assert!(last <= time && time <= seen as f64, "{time} after {last}, {seen} samples");

@@ -1,18 +1,18 @@
-//! Stretches of missing samples of a train without end, in memory that has one.
+//! Stretches of missing samples in an endless train, in bounded memory.
 
-/// Number of stretches kept; if there are more, the nearest ones are merged.
+/// Number of kept stretches; if there are more, the nearest are merged.
 const KEPT: usize = 1 << 16;
 
-/// Stretches of missing samples in order, each from its first to past its last.
+/// Stretches of missing samples in order, each from its first to one past its last.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Gaps {
     spans: Vec<(u64, u64)>,
-    /// Stretches that are no further apart are one [samples].
+    /// Largest distance of stretches that are merged [samples].
     near: u64,
 }
 
 impl Gaps {
-    /// Take the next stretch.
+    /// Add the next stretch.
     pub(super) fn push(&mut self, gap: (u64, u64)) {
         match self.spans.last_mut() {
             Some(last) if self.near > 0 && gap.0 - last.1 <= self.near => last.1 = gap.1,

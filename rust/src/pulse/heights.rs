@@ -1,18 +1,18 @@
-//! Heights of a train at its crossings, along lines between its levels.
+//! Heights of a train at its crossings, interpolated between its levels.
 
 use super::swings::{BLOCK, Level};
 use super::thresholds::Edge;
 
-/// Levels hold for this share of their nine pulses' span before and after it, since up to three turning points at the end of
-/// a train make no group of their own.
+/// Range of levels beyond their nine pulses, as a share of the pulses' span: up to three turning points at the end of a
+/// train do not form a group.
 const REACH: f64 = 0.375;
-/// A train's height went gradually from one level to the next if their ratio is below this.
+/// Ratio of the heights of successive levels below which the height changed gradually.
 pub const STEADY: f64 = 2.0;
 
-/// Heights of the train at crossings, along lines between levels; 0 where no turning points tell of it.
+/// Heights of the train at crossings, interpolated between levels; 0 without turning points nearby.
 ///
-/// Before the first and after the last level the line is extended if it falls that way, since fading pulses are lower. A
-/// level is used from about three pulses before its turning points to three after them.
+/// Before the first and after the last level the line is extrapolated if it falls, since fading pulses are lower. A level
+/// applies from about three pulses before its turning points to three after them.
 pub fn heights_along(edges: &[Edge], known: &[Level]) -> Vec<f64> {
     let mut at = 0;
     edges
@@ -25,14 +25,14 @@ pub fn heights_along(edges: &[Edge], known: &[Level]) -> Vec<f64> {
                 let beside = REACH * (level.span.1 - level.span.0) as f64 + BLOCK as f64;
                 edge.time >= level.span.0 as f64 - beside && edge.time <= level.span.1 as f64 + beside
             };
-            // At a level's centre or past it, but for the first.
+            // At or past a level's centre, except for the first.
             let near = &known[at.saturating_sub(1)..(at + 2).min(known.len())];
             if near.iter().any(told) { height_at(edge.time, known, at) } else { 0.0 }
         })
         .collect()
 }
 
-/// Height at a time past the centre of level `at`, but for what lies before the first.
+/// Height at a time past the centre of level `at`, except for times before the first.
 fn height_at(time: f64, known: &[Level], at: usize) -> f64 {
     let here = &known[at];
     let between = time >= here.centre as f64 && at + 1 < known.len();
@@ -47,7 +47,7 @@ fn height_at(time: f64, known: &[Level], at: usize) -> f64 {
     if between { height } else { height.clamp(0.0, here.height()) }
 }
 
-/// Of the greater height to the smaller.
+/// Ratio of the larger to the smaller height.
 pub fn ratio(one: &Level, other: &Level) -> f64 {
     (other.height() / one.height()).max(one.height() / other.height())
 }

@@ -1,22 +1,21 @@
-//! Speeds of the intervals between pulses, with their standard deviations.
+//! Speeds over the intervals between pulses, with standard deviations.
 
 use std::ops::Range;
 
 use crate::error::{Result, require};
 use crate::stop::Stop;
 
-/// Intervals whose mean length tells how many samples each should have.
+/// Number of intervals whose mean length gives the expected number of samples.
 const AROUND: usize = 33;
-/// Share of sampling's variance that is kept where a whole number of samples lies between pulses: whether it is whole is
-/// never quite certain.
+/// Least share of sampling's variance, where the number of samples between pulses is whole: this is never quite certain.
 const LEAST_APART: f64 = 0.05;
-/// An edge whose standard deviation [samples] is larger counts as a step, not as a slope.
+/// Standard deviation [samples] above which an edge counts as a step, not as a slope.
 const STEP: f64 = 0.2;
-/// Largest share by which a speed is corrected.
+/// Largest relative correction of a speed.
 const MOST_SURPLUS: f64 = 0.5;
-/// Periods in the running median against which missed and extra pulses show, on either side of its middle.
+/// Half width, in periods, of the running median against which missed and extra pulses are detected.
 const REACH: usize = 10;
-/// Periods whose extremes are compared at a time.
+/// Periods whose extremes are compared together.
 const BLOCK: usize = 64;
 
 /// Pulses between two breaks.
@@ -24,41 +23,41 @@ const BLOCK: usize = 64;
 pub struct Counted<'a> {
     /// Times of the edges [s].
     pub edges: &'a [f64],
-    /// True intervals from each edge to the next.
+    /// Number of true intervals from each edge to the next.
     pub count: &'a [i64],
-    /// Angle of each interval of a turn [rev], from the first one of the track on.
+    /// Angle of each interval of a revolution [rev], from the first of the track.
     pub fractions: &'a [f64],
     /// Relative standard deviations of these angles.
     pub relative: &'a [f64],
-    /// Standard deviations of the edges from noise [s], one for all or one for each.
+    /// Standard deviations of the edges from noise [s]: one, or one per edge.
     pub noise: &'a [f64],
-    /// The same from sampling.
+    /// Standard deviations of the edges from sampling [s].
     pub grid: &'a [f64],
-    /// Time between samples [s]; 0: it is not known what sampling did.
+    /// Sample time [s]; 0: unknown.
     pub sample: f64,
 }
 
-/// Columns of the true intervals.
+/// Columns of the results.
 pub const COLUMNS: usize = 6;
-/// Intervals that are taken at a time, so that what is between stays in the cache.
+/// Intervals that are processed together, so that intermediate results stay in the cache.
 const TOGETHER: usize = 2048;
 
-/// Relative measures of the speed over an interval.
+/// Relative statistics of the speed over an interval.
 #[derive(Clone, Copy)]
 struct Scatter {
     random: f64,
     sampled: f64,
-    /// What of sampling's variance is left between edges with errors alike.
+    /// Remaining share of sampling's variance between edges with equal errors.
     alike: f64,
-    /// By how much the mean of 1 / T is above 1 / (mean of T), over that variance.
+    /// Excess of the mean of 1 / T over 1 / (mean of T), divided by that variance.
     surplus: f64,
 }
 
 /// Mean speeds over the intervals between pulses, in columns: middle [s], speed [rev/s], its deviation, length [s], angle
-/// [rev], deviation were the errors of the ends independent.
+/// [rev], and deviation for independent errors of the ends.
 ///
 /// # Errors
-/// If the lengths do not fit, or a count is not positive; on a stop.
+/// If lengths do not match, or a count is not positive; on a stop.
 pub fn interval_speeds(track: &Counted<'_>, columns: [&mut [f64]; COLUMNS], stop: &Stop) -> Result<()> {
     let wholes = track.edges.len().saturating_sub(1);
     require(wholes > 0 && track.count.len() == wholes, || {
@@ -91,7 +90,7 @@ pub fn interval_speeds(track: &Counted<'_>, columns: [&mut [f64]; COLUMNS], stop
     Pass { track, turned: track.turned(), around: AROUND.min(wholes) }.fill(columns, stop)
 }
 
-/// Angle of each interval [rev]; one number where all are equal.
+/// Angle of each interval [rev]; a single value if all are equal.
 enum Turned {
     Equal(f64),
     Each(Vec<f64>),
@@ -157,10 +156,10 @@ impl Pass<'_> {
         Ok(())
     }
 
-    /// Expected lengths of some intervals [s], and the scatter of their speeds.
+    /// Expected lengths of some intervals [s], and statistics of their speeds.
     fn scatters(&self, part: &Range<usize>) -> (Vec<f64>, Vec<Scatter>) {
         let (track, wholes) = (self.track, self.track.count.len());
-        // Those around them count as well.
+        // The intervals around them contribute, too.
         let wide = part.start.saturating_sub(self.around)..(part.end + self.around).min(wholes);
         let mut expected = self.means(&wide, |k| track.edges[k + 1] - track.edges[k]);
         if let Turned::Each(angles) = &self.turned {
@@ -197,13 +196,13 @@ impl Pass<'_> {
         if self.track.sample <= 0.0 {
             return none;
         }
-        // Two edges have the same error where a whole number of samples lies between them. While the speed changes that
-        // number varies, and the factor is 1 on average over some intervals.
+        // Two edges have equal errors if a whole number of samples is between them. While the speed changes that number
+        // varies, and the factor averages to 1 over some intervals.
         let samples = expected / self.track.sample;
         let whole = samples.floor().max(1.0);
         let past = samples - whole;
         if sampled * samples * samples > 2.0 * STEP * STEP {
-            // Between two steps lie `whole` samples or one more, so 1 / T has two values.
+            // There are `whole` samples or one more between two steps, so 1 / T has two values.
             let (alike, few) = (6.0 * past * (1.0 - past), samples * samples / (whole * (whole + 1.0)));
             Scatter { alike: alike * few * few, surplus: alike * few, ..none }
         } else {
@@ -212,10 +211,10 @@ impl Pass<'_> {
         }
     }
 
-    /// Means of the values around each of a part, reflected at the track's ends.
+    /// Moving averages around each value of a range, reflected at the track's ends.
     fn means(&self, part: &Range<usize>, value: impl Fn(usize) -> f64) -> Vec<f64> {
         let (size, before, count) = (self.around, self.around / 2, self.track.count.len());
-        // Places count from `before` values ahead of the track.
+        // Indices start `before` values ahead of the track.
         let at = |place: usize| {
             let index = if place < before { before - 1 - place } else { place - before };
             value(if index < count { index } else { 2 * count - 1 - index })
@@ -239,8 +238,7 @@ impl Pass<'_> {
     }
 }
 
-/// Whether no period differs from its neighbours by more than these ratios: it is at least `least` and below `most` times any
-/// of the ten before and after it, and so of their median.
+/// Whether all periods are at least `least` and below `most` times each of the ten before and after, and so of their median.
 ///
 /// # Errors
 /// On a stop.

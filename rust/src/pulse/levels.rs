@@ -1,4 +1,4 @@
-//! The two state levels of a pulse train, from histograms.
+//! State levels of a pulse train, from histograms.
 
 use multiversion::multiversion;
 
@@ -7,9 +7,9 @@ use crate::error::Result;
 use crate::stop::{CHECK_EVERY, Stop};
 
 const BINS: usize = 100;
-/// Share of samples in each tail that may be disturbances: radio interference is rarer, a pulse's top is not.
+/// Share of samples in each tail that may be disturbances: radio interference is rarer, the top of a pulse is not.
 const TAIL: f64 = 1e-3;
-/// Each round narrows the range at least by two, and a hundredfold where one level holds everything.
+/// Most rounds; each narrows the range at least by two, and a hundredfold if everything is in one bin.
 const ROUNDS: usize = 12;
 const LANES: usize = 8;
 
@@ -18,13 +18,13 @@ fn is_usable(x: f64) -> bool {
     x.abs() <= LARGEST
 }
 
-/// Low and high state level: the modes of the lower and the upper half of a histogram of the finite samples.
+/// Low and high state level: the modes of the lower and upper half of a histogram of the finite samples.
 ///
-/// The histogram has 100 bins, as MATLAB's `statelevels` has. It is taken again over the bins that hold all but a
-/// thousandth of the samples at either end while these are less than half of the range, so that rare high peaks do not
-/// push both states into one bin.
+/// The histogram has 100 bins, like MATLAB's `statelevels`. It is repeated over the bins that hold all but a thousandth of
+/// the samples at each end, as long as these are less than half of the range, so that rare high peaks do not push both
+/// states into one bin.
 ///
-/// Both are NaN where no sample is finite.
+/// Both are NaN if no sample is finite.
 ///
 /// # Errors
 /// On a stop.
@@ -44,7 +44,7 @@ pub fn pulse_levels<T: Sample>(samples: &[T], stop: &Stop) -> Result<(f64, f64)>
         let last = BINS - 1 - past_tail(bins.iter().rev(), tail);
         if last - first >= BINS / 2 {
             let (lower, upper) = bins.split_at(BINS / 2);
-            // The width of the narrowest ranges is rounded up.
+            // The narrowest ranges have a rounded-up width.
             let centre = |bin: usize| (low + width * (bin as f64 + 0.5)).min(high);
             return Ok((centre(mode(lower)), centre(BINS / 2 + mode(upper))));
         }
@@ -53,7 +53,7 @@ pub fn pulse_levels<T: Sample>(samples: &[T], stop: &Stop) -> Result<(f64, f64)>
     Ok((low, high))
 }
 
-/// Least and greatest finite sample, and how many are finite.
+/// Least and greatest finite sample, and number of finite samples.
 fn finite_range<T: Sample>(samples: &[T], stop: &Stop) -> Result<(f64, f64, u64)> {
     let (mut low, mut high, mut count) = (f64::INFINITY, f64::NEG_INFINITY, 0);
     for part in samples.chunks(CHECK_EVERY) {
@@ -64,16 +64,16 @@ fn finite_range<T: Sample>(samples: &[T], stop: &Stop) -> Result<(f64, f64, u64)
     Ok((low, high, count))
 }
 
-/// The same of a few samples; compiled once for each instruction set and chosen at run time.
+/// The same of a few samples; compiled for each instruction set and chosen at run time.
 ///
-/// Neighbours are in different lanes, so that they need not wait for one another.
+/// Neighbours are in different lanes, so that they do not depend on each other.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx2", "x86_64+avx2"))]
 fn range_of<T: Sample>(samples: &[T]) -> (f64, f64, u32) {
     let mut low = [f64::INFINITY; LANES];
     let mut high = [f64::NEG_INFINITY; LANES];
     let mut count = [0; LANES];
     let (rows, rest) = samples.as_chunks::<LANES>();
-    // By index: an iterator over the lanes would keep them in memory.
+    // By index: an iterator would keep the lanes in memory.
     #[allow(clippy::needless_range_loop)]
     for row in rows {
         for lane in 0..LANES {
@@ -92,9 +92,9 @@ fn range_of<T: Sample>(samples: &[T]) -> (f64, f64, u32) {
     (low, high, count.iter().sum())
 }
 
-/// Counts in bins of `width` from `low` on; what lies outside is counted at the ends.
+/// Counts in bins of `width` from `low` on; outliers are counted at the ends.
 fn histogram<T: Sample>(samples: &[T], low: f64, width: f64, stop: &Stop) -> Result<[u64; BINS]> {
-    // What is not finite goes to the bin past the last.
+    // Samples that are not finite are counted past the last bin.
     let mut lanes = [[0_u64; BINS + 1]; LANES];
     let scale = width.recip();
     let mut places = [0; CHECK_EVERY];
@@ -102,7 +102,7 @@ fn histogram<T: Sample>(samples: &[T], low: f64, width: f64, stop: &Stop) -> Res
         stop.check()?;
         places_of(part, low, scale, &mut places[..part.len()]);
         let (rows, rest) = places[..part.len()].as_chunks::<LANES>();
-        // Neighbours mostly fall into one bin: in tables of their own they need not wait for one another.
+        // Neighbours are mostly in the same bin: separate tables avoid dependencies.
         for row in rows {
             for (table, &place) in lanes.iter_mut().zip(row) {
                 table[usize::from(place)] += 1;
@@ -115,12 +115,12 @@ fn histogram<T: Sample>(samples: &[T], low: f64, width: f64, stop: &Stop) -> Res
     Ok(std::array::from_fn(|bin| lanes.iter().map(|bins| bins[bin]).sum()))
 }
 
-/// The bin of each sample; compiled once for each instruction set and chosen at run time.
+/// Bin of each sample; compiled for each instruction set and chosen at run time.
 #[multiversion(targets("x86_64+avx512f+avx512bw+avx512vl+avx512dq+avx2", "x86_64+avx2"))]
 fn places_of<T: Sample>(samples: &[T], low: f64, scale: f64, places: &mut [u8]) {
     for (place, &x) in places.iter_mut().zip(samples) {
         let x: f64 = x.into();
-        // Clamped in floating point: a bin fits in a byte. What is not finite clamps to something, too.
+        // Clamped as floating point, so that a bin fits in a byte. Values that are not finite are clamped, too.
         let bin =
             if is_usable(x) { ((x - low) * scale).max(0.0).min((BINS - 1) as f64) } else { BINS as f64 };
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
@@ -129,7 +129,7 @@ fn places_of<T: Sample>(samples: &[T], low: f64, scale: f64, places: &mut [u8]) 
     }
 }
 
-/// The first bin that does not lie wholly within the tail.
+/// The first bin that is not completely within the tail.
 fn past_tail<'a>(bins: impl Iterator<Item = &'a u64>, tail: f64) -> usize {
     let mut sum = 0;
     bins.take_while(|&&count| {
@@ -139,7 +139,7 @@ fn past_tail<'a>(bins: impl Iterator<Item = &'a u64>, tail: f64) -> usize {
     .count()
 }
 
-/// The fullest bin, the first of equals.
+/// The fullest bin, the first of equal ones.
 fn mode(bins: &[u64]) -> usize {
     (0..bins.len()).rev().max_by_key(|&bin| bins[bin]).unwrap_or(0)
 }

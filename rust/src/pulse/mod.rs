@@ -1,4 +1,4 @@
-//! Pulse trains to crossing times, streaming over chunks.
+//! Crossing times of pulse trains, streamed in chunks.
 
 mod crossings;
 #[cfg(test)]

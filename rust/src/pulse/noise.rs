@@ -1,36 +1,35 @@
-//! The standard deviation of a channel's noise, from short stretches of it.
+//! Standard deviation of a channel's noise, from short stretches.
 
 use super::sample::{LARGEST, Sample};
 
-/// Samples of a stretch.
+/// Samples per stretch.
 const STRETCH: usize = 128;
-/// Stretches beside dense trains.
+/// Stretches for dense trains.
 const DENSE_STRETCHES: usize = 8;
-/// Fewest samples from which noise is measured.
+/// Fewest samples for a noise estimate.
 const LEAST: usize = 16;
-/// Median of the magnitude of a standard normal number.
+/// Median magnitude of a standard normal variable.
 const MEDIAN: f64 = 0.674_489_750_196_081_7;
-/// Ratio of the estimate to the standard deviation of white noise, by simulation: the least of several medians is too low.
+/// Bias of the estimate for white noise, by simulation: the least of several medians is too low.
 const FOUND: f64 = 0.91;
 /// Gains of white noise in differences of order p = 2, 4 and 6: roots of the binomials (2p over p).
 const GAINS: [f64; 3] = [2.449_489_742_783_178, 8.366_600_265_340_756, 30.397_368_307_141_326];
 
-/// Standard deviations of the noise of `samples`, in ascending order, each from another stretch; none where there are
-/// too few of them.
+/// Standard deviations of the noise in different stretches of `samples`, ascending; empty for too few samples.
 ///
-/// Each stretch's noise follows from the medians of its differences of second, fourth and sixth order. A smooth signal and
-/// rare edges do not change these medians. Anything else makes them larger, so the least of the three counts.
+/// Each stretch's noise is the least of three estimates: medians of differences of second, fourth and sixth order. A smooth
+/// signal and rare edges do not affect these medians; anything else increases them.
 pub fn noises<T: Sample>(samples: &[T], stretches: usize) -> Vec<f64> {
     of_stretches(samples, stretches, |stretch, _| Some(least_difference(stretch) / FOUND))
 }
 
-/// The lower quartile of ascending numbers, 0 of none; higher ones may hold more than noise.
+/// Lower quartile of ascending numbers, 0 if empty; higher ones may contain more than noise.
 pub fn quarter(ascending: &[f64]) -> f64 {
     ascending.get(ascending.len() / 4).copied().unwrap_or(0.0)
 }
 
-/// The same of a sinusoidal train of few samples a pulse: a filter that has zeros at its frequency and at zero takes
-/// the place of differences. `period` tells how many samples a pulse has in a stretch from one sample to another.
+/// The same for a sinusoidal train with few samples per pulse: a filter with zeros at its frequency and at zero replaces the
+/// differences. `period` is the number of samples per pulse in a stretch between two samples.
 pub fn noise_beside<T: Sample>(samples: &[T], period: impl Fn(usize, usize) -> Option<f64>) -> Option<f64> {
     let found = of_stretches(samples, DENSE_STRETCHES, |stretch, first| {
         let back = -2.0 * (std::f64::consts::TAU / period(first, first + STRETCH)?).cos();
@@ -57,7 +56,7 @@ fn product(one: &[f64], other: &[f64]) -> Vec<f64> {
     product
 }
 
-/// Estimates of stretches and their first samples, in ascending order.
+/// Estimates of stretches with their first samples, ascending.
 fn of_stretches<T: Sample>(
     samples: &[T],
     stretches: usize,
@@ -97,7 +96,7 @@ fn least_difference(stretch: &mut [f64]) -> f64 {
     if least.is_finite() { least } else { 0.0 }
 }
 
-/// The median; of an even number of values the upper one of the two in the middle.
+/// Median; for an even count the upper of the middle two.
 fn median(values: &mut [f64]) -> f64 {
     let middle = values.len() / 2;
     *values.select_nth_unstable_by(middle, f64::total_cmp).1
@@ -111,7 +110,7 @@ mod tests {
         quarter(&noises(samples, 8))
     }
 
-    /// Normal numbers, near enough: sums of twelve uniform ones.
+    /// Approximately normal numbers: sums of twelve uniform ones.
     fn normal(count: usize) -> Vec<f64> {
         let mut state = 7_u64;
         let mut uniform = move || {

@@ -1,4 +1,4 @@
-//! Pulses of a whole record, window after window.
+//! Pulses of a whole record, window by window.
 
 use super::sample::Sample;
 use super::timing::Timing;
@@ -11,18 +11,18 @@ use crate::stop::Stop;
 pub struct Record {
     /// Times, in samples.
     pub times: Vec<f64>,
-    /// Of the train at each.
+    /// Height of the train at each time.
     pub heights: Vec<f64>,
     /// Standard deviations of the times.
     pub timing: Timing,
-    /// Low, high and middle, each time they changed.
+    /// Low, high and middle at each change.
     pub levels: Vec<[f64; 3]>,
-    /// Of each window: number of pulses, height from which on a pulse can't be noise, least and median height.
+    /// For each window: number of pulses, height above which a pulse can't be noise, least and median height.
     pub windows: Vec<[f64; 4]>,
 }
 
 impl Record {
-    /// Take the next window's.
+    /// Add the next window's pulses.
     pub fn push(&mut self, pulses: Pulses) {
         let mut heights = pulses.heights;
         self.heights.extend_from_slice(&heights);
@@ -37,7 +37,7 @@ impl Record {
     }
 }
 
-/// The mean of the middle two where there is no middle one.
+/// Median; the mean of the middle two for an even count.
 fn median(values: &mut [f64]) -> f64 {
     let half = values.len() / 2;
     let even = values.len().is_multiple_of(2);
@@ -46,7 +46,7 @@ fn median(values: &mut [f64]) -> f64 {
 }
 
 impl PulseTracker {
-    /// Look at the windows of a record and take their crossings, as by [`Self::look`] and [`Self::cross`].
+    /// Process the windows of a record by [`Self::look`] and [`Self::cross`].
     ///
     /// # Errors
     /// Those of the two methods, and [`Error::Invalid`] for a window without samples.

@@ -1,20 +1,20 @@
-//! The sample types of raw logs, and their comparison with two thresholds into bit masks.
+//! Sample types of raw logs, and their comparison with two thresholds as bit masks.
 
-/// Samples compared at a time: one bit of a word each.
+/// Samples that are compared together: a bit of a word each.
 pub(super) const BLOCK: usize = u64::BITS as usize;
 
-/// The largest f64 that counts as a measured value; a larger one means that the channel is saturated.
+/// The largest f64 that counts as measured; larger ones are saturated.
 pub(super) const LARGEST: f64 = f64::MAX / 4.0;
 
 /// A type in which loggers store samples.
 pub trait Sample: Copy + PartialOrd + Into<f64> + Send + Sync {
     /// The type's name, for messages.
     const NAME: &str;
-    /// What lies beyond is taken for saturated: differences of what lies within are finite.
+    /// Lower limit of measured values, so that their differences are finite; lower ones are saturated.
     const LEAST: Self;
-    /// The same upwards.
+    /// Upper limit of measured values.
     const MOST: Self;
-    /// The least value at or above `level`, so that `x >= value` decides exactly as `x >= level` would.
+    /// The least value at or above `level`, so that `x >= value` is equivalent to `x >= level`.
     fn at_or_above(level: f64) -> Option<Self>;
     /// The greatest value at or below `level`.
     fn at_or_below(level: f64) -> Option<Self>;
@@ -38,7 +38,7 @@ impl Sample for f64 {
     }
 }
 
-#[allow(clippy::cast_possible_truncation)] // the rounding is put right
+#[allow(clippy::cast_possible_truncation)] // rounding is corrected below
 impl Sample for f32 {
     const NAME: &str = "float32";
     const LEAST: Self = Self::MIN;
@@ -57,7 +57,7 @@ impl Sample for f32 {
     }
 }
 
-#[allow(clippy::cast_possible_truncation)] // the range is checked
+#[allow(clippy::cast_possible_truncation)] // within the checked range
 impl Sample for i16 {
     const NAME: &str = "int16";
     const LEAST: Self = Self::MIN;
@@ -76,7 +76,7 @@ impl Sample for i16 {
     }
 }
 
-/// Bit k of each word tells of sample k of a block.
+/// Bit k of each word belongs to sample k of a block.
 #[derive(Clone, Copy)]
 pub(super) struct Masks {
     /// At or below the low threshold.
@@ -90,9 +90,9 @@ pub(super) struct Masks {
 impl Masks {
     /// Compare a block with both thresholds.
     ///
-    /// Two ways to the same words. With mask registers (AVX-512) the compiler turns shifts of single bits into
-    /// compares alone; without them it does not, and bytes gathered by a multiplication are twice as fast.
-    #[allow(clippy::inline_always)] // takes part in the caller's choice of instruction set
+    /// Two implementations. With mask registers (AVX-512) the compiler turns shifts of single bits into compares; without
+    /// them it does not, and gathering bytes by a multiplication is twice as fast.
+    #[allow(clippy::inline_always)] // compiled for the caller's instruction set
     #[inline(always)]
     pub fn of<T: Sample, const MASK_REGISTERS: bool>(block: &[T; BLOCK], low: T, high: T) -> Self {
         let low = word::<T, MASK_REGISTERS>(block, |x| x <= low);
@@ -108,7 +108,7 @@ impl Masks {
     }
 }
 
-/// Whether any sample is missing; one comparison tells of two samples.
+/// Whether any sample is missing; one comparison tests two samples.
 #[allow(clippy::inline_always)]
 #[inline(always)]
 fn any_gap<T: Sample>(block: &[T; BLOCK]) -> bool {
@@ -116,7 +116,7 @@ fn any_gap<T: Sample>(block: &[T; BLOCK]) -> bool {
     front.iter().zip(back).fold(false, |any, (&x, &y)| any | (x.is_gap() | y.is_gap()))
 }
 
-/// The outcomes of a test as one word.
+/// Outcomes of a test as one word.
 #[allow(clippy::inline_always)]
 #[inline(always)]
 fn word<T: Sample, const MASK_REGISTERS: bool>(block: &[T; BLOCK], test: impl Fn(T) -> bool) -> u64 {
@@ -142,7 +142,7 @@ fn gathered<T: Sample>(block: &[T; BLOCK], test: impl Fn(T) -> bool) -> u64 {
     }
     let mut word = 0;
     for (k, eight) in bytes.as_chunks::<8>().0.iter().enumerate() {
-        // Each factor bit moves one byte's lowest bit to its place in the top byte; no two of them meet.
+        // Each factor bit moves one byte's lowest bit to its position in the top byte, without collisions.
         word |= (u64::from_le_bytes(*eight).wrapping_mul(0x0102_0408_1020_4080) >> 56) << (8 * k);
     }
     word

@@ -1,4 +1,4 @@
-//! One pass over a chunk of a train: where the detector fires, and when the crossings were that led there.
+//! One pass over a chunk of a train: where the detector fires, and the times of the crossings before.
 
 use multiversion::multiversion;
 use multiversion::target::match_target;
@@ -8,22 +8,22 @@ use super::thresholds::{Edge, Levels};
 use crate::error::Result;
 use crate::stop::{CHECK_EVERY, Stop};
 
-/// Where the detector stands between two chunks.
+/// State of the detector between two chunks.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Cursor {
-    /// Samples seen so far.
+    /// Number of samples so far.
     pub seen: u64,
-    /// A sample at or below `low` came after the last crossing or gap.
+    /// Whether there was a sample at or below `low` since the last crossing or gap.
     pub armed: bool,
     /// The last sample; NaN at the start and in a gap.
     pub previous: f64,
-    /// The last upward crossing of the middle; means something while armed with `previous` at or above it.
+    /// The last upward crossing of the middle; valid while armed with `previous` at or above the middle.
     pub pending: Edge,
-    /// First sample of the gap that is still open.
+    /// First sample of an open gap.
     pub gap_start: Option<u64>,
 }
 
-/// What a pass found: crossings, stretches of missing samples that ended, and where the detector stands now.
+/// Results of a pass: crossings, finished stretches of missing samples, and the new state.
 pub(super) struct Passed<E> {
     pub edges: Vec<E>,
     pub gaps: Vec<(u64, u64)>,
@@ -47,7 +47,7 @@ pub(super) fn passed<T: Sample, E: From<Edge>>(
     Ok(Passed { edges: whole.edges, gaps: whole.gaps, cursor: whole.cursor })
 }
 
-/// Pass over a chunk without missing samples of which all is known but the first crossing.
+/// Pass over a chunk without missing samples, of which all crossings but the first are known.
 pub(super) fn timed<T: Sample>(
     chunk: &[T],
     levels: Levels,
@@ -67,13 +67,13 @@ pub(super) fn timed<T: Sample>(
     Passed { edges: whole.edges, gaps: whole.gaps, cursor: whole.cursor }
 }
 
-/// Whether the detector is armed after these samples; None where none of them tells.
+/// Whether the detector is armed after these samples; None if they do not determine it.
 pub(super) fn armed_after<T: Sample>(samples: &[T], low: T, high: T) -> Option<bool> {
     let tells = |&&x: &&T| x <= low || x >= high || x.is_gap();
     samples.iter().rev().find(tells).map(|&x| x <= low)
 }
 
-/// Run over all blocks of a chunk; compiled once for each instruction set and chosen at run time.
+/// Process all blocks of a chunk; compiled for each instruction set and chosen at run time.
 #[multiversion(targets(
     "x86_64+avx512f+avx512bw+avx512dq+avx512vl+avx2+bmi1+bmi2+fma+lzcnt+popcnt",
     "x86_64+avx2+bmi1+bmi2+fma+lzcnt+popcnt"
@@ -103,13 +103,12 @@ fn advance<T: Sample, E: From<Edge>>(scan: &mut Scan<'_, T, E>, low: T, high: T,
     Ok(())
 }
 
-/// Samples between two rounds of timing: they stay in the fastest cache.
+/// Samples between two rounds of timing; they stay in the fastest cache.
 pub(super) const BATCH: usize = 4096;
 
-/// Samples of a batch at which the detector fired, at most every other one.
+/// Samples of a batch at which the detector fired, at most every second one.
 ///
-/// Two are written for every block whether they are there or not: most blocks have one or none, which no branch
-/// predictor can guess.
+/// Two are always written for each block: most blocks have one or none, which no branch predictor can guess.
 pub(super) struct Fires {
     at: [u32; BATCH / 2 + 2],
     count: usize,
@@ -148,16 +147,16 @@ impl Fires {
     }
 }
 
-/// Where a block fires, and whether the detector is armed after it.
+/// Samples at which a block fires, and whether the detector is armed after it.
 ///
-/// "Armed" is a latch that `low` sets and `high` or a gap resets. An adder's carry is such a latch (generate =
-/// set, propagate = hold), so one addition runs the state machine over the whole block.
+/// "Armed" is a latch that `low` sets and `high` or a gap resets. An adder's carry is such a latch (generate = set,
+/// propagate = hold), so one addition runs the state machine over the whole block.
 #[allow(clippy::inline_always)]
 #[inline(always)]
 pub(super) fn armed_by(masks: Masks, armed: &mut bool) -> u64 {
     let hold = masks.low | !(masks.high | masks.gap);
     let sum = u128::from(hold) + u128::from(masks.low) + u128::from(*armed);
-    #[allow(clippy::cast_possible_truncation)] // the low word is wanted
+    #[allow(clippy::cast_possible_truncation)] // only the low word is needed
     let armed_before = sum as u64 ^ hold ^ masks.low;
     *armed = sum >> 64 != 0;
     armed_before & masks.high
@@ -167,14 +166,14 @@ pub(super) fn armed_by(masks: Masks, armed: &mut bool) -> u64 {
 struct Scan<'a, T, E> {
     chunk: &'a [T],
     levels: Levels,
-    /// As it was at the chunk's start, but for `armed` and `gap_start`, which move with the blocks.
+    /// State at the chunk's start, except for `armed` and `gap_start`, which follow the blocks.
     cursor: Cursor,
     edges: Vec<E>,
     gaps: Vec<(u64, u64)>,
 }
 
 impl<T: Sample, E: From<Edge>> Scan<'_, T, E> {
-    /// Take one block of `count` samples from `start` on; return where it fires.
+    /// Process a block of `count` samples from `start`; return where it fires.
     #[allow(clippy::inline_always)]
     #[inline(always)]
     fn step(&mut self, start: usize, count: usize, masks: Masks) -> u64 {
@@ -185,7 +184,7 @@ impl<T: Sample, E: From<Edge>> Scan<'_, T, E> {
         fires
     }
 
-    /// Time the crossings that led to the fires of the batch from `start` on.
+    /// Compute the crossing times for the fires of the batch from `start`.
     fn take_times(&mut self, start: usize, fires: &mut Fires) {
         self.edges.reserve(fires.count);
         for &at in fires.taken() {
@@ -197,10 +196,10 @@ impl<T: Sample, E: From<Edge>> Scan<'_, T, E> {
 
     /// The last upward crossing of the middle at or before sample `index` of the chunk, which is at or above it.
     ///
-    /// The walk back ends at the latest where the detector was armed.
+    /// The backward search ends at the latest where the detector was armed.
     #[inline]
     fn crossing(&self, index: usize) -> Edge {
-        // Apart, so that a level middle costs nothing.
+        // A separate loop, so that a constant middle costs nothing.
         if self.levels.slope == 0.0 {
             self.crossing_of(index, |_| self.levels.middle)
         } else {
@@ -241,7 +240,7 @@ impl<T: Sample, E: From<Edge>> Scan<'_, T, E> {
         }
     }
 
-    /// Leave the cursor behind the chunk.
+    /// Update the state after the chunk.
     fn close(&mut self) {
         let Some(&last) = self.chunk.last() else { return };
         let middle = self.levels.middle_at(self.cursor.seen + self.chunk.len() as u64 - 1);

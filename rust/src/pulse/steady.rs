@@ -1,4 +1,4 @@
-//! A train that goes on as it was: its levels need not be found again, only be seen to hold.
+//! A steady train, whose levels need not be estimated again but only verified.
 
 use std::ops::RangeInclusive;
 
@@ -13,42 +13,42 @@ use super::thresholds::{Edge, Levels};
 use crate::error::Result;
 use crate::stop::Stop;
 
-/// Samples of a part, of which a window must have so many, and which must hold two pulses at least.
+/// Samples of a part; a window must have a multiple of this, and each part at least two pulses.
 const PART: usize = 1024;
 const LEAST_PARTS: usize = 8;
 const LANES: usize = 16;
-/// By how much the extremes of a part may differ from the usual ones, in standard deviations of the noise and as a share of the
-/// train's height: extremes of a thousand normal numbers scatter by a third of their standard deviation.
+/// Largest difference of a part's extremes from the usual ones, in standard deviations of the noise and as a share of the
+/// train's height; extremes of a thousand normal numbers scatter by a third of their standard deviation.
 const PART_LIKE: (f64, f64) = (3.0, 0.05);
-/// By how much the medians of a window may differ from the usual ones; levels closer than half the noise count as equal.
+/// Largest difference of a window's medians from the usual ones; levels closer than half the noise count as equal.
 const WINDOW_LIKE: (f64, f64) = (0.5, 0.002);
-/// In a train without lost or doubled pulses the longest period is at most this times the shortest one, plus a sample.
+/// Largest ratio of longest (minus a sample) to shortest period in a train without lost or extra pulses.
 const EVEN: f64 = 1.5;
 
-/// A train whose levels hold: what its next window is compared with.
+/// A train with constant levels, with which its next window is compared.
 #[derive(Debug, Clone, Copy)]
 pub struct Steady {
     pub level: Level,
     pub levels: Levels,
-    /// Medians of the least and of the greatest samples of the parts.
+    /// Medians of the parts' least and greatest samples.
     pub usual: (f64, f64),
-    /// Whether the detector is armed where the next window begins.
+    /// Whether the detector is armed at the start of the next window.
     pub armed: bool,
 }
 
-/// The crossings of a window whose levels hold.
+/// Crossings of a window with unchanged levels.
 #[derive(Debug, Clone)]
 pub struct Held {
-    /// Where the detector fires first. Its crossing may lie before the window.
+    /// Sample at which the detector first fires. Its crossing may be before the window.
     pub first: usize,
-    /// The other crossings, each of which is past a low sample of the window.
+    /// The other crossings, each after a low sample of the window.
     pub edges: Vec<Edge>,
     /// Whether the detector is armed after the window.
     pub armed: bool,
 }
 
 impl Steady {
-    /// Begin after a window with these levels, whose extremes of blocks are known; None where it is not even.
+    /// Start after a window with these levels and block extremes; None if its pulses are not even.
     pub fn after<T: Sample>(
         window: &[T],
         extremes: &[(f64, f64)],
@@ -71,8 +71,8 @@ impl Steady {
         parts.iter().all(|(low, high)| bottoms.contains(low) && tops.contains(high)).then_some(steady)
     }
 
-    /// The crossings of the next window, the first sample of which is sample `origin` of the record, if that window is like
-    /// those before; None where levels are to be found anew.
+    /// Crossings of the next window, which starts at sample `origin` of the record; None if it differs from the previous
+    /// ones, so that levels must be estimated again.
     ///
     /// # Errors
     /// On a stop.
@@ -111,7 +111,7 @@ fn medians(parts: &[(f64, f64)]) -> Option<(f64, f64)> {
     Some((low, high))
 }
 
-/// Whether pulses follow one another evenly.
+/// Test whether pulses are evenly spaced.
 struct Even {
     first: u32,
     last: u32,
@@ -124,7 +124,7 @@ impl Even {
         Self { first: u32::MAX, last: u32::MAX, least: u32::MAX, most: 0 }
     }
 
-    /// Take the next pulses, the first of all apart; return those that it was not.
+    /// Add the next pulses; return those other than the very first.
     fn take<'a>(&mut self, fires: &'a [u32], start: u32) -> &'a [u32] {
         let [first, others @ ..] = fires else { return fires };
         let (begins, others) = if self.last == u32::MAX {
@@ -143,7 +143,7 @@ impl Even {
         others
     }
 
-    /// From the first sample of a window to its last, two in each part.
+    /// Whether pulses are even from a window's first sample to its last, two in each part.
     fn to(&self, length: usize) -> bool {
         let longest = (EVEN * f64::from(self.least) + 1.0).min((PART / 2) as f64);
         let ends = f64::from(self.first).max(length as f64 - f64::from(self.last));
@@ -151,7 +151,7 @@ impl Even {
     }
 }
 
-/// Pass over a window; false as soon as a sample is missing or a part's extremes are out of the allowed ranges.
+/// Pass over a window; false as soon as a sample is missing or a part's extremes are out of range.
 #[multiversion(targets(
     "x86_64+avx512f+avx512bw+avx512dq+avx512vl+avx2+bmi1+bmi2+fma+lzcnt+popcnt",
     "x86_64+avx2+bmi1+bmi2+fma+lzcnt+popcnt"
@@ -180,7 +180,7 @@ fn pass<T: Sample>(
                 missing |= masks.gap;
                 fires.push(offset + index * BLOCK, armed_by(masks, &mut held.armed));
                 for row in block.as_chunks::<LANES>().0 {
-                    // By index, since an iterator over the lanes would keep them in memory.
+                    // By index, since an iterator would keep the lanes in memory.
                     #[allow(clippy::needless_range_loop)]
                     for lane in 0..LANES {
                         let x = row[lane];
@@ -214,7 +214,7 @@ fn pass<T: Sample>(
     true
 }
 
-/// The last upward crossing of the middle at or before sample `index` of a window, past a lower sample of it.
+/// The last upward crossing of the middle at or before sample `index` of a window, after a lower sample of it.
 #[allow(clippy::inline_always)]
 #[inline(always)]
 fn crossing<T: Sample>(window: &[T], index: usize, origin: u64, middle: f64) -> Edge {

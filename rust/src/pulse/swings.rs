@@ -1,4 +1,4 @@
-//! The swings of a pulse train: its turning points, found in the extremes of short blocks, and its levels from them.
+//! Swings of a pulse train: turning points from the extremes of short blocks, and levels from the turning points.
 
 use std::collections::VecDeque;
 
@@ -6,30 +6,30 @@ use multiversion::multiversion;
 
 use super::sample::Sample;
 
-/// Samples in a block; the time of a turning point is known to one block.
+/// Samples per block, the time resolution of a turning point.
 pub const BLOCK: usize = 32;
 const LANES: usize = 16;
 
-/// A swing must be larger than this many standard deviations of the noise, which noise exceeds once in millions of samples,
+/// Least swing in standard deviations of the noise, which noise exceeds once in millions of samples;
 const CLEAR: f64 = 10.0;
-/// or than this share of the usual range of a block, where every block holds a whole pulse and noise can't be measured.
+/// and as a share of the usual range of a block, if every block has a whole pulse and noise can't be measured.
 /// Swings below this share of the largest nearby are ringing or noise on top of it.
 const SHARE: f64 = 0.35;
-/// Blocks of which one may hold a disturbance; the rest hold pulses, of a slow train few of them.
+/// Number of blocks with at most one disturbance and, in a slow train, few pulses.
 const DISTURBED: usize = 500;
-/// Without noise a ripple below this share of the range is no swing.
+/// Least swing without noise, as a share of the range.
 const RIPPLE: f64 = 0.01;
-/// A swing is compared with so many others on either side.
+/// Number of swings on each side with which a swing is compared.
 const NEAR: usize = 8;
-/// Turning points of a group, whose medians are a pair of levels.
+/// Turning points per group, whose medians are a pair of levels.
 const GROUP: usize = 18;
 /// Fewest turning points of a group.
 const LEAST: usize = 4;
-/// A group has ended after so many times the usual time between two turning points.
+/// Time after which a group ends, over the usual time between two turning points.
 const SILENCE: f64 = 8.0;
 
-/// Least and greatest usable sample of each block of 32, the last of which may be shorter; least above greatest where
-/// no sample is usable.
+/// Least and greatest usable sample of each block of 32, the last of which may be shorter; least above greatest if no sample
+/// is usable.
 #[multiversion(targets("x86_64+avx512f+avx512bw+avx512vl+avx512dq+avx2", "x86_64+avx2"))]
 pub fn block_extremes<T: Sample>(samples: &[T], extremes: &mut Vec<(f64, f64)>) {
     let (blocks, rest) = samples.as_chunks::<BLOCK>();
@@ -39,8 +39,8 @@ pub fn block_extremes<T: Sample>(samples: &[T], extremes: &mut Vec<(f64, f64)>) 
         let mut low = [T::MOST; LANES];
         let mut high = [T::LEAST; LANES];
         for row in block.as_chunks::<LANES>().0 {
-            // By index, since an iterator over the lanes would keep them in memory; both sides of `&` are taken, so
-            // that a select replaces the branch.
+            // By index, since an iterator would keep the lanes in memory; both sides of `&` are evaluated, so that a select
+            // replaces the branch.
             #[allow(clippy::needless_range_loop, clippy::needless_bitwise_bool)]
             for lane in 0..LANES {
                 let x = row[lane];
@@ -56,7 +56,7 @@ pub fn block_extremes<T: Sample>(samples: &[T], extremes: &mut Vec<(f64, f64)>) 
     }
 }
 
-/// One of all lanes, by halves: each half is one vector.
+/// Reduction of all lanes, by halves: each half is one vector.
 #[inline(always)]
 pub(super) fn reduced<T: Sample>(lanes: &[T; LANES], of: impl Fn(T, T) -> T) -> T {
     let eight: [T; 8] = std::array::from_fn(|k| of(lanes[k], lanes[k + 8]));
@@ -75,7 +75,7 @@ pub(super) fn most<T: Sample>(one: T, other: T) -> T {
     if other > one { other } else { one }
 }
 
-/// By how much a signal must come back from an extreme for it to be a turning point.
+/// Distance by which a signal must return from an extreme for it to be a turning point.
 pub fn reversal(extremes: &[(f64, f64)], noise: f64) -> f64 {
     let mut ranges: Vec<f64> =
         extremes.iter().filter(|(low, high)| low <= high).map(|(low, high)| high - low).collect();
@@ -91,7 +91,7 @@ pub fn reversal(extremes: &[(f64, f64)], noise: f64) -> f64 {
     least.max(RIPPLE * rare)
 }
 
-/// Where a signal turns: the first sample of the block, and the extreme.
+/// A turning point: the first sample of its block, and the extreme.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Turn {
     pub at: u64,
@@ -101,9 +101,9 @@ pub struct Turn {
 /// Both levels of a few pulses.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Level {
-    /// Sample in the middle of them.
+    /// Middle sample of the pulses.
     pub centre: u64,
-    /// Sample before the first and after the last turning point.
+    /// Samples before the first and after the last turning point.
     pub span: (u64, u64),
     pub bottom: f64,
     pub top: f64,
@@ -132,11 +132,11 @@ enum Going {
 #[derive(Debug, Clone)]
 pub struct Swings {
     going: Going,
-    /// The least and the greatest value since the last turn; while the signal rises only the greatest is updated, while it
-    /// falls only the least.
+    /// Least and greatest value since the last turn; only the greatest is updated while the signal rises, only the least
+    /// while it falls.
     low: Turn,
     high: Turn,
-    /// Extremes of the block before.
+    /// Extremes of the previous block.
     before: (f64, f64),
 }
 
@@ -148,7 +148,7 @@ impl Default for Swings {
 }
 
 impl Swings {
-    /// Go on with the blocks from sample `first` on.
+    /// Process the blocks from sample `first` on.
     pub fn feed(&mut self, extremes: &[(f64, f64)], reversal: f64, first: u64, mut found: impl FnMut(Turn)) {
         for (&(low, high), at) in extremes.iter().zip((first..).step_by(BLOCK)) {
             if low > high {
@@ -165,7 +165,7 @@ impl Swings {
             if higher {
                 self.high = high;
             }
-            // In a block on a steep edge one extreme is new, and the other is older than it.
+            // In a block on a steep edge one extreme is new, the other is older.
             let (rising, falling) = (higher && low.value > before.0, lower && high.value < before.1);
             match self.going {
                 Going::Nowhere if self.high.value - self.low.value > reversal => {
@@ -187,24 +187,24 @@ impl Swings {
     }
 }
 
-/// Turning points to levels. Turning points of swings much smaller than others nearby are left out; the rest are grouped.
+/// Levels from turning points. Turning points of swings much smaller than others nearby are dropped; the rest are grouped.
 #[derive(Debug, Clone, Default)]
 pub struct Grouping {
-    /// The turning points that were not compared yet.
+    /// Turning points that have not been compared yet.
     turns: VecDeque<Turn>,
     /// The last turning point that was compared.
     before: Option<Turn>,
-    /// Number of the swing that leads to the first of `turns`; no swing leads to the record's first turning point.
+    /// Number of the swing to the first of `turns`; no swing leads to the record's first turning point.
     next: usize,
-    /// Swings that may be the largest nearby, with their numbers: each is larger than all that follow it.
+    /// Candidates for the largest swing nearby, with their numbers: each is larger than all that follow.
     largest: VecDeque<(usize, f64)>,
-    /// The extreme since the last turn that was taken.
+    /// The extreme since the last accepted turn.
     held: Option<(Turn, bool)>,
     group: Vec<Turn>,
 }
 
 impl Grouping {
-    /// Take a turning point; a group that it completes goes to `found`.
+    /// Add a turning point; a completed group goes to `found`.
     pub fn push(&mut self, turn: Turn, noise: f64, found: &mut Vec<Level>) {
         if let Some(last) = self.turns.back().or(self.before.as_ref()) {
             let size = (turn.value - last.value).abs();
@@ -219,7 +219,7 @@ impl Grouping {
         }
     }
 
-    /// The levels of the turning points taken since the last whole group, as if no more came.
+    /// Levels of the turning points since the last complete group, as if no more came.
     pub fn rest(&self, noise: f64) -> Vec<Level> {
         let mut end = self.clone();
         let mut found = Vec::new();
@@ -233,7 +233,7 @@ impl Grouping {
         found
     }
 
-    /// Take the next turn, if the swing to it is large among those nearby.
+    /// Accept the next turn if its swing is large among those nearby.
     fn compare(&mut self, noise: f64, found: &mut Vec<Level>) {
         let Some(turn) = self.turns.pop_front() else { return };
         let swing = self.next;

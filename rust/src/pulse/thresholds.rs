@@ -1,12 +1,12 @@
-//! Thresholds of the detector of pulses, and the crossings that it finds.
+//! Thresholds of the pulse detector, and the crossings that it detects.
 
 use super::sample::Sample;
 use crate::error::{Error, Result, require};
 
-/// An upward crossing of the middle: when, and by how much the signal rose between the two samples beside it.
+/// An upward crossing of the middle: its time, and the rise of the signal between the two samples around it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Edge {
-    /// In samples since the very first.
+    /// Time in samples from the first.
     pub time: f64,
     /// Infinite next to a saturated sample.
     pub rise: f64,
@@ -22,18 +22,18 @@ impl From<Edge> for f64 {
     }
 }
 
-/// Thresholds, and a middle that may go along a line.
+/// Thresholds, and a middle that may change linearly.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Levels {
-    /// Arms the detector at or below.
+    /// Threshold at or below which the detector is armed.
     pub low: f64,
-    /// Fires it at or above.
+    /// Threshold at or above which it fires.
     pub high: f64,
-    /// At sample `origin`.
+    /// Middle at sample `origin`.
     pub middle: f64,
-    /// Of the middle, per sample.
+    /// Slope of the middle, per sample.
     pub slope: f64,
-    /// Where the middle is `middle`.
+    /// Sample at which the middle is `middle`.
     pub origin: u64,
 }
 
@@ -44,10 +44,10 @@ impl Levels {
         self.middle + self.slope * sample.wrapping_sub(self.origin).cast_signed() as f64
     }
 
-    /// Low and high threshold in the samples' type; a comparison with them gives the same as in f64.
+    /// Low and high threshold in the samples' type; comparisons with them are equivalent to those in f64.
     ///
     /// # Errors
-    /// Where the samples' type cannot hold one of the two.
+    /// If the samples' type can't represent a threshold.
     pub(super) fn thresholds<T: Sample>(&self) -> Result<(T, T)> {
         let outside = |name: &str, level: f64| {
             Error::Invalid(format!(

@@ -1,13 +1,13 @@
-//! How well crossings are timed: by the sampling of their edges, and by the noise on them.
+//! Standard deviations of crossing times, from sampling and from noise.
 
 use super::noise::noise_beside;
 use super::sample::{LARGEST, Sample};
 use super::thresholds::Edge;
 
-/// Crossings that are taken together.
+/// Crossings that are processed together.
 const TOGETHER: usize = 64;
-/// Rise between the two samples around a crossing, as a share of the train's height, to the error of a straight line between
-/// them [samples]: 1 / sqrt(12) for steps, for ramps and sines averaged over the places that the samples may have.
+/// Pairs of the rise between the two samples around a crossing, as a share of the train's height, and the error of linear
+/// interpolation [samples]: 1 / sqrt(12) for steps, averaged over sample positions for ramps and sines.
 const GRID: [(f64, f64); 20] = [
     (0.0, 0.0),
     (0.156, 0.0011),
@@ -30,8 +30,8 @@ const GRID: [(f64, f64); 20] = [
     (0.938, 0.2298),
     (1.0, 0.2887),
 ];
-/// Noise makes an edge cross the level several times, and the last crossing counts. Pairs of the noise over the rise in a
-/// sample, and the factor by which this lessens the standard deviation of a crossing; from simulations.
+/// Noise makes an edge cross the level several times, and the last crossing counts. Pairs of the noise over the rise per
+/// sample, and the factor by which this reduces the standard deviation of a crossing; from simulations.
 const LAST: [(f64, f64); 9] = [
     (0.3, 1.0),
     (0.5, 0.982),
@@ -43,27 +43,27 @@ const LAST: [(f64, f64); 9] = [
     (12.0, 0.678),
     (20.0, 0.627),
 ];
-/// On average a point on a straight line between two samples has this share of their variance.
+/// Mean variance of a point on the line between two samples, over that of the samples.
 const BETWEEN: f64 = 2.0 / 3.0;
-/// With fewer samples a pulse the noise is measured at frequencies beside the train's.
+/// Samples per pulse below which noise is measured at frequencies beside the train's.
 const DENSE: f64 = 10.0;
-/// An edge's steepness is taken from its rise if that is more than so many standard deviations of the noise.
+/// Rise of an edge, in standard deviations of the noise, above which its steepness is taken from the rise.
 const STEEP: f64 = 4.0;
-/// An edge whose rise is a larger share of the height is a step; noise does not move its crossing.
+/// Rise as a share of the height above which an edge is a step, whose crossing noise does not affect.
 const STEP: f64 = 0.95;
 
 /// Standard deviations of crossing times [samples], from sampling and from noise.
 #[derive(Debug, Clone, Default)]
 pub struct Timing {
-    /// Of sampling.
+    /// Standard deviation from sampling.
     pub grid: Vec<f64>,
-    /// Of noise.
+    /// Standard deviation from noise.
     pub noise: Vec<f64>,
 }
 
 impl Timing {
-    /// Find them for crossings in `samples`, the first of which is sample `first` of the record, from the `heights` of the
-    /// train at each (0 where not known) and the standard deviation of the noise.
+    /// Compute them for crossings in `samples`, which start at sample `first` of the record, from the train's `heights` at
+    /// each (0 if unknown) and the standard deviation of the noise.
     pub fn of<T: Sample>(samples: &[T], first: u64, edges: &[Edge], heights: &[f64], noise: f64) -> Self {
         let mut found = Self::default();
         let noise = beside(samples, first, edges, noise);
@@ -76,7 +76,7 @@ impl Timing {
     }
 }
 
-/// The noise; where pulses are dense it is measured at frequencies beside theirs.
+/// Standard deviation of the noise; for dense pulses it is measured at frequencies beside theirs.
 fn beside<T: Sample>(samples: &[T], first: u64, edges: &[Edge], noise: f64) -> f64 {
     if period(edges).is_none_or(|period| period > DENSE) {
         return noise;
@@ -101,7 +101,7 @@ fn together<T: Sample>(samples: &[T], first: u64, edges: &[Edge], heights: &[f64
         return (GRID[GRID.len() - 1].1, 0.0);
     }
     let rise = edges.iter().map(|edge| edge.rise.min(height)).sum::<f64>() / edges.len() as f64;
-    // Each level is the extreme of the samples of half a pulse; noise makes extremes larger.
+    // Each level is the extreme of the samples in half a pulse; noise increases extremes.
     let period = period(edges).unwrap_or(2.0 * DENSE);
     let pushed = noise * ((2.0 * (0.5 * period).max(2.0).ln()).sqrt() - 0.6).max(0.0);
     let share = rise / (height - 2.0 * pushed).max(rise);
@@ -110,11 +110,11 @@ fn together<T: Sample>(samples: &[T], first: u64, edges: &[Edge], heights: &[f64
         return (grid, 0.0);
     }
     let steep = rise > STEEP * noise;
-    // Crossings are more frequent where noise adds to the rise: with slope s they rise by s + 2 noise^2 / s on average.
+    // Crossings are more frequent where noise adds to the rise: for slope s the mean rise is s + 2 noise^2 / s.
     let own = 0.5 * (rise + (rise * rise - 8.0 * noise * noise).max(0.0).sqrt());
     let slope = if steep { own } else { wide_slope(samples, first, edges, period).unwrap_or(own) };
     let ratio = noise / slope;
-    // Even on a flat edge a crossing lies within its pulse.
+    // Even on a flat edge a crossing is within its pulse.
     (grid, (BETWEEN.sqrt() * ratio * interpolated(&LAST, ratio)).min(0.5 * period))
 }
 
@@ -125,7 +125,7 @@ fn wide_slope<T: Sample>(samples: &[T], first: u64, edges: &[Edge], period: f64)
     let (mut sum, mut count) = (0.0, 0.0);
     for edge in edges {
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
-        // crossings are not before the window by much
+        // crossings are at most slightly before the window
         let Some(at) = (edge.time as u64).checked_sub(first).map(|at| at as usize) else { continue };
         if at + 1 < reach || at + reach >= samples.len() || reach < 2 {
             continue;
@@ -139,7 +139,7 @@ fn wide_slope<T: Sample>(samples: &[T], first: u64, edges: &[Edge], period: f64)
     (sum > 0.0).then(|| sum / count)
 }
 
-/// Straight lines through a table, level beyond its ends.
+/// Linear interpolation in a table, constant beyond its ends.
 fn interpolated(table: &[(f64, f64)], x: f64) -> f64 {
     let above = table.partition_point(|&(place, _)| place <= x);
     if above == 0 {

@@ -1,4 +1,4 @@
-//! Pulses of a train whose levels change: a window is looked at one ahead of that in which crossings are taken.
+//! Pulses of a train with changing levels; levels are estimated one window ahead of the crossings.
 
 use std::collections::VecDeque;
 
@@ -16,38 +16,37 @@ use crate::stop::Stop;
 
 /// Distance between the thresholds as a share of that between the levels.
 const HYSTERESIS: f64 = 0.4;
-/// Largest such share, for large noise; with more the tops of pulses of few samples would be missed.
+/// Largest such share, for large noise; a larger one would miss the tops of pulses with few samples.
 const WIDEST: f64 = 0.6;
-/// Distance between the thresholds that noise alone does not cross, in its standard deviations.
+/// Distance between the thresholds, in standard deviations of the noise, that noise alone does not cross.
 const BRIDGED: f64 = 8.4;
-/// A pulse higher than so many standard deviations of the noise can't be noise: 0.6 of it is 8.4.
+/// Height of a pulse, in standard deviations of the noise, above which it can't be noise: 0.6 of it is 8.4.
 const LIMIT: f64 = 14.0;
-/// Levels are kept while their middle changes by less than this share of the noise, and their height by less than this share
-/// of itself.
+/// Largest change for levels to be kept: of the middle, as a share of the noise, and of the height, as a share of itself.
 const SAME_MIDDLE: f64 = 0.5;
 const SAME_HEIGHT: f64 = 0.05;
-/// Number of stretches whose noise is pooled, and the least number that a window adds.
+/// Number of stretches whose noise is pooled, and least number that a window adds.
 const STRETCHES: usize = 64;
 const LEAST_STRETCHES: usize = 4;
-/// Noise has changed where a window's is more than so many times that of the windows before.
+/// Ratio of a window's noise to that of the previous ones above which the noise has changed.
 const CHANGED: f64 = 1.5;
 
 /// Crossings of a window.
 #[derive(Debug, Clone, Default)]
 pub struct Pulses {
-    /// Times, in samples since the record's first.
+    /// Times in samples from the record's first.
     pub times: Vec<f64>,
-    /// Of the train at each crossing; 0 where no turning points tell of it.
+    /// Height of the train at each crossing; 0 without turning points nearby.
     pub heights: Vec<f64>,
     /// Standard deviations of the times [samples], from sampling and from noise.
     pub timing: Timing,
-    /// Low, high and middle, each time they changed.
+    /// Low, high and middle at each change.
     pub levels: Vec<[f64; 3]>,
-    /// Height from which on a pulse can't be noise.
+    /// Height above which a pulse can't be noise.
     pub limit: f64,
 }
 
-/// Thresholds that hold from a sample on, and the height of the train.
+/// Thresholds that apply from a sample on, and the height of the train.
 #[derive(Debug, Clone, Copy)]
 struct Piece {
     start: u64,
@@ -55,16 +54,16 @@ struct Piece {
     height: f64,
 }
 
-/// A window that was looked at.
+/// A window whose levels are estimated.
 #[derive(Debug, Clone)]
 struct Window {
     length: usize,
     noise: f64,
-    /// Only where a window continues the pulses of those before it: the train's state at its start, and its crossings.
+    /// Only if a window continues the previous pulses: the train's state at its start, and its crossings.
     held: Option<(Steady, Held)>,
 }
 
-/// Follows the levels of a train and takes its crossings.
+/// Tracks the levels of a train and detects its crossings.
 #[derive(Debug, Clone)]
 pub struct PulseTracker {
     threshold: Option<f64>,
@@ -76,17 +75,17 @@ pub struct PulseTracker {
     windows: VecDeque<Window>,
     detector: PulseCrossings,
     extremes: Vec<(f64, f64)>,
-    /// Noises of the last stretches.
+    /// Noise of the last stretches.
     stretches: VecDeque<f64>,
-    /// Where the last window's levels held.
+    /// State if the last window's levels were unchanged.
     steady: Option<Steady>,
 }
 
 impl PulseTracker {
-    /// A tracker before its first window. A threshold, or a distance between the thresholds, that is given stays as it is.
+    /// A tracker before its first window. A given threshold, or distance between the thresholds, remains constant.
     ///
     /// # Errors
-    /// If they are no numbers to work with.
+    /// For invalid numbers.
     pub fn new(threshold: Option<f64>, hysteresis: Option<f64>) -> Result<Self> {
         require(threshold.is_none_or(f64::is_finite), || {
             format!("threshold: found {}, expected a finite number", threshold.unwrap_or_default())
@@ -114,10 +113,10 @@ impl PulseTracker {
         self.detector.gaps()
     }
 
-    /// Look at the next window for levels.
+    /// Estimate the levels of the next window.
     ///
     /// # Errors
-    /// On a stop, after which the tracker is of no more use.
+    /// On a stop, after which the tracker is unusable.
     pub fn look<T: Sample>(&mut self, window: &[T], stop: &Stop) -> Result<()> {
         let held = self.steady.map(|steady| steady.holds(window, self.looked, stop)).transpose()?.flatten();
         self.take_in(window, held, stop)
@@ -125,7 +124,7 @@ impl PulseTracker {
 
     fn take_in<T: Sample>(&mut self, window: &[T], held: Option<Held>, stop: &Stop) -> Result<()> {
         let (Some(steady), Some(held)) = (self.steady, held) else { return self.look_anew(window, stop) };
-        // What was not grouped is, as at a record's end.
+        // The remaining turning points are grouped, as at a record's end.
         let rest = std::mem::take(&mut self.grouping).rest(steady.level.noise);
         let rest: Vec<Level> = rest.into_iter().filter(|level| self.is_usable(level)).collect();
         self.levels.extend(rest);
@@ -154,7 +153,7 @@ impl PulseTracker {
         let mut pooled: Vec<f64> = self.stretches.iter().copied().collect();
         pooled.sort_by(f64::total_cmp);
         let pooled = quarter(&pooled);
-        // Few stretches scatter much; only a clear change of the noise counts.
+        // Estimates from few stretches scatter widely; only a clear change of the noise counts.
         let alike = own < CHANGED * pooled && pooled < CHANGED * own;
         let noise = if alike { pooled } else { own };
         let mut found = Vec::new();
@@ -172,9 +171,9 @@ impl PulseTracker {
         Ok(())
     }
 
-    /// The train after a window whose levels are all the same.
+    /// The train's state after a window with constant levels.
     fn steady_after<T: Sample>(&self, window: &[T], found: &[Level], noise: f64) -> Option<Steady> {
-        // With which the next window begins, so that nothing jumps.
+        // The levels at which the next window starts, so that nothing jumps.
         let rest = self.grouping.rest(noise).into_iter().rfind(|level| self.is_usable(level));
         let level = Level { noise, ..rest.or_else(|| found.last().copied())? };
         if !found.iter().all(|other| stays(&level, other)) {
@@ -184,11 +183,11 @@ impl PulseTracker {
         Steady::after(window, &self.extremes, level, levels)
     }
 
-    /// Return the crossings of the oldest window that was looked at; `samples` are those of that window.
+    /// Return the crossings of the oldest window whose levels are estimated; `samples` are those of that window.
     ///
     /// # Errors
-    /// If it is not that long, if its type can't hold a given threshold, or on a stop, after which the tracker is of no
-    /// more use.
+    /// If it has another length, if its type can't represent a given threshold, or on a stop, after which the tracker is
+    /// unusable.
     pub fn cross<T: Sample>(&mut self, samples: &[T], stop: &Stop) -> Result<Pulses> {
         let window = self.windows.pop_front().filter(|window| window.length == samples.len());
         let mut window = window.ok_or_else(|| {
@@ -203,7 +202,7 @@ impl PulseTracker {
         let pieces = self.along(&known, first, end);
         let mut pulses = Pulses { limit: LIMIT * window.noise, ..Pulses::default() };
         if pieces.is_empty() {
-            // Only for the gaps.
+            // Only the gaps are needed.
             self.detector.set_levels(-1.0, 1.0, 0.0)?;
             self.detector.edges(samples, stop)?;
             self.detector.disarm();
@@ -238,14 +237,14 @@ impl PulseTracker {
     ) -> Pulses {
         pulses.timing = Timing::of(samples, first, &edges, &pulses.heights, window.noise);
         pulses.times = edges.into_iter().map(|edge| edge.time).collect();
-        // Of the past levels only the last two are needed again.
+        // Only the last two of the past levels are needed again.
         while self.levels.len() > 2 && self.levels[2].centre < first + samples.len() as u64 {
             self.levels.pop_front();
         }
         pulses
     }
 
-    /// The crossings of a window that goes on as those before, if its pieces are those that it was looked at with.
+    /// Known crossings of a window that continues the previous ones, if its pieces are those of the level estimate.
     fn known_edges<T: Sample>(
         &mut self,
         pieces: &[Piece],
@@ -261,12 +260,12 @@ impl PulseTracker {
         Ok(self.detector.timed(samples, (held.first, held.edges), (steady.armed, held.armed)))
     }
 
-    /// Whether a given threshold, if there is one, lies between the levels.
+    /// Whether a given threshold, if any, is between the levels.
     fn is_usable(&self, level: &Level) -> bool {
         self.levels_between(level, level, 0).is_some()
     }
 
-    /// Levels near a window; none where the train has none.
+    /// Levels near a window; empty if the train has none.
     fn known<T: Sample>(
         &self,
         samples: &[T],
@@ -288,7 +287,7 @@ impl PulseTracker {
         Ok(known)
     }
 
-    /// Pieces from level to level; before the first level and after the last one theirs hold.
+    /// Pieces between levels; those before the first and after the last are constant.
     fn along(&self, known: &[Level], first: u64, end: u64) -> Vec<Piece> {
         let mut pieces: Vec<Piece> = Vec::new();
         let Some(&(mut held)) = known.first() else { return pieces };
@@ -328,8 +327,7 @@ impl PulseTracker {
         pieces
     }
 
-    /// Thresholds on the way from one pair of levels to another, from `start` on; None where a given threshold does
-    /// not lie between them.
+    /// Thresholds between one pair of levels and another, from `start` on; None if a given threshold is not between them.
     fn levels_between(&self, one: &Level, other: &Level, start: u64) -> Option<(Levels, f64)> {
         let (bottom, top) = (0.5 * (one.bottom + other.bottom), 0.5 * (one.top + other.top));
         let (height, noise) = (top - bottom, one.noise.max(other.noise));
@@ -341,7 +339,7 @@ impl PulseTracker {
         let (low, high) = match (self.threshold, self.hysteresis) {
             (Some(_), Some(_)) => (centre - 0.5 * width, centre + 0.5 * width),
             _ if !(bottom < centre && centre < top) => return None,
-            // A threshold goes at most half the way from the middle to a level.
+            // A threshold is at most halfway from the middle to a level.
             _ => (centre - 0.5 * width.min(centre - bottom), centre + 0.5 * width.min(top - centre)),
         };
         let mut levels = Levels { low, high, middle: centre, slope: 0.0, origin: start };
@@ -358,7 +356,7 @@ impl PulseTracker {
     }
 }
 
-/// Whether a level is taken for the same as the one before.
+/// Whether a level counts as equal to the previous one.
 fn stays(held: &Level, other: &Level) -> bool {
     (other.middle() - held.middle()).abs() <= SAME_MIDDLE * held.noise
         && (other.height() - held.height()).abs() <= SAME_HEIGHT * held.height()

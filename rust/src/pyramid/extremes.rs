@@ -1,4 +1,4 @@
-//! Least and greatest finite sample of blocks of equal length, of samples that come in chunks of any length.
+//! Least and greatest finite sample of blocks of equal length, for samples in chunks of any length.
 
 use multiversion::multiversion;
 
@@ -7,19 +7,19 @@ use crate::error::{Result, require};
 use crate::pulse::Sample;
 use crate::stop::{CHECK_EVERY, Stop};
 
-/// Lanes that are compared side by side: a block has several vectors of them.
+/// Lanes that are compared in parallel; a block has several vectors of them.
 const LANES: usize = 16;
 
-/// Least and greatest of a block; both NaN where no sample is finite.
+/// Least and greatest of a block; both NaN if no sample is finite.
 pub type Pair = [f64; 2];
 
 const NONE: Pair = [f64::NAN, f64::NAN];
 
-/// Extremes of blocks of a channel; infinite samples count as missing.
+/// Extremes of a channel's blocks; infinite samples count as missing.
 #[derive(Debug, Clone)]
 pub struct Extremes {
     block: usize,
-    /// Of the block that is not complete.
+    /// Extremes of the incomplete block.
     begun: Pair,
     filled: usize,
     seen: u64,
@@ -27,19 +27,19 @@ pub struct Extremes {
 }
 
 impl Extremes {
-    /// Blocks of so many samples.
+    /// Blocks of this number of samples.
     ///
     /// # Errors
-    /// Where the block is empty.
+    /// If the block is empty.
     pub fn new(block: usize) -> Result<Self> {
         require(block > 0, || "block: found 0, expected at least 1 sample".to_owned())?;
         Ok(Self { block, begun: NONE, filled: 0, seen: 0, gaps: Gaps::default() })
     }
 
-    /// Take the next samples and return the blocks that they complete.
+    /// Add the next samples and return the completed blocks.
     ///
     /// # Errors
-    /// On a stop; the extremes must not be fed after it.
+    /// On a stop; no more samples must be fed after it.
     pub fn feed<T: Sample>(&mut self, samples: &[T], stop: &Stop) -> Result<Vec<Pair>> {
         let mut found = Vec::with_capacity((self.filled + samples.len()) / self.block);
         let first = samples.len().min((self.block - self.filled) % self.block);
@@ -52,7 +52,7 @@ impl Extremes {
         Ok(found)
     }
 
-    /// The last block, where samples are left that do not fill one.
+    /// The last, incomplete block, if any.
     pub fn finish(&mut self) -> Option<Pair> {
         self.gaps.close();
         let left = self.filled > 0;
@@ -60,7 +60,7 @@ impl Extremes {
         left.then(|| std::mem::replace(&mut self.begun, NONE))
     }
 
-    /// Samples seen so far.
+    /// Number of samples so far.
     #[must_use]
     pub const fn seen(&self) -> u64 {
         self.seen
@@ -72,7 +72,7 @@ impl Extremes {
         &self.gaps
     }
 
-    /// Samples from the beginning of a block on.
+    /// Process samples from the start of a block.
     fn whole<T: Sample>(&mut self, mut samples: &[T], found: &mut Vec<Pair>) {
         loop {
             let taken = self.block * finite_blocks(samples, self.block, found);
@@ -87,7 +87,7 @@ impl Extremes {
         }
     }
 
-    /// One sample after the other, each looked at for a gap.
+    /// Process samples one by one, with a check for gaps.
     fn take<T: Sample>(&mut self, samples: &[T], found: &mut Vec<Pair>) {
         for &sample in samples {
             let value: f64 = sample.into();
@@ -106,7 +106,7 @@ impl Extremes {
     }
 }
 
-/// Extremes of whole blocks up to the first one with a sample that is not finite, and how many these are.
+/// Extremes of whole blocks up to the first one with a sample that is not finite, and their number.
 #[multiversion(targets("x86_64+avx512f", "x86_64+avx2"))]
 fn finite_blocks<T: Sample>(samples: &[T], block: usize, found: &mut Vec<Pair>) -> usize {
     let before = found.len();
@@ -117,7 +117,7 @@ fn finite_blocks<T: Sample>(samples: &[T], block: usize, found: &mut Vec<Pair>) 
     found.len() - before
 }
 
-/// Extremes of a block whose samples are all finite; None where one is not.
+/// Extremes of a block of finite samples; None if a sample is not finite.
 #[inline(always)]
 fn of_finite<T: Sample>(block: &[T]) -> Option<Pair> {
     let &first = block.first()?;
@@ -130,7 +130,7 @@ fn of_finite<T: Sample>(block: &[T]) -> Option<Pair> {
             missing[k] |= lane[k].is_gap();
         }
     }
-    // Half of the lanes with the other half, in vectors again: one after the other they would take as long as the block.
+    // By halves, each a vector: lane by lane it would take as long as the block.
     let mut half = LANES;
     while half > 1 {
         half /= 2;
@@ -145,14 +145,14 @@ fn of_finite<T: Sample>(block: &[T]) -> Option<Pair> {
     });
     let missing = missing[0] || rest.iter().any(|x| x.is_gap());
     let (low, high): (f64, f64) = (low.into(), high.into());
-    // A NaN is lost in comparisons, an infinity shows in the bounds.
+    // Comparisons lose a NaN; an infinity appears in the extremes.
     (!missing && low.is_finite() && high.is_finite()).then_some([low, high])
 }
 
-/// Extremes of every `factor` pairs, the last of what is left.
+/// Extremes of every `factor` pairs, the last group possibly smaller.
 ///
 /// # Errors
-/// Where the factor is below 2, or on a stop.
+/// If the factor is below 2, or on a stop.
 pub fn coarser(pairs: &[Pair], factor: usize, stop: &Stop) -> Result<Vec<Pair>> {
     require(factor > 1, || format!("factor: found {factor}, expected at least 2"))?;
     stop.check()?;

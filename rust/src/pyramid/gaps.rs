@@ -1,19 +1,19 @@
-//! Stretches of samples that are no finite numbers, as many as memory is set aside for.
+//! Stretches of samples that are not finite, in bounded memory.
 
-/// Stretches kept; a channel with more is shown with those, and with how many there are.
+/// Most stretches that are kept; only the number of further ones is known.
 const KEPT: usize = 4096;
 
 /// Stretches of missing samples, in order.
 #[derive(Debug, Clone, Default)]
 pub struct Gaps {
     spans: Vec<(u64, u64)>,
-    /// First sample of the stretch that is not over, and the one after its last sample so far.
+    /// First sample of the open stretch, and the one after its last so far.
     open: Option<(u64, u64)>,
     count: u64,
 }
 
 impl Gaps {
-    /// One sample is missing; places ascend.
+    /// Add a missing sample; indices ascend.
     pub fn missing(&mut self, place: u64) {
         match &mut self.open {
             Some((_, stop)) if *stop == place => *stop += 1,
@@ -24,7 +24,7 @@ impl Gaps {
         }
     }
 
-    /// End the stretch that is open, if there is one.
+    /// End the open stretch, if any.
     pub fn close(&mut self) {
         if let Some(span) = self.open.take() {
             self.count += 1;
@@ -39,7 +39,7 @@ impl Gaps {
         self.spans.iter().copied().chain(self.open.filter(|_| self.spans.len() < KEPT))
     }
 
-    /// How many there are in all.
+    /// Number of all stretches.
     #[must_use]
     pub fn count(&self) -> u64 {
         self.count + u64::from(self.open.is_some())

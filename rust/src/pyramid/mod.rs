@@ -1,4 +1,4 @@
-//! The levels of a min/max pyramid: what a long channel looks like at any zoom, without a sample left out.
+//! Levels of a min/max pyramid, which show a long channel at any zoom without omitting a sample.
 
 mod extremes;
 mod gaps;
