@@ -1,10 +1,10 @@
-//! Linear recursions with their derivatives: what a linear model becomes from one sample to the next.
+//! Linear recursions with derivatives: a linear model from one sample to the next.
 //!
 //! ```text
 //! x[k+1] = F x[k] + G w[k]      y[k] = C x[k] + D w[k]
 //! ```
 //!
-//! with inputs w that are one signal, each shifted by whole samples, and the same differentiated:
+//! with inputs w that are copies of one signal, each shifted by whole samples. Differentiated:
 //! `dx[k+1] = F dx[k] + dF x[k] + dG w[k]`, `dy[k] = C dx[k] + dC x[k] + dD w[k]`.
 
 use pulp::{Simd, WithSimd};
@@ -15,17 +15,17 @@ use crate::instruction_set::arch;
 use crate::stop::Stop;
 use crate::subnormal::cut_all;
 
-/// Samples between two looks at the stop flag and the results, and two cuts of what has decayed.
+/// Samples between two checks for a stop or for divergence, and between cuts of decayed states.
 const BLOCK: usize = 64;
-/// The value and the directions that a pass carries side by side.
+/// Value and directions that a pass computes in parallel.
 const LANES: usize = 8;
-/// Rows whose sums take turns, so that none waits for itself.
+/// Rows whose sums are interleaved to hide latency.
 const GROUP: usize = 5;
 
-/// A recursion, its derivatives and what drives it, checked.
+/// A validated recursion, with derivatives and input.
 #[derive(Debug, Clone, Copy)]
 pub struct Recursion<'a> {
-    /// `[F, G; C, D]` row after row, then its derivatives.
+    /// `[F, G; C, D]` by rows, then its derivatives.
     system: &'a [f64],
     /// The states at the first sample, then their derivatives.
     start: &'a [f64],
@@ -37,11 +37,11 @@ pub struct Recursion<'a> {
 }
 
 impl<'a> Recursion<'a> {
-    /// Check and collect: `system` `[1 + directions, states + outputs, states + inputs]`, `start` `[1 + directions, states]`;
-    /// input `j` of sample `k` is sample `k + shifts[j]` of the signal, which stands still before its first and after its last.
+    /// Validate: `system` `[1 + directions, states + outputs, states + inputs]`, `start` `[1 + directions, states]`; input
+    /// `j` of sample `k` is sample `k + shifts[j]` of the signal, which is extended by its first and last samples.
     ///
     /// # Errors
-    /// [`Error::Invalid`] where the lengths don't fit together or a value is not finite.
+    /// [`Error::Invalid`] if lengths do not match or a value is not finite.
     pub fn new(
         system: &'a [f64],
         start: &'a [f64],
@@ -69,8 +69,7 @@ impl<'a> Recursion<'a> {
         Ok(Self { system, start, states, outputs, signal, shifts, dt })
     }
 
-    /// Run through the signal; `values` `[outputs, samples]` and `derivatives` `[directions, outputs, samples]` are filled row
-    /// after row.
+    /// Run over the signal; fills `values` `[outputs, samples]` and `derivatives` `[directions, outputs, samples]` by rows.
     ///
     /// # Errors
     /// [`Error::Diverged`] where an output or derivative is not finite, [`Error::Stopped`] on request.
@@ -79,7 +78,7 @@ impl<'a> Recursion<'a> {
         if rows.is_empty() {
             return self.pass(0, &mut [values], stop);
         }
-        // The value is made again with every few directions.
+        // Each group of directions recomputes the value.
         for (index, some) in rows.chunks_mut(LANES - 1).enumerate() {
             let mut lanes = vec![&mut *values];
             lanes.extend(some.iter_mut().map(|row| &mut **row));
@@ -88,7 +87,7 @@ impl<'a> Recursion<'a> {
         Ok(())
     }
 
-    /// What a pass needs, with so many lanes in use.
+    /// Arrays of a pass with so many used lanes.
     fn prepared(&self, skipped: usize, used: usize) -> Steps {
         let Self { system, start, states, outputs, shifts, .. } = *self;
         let (width, rows) = (states + shifts.len(), states + outputs);
@@ -133,7 +132,7 @@ impl<'a> Recursion<'a> {
             history: vec![[0.0; LANES]; (BLOCK + 1) * height],
             drive: vec![0.0; BLOCK * shifts.len()],
         };
-        // A derivative by the initial state alone leaves the system as it is.
+        // A derivative by the initial state alone does not change the system.
         let still = |(place, lanes): (usize, &[[f64; LANES]; GROUP])| {
             place % width >= states || lanes.as_flattened().iter().all(|factor| *factor == 0.0)
         };
@@ -146,7 +145,7 @@ impl<'a> Recursion<'a> {
         steps
     }
 
-    /// One pass with the value in the first lane and, in the others, what follows the derivative `skipped`.
+    /// A pass with the value in the first lane and, in the others, the derivatives after `skipped`.
     fn pass(&self, skipped: usize, lanes: &mut [&mut [f64]], stop: &Stop) -> Result<()> {
         let Self { states, signal, shifts, dt, .. } = *self;
         let samples = signal.len();
@@ -185,23 +184,24 @@ impl<'a> Recursion<'a> {
     }
 }
 
-/// What a pass needs of the system and keeps of it; matrices a group of rows after the other, in each column after column.
+/// System and states of a pass; matrices are stored by groups of rows, column by column in each group.
 struct Steps {
-    /// `[F; C]`, by which every lane takes its own states.
+    /// `[F; C]`, applied to the states of each lane.
     own: Vec<[f64; GROUP]>,
-    /// What the value's states and the inputs add to each lane: `[0, G; 0, D]` to the first, a derivative to another.
+    /// Contribution of the value's states and the inputs to each lane: `[0, G; 0, D]` for the first, a derivative for the
+    /// others.
     fed: Vec<[[f64; LANES]; GROUP]>,
-    /// The first column that adds anything.
+    /// The first column with a contribution.
     moved: usize,
     states: usize,
-    /// Rows of the groups together.
+    /// Number of rows in all groups.
     height: usize,
-    /// States, and outputs of the sample before, sample after sample of a block.
+    /// States, and outputs of the previous sample, for each sample of a block.
     history: Vec<[f64; LANES]>,
     drive: Vec<f64>,
 }
 
-/// A block of samples, with the widest vectors that this machine has.
+/// A block of samples, computed with the widest vectors of this machine.
 struct Block<'a> {
     steps: &'a mut Steps,
     samples: usize,
@@ -210,7 +210,7 @@ struct Block<'a> {
 impl WithSimd for Block<'_> {
     type Output = ();
 
-    // Plain indices: an iterator that is not inlined would not be compiled for the machine's vectors.
+    // By index: an iterator that is not inlined would not be compiled for the machine's vectors.
     #[inline(always)]
     #[allow(clippy::needless_range_loop)]
     fn with_simd<S: Simd>(self, simd: S) {
@@ -226,7 +226,7 @@ impl WithSimd for Block<'_> {
                 let sums = &mut future[group * GROUP..][..GROUP];
                 for part in 0..LANES / S::F64_LANES {
                     let mut sum = [simd.splat_f64s(0.0); GROUP];
-                    // Apart, so that a step waits for half of the sums.
+                    // Separate sums, so that a step waits for only half of them.
                     let mut turned = sum;
                     for j in 0..inputs {
                         let value = simd.splat_f64s(drive[j * BLOCK + k]);

@@ -1,13 +1,13 @@
-//! A flag through which a caller stops a running kernel.
+//! A flag by which a caller stops a running kernel.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use crate::error::{Error, Result};
 
-/// Kernels look at the flag at least once in this many samples (well under a second of work each).
+/// Most samples between two checks of the flag (well under a second of work).
 pub const CHECK_EVERY: usize = 1 << 14;
 
-/// Shared by the caller, who may raise it, and the kernels, who look at it every [`CHECK_EVERY`] samples.
+/// Flag shared by the caller, who may raise it, and the kernels, which check it every [`CHECK_EVERY`] samples.
 #[derive(Debug, Default)]
 pub struct Stop(AtomicBool);
 
@@ -18,12 +18,12 @@ impl Stop {
         Self(AtomicBool::new(false))
     }
 
-    /// Ask the kernels to return [`Error::Stopped`] soon.
+    /// Request that the kernels return [`Error::Stopped`] soon.
     pub fn request(&self) {
         self.0.store(true, Ordering::Relaxed);
     }
 
-    /// Return [`Error::Stopped`] once a stop was requested.
+    /// Return [`Error::Stopped`] after a request.
     ///
     /// # Errors
     /// [`Error::Stopped`] after [`Stop::request`].

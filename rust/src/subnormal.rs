@@ -1,19 +1,20 @@
-//! States that decay are cut to zero before they become subnormal numbers, with which a processor computes many times slower.
+//! Decaying states are cut to zero before they become subnormal numbers, with which processors compute many times slower.
 //!
-//! Kernels cut at places that depend on the record alone, every few dozen samples, so that threads and vectors change
-//! nothing. A recursion that rounds would otherwise stay at the least subnormal number for the rest of a record.
+//! Kernels cut every few dozen samples, at samples that depend on the record alone, so that threads and vectors do not
+//! change results. Otherwise rounding would keep a recursion at the least subnormal number for the rest of a record.
 
-/// What is smaller counts as zero: its square is still a normal number, and no signal or derivative means anything there.
+/// Magnitude below which a number counts as zero: its square is still normal, and no signal or derivative is significant
+/// there.
 pub const LEAST: f64 = 1e-140;
 
-/// The number, or zero where it is smaller than [`LEAST`]; NaN stays.
+/// The number, or zero if it is smaller than [`LEAST`]; NaN remains.
 #[inline(always)]
 #[must_use]
 pub fn cut(value: f64) -> f64 {
     if value.abs() < LEAST { 0.0 } else { value }
 }
 
-/// Cut all of them.
+/// Cut all numbers.
 #[inline(always)]
 pub fn cut_all(values: &mut [f64]) {
     for value in values {

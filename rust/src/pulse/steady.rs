@@ -13,7 +13,7 @@ use super::thresholds::{Edge, Levels};
 use crate::error::Result;
 use crate::stop::Stop;
 
-/// Samples of a part; a window must have a multiple of this, and each part at least two pulses.
+/// Samples of a part, and least number of parts in a window; each part must have at least two pulses.
 const PART: usize = 1024;
 const LEAST_PARTS: usize = 8;
 const LANES: usize = 16;

@@ -15,7 +15,7 @@ const CLEAR: f64 = 10.0;
 /// and as a share of the usual range of a block, if every block has a whole pulse and noise can't be measured.
 /// Swings below this share of the largest nearby are ringing or noise on top of it.
 const SHARE: f64 = 0.35;
-/// Number of blocks with at most one disturbance and, in a slow train, few pulses.
+/// Number of blocks of which one may be disturbed; in a slow train only few of the others have pulses.
 const DISTURBED: usize = 500;
 /// Least swing without noise, as a share of the range.
 const RIPPLE: f64 = 0.01;

@@ -1,4 +1,4 @@
-//! Arrays that cross the border: what Python may hand in, and a message that names the argument when it may not.
+//! Arrays from Python: accepted layouts, and messages that name the argument otherwise.
 
 use numpy::ndarray::{Dim, Dimension};
 use numpy::{
@@ -11,7 +11,7 @@ use super::guard;
 use crate::error::{Error, Result, require};
 use crate::stop::Stop;
 
-/// Borrow an aligned C-contiguous array of type `T` and of as many axes as `D` has, or say what was found.
+/// Borrow an aligned C-contiguous array of type `T` with as many axes as `D`, or report what was found.
 pub fn borrow<'py, T: Element, D: Dimension>(
     name: &str,
     array: &Bound<'py, PyAny>,
@@ -46,7 +46,7 @@ pub fn borrow<'py, T: Element, D: Dimension>(
     .into())
 }
 
-/// Check that an array has the shape that the other arguments ask for.
+/// Check that an array has the shape that the other arguments require.
 pub fn expect_shape<const N: usize>(
     name: &str,
     found: &[usize],
@@ -58,8 +58,7 @@ pub fn expect_shape<const N: usize>(
     })?)
 }
 
-/// An array of that shape, of whatever its memory held; one that no memory holds is a `MemoryError`, and a panic in the
-/// crate's own constructor.
+/// Uninitialised array of a shape; failed allocation is a `MemoryError`, while the crate's constructor would panic.
 fn unfilled<const N: usize>(
     py: Python<'_>,
     shape: [usize; N],
@@ -75,7 +74,7 @@ where
     Ok(array.cast_into()?)
 }
 
-/// An array of that shape, every value of which a guarded kernel of so many inner steps writes.
+/// Array of a shape, completely written by a guarded kernel of so many inner steps.
 pub fn filled<const N: usize>(
     py: Python<'_>,
     shape: [usize; N],
@@ -97,7 +96,7 @@ where
 /// Outputs [O, N] and their derivatives [W, O, N].
 pub type Sensitivities<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray3<f64>>);
 
-/// Outputs and their derivatives of the shape [W, O, N], every value of which a guarded kernel of so many inner steps writes.
+/// Outputs and their derivatives of the shape [W, O, N], completely written by a guarded kernel of so many inner steps.
 pub fn filled_with_derivatives(
     py: Python<'_>,
     [by, outputs, samples]: [usize; 3],
@@ -113,7 +112,7 @@ pub fn filled_with_derivatives(
     Ok((values, derivatives))
 }
 
-/// Give spans to Python, int64 [K, 2]: the first sample and the one past the last.
+/// Return spans to Python, int64 [K, 2]: the first sample and one past the last.
 pub fn hand_back_spans(
     py: Python<'_>,
     spans: impl Iterator<Item = (u64, u64)>,
@@ -123,7 +122,7 @@ pub fn hand_back_spans(
     hand_back(py, flat, [count, 2])
 }
 
-/// Give the values to Python as an array of that shape, without a copy.
+/// Return values to Python as an array of a shape, without a copy.
 pub fn hand_back<const N: usize, T: Element>(
     py: Python<'_>,
     values: Vec<T>,

@@ -1,11 +1,11 @@
-//! The one place where a kernel's error becomes a Python exception.
+//! Conversion of kernel errors to Python exceptions.
 
 use pyo3::exceptions::{PyKeyboardInterrupt, PyMemoryError, PyRuntimeError};
 use pyo3::prelude::*;
 
 use crate::error::Error;
 
-/// Raise the class of that name from `shipfp_rs.errors`.
+/// Exception of a class in `shipfp_rs.errors`.
 fn package_error(class: &str, message: String) -> PyErr {
     Python::attach(|py| {
         let instance = py

@@ -1,4 +1,4 @@
-//! Runs a kernel detached from the interpreter: Ctrl-C stops it, and a panic becomes an ordinary exception.
+//! Runs a kernel without the interpreter: Ctrl-C stops it, and a panic becomes an ordinary exception.
 
 use std::any::Any;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -10,7 +10,7 @@ use pyo3::prelude::*;
 use crate::error::{Error, Result};
 use crate::stop::Stop;
 
-/// Below this many state updates a kernel ends in well under a second and needs no watcher.
+/// Number of state updates below which a kernel takes well under a second and needs no watcher.
 const WATCH_FROM: usize = 4_000_000;
 const LOOK_EVERY: Duration = Duration::from_millis(50);
 
@@ -26,12 +26,12 @@ fn caught<T>(kernel: impl FnOnce() -> Result<T>) -> Result<T> {
     catch_unwind(AssertUnwindSafe(kernel)).unwrap_or_else(|panic| Err(Error::Internal(describe(&*panic))))
 }
 
-// The closure is needed: `Python::check_signals` alone is not general enough over the lifetime.
+// The closure is needed: `Python::check_signals` alone is not general enough in its lifetime.
 #[allow(clippy::redundant_closure_for_method_calls)]
-/// Run `kernel` detached; `work` is a rough count of its inner steps.
+/// Run `kernel` detached; `work` is an approximate count of its inner steps.
 ///
-/// Long work goes to a thread of its own while this one keeps looking for signals, since Python only handles
-/// them on the thread that called.
+/// Long work runs on another thread while this one checks for signals, since Python handles signals only on the calling
+/// thread.
 pub fn run<T: Send>(
     py: Python<'_>,
     work: usize,

@@ -1,4 +1,4 @@
-//! Objects that take their input piece by piece.
+//! Objects that process their input piece by piece.
 
 use pyo3::prelude::*;
 
@@ -6,26 +6,26 @@ use super::guard;
 use crate::error::{Error, Result};
 use crate::stop::Stop;
 
-/// A kernel with a state, and whether that state is still whole.
+/// A kernel with a state, and whether that state is valid.
 pub struct Streaming<K> {
     kernel: K,
-    /// Why it can't be used any more.
+    /// Reason why it can't be used any more.
     ended: Option<&'static str>,
 }
 
 impl<K: Send> Streaming<K> {
-    /// Before the first piece.
+    /// A kernel before its first piece.
     pub const fn new(kernel: K) -> Self {
         Self { kernel, ended: None }
     }
 
-    /// What can be read of it.
+    /// Read access to the kernel.
     pub fn kernel(&self) -> PyResult<&K> {
         self.require_whole()?;
         Ok(&self.kernel)
     }
 
-    /// Run one piece; a stop or a panic amid it leaves a state that means nothing, and the object refuses all that follows.
+    /// Process a piece; a stop or a panic meanwhile leaves an invalid state, and the object refuses further calls.
     pub fn run<T: Send>(
         &mut self,
         py: Python<'_>,
@@ -35,7 +35,7 @@ impl<K: Send> Streaming<K> {
         self.require_whole()?;
         self.ended = Some("was stopped amid a piece");
         let kernel = &mut self.kernel;
-        // What is refused before the first sample changes nothing.
+        // Arguments refused before the first sample do not change the state.
         let result = guard::run(py, work, |stop| match piece(kernel, stop) {
             Err(Error::Invalid(message)) => Ok(Err(Error::Invalid(message))),
             other => other.map(Ok),
@@ -44,7 +44,7 @@ impl<K: Send> Streaming<K> {
         Ok(result?)
     }
 
-    /// Take no more pieces.
+    /// Accept no more pieces.
     pub const fn finish(&mut self) {
         self.ended = Some("is finished");
     }

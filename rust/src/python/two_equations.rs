@@ -12,7 +12,7 @@ use crate::two_equations::{
     residuals,
 };
 
-/// State updates that a column at one frequency is worth, in time.
+/// State updates that take as long as a column at one frequency.
 const COLUMN: usize = 4;
 
 type Signals<'py> = PyReadonlyArray<'py, f64, Ix4>;
@@ -24,7 +24,7 @@ fn expect(name: &str, found: &[usize], expected: &[usize]) -> PyResult<()> {
     })?)
 }
 
-/// What both kernels are given of a record, borrowed.
+/// Arguments for a record that both kernels share, borrowed.
 struct Record<'py> {
     equations: Equations,
     signals: Signals<'py>,
@@ -33,7 +33,7 @@ struct Record<'py> {
     open_loop: bool,
 }
 
-/// Names of the late signals.
+/// Names of the delayed signals.
 const LATE: [&str; 3] = ["late speed", "late set point", "late torque"];
 
 impl<'py> Record<'py> {
@@ -105,7 +105,8 @@ fn equation_residuals<'py>(
 
 type Products<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray2<f64>>);
 
-/// Products in units of the noise: of residual and derivatives [1 + W, 1 + W], and of the smooth errors with them [2 O K, 1 + W].
+/// Products in units of the noise: of residual and derivatives [1 + W, 1 + W], and of the smooth errors with them [2 O K, 1
+/// + W].
 #[pyfunction]
 #[allow(clippy::too_many_arguments, clippy::needless_pass_by_value)]
 fn equation_products<'py>(

@@ -1,4 +1,4 @@
-//! The governor's command on its way to the rack: a dead time, from none on, for commands at every step or at a clock.
+//! Dead time of the governor's command, possibly zero, for commands at every step or at a clock.
 
 use std::collections::VecDeque;
 
@@ -7,25 +7,25 @@ use crate::subnormal::cut;
 use super::inputs::Span;
 use super::parameters::{Parameters, at};
 
-/// Commands of the last steps, read late: of each step the value at its begin and at its end.
+/// Delayed commands: for each of the last steps the value at its beginning and end.
 ///
-/// A governor that samples holds its command over a period. The mean of such a hold is, to fourth order, that of two
-/// commands: Gauss's two points, a period over the root of 12 on either side of its middle.
+/// A sampling governor holds its command over a period. The mean of such a hold is, to fourth order, that of two commands at
+/// Gauss points, a period over the root of 12 on either side of its middle.
 #[derive(Debug)]
 pub struct DeadTime {
     ring: Vec<(f64, f64)>,
     reader: Reader,
-    /// The second of two points.
+    /// Reader of the second point.
     second: Option<Reader>,
     is_none: bool,
 }
 
-/// One delay, as whole steps and a part of one.
+/// A delay as whole steps and a fraction.
 #[derive(Debug, Clone, Copy)]
 struct Reader {
     whole: usize,
     part: f64,
-    /// The late command at the end of the last step.
+    /// Delayed command at the end of the last step.
     last: f64,
 }
 
@@ -41,7 +41,7 @@ impl Reader {
         let of = |steps: usize| ring[at.wrapping_sub(steps) & (ring.len() - 1)];
         let (first, last) = if self.whole == 0 { (start, end) } else { of(self.whole) };
         let left = of(self.whole + 1).1;
-        // At a whole number of steps a jump has just arrived.
+        // With a delay of whole steps, a jump has just arrived.
         let from = if self.part == 0.0 { first } else { self.last };
         let to = last + (first - last) * self.part;
         let mean = (first + to + (from - to + (left - first)) * self.part) * 0.5;
@@ -61,7 +61,7 @@ impl Reader {
 }
 
 impl DeadTime {
-    /// A delay [s], of which a hold makes up the share `hold`, in steps of `h`, before which the command stood at `still`.
+    /// A delay [s], with a share `hold` due to a hold, in steps of `h`; before the start the command is `still`.
     pub fn new(delay: f64, hold: Option<f64>, h: f64, still: f64) -> Self {
         let apart = hold.map(|share| delay * share * (1.0 / 3.0_f64.sqrt()));
         let reader = Reader::new(apart.map_or(delay, |apart| delay + apart), h, still);
@@ -73,7 +73,7 @@ impl DeadTime {
         }
     }
 
-    /// The late command over the step `at`, whose own command runs from `start` to `end`.
+    /// Delayed command over step `at`, whose own command changes linearly from `start` to `end`.
     #[inline(always)]
     pub fn over(&self, at: usize, start: f64, end: f64) -> Span {
         if self.is_none {
@@ -89,13 +89,13 @@ impl DeadTime {
         }
     }
 
-    /// Share of a command, given at a step's end, that acts at that same instant.
+    /// Share of a command at a step's end that acts at the same instant.
     pub fn at_once(&self) -> f64 {
         let first = self.reader.at_once();
         self.second.as_ref().map_or(first, |second| (first + second.at_once()) * 0.5)
     }
 
-    /// Take what has died away for zero.
+    /// Set decayed values to zero.
     pub fn cut(&mut self) {
         self.reader.last = cut(self.reader.last);
         if let Some(second) = &mut self.second {
@@ -103,7 +103,7 @@ impl DeadTime {
         }
     }
 
-    /// Keep the command of the step `at`.
+    /// Store the command of step `at`.
     #[inline(always)]
     pub fn keep(&mut self, at: usize, start: f64, end: f64) {
         if self.is_none {
@@ -118,26 +118,26 @@ impl DeadTime {
     }
 }
 
-/// A governor that computes at its own clock and holds its command in between.
+/// A governor with a clock, which holds its command between samples.
 #[derive(Debug)]
 pub struct Clock {
-    /// Sampling period, first sample (the last one, where it samples at firings) and next sample [s], and the samples taken.
+    /// Sample period; first sample (the last one if it samples at firings) and next sample [s]; number of samples.
     pub period: f64,
     pub first: f64,
     pub next: f64,
     pub taken: usize,
-    /// Whether the sum takes an error before it is used.
+    /// Whether the integral includes an error before it is used.
     pub sums_first: bool,
-    /// Whether it samples as a cylinder fires.
+    /// Whether it samples when a cylinder fires.
     pub at_firings: bool,
-    /// Commands under way: when they arrive, and what they are.
+    /// Delayed commands: times of arrival and values.
     pub coming: VecDeque<(f64, f64)>,
-    /// The command that acts.
+    /// The acting command.
     pub acting: f64,
 }
 
 impl Clock {
-    /// None where the governor computes all the time.
+    /// None for a continuous governor.
     pub fn new(parameters: &Parameters, acting: f64, at_firings: bool) -> Option<Self> {
         (parameters.of(at::T_S) > 0.0).then(|| Self {
             period: parameters.of(at::T_S),

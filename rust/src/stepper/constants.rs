@@ -1,9 +1,9 @@
-//! What stays the same over a run of the ship: its constants, and which of its elements act.
+//! Constants of a simulation: parameters, and which elements act.
 
 use super::parameters::{Parameters, at};
 use super::run::Run;
 
-/// Constants of a run.
+/// Constants of a simulation.
 pub struct Constants {
     pub inverse_tau: f64,
     /// Step over `tau_n`.
@@ -27,16 +27,16 @@ pub struct Constants {
     pub rack_least: f64,
 }
 
-/// An actuator's lag over a step.
+/// Response of an actuator's lag over a step.
 pub struct Lag {
-    /// Its time constant [s], and that over the step.
+    /// Time constant [s], and time constant over the step.
     pub time: f64,
     pub in_steps: f64,
-    /// What is left of its state.
+    /// Factor of the state.
     pub stays: f64,
-    /// What it follows of the part by which the command's end is beyond its mean.
+    /// Factor of the command's difference between end and mean.
     pub bend: f64,
-    /// What it follows of a command that rises from zero to one over the step.
+    /// Response to a command that rises from zero to one over the step.
     pub follows: f64,
 }
 
@@ -50,7 +50,7 @@ impl Lag {
 }
 
 impl Constants {
-    /// For a step `h` [s].
+    /// Constants for a step `h` [s].
     pub fn new(parameters: &Parameters, h: f64) -> Self {
         let inverse_tau = 1.0 / parameters.of(at::TAU_N);
         Self {
@@ -77,7 +77,7 @@ impl Constants {
     }
 }
 
-/// Which elements act, so that the others cost nothing.
+/// Elements that act, so that the others cost no time.
 #[derive(Clone, Copy)]
 #[allow(clippy::struct_excessive_bools)]
 pub struct Acting {
@@ -87,7 +87,7 @@ pub struct Acting {
     pub damping: bool,
     pub lag: bool,
     pub hold: bool,
-    /// A command that jumps moves the rack at once.
+    /// A jump of the command moves the rack immediately.
     pub at_once: bool,
     pub torque_limit: bool,
     pub rate: bool,
@@ -96,7 +96,7 @@ pub struct Acting {
     pub scale: bool,
     pub load: bool,
     pub channels: bool,
-    /// Inputs jump from step to step.
+    /// Inputs jump between steps.
     pub jumps: bool,
 }
 

@@ -1,10 +1,10 @@
-//! What only the simulation of a whole drive train needs, in plain numbers: single firings, smoke limiter, rate of the torque,
-//! drag, the ripple of the propeller and the ship's own motion.
+//! Additional elements of a whole drive train's simulation: single firings, smoke limiter, torque rate, drag, propeller
+//! ripple and ship motion.
 //!
-//! Torques are over the engine's at the operating point, times gear ratio and efficiency; `bollard` is the propeller's
-//! there. With `Q`, `T` torque and thrust of the propeller over bollard pull at the angle of the flow, `w` the speed of the
-//! water over that of the blades at the operating point, `C` the rack that the charge air is good for and `F` the filtered
-//! speed:
+//! Torques are relative to the engine's at the operating point, times gear ratio and efficiency; `bollard` is the
+//! propeller's torque there. `Q` and `T` are torque and thrust of the propeller over bollard pull at the flow angle, `w` the
+//! water speed over the blade speed at the operating point, `C` the rack for which the charge air suffices, and `F` the
+//! filtered speed:
 //!
 //! ```text
 //! L = bollard Q(w, N) hypot(w, N)^p (1 + shaft_ripple cos(turn) + blade_ripple cos(blades turn))
@@ -12,7 +12,7 @@
 //! tau_air dC/dt = A - C, A <= C + margin        T_f dF/dt = N - F, which K_d (N - F) / T_f follows
 //! ```
 //!
-//! A governor that samples filters by `(T_f + T_s) dF = T_s (N - F)`; once a firing it samples as a cylinder fires.
+//! A sampling governor filters by `(T_f + T_s) dF = T_s (N - F)`; with `once_a_firing` it samples when a cylinder fires.
 
 use crate::error::{Error, Result, require};
 use crate::power::power;
@@ -46,10 +46,10 @@ pub const DETAIL: [&str; COUNT] = [
     "resistance",
 ];
 
-/// The parameters of [`DETAIL`], and the state of what they describe.
+/// Parameters of [`DETAIL`], and states of these elements.
 #[derive(Debug, Clone)]
 pub struct Detail {
-    /// Of the derivative, of the charge air [s].
+    /// Time constants of the derivative's filter and of the charge air [s].
     filter: f64,
     tau_air: f64,
     margin: f64,
@@ -60,15 +60,15 @@ pub struct Detail {
     pub(super) firing: Option<Firing>,
     pub(super) propeller: Propeller,
     filtered: f64,
-    /// Rate of the filtered speed, which the governor's derivative acts on.
+    /// Rate of the filtered speed, on which the governor's derivative acts.
     pub(super) pace: f64,
     air: f64,
-    /// Highest rack beside the charge air's.
+    /// Highest rack besides the charge air's limit.
     pub(super) stop: f64,
-    /// The engine's mean torque behind its rate, and what it gives.
+    /// Mean engine torque after its rate limit, and delivered torque.
     mean: f64,
     pub(super) brake: f64,
-    /// Growths over the last step.
+    /// Changes over the last step.
     drive_growth: f64,
     pub(super) load_growth: f64,
 }
@@ -77,7 +77,7 @@ impl Detail {
     /// From a vector in the order of [`DETAIL`], each cylinder's torque over the mean, and tables of the propeller.
     ///
     /// # Errors
-    /// [`Error::Invalid`] for a wrong length or a number that makes no sense.
+    /// [`Error::Invalid`] for a wrong length or an invalid number.
     pub fn new(vector: &[f64], strength: &[f64], quadrants: Option<Quadrants>) -> Result<Self> {
         let numbers: [f64; COUNT] = vector.try_into().map_err(|_| {
             let found = vector.len();
@@ -130,7 +130,7 @@ impl Detail {
         })
     }
 
-    /// Take what has died away for zero.
+    /// Set decayed values to zero.
     pub(super) fn cut(&mut self) {
         let growths = [&mut self.drive_growth, &mut self.load_growth];
         for number in [&mut self.pace, &mut self.air, &mut self.propeller.pace].into_iter().chain(growths) {
@@ -143,18 +143,18 @@ impl Detail {
         self.margin.is_finite()
     }
 
-    /// Whether the governor's derivative, where it has one, is of a filtered speed.
+    /// Whether the governor's derivative, if any, acts on a filtered speed.
     pub(super) fn filters(&self) -> bool {
         self.filter > 0.0
     }
 
-    /// The part of the step after which a cylinder fires.
+    /// Fraction of the step after which a cylinder fires.
     #[inline(always)]
     pub(super) fn fires(&self) -> Option<f64> {
         self.firing.as_ref().and_then(|firing| firing.due)
     }
 
-    /// Look ahead over a step `h` [s] at a mean speed: the next firing, and the mean torque of those before it, less the drag.
+    /// Predict a step `h` [s] at a mean speed: the next firing, and the mean torque of previous firings minus the drag.
     #[inline(always)]
     pub(super) fn foresee(&mut self, speed: f64, h: f64) -> Option<f64> {
         let lost = self.lost(speed);
@@ -164,7 +164,7 @@ impl Detail {
         })
     }
 
-    /// Let the governor's derivative follow a speed that rises over a step `h` [s].
+    /// Update the derivative's filter for a speed that rises over a step `h` [s].
     #[inline(always)]
     pub(super) fn follow(&mut self, rise: f64, h: f64) {
         if self.filter > 0.0 {
@@ -173,20 +173,20 @@ impl Detail {
         }
     }
 
-    /// Let the governor, which samples once a `period` [s], see a speed.
+    /// Update the filter of a governor that samples a speed each `period` [s].
     #[inline(always)]
     pub(super) fn sample(&mut self, speed: f64, period: f64) {
         self.pace = (speed - self.filtered) / (self.filter + period);
         self.filtered += period * self.pace;
     }
 
-    /// Highest rack at the end of a step that begins at a rack.
+    /// Highest rack at the end of a step, from the rack at its beginning.
     #[inline(always)]
     pub(super) fn ceiling(&self, rack: f64, h: f64) -> f64 {
         (self.air + h / self.tau_air * (rack - self.air) + self.margin).min(self.stop)
     }
 
-    /// Let the charge air follow the mean rack of a step.
+    /// Update the charge air by the mean rack of a step.
     #[inline(always)]
     pub(super) fn breathe(&mut self, rack: f64, h: f64) {
         if self.smokes() {
@@ -194,7 +194,7 @@ impl Detail {
         }
     }
 
-    /// Torque on the engine's side, less its drag, where a mean torque is asked for.
+    /// Torque on the engine's side minus drag, for a commanded mean torque.
     #[inline(always)]
     pub(super) fn net(&mut self, asked: f64, speed: f64) -> f64 {
         if self.firing.is_none() && self.torque_rate == f64::INFINITY {
@@ -208,8 +208,8 @@ impl Detail {
         if self.drag == 0.0 { 0.0 } else { self.drag * power(speed, self.drag_exponent) }
     }
 
-    /// That torque at both ends of a step, from what is asked for at them; straight between them, its mean is that of the
-    /// bend. `stairs`: what is asked for jumps within a step.
+    /// That torque at both ends of a step, from the commanded torques; a linear course between them has the mean of the
+    /// curved one. `stairs`: the command jumps within the step.
     #[inline(always)]
     pub(super) fn drive(
         &mut self,
@@ -240,14 +240,14 @@ impl Detail {
         [begun - less - losses[0], torque - less - losses[1]]
     }
 
-    /// The load at a step's ends, of the mean that its bend has.
+    /// Load at a step's ends, corrected so that a linear course has the mean of the curved one.
     #[inline(always)]
     pub(super) fn bent_load(&mut self, ends: [f64; 2]) -> [f64; 2] {
         bent(ends, &mut self.load_growth)
     }
 }
 
-/// Ends of a straight line that has the mean of the parabola through a step's ends and the growth over the step before.
+/// Ends of a linear course with the mean of the parabola through a step's ends, given the change over the previous step.
 #[inline(always)]
 fn bent([from, to]: [f64; 2], growth: &mut f64) -> [f64; 2] {
     let less = (to - from - *growth) / 12.0;

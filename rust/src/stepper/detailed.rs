@@ -1,11 +1,11 @@
-//! A step of a ship with what only the simulation of a whole drive train needs.
+//! A step of a ship with the additional elements of a whole drive train.
 
 use super::command::Clock;
 use super::shaft::Twist;
 use super::step::{Ahead, Ship};
 
 impl<const D: bool> Ship<'_, D> {
-    /// Torque of the engine as the step begins.
+    /// Engine torque at the beginning of the step.
     #[inline(always)]
     pub(super) fn braked(&self) -> f64 {
         match &self.detail {
@@ -14,7 +14,7 @@ impl<const D: bool> Ship<'_, D> {
         }
     }
 
-    /// That torque, less what is lost on the engine's side.
+    /// That torque minus losses on the engine's side.
     #[inline(always)]
     pub(super) fn driving(&mut self) -> f64 {
         self.driving_at(self.speed, self.rack)
@@ -29,19 +29,19 @@ impl<const D: bool> Ship<'_, D> {
         }
     }
 
-    /// A command, less what the governor takes off for the filtered speed's rate.
+    /// A command minus the governor's derivative of the filtered speed.
     #[inline(always)]
     pub(super) fn eased(&self, command: f64) -> f64 {
         self.detail.as_ref().map_or(command, |detail| command - self.c.k_d * detail.pace)
     }
 
-    /// Let a governor that computes once a firing do so when one is due in this step.
+    /// Sample a governor that computes once per firing, if a firing is due in this step.
     #[inline(always)]
     pub(super) fn time_firing(&self, clock: &mut Clock) {
         if let (Some(detail), true) = (&self.detail, clock.at_firings) {
             let due = detail.fires().map_or(f64::INFINITY, |part| (self.at as f64 + part) * self.h);
             clock.next = due;
-            // Firings come quicker as the engine does; the sum is one over time.
+            // The firing frequency follows the speed, while the integral is over time.
             if clock.taken > 0 && due.is_finite() {
                 clock.period = clock.next - clock.first;
             }
@@ -55,7 +55,7 @@ impl<const D: bool> Ship<'_, D> {
         }
     }
 
-    /// Highest rack that stop and charge air allow at the step's end.
+    /// Highest rack at the step's end by stop and charge air.
     #[inline(always)]
     fn choke(&mut self) {
         if let Some(detail) = &self.detail
@@ -65,7 +65,7 @@ impl<const D: bool> Ship<'_, D> {
         }
     }
 
-    /// Begin with the ripple of the propeller, in the charge air of the rack.
+    /// Start with the propeller's ripple, and with the charge air of the rack.
     pub(super) fn rest_detail(&mut self) {
         if let Some(detail) = &mut self.detail {
             self.law *= detail.propeller.ripple();
@@ -74,7 +74,7 @@ impl<const D: bool> Ship<'_, D> {
         self.choke();
     }
 
-    /// Foresee the step's end by the firings that are under way, where there are any.
+    /// Predict the step's end from the present firings, if any.
     #[inline(always)]
     fn foresee(&mut self, ahead: &mut Ahead) {
         let Some(detail) = &mut self.detail else { return };
@@ -90,7 +90,7 @@ impl<const D: bool> Ship<'_, D> {
         detail.follow(ahead.rise, self.h);
     }
 
-    /// A step of either shaft.
+    /// A step of a stiff shaft or one that twists.
     #[inline(always)]
     pub(super) fn detailed(&mut self, mut ahead: Ahead) {
         self.foresee(&mut ahead);
@@ -109,10 +109,10 @@ impl<const D: bool> Ship<'_, D> {
         self.arrived(speed, ended, speed - ahead.speed, rack);
     }
 
-    /// Torque on the engine's side at both ends of the step, behind what its firings and its rate make of it.
+    /// Torque on the engine's side at both ends of the step, after firings and torque rate.
     #[inline(always)]
     fn drive(&mut self, ahead: &Ahead, rack: f64, mean_rack: f64) -> [f64; 2] {
-        // A command that jumps in a step did so before a cylinder fires: the governor computes first.
+        // A jump of the command in a step precedes the firing, since the governor computes first.
         let stairs = self.clock.is_some() && !self.acting.lag;
         let fires = self.detail.as_ref().is_some_and(|detail| detail.fires().is_some());
         let start = if stairs && fires { rack } else { mean_rack * 2.0 - rack };
@@ -125,7 +125,7 @@ impl<const D: bool> Ship<'_, D> {
         })
     }
 
-    /// Load at both ends of a step that takes the propeller from a speed to another one, and its slope.
+    /// Load at both ends of a step in which the propeller's speed changes, and its slope.
     #[inline(always)]
     fn loaded(&mut self, from: f64, to: f64) -> ([f64; 2], f64) {
         let begun = self.law;

@@ -1,21 +1,21 @@
-//! Torque-speed envelope of the engine (Fig. 3.3): the torque it can't exceed, linear between points, constant outside.
+//! Torque-speed envelope of the engine (Fig. 3.3): highest torque, linear between points, constant outside.
 
 use crate::error::{Error, Result, require};
 
-/// Points by ascending speed; none means unlimited.
+/// Points in order of speed; none: no limit.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Envelope {
     speed: Vec<f64>,
     torque: Vec<f64>,
-    /// Slope behind each point.
+    /// Slope after each point.
     slope: Vec<f64>,
 }
 
 impl Envelope {
-    /// Check and collect.
+    /// Validate the points.
     ///
     /// # Errors
-    /// Where the points differ in number, are not finite, or the speeds don't ascend.
+    /// If the numbers of points differ, values are not finite, or speeds do not ascend.
     pub fn new(speed: &[f64], torque: &[f64]) -> Result<Self> {
         require(speed.len() == torque.len(), || {
             format!("limit_torque has {} values, expected {} as in limit_speed", torque.len(), speed.len())

@@ -1,5 +1,5 @@
-//! Euler, Heun and RK4 over the ship's right-hand side, where nothing but the speed and the sum remembers: the thesis's plant
-//! (eq. 3.1-3.11) with the step that one asks for.
+//! Euler, Heun and RK4 for a ship whose only states are speed and integral: the thesis's plant (eq. 3.1-3.11) with any step
+//! length.
 
 use std::str::FromStr;
 
@@ -13,7 +13,7 @@ use super::parameters::{PARAMETERS, Parameters, at};
 use super::run::Run;
 use super::step::Ship;
 
-/// Parameters that such a ship has.
+/// Parameters of such a ship.
 const KNOWN: [usize; 15] = [
     at::TAU_N,
     at::G,
@@ -31,13 +31,13 @@ const KNOWN: [usize; 15] = [
     at::DAMPING,
     at::CURVATURE,
 ];
-/// Steps after which a request to stop is looked for.
+/// Steps between two checks for a stop.
 const STEPS_BETWEEN_CHECKS: usize = 1 << 14;
 
 /// An explicit one-step method.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Method {
-    /// Forward Euler, the method that made the thesis's virtual data.
+    /// Forward Euler, as in the thesis's virtual data.
     Euler,
     /// Explicit trapezoid.
     Heun,
@@ -58,14 +58,14 @@ impl FromStr for Method {
     }
 }
 
-/// Speed over the operating point's, and the governor's sum [s], or a rate of both.
+/// Speed over the operating point's and integral [s], or their rates.
 type State = [f64; 2];
 
-/// Simulate from a speed and a sum at the first sample into rows of the outputs, `[output, sample]`.
+/// Simulate from a speed and an integral at the first sample into rows of the outputs, `[output, sample]`.
 ///
 /// # Errors
-/// [`Error::Invalid`] for an element that such a ship has not or a start that is not finite, [`Error::Diverged`] where the ship
-/// runs away, [`Error::Stopped`] on request.
+/// [`Error::Invalid`] for an element that such a ship does not have or a start that is not finite, [`Error::Diverged`] if
+/// the speed diverges, [`Error::Stopped`] on request.
 pub fn simulate_explicitly(
     parameters: &Parameters,
     run: &Run<'_>,
@@ -119,7 +119,7 @@ pub fn simulate_explicitly(
     Ok(())
 }
 
-/// The state after a step `h`, with the set point at its begin, middle and end.
+/// State after a step `h`, with the set point at its beginning, middle and end.
 #[inline(always)]
 fn advanced(ship: &mut Ship<'_, false>, method: Method, set: [f64; 3], state: State, h: f64) -> State {
     let first = rate(ship, set[0], state);

@@ -1,39 +1,39 @@
-//! Torque of single firings: each takes its fuel at one moment and turns it into torque over its stroke, a raised cosine.
+//! Torque of single firings: the fuel is set at one moment and becomes torque over the stroke, as a raised cosine.
 
 use std::f64::consts::TAU;
 
 use crate::error::{Result, require};
 
-/// Firings in turn, equally spaced.
+/// Equally spaced firings.
 #[derive(Debug, Clone)]
 pub struct Firing {
-    /// Angle between firings, and that over which one works [rev of the engine].
+    /// Angle between firings, and of a stroke [rev of the engine].
     interval: f64,
     width: f64,
     engine_hz: f64,
-    /// Each cylinder's torque over the mean of all, in the order of firing.
+    /// Torque of each cylinder over the mean, in firing order.
     strength: Vec<f64>,
-    /// Angle of the crankshaft, and by how much the last step turned it [rev].
+    /// Crankshaft angle, and its change in the last step [rev].
     crank: f64,
     turned: f64,
-    /// Number of the latest firing, that of the first sample being zero, and its cylinder.
+    /// Number of the latest firing, zero at the first sample, and its cylinder.
     count: f64,
     latest: usize,
-    /// Mean torque for which each cylinder was last fuelled, times its strength, and the part of it that is spent.
+    /// Last mean torque of each cylinder's fuel, times its strength, and the burnt share.
     fuelled: Vec<f64>,
     spent: Vec<f64>,
     /// Torque at the step's end, and its mean over the step.
     torque: f64,
     mean: f64,
-    /// The part of the step after which a cylinder fires.
+    /// Fraction of the step after which a cylinder fires.
     pub due: Option<f64>,
 }
 
 impl Firing {
-    /// Running steadily, a firing due at angle zero; none without an interval.
+    /// Steady running with a firing due at angle zero; None without an interval.
     ///
     /// # Errors
-    /// [`Error::Invalid`](crate::error::Error::Invalid) where a stroke is longer than a cycle, or a strength no number.
+    /// [`Error::Invalid`](crate::error::Error::Invalid) if a stroke is longer than a cycle, or a strength is not finite.
     pub fn new([interval, width, engine_hz]: [f64; 3], strength: &[f64]) -> Result<Option<Self>> {
         let cycle = interval * strength.len() as f64;
         require(interval == 0.0 || width > 0.0 && width <= cycle, || {
@@ -69,7 +69,7 @@ impl Firing {
         [self.torque, self.mean]
     }
 
-    /// Turn the crankshaft over a step `h` [s] at a mean speed, and look whether a cylinder fires on the way.
+    /// Turn the crankshaft over a step `h` [s] at a mean speed, and determine whether a cylinder fires.
     #[inline(always)]
     pub fn turn(&mut self, speed: f64, h: f64) {
         self.turned = h * self.engine_hz * speed;
@@ -79,7 +79,7 @@ impl Firing {
         self.burn();
     }
 
-    /// Fire the cylinders that are due, with the fuel for a mean torque.
+    /// Fire the due cylinders with the fuel for a mean torque.
     #[inline(always)]
     pub fn fire(&mut self, torque: f64) {
         for _ in 0..self.strength.len() {
@@ -94,7 +94,7 @@ impl Firing {
         }
     }
 
-    /// Let those burn that were fuelled before.
+    /// Continue the strokes of cylinders that have fired.
     #[inline(always)]
     fn burn(&mut self) {
         (self.torque, self.mean) = (0.0, 0.0);
@@ -110,7 +110,7 @@ impl Firing {
         }
     }
 
-    /// Let one cylinder burn until its firing is so old, in strokes.
+    /// Continue a cylinder's stroke until the given age of its firing, in strokes.
     #[inline(always)]
     fn burn_until(&mut self, age: f64, cylinder: usize) {
         let (before, fuel) = (self.spent[cylinder], self.fuelled[cylinder] * self.interval);

@@ -1,13 +1,13 @@
-//! Set point and load between their samples: straight lines or stairs, read late.
+//! Set point and load between samples: linear or stepwise, with delay.
 
 use crate::hold::Hold;
 
 use super::run::Run;
 
-/// Part of a sample that rounding may make of nothing.
+/// Fraction of a sample below which a difference is rounding.
 const TINY: f64 = 1e-9;
 
-/// An input over one step: its values at both ends, seen from inside the step, and its mean.
+/// An input over a step: its values at both ends, as limits from inside the step, and its mean.
 #[derive(Debug, Clone, Copy)]
 pub struct Span {
     pub start: f64,
@@ -15,19 +15,19 @@ pub struct Span {
     pub mean: f64,
 }
 
-/// A sampled input that is read with a delay, times a scale and beside an offset where it has them.
+/// A sampled input with a delay and, optionally, scale and offset.
 #[derive(Debug, Clone, Copy)]
 pub struct Input<'a> {
     samples: &'a [f64],
     hold: Hold,
-    /// Steps a sample, and samples a step.
+    /// Steps per sample, and samples per step.
     substeps: f64,
     share: f64,
     /// Sample time [s].
     dt: f64,
-    /// Delay, in samples.
+    /// Delay in samples.
     late: f64,
-    /// Before the first sample.
+    /// Value before the first sample.
     before: f64,
     scale: Option<(f64, f64)>,
 }
@@ -36,7 +36,7 @@ impl<'a> Input<'a> {
     pub fn new(samples: &'a [f64], run: &Run<'_>, delay: f64, scale: Option<(f64, f64)>) -> Self {
         let (substeps, dt) = (run.substeps as f64, run.dt);
         let late = delay / dt;
-        // A whole drive train comes from its operating point.
+        // A whole drive train starts at its operating point.
         let before = if run.detail.is_some() { 1.0 } else { samples.first().copied().unwrap_or(0.0) };
         Self { samples, hold: run.hold, substeps, share: 1.0 / substeps, dt, late, before, scale }
     }
@@ -47,14 +47,14 @@ impl<'a> Input<'a> {
         self.over(0, start)
     }
 
-    /// The input in the step that begins at instant `at`, counted in steps; `last` is where the step before ended.
+    /// The input in the step that starts at instant `at`, counted in steps; `last` is its value at the previous step's end.
     #[inline(always)]
     pub fn over(&self, at: usize, last: f64) -> Span {
         if self.hold == Hold::First {
             let end = self.straight((at + 1) as f64 * self.share - self.late);
             return Span { start: last, end, mean: (last + end) * 0.5 };
         }
-        // Stairs: what a jump inside the step leaves is its mean.
+        // Stepwise: a jump inside the step affects only its mean.
         let from = at as f64 * self.share - self.late;
         let (edge, to) = (from.ceil(), from + self.share);
         let (before, after) = (self.sample(edge - 1.0), self.sample(edge));

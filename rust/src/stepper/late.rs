@@ -1,9 +1,9 @@
-//! Channels that are late: outputs as they stood a delay ago, straight between the steps.
+//! Delayed sensors: past outputs, interpolated linearly between steps.
 
 use super::output::Output;
 use super::step::Ship;
 
-/// What each output was at the last steps.
+/// Outputs of the last steps.
 #[derive(Debug)]
 pub struct Late {
     channels: Vec<(usize, f64)>,
@@ -13,7 +13,7 @@ pub struct Late {
 }
 
 impl Late {
-    /// None where no channel is late.
+    /// None without a delay.
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
     pub fn new<const D: bool>(ship: &Ship<'_, D>, outputs: &[Output], h: f64) -> Option<Self> {
         let [speed, torque] = ship.channel_delays()?;
@@ -30,7 +30,7 @@ impl Late {
             })
             .collect();
         let length = channels.iter().map(|channel| channel.0).max().unwrap_or_default() + 2;
-        // Before the record every output stands.
+        // Before the record all outputs are constant.
         let mut ring = Vec::with_capacity(length * outputs.len());
         for &output in outputs {
             ring.extend(std::iter::repeat_n(ship.output(output), length));
@@ -38,7 +38,7 @@ impl Late {
         Some(Self { channels, ring, length, at: 0 })
     }
 
-    /// Take the outputs of the next step's begin.
+    /// Store the outputs at the next step's beginning.
     #[inline(always)]
     pub fn push<const D: bool>(&mut self, ship: &Ship<'_, D>, outputs: &[Output]) {
         self.at += 1;
@@ -48,7 +48,7 @@ impl Late {
         }
     }
 
-    /// An output as its channel shows it now.
+    /// An output with its sensor's delay.
     #[inline(always)]
     pub fn read(&self, channel: usize) -> f64 {
         let (whole, part) = self.channels[channel];

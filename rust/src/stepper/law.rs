@@ -1,14 +1,14 @@
-//! The load's law of the speed, and its slope.
+//! The load's law as a function of speed, and its slope.
 //!
-//! A power is short to compute near a place where it is known, and a ship's speed stays near for many steps.
+//! A power is cheap to compute near a point where it is known, and a ship's speed remains near for many steps.
 
 use crate::power::{polynomial, power_and_slope};
 
-/// Terms of the series about a place.
+/// Terms of the Taylor series.
 const TERMS: usize = 8;
-/// Distance from a place, over it, up to which eight terms are exact to rounding.
+/// Relative distance from the expansion point up to which eight terms are exact to rounding.
 const REACH: f64 = 1.0 / 64.0;
-/// Exponents for which they are.
+/// Exponents for which this holds.
 const EXPONENTS: std::ops::RangeInclusive<f64> = 0.0..=6.0;
 
 /// `N^p + curvature (N - 1)^2 + damping (N - 1)`.
@@ -16,11 +16,11 @@ pub struct Law {
     exponent: f64,
     curvature: Option<f64>,
     damping: Option<f64>,
-    /// Place of the series, and one over it.
+    /// Expansion point of the series, and its inverse.
     place: f64,
     inverse: f64,
     reach: f64,
-    /// Of (1 + x)^p, and of that times the value at the place and its slope.
+    /// Coefficients of (1 + x)^p, and these times the value at the point, and times its slope.
     binomial: [f64; TERMS],
     value: [f64; TERMS],
     slope: [f64; TERMS],
@@ -32,7 +32,7 @@ impl Law {
         for k in 1..TERMS {
             binomial[k] = binomial[k - 1] * (exponent - (k - 1) as f64) / k as f64;
         }
-        // Nothing is within a distance less than zero.
+        // No distance is negative, so the series is never used.
         let reach = if EXPONENTS.contains(&exponent) { REACH } else { -1.0 };
         Self {
             exponent,
@@ -83,7 +83,7 @@ impl Law {
         [law, slope]
     }
 
-    /// Know the power at another place: value and slope there.
+    /// Expand the power at another point; return value and slope there.
     #[inline(never)]
     fn moved(&mut self, speed: f64) -> [f64; 2] {
         let found = power_and_slope(speed, self.exponent);
@@ -94,7 +94,7 @@ impl Law {
     }
 }
 
-/// Terms of the slope.
+/// Coefficients of the slope.
 fn steepness(value: &[f64; TERMS], inverse: f64) -> [f64; TERMS] {
     std::array::from_fn(|k| value.get(k + 1).map_or(0.0, |next| next * (k + 1) as f64 * inverse))
 }

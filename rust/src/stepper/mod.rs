@@ -1,7 +1,7 @@
-//! One ship at a fixed fine step: the model of every simulation.
+//! The ship model with a fixed small step, used by every simulation.
 //!
-//! Speeds, torques and the set point `u` are divided by the operating point's. With `N` the speed, `e` its error, `I` the
-//! governor's sum, `X` its command, `A` the rack and `w` the deviation of a measured load:
+//! Speeds, torques and the set point `u` are relative to the operating point. With `N` the speed, `e` its error, `I` the
+//! governor's integral, `X` its command, `A` the rack and `w` the deviation of a measured load:
 //!
 //! ```text
 //! e(t) = s_u u(t - T_set) + u_0 - N    dI/dt = e          X = K_p e + K_i I - K_d dN/dt
@@ -9,17 +9,16 @@
 //! L = N^p + curvature (N - 1)^2 + damping (N - 1) + load_gain w        tau_n dN/dt = M_b - L
 //! ```
 //!
-//! `hold` makes a share of `T_d` a hold, as of a governor that samples every `2 hold T_d`, to
-//! its mean: sum and ripple are those of one that does not sample. Beside `T_s` it does nothing.
+//! `hold` attributes a share of `T_d` to a hold, as of a governor that samples every `2 hold T_d`, by its mean: integral and
+//! ripple are those of a continuous governor. With `T_s` it has no effect.
 //!
-//! Before the record the set point stands at its first sample, the rack at `initial_F / v`, the speed at `initial_N`; the sum
-//! starts `initial_E` above where the command is the rack. Outputs: `dn = N - 1`, `dM_b = s_M M_b - 1`,
-//! `dM_g = s_M (L + tau_prop dN/dt) - 1`, `dX = A`, `dE = I`, `dn_prop`; a channel's delay makes speeds late by `T_n`, torques by
-//! `T_M`.
+//! Before the record the set point equals its first sample, the rack `initial_F / v`, the speed `initial_N`; the integral is
+//! `initial_E` above the value at which the command equals the rack. Outputs: `dn = N - 1`, `dM_b = s_M M_b - 1`,
+//! `dM_g = s_M (L + tau_prop dN/dt) - 1`, `dX = A`, `dE = I`, `dn_prop`; sensors delay speeds by `T_n`, torques by `T_M`.
 //!
-//! The step is an Adams predictor and corrector of third order for the speed; lag and rate of the rack are
-//! exact for commands that run straight over a step; dead times read between the steps; other limits are clamps; a twisting
-//! shaft is the exponential of its own linear equations. Every element goes to "off" continuously.
+//! The speed is integrated by a third-order Adams predictor and corrector. Lag and rate of the rack are exact for commands
+//! that are linear over a step; dead times are interpolated between steps; other limits are clamps; a shaft that twists is
+//! the matrix exponential of its linear equations. Every element becomes "off" continuously.
 
 #![allow(clippy::float_cmp)] // An element that is off is off exactly.
 

@@ -1,4 +1,4 @@
-//! What a simulation of the ship can give.
+//! Outputs of a simulation.
 
 use crate::error::{Error, Result, require};
 
@@ -16,7 +16,7 @@ pub enum Output {
     GaugeTorque,
     /// Rack position behind dead time, lag and limits.
     Rack,
-    /// The governor's sum of the speed error.
+    /// The governor's integral of the speed error.
     Sum,
     /// Speed of the propeller.
     PropellerSpeed,
@@ -26,7 +26,7 @@ impl Output {
     const ALL: [Self; OUTPUTS.len()] =
         [Self::Speed, Self::EngineTorque, Self::GaugeTorque, Self::Rack, Self::Sum, Self::PropellerSpeed];
 
-    /// Look up a list by index into [`OUTPUTS`].
+    /// Outputs by indices of [`OUTPUTS`].
     ///
     /// # Errors
     /// [`Error::Invalid`] for an empty list or an index out of range.

@@ -1,4 +1,4 @@
-//! Parameters of the ship model by name and by place: their values without effect, the checks on them.
+//! Parameters of the ship model by name and index: values without effect, and validation.
 
 use crate::error::{Error, Result, require};
 use crate::places::named_places;
@@ -6,14 +6,14 @@ use crate::places::named_places;
 const INF: f64 = f64::INFINITY;
 const NAN: f64 = f64::NAN;
 
-/// Parameters: place, name, and the value at which one has no effect; not a number where there is none.
+/// Parameters: index, name, and value without effect; NaN if there is none.
 macro_rules! table {
     ($($place:ident $name:literal $off:expr,)+) => {
         named_places! {
             /// Names of the parameters, in the order of every parameter vector.
             PARAMETERS: $($place $name,)+
         }
-        /// Values at which the parameters have no effect, not a number where there is none.
+        /// Values of the parameters without effect, NaN if there is none.
         pub const OFF: [f64; COUNT] = [$($off),+];
     };
 }
@@ -60,11 +60,11 @@ table! {
 /// Number of parameters.
 pub const COUNT: usize = PARAMETERS.len();
 
-/// A checked parameter vector, by the places of [`at`].
+/// A validated parameter vector, by the indices of [`at`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Parameters(pub [f64; COUNT]);
 
-/// Which numbers a parameter may be.
+/// Validity test of a parameter, and its description.
 fn expected(place: usize) -> (fn(f64) -> bool, &'static str) {
     match place {
         at::TAU_N => (|value| value > 0.0 && value.is_finite(), "a positive number"),
@@ -89,10 +89,10 @@ fn expected(place: usize) -> (fn(f64) -> bool, &'static str) {
 }
 
 impl Parameters {
-    /// Check a vector in the order of [`PARAMETERS`]; `what` is its name in a message.
+    /// Validate a vector in the order of [`PARAMETERS`]; `what` is its name in a message.
     ///
     /// # Errors
-    /// [`Error::Invalid`] for a wrong length, or a value that makes no sense by itself or beside another.
+    /// [`Error::Invalid`] for a wrong length, or an invalid value or combination.
     pub fn new(vector: &[f64], what: &str) -> Result<Self> {
         let values: [f64; COUNT] = vector.try_into().map_err(|_| {
             Error::Invalid(format!(
@@ -124,21 +124,21 @@ impl Parameters {
         Ok(found)
     }
 
-    /// The value at a place of [`at`].
+    /// The value at an index of [`at`].
     #[inline(always)]
     #[must_use]
     pub const fn of(&self, place: usize) -> f64 {
         self.0[place]
     }
 
-    /// Whether a parameter stands where it has no effect.
+    /// Whether a parameter has its value without effect.
     #[must_use]
     #[allow(clippy::float_cmp)] // The value without effect is that value exactly.
     pub fn is_off(&self, place: usize) -> bool {
         self.0[place] == OFF[place]
     }
 
-    /// Steps a sample of `dt` seconds: none above 5 ms, nor above a twentieth of the loop's quickest time constant.
+    /// Steps per sample of `dt` seconds: at most 5 ms, and a twentieth of the loop's smallest time constant.
     #[must_use]
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
     pub fn substeps(&self, dt: f64) -> usize {

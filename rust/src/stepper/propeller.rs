@@ -1,11 +1,11 @@
-//! Propeller behind a ship that may move: torque and thrust in four quadrants, and the ripple of the blades.
+//! Propeller of a ship that may move: torque and thrust in four quadrants, and the ripple of the blades.
 
 use std::f64::consts::TAU;
 
 use super::envelope::Envelope;
 use super::law::Law;
 
-/// Torque and thrust over bollard pull, by the angle of the flow [rad].
+/// Torque and thrust over bollard pull, by flow angle [rad].
 pub type Quadrants = [Envelope; 2];
 
 /// The propeller and its ship.
@@ -19,14 +19,14 @@ pub struct Propeller {
     push: f64,
     resistance: f64,
     quadrants: Option<Quadrants>,
-    /// Angle [rev], speed of the water, and how fast that grows.
+    /// Angle [rev], water speed, and rate of the latter.
     turn: f64,
     water: f64,
     pub pace: f64,
 }
 
 impl Propeller {
-    /// From the last of [`DETAIL`](super::DETAIL).
+    /// From the last parameters of [`DETAIL`](super::DETAIL).
     pub fn new(numbers: [f64; 8], quadrants: Option<Quadrants>) -> Self {
         let [bollard, shaft_hz, blades, shaft_ripple, blade_ripple, water, push, resistance] = numbers;
         let mut propeller = Self {
@@ -46,7 +46,7 @@ impl Propeller {
         propeller
     }
 
-    /// The load at a speed, and its slope; the mean over a turn.
+    /// Load at a speed, and its slope; means over a revolution.
     #[inline(always)]
     pub fn mean_load(&self, law: &mut Law, speed: f64) -> [f64; 2] {
         let (mut flow, mut share) = (speed, self.bollard);
@@ -57,7 +57,7 @@ impl Propeller {
         law.at(flow).map(|found| found * share)
     }
 
-    /// The torque over its mean, at the present angle.
+    /// Torque over its mean, at the present angle.
     #[inline(always)]
     pub fn ripple(&self) -> f64 {
         let mut ripple = 1.0;
@@ -69,7 +69,7 @@ impl Propeller {
         ripple
     }
 
-    /// Go a step in which the propeller's speed goes from one to another; the load at its end, and its slope.
+    /// Advance a step in which the propeller's speed changes; return the load at its end, and its slope.
     #[inline(always)]
     pub fn load(&mut self, law: &mut Law, from: f64, to: f64, h: f64) -> [f64; 2] {
         self.turn += h * self.shaft_hz * 0.5 * (from + to);
@@ -80,7 +80,7 @@ impl Propeller {
         self.mean_load(law, to).map(|value| value * ripple)
     }
 
-    /// How fast the ship gains speed.
+    /// Rate of the ship's speed.
     #[inline(always)]
     fn pace_at(&self, speed: f64, water: f64) -> f64 {
         self.quadrants.as_ref().map_or(0.0, |[_, thrust]| {

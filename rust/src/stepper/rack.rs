@@ -1,10 +1,10 @@
-//! The rack over a step: the governor's command behind dead time and lag, within the limits of rate and position.
+//! The rack over a step: the governor's command after dead time and lag, within limits of rate and position.
 
 use super::inputs::Span;
 use super::step::{Ahead, Ship};
 
 impl<const D: bool> Ship<'_, D> {
-    /// What the governor orders at an error, a sum and an acceleration.
+    /// Governor's command for an error, an integral and an acceleration.
     #[inline(always)]
     pub(super) fn commanded(&self, error: f64, sum: f64, acceleration: f64) -> f64 {
         let command = self.c.k_p * error + self.c.k_i * sum;
@@ -17,7 +17,7 @@ impl<const D: bool> Ship<'_, D> {
         }
     }
 
-    /// The rack at the step's end, and its mean, of a governor that computes all the time; its sum goes on.
+    /// Rack at the step's end, and its mean, for a continuous governor; updates its integral.
     #[inline(always)]
     pub(super) fn fed(&mut self, ahead: &Ahead) -> [f64; 2] {
         let Ahead { speed, rise, against } = *ahead;
@@ -31,7 +31,7 @@ impl<const D: bool> Ship<'_, D> {
         }
         let mut found = self.followed(self.dead_time.over(self.at, self.start, command));
         if self.acting.derivative {
-            // The command holds the acceleration that it brings about.
+            // The command depends on the acceleration that it causes.
             let acceleration = self.brought_about(speed, found[0], against, self.at_once * self.c.k_d);
             let command = command - self.c.k_d * acceleration;
             found = self.followed(self.dead_time.over(self.at, self.start, command));
@@ -39,11 +39,11 @@ impl<const D: bool> Ship<'_, D> {
         self.limited(found)
     }
 
-    /// Behind the actuator's lag and rate.
+    /// Rack after the actuator's lag and rate limit.
     #[inline(always)]
     fn followed(&self, late: Span) -> [f64; 2] {
         if self.acting.rate {
-            // The straight line of the command's mean and end.
+            // Linear command with the given mean and end.
             let start = 2.0 * late.mean - late.end;
             let [rack, area] = paced(self.rack, start, (late.end - start) / self.h, self.h, self.pace());
             return [rack, area / self.h];
@@ -61,7 +61,7 @@ impl<const D: bool> Ship<'_, D> {
         Pace { lag: self.c.lag.time, up: self.c.fastest_up, down: self.c.fastest_down }
     }
 
-    /// Within the limits of position.
+    /// Rack within the limits of position.
     #[inline(always)]
     fn limited(&self, [mut rack, mut mean]: [f64; 2]) -> [f64; 2] {
         if self.acting.rack_limit {
@@ -87,7 +87,7 @@ impl<const D: bool> Ship<'_, D> {
         }
     }
 
-    /// The rack at the step's end, and its mean, behind a governor that computes at its own clock.
+    /// Rack at the step's end, and its mean, for a governor with a clock.
     #[inline(always)]
     pub(super) fn clocked(&mut self) -> [f64; 2] {
         let (h, begin) = (self.h, self.at as f64 * self.h);
@@ -139,7 +139,7 @@ impl<const D: bool> Ship<'_, D> {
     }
 }
 
-/// How a rack follows its command: the actuator's lag [s] and its fastest ways up and down.
+/// Actuator dynamics: lag [s], and highest rates up and down.
 #[derive(Debug, Clone, Copy)]
 pub struct Pace {
     pub lag: f64,
@@ -147,9 +147,10 @@ pub struct Pace {
     pub down: f64,
 }
 
-/// The rack after so many seconds, and its area over them, behind a command that runs straight: exactly.
+/// Rack after `length` seconds, and its integral over time, for a linear command: exact.
 ///
-/// It goes at its limit of rate until the lag asks for less, is free until that asks for more, and goes at the limit again.
+/// The rack moves at the rate limit until the lag demands less, then freely until the lag demands more, then at the limit
+/// again.
 #[inline(always)]
 pub fn paced(rack: f64, command: f64, slope: f64, length: f64, pace: Pace) -> [f64; 2] {
     let Pace { lag: tau, up, down } = pace;

@@ -1,4 +1,4 @@
-//! A simulation as a march through a record.
+//! A simulation over a record.
 
 use pulp::{Simd, WithSimd};
 
@@ -16,13 +16,13 @@ use super::output::{OUTPUTS, Output};
 use super::parameters::{Parameters, at};
 use super::step::Ship;
 
-/// Most steps a sample that can be asked for.
+/// Most steps per sample.
 const MOST_SUBSTEPS: usize = 1 << 16;
 
-/// Steps after which a request to stop is looked for: less than a millisecond.
+/// Steps between two checks for a stop: less than a millisecond.
 const STEPS_BETWEEN_CHECKS: usize = 1024;
 
-/// A record's inputs and the steps through them.
+/// Inputs of a record, and the simulation steps.
 #[derive(Debug, Clone, Copy)]
 pub struct Run<'a> {
     /// Set point over the operating point's speed.
@@ -31,22 +31,22 @@ pub struct Run<'a> {
     pub load: &'a [f64],
     /// Sample time [s].
     pub dt: f64,
-    /// Steps a sample.
+    /// Steps per sample.
     pub substeps: usize,
-    /// Of both inputs between samples.
+    /// Course of both inputs between samples.
     pub hold: Hold,
-    /// Highest torque by speed, both over the operating point's, in place of `M_max`.
+    /// Highest torque by speed, relative to the operating point, instead of `M_max`.
     pub envelope: Option<&'a Envelope>,
-    /// What only a whole drive train has.
+    /// Additional elements of a whole drive train.
     pub detail: Option<&'a Detail>,
 }
 
 impl<'a> Run<'a> {
-    /// Check and collect.
+    /// Validate the inputs.
     ///
     /// # Errors
-    /// [`Error::Invalid`] for a set point without samples, a load of another length, a value that is not finite, a sample time
-    /// that is not positive, or no substep or too many.
+    /// [`Error::Invalid`] for a set point without samples, a load of another length, values that are not finite, a sample
+    /// time that is not positive, or no substep or too many.
     pub fn new(set: &'a [f64], load: &'a [f64], dt: f64, substeps: usize, hold: Hold) -> Result<Self> {
         require(!set.is_empty(), || "u has no samples, expected at least 1".to_owned())?;
         require(load.is_empty() || load.len() == set.len(), || {
@@ -68,16 +68,16 @@ impl<'a> Run<'a> {
         Ok(Self { set, load, dt, substeps, hold, envelope: None, detail: None })
     }
 
-    /// Below a torque-speed envelope.
+    /// The same run with a torque-speed envelope.
     #[must_use]
     pub fn below(self, envelope: &'a Envelope) -> Self {
         Self { envelope: (!envelope.is_unlimited()).then_some(envelope), ..self }
     }
 
-    /// Refuse two upper limits.
+    /// Check that there is a single upper limit.
     ///
     /// # Errors
-    /// [`Error::Invalid`] for an envelope beside `M_max`.
+    /// [`Error::Invalid`] for both an envelope and `M_max`.
     pub fn check(&self, parameters: &Parameters) -> Result<()> {
         require(self.envelope.is_none() || parameters.is_off(at::M_MAX), || {
             "found M_max beside an envelope, expected one of them".to_owned()
@@ -88,13 +88,13 @@ impl<'a> Run<'a> {
         })
     }
 
-    /// The step [s].
+    /// Step length [s].
     #[must_use]
     pub fn step(&self) -> f64 {
         self.dt / self.substeps as f64
     }
 
-    /// Roughly how many steps a simulation takes.
+    /// Approximate number of steps of a simulation.
     #[must_use]
     pub const fn work(&self) -> usize {
         self.set.len().saturating_mul(self.substeps)
@@ -104,8 +104,8 @@ impl<'a> Run<'a> {
 /// Simulate a ship into rows of the outputs, `[output, sample]`.
 ///
 /// # Errors
-/// [`Error::Invalid`] for two upper limits or no room, [`Error::Diverged`] where the ship runs away, [`Error::Stopped`] on
-/// request.
+/// [`Error::Invalid`] for two upper limits or insufficient memory, [`Error::Diverged`] if the simulation diverges,
+/// [`Error::Stopped`] on request.
 pub fn simulate(
     parameters: &Parameters,
     run: &Run<'_>,

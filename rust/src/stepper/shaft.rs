@@ -3,7 +3,7 @@
 //! ```text
 //! tau_1 dN/dt = M_b - Q        tau_prop dP/dt = Q - L        tau_twist dS/dt = N - P        Q = S + zeta (N - P)
 //! ```
-//! with the torques `M_b` and `L` running straight over the step. In the limit of a stiff shaft that is one inertia.
+//! with torques `M_b` and `L` that are linear over the step. The limit of a stiff shaft is a single inertia.
 
 use nalgebra::SMatrix;
 
@@ -11,24 +11,24 @@ use crate::subnormal::cut;
 
 use super::parameters::{Parameters, at};
 
-/// What a shaft that twists adds to the ship's state.
+/// States and constants of a shaft that twists.
 #[derive(Debug)]
 pub struct Twist {
     shaft: Shaft,
     zeta: f64,
-    /// One over the engine's inertia, and over the propeller's [1/s].
+    /// Inverse of the engine's and of the propeller's inertia [1/s].
     pub inverse: f64,
     pub inverse_prop: f64,
     /// Speed of the propeller, and torque of the shaft's spring.
     pub propeller: f64,
     spring: f64,
-    /// Growth of the propeller's acceleration, and of the shaft's torque, over the last step.
+    /// Changes of the propeller's acceleration and of the shaft's torque over the last step.
     pub propeller_growth: f64,
     pub torque_growth: f64,
 }
 
 impl Twist {
-    /// None for a stiff shaft; a speed and a spring's torque to begin with.
+    /// None for a stiff shaft; initial speed and spring torque.
     pub fn new(parameters: &Parameters, h: f64, [speed, spring]: [f64; 2]) -> Option<Self> {
         (parameters.of(at::TAU_TWIST) > 0.0).then(|| {
             let [tau, prop, twist, zeta] =
@@ -46,13 +46,13 @@ impl Twist {
         })
     }
 
-    /// Torque of the shaft at a speed of the engine.
+    /// Torque of the shaft at an engine speed.
     #[inline(always)]
     pub fn torque(&self, speed: f64) -> f64 {
         self.spring + (speed - self.propeller) * self.zeta
     }
 
-    /// Go a step, in which torques of engine and load run straight; the engine's speed at its end.
+    /// Advance a step with linear torques of engine and load; return the engine's speed at its end.
     #[inline(always)]
     pub fn go(&mut self, speed: f64, brake: [f64; 2], load: [f64; 2]) -> f64 {
         let [speed, propeller, spring] = self.shaft.after([speed, self.propeller, self.spring], brake, load);
@@ -60,7 +60,7 @@ impl Twist {
         speed
     }
 
-    /// Take what has died away for zero.
+    /// Set decayed values to zero.
     pub fn cut(&mut self) {
         for number in
             [&mut self.propeller, &mut self.spring, &mut self.propeller_growth, &mut self.torque_growth]
@@ -70,7 +70,7 @@ impl Twist {
     }
 }
 
-/// Coefficients of a step: rows N, P, S; columns N, P, S, then `M_b` at both ends, then `L` at both ends.
+/// Coefficients of a step: rows N, P, S; columns N, P, S, `M_b` at both ends, `L` at both ends.
 #[derive(Debug)]
 struct Shaft {
     rows: [[f64; 7]; 3],
@@ -83,7 +83,7 @@ impl Shaft {
         Self { rows: std::array::from_fn(|row| std::array::from_fn(|column| found[(row, column)])) }
     }
 
-    /// Speeds and spring torque at a step's end.
+    /// Speeds and spring torque at the end of a step.
     #[inline(always)]
     fn after(&self, state: [f64; 3], brake: [f64; 2], load: [f64; 2]) -> [f64; 3] {
         let inputs = [state[0], state[1], state[2], brake[0], brake[1], load[0], load[1]];
@@ -119,7 +119,7 @@ mod tests {
 
     #[test]
     fn a_stiff_shaft_is_one_inertia_and_a_soft_one_swings_at_its_frequency() {
-        // The shaft carries the load and what its side of the inertia takes of the excess torque.
+        // The shaft transmits the load and the propeller side's share of the excess torque.
         let begun = [1.0, 1.0, 1.08];
         let stiff = Shaft::new([1.0, 0.4, 1e-9, 1.0], 0.01).after(begun, [1.2, 1.2], [1.0, 1.0]);
         assert!((stiff[0] - 1.002).abs() < 1e-6 && (stiff[1] - 1.002).abs() < 1e-6, "{stiff:?}");

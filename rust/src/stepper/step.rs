@@ -1,4 +1,4 @@
-//! One step of the ship, of third order for the speed.
+//! A step of the ship, with third order for the speed.
 
 use crate::subnormal::cut;
 
@@ -13,25 +13,25 @@ use super::parameters::{Parameters, at};
 use super::run::Run;
 use super::shaft::Twist;
 
-/// Speeds outside these, over the operating point's, end a simulation.
+/// Range of the relative speed, outside which a simulation ends.
 const SLOWEST: f64 = 0.01;
 const FASTEST: f64 = 20.0;
-/// A rack beyond this has run away.
+/// Rack position beyond which a simulation has diverged.
 const FARTHEST: f64 = 1e6;
 
-/// What a predictor of second order says of a step's end.
+/// Second-order prediction of a step's end.
 #[derive(Clone, Copy)]
 pub struct Ahead {
-    /// The engine's speed, and its rise over the step.
+    /// Engine speed, and its change over the step.
     pub speed: f64,
     pub rise: f64,
-    /// Torque that stands against the engine's; only where the governor asks for it.
+    /// Torque against the engine; used only by the governor's derivative.
     pub against: f64,
 }
 
-/// The ship between two steps.
+/// State of the ship between two steps.
 ///
-/// `D`: with what only a whole drive train has.
+/// `D`: with the additional elements of a whole drive train.
 pub struct Ship<'a, const D: bool> {
     pub(super) c: Constants,
     pub(super) acting: Acting,
@@ -42,12 +42,12 @@ pub struct Ship<'a, const D: bool> {
     load: Input<'a>,
     pub(super) law_of: Law,
     pub(super) dead_time: DeadTime,
-    /// Dead time in the loop [s], and the part of a command at a step's end that reaches the rack by then.
+    /// Dead time of the loop [s], and share of a command at a step's end that reaches the rack at once.
     pub(super) late: f64,
     pub(super) at_once: f64,
     pub(super) clock: Option<Box<Clock>>,
     pub(super) twist: Option<Box<Twist>>,
-    /// Side of the torque limit that holds as the step begins, and whether the sum stands over it.
+    /// Active side of the torque limit at the step's beginning, and whether the integral is frozen during the step.
     held: i8,
     pub(super) winds_up: bool,
     pub(super) h: f64,
@@ -55,18 +55,18 @@ pub struct Ship<'a, const D: bool> {
     pub(super) speed: f64,
     pub(super) sum: f64,
     pub(super) rack: f64,
-    /// The rack before an input that jumps.
+    /// Rack before an input jumps.
     pub(super) lagged: f64,
-    /// The load's law at the present speed, and what the engine gains on it by the speed alone.
+    /// Load law at the present speed, and the speed-dependent engine torque minus this.
     pub(super) law: f64,
     own: f64,
-    /// Growth of the acceleration, and of `own`, over the last step.
+    /// Changes of the acceleration and of `own` over the last step.
     pub(super) growth: f64,
     own_growth: f64,
-    /// The command at the end of the last step, and at the begin of this one.
+    /// Command at the end of the last step, and at the beginning of this step.
     command: f64,
     pub(super) start: f64,
-    /// Acceleration at the end of the last step, and at the begin of this one.
+    /// Acceleration at the end of the last step, and at the beginning of this step.
     pub(super) ended: f64,
     pub(super) acceleration: f64,
     pub(super) set_span: Span,
@@ -74,7 +74,7 @@ pub struct Ship<'a, const D: bool> {
 }
 
 impl<'a, const D: bool> Ship<'a, D> {
-    /// At rest before a record.
+    /// The ship at rest before a record.
     pub fn new(parameters: &Parameters, run: &Run<'a>) -> Self {
         let h = run.step();
         let c = Constants::new(parameters, h);
@@ -138,12 +138,12 @@ impl<'a, const D: bool> Ship<'a, D> {
         ship
     }
 
-    /// The state before a record, which its first sample keeps as far as it can.
+    /// Set the state before a record, which its first sample preserves as far as possible.
     fn rest(&mut self, parameters: &Parameters) {
         let against = self.law_with_load(self.load_span.start);
         let excess = if D { against * 0.0 } else { self.engine(self.speed, self.rack).0 - against };
         self.ended = excess * self.c.inverse_tau;
-        // The shaft carries what the load's side takes at the common acceleration.
+        // The shaft transmits the torque of the propeller's side at the common acceleration.
         let spring = against + self.c.tau_prop * self.ended;
         self.twist = Twist::new(parameters, self.h, [self.speed, spring]).map(Box::new);
         let error = self.set_span.start - self.speed;
@@ -158,17 +158,17 @@ impl<'a, const D: bool> Ship<'a, D> {
         self.begin();
     }
 
-    /// Whether the speed is still one that a ship may have.
+    /// Whether the state is plausible, so that the simulation can continue.
     pub fn is_sound(&self) -> bool {
         self.speed > SLOWEST && self.speed < FASTEST && self.rack.abs() < FARTHEST
     }
 
-    /// Delays of the speed's and the torque's channel, where one is late.
+    /// Delays of the speed and torque sensors, if any.
     pub fn channel_delays(&self) -> Option<[f64; 2]> {
         self.acting.channels.then_some(self.channel_delays)
     }
 
-    /// What is seen at the begin of the step.
+    /// Output at the beginning of the step.
     #[inline(always)]
     pub fn output(&self, output: Output) -> f64 {
         match output {
@@ -194,7 +194,7 @@ impl<'a, const D: bool> Ship<'a, D> {
         if self.acting.load { self.law + load * self.c.load_gain } else { self.law }
     }
 
-    /// Look at the step's inputs, and at the acceleration as it begins.
+    /// Evaluate inputs and acceleration at the step's beginning.
     #[inline(always)]
     fn begin(&mut self) {
         if self.at > 0 {
@@ -213,7 +213,7 @@ impl<'a, const D: bool> Ship<'a, D> {
         }
     }
 
-    /// What inputs that jump bring about at once.
+    /// Immediate effect of inputs that jump.
     #[inline(always)]
     fn jump(&mut self) {
         let against = match &self.twist {
@@ -239,7 +239,7 @@ impl<'a, const D: bool> Ship<'a, D> {
         }
     }
 
-    /// Acceleration where the rack is an order less `fuel` times the acceleration itself.
+    /// Acceleration if the rack is `order` minus `fuel` times the acceleration.
     #[inline(always)]
     pub(super) fn brought_about(&self, speed: f64, order: f64, against: f64, fuel: f64) -> f64 {
         let (torque, held) = self.engine(speed, self.within_limits(order));
@@ -248,7 +248,7 @@ impl<'a, const D: bool> Ship<'a, D> {
         (torque - against) / (inertia + more)
     }
 
-    /// Whether the sum stands: the command is beyond what limits let through, and the error would drive it further.
+    /// Whether the integral is frozen: a limit is active, and the error would drive the command further.
     #[inline(always)]
     pub(super) fn stands(&self, command: f64, error: f64) -> bool {
         if !self.acting.anti_windup {
@@ -259,7 +259,7 @@ impl<'a, const D: bool> Ship<'a, D> {
         f64::from(if torque_side == 0 { rack_side } else { torque_side }) * error > 0.0
     }
 
-    /// Go on to the next step's begin.
+    /// Advance to the next step's beginning.
     #[inline(always)]
     pub fn step(&mut self) {
         if self.clock.is_none() {
@@ -282,13 +282,13 @@ impl<'a, const D: bool> Ship<'a, D> {
         self.begin();
     }
 
-    /// The rack at the step's end, and its mean.
+    /// Rack at the step's end, and its mean.
     #[inline(always)]
     pub(super) fn driven(&mut self, ahead: &Ahead) -> [f64; 2] {
         if self.clock.is_some() { self.clocked() } else { self.fed(ahead) }
     }
 
-    /// One inertia.
+    /// Step of a single inertia.
     #[inline(always)]
     fn rigid(&mut self, mut ahead: Ahead) {
         let begin = (self.law, self.rack);
@@ -299,7 +299,7 @@ impl<'a, const D: bool> Ship<'a, D> {
         }
         let [rack, mean_rack] = self.driven(&ahead);
         let apart = ahead.speed - 1.0;
-        // What follows the speed, apart from the fuel: corrected to third order.
+        // Speed-dependent torque without the fuel, corrected to third order.
         let own_ahead = self.c.g * apart - law_ahead;
         let growth = own_ahead - self.own;
         let fuel = self.fuel(rack) + 1.0;
@@ -326,7 +326,7 @@ impl<'a, const D: bool> Ship<'a, D> {
         self.arrived(speed, ended * self.c.inverse_tau, more, rack);
     }
 
-    /// Two inertias on a shaft that twists.
+    /// Step of two inertias on a shaft that twists.
     #[inline(always)]
     fn twisted(&mut self, mut twist: Box<Twist>, mut ahead: Ahead) {
         let torque = twist.torque(self.speed);
@@ -353,7 +353,7 @@ impl<'a, const D: bool> Ship<'a, D> {
         self.arrived(speed, ended, speed - ahead.speed, rack);
     }
 
-    /// The end of a step, at a speed that is `more` than was foreseen.
+    /// Finish a step at a speed that exceeds the prediction by `more`.
     #[inline(always)]
     pub(super) fn arrived(&mut self, speed: f64, ended: f64, more: f64, rack: f64) {
         let h = self.h;
@@ -364,7 +364,7 @@ impl<'a, const D: bool> Ship<'a, D> {
         (self.speed, self.ended, self.rack, self.lagged) = (speed, ended, rack, rack);
     }
 
-    /// Take what has died away for zero: numbers below the normal ones would slow down every step.
+    /// Set decayed values to zero: subnormal numbers would slow down every step.
     pub fn cut(&mut self) {
         for number in [
             &mut self.speed,

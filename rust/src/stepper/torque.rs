@@ -8,7 +8,7 @@ impl<const D: bool> Ship<'_, D> {
         if self.acting.gain { self.c.v * rack } else { rack }
     }
 
-    /// Torque of the engine at a speed and a rack, and the side of a limit that holds it.
+    /// Engine torque at a speed and a rack, and the active side of its limits.
     #[inline(always)]
     pub(super) fn engine(&self, speed: f64, rack: f64) -> (f64, i8) {
         let apart = speed - 1.0;
@@ -41,11 +41,11 @@ impl<const D: bool> Ship<'_, D> {
     }
 }
 
-/// The mean torque below a limit that noise reaches now and then: highest - softness ln(1 + exp z) with
+/// Mean torque below a limit that noise reaches at times: highest - softness ln(1 + exp z) with
 /// z = (highest - torque) / softness.
 #[inline(always)]
 pub fn softly_within(torque: f64, highest: f64, softness: f64) -> (f64, i8) {
-    /// From this distance on, in units of the softness, a limit does nothing.
+    /// Distance in units of the softness, from which a limit has no effect.
     const FAR: f64 = 40.0;
     let z = (highest - torque) / softness;
     if z > FAR {

@@ -1,22 +1,22 @@
-//! What a governor that samples does beside being late: its sum of rectangles, and the ripple that it sees of its own stairs.
+//! Effects of a sampling governor besides its delay: the rectangle rule of its integral, and the ripple of its held command.
 
 use super::dual::Dual;
 
-/// Dead time over the period up to which the stairs' phase at the samples counts, and from which on no data tell it: there the
-/// mean over all phases, nothing, stands for it.
+/// Dead time over the period: up to the first, the ripple depends on its phase at the samples; from the second on the phase
+/// is unknown, and the mean over all phases is used, which is zero.
 const KNOWN: [f64; 2] = [0.5, 1.0];
 
-/// The governor's derivative part (of both its inputs) for a period of twice `held`: a sum of rectangles is
-/// `(K_i / s) cosh x` beside `K_p sinh(x) / x`, `x = s held`, and the hold's mean is `cosh(x / sqrt(3))` for both.
+/// Derivative term of the governor, on both its inputs, for a period of twice `held`: the rectangle rule is `(K_i / s) cosh
+/// x` with `K_p sinh(x) / x`, `x = s held`, and the hold's mean is `cosh(x / sqrt(3))` for both.
 pub fn summed(integral: Dual, held: Dual) -> Dual {
     integral * held * held * (1.0 / 3.0)
 }
 
-/// The speed's ripple at the samples over the fuel's slope and one over the inertia [s^2], for the dead time, of which `hold`
-/// is half a period, and a lag behind the stairs.
+/// Ripple of the speed at the samples over the fuel's slope and the inverse inertia [s^2], for a dead time, of which `hold`
+/// is half a period, and a lag after the hold.
 ///
-/// Images of the command at multiples z of the clock come back through the lag and the inertia at the sampling instants:
-/// the sum of `exp(-z t) / (z^2 (1 + z lag))`, t the dead time without the half period.
+/// Images of the command at multiples z of the sample rate alias through the lag and the inertia at the sampling instants:
+/// the sum of `exp(-z t) / (z^2 (1 + z lag))`, with t the dead time without half a period.
 pub fn ripple(hold: Dual, dead: Dual, lag: Dual) -> Dual {
     let late = hold.inverse() * 0.5 + -0.5;
     let [known, unknown] = KNOWN;

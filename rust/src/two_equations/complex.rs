@@ -1,4 +1,4 @@
-//! Complex numbers in vectors, one frequency a lane.
+//! Vectors of complex numbers, one frequency per lane.
 
 use pulp::Simd;
 
@@ -99,7 +99,7 @@ impl<S: Simd> Complex<S> {
     }
 }
 
-/// exp(-j omega t) at frequencies of even distance, by rotation.
+/// exp(-j omega t) at equidistant frequencies, by rotation.
 #[derive(Debug, Clone, Copy)]
 pub struct Rotation<S: Simd> {
     pub now: Complex<S>,
@@ -107,7 +107,7 @@ pub struct Rotation<S: Simd> {
 }
 
 impl<S: Simd> Rotation<S> {
-    /// From frequency 0 on, `spacing` [rad/s] apart, for a time t [s].
+    /// From frequency 0, `spacing` [rad/s] apart, for a time t [s].
     #[inline(always)]
     pub fn new(simd: S, spacing: f64, t: f64) -> Self {
         let lanes = S::F64_LANES;

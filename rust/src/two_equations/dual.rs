@@ -1,4 +1,4 @@
-//! Numbers that carry their derivatives by every parameter along.
+//! Numbers with their derivatives by all parameters (automatic differentiation).
 
 use std::ops::{Add, Mul, Sub};
 
@@ -14,7 +14,7 @@ pub struct Dual {
 }
 
 impl Dual {
-    /// A number that depends on nothing.
+    /// A constant.
     pub const fn new(value: f64) -> Self {
         Self { value, slopes: [0.0; COUNT] }
     }
@@ -26,19 +26,19 @@ impl Dual {
         found
     }
 
-    /// One over it.
+    /// Reciprocal.
     pub fn inverse(self) -> Self {
         let value = 1.0 / self.value;
         Self { value, slopes: self.slopes.map(|slope| -slope * value * value) }
     }
 
-    /// e to its power.
+    /// Exponential.
     pub fn exponential(self) -> Self {
         let value = self.value.exp();
         Self { value, slopes: self.slopes.map(|slope| slope * value) }
     }
 
-    /// A number with this value, whose derivatives are `own` times these plus `others` times the other's.
+    /// A number with this value, and derivatives `own` times these plus `others` times those of `other`.
     fn combined(mut self, own: f64, other: &Self, others: f64, value: f64) -> Self {
         for (mine, theirs) in self.slopes.iter_mut().zip(&other.slopes) {
             *mine = *mine * own + theirs * others;

@@ -1,7 +1,7 @@
 //! Both equations as polynomials in s on measured signals, with their derivatives by every parameter.
 //!
-//! The engine's equation is multiplied by what stands in its denominators (the integrator, the lag), the load's by
-//! the damped twist's, so that only polynomials and delays are left.
+//! Each equation is multiplied by its denominators (the engine's by integrator and lag, the load's by the damped twist), so
+//! that only polynomials and delays remain.
 
 use crate::error::{Result, require};
 use crate::places::named_places;
@@ -10,8 +10,8 @@ use super::clock;
 use super::dual::Dual;
 
 named_places! {
-    /// Names of the parameters: `u_0` set point offset, `s_M` and `m_0` scale and offset of the torque, `x_0` offset of the rack
-    /// or the fuel, `T_B` and `s_B` lateness and scale of the brake's torque beside a gauge's.
+    /// Names of the parameters: `u_0` set-point offset, `s_M` and `m_0` scale and offset of the torque, `x_0` offset of rack
+    /// or fuel, `T_B` and `s_B` delay and scale of the brake's torque measured besides a gauge's.
     PARAMETERS:
     TAU_N "tau_n",
     G "g",
@@ -41,13 +41,13 @@ named_places! {
 }
 pub const COUNT: usize = PARAMETERS.len();
 
-/// Signals that a record holds, deviations from the operating point: speed, torque, rack, load, the speed's square and cube, one,
-/// and the brake's torque beside a gauge's.
+/// Signals of a record, as deviations from the operating point: speed, torque, rack, load, square and cube of the speed,
+/// one, and the brake's torque measured besides a gauge's.
 pub const SIGNALS: [&str; 8] = ["N", "M", "X", "load", "N2", "N3", "one", "M_b"];
-/// Orders of the taper's derivatives that count, the taper itself included.
+/// Number of taper derivatives that are used, including the taper itself.
 pub const ORDERS: usize = 4;
 
-/// Signals of the equations: those of a record, then delayed ones; "apart" are those with sinh for cosh of a hold.
+/// Signals of the equations: those of a record, then delayed ones; "apart" signals have sinh instead of cosh for a hold.
 pub mod signal {
     crate::places::places! {
         N, M, X, LOAD, N2, N3, ONE, M_B,
@@ -55,27 +55,27 @@ pub mod signal {
     }
 }
 
-/// Where speed and torque are measured, and what drives the ship.
+/// Locations of speed and torque sensors, and the input.
 #[derive(Debug, Clone, Copy, Default)]
-// Each goes with every other one.
+// All combinations are valid.
 #[allow(clippy::struct_excessive_bools)]
 pub struct Setup {
-    /// Whether the torque is read between the inertias.
+    /// Whether the torque is measured between the inertias.
     pub gauge: bool,
-    /// Whether a command moves the drive, and no governor.
+    /// Whether the input is a command instead of a governor's set point.
     pub open_loop: bool,
-    /// Whether the speed is the propeller's, behind the twist of the shaft.
+    /// Whether the speed is measured on the propeller's side of the twisting shaft.
     pub propeller: bool,
-    /// Whether the set point goes in steps, which a governor that samples takes late and does not smooth.
+    /// Whether the set point is stepwise, so that a sampling governor delays it but does not smooth it.
     pub steps: bool,
 }
 
-/// What can be measured and compared; the brake's torque beside a gauge's only.
+/// Measured outputs; the brake's torque only besides a gauge's.
 pub const OUTPUTS: [&str; 4] = ["dn", "dM", "dX", "dM_b"];
-/// An output by its place in [`OUTPUTS`].
+/// An output by its index in [`OUTPUTS`].
 pub type Output = usize;
 
-/// Coefficients that a polynomial can have.
+/// Most coefficients of a polynomial.
 pub const DEGREES: usize = 7;
 
 /// A polynomial in s on a signal of an equation.
@@ -88,22 +88,22 @@ pub struct Term {
     pub length: usize,
 }
 
-/// The equations at some parameters: as many as there are outputs.
+/// The equations at given parameters, as many as outputs.
 #[derive(Debug)]
 pub struct Equations {
-    /// The parameters, by [`PARAMETERS`].
+    /// Values of [`PARAMETERS`].
     pub values: [f64; COUNT],
-    /// Places of the outputs in [`OUTPUTS`], in the caller's order.
+    /// Indices of the outputs in [`OUTPUTS`], in the caller's order.
     pub outputs: Vec<Output>,
-    /// Whether the set point goes in steps.
+    /// Whether the set point is stepwise.
     pub steps: bool,
     /// Their terms.
     pub terms: Vec<Term>,
-    /// By each parameter asked for, its derivative's terms.
+    /// For each requested parameter, the terms of its derivative.
     pub slopes: Vec<(usize, Vec<Term>)>,
 }
 
-/// A polynomial whose coefficients carry derivatives.
+/// A polynomial whose coefficients have derivatives.
 #[derive(Debug, Clone)]
 struct Polynomial(Vec<Dual>);
 
@@ -131,7 +131,7 @@ impl Polynomial {
     }
 }
 
-/// One equation: a polynomial for each signal that it has.
+/// An equation: a polynomial for each of its signals.
 #[derive(Debug, Clone, Default)]
 struct Equation(Vec<(usize, Polynomial)>);
 
@@ -144,14 +144,14 @@ impl Equation {
         }
     }
 
-    /// Add another equation, multiplied.
+    /// Add another equation times a factor.
     fn add_all(&mut self, other: &Self, factor: &Polynomial) {
         for (signal, polynomial) in &other.0 {
             self.add(*signal, &polynomial.times(factor));
         }
     }
 
-    /// Put in for the torque what another equation, in which it stands alone, says of it.
+    /// Substitute the torque by another equation, in which its coefficient is one.
     fn without_torque(mut self, load: &Self) -> Self {
         let Some(place) = self.0.iter().position(|(signal, _)| *signal == signal::M) else { return self };
         let factor = self.0.remove(place).1.negative();
@@ -166,7 +166,7 @@ impl Equations {
     /// The equations of a ship for measured outputs, with derivatives by the parameters of index `wrt`.
     ///
     /// # Errors
-    /// [`crate::error::Error::Invalid`] for outputs without the speed, a parameter that is none, or one that is not finite.
+    /// [`crate::error::Error::Invalid`] for outputs without the speed, or an unknown parameter or one that is not finite.
     pub fn new(values: &[f64], outputs: &[Output], setup: Setup, wrt: &[usize]) -> Result<Self> {
         require(values.len() == COUNT, || {
             format!("parameters: found {} numbers, expected {COUNT}", values.len())
@@ -219,12 +219,12 @@ impl Equations {
         Ok(Self { values: own, outputs: outputs.to_vec(), steps: setup.steps, terms, slopes })
     }
 
-    /// All its polynomials, derivatives included.
+    /// All polynomials, including those of derivatives.
     pub fn every(&self) -> impl Iterator<Item = &Term> {
         self.terms.iter().chain(self.slopes.iter().flat_map(|(_, terms)| terms))
     }
 
-    /// Half of the time between the two commands that stand for a hold [s].
+    /// Half of the time between the two commands that represent a hold [s].
     #[must_use]
     pub fn apart(&self) -> f64 {
         self.values[at::HOLD] * self.values[at::T_D] / 3.0_f64.sqrt()
@@ -241,10 +241,10 @@ fn term(equation: usize, signal: usize, from: impl Iterator<Item = f64>) -> Opti
     (length > 0).then_some(Term { equation, signal, coefficients, length })
 }
 
-/// The equations: of the load where a torque is measured, of the engine, of the governor where the rack is, of the engine's
-/// inertia where both torques are.
+/// The equations: of the load if a torque is measured, of the engine, of the governor if the rack is measured, and of the
+/// engine's inertia if both torques are.
 fn written(values: &[f64; COUNT], [torque, rack, both]: [bool; 3], setup: Setup) -> Vec<Equation> {
-    // long: the equations one after the other, as they stand on paper
+    // long: the equations in sequence, as on paper
     let q = |place: usize| Dual::parameter(values, place);
     let poly = |numbers: &[Dual]| Polynomial(numbers.to_vec());
     let (zero, one) = (Dual::new(0.0), Dual::new(1.0));
@@ -258,12 +258,12 @@ fn written(values: &[f64; COUNT], [torque, rack, both]: [bool; 3], setup: Setup)
     let inertia = poly(&[zero, ahead]);
     let damped = if twists { poly(&[one, q(at::ZETA_TWIST) * q(at::TAU_TWIST)]) } else { poly(&[one]) };
 
-    // Where the propeller's speed is measured, the load's law has no twist. The engine's speed, times `damped`, is that and
-    // what the torque winds up.
+    // If the propeller's speed is measured, the load's law has no twist. The engine's speed times `damped` is the
+    // propeller's plus the twist by the torque.
     let on_load = if propeller { poly(&[one]) } else { damped.clone() };
     let wound = if propeller && twists { poly(&[zero, q(at::TAU_TWIST)]) } else { poly(&[zero]) };
 
-    // The gauge's torque is the brake's less what speeds up the engine's side.
+    // The gauge's torque is the brake's minus the acceleration torque of the engine's side.
     let mut load = Equation::default();
     let by_torque = if twists && !propeller {
         damped.clone().plus(&law.times(&poly(&[zero, q(at::TAU_TWIST)])), 1.0)
@@ -288,7 +288,7 @@ fn written(values: &[f64; COUNT], [torque, rack, both]: [bool; 3], setup: Setup)
     let slowed = if gauge { inertia } else { poly(&[zero]) }.plus(&poly(&[q(at::G)]), -1.0);
     engine.add(signal::M, &on_engine.clone().plus(&slowed.times(&wound), 1.0));
     engine.add(signal::N, &on_engine.times(&slowed));
-    // Of a stiff shaft the torque is put in, measured or not: what multiplies the engine's equation then moves nothing.
+    // For a stiff shaft the torque is substituted, so that factors of the engine's equation have no effect.
     if !twists {
         engine = engine.without_torque(&load);
     }
@@ -330,7 +330,8 @@ fn written(values: &[f64; COUNT], [torque, rack, both]: [bool; 3], setup: Setup)
     equations
 }
 
-/// The ripple of the fuel's stairs at the governor's samples over the speed, by the inertia that a shaft leaves them at a clock.
+/// Ripple of the held fuel at the governor's samples over the speed, with the inertia that the shaft leaves at the sample
+/// rate.
 fn rippled(values: &[f64; COUNT], twists: bool) -> Polynomial {
     let q = |place: usize| Dual::parameter(values, place);
     let (lag, zero) = (q(at::TAU_ACT), Dual::new(0.0));
@@ -341,7 +342,7 @@ fn rippled(values: &[f64; COUNT], twists: bool) -> Polynomial {
     fuel.times(&Polynomial(vec![sees, sees * lag]))
 }
 
-/// Terms of the derivative by a parameter: of coefficients, and of the delays and scales of signals.
+/// Terms of the derivative by a parameter: by coefficients, and by delays and scales of signals.
 fn slope_terms(
     equations: &[Equation],
     terms: &[Term],
@@ -411,7 +412,7 @@ fn slope_terms(
     trimmed(found)
 }
 
-/// Terms without the coefficients that are zero at their ends.
+/// Terms without zero coefficients at their ends.
 fn trimmed(mut terms: Vec<Term>) -> Vec<Term> {
     for one in &mut terms {
         one.length = DEGREES - one.coefficients.iter().rev().take_while(|value| **value == 0.0).count();

@@ -1,4 +1,4 @@
-//! What the kernel is given, and what stays the same from block to block.
+//! Inputs of the kernel, and constants of all blocks.
 
 use pulp::Simd;
 
@@ -6,29 +6,30 @@ use super::complex::Complex;
 use super::equations::{COUNT, DEGREES, Equations, ORDERS, signal};
 use crate::error::{Result, require};
 
-/// Frequencies that are computed together; a record's are padded to a multiple of it.
+/// Frequencies that are computed together; a record is padded to a multiple.
 pub const BLOCK: usize = 32;
 
-/// Outputs at most.
+/// Most outputs.
 pub const MOST: usize = 4;
 
-/// Spectra of a record, [S, ORDERS, 2, F]: signals as in `SIGNALS`, orders of the taper with signs, real and imaginary parts.
+/// Spectra of a record, [S, ORDERS, 2, F]: signals as in `SIGNALS`, orders of the taper with signs, real and imaginary
+/// parts.
 #[derive(Debug, Clone, Copy)]
 pub struct Spectra<'a> {
-    /// All of them.
+    /// Values of all spectra.
     pub values: &'a [f64],
-    /// Frequencies, padded.
+    /// Number of frequencies, padded.
     pub count: usize,
-    /// Their distance [rad/s].
+    /// Frequency spacing [rad/s].
     pub spacing: f64,
 }
 
-/// A signal late by a time of a grid, [ORDERS, 2, F], and the rest of the delay [s].
+/// A signal delayed by a multiple of a grid, [ORDERS, 2, F], and the remaining delay [s].
 #[derive(Debug, Clone, Copy)]
 pub struct Late<'a> {
-    /// Its orders.
+    /// Spectra of all orders.
     pub values: &'a [f64],
-    /// What the delay has beyond the grid's [s].
+    /// Remaining delay [s].
     pub rest: f64,
 }
 
@@ -36,7 +37,7 @@ impl Spectra<'_> {
     /// Check the lengths.
     ///
     /// # Errors
-    /// [`crate::error::Error::Invalid`] where one is off.
+    /// [`crate::error::Error::Invalid`] if a length is wrong.
     pub fn require(&self, late: &[Late<'_>]) -> Result<()> {
         let rows = ORDERS * 2 * self.count;
         require(self.count.is_multiple_of(BLOCK) && self.count > 0, || {
@@ -60,10 +61,10 @@ impl Spectra<'_> {
     }
 }
 
-/// Bytes of a line of the cache.
+/// Bytes of a cache line.
 const LINE: usize = 64;
 
-/// Numbers that begin with a line of the cache: vectors across two lines take twice as long to load.
+/// Numbers aligned to cache lines: vectors across two lines take twice as long to load.
 pub struct Aligned {
     values: Vec<f64>,
     start: usize,
@@ -90,10 +91,10 @@ impl Aligned {
     }
 }
 
-/// Columns that are multiplied by each other at a time.
+/// Columns that are multiplied together.
 pub const TILE: usize = 3;
 
-/// Columns of residual and derivatives, padded to whole tiles.
+/// Number of columns of residual and derivatives, padded to whole tiles.
 pub fn padded(equations: &Equations) -> usize {
     match equations.slopes.len() {
         0 => 1,
@@ -101,34 +102,34 @@ pub fn padded(equations: &Equations) -> usize {
     }
 }
 
-/// A coefficient and the place of what it multiplies, s^k on a signal.
+/// A coefficient, and the index of its factor, s^k times a signal.
 #[derive(Debug, Clone, Copy)]
 pub struct Item {
     pub slot: usize,
     pub factor: f64,
 }
 
-/// What stays the same from block to block. No closures in the loops over frequencies: they are compiled apart, without the
-/// instructions of the vectors.
+/// Constants of all blocks. Loops over frequencies have no closures, which would be compiled separately, without vector
+/// instructions.
 pub struct Plan<'a, const O: usize> {
     pub q: &'a [f64; COUNT],
     pub spectra: Spectra<'a>,
     pub late: &'a [Late<'a>],
-    /// Powers of s that are needed on each signal, and the slot of the first.
+    /// Number of powers of s of each signal, and index of the first.
     pub lengths: [usize; signal::COUNT],
     pub slots: [usize; signal::COUNT],
-    /// Slots of all signals.
+    /// Number of all powers of signals.
     pub size: usize,
-    /// Of each column, residual first, and each equation.
+    /// Terms by column, residual first, and equation.
     pub items: Vec<[Vec<Item>; O]>,
-    /// Outputs that are measured, and the caller's place of each.
+    /// Measured outputs, and the caller's index of each.
     pub outputs: [usize; O],
     pub places: [usize; O],
-    /// Coefficients of each equation on each output, and on the delayed speed and torque.
+    /// Coefficients of each equation for each output, and for the delayed speed and torque.
     pub near: [[[f64; DEGREES]; O]; O],
     pub fed: [[[f64; DEGREES]; 2]; O],
     pub apart: f64,
-    /// Whether the set point goes in steps.
+    /// Whether the set point is stepwise.
     pub steps: bool,
 }
 
@@ -187,10 +188,10 @@ impl<'a, const O: usize> Plan<'a, O> {
     }
 }
 
-/// The signal that each output is.
+/// Signal of each output.
 pub const SHOWN: [usize; MOST] = [signal::N, signal::M, signal::X, signal::M_B];
 
-/// Lay down numbers of a block, real and imaginary parts.
+/// Store numbers of a block as real and imaginary parts.
 #[inline(always)]
 pub fn store<S: Simd>(value: Complex<S>, block: &mut [f64], number: usize, inner: usize) {
     let both = S::as_mut_simd_f64s(&mut block[number * 2 * BLOCK..(number + 1) * 2 * BLOCK]).0;

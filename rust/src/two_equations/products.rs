@@ -1,4 +1,4 @@
-//! Products of whitened residuals, derivatives and smooth errors: all that normal equations need, in one pass.
+//! Products of whitened residuals, derivatives and smooth errors for the normal equations, in one pass.
 
 use pulp::Simd;
 
@@ -9,46 +9,46 @@ use super::residual::{Sink, Square, each_block};
 use crate::error::{Result, require};
 use crate::stop::Stop;
 
-/// Noise of a record, and the smooth errors of its outputs.
+/// Noise of a record, and smooth errors of its outputs.
 #[derive(Debug, Clone, Copy)]
 pub struct Noise<'a> {
     /// Root of the inverse spectral matrix, a lower triangle, [O, O, 2, F].
     pub root: &'a [f64],
-    /// Whitened shape of each output's error, [O, O, 2, F]: row the whitened output, column whose error it is. Empty: none.
+    /// Whitened shape of each output's error, [O, O, 2, F]: row of the whitened output, column of the error. Empty: none.
     pub shapes: &'a [f64],
-    /// Hats over which the errors' sizes run, [K, F].
+    /// Hat functions of the errors, [K, F].
     pub hats: &'a [f64],
 }
 
 /// The products.
 #[derive(Debug)]
 pub struct Products {
-    /// Of residual and derivatives with each other, [C, C].
+    /// Products of residual and derivatives, [C, C].
     pub gram: Vec<f64>,
-    /// Of the smooth errors with them, [O, 2, K, C].
+    /// Products of smooth errors with residual and derivatives, [O, 2, K, C].
     pub errors: Vec<f64>,
 }
 
 struct Sums<'a> {
     noise: Noise<'a>,
     count: usize,
-    /// Columns of residual and derivatives, and with those that pad them.
+    /// Number of columns of residual and derivatives, without and with padding.
     columns: usize,
     padded: usize,
-    /// A column in the directions of the smooth errors.
+    /// A column projected on the smooth errors.
     turned: Aligned,
-    /// The shapes of a block, [O, O, 2, BLOCK], and its hats that are not zero, [near, BLOCK].
+    /// Shapes of a block, [O, O, 2, BLOCK], and its nonzero hats, [near, BLOCK].
     shapes: Aligned,
     hats: Aligned,
-    /// Sums of each pair of columns, one a lane, [padded, padded, LANES].
+    /// Sums of each pair of columns, one per lane, [padded, padded, LANES].
     gram: Aligned,
-    /// Sums of each hat, column, output and part, one a lane, [K, C, O, 2, LANES].
+    /// Sums of each hat, column, output and part, one per lane, [K, C, O, 2, LANES].
     errors: Aligned,
-    /// Hats that are not zero in a block.
+    /// Nonzero hats of a block.
     near: Vec<usize>,
 }
 
-/// Lanes that are kept for a sum.
+/// Lanes per sum.
 const LANES: usize = 8;
 
 impl Sink for Sums<'_> {
@@ -147,7 +147,7 @@ fn part<S: Simd>(_: S, values: &[f64], number: usize, count: usize, place: usize
 }
 
 impl Sums<'_> {
-    /// Turn a whitened column of a block into the directions of the smooth errors, and add its products with the hats.
+    /// Project a whitened column of a block on the smooth errors, and add its products with the hats.
     #[inline(always)]
     fn bent<S: Simd, const O: usize>(&mut self, simd: S, white: &[f64], column: usize) {
         let vectors = BLOCK / S::F64_LANES;
@@ -256,7 +256,7 @@ mod tests {
     use crate::two_equations::residuals;
     use proptest::prelude::*;
 
-    /// Numbers between -1 and 1 without a pattern.
+    /// Pseudo-random numbers between -1 and 1.
     fn numbers(count: usize, seed: u64) -> Vec<f64> {
         (0..count).map(|k| ((k as f64 + 1.0) * (seed as f64 + 12.9898)).sin()).collect()
     }
@@ -264,7 +264,7 @@ mod tests {
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(24))]
 
-        /// Noise of one in all outputs and at all frequencies: products of the rows as they are.
+        /// With unit noise in all outputs and at all frequencies the products are those of the plain rows.
         #[test]
         fn products_in_units_of_one_are_those_of_the_rows(
             seed in 0..1000_u64,

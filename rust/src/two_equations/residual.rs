@@ -17,16 +17,16 @@ use crate::stop::Stop;
 /// A square matrix at neighbouring frequencies.
 pub type Square<S, const O: usize> = [[Complex<S>; O]; O];
 
-/// What a kernel over frequencies does with the rows of a block.
+/// Consumer of the rows of a block, for a kernel over frequencies.
 pub trait Sink {
-    /// What rows are multiplied by, given the outputs by the equations; `place` counts vectors.
+    /// Weights of the rows, given the outputs by the equations; `place` is the index of the vector.
     fn weigh<S: Simd, const O: usize>(&self, simd: S, place: usize, outputs: Square<S, O>) -> Square<S, O>;
-    /// Take the rows of the block that begins at a frequency: `1 + W` columns of [outputs, 2, BLOCK], padded by zeros to
-    /// whole tiles.
+    /// Process the rows of the block that starts at frequency `first`: `1 + W` columns of [outputs, 2, BLOCK], zero-padded
+    /// to whole tiles.
     fn take<S: Simd, const O: usize>(&mut self, simd: S, first: usize, rows: &[f64]);
 }
 
-/// Compute all blocks, with the widest vectors that this machine has.
+/// Compute all blocks with the widest vectors of this machine.
 pub fn each_block(
     equations: &Equations,
     spectra: Spectra<'_>,
@@ -91,7 +91,7 @@ fn blocks<S: Simd, const O: usize>(
             for a in 0..O {
                 store(residual[a], rows, a, inner);
                 for b in 0..O {
-                    // Of the model: the residual is the data less it.
+                    // The model's derivative: the residual is the data minus the model.
                     store(Complex::zero(simd).minus(simd, weight[a][b]), weights, a * O + b, inner);
                 }
             }
@@ -105,7 +105,7 @@ fn blocks<S: Simd, const O: usize>(
     Ok(())
 }
 
-/// The equations' matrix about N = 1: what each makes of each output.
+/// Matrix of the equations about N = 1, from outputs to equations.
 #[inline(always)]
 fn matrix<S: Simd, const O: usize>(
     simd: S,
@@ -129,7 +129,7 @@ fn matrix<S: Simd, const O: usize>(
     found
 }
 
-/// A polynomial at j omega, with -omega^2 given.
+/// A polynomial at j omega, given -omega^2.
 #[inline(always)]
 fn polynomial<S: Simd>(simd: S, c: &[f64; DEGREES], omega: S::f64s, minus: S::f64s) -> Complex<S> {
     let (mut even, mut odd) = (simd.splat_f64s(c[DEGREES - 1]), simd.splat_f64s(c[DEGREES - 2]));
@@ -142,7 +142,7 @@ fn polynomial<S: Simd>(simd: S, c: &[f64; DEGREES], omega: S::f64s, minus: S::f6
     Complex { re: even, im: simd.mul_f64s(odd, omega) }
 }
 
-/// Take off the signals what the residuals make of them: then derivatives of the equations are those at the model's outputs.
+/// Subtract the residuals from the signals, so that derivatives of the equations are those at the model's outputs.
 #[inline(always)]
 fn answered<S: Simd, const O: usize>(
     simd: S,
@@ -170,7 +170,7 @@ fn answered<S: Simd, const O: usize>(
     }
 }
 
-/// Take something off a signal.
+/// Subtract a value from a signal.
 #[inline(always)]
 fn answer<S: Simd, const O: usize>(
     simd: S,
@@ -187,7 +187,7 @@ fn answer<S: Simd, const O: usize>(
     }
 }
 
-/// What the equations make of the outputs, in the caller's order, with lateness and scale of the channels.
+/// Outputs from equations in the caller's order, with delays and scales of the sensors.
 #[inline(always)]
 fn shown<S: Simd, const O: usize>(
     simd: S,
@@ -228,10 +228,10 @@ fn summed<S: Simd>(simd: S, items: &[Item], powers: &[f64], inner: usize) -> Com
     sum
 }
 
-/// Vectors of a block that are summed at a time.
+/// Vectors of a block that are summed together.
 const GROUP: usize = 4;
 
-/// A column of a block: the sums of each equation, multiplied by weights.
+/// A column of a block: sums of each equation, multiplied by weights.
 #[inline(always)]
 fn weighed<S: Simd, const O: usize>(
     simd: S,
@@ -301,7 +301,7 @@ fn minor<S: Simd, const O: usize>(
     a[r[0]][c[0]].times(simd, a[r[1]][c[1]]).minus_product(simd, a[r[0]][c[1]], a[r[1]][c[0]])
 }
 
-/// The inverse of the loop's matrix, by cofactors.
+/// Inverse of the loop's matrix, by cofactors.
 #[inline(always)]
 fn inverted<S: Simd, const O: usize>(simd: S, a: [[Complex<S>; O]; O]) -> [[Complex<S>; O]; O] {
     let mut found = a;
@@ -333,7 +333,7 @@ fn inverted<S: Simd, const O: usize>(simd: S, a: [[Complex<S>; O]; O]) -> [[Comp
                     found[i][j] = found[i][j].times(simd, one);
                 }
             }
-            // The brake's torque stands in the last equation alone.
+            // The brake's torque is only in the last equation.
             if O == 4 {
                 let by = a[3][3].inverse(simd);
                 for j in 0..3 {
@@ -371,7 +371,7 @@ fn product<S: Simd, const O: usize>(
 /// Residuals and the model's derivatives, [1 + W, O, 2, F], at all frequencies.
 ///
 /// # Errors
-/// [`crate::error::Error::Invalid`] for arrays whose lengths disagree, [`crate::error::Error::Stopped`].
+/// [`crate::error::Error::Invalid`] for arrays of inconsistent lengths, [`crate::error::Error::Stopped`].
 pub fn residuals(
     equations: &Equations,
     spectra: Spectra<'_>,

@@ -1,4 +1,4 @@
-//! Powers of s on the signals of the equations, delayed and tapered.
+//! Powers of s times the signals of the equations, delayed and tapered.
 
 use pulp::Simd;
 
@@ -6,13 +6,13 @@ use super::complex::{Complex, Rotation, negative};
 use super::equations::{DEGREES, ORDERS, at, signal};
 use super::plan::{Plan, store};
 
-/// Rotations by the delays of a record.
+/// Rotations for the delays of a record.
 pub struct Turns<S: Simd> {
     pub speed: Rotation<S>,
     pub torque: Rotation<S>,
-    /// Of the brake's torque beside a gauge's.
+    /// Rotation of the brake's torque measured besides a gauge's.
     pub brake: Rotation<S>,
-    /// Of the late speed, set point and torque.
+    /// Rotations of the delayed speed, set point and torque.
     pub late: [Rotation<S>; 3],
     pub dead: Rotation<S>,
     pub apart: Rotation<S>,
@@ -48,7 +48,7 @@ impl<S: Simd> Turns<S> {
         self.apart.advance(simd);
     }
 
-    /// cos and sin of the half distance of a hold's two commands.
+    /// cos and sin of half the distance between a hold's two commands.
     #[inline(always)]
     pub fn hold(&self, simd: S) -> [S::f64s; 2] {
         [self.apart.now.re, negative(simd, self.apart.now.im)]
@@ -71,7 +71,7 @@ fn read<S: Simd>(simd: S, values: &[f64], count: usize, orders: usize, place: us
     found
 }
 
-/// Powers of s on all signals that the equations have.
+/// Powers of s times all signals of the equations.
 #[inline(always)]
 pub fn lay_out<S: Simd, const O: usize>(
     simd: S,
@@ -98,7 +98,7 @@ pub fn lay_out<S: Simd, const O: usize>(
         raise(simd, plan, omega, orders, known, powers, inner);
     }
     let one = read(simd, &values[signal::ONE * size..], count, ORDERS, place);
-    // The torque is (M + 1) / s_M - 1 + m_0, of which the constants are not late.
+    // The torque is (M + 1) / s_M - 1 + m_0, whose constants are not delayed.
     let scale = 1.0 / q[at::S_M];
     let (scale, rest) = (simd.splat_f64s(scale), simd.splat_f64s(scale - 1.0 + q[at::M_0]));
     let by_brake = 1.0 / q[at::S_B];
@@ -125,7 +125,7 @@ pub fn lay_out<S: Simd, const O: usize>(
     lay_out_late(simd, plan, turns, omega, place, [scale, rest], powers, inner);
 }
 
-/// The same on those that come late to the governor; the torque has a scale and what is added to it.
+/// The same of signals that reach the governor with delay; the torque has a scale and an offset.
 #[inline(always)]
 #[allow(clippy::too_many_arguments)]
 fn lay_out_late<S: Simd, const O: usize>(
@@ -175,7 +175,7 @@ fn lay_out_late<S: Simd, const O: usize>(
     }
 }
 
-/// A signal times a scale, and a constant that is never late.
+/// A signal times a scale, plus a constant without delay.
 #[inline(always)]
 fn shifted<S: Simd>(
     simd: S,
@@ -190,7 +190,7 @@ fn shifted<S: Simd>(
     orders
 }
 
-/// s^k on a signal, for all k below its length.
+/// s^k times a signal, for all k below its length.
 #[inline(always)]
 fn raise<S: Simd, const O: usize>(
     simd: S,
@@ -233,7 +233,7 @@ fn raised<S: Simd, const LENGTH: usize>(
     }
 }
 
-/// The orders of a signal that is late by t, exp(-s t) given.
+/// Orders of a signal delayed by t, given exp(-s t).
 #[inline(always)]
 fn delayed<S: Simd>(simd: S, orders: [Complex<S>; ORDERS], turn: Complex<S>, t: f64) -> [Complex<S>; ORDERS] {
     let steps = [1.0, -t, 0.5 * t * t, -t * t * t / 6.0];
@@ -248,7 +248,7 @@ fn delayed<S: Simd>(simd: S, orders: [Complex<S>; ORDERS], turn: Complex<S>, t: 
     found
 }
 
-/// cosh(s t) and sinh(s t) on a signal, s = j omega: the mean of two commands 2 t apart, and half their difference.
+/// cosh(s t) and sinh(s t) times a signal, s = j omega: mean of two commands 2 t apart, and half their difference.
 #[inline(always)]
 fn parted<S: Simd>(
     simd: S,

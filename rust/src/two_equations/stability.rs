@@ -1,19 +1,19 @@
-//! Whether the loop about the operating point is stable, by the turns of its return difference (Nyquist 1932,
-//! doi:10.1002/j.1538-7305.1932.tb02344.x): a closed form has a finite cost for a loop that runs away.
+//! Stability of the loop about the operating point, by the encirclements of its return difference (Nyquist 1932,
+//! doi:10.1002/j.1538-7305.1932.tb02344.x): the closed form has a finite cost even for an unstable loop.
 
 use super::equations::{COUNT, at};
 
-/// Frequencies at which the return difference is looked at, per decade and in all at most.
+/// Frequencies at which the return difference is evaluated: per decade, and at most.
 const PER_DECADE: f64 = 24.0;
 const MOST: usize = 6000;
-/// Part of a turn by which a delay may turn it between two of them [rad].
+/// Angle by which a delay may turn it between two frequencies [rad].
 const TURN: f64 = 0.3;
-/// Bound of the loop gain below which nothing turns about the origin any more, and above which a delay's turns count.
+/// Loop gain below which encirclements end, and above which turns by the delay count.
 const SMALL: f64 = 0.9;
 const COUNTS: f64 = 0.3;
-/// Stands for a load that rises as the engine's torque does, as near as makes no difference.
+/// Torque slope that replaces a load exactly as steep as the engine's torque.
 const NEUTRAL: f64 = 1e-9;
-/// Least step over the frequency.
+/// Least relative frequency step.
 const FINEST: f64 = 1e-5;
 
 fn times(a: [f64; 2], b: [f64; 2]) -> [f64; 2] {
@@ -35,16 +35,16 @@ fn along(c: [f64; 4], w: f64) -> [f64; 2] {
     [c[0] - c[2] * w * w, c[1] * w - c[3] * w * w * w]
 }
 
-/// The engine's speed over its torque, about the operating point: `speed` / `torque`, polynomials in s.
+/// Transfer function from engine torque to engine speed about the operating point: `speed` / `torque`, polynomials in s.
 struct Shaft {
     speed: [f64; 4],
     torque: [f64; 4],
-    /// Where the ends of a shaft that twists swing against each other, and how fast that fades [rad/s]; 0: a stiff one.
+    /// Resonance of a shaft that twists, and its decay rate [rad/s]; 0: a stiff shaft.
     resonance: [f64; 2],
 }
 
 impl Shaft {
-    /// `more`: what a derivative that acts at once adds to the inertia of the engine's side.
+    /// `more`: additional inertia of the engine's side by a derivative that acts immediately.
     fn new(q: &[f64; COUNT], more: f64) -> Self {
         let law = q[at::P] + q[at::DAMPING];
         let (twist, damped) = (q[at::TAU_TWIST], q[at::TAU_TWIST] * q[at::ZETA_TWIST]);
@@ -59,14 +59,14 @@ impl Shaft {
         for (mine, more) in torque.iter_mut().zip(ends) {
             *mine += more;
         }
-        // About the resonance, by its square and half of what the polynomial has beyond the slow pole.
+        // Resonance, from its square and half of the polynomial's remainder beyond the slow pole.
         let square = (1.0 / ahead + 1.0 / behind) / twist;
         let slow = torque[0] / torque[1].abs().max(1e-12);
         let fades = 0.5 * (torque[2] / torque[3] - slow).abs();
         Self { speed, torque, resonance: [square.sqrt(), fades.max(1e-4 * square.sqrt())] }
     }
 
-    /// Poles on the right, by Routh.
+    /// Number of unstable poles, by Routh.
     fn poles(&self) -> i32 {
         let [a0, a1, a2, a3] = self.torque;
         if a3 == 0.0 {
@@ -78,14 +78,14 @@ impl Shaft {
     }
 }
 
-/// Whether a ship's loop is stable for parameters as in `PARAMETERS`; an open loop by its own poles.
+/// Whether a ship's loop is stable for parameters as in `PARAMETERS`; for an open loop, whether its poles are.
 #[must_use]
 pub fn is_stable(q: &[f64; COUNT], open_loop: bool) -> bool {
     if open_loop {
         return q[at::P] + q[at::DAMPING] - q[at::G] > 0.0 && Shaft::new(q, 0.0).poles() == 0;
     }
     let (kp, ki) = (q[at::VK_P], q[at::VK_I]);
-    // A derivative that acts at once is one more inertia.
+    // A derivative that acts immediately is additional inertia.
     let at_once = q[at::T_D] == 0.0 && q[at::TAU_ACT] == 0.0;
     let (kd, more) = if at_once { (0.0, q[at::VK_D]) } else { (q[at::VK_D], 0.0) };
     if !(ki > 0.0 && q[at::TAU_N] + more > 0.0) {
@@ -93,13 +93,13 @@ pub fn is_stable(q: &[f64; COUNT], open_loop: bool) -> bool {
     }
     let mut shaft = Shaft::new(q, more);
     if shaft.torque[0] == 0.0 {
-        shaft.torque[0] = NEUTRAL; // a pole at zero turns neither way
+        shaft.torque[0] = NEUTRAL; // a pole at zero does not turn it
     }
     let own = shaft.torque[0];
     let apart = q[at::HOLD] * q[at::T_D] / 3.0_f64.sqrt();
-    // s / (s + c) (1 + L(s)) has no pole at 0 and goes to 1.
+    // s / (s + c) (1 + L(s)) has no pole at 0 and tends to 1.
     let corner = (ki / (own.abs() + kp.abs())).max(1e-6);
-    // In its direction, without a division, and the loop's gain.
+    // Its direction, without a division, and the loop gain.
     let at_frequency = |w: f64| -> ([f64; 2], f64) {
         let under = times([1.0, q[at::TAU_ACT] * w], along(shaft.torque, w));
         let (sin, cos) = (w * q[at::T_D]).sin_cos();
@@ -113,11 +113,11 @@ pub fn is_stable(q: &[f64; COUNT], open_loop: bool) -> bool {
     let [swings, fades] = shaft.resonance;
     let (step, delay) = (10.0_f64.powf(1.0 / PER_DECADE), q[at::T_D] + apart);
     let slowest = corner.min((own.abs() / shaft.torque[1].abs().max(1e-9)).max(1e-6));
-    // With a derivative the gain may rise again up to the corners of plant and lag.
+    // With a derivative the gain may rise again up to the corner frequencies of plant and lag.
     let quickest = (3.0 * swings)
         .max(if kd == 0.0 { 0.0 } else { own.abs() / shaft.torque[1].abs().max(1e-9) })
         .max(if kd == 0.0 || q[at::TAU_ACT] == 0.0 { 0.0 } else { 1.0 / q[at::TAU_ACT] });
-    // On its way through 0 half a turn is one.
+    // At 0, half a turn counts as one.
     let half = if at_frequency(1e-3 * slowest).0[1] > 0.0 { 1 } else { -1 };
     let begun = shaft.poles() + if own < 0.0 { half } else { 0 };
     let steps = |w: f64, gain: f64| {
@@ -133,7 +133,7 @@ pub fn is_stable(q: &[f64; COUNT], open_loop: bool) -> bool {
     zeros(1e-3 * slowest, quickest, at_frequency, steps).is_some_and(|turned| begun + turned == 0)
 }
 
-/// Zeros on the right by the turns about the origin, two each, from a frequency to one above which none follow.
+/// Unstable zeros, from turns about the origin (two for each) above a start frequency.
 fn zeros(
     mut w: f64,
     quickest: f64,
@@ -149,7 +149,7 @@ fn zeros(
         let mut after = next(w, gain);
         let mut now;
         (now, gain) = at_frequency(after);
-        // A root near the axis turns it by half a turn within its distance: which way, shorter steps tell.
+        // A root near the axis causes half a turn close to it, whose direction needs smaller steps.
         while before[0] * now[0] + before[1] * now[1] < 0.0 && after - w > FINEST * w {
             after = 0.5 * (w + after);
             (now, gain) = at_frequency(after);
