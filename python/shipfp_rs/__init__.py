@@ -1,9 +1,9 @@
-"""Ship fingerprinting: the dynamic parameters of a propulsion drive train from a raw trial log.
+"""Ship fingerprinting: identification of a propulsion drive train's dynamic parameters from a raw trial log.
 
 Vessel + Excitation --simulate--> Experiment
 Log --process--> Experiment --identify(Structure)--> Fingerprint --> report
 
-What is used less often is imported from its own module: see the API page.
+Other functions are imported from their modules: see the API page.
 """
 
 from __future__ import annotations

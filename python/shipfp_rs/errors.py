@@ -1,13 +1,13 @@
-"""The exceptions of the package: one line each that says what was found, what was expected, what to do."""
+"""Exceptions of the package; each message is one line: what was found, what was expected, what to do."""
 
 LONGEST_WORD = 300
-"""Longest name that a line shows whole, in characters."""
+"""Longest name that a message shows completely, in characters."""
 
 LONGEST_LINE = 1500
 
 
 class ShipfpError(Exception):
-    """Base of every error that this package raises on purpose; its message is one line, whatever names it tells."""
+    """Base class of all errors that this package raises on purpose; the message is a single line."""
 
     def __init__(self, *arguments: object) -> None:
         super().__init__(*(_line(one) if isinstance(one, str) else one for one in arguments))
@@ -24,7 +24,7 @@ class InputError(ShipfpError, ValueError):
 
 
 class SimulationError(ShipfpError):
-    """A simulation left the range of finite numbers."""
+    """A simulation overflowed."""
 
 
 class IdentificationError(ShipfpError):
@@ -32,8 +32,8 @@ class IdentificationError(ShipfpError):
 
 
 class InternalError(ShipfpError):
-    """A defect of this library, caught before it could end the process."""
+    """A defect of this library, caught before it ends the process."""
 
 
 class LogWarning(UserWarning):
-    """Something of a log was left out or lost; the rest was read."""
+    """A part of a log was skipped or lost; the rest was read."""

@@ -1,6 +1,6 @@
 """The published tables of T. A. Martinus, "Ship fingerprinting", TU Delft, 2020, as typed rows.
 
-Each loader returns one tuple of frozen rows in the order of the table; None stands where nothing was printed.
+Each loader returns a tuple of frozen rows in the order of the table; None where nothing was printed.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ class Quantity(NamedTuple):
 
 
 class TorquePeak(NamedTuple):
-    """A peak of the torque spectrum at 1184 rpm and what turns at that rate (Table 6.9)."""
+    """A peak of the torque spectrum at 1184 rpm and its cause (Table 6.9)."""
 
     peak: int
     frequency_hz: float
@@ -68,7 +68,7 @@ class TorquePeak(NamedTuple):
 
 @dataclass(frozen=True)
 class Result:
-    """One case of an identification: estimates and fits (Tables 5.2, 7.1); case i was known beforehand."""
+    """A case of an identification: estimates and fits (Tables 5.2, 7.1); the parameters of case i were known."""
 
     case: str
     signal: str
@@ -84,7 +84,7 @@ class Result:
 
     @property
     def parameters(self) -> dict[str, float]:
-        """The four figures by the names that a fingerprint gives them."""
+        """The four parameters by the names of a fingerprint."""
         return {"tau_n": self.tau_n_s, "g": self.g, "K_p/K_i": self.kp_over_ki_s, "vK_p": self.v_kp}
 
 
@@ -102,7 +102,7 @@ class CrossValidation:
 
 @dataclass(frozen=True)
 class FullScaleExperiment:
-    """One experiment of the trial and where it lies in the logs (Table 6.7)."""
+    """An experiment of the trial and its position in the logs (Table 6.7)."""
 
     name: str
     kind: str
@@ -119,7 +119,7 @@ class FullScaleExperiment:
 
 
 class LogFaults(NamedTuple):
-    """Kinds of fault seen in an experiment's two logs, separated by blanks (Table 6.10)."""
+    """Kinds of fault in an experiment's two logs, separated by blanks (Table 6.10)."""
 
     experiment: str
     dewesoft: str
@@ -140,7 +140,7 @@ def sine_fits() -> tuple[SineFit, ...]:
 
 
 def set_point_calibration() -> tuple[SetPointCalibration, ...]:
-    """Return the four points behind the set-point line, eq. 6.7."""
+    """Return the four points of the set-point line, eq. 6.7."""
     return _rows("setpoint_calibration", SetPointCalibration)
 
 
@@ -150,7 +150,7 @@ def static_torque() -> tuple[StaticTorque, ...]:
 
 
 def torque_conversion() -> tuple[Quantity, ...]:
-    """Return the strain-gauge arithmetic of appendix D."""
+    """Return the strain-gauge conversion of appendix D."""
     return _rows("torque_conversion", Quantity)
 
 
@@ -165,7 +165,7 @@ def full_scale_results() -> tuple[Result, ...]:
 
 
 def full_scale_cross_validation() -> tuple[CrossValidation, ...]:
-    """Return how each case of the tug fits the other experiments."""
+    """Return the fit of each case of the tug to the other experiments."""
     return _rows("full_scale_cross_validation", CrossValidation)
 
 

@@ -1,4 +1,4 @@
-"""Experiments: labelled, calibrated, aligned signals on one time base, with operating point and provenance."""
+"""Experiments: calibrated signals with a common time base, an operating point and provenance."""
 
 from __future__ import annotations
 
@@ -35,13 +35,13 @@ UNITS: Mapping[str, str] = MappingProxyType(
         "M_load": "Nm",
     }
 )
-"""Unit of every signal name that the package knows."""
+"""Unit of each known signal."""
 DRIVES: Mapping[str, str] = MappingProxyType(
     {"n_set": "set point", "command": "command", "M_load": "load torque"}
 )
-"""Signals that drive a model, with their names in words."""
+"""Input signals of a model, with their names in words."""
 UNLOADED = 0.02
-"""A load over the torque of the operating point that is next to none, and may have either sign."""
+"""Largest load, relative to the torque of the operating point, that counts as almost none and may have either sign."""
 TIME = "time_s"
 _FACTS = ("name", "rate_hz", "operating_point", "hold", "kind", "provenance")
 _SLIPS = {"rpm": hints.SPEED_RPM, "rev/s": hints.SPEED_RPS, "Nm": hints.TORQUE}
@@ -49,24 +49,24 @@ _SLIPS = {"rpm": hints.SPEED_RPM, "rev/s": hints.SPEED_RPS, "Nm": hints.TORQUE}
 
 @dataclass(frozen=True, eq=False)
 class Experiment(Tabular, EvenlySampled):
-    """Signals of one stretch of a trial, uniformly sampled, NaN where a sample was masked.
+    """Uniformly sampled signals of a time range of a trial, NaN where masked.
 
     Parameters
     ----------
     name
-        Label used in tables and plots.
+        Label in tables and plots.
     rate_hz
         Sample rate [Hz], the same for every signal.
     signals
         Name to samples, shape (N,), in the unit of `UNITS`.
     operating_point
-        Name to the value about which the signal is normalised, same unit.
+        Name to the value by which the signal is normalised, in the same unit.
     hold
-        How the set point runs between samples: "first" (straight lines; measured signals) or "zero" (stairs).
+        Course of the set point between samples: "first" (linear; measured signals) or "zero" (stepwise).
     kind
         Kind of excitation, for tables ("chirp", "steps", ...).
     provenance
-        Where the samples come from and what was done to them.
+        Source and processing of the samples.
     """
 
     name: str
@@ -126,12 +126,12 @@ class Experiment(Tabular, EvenlySampled):
 
     @property
     def driver(self) -> str:
-        """Name of the signal that drives the model: "n_set", or "command" of a drive in open loop."""
+        """Name of the model's input: "n_set", or "command" of a drive in open loop."""
         return "n_set" if "n_set" in self.signals else "command"
 
     @property
     def outputs(self) -> dict[str, Array]:
-        """The signals that answer: all but set point, command and load."""
+        """Output signals: all except set point, command and load."""
         return {name: row for name, row in self.signals.items() if name not in DRIVES}
 
     def __repr__(self) -> str:
@@ -161,39 +161,39 @@ class Experiment(Tabular, EvenlySampled):
 
     @property
     def governor_clock(self) -> tuple[float, float] | None:
-        """Sampling period of the governor and its standard deviation [s], where processing found them in the raw torque."""
+        """Sample period of the governor and its standard deviation [s], if processing detected them in the raw torque."""
         found = self.provenance.get("governor_clock")
         return (float(found["period_s"]), float(found["std_s"])) if found else None
 
     @property
     def gauge_accuracy(self) -> Mapping[str, float]:
-        """Smooth relative error of each signal's response that its calibration leaves open, where the trial says it."""
+        """Smooth relative error of each signal's response due to its calibration, where the trial gives it."""
         return {name: float(value) for name, value in (self.provenance.get("gauge_accuracy") or {}).items()}
 
     @property
     def is_low_passed(self) -> bool:
-        """Whether processing passed every signal through one low-pass."""
+        """Whether processing applied the same low-pass to all signals."""
         return "filter" in self.provenance
 
     @cached_property
     def dn_set(self) -> Array:
-        """Normalised deviation of the set point, or of the command in open loop, which drives simulations, shape (N,)."""
+        """Normalised deviation of the set point, or in open loop of the command, the input of simulations, shape (N,)."""
         values = self.normalised(self.driver)
         values.flags.writeable = False
         return values
 
     @checked
     def normalised(self, name: str) -> Array:
-        """Deviation of a signal from its operating point over that point, the stars of eq. 3.14 on, shape (N,).
+        """Return the relative deviation of a signal from its operating point, as in eq. 3.14 and following, shape (N,).
 
-        That of a load is over the torque of the operating point, where one was measured: a load may start from zero.
-        The integrated error E_n counts from zero there and is divided by the engine speed in rev/s, which
-        `operating_point["E_n"]` holds, so that d(dE)/dt = dn_set - dn (eq. 3.15).
+        A load is divided by the torque of the operating point, if measured, since a load may start from zero. The integrated
+        error E_n is zero there and is divided by the engine speed in rev/s, which is `operating_point["E_n"]`, so that
+        d(dE)/dt = dn_set - dn (eq. 3.15).
 
         Raises
         ------
         InputError
-            Where the experiment has no such signal, or no operating point for it.
+            If the experiment has no such signal, or no operating point for it.
         """
         if name not in self.signals:
             raise InputError(f"experiment {self.name!r}: no signal {name!r}; found {', '.join(self.signals)}")
@@ -204,7 +204,7 @@ class Experiment(Tabular, EvenlySampled):
         value = self.operating_point[name]
         if name == "M_load":
             torque = _torque_point(self.signals, self.operating_point)
-            # A load with a negative sign grows as its signal falls.
+            # The magnitude of a load with negative sign rises as its signal falls.
             scale = (
                 value
                 if torque is None
@@ -243,21 +243,21 @@ class Experiment(Tabular, EvenlySampled):
 
     @checked
     def window(self, start_s: float, stop_s: float, *, name: str | None = None) -> Experiment:
-        """Return the samples from `start_s` up to, not including, `stop_s`.
+        """Return the samples from `start_s` up to, but not including, `stop_s`.
 
         Parameters
         ----------
         start_s, stop_s
             Time from the first sample [s].
         name
-            Label; None: as this one.
+            Label; None: unchanged.
 
         Raises
         ------
         InputError
-            Where the window is empty or reaches outside the experiment.
+            If the window is empty or exceeds the experiment.
         """
-        known = -1.0 < start_s < stop_s < self.duration + 1.0  # NaN is not
+        known = -1.0 < start_s < stop_s < self.duration + 1.0  # false for NaN
         first, last = (round(time * self.rate_hz) if known else 0 for time in (start_s, stop_s))
         if not 0 <= first < last <= len(self):
             raise InputError(
@@ -269,7 +269,7 @@ class Experiment(Tabular, EvenlySampled):
 
 
 def _torque_point(signals: Mapping[str, Any], operating_point: Mapping[str, float]) -> float | None:
-    """Torque of the operating point, where one was measured: of the shaft if possible, as the load is."""
+    """Torque of the operating point, if measured; preferably the shaft's, to which a load refers."""
     measured = (name for name in ("M_s", "M_g", "M_b") if name in signals and name in operating_point)
     return next((operating_point[name] for name in measured), None)
 
@@ -286,16 +286,16 @@ def _rate(name: str, time: Array) -> float:
             f"column {name!r} steps by {steps[worst]:.6g} s at row {worst}, expected {1.0 / rate:.6g} s throughout; "
             "resample it first"
         )
-    # Rounding of the times gives 99.99999999999 for 100.
+    # Rounding of the times may give 99.99999999999 for 100.
     return float(f"{rate:.9g}")
 
 
 def _require_sense(label: str, signals: Mapping[str, Array], operating_point: Mapping[str, float]) -> None:
-    """Refuse signals in another unit than their operating point, or already normalised."""
+    """Refuse signals in another unit than their operating point, or signals that are already normalised."""
     for name, value in operating_point.items():
         if name == "M_load" and _torque_point(signals, operating_point) is not None:
             continue
-        # An operating point of exactly 1 means that the signal stays in its own unit.
+        # An operating point of exactly 1 means that the signal is not scaled.
         if name not in signals or name == "E_n" or value == 1.0 or np.isnan(signals[name]).all():
             continue
         mean, most = float(np.nanmean(signals[name])), float(np.nanmax(np.abs(signals[name])))
@@ -306,9 +306,9 @@ def _require_sense(label: str, signals: Mapping[str, Array], operating_point: Ma
                     f"experiment {label!r}: signal {name!r} is {mean:.4g} on average, its operating point {value:g}, "
                     f"expected both in {UNITS[name]}; is the {what} in {hint[2:]}"
                 )
-        # A gauge may measure changes only and a load may be switched off, so their means may be zero; a ship's speed
-        # stays near its mean.
-        # A signal that never moves only stands in for one.
+        # A gauge may measure only changes and a load may be switched off, so their means may be zero; a ship's
+        # speed stays near its operating point.
+        # A constant signal is only a placeholder.
         is_speed, size = UNITS[name] in ("rpm", "rev/s"), abs(value)
         low, high = (0.4, 2.5) if is_speed else (0.0, 10.0)
         moves = np.nanmin(signals[name]) < np.nanmax(signals[name])

@@ -1,4 +1,4 @@
-"""Frames of pandas as experiments: roles by the names of the columns, rate by the times, operating point by the means."""
+"""Experiments from pandas frames: signals by column names, rate by times, operating point by means."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from shipfp_rs.support.arguments import Rule, checked
 from shipfp_rs.support.tables import FACTS
 
 TIMES = ("time", TIME)
-"""Columns that are the time [s]."""
+"""Names of the time column [s]."""
 
 
 def is_frame(value: Any) -> bool:
-    """Whether a value is a `pandas.DataFrame`, told without loading pandas."""
+    """Whether a value is a `pandas.DataFrame`, without an import of pandas."""
     return type(value).__name__ == "DataFrame" and type(value).__module__.split(".")[0] == "pandas"
 
 
@@ -25,7 +25,7 @@ Frame = Annotated[Any, Rule("a pandas.DataFrame", is_frame)]
 
 
 def of_frames(data: Any) -> Any:
-    """Return data, one or several, with experiments in place of frames."""
+    """Return data with experiments instead of frames."""
     if is_frame(data):
         return experiment_of(data)
     if isinstance(data, Sequence):
@@ -35,24 +35,24 @@ def of_frames(data: Any) -> Any:
 
 @checked
 def experiment_of(frame: Frame) -> Experiment:
-    """Return the experiment that a frame holds.
+    """Return the experiment of a frame.
 
     Parameters
     ----------
     frame
-        `pandas.DataFrame` of N rows at even times. Its columns are signals, named as in `experiments.experiment.UNITS` and
-        in those units: n_set, n_e [rpm], n_s [rev/s], M_s, M_b, M_g, M_load [Nm], X_f [mm]. Its time is a column `time`
-        or `time_s`, else its index: seconds, dates or time spans.
+        `pandas.DataFrame` of N rows at equidistant times. Its columns are signals, with names and units of
+        `experiments.experiment.UNITS`: n_set, n_e [rpm], n_s [rev/s], M_s, M_b, M_g, M_load [Nm], X_f [mm]. Its time is a
+        column `time` or `time_s`, or the index: seconds, dates or time spans.
 
     Returns
     -------
     Experiment
-        About the means of the signals, unless the frame is of `Experiment.to_pandas`, which knows the operating point.
+        About the means of the signals, except for a frame of `Experiment.to_pandas`, which has the operating point.
 
     Raises
     ------
     InputError
-        Where there is no time, it does not step evenly, or a column is no signal.
+        If there is no time, it is not equidistant, or a column is no signal.
 
     Examples
     --------

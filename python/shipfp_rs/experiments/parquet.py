@@ -1,4 +1,4 @@
-"""Experiments in one Parquet file: a row a sample, a row group an experiment."""
+"""Experiments in a Parquet file: a row per sample, a row group per experiment."""
 
 from __future__ import annotations
 
@@ -21,23 +21,22 @@ METADATA_KEY = b"shipfp_experiments"
 
 @checked
 def write_experiments(path: str | Path, experiments: Sequence[Experiment]) -> Path:
-    """Write experiments to a Parquet file for any Parquet reader; it appears whole or not at all.
+    """Write experiments to a Parquet file for any reader; the file is written completely or not at all.
 
-    Columns are `experiment`, `time_s` and the signals, with units in the field metadata; a masked sample is
-    NaN, a signal that an experiment lacks is null. Rate, operating point, hold, kind and provenance stand in
-    the metadata of the file as JSON.
+    Columns are `experiment`, `time_s` and the signals, with units in the field metadata. A masked sample is NaN; a signal
+    that an experiment lacks is null. Rate, operating point, hold, kind and provenance are JSON in the file's metadata.
 
     Parameters
     ----------
     path
         File to write.
     experiments
-        At least one, with names that differ.
+        At least one, with different names.
 
     Raises
     ------
     InputError
-        Where there is no experiment, two share a name, or the file can't be written.
+        If there is no experiment, two share a name, or the file can't be written.
     """
     path = ending_in(path, ".parquet", ".pq")
     names = [experiment.name for experiment in experiments]
@@ -74,12 +73,12 @@ def write_experiments(path: str | Path, experiments: Sequence[Experiment]) -> Pa
 
 @checked
 def read_experiments(path: str | Path) -> tuple[Experiment, ...]:
-    """Read the experiments that `write_experiments` wrote.
+    """Read experiments from a file of `write_experiments`.
 
     Raises
     ------
     InputError
-        Where the file is missing or was not written by `write_experiments`.
+        If the file is missing or was not written by `write_experiments`.
     """
     path = Path(path)
     try:

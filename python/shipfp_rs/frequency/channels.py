@@ -1,4 +1,4 @@
-"""What the estimators share: which signals of an experiment, bridged where masked, and points to a response."""
+"""Common steps of the estimators: selection of signals, bridging of masked samples, and assembly of a response."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from shipfp_rs.support.arrays import Array, ComplexArray
 from shipfp_rs.support.spikes import bridge
 
 Points = Mapping[str, tuple[ComplexArray, Array, Array | None]]
-"""Signal to its response, the relative standard deviation of each of its two quadratures, and its coherence."""
+"""Signal to its response, the relative standard deviation of each quadrature, and its coherence."""
 
 _MOST_MASKED = 0.05
-"""Share of a signal that may be bridged by straight lines before its spectrum is made of them."""
+"""Largest share of a signal that is interpolated linearly for a spectrum."""
 
 
 def chosen_signals(experiments: Sequence[Experiment], signals: Sequence[str] | None) -> tuple[str, ...]:
-    """Names of the outputs: those given, or all but the set point or command that every experiment has."""
+    """Names of the outputs: the given ones, or all that every experiment has, without set point and command."""
     if not experiments:
         raise InputError("experiments: found none, expected at least one")
     common = [name for name in experiments[0].signals if all(name in e.signals for e in experiments)]
@@ -39,7 +39,7 @@ def chosen_signals(experiments: Sequence[Experiment], signals: Sequence[str] | N
 
 
 def whole_signal(experiment: Experiment, name: str) -> tuple[Array, float]:
-    """Return the normalised deviation, masked samples bridged, and the share of bridged samples."""
+    """Return the normalised deviation with masked samples interpolated, and their share."""
     values = experiment.normalised(name)
     missing = np.isnan(values)
     share = float(missing.mean())
@@ -59,8 +59,8 @@ def to_response(
     operating_point: Mapping[str, float],
     provenance: Mapping[str, Any],
 ) -> FrequencyResponse:
-    """Gather points; the amplitude's and the phase's deviations are those of the quadratures."""
-    # Exact data have residuals of rounding only; standard deviations of zero would give infinite weights.
+    """Assemble a response; amplitude and phase have the standard deviations of the quadratures."""
+    # Residuals of exact data are only rounding; zero standard deviations would give infinite weights.
     std = {key: np.maximum(deviation, np.finfo(np.float64).eps) for key, (_, deviation, _) in points.items()}
     return FrequencyResponse(
         name=name,

@@ -1,4 +1,4 @@
-"""Sines fitted to samples: lines of known frequency, or a common frequency found along (IEEE 1057)."""
+"""Least-squares fits of sines to samples, with known frequencies or a common estimated frequency (IEEE 1057)."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from shipfp_rs.support.checks import positive
 
 _ROUNDS = 30
 MOST_HARMONICS = 1000
-"""Gauss-Newton steps for a frequency; from within half a bin six are usual."""
+"""Most Gauss-Newton steps for a frequency; starting within half a bin, six are usual."""
 
 
 @dataclass(frozen=True)
 class Lines:
     """Sines a + sum of b sin(2 pi f (t - t_mid) + d), fitted to samples by least squares.
 
-    The phases refer to the middle of the window: there, and only there, an error of the frequency leaves them alone.
+    The phases refer to the middle of the window, where an error of the frequency does not affect them.
 
     Parameters
     ----------
@@ -35,14 +35,14 @@ class Lines:
     amplitude, phase
         Amplitudes b and phases d [rad], shape (L,).
     amplitude_std, phase_std
-        Their standard deviations in noise as strong as the residuals near each line, shape (L,); the phase's is
+        Their standard deviations for noise with the power of the residuals near each line, shape (L,); that of the phase is
         amplitude_std / amplitude [rad].
     time_mid_s
         Middle of the window, from its first sample [s].
     residual
-        Samples less the fit, shape (N,), NaN where a sample is missing.
+        Samples minus the fit, shape (N,), NaN where a sample is missing.
     frequency_std_hz
-        Standard deviation of the first frequency where it was fitted, else 0.
+        Standard deviation of the first frequency if it was estimated, else 0.
     """
 
     frequency_hz: Array
@@ -68,7 +68,7 @@ class Lines:
 
 @checked
 def fit_lines(samples: npt.ArrayLike, rate_hz: float, frequencies_hz: npt.ArrayLike) -> Lines:
-    """Fit an offset and sines of known frequencies; of a single one this is the three-parameter fit of IEEE 1057.
+    """Fit an offset and sines of known frequencies; for a single sine this is the three-parameter fit of IEEE 1057.
 
     Parameters
     ----------
@@ -77,18 +77,18 @@ def fit_lines(samples: npt.ArrayLike, rate_hz: float, frequencies_hz: npt.ArrayL
     rate_hz
         Sample rate [Hz].
     frequencies_hz
-        Frequencies [Hz], shape (L,): the sine's own, harmonics, known disturbances. They lie at least half a bin
-        1/T apart from each other and from zero, and below half the sample rate.
+        Frequencies [Hz], shape (L,), including harmonics and known disturbances. They are at least half a bin 1/T from each
+        other and from zero, and below half the sample rate.
 
     Raises
     ------
     InputError
-        Where the samples can't tell the frequencies apart.
+        If the samples can't distinguish the frequencies.
 
     Notes
     -----
-    In white noise of standard deviation s the standard deviations are the Cramer-Rao bounds, s sqrt(2/N) of an
-    amplitude and s sqrt(2/N) / b of a phase; in coloured noise s^2 is the residuals' power near the line.
+    In white noise of standard deviation s the standard deviations are the Cramer-Rao bounds, s sqrt(2/N) of an amplitude
+    and s sqrt(2/N) / b of a phase; in coloured noise s^2 is the residuals' power near the line.
 
     Examples
     --------
@@ -111,18 +111,18 @@ def fit_sine(
     harmonics: int = 0,
     disturbances_hz: Sequence[float] = (),
 ) -> Lines:
-    """Fit a sine whose frequency is found along: the four-parameter fit of IEEE 1057.
+    """Fit a sine of unknown frequency: the four-parameter fit of IEEE 1057.
 
     Parameters
     ----------
     samples, rate_hz
         As of `fit_lines`.
     near_hz
-        Frequency within a bin 1/T of the sine's [Hz]; None: the highest peak of the spectrum.
+        Initial frequency [Hz], within a bin 1/T of the sine's; None: the highest peak of the spectrum.
     harmonics
-        Number of harmonics fitted along, those below half the sample rate; they help to find the frequency.
+        Number of harmonics to fit as well, below half the sample rate; they improve the estimate of the frequency.
     disturbances_hz
-        Known frequencies of other lines, fitted along [Hz].
+        Known frequencies of other lines to fit as well [Hz].
 
     Returns
     -------
@@ -132,7 +132,7 @@ def fit_sine(
     Raises
     ------
     InputError
-        Where there is less than one period, or no sine within a bin of `near_hz`.
+        If there is less than one period, or no sine within a bin of `near_hz`.
     """
     given = _checked(samples, rate_hz)
     if not 0 <= harmonics <= MOST_HARMONICS:
@@ -175,7 +175,7 @@ def _checked(samples: npt.ArrayLike, rate_hz: float) -> Array:
 
 
 def _windowed(samples: npt.ArrayLike, rate_hz: float, frequencies: Array) -> tuple[Array, Array, float]:
-    """Samples, their times from the middle of the window, and that middle; refuses what can't be fitted."""
+    """Return the samples, their times from the middle of the window, and that middle; refuse invalid arguments."""
     values = _checked(samples, rate_hz)
     present, unknowns = int(np.isfinite(values).sum()), 2 * len(frequencies) + 1
     if present <= unknowns:
@@ -205,7 +205,7 @@ def _windowed(samples: npt.ArrayLike, rate_hz: float, frequencies: Array) -> tup
 
 
 def _basis(time: Array, frequencies: Array) -> Array:
-    """Columns sin, cos of each line, and the constant."""
+    """Columns sin and cos of each line, and the constant."""
     angle = 2.0 * np.pi * time[:, None] * frequencies
     return np.concatenate([np.sin(angle), np.cos(angle), np.ones((len(time), 1))], axis=1)
 
@@ -225,7 +225,7 @@ def _solved(
         rows = np.sum(solve_triangular(triangle, np.eye(len(triangle))) ** 2, axis=1)
         unit = 0.5 * (rows[:count] + rows[count : 2 * count])
         std = np.sqrt(unit * line_noise(residual, rate_hz, frequencies))
-        # An exact sine leaves only rounding.
+        # An exact sine has residuals of rounding only.
         std = np.maximum(std, np.finfo(np.float64).eps * np.nanmax(np.abs(values)))
     return Lines(frequencies, float(solution[-1]), np.abs(phasor), np.angle(phasor), std, middle, residual)
 
@@ -254,7 +254,7 @@ def _highest_peak(values: Array, rate_hz: float) -> float:
 
 
 def _nearby_peak(values: Array, time: Array, start: float, bin_hz: float) -> float:
-    """Frequency of the highest spectrum within a bin of the start, where Gauss-Newton steps converge from."""
+    """Frequency of the highest spectrum within a bin of the start, from which Gauss-Newton steps converge."""
     tried = np.maximum(start + bin_hz * np.linspace(-1.0, 1.0, 17), 0.5 * bin_hz)
     filled = np.nan_to_num(values - np.nanmean(values)) * np.hanning(len(values))
     height = [abs(np.dot(filled, np.exp(-2j * np.pi * frequency * time))) for frequency in tried]

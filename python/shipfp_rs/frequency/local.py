@@ -1,4 +1,4 @@
-"""Frequency responses to any excitation by local polynomials, which tell leakage from response."""
+"""Frequency responses to any excitation by local polynomials, which separate leakage from the response."""
 
 from __future__ import annotations
 
@@ -16,28 +16,27 @@ from shipfp_rs.support.arrays import ComplexArray
 
 _DEGREE = 2
 _LEAST_HALF = 6
-"""Bins on either side at least: 13 for the six unknowns of two quadratics leave seven for the noise."""
+"""Least bins on either side: 13 for the six unknowns of two quadratics leave seven for the noise."""
 _SHARE = 0.05
-"""Half width of the window as a part of the frequency, if that is more bins: high up the curves are smoother."""
+"""Half width of the window as a share of the frequency, if that is larger: curves are smoother at high frequencies."""
 
 _SILENT = 1e-9
-"""Bins of the set point below this part of its highest are rounding."""
+"""Share of the set point's highest spectrum below which a bin is rounding."""
 
 
 @checked
 def local_response(
     experiment: Experiment, band_hz: tuple[float, float], *, signals: Sequence[str] | None = None
 ) -> FrequencyResponse:
-    """Response by local polynomials: for chirps, steps and noise, without windows and from a single record.
+    """Estimate a response by local polynomials: for chirps, steps and noise, without windows, from a single record.
 
-    Around each point the spectra obey Y = G U + T, where T is what the record's ends cut off from the ship's answer
-    before and after. Both G and T are smooth, the spectrum U of the excitation is not: quadratics for G and T fitted
-    to a few bins tell them apart.
+    Near each frequency the spectra obey Y = G U + T, with leakage T due to the record's ends. G and T are smooth, while the
+    spectrum U of the excitation is not: quadratics for G and T, fitted to a few bins, separate them.
 
     Parameters
     ----------
     experiment
-        Record, best of one excitation from rest to rest. Masked samples are bridged.
+        Record, preferably of one excitation from rest to rest. Masked samples are interpolated.
     band_hz
         Lowest and highest frequency that the set point excites [Hz].
     signals
@@ -46,19 +45,19 @@ def local_response(
     Returns
     -------
     FrequencyResponse
-        At points whose bins do not overlap, so that they are independent; standard deviations from what the
-        fit leaves over. Noise of the set point is not allowed for.
+        At independent points, whose bins do not overlap; standard deviations from the fit's residuals. Noise of the set
+        point is not considered.
 
     Raises
     ------
     InputError
-        Where the band holds too few bins, or the set point has no power there.
+        If the band has too few bins, or the set point has no power in it.
 
     Notes
     -----
-    Pintelon, Schoukens, Vandersteen and Barbe, doi:10.1016/j.ymssp.2009.08.009. Between samples the set point
-    runs straight and the ship does not: at f a simulated response is off by (pi f / rate)^2 / 3 of itself, 3e-4 at
-    a hundredth of the rate. Recorded signals, low-passed before they are sampled, have no such error.
+    Pintelon, Schoukens, Vandersteen and Barbe, doi:10.1016/j.ymssp.2009.08.009. Between samples the set point is linear and
+    the ship's response is not: at f a simulated response has a relative error of (pi f / rate)^2 / 3, 3e-4 at a hundredth of
+    the rate. Signals that were low-passed before sampling have no such error.
     """
     names = chosen_signals([experiment], signals)
     low, high = band_hz
@@ -103,11 +102,11 @@ def _spectrum(experiment: Experiment, name: str) -> tuple[ComplexArray, float]:
 
 
 def _windows(first: int, last: int, highest: int) -> list[tuple[int, int, int]]:
-    """Centre, first and last bin of windows side by side from the first bin to the last."""
+    """Centre, first and last bin of adjacent windows from the first bin to the last."""
     windows: list[tuple[int, int, int]] = []
     at = max(first, 1)
     while True:
-        # Half of the window is this share of its centre: R = share * (at + R), solved for R.
+        # Half width as a share of the centre: R = share * (at + R), solved for R.
         half = max(_LEAST_HALF, round(_SHARE / (1.0 - _SHARE) * at))
         if at + 2 * half > min(last, highest - 1):
             return windows
@@ -116,7 +115,7 @@ def _windows(first: int, last: int, highest: int) -> list[tuple[int, int, int]]:
 
 
 def _local_fit(U: ComplexArray, Y: ComplexArray, offset: npt.NDArray[np.int64]) -> tuple[complex, float]:
-    """Response at offset zero and the standard deviation of its real and imaginary parts."""
+    """Response at offset zero, and the standard deviation of its real and imaginary parts."""
     powers = (offset / np.abs(offset).max())[:, None] ** np.arange(_DEGREE + 1)
     scale = np.abs(U).max()
     basis = np.concatenate([powers * (U / scale)[:, None], powers], axis=1)

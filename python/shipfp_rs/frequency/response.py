@@ -1,4 +1,4 @@
-"""Frequency responses: complex ratios of normalised outputs to the normalised set point, point by point."""
+"""Frequency responses: complex ratios of normalised outputs to the normalised set point."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from shipfp_rs.support.tables import Columns, Tabular
 FREQUENCY = "frequency_hz"
 _PARTS = ("amplitude_std", "phase_std", "coherence")
 MOST_TURNS = 4.0
-"""A fitted phase of more turns than this is taken to be in degrees."""
+"""Number of turns above which a fitted phase is assumed to be in degrees."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,20 +30,19 @@ class FrequencyResponse(Tabular):
     Parameters
     ----------
     name
-        Label used in tables and plots.
+        Label in tables and plots.
     frequency_hz
         Frequencies [Hz], shape (F,), positive.
     response
         Signal name ("n_e", "M_g", ...) to the complex ratio of its normalised deviation to that of the set
         point, shape (F,); NaN where a point is missing.
     amplitude_std, phase_std
-        Signal name to the relative standard deviation of the amplitude [-] and to that of the phase [rad], shape
-        (F,), where known. They differ: a sine fit's phase suffers from an error of its frequency, its amplitude
-        does not.
+        Signal name to the relative standard deviation of the amplitude [-] and to that of the phase [rad], shape (F,), where
+        known. They differ: a frequency error of a sine fit affects the phase but not the amplitude.
     operating_point
-        Signal name to the value about which it was normalised, for the record.
+        Signal name to the value by which it was normalised.
     provenance
-        Where the numbers come from and what was done to them.
+        Source and processing of the numbers.
     coherence
         Signal name to the share of its power that the set point explains [-], shape (F,), where known.
     """
@@ -102,7 +101,7 @@ class FrequencyResponse(Tabular):
                 "phase_std",
                 math.pi / math.sqrt(3.0),
                 "degrees for radians",
-            ),  # the standard deviation of a phase about which nothing is known
+            ),  # the standard deviation of a completely unknown phase
         ):
             for key, values in getattr(self, attribute).items():
                 if len(values) > 1 and values.min() > most:
@@ -181,12 +180,12 @@ class FrequencyResponse(Tabular):
         keep
             Boolean mask, shape (F,).
         name
-            Label; None: as this one.
+            Label; None: unchanged.
 
         Raises
         ------
         InputError
-            Where the mask has another shape.
+            If the mask has another shape.
         """
         mask = np.asarray(keep, dtype=bool)
         if mask.shape != self.frequency_hz.shape:
@@ -210,14 +209,14 @@ def sine_response(
     output: tuple[npt.ArrayLike, npt.ArrayLike, npt.ArrayLike],
     set_point: tuple[npt.ArrayLike, npt.ArrayLike, npt.ArrayLike],
 ) -> ComplexArray:
-    """Complex response from fitted sines a + b sin(ct + d): (b/a of the output) over (b/a of the set point).
+    """Return the complex response from fitted sines a + b sin(ct + d): (b/a of the output) over (b/a of the set point).
 
     Parameters
     ----------
     output, set_point
-        (offset, amplitude, phase [rad]) of each sine, arrays of one shape. Each channel is normalised by its own
-        offset, the local operating point. The phase of the response is d_out - d_in; appendix E of the thesis
-        prints sin(ct - d), with which its own numbers would have the response lead.
+        (offset, amplitude, phase [rad]) of each sine, arrays of the same shape. Each channel is normalised by its offset,
+        the local operating point. The phase of the response is d_out - d_in; appendix E of the thesis prints sin(ct - d), by
+        which the response would lead.
 
     Returns
     -------
@@ -227,7 +226,7 @@ def sine_response(
     Raises
     ------
     InputError
-        Where the phases are so large that they must be degrees.
+        If the phases are so large that they must be degrees.
     """
     a_out, b_out, d_out = (np.asarray(part, dtype=np.float64) for part in output)
     a_in, b_in, d_in = (np.asarray(part, dtype=np.float64) for part in set_point)

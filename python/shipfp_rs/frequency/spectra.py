@@ -18,7 +18,7 @@ Estimator = Literal["H1", "H2"]
 
 _OVERLAP = 0.5
 _KEPT = 2
-"""Every second bin is kept: with a Hann window those two apart are nearly independent (correlation 1/36)."""
+"""Only every second bin is used: with a Hann window these are nearly independent (correlation 1/36)."""
 
 
 @checked
@@ -30,21 +30,21 @@ def spectral_response(
     signals: Sequence[str] | None = None,
     band_hz: tuple[float, float] | None = None,
 ) -> FrequencyResponse:
-    """Response by averaged periodograms of half overlapping Hann windows (Welch), with coherence.
+    """Estimate a response by averaged periodograms of half overlapping Hann windows (Welch), with coherence.
 
     Parameters
     ----------
     experiments
-        One or several of one rate, averaged together. Masked samples are bridged.
+        One or several of the same rate, averaged together. Masked samples are interpolated.
     segment_s
-        Length of the windows [s]: much longer than the ship's answer, whose tail is cut off at their ends.
+        Length of the windows [s], much longer than the ship's transient response, which their ends truncate.
     estimator
-        "H1": cross spectrum over the set point's, blind to noise of the output; "H2": output's spectrum over the
-        cross spectrum, blind to noise of the set point. The truth lies between them.
+        "H1": cross spectrum over the set point's, unbiased by noise of the output; "H2": output's spectrum over the cross
+        spectrum, unbiased by noise of the set point. The true response is between them.
     signals
         Outputs; None: all that every experiment has.
     band_hz
-        Lowest and highest frequency [Hz], where the set point has power; None: all.
+        Lowest and highest frequency [Hz] with power of the set point; None: all.
 
     Returns
     -------
@@ -54,7 +54,7 @@ def spectral_response(
     Raises
     ------
     InputError
-        Where fewer than two windows fit.
+        If fewer than two windows fit.
 
     Notes
     -----
@@ -95,7 +95,7 @@ def spectral_response(
             f"band_hz: {low:g} to {high:g} Hz holds none of the bins every {_KEPT * rate / size:g} Hz"
         )
     U = U[:, bins]
-    # Neighbouring segments share half their samples, but less of their power, since the window tapers.
+    # Neighbouring segments share half their samples, but less power because of the window.
     shared = float(np.sum(window[step:] * window[: size - step]) / np.sum(window**2))
     independent = len(U) / (1.0 + 2.0 * shared**2 * (len(U) - 1) / len(U))
     power_in = np.sum(np.abs(U) ** 2, axis=0)

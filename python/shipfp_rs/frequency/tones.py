@@ -1,4 +1,4 @@
-"""Frequency responses to sines, one after the other or all at once, by lines fitted to every channel alike."""
+"""Frequency responses to sines, in sequence or simultaneous, by lines fitted to all channels."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from shipfp_rs.support.arguments import checked
 from shipfp_rs.support.arrays import Array, ComplexArray
 
 _LEAST_PERIODS = 2
-"""Fewest periods of a multisine: with these there are bins between its lines, which show the noise."""
+"""Fewest periods of a multisine: the bins between its lines then show the noise."""
 _EXCITED = 0.05
-"""Lines of the set point above this part of its highest are taken for excited."""
+"""Share of the set point's highest line above which a line counts as excited."""
 
 
 @checked
@@ -32,40 +32,39 @@ def stepped_sine_response(
     disturbances_hz: Sequence[float] = (),
     settle_periods: float = 1.0,
 ) -> FrequencyResponse:
-    """Response to sines one after the other, each channel fitted with the frequency of the set point.
+    """Estimate the response to a sequence of sines; all channels are fitted with the frequency of the set point.
 
     Parameters
     ----------
     experiments
-        One that `segments` cut, or one for each sine.
+        One that `segments` divide, or one for each sine.
     segments
-        Where each sine lies in the experiment [s], as in `Excitation.segments`; its frequency is found from the
-        set point, near the one given.
+        Time range of each sine in the experiment [s], as in `Excitation.segments`; its frequency is estimated from the set
+        point, near the given one.
     signals
         Outputs; None: all that every experiment has.
     harmonics
-        Harmonics fitted along; what they amount to is in the provenance.
+        Number of harmonics to fit as well; their amplitude is in the provenance.
     disturbances_hz
-        Known lines fitted along where they are away from the sine and below half the rate, such as shaft and blade
-        passage [Hz].
+        Known lines [Hz] to fit as well if away from the sine and below half the rate, such as shaft and blade passage.
     settle_periods
-        Periods at the start of each sine that are left out, for the ship to settle.
+        Initial periods of each sine that are omitted, in which the ship settles.
 
     Returns
     -------
     FrequencyResponse
-        Each channel normalised by its own local offset, the point about which it swings (E_n by its operating
-        point); standard deviations from the noise beside the line in set point and output, added as squares.
+        Each channel normalised by its local offset, about which it oscillates (E_n by its operating point); variances from
+        the noise near the line in set point and output are added.
 
     Raises
     ------
     InputError
-        Where a sine can't be fitted.
+        If a sine can't be fitted.
 
     Notes
     -----
-    IEEE 1057, four parameters for the set point and three for the others. Frequencies fitted to each channel by
-    itself would turn the phases by 2 pi times their error times the distance from where the phases refer to.
+    IEEE 1057, four parameters for the set point and three for the others. Frequencies estimated for each channel would turn
+    the phases by 2 pi times their error times the time from the phase reference.
     """
     given = [experiments] if isinstance(experiments, Experiment) else list(experiments)
     names = chosen_signals(given, signals)
@@ -112,12 +111,12 @@ def multisine_response(
     signals: Sequence[str] | None = None,
     settle_periods: float = 1.0,
 ) -> FrequencyResponse:
-    """Response to a periodic excitation at its lines, with coherence.
+    """Estimate the response to a periodic excitation at its lines, with coherence.
 
     Parameters
     ----------
     experiment
-        Record that begins with the excitation.
+        Record that starts with the excitation.
     period_s
         Period of the excitation [s].
     frequencies_hz
@@ -125,18 +124,18 @@ def multisine_response(
     signals
         Outputs; None: all.
     settle_periods
-        Periods at the start that are left out, for the ship to settle.
+        Initial periods that are omitted, in which the ship settles.
 
     Returns
     -------
     FrequencyResponse
-        Noise is what lies between the lines. The coherence is that of a single period: signal over signal and noise,
-        in set point and output.
+        The noise is estimated between the lines. The coherence is that of a single period: signal over signal plus noise, in
+        set point and output.
 
     Raises
     ------
     InputError
-        Where fewer than two whole periods are left.
+        If fewer than two whole periods remain.
     """
     names = chosen_signals([experiment], signals)
     if not (np.isfinite(period_s) and period_s > 0.0 and settle_periods >= 0.0):
@@ -179,7 +178,7 @@ def _fitted(
     disturbances_hz: Sequence[float],
     settle_periods: float,
 ) -> dict[str, Lines]:
-    """Fit every channel of one sine, the set point first."""
+    """Fit all channels of a sine, the set point first."""
     rate = window.rate_hz
     if near_hz is None:
         near_hz = float(fit_sine(window.signals["n_set"], rate).frequency_hz[0])
@@ -210,7 +209,7 @@ def _distortion(fit: Lines) -> float:
 
 
 def _reference(experiment: Experiment, name: str, fit: Lines) -> float:
-    """What a channel is normalised by: its offset, for the integrated error the engine's speed (eq. 3.15)."""
+    """Normalisation of a channel: its offset, or for the integrated error the engine's speed (eq. 3.15)."""
     if name != "E_n":
         return fit.offset
     if name not in experiment.operating_point:
@@ -224,7 +223,7 @@ def _reference(experiment: Experiment, name: str, fit: Lines) -> float:
 def _ratio(
     output: Lines, set_point: Lines, point: float, set_point_point: float
 ) -> tuple[ComplexArray, Array]:
-    """Normalised ratio and the relative standard deviation of its quadratures."""
+    """Normalised ratio, and relative standard deviation of its quadratures."""
     response = (output.phasor / point) / (set_point.phasor / set_point_point)
     return np.asarray(response), np.hypot(output.phase_std, set_point.phase_std)
 
@@ -233,7 +232,7 @@ def _excited(window: Experiment, period_s: float) -> Array:
     """Multiples of 1/period at which the set point has power."""
     highest = int(0.5 * window.rate_hz * period_s - 1e-9)
     periods = round(window.duration / period_s)
-    # A period that is no whole number of samples would leak; a Hann window over the record prevents it.
+    # A period that is no whole number of samples would leak; a Hann window over the record reduces this.
     values = window.normalised("n_set")
     spectrum = np.abs(np.fft.rfft((values - values.mean()) * np.hanning(len(values))))
     lines = np.arange(1, highest + 1)

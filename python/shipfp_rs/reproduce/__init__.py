@@ -1,4 +1,4 @@
-"""The thesis's tables, printed beside ours."""
+"""The thesis's tables, printed and reproduced."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from shipfp_rs.support.arrays import Array, attributes
 
 Way = Literal["printed", "truth", "thesis", "ours"]
 Progress = Callable[[int, int], None]
-"""Gets (jobs done, jobs in all)."""
+"""Called with (jobs done, number of jobs)."""
 Job = TypeVar("Job")
 
 
 @dataclass(frozen=True)
 class Row:
-    """One line of a reproduced table; `way`: printed, the truth of a simulation, refitted as the thesis did, or ours."""
+    """A row of a reproduced table; `way`: printed, truth of a simulation, refitted as in the thesis, or ours."""
 
     table: str
     case: str
@@ -44,7 +44,7 @@ class Row:
 
 @dataclass(frozen=True)
 class Reproduction:
-    """Rows of the tables, plain words on them, and the fingerprints behind our rows."""
+    """Rows of the tables, sentences about them, and the fingerprints of our rows."""
 
     title: str
     rows: tuple[Row, ...]
@@ -57,20 +57,20 @@ class Reproduction:
 
 
 def printed_row(result: published.Result, table: str, structure: str, **others: float | None) -> Row:
-    """Make a row of a printed result; `others` are fits besides those of speed and torque."""
+    """Make a row of a printed result; `others` are fits of outputs other than speed and torque."""
     fit = {"dn": result.fit_n_pct, "dM": result.fit_m_pct, **others}
     return Row(table, result.case, "printed", structure, result.parameters, result.signal, fit)
 
 
 def row_of(fingerprint: Fingerprint, table: str, case: str, way: Way, notes: str = "") -> Row:
-    """Make a row of a fingerprint: the thesis reports what the search returns, ours what the data determine."""
+    """Make a row of a fingerprint: the thesis reports the search's values, ours those that the data determine."""
     estimates = {**fingerprint.parameters, **fingerprint.derived}
     parameters = {name: estimate.value for name, estimate in estimates.items()}
     if way == "thesis":
         values = fingerprint.settings["optimum"]
         parameters |= values
         parameters |= {f"v{gain}": values["v"] * values[gain] for gain in ("K_p", "K_i") if "v" in values}
-    # Where points are weighted by their deviations, some by nothing, a share of the spread says nothing of the fit.
+    # Where points are weighted by their deviations, a share of the spread does not measure the fit.
     weighted = fingerprint.settings.get("noise") == "std"
     fit = {output: None if weighted else value for output, value in fits_of(fingerprint).items()}
     intervals = {name: estimate.ci95 for name, estimate in estimates.items() if estimate.ci95 is not None}
@@ -83,13 +83,13 @@ def fits_of(fingerprint: Fingerprint) -> dict[str, float | None]:
 
 
 def fits_to(experiment: Experiment, answers: Mapping[str, Array]) -> dict[str, float]:
-    """Return the fit of models' answers, signal to deviation, to an experiment [%] (eq. 4.9)."""
+    """Return the fit of models' responses, signal to deviation, to an experiment [%] (eq. 4.9)."""
     measured = {signal: experiment.normalised(signal) for signal in answers}
     return {signal: nrmse_pct(measured[signal], measured[signal] - answers[signal]) for signal in answers}
 
 
 def counted(jobs: Sequence[Job], progress: Progress | None) -> Iterator[Job]:
-    """Yield jobs; after each, tell how many are done."""
+    """Yield jobs, and report after each how many are done."""
     for done, job in enumerate(jobs, 1):
         yield job
         if progress is not None:

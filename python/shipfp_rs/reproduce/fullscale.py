@@ -1,4 +1,4 @@
-"""Chapters 6 and 7 of the thesis from its published numbers: refitted as it did, then with structures that suit the ship."""
+"""Chapters 6 and 7 of the thesis from its published numbers: refitted in its way, then with suitable structures."""
 
 from __future__ import annotations
 
@@ -25,26 +25,26 @@ from shipfp_rs.vessel.vessel import Vessel
 
 VESSEL = "stan-tug-1205"
 SOUND_PHASE_HZ = 0.085
-"""Up to here the printed phases of set point and speed lie on one smooth curve within 0.01 rad."""
+"""Frequency up to which the printed phases of set point and speed are on a smooth curve within 0.01 rad."""
 SOUND_PHASE_STD = 0.01
 LOST_PHASE_STD = np.pi / np.sqrt(3.0)
-"""Above it any phase is as likely as another. Every channel was fitted with a frequency of its own, and the printed ones
-differ by up to 1e-4 Hz; at t = 4000 s into the record 1e-5 Hz already turns the phase by 2 pi t 1e-5 = 0.25 rad."""
+"""Standard deviation of a uniformly distributed, unknown phase. Every channel was fitted with another frequency, and the
+printed ones differ by up to 1e-4 Hz; at t = 4000 s, 1e-5 Hz already turn the phase by 2 pi t 1e-5 = 0.25 rad."""
 TORQUE_PHASE_STD = 0.2
 """Scatter of the printed torque phases about a smooth curve, at every frequency."""
 AMPLITUDE_STD = 0.01
-"""Scatter of the amplitude ratios about a smooth curve; the printed digits alone give half of it."""
+"""Scatter of the amplitude ratios about a smooth curve; the printed digits alone cause half of it."""
 INCONSISTENT_HZ = (0.11, 0.1778)
-"""Phases that no structure can follow: a frequency error of 1e-5 Hz explains them."""
+"""Frequencies with phases that no structure can follow: a frequency error of 1e-5 Hz explains them."""
 CORRECTIONS = (
     "set point 76 rpm, shaft-speed frequency 3.433 Hz and torque 320 Nm at 3.433 Hz as in section 7.3"
 )
 USABLE_HZ = 1.637
 STEP_DELAY_S = 0.5
-"""Seen at every step of the trial (section 7.3.2)."""
+"""Delay at every step of the trial (section 7.3.2)."""
 STARTS = 8
 TORSIONAL_PRIOR = (1.17, 0.06)
-"""Total tau_n of eq. 7.9 [s]; its deviation, 5 %, is what such calculations claim, none was printed."""
+"""Total tau_n of eq. 7.9 [s]; its deviation is 5 %, the usual accuracy of such calculations, since none was printed."""
 COUNTS = "how much each point counts in the weighted fit: 0 for nothing, 1 where it alone fixes a direction; in all the rank"
 WEIGHTED = "ii, weighted"
 WITH_PRIOR = f"{WEIGHTED}, torsional prior"
@@ -60,9 +60,9 @@ class _Job(NamedTuple):
 
 
 def measured_response(last_hz: float = 3.433) -> FrequencyResponse:
-    """Responses of engine speed and gauge torque from Tables E.1 to E.3, up to and including `last_hz`.
+    """Return responses of engine speed and gauge torque from Tables E.1 to E.3, up to and including `last_hz`.
 
-    The hand corrections of section 7.3 at 3.433 Hz are made. Each point is normalised by its own offsets and has the
+    The manual corrections of section 7.3 at 3.433 Hz are included. Each point is normalised by its offsets and has the
     frequency fitted to the set point. The standard deviations follow from the way these tables were made.
     """
     tables: dict[str, dict[float, published.SineFit]] = {}
@@ -98,14 +98,14 @@ def measured_response(last_hz: float = 3.433) -> FrequencyResponse:
 
 
 def thesis_structure() -> Structure:
-    """Return the structure of section 7.2: exponent 2, torque of the engine; start and bounds of eq. 7.3 to 7.8."""
+    """Return the structure of section 7.2: exponent 2, engine torque; start and bounds of eq. 7.3 to 7.8."""
     start = {"tau_n": 1.2, "g": -0.5, "v": 1.0, "K_p": 10.0, "K_i": 3.0}
     bounds = {name: BOUNDS[name] for name in start}
     return Structure.linear(torque="brake", name="thesis").with_start(**start).with_bounds(**bounds)
 
 
 def extended_structure(*, loop: bool = True, set_point: bool = True) -> Structure:
-    """Return the structure that suits the tug: gauge torque, free exponent, and the dead times asked for."""
+    """Return the structure that suits the tug: gauge torque, free exponent, and optional dead times."""
     times = [name for wanted, name in ((loop, "T_d"), (set_point, "T_set")) if wanted]
     name = "extended, " + (" and ".join(times) or "no dead time")
     linear = partial(Structure.linear, torque="gauge", free_exponent=True, name=name)
@@ -113,7 +113,7 @@ def extended_structure(*, loop: bool = True, set_point: bool = True) -> Structur
 
 
 def steps() -> tuple[Structure, ...]:
-    """Return structures from the thesis's to the richest that the sine fits may carry."""
+    """Return structures from the thesis's to the largest that the sine fits may determine."""
     gauge = Structure.linear(torque="gauge", name="gauge-side torque")
     times = product((False, True), repeat=2)
     return thesis_structure(), gauge, *(extended_structure(loop=a, set_point=b) for b, a in times)
@@ -139,7 +139,7 @@ def _jobs() -> tuple[_Job, ...]:
 
 
 def reproduce(progress: Progress | None = None) -> Reproduction:
-    """Refit Table 7.1 (ii) the thesis's way, then with the extended structure, and say what can't be known."""
+    """Refit Table 7.1 (ii) as in the thesis, then with the extended structure, and say what can't be determined."""
     vessel = Vessel.load(VESSEL)
     rows: list[Row] = before_the_fit(vessel)
     rows += [printed_row(result, "7.1", "thesis") for result in published.full_scale_results()]
@@ -162,12 +162,12 @@ def reproduce(progress: Progress | None = None) -> Reproduction:
 
 
 def best_of(found: Reproduction) -> Fingerprint:
-    """Return the fit of the structure that the data support, each point weighted, with nothing known from elsewhere."""
+    """Return the weighted fit of the structure that the data support, without external knowledge."""
     return found.fingerprints[f"{WEIGHTED}: {extended_structure().name}"]
 
 
 def _counts(fingerprint: Fingerprint) -> list[Row]:
-    """How much each point of Tables E.1 to E.3 counts in the weighted fit."""
+    """Weight of each point of Tables E.1 to E.3 in the weighted fit."""
     usable, rows = measured_response(USABLE_HZ), []
     labels = [f"{frequency:.4g} Hz" for frequency in usable.frequency_hz]
     for signal, pair in leverage(usable, extended_structure(), fingerprint).items():
@@ -179,14 +179,14 @@ def _counts(fingerprint: Fingerprint) -> list[Row]:
 
 
 def ladder(fingerprints: Mapping[str, Fingerprint]) -> list[Fingerprint]:
-    """Return the fits of `steps`, each point weighted."""
+    """Return the weighted fits of `steps`."""
     return [found for name, found in fingerprints.items() if name.startswith(f"{WEIGHTED}:")]
 
 
 def _verdict(
     rows: Sequence[Row], fingerprints: Mapping[str, Fingerprint], free: Fingerprint, held: Fingerprint
 ) -> Iterator[str]:
-    """Yield what the reproduction says; `free` and `held`: the extended structure without and with the calculation."""
+    """Yield the conclusions; `free` and `held`: the extended structure without and with the calculation."""
     fits, structure = ladder(fingerprints), free.structure["name"]
     parts = {
         "What the published sine fits tell of the tug:": _told(free, held),
@@ -207,7 +207,7 @@ def _verdict(
 
 
 def chi_squared(found: Fingerprint) -> float:
-    """Return what a fit of weighted points leaves unexplained."""
+    """Return chi-squared of a weighted fit."""
     return float(found.fit["overall"]["chi_squared"] or 0.0)
 
 

@@ -37,8 +37,8 @@ FREE = ("p", "tau_prop", "vK_p", "vK_i", "T_d", "T_set")
 SHOWN = ("tau_n", "g", *FREE)
 ELEMENTS = ("dead_time_loop", "dead_time_set_point", "actuator_lag", "twist")
 KNOWN = ("tau_n", "g", "tau_act", "tau_twist")
-"""Given: what drawings tell, and two of the three values of which gauge and speed tell none, the inertia (from a
-torsional vibration calculation) and the engine's slope (from its factory test)."""
+"""Given parameters: those known from drawings, and the inertia (from a torsional vibration calculation) and the engine's
+slope (from its factory test), two of the three values that gauge and speed do not determine."""
 
 
 def experiments_of(part: str) -> tuple[str, ...]:
@@ -47,7 +47,7 @@ def experiments_of(part: str) -> tuple[str, ...]:
 
 
 def fitted_parts(twin: Twin, parts: Sequence[str]) -> dict[str, Fingerprint]:
-    """Identify parts of a trial, each by itself, of the truth only with `KNOWN`; where one ended the next begins."""
+    """Identify parts of a trial separately, of the truth only with `KNOWN`; each starts where the previous one ended."""
     known = {name: twin.truth[name] for name in KNOWN}
     ship = Structure.ship(ELEMENTS, torque="gauge", propeller_speed=True)
     structure = ship.with_fixed(**known, zeta_twist=0.5)
@@ -62,14 +62,14 @@ def fitted_parts(twin: Twin, parts: Sequence[str]) -> dict[str, Fingerprint]:
 
 
 def fitted_as_the_thesis(twin: Twin, part: str) -> Fingerprint:
-    """Fit the thesis's structure to the same, with the weights that its sine fits were refitted with."""
+    """Fit the thesis's structure to the same, with the weights of its refitted sine fits."""
     records = twin.experiments(experiments_of(part))
     return identify(records, thesis_structure(), noise="white", starts=1, vessel=VESSEL)
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """One trial of one ship: the truth, and what each part told; nothing where it does not tell all that is asked."""
+    """A trial of a ship: the truth, and each part's estimates; empty where these are incomplete."""
 
     seed: int
     truth: Mapping[str, float]
@@ -88,7 +88,7 @@ def outcome(seed: int, parts: Sequence[str]) -> Outcome:
 
 
 def outcomes(seeds: Sequence[int], parts: Sequence[str]) -> Iterator[Outcome]:
-    """Yield the trials of many seeds as they are done, on all processors."""
+    """Yield the trials of many seeds when they are done, on all processors."""
     with pool_of("processes", None, None) as pool:
         for future in as_completed([pool.submit(outcome, seed, parts) for seed in seeds]):
             yield future.result()
@@ -99,10 +99,10 @@ class Score(NamedTuple):
 
     trials: int
     inside: float
-    """Share of the trials whose 95 % interval holds the truth."""
+    """Share of the trials whose 95 % interval contains the truth."""
     error_pct: float
     std_pct: float
-    """Medians of the error's size and of the predicted standard deviation, over the truth."""
+    """Medians of the absolute error and of the predicted standard deviation, over the truth."""
 
 
 def scores(found: Sequence[Outcome], part: str) -> dict[str, Score]:
@@ -128,7 +128,7 @@ def standing(found: Sequence[Outcome], part: str) -> float:
 
 
 def agreement(told: Mapping[str, Fingerprint], name: str) -> list[float]:
-    """Return the differences of each two parts' estimates of a parameter in their joint deviations."""
+    """Return the pairwise differences of the parts' estimates of a parameter, in their joint standard deviations."""
     return [
         math.nan
         if one.value is None or other.value is None or not one.std or not other.std
@@ -138,7 +138,7 @@ def agreement(told: Mapping[str, Fingerprint], name: str) -> list[float]:
 
 
 def fit_to_steps(twin: Twin, told: Fingerprint) -> dict[str, dict[str, float]]:
-    """Return how well the simulated ship with the estimates fits the steps, which run into its limits [%]."""
+    """Return the fit of the simulated ship with the estimates to the steps, which reach its limits [%]."""
     known = {name: twin.truth[name] for name in KNOWN}
     estimates = {name: float(e.value) for name in FREE if (e := told.parameters[name]).value is not None}
     ship = with_parameters(Vessel.load(VESSEL), {**known, **estimates})

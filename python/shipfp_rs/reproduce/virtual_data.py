@@ -54,19 +54,19 @@ SAMPLES_A_PERIOD = 400
 SUBSTEPS = 30
 """Integration steps a sample of the fitted plant: in data without noise the error of the kernel's 4 ms step would show."""
 SETTLED = 22.0
-"""Time constants of the slowest pole until a sine counts as settled: what is left of the start is e^-22 = 3e-10."""
+"""Time constants of the slowest pole after which a sine counts as settled: the transient is then e^-22 = 3e-10."""
 
 
 def launch() -> Vessel:
-    """Return the virtual ship as configured: losses in the gearbox, hence tau_n 1.514 s."""
+    """Return the virtual ship as configured, with gearbox losses and hence tau_n 1.514 s."""
     return Vessel.load(VESSEL)
 
 
 def launch_of_the_thesis() -> Vessel:
-    """Return the ship with the true values of eq. 5.1, tau_n 1.442 s among them.
+    """Return the ship with the true values of eq. 5.1, including tau_n 1.442 s.
 
-    Without loss in the gearbox, so M_s0 = 3 x 222.93 Nm, eq. 3.23 gives 1.438 s; the last 0.25 %, for which the thesis
-    holds no explanation, go into the inertia.
+    Without gearbox losses, so M_s0 = 3 x 222.93 Nm, eq. 3.23 gives 1.438 s; the remaining 0.25 %, which the thesis does not
+    explain, are added to the inertia.
     """
     lossless = launch().replace({"gearbox.efficiency": 1.0})
     inertia = lossless.shaft.inertia_kg_m2 * TAU_N_S / linearise(lossless).tau_n
@@ -140,7 +140,7 @@ def settled_response(vessel: Vessel, method: Method = "rk4", *, limits: bool = T
 def searched_as_printed(structure: Structure) -> Structure:
     """Give a structure the start and the bounds of section 5.4."""
     names = [parameter.name for parameter in structure.free]
-    # Start and bounds are set in one call: set one by one, a new bound might exclude the old start.
+    # Start and bounds are set in one call, since new bounds might exclude the old start.
     return structure.with_bounds(**{name: (BOUNDS[name][0], START[name], BOUNDS[name][1]) for name in names})
 
 
@@ -181,13 +181,13 @@ def plant_structure(vessel: Vessel) -> Structure:
 
 
 def shown(values: Mapping[str, float]) -> dict[str, float]:
-    """Return the four figures of Table 5.2 from a structure's or a model's parameters."""
+    """Return the four parameters of Table 5.2 from a structure's or a model's."""
     vK_p, vK_i = (values[f"vK_{k}"] if f"vK_{k}" in values else values["v"] * values[f"K_{k}"] for k in "pi")
     return {"tau_n": values["tau_n"], "g": values["g"], "K_p/K_i": vK_p / vK_i, "vK_p": vK_p}
 
 
 def model_of(figures: Mapping[str, float | None]) -> LinearModel:
-    """Return the linear model of the four figures of Table 5.2, with v = 1: only its products with the gains matter."""
+    """Return the linear model of the four parameters of Table 5.2, with v = 1: only its products with the gains matter."""
     tau_n, g, vK_p, ratio = (float(figures[name] or 0.0) for name in ("tau_n", "g", "vK_p", "K_p/K_i"))
     return LinearModel(tau_n=tau_n, g=g, v=1.0, K_p=vK_p, K_i=vK_p / ratio, p=2.0, tau_prop=0.0)
 
@@ -201,10 +201,10 @@ def fit_pct(structure: Structure, values: Mapping[str, float], experiment: Exper
 
 
 def euler_bias(model: LinearModel, step_s: float = STEP_S) -> float:
-    """Return the tau_n that an exact model finds in data of forward Euler: tau h a / -ln(1 - h a).
+    """Return the tau_n that an exact model estimates from forward Euler data: tau h a / -ln(1 - h a).
 
-    a = (p - g + v K_p)/tau_n is nearly the fast pole. With Euler it decays by the factor 1 - h a in a step, which an exact
-    model takes for exp(-h a'), and a' tau' = a tau.
+    a = (p - g + v K_p)/tau_n is approximately the fast pole. Euler reduces it by the factor 1 - h a per step, which an exact
+    model interprets as exp(-h a'), and a' tau' = a tau.
     """
     a = (model.p - model.g + model.v * model.K_p) / model.tau_n
     return float(model.tau_n * step_s * a / -math.log1p(-step_s * a))

@@ -1,4 +1,4 @@
-"""Uneven inflow of the water: the propeller's torque varies, and so does the whole drive train."""
+"""Fluctuations of the propeller's torque by uneven inflow, and the response of the drive train."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ class Inflow:
     Parameters
     ----------
     share
-        Standard deviation of the disturbance over the operating point's torque. One per cent scatters the amplitudes of
-        sine fits over 100 to 300 s, with an answer as large as the tug's, by 0.5 to 1 %, as in appendix E.
+        Standard deviation of the disturbance over the operating point's torque. With a response as large as the tug's, one
+        per cent scatters the amplitudes of sine fits over 100 to 300 s by 0.5 to 1 %, as in appendix E.
     memory_s
-        Time in which its correlation falls to 1/e [s].
+        Time in which the correlation falls to 1/e [s].
     """
 
     share: float = 0.01
@@ -39,10 +39,10 @@ class Inflow:
 
 
 def disturbed(experiment: Experiment, model: LinearModel, inflow: Inflow, seed: int) -> Experiment:
-    """Return a simulated experiment in disturbed water: what the linear drive train answers is added to n_e, n_s, M_g.
+    """Return a simulated experiment in disturbed water, with the linear drive train's response added to n_e, n_s, M_g.
 
-    With the torque M_p* = p n* + w of the propeller, n* = -w / (tau_n s + p - g + L) and M_g* = w + (p + tau_prop s) n*,
-    L the loop with its dead time. The answers are small, so that the drive train is linear in them.
+    With the propeller's torque M_p* = p n* + w, n* = -w / (tau_n s + p - g + L) and M_g* = w + (p + tau_prop s) n*, where L
+    is the loop with its dead time. The responses are small, so that the drive train is linear.
     """
     count, rate = len(experiment), experiment.rate_hz
     size = fft.next_fast_len(count, real=True)

@@ -1,4 +1,4 @@
-"""Simulated raw logs: a virtual trial seen through sensors, a logger and the faults of a real one."""
+"""Simulated raw logs: a virtual trial as recorded by sensors and a logger, with realistic faults."""
 
 from __future__ import annotations
 
@@ -25,27 +25,27 @@ from shipfp_rs.vessel.linear_model import linearise
 from shipfp_rs.vessel.vessel import Vessel
 
 EVEN_CYCLES = 4
-"""Periods of a chirp with fault D3, in which the signal generator keeps one frequency."""
+"""Periods of a chirp with fault D3 during which the signal generator keeps its frequency constant."""
 
 
 @dataclass(frozen=True)
 class Truth:
-    """What a simulated log was made from.
+    """True values behind a simulated log.
 
     Parameters
     ----------
     linear
         Parameters of the linear structure at the operating point.
     windows
-        One for each excitation.
+        Time range of each excitation.
     steady_s
-        Start and stop of a stretch at the operating point [s].
+        Start and stop of the steady time range [s].
     faults
-        Fault to channel to its places, start and stop [s], shape (K, 2), in order.
+        Fault to channel to its time ranges, start and stop [s], shape (K, 2), in order.
     reflector_angles
-        Pulse train to the places of its reflectors [rev], ascending from 0.
+        Pulse train to the angles of its reflectors [rev], ascending from 0.
     clean
-        The plant's own signals, at the rate of the simulation.
+        Signals of the plant, at the rate of the simulation.
     """
 
     linear: Mapping[str, float]
@@ -70,39 +70,38 @@ def simulate_raw_log(
     simulated_hz: float | None = None,
     seed: Whole = 0,
 ) -> tuple[Log, Truth]:
-    """Simulate a trial as a logger would have recorded it.
+    """Simulate a trial as a logger would record it.
 
-    The record holds a steady stretch and then the excitations with pauses at the operating point between them, in
-    the channels U_setpoint, U_torque (gauge), PTM_1 and PTM_4 (one and four reflectors on the propeller shaft) and
-    PTM_e (one pulse a turn of the engine), all in volts. Pulses come from the shaft's continuous angle of rotation.
-    Relay jumps are on the recorded set point only.
+    The record has a steady time range, then the excitations with pauses at the operating point between them, in the channels
+    U_setpoint, U_torque (gauge), PTM_1 and PTM_4 (one and four reflectors on the propeller shaft) and PTM_e (one pulse per
+    engine revolution), all in volts. Pulses follow the shaft's continuous angle. Relay jumps are only on the recorded set
+    point.
 
     Parameters
     ----------
     vessel
         The ship.
     excitations
-        One or several; those of another rate than the logger's are brought to it.
+        One or several; those of another rate than the logger's are resampled.
     sensors
         The measurement chain.
     faults
-        Which ones strike.
+        Kinds of faults to simulate.
     n_e_rpm
-        Operating point [rpm]; None: the ship's own.
+        Operating point [rpm]; None: the ship's.
     steady_s, pause_s
-        Length of the steady stretch, and of each pause [s].
+        Length of the steady time range, and of each pause [s].
     inflow
-        Water that moves; None: still.
+        Fluctuations of the inflow; None: still water.
     simulated_hz
-        Rate at which the drive train is simulated; None: the logger's. 200 Hz are enough for a tug's, in a fifth of the
-        time.
+        Rate of the drive train's simulation; None: the logger's. For a tug's, 200 Hz are enough, in a fifth of the time.
     seed
-        Of noise, faults and water.
+        Seed of noise, faults and water.
 
     Raises
     ------
     InputError
-        For an unknown fault, or what `simulate` refuses.
+        For an unknown fault, or arguments that `simulate` refuses.
 
     Examples
     --------
@@ -142,7 +141,7 @@ def _recorded(
     strikes: frozenset[Kind],
     seed: int,
 ) -> tuple[Log, Recorder]:
-    """Return the recorded channels, and the recorder that knows their faults."""
+    """Return the recorded channels, and the recorder with the list of their faults."""
     sensors = without_own_ripple(sensors, vessel)
     rows = _at_rate(moving, sensors.rate_hz)
     gear = vessel.gearbox.ratio
@@ -172,7 +171,7 @@ def _recorded(
 
 
 def _at_rate(moving: Experiment, rate_hz: float) -> dict[str, Array]:
-    """The signals that are recorded, at the logger's rate."""
+    """Recorded signals at the logger's rate."""
     rows = {name: moving.signals[name] for name in ("n_set", "n_e", "n_s", "M_g")}
     if moving.rate_hz == rate_hz:
         return rows
@@ -182,7 +181,7 @@ def _at_rate(moving: Experiment, rate_hz: float) -> dict[str, Array]:
 
 
 def trial_tables(vessel_name: str, log_name: str, sensors: Sensors, truth: Truth) -> dict[str, Any]:
-    """Return the tables of the TRIAL.toml that goes with a simulated log."""
+    """Return the tables of TRIAL.toml for a simulated log."""
 
     def volts(column: str, line: Calibration) -> dict[str, Any]:
         return {"column": column, "unit": "V", "calibration": {"scale": line.scale, "offset": line.offset}}
@@ -206,7 +205,7 @@ def trial_tables(vessel_name: str, log_name: str, sensors: Sensors, truth: Truth
 
 
 def trial_toml(vessel_name: str, log_name: str, sensors: Sensors, truth: Truth) -> str:
-    """Return the TRIAL.toml that goes with a simulated log."""
+    """Return TRIAL.toml for a simulated log."""
     return tomlkit.dumps(trial_tables(vessel_name, log_name, sensors, truth))
 
 
@@ -218,7 +217,7 @@ def _joined(
     *,
     even: bool,
 ) -> tuple[Excitation, tuple[TrueWindow, ...]]:
-    """One excitation at a rate: steady stretch, then each part and a pause; chirps are `even` or not."""
+    """Return one excitation at a rate: steady time range, then each excitation and a pause; `even`: chirps of fault D3."""
     parts = [excitations] if isinstance(excitations, Excitation) else list(excitations)
     if not parts:
         raise InputError("excitations is empty, expected at least one")
@@ -243,7 +242,7 @@ def _joined(
 
 
 def _angle(speed: Array, rate_hz: float) -> Array:
-    """Angle of rotation [rev], shape (N,): the integral of a speed [rev/s] with end correction, fourth order."""
+    """Angle [rev], shape (N,): the integral of a speed [rev/s] with end correction, of fourth order."""
     step = 1.0 / rate_hz
     slope = np.gradient(speed, step)
     turned = 0.5 * step * (speed[1:] + speed[:-1]) + step**2 / 12.0 * (slope[:-1] - slope[1:])

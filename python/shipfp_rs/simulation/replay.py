@@ -1,4 +1,4 @@
-"""What a simulated vessel answers to a record's set point, on the record's own grid."""
+"""Response of a simulated vessel to a record's set point, at the record's samples."""
 
 from __future__ import annotations
 
@@ -20,26 +20,26 @@ from shipfp_rs.support.arrays import Array
 from shipfp_rs.vessel.vessel import Vessel
 
 LEAST_RATE_HZ = 100.0
-"""A set point of a lower rate is interpolated above this rate, so that its shape is kept [Hz]."""
+"""Rate below which a set point is interpolated, so that its shape is kept [Hz]."""
 LEAD_S = 10.0
-"""Time at the operating point before the record, in which the filters settle and the levels are measured [s]."""
+"""Time at the operating point before the record, in which filters settle and levels are measured [s]."""
 
 
 @checked
 def replay(vessel: Vessel, record: Experiment, at_the_shaft: bool = False) -> Experiment:
-    """Return what a vessel answers to a record's set point in still water, sampled and masked as the record.
+    """Return the response of a vessel to a record's set point in still water, sampled and masked like the record.
 
-    A set point that is straight between samples (hold "first", as of processed logs) is taken as low-passed, and so is
-    the answer.
+    A set point with linear course between samples (hold "first", as of processed logs) is assumed to be low-passed; the
+    response is then low-passed, too.
 
     Parameters
     ----------
     vessel
         The ship.
     record
-        Its set point, deviating from its operating point, is put about the vessel's own.
+        Record whose set point, as deviation from its operating point, is applied about the vessel's.
     at_the_shaft
-        Whether the speed is that of the shaft behind the twist.
+        Whether the speed is measured on the shaft behind the twist.
     """
     up = max(1, math.ceil(LEAST_RATE_HZ / record.rate_hz))
     rate = up * record.rate_hz
@@ -58,7 +58,7 @@ def replay(vessel: Vessel, record: Experiment, at_the_shaft: bool = False) -> Ex
         low_pass = LowPass(channel, record.rate_hz, float(lead))
         rows = {name: low_pass(partial(_stretch, row), len(record)) for name, row in signals.items()}
     rows = {name: np.where(np.isnan(record.signals[name]), np.nan, row) for name, row in rows.items()}
-    # Beyond the record's ends the filtered set point is unknown.
+    # The filtered set point is unknown beyond the record's ends.
     rows["n_set"] = record.signals["n_set"] - record.operating_point["n_set"] + point["n_set"]
     return replace(
         record,
@@ -69,7 +69,7 @@ def replay(vessel: Vessel, record: Experiment, at_the_shaft: bool = False) -> Ex
 
 
 def _between(record: Experiment, up: int) -> Array:
-    """Deviation of the set point [rpm] at `up` times the record's rate, shape (up N,); gaps are bridged."""
+    """Deviation of the set point [rpm] at `up` times the record's rate, shape (up N,); gaps are interpolated."""
     deviation = record.signals["n_set"] - record.operating_point["n_set"]
     at = np.arange(len(deviation))
     known = np.isfinite(deviation)

@@ -1,4 +1,4 @@
-"""The measurement chain of section 6.1: the plant's signals as volts, with noise and the faults of a real recording."""
+"""The measurement chain of section 6.1: the plant's signals in volts, with noise and realistic faults."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ from shipfp_rs.support.checks import between
 from shipfp_rs.vessel.vessel import Vessel
 
 Kind = Literal["A", "B", "C", "D1", "D2", "D3", "gap", "dropout", "stuck", "clipped", "repeated"]
-"""Faults of `shipfp_rs.logs.faults.KINDS` that a simulated log can have."""
+"""Faults of `shipfp_rs.logs.faults.KINDS` that can be simulated."""
 
 EQUATION_6_7 = Calibration(-251.38, -85.29, "rpm")
-"""Calibration of the set point's volts."""
+"""Calibration of the set point's voltage."""
 TABLE_6_6 = Calibration(1059.0, 0.0, "Nm")
-"""Calibration of the torque's volts; printed as 1.059 Nm/mV."""
+"""Calibration of the torque's voltage; printed as 1.059 Nm/mV."""
 MAINS_HZ = 50.0
 PULSE_HEIGHT_V = 5.0
 PULSE_WIDTH = 0.3
-"""Share of a pulse's pitch during which the reflector is seen."""
+"""Share of a pulse's pitch during which the reflector is detected."""
 
 VOLTS = (0.0, 1000.0)
 RANGES: Mapping[str, tuple[float, float]] = MappingProxyType(
@@ -47,41 +47,41 @@ RANGES: Mapping[str, tuple[float, float]] = MappingProxyType(
         "clipped_share": (0.0, 0.5),
     }
 )
-"""What a chain of sensors can be."""
+"""Valid ranges of a measurement chain's numbers."""
 FAULTS_PER_MINUTE = (0.0, 600.0)
 
 
 @dataclass(frozen=True)
 class Sensors:
-    """The measurement chain of section 6.1: what is recorded, and how well.
+    """The measurement chain of section 6.1: rates, calibrations, noise and faults.
 
     Parameters
     ----------
     rate_hz
         Sample rate of the logger [Hz].
     set_point, torque
-        Calibrations whose inverses make volts.
+        Calibrations, inverted to obtain volts.
     set_point_noise_V, torque_noise_V, pulse_noise_V
         Standard deviations [V].
     telemetry_hz
         Bandwidth of the torque's telemetry noise [Hz].
     receiver_limit_V
-        Where the torque receiver saturates [V].
+        Voltage at which the torque receiver saturates [V].
     ripple_Nm
-        Amplitudes of the torque at once a turn of the shaft, blade passage, once a turn of the engine, firing [Nm]
-        (Table 6.9), each for a vessel whose own drive train makes none there.
+        Amplitudes of the torque at shaft rotation, blade passage, engine rotation and firing [Nm] (Table 6.9), each for a
+        vessel whose drive train does not produce it.
     reflector_errors
-        Misplacement of the four reflectors as shares of their pitch; the first one's place is the origin.
+        Displacement of the four reflectors as shares of their pitch; the first reflector's position is the origin.
     edge_s
         Rise and fall time of the pulses [s]; zero for edges between two samples.
     faults_per_minute
-        How often each fault strikes; A and B on every pulse train, a gap, dropout or stuck stretch on the torque,
-        and rows are recorded a second time over those that follow. Hum (D2) lasts through every chirp, D3 makes
-        every chirp a sine, and the torque is clipped wherever it is beyond the sensor's range.
+        Frequency of each fault: A and B on every pulse train, gap, dropout or stuck samples on the torque, and rows that
+        are recorded again over the following ones. Hum (D2) lasts through every chirp, D3 makes every chirp a sine, and the
+        torque is clipped wherever it exceeds the sensor's range.
     hum_V
         Amplitude of the mains hum on the set point [V].
     clipped_share
-        Share of the torque's samples beyond the sensor's range, where that is a fault.
+        Share of the torque's samples beyond the sensor's range, for the fault "clipped".
     """
 
     rate_hz: float = 2000.0
@@ -122,7 +122,7 @@ class Sensors:
 
 @dataclass(frozen=True)
 class TrueWindow:
-    """Where an excitation lies on the log's clock [s]."""
+    """Time range of an excitation on the log's clock [s]."""
 
     name: str
     kind: str
@@ -131,7 +131,7 @@ class TrueWindow:
 
 
 def without_own_ripple(sensors: Sensors, vessel: Vessel) -> Sensors:
-    """A line of the torque that the vessel's own drive train makes is not added once more."""
+    """Omit torque lines that the vessel's drive train produces itself."""
     firing, propeller = vessel.engine.firing, vessel.propeller
     unequal = firing is not None and len(set(firing.strength or ())) > 1
     made = (propeller.shaft_ripple > 0.0, propeller.blade_ripple > 0.0, unequal, firing is not None)
@@ -142,20 +142,20 @@ def without_own_ripple(sensors: Sensors, vessel: Vessel) -> Sensors:
 
 
 class Recorder:
-    """Turns the plant's signals into volts; keeps account of the faults it makes."""
+    """Converts the plant's signals to volts, and lists the faults that it adds."""
 
     def __init__(self, sensors: Sensors, strikes: frozenset[Kind], duration: float, seed: int) -> None:
         self.sensors = sensors
         self.strikes = strikes
         self.duration = duration
-        # Each channel and purpose draws from its own random stream, so that switching a fault on changes no noise.
+        # Each channel and purpose has its own random stream, so that adding a fault changes no noise.
         self._seed = seed
         self._streams = 0
         self.faults: dict[Kind, dict[str, Array]] = {}
         self.reflectors: dict[str, Array] = {}
 
     def set_point(self, n_set: Array, chirps: Sequence[TrueWindow]) -> Array:
-        """Return the set point [V] of `n_set` [rpm], with relay jumps and hum where they strike."""
+        """Return the set point [V] of `n_set` [rpm], with relay jumps and hum."""
         noise, chance = self._stream(), self._stream()
         volts = self.sensors.set_point.inverse(n_set)
         volts += noise.normal(0.0, self.sensors.set_point_noise_V, len(volts))
@@ -198,7 +198,7 @@ class Recorder:
         return volts
 
     def recorded_twice(self, volts: Mapping[str, Array]) -> dict[str, Array]:
-        """Write stretches of all channels a second time, over the samples that follow."""
+        """Repeat stretches of all channels over the following samples."""
         chance = np.random.default_rng([len(simulated.LOSSES), 1, self._seed])
         twice = dict(volts)
         for start, stop in self._strike_for("repeated", "U_setpoint", chance, longest_s=0.2, shortest_s=0.1):
@@ -206,7 +206,7 @@ class Recorder:
         return twice
 
     def pulses(self, name: str, angle: Array, places: Array) -> Array:
-        """Return a pulse train: one pulse at every whole turn plus each of `places` [rev]."""
+        """Return a pulse train with a pulse at every whole revolution plus each of `places` [rev]."""
         noise, chance, rate = self._stream(), self._stream(), self.sensors.rate_hz
         start = noise.uniform()
         self.reflectors[name] = places
@@ -215,7 +215,7 @@ class Recorder:
         pitch = PULSE_WIDTH / len(places)
         time = np.arange(len(angle)) / rate
         rise_s, fall_s = np.interp(rising, angle, time), np.interp(rising + pitch, angle, time)
-        # Only whole pulses: interpolation would put the others at the record's ends.
+        # Only whole pulses: interpolation would place the others at the record's ends.
         kept = (rising > angle[0]) & (rising + pitch < angle[-1])
         rise_s, fall_s = rise_s[kept], fall_s[kept]
         if lost := [int(np.searchsorted(rise_s, at / rate)) for at in self._strike("B", name, chance)]:
@@ -224,7 +224,7 @@ class Recorder:
         volts = _trapezoids(len(angle), rate, rise_s, fall_s, self.sensors.edge_s)
         volts += noise.normal(0.0, self.sensors.pulse_noise_V, len(volts))
         if struck := [int(np.searchsorted(rise_s, at / rate)) for at in self._strike("A", name, chance)]:
-            # The sample after the edge has fired falls back below 2 V and the next is up again (Fig. 6.15).
+            # After the edge has fired, a sample falls below 2 V and the next is high again (Fig. 6.15).
             dips = np.ceil((rise_s[struck] + 0.5 * self.sensors.edge_s) * rate).astype(np.int64) + 1
             volts[dips] = chance.uniform(0.3, 1.8, len(dips))
             self.faults["A"][name] = np.column_stack([dips, dips + 1]) / rate
@@ -247,7 +247,7 @@ class Recorder:
         longest_s: float = 0.04,
         shortest_s: float | None = None,
     ) -> list[tuple[int, int]]:
-        """Draw from and to which sample a fault lasts, from a tenth of the longest on; note it down."""
+        """Draw the first and last sample of a fault, from a tenth of the longest on, and record it."""
         starts = np.array(self._strike(fault, channel, chance), dtype=np.int64)
         lengths = np.round(
             chance.uniform(shortest_s or 0.1 * longest_s, longest_s, len(starts)) * self.sensors.rate_hz
@@ -258,7 +258,7 @@ class Recorder:
         return [(start, stop) for start, stop in spans.tolist()]
 
     def _strike(self, fault: Kind, channel: str, chance: np.random.Generator) -> list[float]:
-        """Draw the samples at which a fault strikes, once in each of equal slots so that no two touch."""
+        """Draw the samples at which a fault occurs, one in each of equal slots, so that no two touch."""
         if fault not in self.strikes:
             return []
         slots = max(int(self.sensors.faults_per_minute[fault] * self.duration / 60.0), 1)
@@ -272,7 +272,7 @@ class Recorder:
 
 
 def _trapezoids(samples: int, rate_hz: float, rise_s: Array, fall_s: Array, edge_s: float) -> Array:
-    """Pulses from 0 to 5 V whose flanks pass their middle at the given times, shape (samples,)."""
+    """Pulses from 0 to 5 V whose flanks have their middle at the given times, shape (samples,)."""
     first = np.ceil((rise_s - 0.5 * edge_s) * rate_hz).astype(np.int64)
     latest = np.cumsum(np.bincount(np.maximum(first, 0), minlength=samples)[:samples]) - 1
     time = np.arange(samples) / rate_hz

@@ -1,4 +1,4 @@
-"""Virtual experiments: the nonlinear plant of a vessel under an excitation, with or without sensor noise."""
+"""Virtual experiments: the nonlinear plant of a vessel under an excitation, optionally with sensor noise."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ Noise = Mapping[str, float | tuple[float, float]]
 LOGGER = logging.getLogger("shipfp_rs")
 
 LARGEST_SHARE = 0.9
-"""Largest deviation of the set point, relative; with more an engine would stall."""
+"""Largest relative deviation of the set point; a larger one would stall an engine."""
 _LARGEST_STEP = 0.025
 _MOST_SUBSTEPS = 20_000
 """Largest step of RK4 times the fastest pole; its error, a few times (0.025)^4 / 120, is below 1e-8 of the deviation."""
@@ -48,8 +48,8 @@ def simulate(
 ) -> Experiment:
     """Simulate a trial, from the steady state at the operating point.
 
-    A vessel that has more than the plant of eq. 3.1-3.11 (dead times, limits, sampling, firing, a flexible shaft, a
-    ship that moves) is simulated with all it has; in bollard pull unless it has a `ship`.
+    A vessel with more than the plant of eq. 3.1-3.11 (dead times, limits, sampling, firing, a flexible shaft, a moving ship)
+    is simulated with all its elements; in bollard pull unless it has a `ship`.
 
     Parameters
     ----------
@@ -58,21 +58,21 @@ def simulate(
     excitation
         Deviations of the set point.
     n_e_rpm
-        Operating point [rpm]; None: the ship's own.
+        Operating point [rpm]; None: the ship's.
     method
-        "rk4", "heun" or "euler"; "euler" shows the bias of a coarse simulation. "rk4" alone is taken for a vessel
-        with other elements, which steps of the identification's own ship simulate.
+        "rk4", "heun" or "euler"; "euler" shows the bias of a coarse simulation. A vessel with other elements requires
+        "rk4", and is simulated by the identification's ship model.
     limits
-        Whether the engine's torque limit acts.
+        Whether the engine's torque limit is active.
     substeps
-        Integration steps for each sample. None: for "rk4" so many that the error of the thesis's plant stays below
-        1e-8 of the deviation as long as no torque limit acts (its kinks cost accuracy), and that of any other vessel
-        about 1e-5 of the operating point's values, 1e-4 where cylinders fire or signals jump; else one.
+        Integration steps per sample. None: for "rk4" as many as keep the error of the thesis's plant below 1e-8 of the
+        deviation unless the torque limit acts (its kinks reduce accuracy), and that of any other vessel at about 1e-5 of the
+        operating point's values, 1e-4 where cylinders fire or signals jump; for other methods one.
     noise
-        Output to the standard deviation of its noise, relative to that of the clean signal; or to a pair of
-        that and the correlation of successive samples (first-order autoregression).
+        Output to the standard deviation of its noise, relative to that of the clean signal; or to a pair of this and the
+        correlation of successive samples (first-order autoregression).
     seed
-        Seed of the noise; None draws one, which the provenance then holds.
+        Seed of the noise; None draws one, which is stored in the provenance.
 
     Returns
     -------
@@ -83,9 +83,9 @@ def simulate(
     Raises
     ------
     InputError
-        Where the operating point is out of reach or an argument is out of its range.
+        If the operating point can't be reached, or an argument is out of range.
     SimulationError
-        Where the integration diverges.
+        If the integration diverges.
 
     Examples
     --------
@@ -144,7 +144,7 @@ def simulate(
 
 
 class _Run(NamedTuple):
-    """Set point of the engine speed [rev/s], sample interval [s], steps a sample, and how the set point is held."""
+    """Set point of the engine speed [rev/s], sample interval [s], steps per sample, and hold of the set point."""
 
     set_point: Array
     dt: float
@@ -153,7 +153,7 @@ class _Run(NamedTuple):
 
 
 _Limit = tuple[Array, Array]
-"""Torque limit [Nm] over engine speed [rev/s]: speeds, torques; both empty without one."""
+"""Torque limit [Nm] over engine speed [rev/s]: speeds, torques; both empty without a limit."""
 
 
 def _plant(
@@ -242,10 +242,10 @@ def _noisy(clean: Mapping[str, Array], output: str, level: float | tuple[float, 
         )
     if not abs(correlation) < 1.0:
         raise InputError(f"noise[{output!r}] has correlation {correlation}, expected between -1 and 1")
-    # Each signal draws from its own random stream, so that noise on one does not change the noise of the others.
+    # Each signal has its own random stream, so that noise on one does not change that of the others.
     generator = np.random.default_rng([list(UNITS).index(output), seed])
     draws = generator.standard_normal(len(clean[output]))
-    # The first sample comes from the stationary distribution, so there is no start-up.
+    # The first sample has the stationary distribution, so there is no transient.
     draws[1:] *= math.sqrt(1.0 - correlation**2)
     coloured = signal.lfilter([1.0], [1.0, -correlation], draws)
     return np.asarray(clean[output] + relative * np.std(clean[output]) * coloured)

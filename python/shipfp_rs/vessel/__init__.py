@@ -1,1 +1,1 @@
-"""Vessels: what a ship's drive train is, its steady state and its linear parameters."""
+"""Vessels: drive trains of ships, their steady state and linear parameters."""

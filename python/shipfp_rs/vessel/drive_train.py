@@ -1,4 +1,4 @@
-"""The whole drive train of a vessel by its physical parameters, its steps, and the propeller behind a moving ship."""
+"""The whole drive train of a vessel: physical parameters, step length, and the propeller of a moving ship."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ SIMULATED_KEYS = (
     "engine.cylinders",
     "propeller.K_T",
 )
-"""Keys without which the whole drive train can't be simulated."""
+"""Keys required for a simulation of the whole drive train."""
 OFF: Mapping[str, float] = {
     "shaft_stiffness": math.inf,
     "shaft_damping": 0.0,
@@ -60,19 +60,19 @@ OFF: Mapping[str, float] = {
     "blade_ripple": 0.0,
     "ship_mass": math.inf,
 }
-"""Parameters where nothing is added to the plant of eq. 3.1-3.11."""
+"""Parameters that reduce the drive train to the plant of eq. 3.1-3.11."""
 
 _LARGEST_STEP = 0.15
-"""Largest step times the fastest pole of an element."""
+"""Largest step length times the fastest pole of an element."""
 _STEPS_A_RIPPLE = 16.0
-"""Steps in a period of the torque's ripple."""
+"""Steps per period of the torque ripple."""
 _LONGEST_STEP_S = 1e-3
-"""Commands arrive, and limits begin to act, within steps: nothing else bounds what that costs [s]."""
+"""Longest step [s]: commands arrive and limits become active within steps, and only this limits the resulting error."""
 
 
 @dataclass(frozen=True)
 class DriveTrain:
-    """All elements.
+    """All elements of a drive train.
 
     Parameters
     ----------
@@ -81,7 +81,7 @@ class DriveTrain:
     strength
         Each cylinder's torque over the mean, in the order of firing, shape (C,).
     quadrants
-        Angle [rad], torque and thrust over their values in bollard pull, shape (3, K); none: (3, 0).
+        Angle [rad], torque and thrust relative to bollard pull, shape (3, K); none: (3, 0).
     """
 
     values: Mapping[str, float]
@@ -90,11 +90,11 @@ class DriveTrain:
 
     @property
     def extends_the_plant(self) -> bool:
-        """Whether the vessel has an element beyond the plant of eq. 3.1-3.11."""
+        """Whether the vessel has an element in addition to the plant of eq. 3.1-3.11."""
         return self.quadrants.size > 0 or any(self.values[name] != value for name, value in OFF.items())
 
     def step_s(self, n_s: float) -> float:
-        """Return the longest step [s] that resolves the elements faster than the shaft, at a shaft speed [rev/s]."""
+        """Return the longest step [s] that resolves the fast elements at a shaft speed [rev/s]."""
         q = self.values
         turn = max(
             q["blades"] if q["blade_ripple"] else 0.0,
@@ -115,7 +115,7 @@ class DriveTrain:
         return min(_LONGEST_STEP_S, ripple, _LARGEST_STEP / max(poles) if max(poles) else math.inf)
 
     def propeller(self, n_s: float, ship_speed: float) -> tuple[float, float]:
-        """Return torque [Nm] and net thrust of all propellers [N] at a shaft [rev/s] and a ship speed [m/s]."""
+        """Return torque [Nm] and net thrust of all propellers [N] at a shaft speed [rev/s] and a ship speed [m/s]."""
         q = self.values
         along, across = q["blade_path"] * n_s, q["inflow"] * ship_speed
         if not self.quadrants.size:
@@ -192,7 +192,7 @@ def _strength(vessel: Vessel) -> Array:
 
 
 def _quadrants(vessel: Vessel) -> Array:
-    """Angles from -pi to pi about the operating point's; torque and thrust over their values there."""
+    """Angles from -pi to pi about the operating point's; torque and thrust relative to the operating point."""
     table = vessel.propeller.four_quadrant
     if table is None:
         return np.empty((3, 0))
@@ -205,6 +205,6 @@ def _quadrants(vessel: Vessel) -> Array:
         )
     angle = np.unique(np.concatenate([(at - table.bollard_deg + 180.0) % 360.0 - 180.0, [-180.0, 180.0]]))
     values = [np.interp(angle + table.bollard_deg, at, row, period=360.0) for row in rows]
-    # Slightly more than pi after rounding, so that every angle that atan2 gives lies within.
+    # Slightly above pi after rounding, so that the table covers every angle of atan2.
     radians = np.clip(np.radians(angle), -math.pi, math.pi)
     return np.ascontiguousarray([radians, *(row / value for row, value in zip(values, bollard, strict=True))])

@@ -1,4 +1,4 @@
-"""Linear models of a vessel about a steady state (eq. 3.14-3.54), analytically and from the plant itself."""
+"""Linear models of a vessel about a steady state (eq. 3.14-3.54), analytical and numerical."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ if TYPE_CHECKING:
 Output = Literal["dn", "dE", "dM_b", "dM_g", "dX"]
 
 SIGNALS: Mapping[Output, str] = {"dn": "n_e", "dE": "E_n", "dM_b": "M_b", "dM_g": "M_g", "dX": "X_f"}
-"""Name of the signal of which an output is the normalised deviation."""
+"""Signal of each output."""
 
 
 @dataclass(frozen=True)
 class LinearModel:
-    """Parameters of the linear structure; its outputs are deviations divided by the operating point.
+    """Parameters of the linear structure, whose outputs are deviations relative to the operating point.
 
     Parameters
     ----------
@@ -100,7 +100,7 @@ class LinearModel:
         Raises
         ------
         InputError
-            Where the model has a dead time, which is not rational; use `response` there.
+            If the model has a dead time, which is not rational; use `response` instead.
         """
         self._require_no_dead_time()
         return signal.TransferFunction(self._numerator(output), self._denominator())
@@ -112,7 +112,7 @@ class LinearModel:
         Raises
         ------
         InputError
-            Where the model has a dead time, or no output is given.
+            If the model has a dead time, or no output is given.
         """
         self._require_no_dead_time()
         if len(outputs) == 0:
@@ -139,7 +139,7 @@ class LinearModel:
     def response(
         self, frequency_hz: npt.ArrayLike, outputs: Sequence[Output] = ("dn", "dM_b")
     ) -> ComplexArray:
-        """Return the complex response of the outputs to the set point, shape (O, F); dead times are exact here.
+        """Return the complex response of the outputs to the set point, shape (O, F), with exact dead times.
 
         Parameters
         ----------
@@ -161,7 +161,7 @@ class LinearModel:
             )
         s = 2j * np.pi * frequency
         shaft = self.tau_n * s + self.p - self.g
-        # Without a division by s, so that 0 Hz gives the static gains.
+        # Without a division by s, so that 0 Hz gives the static gain.
         rack = (self.K_p * s + self.K_i) * np.exp(-s * self.T_d)
         with np.errstate(all="ignore"):
             common = np.exp(-s * self.T_set) / (s * shaft + self.v * rack)
@@ -181,12 +181,12 @@ class LinearModel:
     def frequency_response(
         self, frequency_hz: npt.ArrayLike, outputs: Sequence[Output] = ("dn", "dM_b"), *, name: str = "model"
     ) -> FrequencyResponse:
-        """Return the response as an object that can be drawn, compared and fitted to.
+        """Return the response as an object for plots, comparisons and fits.
 
         Parameters
         ----------
         frequency_hz, outputs
-            As of `response`; the object names the measured signals, n_e for dn for example.
+            As of `response`; the object has the names of measured signals, such as n_e for dn.
         name
             Label.
 
@@ -196,7 +196,7 @@ class LinearModel:
         >>> tug.frequency_response([0.1, 1.0])
         FrequencyResponse('model', 2 points from 0.1 to 1 Hz: n_e, M_b)
         """
-        # `frequency` loads SciPy, which most of those who linearise a vessel do not need.
+        # `frequency` loads SciPy, which a linearisation rarely needs.
         from shipfp_rs.frequency import FrequencyResponse
 
         frequency = np.atleast_1d(np.asarray(frequency_hz, dtype=np.float64))
@@ -206,12 +206,12 @@ class LinearModel:
 
     @checked
     def to_control(self, outputs: Sequence[Output] = ("dn", "dM_b")) -> Any:
-        """Return the state space as an object of python-control, signals named.
+        """Return the state space as a python-control object with named signals.
 
         Raises
         ------
         InputError
-            Where python-control is not installed, or as `state_space`.
+            If python-control is not installed, or as `state_space`.
         """
         control = package("control", "python-control")
         space = self.state_space(outputs)
@@ -249,19 +249,19 @@ def linearise(vessel: Vessel, n_e_rpm: float | None = None) -> LinearModel:
     Parameters
     ----------
     vessel, n_e_rpm
-        The ship and its set point [rpm], as `steady_state` takes them.
+        The ship and its set point [rpm], as for `steady_state`.
 
     Raises
     ------
     InputError
-        Where the engine can't hold the set point.
+        If the engine can't hold the set point.
 
     Notes
     -----
-    Of a vessel with more than the plant of eq. 3.1-3.11, small and slow motions are meant. Its T_d is the sum of the
-    mean delays between speed and torque: the dead time, the lag, half a period of a governor that samples, half
-    the stroke of a firing. A drag that grows with the speed goes into v and g, since the structure's torque is the
-    shaft's. Limits, ramps, the derivative gain, the shaft's twist and the ship's own acceleration are not in it.
+    For a vessel with more than the plant of eq. 3.1-3.11, the model describes small and slow motions. T_d is the sum of the
+    mean delays between speed and torque: dead time, lag, half a period of a sampling governor, half a firing stroke. A drag
+    that grows with the speed affects v and g, since the structure's torque is the shaft's. Limits, ramps, derivative gain,
+    shaft twist and the ship's acceleration are not included.
 
     Examples
     --------
@@ -287,19 +287,19 @@ def linearise(vessel: Vessel, n_e_rpm: float | None = None) -> LinearModel:
 
 
 def linearise_numerically(vessel: Vessel, n_e_rpm: float | None = None, *, step: float = 1e-5) -> LinearModel:
-    """Linearise the nonlinear plant by central differences of its right-hand side: a check on `linearise`.
+    """Linearise the nonlinear plant by central differences of its right-hand side, as a check of `linearise`.
 
     Parameters
     ----------
     vessel, n_e_rpm
-        The ship and its set point [rpm], as `steady_state` takes them.
+        The ship and its set point [rpm], as for `steady_state`.
     step
-        Half-width of the differences, relative to the operating point; the error falls with its square.
+        Half width of the differences, relative to the operating point; the error is proportional to its square.
 
     Raises
     ------
     InputError
-        Where the engine can't hold the set point, or the vessel has more than the plant of eq. 3.1-3.11.
+        If the engine can't hold the set point, or the vessel has more than the plant of eq. 3.1-3.11.
     """
     if drive_train(vessel).extends_the_plant:
         raise InputError(
@@ -328,7 +328,7 @@ def linearise_numerically(vessel: Vessel, n_e_rpm: float | None = None, *, step:
 
 
 def _right_hand_side(vessel: Vessel, point: OperatingPoint, deviation: Array) -> Array:
-    """Plant (dn/dt, X, M_b, M_g) over the steady state at relative deviations of (n, E, n_set) from it."""
+    """Plant (dn/dt, X, M_b, M_g), normalised about the steady state, at relative deviations of (n, E, n_set)."""
     dn, dE, dn_set = deviation
     q = dict(zip(PLANT_PARAMETERS, vessel.plant_parameters().tolist(), strict=True))
     n_s, error = point.n_s * (1.0 + dn), point.n_e * (dn_set - dn)

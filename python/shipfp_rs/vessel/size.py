@@ -1,4 +1,4 @@
-"""Sizes that numbers of a vessel file may have."""
+"""Plausible sizes of the numbers in a vessel file."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from shipfp_rs.support.toml import unexpected
 
 
 class Size(NamedTuple):
-    """Range of a number of a vessel file, and the wrong units that are often used for it."""
+    """Range of a number in a vessel file, and common wrong units for it."""
 
     key: str
     low: float
@@ -20,7 +20,7 @@ class Size(NamedTuple):
     owner: str
 
     def require(self, value: float) -> None:
-        """Refuse a value that a wrong unit explains, or ten times beyond its range."""
+        """Refuse a value that a wrong unit explains, or that is ten times beyond its range."""
         hint = hints.likely(value, self.low, self.high, self.slips, self.unit)
         if hint or not 0.1 * self.low < value < 10.0 * self.high:
             expected = f"{self.low:.4g} to {self.high:.4g} {self.unit} as {self.owner} would have{hint}"

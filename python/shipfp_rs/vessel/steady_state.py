@@ -1,4 +1,4 @@
-"""Steady states of a vessel in bollard pull, and the static curves that a sea trial can check."""
+"""Steady states of a vessel in bollard pull, and static curves that a sea trial can check."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ from shipfp_rs.vessel.drive_train import PLANT_PARAMETERS, drive_train
 from shipfp_rs.vessel.vessel import Vessel
 
 _FASTEST_SHIP = 100.0
-"""Highest ship speed that is tried for a steady state [m/s]."""
+"""Highest ship speed in the search for a steady state [m/s]."""
 
 SLOWEST = 1e-3
-"""Part of the rated speed below which no engine turns."""
+"""Share of the rated speed below which no engine runs."""
 
 
 @dataclass(frozen=True)
@@ -38,11 +38,11 @@ class OperatingPoint:
     X_f
         Fuel rack [mm].
     M_b, M_s, M_p
-        Brake, shaft and propeller torque [Nm]; M_s equals M_p where nothing accelerates.
+        Brake, shaft and propeller torque [Nm]; M_s equals M_p without acceleration.
     thrust
         Propeller thrust [N] (eq. 3.9).
     ship_speed
-        Of a ship that moves [m/s]; zero in bollard pull.
+        Speed of a moving ship [m/s]; zero in bollard pull.
     """
 
     n_e: float
@@ -61,7 +61,7 @@ class OperatingPoint:
 
     @property
     def levels(self) -> dict[str, float]:
-        """Signals of an `Experiment` at this point, in its units; the set point is the speed."""
+        """Signals of an `Experiment` at this point, in its units; the set point equals the speed."""
         return {
             "n_set": self.n_e_rpm,
             "n_e": self.n_e_rpm,
@@ -88,12 +88,12 @@ def steady_state(vessel: Vessel, n_e_rpm: float | None = None) -> OperatingPoint
     vessel
         The ship.
     n_e_rpm
-        Set point [rpm]; the integrating governor makes it the engine's speed. None: the ship's own.
+        Set point [rpm], which an integrating governor makes the engine's speed. None: the ship's operating point.
 
     Raises
     ------
     InputError
-        Where the engine can't hold the set point: the torque limit is too low or the rack would close.
+        If the engine can't hold the set point: the torque limit is too low, or the rack would close.
 
     Examples
     --------
@@ -148,7 +148,7 @@ def steady_state(vessel: Vessel, n_e_rpm: float | None = None) -> OperatingPoint
 
 
 def _ship_speed(vessel: Vessel, n_s: float) -> float:
-    """Ship speed at which the propellers' thrust equals the resistance [m/s]; zero for a ship that is held."""
+    """Ship speed at which the propellers' thrust equals the resistance [m/s]; zero for a held ship."""
     if vessel.ship is None:
         return 0.0
     train, resistance = drive_train(vessel), vessel.ship.resistance_N_s2_m2
@@ -169,10 +169,10 @@ def _ship_speed(vessel: Vessel, n_s: float) -> float:
 def ship_about(
     vessel: Vessel, point: OperatingPoint, more: Mapping[str, float] = MappingProxyType({})
 ) -> Array:
-    """Return the plant of eq. 3.1-3.11 divided by `point`, as parameters of the ship's kernel, and more of them.
+    """Return the plant of eq. 3.1-3.11 divided by `point`, as kernel parameters of the ship, updated by `more`.
 
-    Its rack is the deviation from that at `point` over it, its envelope is not among the parameters. Torques of the shaft
-    are over that of the engine there times gear ratio and efficiency, of which drag takes a part.
+    The rack is the relative deviation from that at `point`; the envelope is not included. Shaft torques are relative to the
+    engine's at `point` times gear ratio and efficiency, which includes the drag.
     """
     plant = dict(zip(PLANT_PARAMETERS, vessel.plant_parameters().tolist(), strict=True))
     time_per_inertia = 2.0 * math.pi * point.n_s / (point.M_s + vessel.drag_torque(point.n_s))
@@ -191,14 +191,14 @@ def ship_about(
 
 
 def whole_about(vessel: Vessel, point: OperatingPoint) -> tuple[Array, Array]:
-    """Return the whole drive train divided by `point`: parameters of the ship's kernel, and of its detail."""
+    """Return the whole drive train divided by `point`: kernel parameters of the ship, and those of its detail."""
     train = drive_train(vessel)
     q, unit = train.values, point.M_s + vessel.drag_torque(point.n_s)
     once_a_firing = math.isinf(q["governor_period"])
     T_s = q["firing_interval"] / point.n_e if once_a_firing else q["governor_period"]
     flexible = math.isfinite(q["shaft_stiffness"])
     ship = {
-        # A sum of errors times the period, less half the last one, is that of trapezoids: sampling delays by its hold alone.
+        # Rectangle rule minus half the last error is the trapezoidal rule: only the hold of the sampling then causes delay.
         "K_p": (q["Kp_abs"] - 0.5 * T_s * q["Ki_abs"]) * point.n_e / point.X_f,
         "K_d": q["Kd_abs"] * point.n_e / point.X_f,
         "T_d": q["fuel_dead_time"],
@@ -249,11 +249,11 @@ class BollardCurve(Brief):
     n_e_rpm
         Engine speed [rpm].
     bollard_pull
-        Thrust less thrust deduction [N].
+        Thrust minus thrust deduction [N].
     brake_power
-        Engine power that the propeller asks for [W].
+        Engine power that the propeller demands [W].
     power_limit
-        Engine power that the torque limit allows [W]; infinite where there is none.
+        Engine power at the torque limit [W]; infinite without a limit.
     """
 
     n_e_rpm: Array
@@ -266,7 +266,7 @@ class BollardCurve(Brief):
 def bollard_curve(vessel: Vessel, n_e_rpm: npt.ArrayLike) -> BollardCurve:
     """Return the static curves of bollard pull and brake power (Figs 3.2 and 3.3).
 
-    Speeds that the engine can't reach are calculated too: there the brake power exceeds its limit.
+    Speeds beyond the engine's reach are included; there the brake power exceeds its limit.
 
     Parameters
     ----------
@@ -278,7 +278,7 @@ def bollard_curve(vessel: Vessel, n_e_rpm: npt.ArrayLike) -> BollardCurve:
     Raises
     ------
     InputError
-        Where the speeds are not finite numbers from 0 up, in one dimension.
+        If the speeds are not finite numbers from 0 up, in one dimension.
     """
     rpm = np.array(n_e_rpm, dtype=np.float64)
     if rpm.ndim != 1 or not (np.isfinite(rpm) & (rpm >= 0.0)).all():

@@ -1,4 +1,4 @@
-"""Vessels: what a ship's drive train is, as configuration. Built-in ships and TOML files."""
+"""Vessels: configurations of ships' drive trains, built in or from TOML files."""
 
 from __future__ import annotations
 
@@ -44,17 +44,17 @@ PLANT_KEYS = (
     "engine",
     "propeller",
 )
-"""Keys without which the plant can't be simulated; processing a log needs the gear ratio alone."""
+"""Keys required for a simulation of the plant; processing a log needs only the gear ratio."""
 
 
 class Vessel(Sparse):
     """A ship's drive train from governor to propeller, in bollard pull (eq. 3.1-3.11) unless it has a `ship`.
 
-    What the thesis's plant leaves out (dead times, limits, sampling, firing, a flexible shaft, the ship's own motion) is
-    off unless it is configured.
+    Elements beyond the thesis's plant (dead times, limits, sampling, firing, a flexible shaft, the ship's motion) are off
+    unless configured.
 
-    The gear ratio alone suffices to process a log. Where another key is needed but missing, an error names it.
-    The propeller's torque coefficient is not configured: it follows from the operating point.
+    The gear ratio alone suffices to process a log. An error names any other key that is needed but missing.
+    The propeller's torque coefficient is not configured, since it follows from the operating point.
 
     Examples
     --------
@@ -122,7 +122,7 @@ class Vessel(Sparse):
             raise unexpected("shaft.inertia_kg_m2", found, "0.001 to 1000 s")
 
     def _require_firing(self) -> None:
-        """Refuse a firing that does not go with the cylinders."""
+        """Refuse a firing that does not match the cylinders."""
         if not self.given("engine"):
             return
         governed = self.given("governor") and self.governor.once_a_firing
@@ -140,7 +140,7 @@ class Vessel(Sparse):
             raise unexpected("engine.firing.strength", found, f"{self.engine.cylinders} as engine.cylinders")
 
     def _require_sense(self) -> None:
-        """Refuse values that no ship has, and name the wrong unit that may have led to them."""
+        """Refuse implausible values, with the wrong unit that may be the cause."""
 
         def known(key: str) -> float | None:
             value: Any = self
@@ -151,7 +151,7 @@ class Vessel(Sparse):
             return float(value)
 
         speed, power = known("engine.rated_speed_rpm"), known("engine.rated_power_kW")
-        # Without a rating any engine will do.
+        # Without a rating any engine is accepted.
         rated = power * 30e3 / (math.pi * speed) if power and speed else math.nan
         shaft = self.torque_ratio
         checks = (
@@ -182,12 +182,12 @@ class Vessel(Sparse):
                 size.require(value)
 
     def require(self, *keys: str) -> None:
-        """Refuse a ship that lacks one of some dotted keys, such as "propeller.blades".
+        """Refuse a ship without some of the dotted keys, such as "propeller.blades".
 
         Raises
         ------
         InputError
-            Where keys are missing; it names them all.
+            If keys are missing; the message lists them all.
         """
         lacking = [key for key in keys if not self.given(key)]
         if lacking:
@@ -208,13 +208,13 @@ class Vessel(Sparse):
         Raises
         ------
         InputError
-            Where there is no such ship or file, or the file's content can't be a ship.
+            If there is no such ship or file, or its content is not valid.
         """
         return read_named(name_or_path, cls, "vessels", "vessel", "ship")
 
     @checked
     def replace(self, changes: Mapping[str, Any]) -> Self:
-        """Return a ship with some values changed, checked anew.
+        """Return a ship with changed values, validated again.
 
         Parameters
         ----------
@@ -224,7 +224,7 @@ class Vessel(Sparse):
         Raises
         ------
         InputError
-            For an unknown key, or a value that no ship can have.
+            For an unknown key, or an invalid value.
         """
         content: dict[str, Any] = self.model_dump()
         for key, value in changes.items():
@@ -274,7 +274,7 @@ class Vessel(Sparse):
         Raises
         ------
         InputError
-            Where the operating point has neither M_b_Nm nor M_s_Nm.
+            If the operating point has neither M_b_Nm nor M_s_Nm.
         """
         point = self.operating_point
         if point.M_b_Nm is not None:
@@ -287,17 +287,17 @@ class Vessel(Sparse):
 
     @property
     def torque_ratio(self) -> float:
-        """Shaft torque over brake torque; a gearbox whose efficiency is not given loses nothing."""
+        """Shaft torque over brake torque; without a given efficiency the gearbox has no losses."""
         return self.gearbox.ratio * (self.gearbox.efficiency if self.given("gearbox.efficiency") else 1.0)
 
     @property
     def inertia(self) -> float:
-        """Moment of inertia of all that turns, seen from the propeller [kg m2] (eq. 3.12, 3.13)."""
+        """Moment of inertia of all rotating masses, referred to the propeller [kg m2] (eq. 3.12, 3.13)."""
         return self.shaft.inertia_kg_m2 + self._added_water()
 
     @property
     def propeller_side_inertia(self) -> float:
-        """Part of `inertia` that is on the propeller's side of the torque gauge [kg m2]."""
+        """Share of `inertia` on the propeller's side of the torque gauge [kg m2]."""
         return self.shaft.propeller_side_inertia_kg_m2 + self._added_water()
 
     def _added_water(self) -> float:
@@ -305,16 +305,16 @@ class Vessel(Sparse):
 
     @property
     def firing_interval(self) -> float:
-        """Turns of the crankshaft between two firings [rev]."""
+        """Crankshaft angle between two firings [rev]."""
         return self.engine.strokes / 2.0 / self.engine.cylinders
 
     def drag_torque(self, n_s: float) -> float:
-        """Return the torque lost at a shaft speed [rev/s] beside the gearbox's efficiency [Nm]."""
+        """Return the torque lost at a shaft speed [rev/s] in addition to the gearbox's efficiency [Nm]."""
         return float(self.gearbox.drag_Nm * (n_s / self.nominal_shaft_speed) ** self.gearbox.drag_exponent)
 
     @property
     def nominal_propeller_torque(self) -> float:
-        """Propeller torque at the operating point [Nm]: the brake torque's share at the shaft, less the drag."""
+        """Propeller torque at the operating point [Nm]: the brake torque at the shaft minus the drag."""
         shaft_torque = self.nominal_brake_torque * self.gearbox.ratio * self.gearbox.efficiency
         return float(shaft_torque - self.gearbox.drag_Nm)
 
@@ -349,9 +349,9 @@ class Vessel(Sparse):
     def loop_delay(self, n_e: float) -> float:
         """Return the mean delay from speed to brake torque at an engine speed [rev/s], T_d of slow motions [s].
 
-        A sampled command is held for half a period in the mean (Astrom, Wittenmark, "Computer-Controlled Systems",
-        1997, section 1.4); a firing gives its torque half a stroke after it was fuelled. A command that is computed
-        once a firing waits for the next only where it is late for its own.
+        A sampled command is held for half a period on average (Astrom, Wittenmark, "Computer-Controlled Systems", 1997,
+        section 1.4); a firing's torque comes half a stroke after its fuel. A command that is computed once per firing acts
+        at the next firing only if it misses its own.
         """
         governor, actuator, firing = self.governor, self.actuator, self.engine.firing
         delay = actuator.dead_time_s + governor.computation_delay_s + actuator.lag_s
@@ -363,7 +363,7 @@ class Vessel(Sparse):
         return delay
 
     def envelope(self) -> tuple[Array, Array]:
-        """Return engine speed [rev/s] and highest brake torque [Nm], shape (K,); empty where unlimited."""
+        """Return engine speed [rev/s] and highest brake torque [Nm], shape (K,); empty without a limit."""
         table = self.engine.envelope
         if table is None:
             return np.empty(0), np.empty(0)

@@ -6,8 +6,8 @@ use super::dual::Dual;
 /// is unknown, and the mean over all phases is used, which is zero.
 const KNOWN: [f64; 2] = [0.5, 1.0];
 
-/// Derivative term of the governor, on both its inputs, for a period of twice `held`: the rectangle rule is `(K_i / s) cosh
-/// x` with `K_p sinh(x) / x`, `x = s held`, and the hold's mean is `cosh(x / sqrt(3))` for both.
+/// Derivative term of the governor, on both its inputs, for a period of twice `held`: the rectangle rule is
+/// `(K_i / s) cosh x` with `K_p sinh(x) / x`, `x = s held`, and the hold's mean is `cosh(x / sqrt(3))` for both.
 pub fn summed(integral: Dual, held: Dual) -> Dual {
     integral * held * held * (1.0 / 3.0)
 }
