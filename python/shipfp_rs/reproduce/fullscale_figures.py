@@ -1,4 +1,4 @@
-"""Figures 6.10 to 7.23 of the thesis as far as published numbers allow; records are those of the simulated tug."""
+"""Figures 6.10 to 7.23 of the thesis, as far as published numbers allow; records are those of the simulated tug."""
 
 from __future__ import annotations
 
@@ -63,11 +63,11 @@ PLAINER: Mapping[str, Mapping[str, object]] = {
     "no torque ramp": {"engine.torque_rate_Nm_s": None},
     "no ramp, governor not once a firing": {"engine.torque_rate_Nm_s": None, "governor.once_a_firing": False},
 }
-"""Variants of the drive train: names of elements and what they are set to."""
+"""Variants of the drive train: changed keys of the vessel by name."""
 
 
 class Material:
-    """What several figures draw, each made once."""
+    """Data that several figures share, each computed once."""
 
     def __init__(self, found: Reproduction) -> None:
         self.rows = found.rows
@@ -89,7 +89,7 @@ class Material:
         return curves
 
     def _answers(self, experiment: str) -> dict[str, Mapping[str, Array]]:
-        """What the printed sets and our best structure make of an experiment on the simulated tug."""
+        """Responses of the printed parameter sets and our best structure to an experiment on the simulated tug."""
         record, thesis = simulated(experiment), thesis_structure()
         sets = {
             case: simulated_about(thesis, values, record) for case, values in printed_parameters().items()
@@ -97,7 +97,7 @@ class Material:
         return sets | {"ours": simulated_about(structure_of(self.best), self.best.optimum, record)}
 
     def fits(self, experiment: str) -> str:
-        """Fits to an experiment in words, from Tables 7.2 and 7.3."""
+        """Fits to an experiment as text, from Tables 7.2 and 7.3."""
         fits = {
             (row.table, row.case): row.parameters[experiment]
             for row in self.rows
@@ -177,7 +177,7 @@ def _lively(material: Material, figure: Figure) -> str:
 
 
 def _answer(ship: Vessel, frequency_hz: float) -> complex:
-    """Ratio of the gauge torque's line at a frequency to the set point's, after settling."""
+    """Ratio of the gauge torque's line at a frequency to the set point's, after the transient."""
     rate = 400.0
     settling = int(np.ceil(SETTLED_S * frequency_hz))
     sines = sine_sequence([frequency_hz], settling + MEASURED_PERIODS, AMPLITUDE_RPM, rate_hz=rate)
@@ -259,7 +259,7 @@ _RECORDS = (
     ("7.12", "the same, speed", "long chirp", _SPEED, (0.0, 1500.0)),
     ("7.13", "the same, torque", "long chirp", _TORQUE, (0.0, 1500.0)),
 )
-"""Records: number, title, experiment, signals, stretch of time."""
+"""Records: number, title, experiment, signals, time range."""
 _AGAINST = (
     ("7.17", "sets against steps", "steps", (0.0, 450.0), ("i", "ii", "iii", "iv", "ours")),
     ("7.18", "the third step", "steps", (170.0, 180.0), ("i", "ii", "iii", "iv", "ours")),
@@ -279,7 +279,7 @@ _AGAINST = (
         ("i", "ii", "iii", "ours"),
     ),
 )
-"""Sets of parameters against the tug: number, title, experiment, stretch of time, sets."""
+"""Parameter sets compared with the tug: number, title, experiment, time range, sets."""
 PICTURES: tuple[Picture[Material], ...] = (
     *fullscale_sensors.PICTURES,
     figure_of("6.20", "speed and set-point voltage", _set_point_line),
@@ -304,5 +304,5 @@ FILES = tuple(picture.file for picture in PICTURES)
 
 
 def draw(folder: Path, found: Reproduction, progress: Progress | None = None) -> None:
-    """Write every figure into a folder as PNG; `progress` gets (figures done, figures in all)."""
+    """Write all figures to a folder as PNG; `progress` is called with (figures done, number of figures)."""
     save(PICTURES, folder, Material(found), progress)

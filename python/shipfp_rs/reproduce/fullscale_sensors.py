@@ -1,4 +1,4 @@
-"""Figures of section 6.3: what the loggers' channels look like, and their faults, on the simulated tug."""
+"""Figures of section 6.3: the loggers' channels and their faults, on the simulated tug."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 
 THRESHOLD_V = 2.0
-"""Of the thesis's pulse periods (section 6.3.2)."""
+"""Threshold of the thesis's pulse periods (section 6.3.2)."""
 STEADY_S = 60.0
 FAST_RPM = 1684.0
 """Highest steady speed of the trial (Table 6.8)."""
@@ -56,7 +56,7 @@ def _volts(log: Log, channel: str, scale: Callable[[Array], Array] = np.asarray)
 
 
 def _simple_speed(log: Log, channel: str, pulses: int) -> tuple[Array, Array]:
-    """Engine speed [rpm] from the periods between all rises through 2 V, as section 6.1 makes it (eq. 6.8)."""
+    """Engine speed [rpm] from the periods between all rises through 2 V, as in section 6.1 (eq. 6.8)."""
     time, volts = _volts(log, channel)
     rises = np.flatnonzero((volts[:-1] < THRESHOLD_V) & (volts[1:] >= THRESHOLD_V))
     share = (THRESHOLD_V - volts[rises]) / (volts[rises + 1] - volts[rises])

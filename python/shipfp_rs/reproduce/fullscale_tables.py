@@ -1,4 +1,4 @@
-"""Tables 6.8 to 7.3 and eq. 7.9 of the thesis, recomputed: what steady running, drawings and other experiments tell."""
+"""Tables 6.8 to 7.3 and eq. 7.9 of the thesis, recomputed: results of steady running, drawings and other experiments."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ from shipfp_rs.support.quantiles import DEVIATIONS_95
 from shipfp_rs.vessel.vessel import Vessel
 
 TORQUE_COEFFICIENT = 0.02709
-"""C_Q* at beta = 180 degrees, which all five calculated torques of Table 6.8 have in common; never printed."""
+"""C_Q* at beta = 180 degrees, common to all five calculated torques of Table 6.8, but not printed."""
 SPECTRUM_RPM = 1184.0
 """Engine speed at which the torque's spectrum was taken (section 6.3.1)."""
 TORQUE_STD_NM = 25.0
-"""Half the last digit that Table 6.8 gives of a measured torque."""
+"""Half the last digit of a measured torque in Table 6.8."""
 BEYOND_THE_GAUGE_KG_M2 = 12.0
-"""Read by the thesis from its drawing of the inertia along the shaft (Figure 7.22)."""
+"""Inertia beyond the gauge, which the thesis read from its drawing (Figure 7.22)."""
 
 EQUATION = "eq. 7.9"
 COLUMNS = ("sines", "short chirp", "long chirp", "steps")
@@ -48,7 +48,7 @@ def before_the_fit(vessel: Vessel) -> list[Row]:
 def cross_checks(vessel: Vessel, fingerprints: Mapping[str, Fingerprint]) -> list[Row]:
     """Return the rows of eq. 7.9: time constants and inertias from drawings, and those identified from sine fits.
 
-    The total is of the torsional vibration calculation, the propeller's side J_2 = tau_prop M_s0 / (2 pi n_s0).
+    The total is that of the torsional vibration calculation; the propeller's side is J_2 = tau_prop M_s0 / (2 pi n_s0).
     """
     per_inertia = 2.0 * math.pi * vessel.nominal_shaft_speed / float(vessel.operating_point.M_s_Nm or 0.0)
     total, water = vessel.shaft.inertia_kg_m2, vessel.entrained_water_inertia()
@@ -80,7 +80,7 @@ def cross_checks(vessel: Vessel, fingerprints: Mapping[str, Fingerprint]) -> lis
 def _fitted(
     law: Callable[..., Array], speed: Array, torque: Array, start: Sequence[float]
 ) -> tuple[float, float, float]:
-    """Return a law's last parameter, half its 95 % interval, and the root mean square that it leaves [Nm]."""
+    """Return a law's last parameter, half its 95 % interval, and the root mean square of the residuals [Nm]."""
     relative, sigma = speed / speed.mean(), np.full(len(speed), TORQUE_STD_NM)
     values, covariance = curve_fit(law, relative, torque, start, sigma=sigma, absolute_sigma=True)
     left = law(relative, *values) - torque
@@ -155,7 +155,7 @@ def _set_point_line() -> list[Row]:
 
 
 def _normalisation_points() -> list[Row]:
-    """Table 6.12 beside the offsets of the sine fits, each a mean over minutes."""
+    """Table 6.12 and the offsets of the sine fits, which are means over minutes."""
     fits = [fit for fit in published.sine_fits() if fit.input_frequency_hz < 3.0]
     speed, torque = (
         np.array([fit.offset for fit in fits if fit.signal == signal])
@@ -170,7 +170,7 @@ def _normalisation_points() -> list[Row]:
 
 
 def cross_validation(structure: Structure, best: Fingerprint) -> list[Row]:
-    """Return the printed fits [%] beside those of the same and the best parameters to the trial on the simulated tug."""
+    """Return the printed fits [%], and those of the same and the best parameters to the trial on the simulated tug."""
     rows = []
     for printed in published.full_scale_cross_validation():
         fits = (printed.multisine_pct, printed.short_chirp_pct, printed.long_chirp_pct, printed.steps_pct)

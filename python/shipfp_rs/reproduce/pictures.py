@@ -1,4 +1,4 @@
-"""Figures of the thesis drawn again: a title above, a caption below, and what several painters need."""
+"""Redrawn figures of the thesis: title, caption, and common drawing functions."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Material = TypeVar("Material")
-"""Type of the data from which the pictures of a chapter are drawn."""
+"""Type of the data for a chapter's figures."""
 Painter = Callable[..., str]
-"""(material, figure, what is painted) to the caption."""
+"""Draws on a figure from (material, figure, options), and returns the caption."""
 Stretch = tuple[float, float]
-"""Part of a record on a panel of its own: from when to when [s]."""
+"""Time range of a record in a panel [s]."""
 
 DPI = 130
 CAPTION_COLUMNS = 140
@@ -48,7 +48,7 @@ DEVIATIONS = {
 
 @dataclass(frozen=True)
 class Picture(Generic[Material]):
-    """A figure: its file, its title, what paints it and returns the caption, its height."""
+    """A figure: file, title, drawing function, and height."""
 
     file: str
     title: str
@@ -57,7 +57,7 @@ class Picture(Generic[Material]):
 
 
 def figure_of(number: str, shows: str, paint: Painter, height: float = 5.0, **what: Any) -> Picture[Any]:
-    """Return a numbered figure of the thesis; its painter is told `what`."""
+    """Return a numbered figure of the thesis; its painter gets the options `what`."""
     chapter, place = number.split(".")
     file = f"fig_{chapter}_{int(place):02}.png"
     return Picture(file, f"Figure {number}: {shows}", partial(paint, **what), height)
@@ -66,7 +66,7 @@ def figure_of(number: str, shows: str, paint: Painter, height: float = 5.0, **wh
 def save(
     pictures: Sequence[Picture[Any]], folder: Path, material: Any, progress: Progress | None = None
 ) -> None:
-    """Write every picture into a folder as PNG; `progress` gets (figures done, figures in all)."""
+    """Write all figures to a folder as PNG; `progress` is called with (figures done, number of figures)."""
     for picture in counted(pictures, progress):
         painted(picture, material).savefig(folder / picture.file, dpi=DPI)
 
@@ -83,7 +83,7 @@ def painted(picture: Picture[Any], material: Any) -> Figure:
 
 
 def dress(ax: Axes, ylabel: str, xlabel: str = "", *, legend: bool = True) -> None:
-    """Label both axes; give a grid and, where wanted, a legend."""
+    """Label both axes, add a grid and optionally a legend."""
     ax.set_xlabel(xlabel)
     style.dress(ax, ylabel, legend=legend)
 
@@ -98,12 +98,12 @@ def record(
     caption: str,
     points: Sequence[tuple[float, float]] = (),
 ) -> str:
-    """Draw stretches of a record, each on a panel of its own, with single points (time, deviation) of the text."""
+    """Draw time ranges of a record, each in a panel, with marked points (time, deviation)."""
     experiment = material.experiment(of)
     panels = figure.subplots(len(stretches), 1, squeeze=False)[:, 0]
     for ax, (start, stop) in zip(panels, stretches, strict=True):
         part = experiment.window(start, min(stop, experiment.duration))
-        # The larger signal first, so that it does not hide the smaller one.
+        # The larger signal first, so that it does not hide the smaller ones.
         for name in sorted(signals, key=lambda name: -float(np.ptp(part.normalised(name)))):
             line(ax, start + part.time, part.normalised(name), style.COLOURS[name], NAMES[name])
         for at, value in points:
@@ -114,7 +114,7 @@ def record(
 
 
 def line(ax: Axes, time: Array, samples: Array, color: str, label: str | None = None, **how: Any) -> None:
-    """Draw samples against time, thinned to what a picture shows."""
+    """Draw samples against time, thinned to the resolution of a figure."""
     ax.plot(*style.envelope(time, samples), color=color, label=label, **{"lw": 1.0, **how})
 
 
@@ -126,7 +126,7 @@ def against(
     stretch: Stretch,
     ship: str = "plant",
 ) -> None:
-    """Draw a stretch of signals and what models make of them; panels are axis label to signal, or how far models are off."""
+    """Draw a time range of signals and models' responses; panels are axis label to signal, or to the models' errors."""
     inside = (data.time >= stretch[0]) & (data.time < stretch[1])
     axes = figure.subplots(len(panels), 1, sharex=True)
     for ax, (ylabel, signal) in zip(axes, panels.items(), strict=True):
@@ -149,7 +149,7 @@ def bode_of_sets(
     signal: str,
     points: FrequencyResponse,
 ) -> None:
-    """Draw responses of several sets of parameters and measured points, of which only known phases are drawn."""
+    """Draw responses of several parameter sets, and measured points, of which only known phases are drawn."""
     plot.responses(curves, signal, panels)
     expected = next(iter(curves.values()))
     phase = np.degrees(np.unwrap(np.angle(expected.response[signal])))
@@ -164,7 +164,7 @@ def bode_of_sets(
 
 
 def legend_above(figure: Figure, ax: Axes) -> None:
-    """Put one legend over all panels, beside the title."""
+    """Put a common legend above all panels, beside the title."""
     handles, labels = ax.get_legend_handles_labels()
     figure.legend(
         handles, labels, loc="outside upper right", ncols=len(labels), frameon=False, fontsize="small"

@@ -1,4 +1,4 @@
-"""The tug's trial of 5 November 2019 again, on simulated ships: its logs were never published, its plan was (Table 6.7)."""
+"""The tug's trial of 5 November 2019 on simulated ships: its logs were not published, its plan was (Table 6.7)."""
 
 from __future__ import annotations
 
@@ -25,29 +25,29 @@ from shipfp_rs.vessel.vessel import Vessel
 
 VESSEL = "stan-tug-1205-full"
 AMPLITUDE_RPM = 76.0
-"""Amplitude of sines and chirps: 0.6 V peak to peak by eq. 6.7 (the sine fits of Table E.1)."""
+"""Amplitude of sines and chirps: 0.6 V peak to peak by eq. 6.7 (sine fits of Table E.1)."""
 CHIRP_S = 500.0
 """Longest sweep of the signal generator (section 6.2.2)."""
 OPERATING_V = -5.0
 STEPS_LEAD_S = 20.0
-"""Time from the operating point to the first level of the steps, cut off the record."""
+"""Time from the operating point to the first level of the steps, omitted from the record."""
 SINES = tuple(f"S{number}" for number in range(2, 14))
 LONG_CHIRP = ("C21", "C22", "C23")
 TOGETHER = {"sines": SINES, "short chirp": ("C11",), "long chirp": LONG_CHIRP, "steps": ("St1",)}
-"""Experiments that the thesis treats as one signal (Tables 7.1 to 7.3)."""
+"""Experiments that the thesis treats as a single signal (Tables 7.1 to 7.3)."""
 EVERYTHING = (*SINES, "C11", *LONG_CHIRP, "St1", "St2")
 LOGGED = ("n_set", "n_e", "M_g")
 LAST_HZ = 0.9
-"""Up to here no limit acts at the trial's amplitude on any ship drawn: of the most lively ones the smoke limit acts from
-0.94 Hz on, of the tug itself the torque's limit of rate from 1.16 Hz. No structure that is fitted has
-them. S13 (1.637 Hz) is not fitted therefore, and the chirps are cut where they pass this frequency."""
+"""Highest frequency at which no limit acts at the trial's amplitude on any drawn ship. For the fastest ones the smoke limit
+acts from 0.94 Hz, for the tug the torque's rate limit from 1.16 Hz. No fitted structure has these limits, so S13 (1.637 Hz)
+is not fitted, and chirps are cut at this frequency."""
 RATE_HZ = 20.0
-"""So fast that the set point's course between its samples is as good as straight."""
+"""Sample rate at which linear interpolation of the set point is accurate."""
 SIMULATED_HZ = 200.0
 STEADY_S, PAUSE_S, LEAD_S = 300.0, 20.0, 2.0
-"""Time before the first experiment, between two, and kept of it before each, so that it begins at rest."""
+"""Time before the first experiment, between experiments, and at rest before each in its record."""
 SPREAD = 0.1
-"""Half width of the ranges, over the tug's own values, in which each trial's ship is drawn."""
+"""Half width of the ranges, relative to the tug's values, from which each trial's ship is drawn."""
 DRAWN = (
     "shaft.inertia_kg_m2",
     "shaft.propeller_side_inertia_kg_m2",
@@ -59,20 +59,20 @@ DRAWN = (
     "operating_point.g",
 )
 FAULTS: tuple[Kind, ...] = ("A", "B", "C", "D1", "D2", "gap", "dropout")
-"""Those of section 6.4 and two of any logger's; D3 makes a sine of the signal generator's chirp."""
+"""Faults of section 6.4 and two of any logger; D3 would make the signal generator's chirp a sine."""
 
 
 @cache
 def plan() -> dict[str, published.FullScaleExperiment]:
-    """Return the experiments of Table 6.7, name to row."""
+    """Return the experiments of Table 6.7 by name."""
     return {experiment.name: experiment for experiment in published.full_scale_experiments()}
 
 
 def excitation(name: str, *, rate_hz: float = 100.0) -> Excitation:
     """Return the set point of an experiment of Table 6.7, "S1" to "St2", about the operating point.
 
-    Sines last for whole periods within their time of the log, chirps are logarithmic and last 500 s, steps climb from
-    the level of the lowest voltage to the highest and down again, each level for the same time.
+    Sines last for whole periods within their time in the log. Chirps are logarithmic and last 500 s. Steps go from the level
+    of the lowest voltage to the highest and back, each level for the same time.
     """
     if name not in plan():
         raise InputError(f"experiment {name!r}, expected one of {', '.join(plan())}")
@@ -94,7 +94,7 @@ def excitation(name: str, *, rate_hz: float = 100.0) -> Excitation:
 
 @cache
 def simulated(name: str) -> Experiment:
-    """Return what the tug answers, seen by perfect sensors, to an experiment or to several of `TOGETHER`."""
+    """Return the tug's response, with perfect sensors, to an experiment or to several of `TOGETHER`."""
     parts = [excitation(part) for part in TOGETHER.get(name, (name,))]
     record = simulate(Vessel.load(VESSEL), join(parts, name=name) if len(parts) > 1 else parts[0])
     record = replace(record, name=name, signals={signal: record.signals[signal] for signal in LOGGED})
@@ -104,7 +104,7 @@ def simulated(name: str) -> Experiment:
 
 
 def drawn(seed: int) -> Vessel:
-    """Return the tug with every parameter drawn anew; the seed 0 gives the tug itself."""
+    """Return the tug with all parameters drawn at random; seed 0 gives the tug itself."""
     tug = Vessel.load(VESSEL)
     if seed == 0:
         return tug
@@ -119,17 +119,17 @@ def drawn(seed: int) -> Vessel:
 
 @dataclass(frozen=True)
 class Twin:
-    """A ship's trial as a raw log at 2 kHz with noise and faults, in moving water, and the truth."""
+    """A ship's trial as a raw log at 2 kHz with noise, faults and moving water, and the true values."""
 
     vessel: Vessel
     log: Log
     recorded: Truth
     processed: dict[float, dict[str, Experiment]] = field(default_factory=dict, repr=False)
-    """Experiments by rate and name, once they have been asked for."""
+    """Requested experiments by rate and name."""
 
     @classmethod
     def of(cls, seed: int, names: Sequence[str] = EVERYTHING, *, still: bool = False) -> Twin:
-        """Make the trial of a seed: its ship, its sea, its faults; `still` leaves out water, noise and faults."""
+        """Make the trial of a seed: ship, water, faults; `still` omits water, noise and faults."""
         vessel = drawn(seed)
         silent = Sensors(set_point_noise_V=0.0, torque_noise_V=0.0, pulse_noise_V=0.0)
         log, truth = simulate_raw_log(
@@ -151,7 +151,7 @@ class Twin:
         return parameters_of(self.vessel)
 
     def experiments(self, names: Sequence[str], rate_hz: float = RATE_HZ) -> list[Experiment]:
-        """Cut experiments out of the log as `shipfp process` does; nothing of the truth but their times is used."""
+        """Cut experiments from the log like `shipfp process`; of the truth only their times are used."""
         if rate_hz not in self.processed:
             recorded = replace(self.recorded, windows=tuple(map(_fitted, self.recorded.windows)))
             trial = Trial.model_validate(trial_tables(VESSEL, self.log.name, Sensors(), recorded))
@@ -164,7 +164,7 @@ class Twin:
 
 
 def _fitted(window: TrueWindow) -> TrueWindow:
-    """Return which part of an experiment is fitted: from the rest before it to its end or to `LAST_HZ`."""
+    """Return the fitted time range of an experiment: from the rest before it to its end or to `LAST_HZ`."""
     row = plan()[window.name]
     start, stop, length = row.frequency_hz, row.stop_frequency_hz, window.stop_s - window.start_s
     if start is not None and stop is not None and stop > LAST_HZ:

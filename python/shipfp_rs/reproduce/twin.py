@@ -1,4 +1,4 @@
-"""The tug's trial on ships whose parameters are known: Table 7.1 with the truth beside it, on as many seeded trials."""
+"""The tug's trial on ships with known parameters: Table 7.1 with true values, for many seeded trials."""
 
 from __future__ import annotations
 
@@ -42,12 +42,12 @@ slope (from its factory test), two of the three values that gauge and speed do n
 
 
 def experiments_of(part: str) -> tuple[str, ...]:
-    """Return the names of a part's experiments."""
+    """Return the names of the experiments of a part."""
     return sum(PARTS.values(), ()) if part == ALL else PARTS[part]
 
 
 def fitted_parts(twin: Twin, parts: Sequence[str]) -> dict[str, Fingerprint]:
-    """Identify parts of a trial separately, of the truth only with `KNOWN`; each starts where the previous one ended."""
+    """Identify parts of a trial separately, given the true values of `KNOWN`; the chirp's estimates start the others."""
     known = {name: twin.truth[name] for name in KNOWN}
     ship = Structure.ship(ELEMENTS, torque="gauge", propeller_speed=True)
     structure = ship.with_fixed(**known, zeta_twist=0.5)
@@ -95,7 +95,7 @@ def outcomes(seeds: Sequence[int], parts: Sequence[str]) -> Iterator[Outcome]:
 
 
 class Score(NamedTuple):
-    """Accuracy of a parameter over the trials that determined it; sometimes noise drives the dead time to its bound."""
+    """Accuracy of a parameter over the trials that determined it; in others noise may drive the dead time to its bound."""
 
     trials: int
     inside: float
@@ -123,7 +123,7 @@ def _score(found: Sequence[Outcome], part: str, name: str) -> Score:
 
 
 def standing(found: Sequence[Outcome], part: str) -> float:
-    """Return the share of trials whose residuals do not contradict the structure."""
+    """Return the share of trials whose residuals are consistent with the structure."""
     return float(np.mean([outcome.told[part].model_adequate is True for outcome in found if outcome.told]))
 
 

@@ -1,4 +1,4 @@
-"""What each part of the twin's trial tells, beside the truth."""
+"""Estimates from each part of the twin's trial, with the true values."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Chapters 3 to 5 of the thesis on the virtual ship: Table 5.2 refitted as it did, and with accurate data."""
+"""Chapters 3 to 5 of the thesis on the virtual ship: Table 5.2 refitted in its way, and with accurate data."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ SMALL = ("ii", "iii", "iv")
 
 
 class _Job(NamedTuple):
-    """One fit: the data are made only when their turn comes, for they are large."""
+    """A fit; its data are computed only when it runs, since they are large."""
 
     case: str
     way: Way
@@ -80,7 +80,7 @@ class _Job(NamedTuple):
 
 
 def reproduce(progress: Progress | None = None) -> Reproduction:
-    """Reproduce the tables of chapters 3 to 5 and refit Table 5.2; `progress` gets (fits done, fits in all)."""
+    """Reproduce the tables of chapters 3 to 5 and refit Table 5.2; `progress` is called with (fits done, number of fits)."""
     relations, fingerprints = _internal_relations()
     rows = [*_gains(), *_operating_point(), *_normalised(), *relations, *_schedule()]
     for result in published.virtual_results():
@@ -90,7 +90,7 @@ def reproduce(progress: Progress | None = None) -> Reproduction:
     steps = {"thesis": validation_steps(launch_of_the_thesis(), "euler"), "ours": validation_steps(launch())}
     truth = shown(asdict(linearise(launch())))
     for job in counted((*_thesis_jobs(), *_our_jobs()), progress):
-        # The trials start at rest and hold neither noise nor offset: section 5.2 has all three at zero too.
+        # The trials start at rest without noise or offset, as in section 5.2.
         options = Options(noise=job.noise, intervals="symmetric", at_rest=True)
         fingerprint = fitted(job.data(), job.structure, options, vessel=VESSEL)
         fingerprints[f"{job.case}, {job.way}: {job.structure.name}"] = fingerprint
@@ -152,7 +152,7 @@ def _validated(fit: Mapping[str, float | None]) -> dict[str, float | None]:
 
 
 def _true_parameters() -> tuple[Row, ...]:
-    """Case i: nothing is fitted; the linear model of the true parameters against three steps."""
+    """Case i, without a fit: the linear model of the true parameters for three steps."""
     thesis, ours = launch_of_the_thesis(), launch()
 
     def row(case: str, way: Way, vessel: Vessel, steps: Experiment, notes: str) -> Row:
@@ -261,7 +261,7 @@ def _normalised() -> list[Row]:
 
 
 def _internal_relations() -> tuple[list[Row], dict[str, Fingerprint]]:
-    """Table 4.2: what each set of signals tells of five unknowns, as the rank of the sensitivities."""
+    """Table 4.2: how many of five unknowns each set of signals determines, by the rank of the sensitivities."""
     model = linearise(launch())
     known: dict[str, float | None] = {"tau_n": model.tau_n, "g": model.g}
     known |= {"vK_p": model.v * model.K_p, "vK_i": model.v * model.K_i}
@@ -291,7 +291,7 @@ def _internal_relations() -> tuple[list[Row], dict[str, Fingerprint]]:
 
 
 def _schedule() -> tuple[Row, Row]:
-    """Table 5.1: the frequencies that the printed times imply."""
+    """Table 5.1: frequencies from the printed times."""
     rows = published.virtual_schedule()
     printed = {f"{row.begin_s:g} s": row.frequency_hz for row in rows}
     exact = {f"{row.begin_s:g} s": 4.0 / (row.end_s - row.begin_s) for row in rows}

@@ -1,4 +1,4 @@
-"""The virtual trials of chapters 3 to 5: ships, set points, experiments and the structures that are fitted to them."""
+"""Virtual trials of chapters 3 to 5: ships, set points, experiments and fitted structures."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ Discretisation = Literal["zoh", "euler"]
 
 VESSEL = "stan-launch-804"
 STEP_S = 0.01
-"""Step of the thesis's simulation, inferred: Table 5.1 has times in whole hundredths of a second, and the bias agrees."""
+"""Step of the thesis's simulation, inferred: Table 5.1 has times in hundredths of a second, and the bias agrees."""
 SMALL_RPM, LARGE_RPM = 13.0, 104.0
 """Amplitudes of cases ii to iv and of case v: 0.01 and 0.08 of 1300 rpm (section 5.1)."""
 CHIRP_HZ, CHIRP_S = (0.0014, 20.0), 1500.0
@@ -48,11 +48,11 @@ BOUNDS = {
 POINT_STD = 1e-3
 """Standard deviation given to every settled sine, relative to its output's root mean square over the frequencies."""
 ACCURATE_RATE_HZ = 50.0
-"""Sample rate of accurate data. Their integration steps are finer; plant and model interpolate the set point alike."""
+"""Sample rate of accurate data; plant and model interpolate the set point identically between samples."""
 SAMPLES_A_PERIOD = 400
-"""Samples a period of accurate data; linear interpolation between them lessens a sine by 2e-5."""
+"""Samples per period of accurate data; linear interpolation between them reduces a sine by 2e-5."""
 SUBSTEPS = 30
-"""Integration steps a sample of the fitted plant: in data without noise the error of the kernel's 4 ms step would show."""
+"""Integration steps per sample of the fitted plant: without noise the error of the kernel's 4 ms step would matter."""
 SETTLED = 22.0
 """Time constants of the slowest pole after which a sine counts as settled: the transient is then e^-22 = 3e-10."""
 
@@ -89,7 +89,7 @@ def trial(vessel: Vessel, case: str, method: Method = "rk4", *, limits: bool = T
 
 
 def run(vessel: Vessel, set_point: Excitation, method: Method = "rk4", *, limits: bool = True) -> Experiment:
-    """Simulate accurately, or by forward Euler with the set point held over each step, as the thesis's data were."""
+    """Simulate accurately, or by forward Euler with the set point held over each step, as for the thesis's data."""
     held = replace(set_point, hold="zero") if method == "euler" else set_point
     return simulate(vessel, held, method=method, limits=limits)
 
@@ -110,10 +110,10 @@ def single_step(vessel: Vessel, size: float, *, limits: bool) -> Experiment:
 
 
 def settled_response(vessel: Vessel, method: Method = "rk4", *, limits: bool = True) -> FrequencyResponse:
-    """Return the plant's response to each sine of Table 5.1 once it has settled, by a sine fit to one whole period.
+    """Return the plant's response to each sine of Table 5.1 after the transient, by a sine fit to a whole period.
 
-    Its standard deviations are `POINT_STD` of each output's root mean square over the frequencies. With this weight, the
-    thesis's "Output Weight" (section 5.2), the residuals of speed and torque count alike.
+    The standard deviations are `POINT_STD` of each output's root mean square over the frequencies. With this weight, the
+    thesis's "Output Weight" (section 5.2), speed and torque have equal influence.
     """
     sequence = signals.published_sine_sequence()
     frequency = np.array([segment.frequency_hz for segment in sequence.segments])
@@ -126,7 +126,7 @@ def settled_response(vessel: Vessel, method: Method = "rk4", *, limits: bool = T
         periods = math.ceil(settling_s * value) + 1
         sine = signals.sine_sequence([value], periods, SMALL_RPM, rate_hz=samples * value)
         experiment = run(vessel, sine, method, limits=limits)
-        # Over one whole period a sine fit equals one line of the Fourier transform.
+        # Over a whole period a sine fit equals a line of the Fourier transform.
         lines.append([np.fft.rfft(experiment.normalised(name)[-samples:])[1] for name in names])
     set_point, *answers = np.array(lines).T
     response = {name: answer / set_point for name, answer in zip(names[1:], answers, strict=True)}
@@ -138,7 +138,7 @@ def settled_response(vessel: Vessel, method: Method = "rk4", *, limits: bool = T
 
 
 def searched_as_printed(structure: Structure) -> Structure:
-    """Give a structure the start and the bounds of section 5.4."""
+    """Give a structure the start and bounds of section 5.4."""
     names = [parameter.name for parameter in structure.free]
     # Start and bounds are set in one call, since new bounds might exclude the old start.
     return structure.with_bounds(**{name: (BOUNDS[name][0], START[name], BOUNDS[name][1]) for name in names})

@@ -1,4 +1,4 @@
-"""Figures 3.2 to 5.18 of the thesis drawn from our own plant, and the sensitivity plots that its section 8.2 asks for."""
+"""Figures 3.2 to 5.18 of the thesis, drawn from our plant, and the sensitivity plots requested in its section 8.2."""
 
 from __future__ import annotations
 
@@ -55,14 +55,14 @@ BODE_HZ = np.geomspace(1e-3, 20.0, 400)
 STEP_SIZES = (0.05, 0.10, 0.20)
 """Steps of Table 3.7."""
 FACTORS = (1.0, 0.5, 0.7, 1.4, 2.0)
-"""Of the one parameter that a sensitivity plot varies."""
+"""Factors of the parameter that a sensitivity plot varies."""
 TONNE_N = 9810.0
 OUTPUTS: Mapping[str, Output] = {"n_e": "dn", "M_b": "dM_b", "E_n": "dE"}
 PARAMETERS = {"tau_n": r"$\tau_n$", "g": "$g$", "v": "$v$", "K_p": "$K_p$", "K_i": "$K_i$"}
 
 
 class Material:
-    """What several figures draw, each made once."""
+    """Data that several figures share, each computed once."""
 
     def __init__(self, found: Reproduction) -> None:
         self.rows = [row for row in found.rows if row.table == "5.2"]
@@ -80,18 +80,18 @@ class Material:
         return settled_response(self.vessel)
 
     def simulated(self, model: LinearModel, experiment: Experiment) -> dict[str, Array]:
-        """Answer of a linear model from rest, signal name to deviation."""
+        """Response of a linear model from rest, signal name to deviation."""
         structure = Structure.linear(outputs=("dn", "dM", "dE"))
         rows = structure.equations.simulate(asdict(model), experiment)
         return dict(zip(("n_e", "M_b", "E_n"), rows, strict=True))
 
     def answers(self) -> dict[str, dict[str, Array]]:
-        """What three models of Table 5.2 make of the validation steps."""
+        """Responses of three models of Table 5.2 to the validation steps."""
         models, steps = self.models(), self.experiment("steps")
         return {label: self.simulated(models[label], steps) for label in ("true", "ii printed", "v printed")}
 
     def models(self) -> dict[str, LinearModel]:
-        """Models of Table 5.2: the true one, every printed case, and what the plant finds in case v."""
+        """Models of Table 5.2: the true one, all printed cases, and the plant's estimate in case v."""
         models = {"true": self.model}
         for row in self.rows:
             ours = (row.case, row.structure) == ("v", "plant")
@@ -232,7 +232,7 @@ def _identified_bode(material: Material, figure: Figure, *, signal: str) -> str:
 
 
 def _changes(ax: Axes, curves: Mapping[str, FrequencyResponse], signal: str) -> None:
-    """Draw how far each amplitude is from the first one."""
+    """Draw the difference of each amplitude from the first."""
     (_, first), *others = curves.items()
     for (label, curve), color in zip(others, style.COMPARED, strict=False):
         change = np.abs(curve.response[signal] / first.response[signal])
@@ -291,7 +291,7 @@ SENSITIVE = {
     "K_p": "K_p moves the corner and the high plateau vK_p; the low-frequency corner K_i/K_p moves the other way.",
     "K_i": "K_i acts between 0.002 and 0.2 Hz: data without low frequencies do not tell it.",
 }
-"""What each sensitivity plot shows."""
+"""Caption of each sensitivity plot."""
 
 _LOG = (
     "Logarithmic chirp, 0.0014 to 20 Hz in 1500 s, {} rpm. Drawn as the smallest and largest sample of each "
@@ -327,7 +327,7 @@ _RECORDS: tuple[tuple[str, str, Sequence[str], Sequence[Stretch], str], ...] = (
     ("validation steps, speed", "steps", _N, _EIGHTY, _STEPS),
     ("validation steps, torque", "steps", _M, _EIGHTY, _AGAIN),
 )
-"""Figures 5.1 to 5.14: title, case, signals, stretches of time, caption."""
+"""Figures 5.1 to 5.14: title, case, signals, time ranges, caption."""
 _READ = {8: [(6.0, 0.009)], 9: [(6.0, 0.019)]}
 _SIGNALS = (("n_e", "speed"), ("M_b", "torque"), ("E_n", "integrated error"))
 
@@ -372,5 +372,5 @@ FILES = tuple(picture.file for picture in PICTURES)
 
 
 def draw(folder: Path, found: Reproduction, progress: Progress | None = None) -> None:
-    """Write every figure into a folder as PNG; `progress` gets (figures done, figures in all)."""
+    """Write all figures to a folder as PNG; `progress` is called with (figures done, number of figures)."""
     save(PICTURES, folder, Material(found), progress)
