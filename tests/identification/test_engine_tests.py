@@ -12,14 +12,14 @@ from shipfp_rs.identification.ship_fit import smooth_ship
 from shipfp_rs.identification.ship_found import likelihood_of
 from shipfp_rs.identification.stretches import Stretches
 from tests.families import other_governors
-from tests.identification.parity import Case, simulated
+from tests.identification.parity import SHIP, Case, simulated
 
 
-def noisy(own):
-    _, clean = simulated(Case(own=own, seconds=120.0, gauge=False))
+def noisy(own, noise=1.0, **recorded):
+    _, clean = simulated(Case(**{"own": own, "seconds": 120.0, "gauge": False, **recorded}))
     random = np.random.default_rng(7)
     signals = {
-        name: row + (0.0 if name == "n_set" else 1.0) * random.standard_normal(len(row))
+        name: row + (0.0 if name == "n_set" else noise) * random.standard_normal(len(row))
         for name, row in clean.signals.items()
     }
     return replace(clean, signals=signals)
@@ -46,7 +46,11 @@ def test_a_limit_that_acts_is_shown(own, element):
 
 @pytest.mark.parametrize("down", [0.25, 0.5])
 def test_a_rack_that_is_slower_down_has_two_rates_and_another_one(down):
-    found = fp.identify(noisy({"rate": 0.5, "rate_down": down}), torque="brake")
+    # Known loads and no other elements: it is the rates that are searched.
+    record = noisy({"rate": 0.5, "rate_down": down}, noise=0.5, rate_hz=25.0)
+    others = dict.fromkeys(("torque_limit", "twist", "actuator_lag", "sampling"), False)
+    known = {name: SHIP[name] for name in ("tau_n", "g", "p", "tau_prop")}
+    found = fp.identify(record, torque="brake", elements=others, fixed=known)
     assert ("rate_down" in found.parameters) == (down < 0.5)
     for name, true in {"rate": 0.5, **({"rate_down": down} if down < 0.5 else {})}.items():
         assert found[name].value == pytest.approx(true, rel=0.1)
