@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from functools import cache
 from itertools import combinations
 
 import pytest
@@ -37,16 +38,21 @@ MENDED = TUG.replace(
     }
 )
 LIMITED = TUG.replace({"engine.envelope": {"speed_rpm": [600.0, 1800.0], "torque_Nm": [520.0, 520.0]}})
-CHIRP = signals.chirp(0.02, 1.5, 120.0, 40.0, rate_hz=50.0)
+SHIPS = {"tug": TUG, "mended": MENDED, "limited": LIMITED}
 
 
-def trial(seed: int, vessel: Vessel = TUG, *, moving: bool = False, rack: bool = False) -> Fingerprint:
+@cache
+def trial(
+    seed: int, ship: str = "tug", *, moving: bool = False, rack: bool = False, rate_hz: float = 50.0
+) -> Fingerprint:
     """Of one simulated trial with a gauge on the shaft, in still or moving water."""
-    record = simulate(vessel, CHIRP, noise={"n_e": 0.02, "M_g": 0.04}, seed=seed)
+    chirp = signals.chirp(0.02, 1.5, 120.0, 40.0, rate_hz=rate_hz)
+    record = simulate(SHIPS[ship], chirp, noise={"n_e": 0.02, "M_g": 0.04}, seed=seed)
     if moving:
-        record = disturbed(record, linearise(vessel), Inflow(), seed)
+        record = disturbed(record, linearise(SHIPS[ship]), Inflow(), seed)
     names = ("n_set", "n_e", "M_g", *(("X_f",) if rack else ()))
-    return identify(replace(record, signals={name: record.signals[name] for name in names}))
+    others = {"rack_rate": False, "twist": False} if ship == "limited" else None
+    return identify(replace(record, signals={name: record.signals[name] for name in names}), elements=others)
 
 
 @pytest.fixture(scope="module")
@@ -56,12 +62,12 @@ def first() -> Fingerprint:
 
 @pytest.fixture(scope="module")
 def mended() -> Fingerprint:
-    return trial(3, MENDED)
+    return trial(3, "mended")
 
 
 @pytest.fixture(scope="module")
 def limited() -> Fingerprint:
-    return trial(520, LIMITED)
+    return trial(520, "limited", rate_hz=20.0)
 
 
 @pytest.mark.parametrize("moving", [False, True], ids=["still water", "another sea"])
@@ -75,9 +81,9 @@ def test_the_same_ship_again_shows_no_change(first, moving):
 
 def test_what_differs_along_a_valley_of_delays_is_no_change():
     # Lag, dead times and a governor's hold trade for each other: each trial ends elsewhere in one bent valley.
-    found = [trial(seed) for seed in range(102, 109)]
+    found = [trial(seed) for seed in range(102, 107)]
     alarms = [compare(one, other).joint.p < 0.05 for one, other in combinations(found, 2)]
-    assert sum(alarms) <= 4  # of 21; ten by covariances alone
+    assert sum(alarms) <= 2  # of 10
 
 
 def test_a_heavier_propeller_after_a_repair_is_found(first, mended):
