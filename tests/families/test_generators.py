@@ -140,12 +140,11 @@ def test_physical_and_relative_numbers_lead_back_to_each_other_and_each_element_
 
 @pytest.mark.parametrize(
     ("family", "draws"),
-    [("lab_drive", 5), *(pytest.param(one, 16, marks=pytest.mark.slow) for one in FAMILIES)],
+    [("lab_drive", 2), *(pytest.param(one, 16, marks=pytest.mark.slow) for one in FAMILIES)],
 )
 def test_draws_are_seeded_and_keep_their_ranges(family, draws):
     some = [draw(family, seed, longest_s=240.0) for seed in range(draws)]
-    again = draw(family, 3, longest_s=240.0)
-    assert again.truth() == some[3].truth()
+    assert draw(family, 1, longest_s=240.0).truth() == some[1].truth()
     on = np.zeros(len(ELEMENTS))
     for one in some:
         values = one.truth()["parameters"]

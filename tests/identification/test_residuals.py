@@ -23,7 +23,7 @@ def alarms(fingerprint):
 
 
 def test_a_fit_of_the_right_structure_alarms_no_more_often_than_it_says():
-    draws, probabilities, alarmed = 60, [], 0
+    draws, probabilities, alarmed = 30, [], 0
     for draw in range(draws):
         correlation = (0.0, 0.9, 0.99)[draw % 3]
         record = noisy_record(EXCITATION, 0.05, correlation, [1, draw])
@@ -57,10 +57,10 @@ def outside(test):
 
 
 def test_the_correlogram_shows_what_the_tests_say():
-    """One lag in twenty outside the band by chance (60 draws, 25 lags), most of them where noise was taken for white."""
+    """One lag in twenty outside the band by chance (24 draws, 25 lags), most of them where noise was taken for white."""
     white = [
         identify(noisy_record(EXCITATION, 0.05, 0.0, [2, k]), STRUCTURE, noise="white", intervals="symmetric")
-        for k in range(60)
+        for k in range(24)
     ]
     # The noise beside a set point's lag is told from residuals nearby, so that its band is a little too narrow.
     for kind, apart in (("autocorrelation", 0.02), ("set_point", 0.05)):
