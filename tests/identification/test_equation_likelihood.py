@@ -15,7 +15,9 @@ from tests.families.draw import draw
 @cache
 def made(records):
     """A likelihood with noise of its own residuals, and a vector beside that it is looked at."""
-    question = question_of([fp.Experiment(**draw("tug", seed).experiment()) for seed in (7, 11)[:records]])
+    question = question_of(
+        [fp.Experiment(**draw("tug", seed, longest_s=240.0).experiment()) for seed in (7, 11)[:records]]
+    )
     likelihood = question.likelihood("straight")
     guess = first_guesses(likelihood.records, question.outputs, question.gauge)[0]
     vector = likelihood.coordinates.vector({"c_2": 0.0, "hold": 0.4, "T_M": 2e-3, **guess})

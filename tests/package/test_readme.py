@@ -33,9 +33,12 @@ def name_of(page: Path) -> str:
     return page.relative_to(ROOT).as_posix()
 
 
+HEAVY = {"sweeps.md", "design.md", "limits.md"}
+
+
 def is_quick(page: Path) -> bool:
     """Whether a page's code is run in every check; that of the others where the site is built."""
-    return not {"tutorials", "gallery"} & set(page.parts) and page.name != "sweeps.md"
+    return not {"tutorials", "gallery"} & set(page.parts) and page.name not in HEAVY
 
 
 MARKED = [page if is_quick(page) else pytest.param(page, marks=pytest.mark.slow) for page in PAGES]

@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from shipfp_rs import cli
 from shipfp_rs.logs.log import Log
 from shipfp_rs.view.draft import Draft, written
 from shipfp_rs.view.jobs import Jobs
@@ -50,15 +51,12 @@ def follow(caller, job: dict, seconds: float = 120.0) -> dict:
     return told
 
 
-def test_a_check_tells_what_shipfp_check_tells(folder):
+def test_a_check_tells_what_shipfp_check_tells(folder, capsys):
     with served(folder) as caller:
         told = follow(caller, caller.post("job", {"kind": "check", "file": "TRIAL.toml"}))
     assert told["state"] == "done"
-    done = subprocess.run(
-        [sys.executable, "-m", "shipfp_rs.cli", "check", str(folder / "TRIAL.toml"), "--json"],
-        capture_output=True, check=True,
-    )  # fmt: skip
-    assert told["done"] == json.loads(done.stdout)
+    assert cli.main(["check", str(folder / "TRIAL.toml"), "--json"]) == 0
+    assert told["done"] == json.loads(capsys.readouterr().out)
     assert not list(folder.glob("*-run*"))
 
 
