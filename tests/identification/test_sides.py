@@ -49,7 +49,7 @@ def test_it_is_read_as_it_was_saved(undescribed, tmp_path):
 
 def test_a_smooth_ship_has_both_sides_and_they_agree():
     ship = next(one for one in (draw("launch", seed) for seed in range(160200, 160230)) if smooth(one))
-    found = fp.identify(fp.Experiment(**ship.experiment()))
+    found = fp.identify(fp.Experiment(**ship.experiment()), intervals="symmetric")
     assert found.adequate["sides"] == {"load": True, "engine": True}
     alone, whole = found.load_side["p"], found.parameters["p"]
     assert set(found.adequate["engine_curves"]) == {"error", "slope"}
@@ -75,9 +75,9 @@ def smooth(ship):
     return not {"M_max", "rate"} & set(ship.truth()["on"])
 
 
-def limited(rate, gauge, seconds=120.0):
+def limited(rate, gauge, seconds, rate_hz=50.0):
     """A ship whose rack is nearly always in its limit of rate, with some noise."""
-    return noisy(Case(own={"rate": rate, "rate_down": rate}, seconds=seconds, gauge=gauge, amplitude=0.06))
+    return noisy(Case(own={"rate": rate, "rate_down": rate}, seconds=seconds, gauge=gauge, rate_hz=rate_hz))
 
 
 def noisy(case):
@@ -103,7 +103,9 @@ def test_a_ship_in_its_limit_hardly_follows_and_its_load_is_told_all_the_same(ga
 
 def test_a_rate_limit_is_searched_with_what_it_takes_off_put_back():
     # Once an internal error: the stepper has another name for the limit.
-    found = fp.identify(limited(0.15, gauge=False), torque="brake")
+    elements = dict.fromkeys(("torque_limit", "twist", "actuator_lag", "sampling", "rack_rate_down"), False)
+    record = limited(0.15, gauge=False, seconds=30.0, rate_hz=20.0)
+    found = fp.identify(record, torque="brake", elements={**elements, "rack_rate": True})
     assert found.usability != "usable"
 
 
@@ -118,4 +120,4 @@ def test_cases_a_brake_torque_called_gauge_is_told(gauge):
 
 
 def test_cases_a_gauge_torque_called_brake_is_not_usable():
-    assert fp.identify(noisy(Case(gauge=True)), torque="brake").usability == "not usable"
+    assert fp.identify(noisy(Case(gauge=True, seconds=150.0)), torque="brake").usability == "not usable"
