@@ -89,6 +89,21 @@ def sound() -> Simulated:
     return recorded(Sensors(), ())
 
 
+@pytest.fixture(scope="module")
+def of_real(real: Simulated, tmp_path_factory: pytest.TempPathFactory) -> list[Experiment]:
+    return process(real[0], trial_of(real[1], tmp_path_factory.mktemp("real")))
+
+
+@pytest.fixture(scope="module")
+def of_sound(sound: Simulated, tmp_path_factory: pytest.TempPathFactory) -> list[Experiment]:
+    return process(sound[0], trial_of(sound[1], tmp_path_factory.mktemp("sound")))
+
+
+@pytest.fixture(scope="module")
+def of_clean(clean: Simulated, tmp_path_factory: pytest.TempPathFactory) -> list[Experiment]:
+    return process(clean[0], trial_of(clean[1], tmp_path_factory.mktemp("clean")))
+
+
 def test_a_steady_shaft_is_told_exactly(tmp_path: Path) -> None:
     rest = signals.Excitation("rest", "steady", 100.0, np.zeros(3000))
     log, truth = recorded(CLEAN, (), rest)
@@ -113,18 +128,19 @@ def test_edges_between_two_samples_limit_speed_as_the_sampling_says(tmp_path: Pa
     assert abs(error.mean()) < 1e-5
 
 
-def test_signals_keep_gain_and_phase(clean: Simulated, tmp_path: Path) -> None:
-    log, truth = clean
-    for experiment in process(log, trial_of(truth, tmp_path)):
+def test_signals_keep_gain_and_phase(clean: Simulated, of_clean: list[Experiment]) -> None:
+    truth = clean[1]
+    for experiment in of_clean:
         for name in ("n_set", "n_e", "M_g"):
             swing = np.ptp(experiment.signals[name])
             assert np.abs(slow_error(truth, experiment, name)).max() < 1e-3 * swing, name
 
 
-def test_a_real_log_gives_the_plants_signals_within_stated_bounds(real: Simulated, tmp_path: Path) -> None:
-    log, truth = real
-    sensors = Sensors()
-    for experiment in process(log, trial_of(truth, tmp_path)):
+def test_a_real_log_gives_the_plants_signals_within_stated_bounds(
+    real: Simulated, of_real: list[Experiment]
+) -> None:
+    truth, sensors = real[1], Sensors()
+    for experiment in of_real:
         error = {name: slow_error(truth, experiment, name) for name in ("n_set", "n_e", "M_g")}
         assert np.abs(error["n_e"]).max() < 5e-4 * 1183.8
         # The share of the noise that lies below 2 Hz; Butterworth noise bandwidths are a few percent wider.
@@ -133,9 +149,10 @@ def test_a_real_log_gives_the_plants_signals_within_stated_bounds(real: Simulate
         assert error["n_set"].std() < 1.0
 
 
-def test_relay_jumps_are_bridged(real: Simulated, sound: Simulated, tmp_path: Path) -> None:
-    trial = trial_of(real[1], tmp_path)
-    for experiment, reference in zip(process(real[0], trial), process(sound[0], trial), strict=True):
+def test_relay_jumps_are_bridged(
+    real: Simulated, of_real: list[Experiment], of_sound: list[Experiment]
+) -> None:
+    for experiment, reference in zip(of_real, of_sound, strict=True):
         true = within(real[1].faults["D1"]["U_setpoint"], experiment.provenance["window_s"])
         assert faults(experiment)["D1", "U_setpoint"]["count"] == len(true) > 0
         assert ("D1", "U_setpoint") not in faults(reference)
@@ -153,10 +170,9 @@ def test_mains_hum_leaves_nothing_about_relay_jumps(tmp_path: Path) -> None:
     assert np.std(difference[inner]) < 0.02  # rpm, of 76
 
 
-def test_double_crossings_leave_no_trace_in_the_speed(sound: Simulated, tmp_path: Path) -> None:
+def test_double_crossings_leave_no_trace_in_the_speed(of_sound: list[Experiment], tmp_path: Path) -> None:
     log, truth = recorded(Sensors(), ("A",))
-    trial = trial_of(truth, tmp_path)
-    for experiment, reference in zip(process(log, trial), process(sound[0], trial), strict=True):
+    for experiment, reference in zip(process(log, trial_of(truth, tmp_path)), of_sound, strict=True):
         train = experiment.provenance["speed"]["train"]
         assert faults(experiment)["A", train]["count"] > 0
         # Levels are found anew only where a window is not like the one before, so those of the two logs differ by a part
@@ -164,16 +180,13 @@ def test_double_crossings_leave_no_trace_in_the_speed(sound: Simulated, tmp_path
         assert np.nanmax(np.abs(experiment.signals["n_e"] - reference.signals["n_e"])) < 0.1
 
 
-def test_a_steps_kick_is_no_fault(sound: Simulated, clean: Simulated, tmp_path: Path) -> None:
-    for log, truth in (sound, clean):
-        for experiment in process(log, trial_of(truth, tmp_path)):
-            assert faults(experiment) == {}
+def test_a_steps_kick_is_no_fault(of_sound: list[Experiment], of_clean: list[Experiment]) -> None:
+    for experiment in (*of_sound, *of_clean):
+        assert faults(experiment) == {}
 
 
-def test_the_train_with_most_good_intervals_is_taken(real: Simulated, tmp_path: Path) -> None:
-    log, truth = real
-    experiment = process(log, trial_of(truth, tmp_path))[0]
-    account = experiment.provenance["speed"]
+def test_the_train_with_most_good_intervals_is_taken(real: Simulated, of_real: list[Experiment]) -> None:
+    truth, account = real[1], of_real[0].provenance["speed"]
     assert account["train"] == "PTM_4"
     assert account["bandwidth_hz"] == pytest.approx(0.5 * 4 * 1183.8 / 60 / 3.82, rel=0.05)
     true = np.diff(np.append(truth.reflector_angles["PTM_4"], 1.0))
@@ -200,10 +213,11 @@ def test_all_trains_together_tell_the_speed_better_than_the_best_one_and_how_wel
     assert np.sqrt(np.mean(error[400:-400] ** 2)) == pytest.approx(account["std_rpm"], rel=0.4)
 
 
-def test_a_fused_speed_keeps_the_bounds_and_the_gaps(real: Simulated, tmp_path: Path) -> None:
+def test_a_fused_speed_keeps_the_bounds_and_the_gaps(
+    real: Simulated, of_real: list[Experiment], tmp_path: Path
+) -> None:
     log, truth = real
-    both = [process(log, trial_of(truth, tmp_path, edits)) for edits in ([], FUSED)]
-    for best, fused in zip(*both, strict=True):
+    for best, fused in zip(of_real, process(log, trial_of(truth, tmp_path, FUSED)), strict=True):
         assert np.abs(slow_error(truth, fused, "n_e")).max() < 2.0
         assert fused.provenance["faults"] == best.provenance["faults"]
         assert np.count_nonzero(np.isnan(fused.signals["n_e"])) <= np.count_nonzero(
@@ -211,9 +225,11 @@ def test_a_fused_speed_keeps_the_bounds_and_the_gaps(real: Simulated, tmp_path: 
         )
 
 
-def test_operating_point_is_the_steady_mean_unless_given(real: Simulated, tmp_path: Path) -> None:
+def test_operating_point_is_the_steady_mean_unless_given(
+    real: Simulated, of_real: list[Experiment], tmp_path: Path
+) -> None:
     log, truth = real
-    auto = process(log, trial_of(truth, tmp_path))[0].operating_point
+    auto = of_real[0].operating_point
     assert auto["n_e"] == pytest.approx(1183.8, rel=1e-4)
     assert auto["M_g"] == pytest.approx(1725.0, rel=2e-3)
     edits = [('n_e_rpm = "auto"', "n_e_rpm = 1180.0"), ('M_Nm = "auto"', "M_Nm = 1700.0")]
@@ -266,14 +282,14 @@ def test_pieces_make_no_difference(real: Simulated, tmp_path: Path, monkeypatch:
             np.testing.assert_allclose(experiment.signals[name], values, atol=1e-3)
 
 
-def test_the_answer_is_the_same_bits_however_the_log_is_read(real: Simulated, tmp_path: Path) -> None:
+def test_the_answer_is_the_same_bits_however_the_log_is_read(
+    real: Simulated, of_real: list[Experiment], tmp_path: Path
+) -> None:
     recording, truth = real
     log = Log.open(recording.write(tmp_path / "run.parquet"))
     trial = trial_of(truth, tmp_path)
     for reference, *others in zip(
-        process(recording, trial),
-        *(process(log, trial, chunk=chunk) for chunk in (1000, 65_536, 1 << 20)),
-        strict=True,
+        of_real, *(process(log, trial, chunk=chunk) for chunk in (1000, 1 << 20)), strict=True
     ):
         for experiment in others:
             assert faults(experiment) == faults(reference)
@@ -282,7 +298,9 @@ def test_the_answer_is_the_same_bits_however_the_log_is_read(real: Simulated, tm
                 np.testing.assert_array_equal(experiment.signals[name], values)
 
 
-def test_windows_in_any_order_and_one_within_another(real: Simulated, tmp_path: Path) -> None:
+def test_windows_in_any_order_and_one_within_another(
+    real: Simulated, of_real: list[Experiment], tmp_path: Path
+) -> None:
     log, truth = real
     trial = trial_of(truth, tmp_path)
     first, second = trial.windows
@@ -290,7 +308,7 @@ def test_windows_in_any_order_and_one_within_another(real: Simulated, tmp_path: 
         update={"name": "inner", "start_s": first.start_s + 10.0, "stop_s": first.stop_s - 10.0}
     )
     shuffled = trial.model_copy(update={"windows": (second, inner, first)})
-    whole = {experiment.name: experiment for experiment in process(log, trial)}
+    whole = {experiment.name: experiment for experiment in of_real}
     for experiment in process(log, shuffled):
         reference = whole.get(experiment.name) or whole[first.name].window(
             10.0, first.stop_s - first.start_s - 10.0
