@@ -107,6 +107,7 @@ def test_the_page_checks_as_the_command_does(told: Told) -> None:
     with served(told.folder) as caller:
         job = follow(caller, caller.post("job", {"kind": "check", "file": "TRIAL.toml"}))
     assert job["done"] == told.check
+    assert not list(told.folder.glob("*-run*"))
 
 
 def test_a_measured_load_drives_the_fingerprint(told: Told) -> None:

@@ -15,7 +15,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from shipfp_rs import cli
 from shipfp_rs.logs.log import Log
 from shipfp_rs.view.draft import Draft, written
 from shipfp_rs.view.jobs import Jobs
@@ -49,15 +48,6 @@ def follow(caller, job: dict, seconds: float = 120.0) -> dict:
         assert time.monotonic() < end, told
         time.sleep(0.05)
     return told
-
-
-def test_a_check_tells_what_shipfp_check_tells(folder, capsys):
-    with served(folder) as caller:
-        told = follow(caller, caller.post("job", {"kind": "check", "file": "TRIAL.toml"}))
-    assert told["state"] == "done"
-    assert cli.main(["check", str(folder / "TRIAL.toml"), "--json"]) == 0
-    assert told["done"] == json.loads(capsys.readouterr().out)
-    assert not list(folder.glob("*-run*"))
 
 
 def test_a_trial_that_is_wrong_fails_in_a_line(folder):
