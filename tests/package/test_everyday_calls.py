@@ -94,7 +94,8 @@ def test_a_frame_is_identified_by_the_names_of_its_columns(experiment, way):
     assert list(read.signals) == ["n_set", "n_e", "M_s"]
     assert read.operating_point == {name: pytest.approx(frame[name].mean()) for name in read.signals}
     if way == "time":
-        assert fp.identify(frame, intervals="symmetric") == fp.identify(read, intervals="symmetric")
+        structure = fp.Structure.linear()
+        assert fp.identify(frame, structure) == fp.identify(read, structure)
 
 
 def test_a_frame_says_what_is_wrong_with_it(experiment):
@@ -133,7 +134,7 @@ def test_a_sweep_prints_within_ten_lines(tmp_path):
 
 
 def test_a_fingerprint_gives_the_text_that_it_saves(experiment, tmp_path):
-    fingerprint = fp.identify(experiment, intervals="symmetric")
+    fingerprint = fp.identify(experiment, fp.Structure.linear(), intervals="symmetric")
     text = fingerprint.to_json()
     assert fingerprint.save(tmp_path / "one.json").read_text() == text
     assert json.loads(text)["format"] == 1

@@ -63,9 +63,9 @@ def tug() -> Twin:
 
 
 def test_the_short_chirp_of_raw_logs_tells_the_ship() -> None:
-    found = [twin.outcome(seed, (CHIRP,)) for seed in (1, 2)]
+    found = [twin.outcome(1, (CHIRP,))]
     for name, score in twin.scores(found, CHIRP).items():
-        assert score.trials == 2
+        assert score.trials == 1
         assert score.std_pct < 8.0, name
     inside = [score.inside for score in twin.scores(found, CHIRP).values()]
     assert np.mean(inside) >= 0.75
