@@ -144,7 +144,7 @@ def test_a_lag_that_stands_for_the_drive_train_is_no_end():
         "T_d": 0.13,
         "T_set": 0.16,
     }
-    _, experiment = simulated(Case(own=own, amplitude=0.04))
+    _, experiment = simulated(Case(own=own, amplitude=0.04, seconds=200.0))
     fit = fit_ship(question_of([experiment]))
     c = fit.likelihood.coordinates
     exchanged = {
@@ -222,7 +222,12 @@ def test_an_option_of_given_structures_is_refused_by_name_a9(option):
 
 def test_what_is_given_is_held_and_a_prior_is_obeyed():
     found = fp.identify(
-        trial(), torque="brake", outputs=["dn", "dM"], fixed={"p": 2.0}, priors={"g": (-0.9, 1e-3)}
+        trial(),
+        torque="brake",
+        outputs=["dn", "dM"],
+        fixed={"p": 2.0},
+        priors={"g": (-0.9, 1e-3)},
+        elements=dict.fromkeys(("torque_limit", "rack_rate", "twist"), False),
     )
     assert found["p"].status == "fixed"
     assert found["g"].status == "prior"
