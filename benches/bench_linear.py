@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from benches.timing import median_time, print_table
 from shipfp_rs.experiments.experiment import Experiment
-from shipfp_rs.structures.linear import LinearEquations
+from shipfp_rs.structures.state_space import LinearEquations
 
 Array = NDArray[np.float64]
 Outputs = Callable[[Array, Array], Array]

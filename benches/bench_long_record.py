@@ -19,7 +19,7 @@ import numpy as np
 from benches.timing import in_turn, print_table, spread
 from shipfp_rs import _core
 from shipfp_rs.experiments.experiment import Experiment
-from shipfp_rs.structures.linear import LinearEquations
+from shipfp_rs.structures.state_space import LinearEquations
 
 RATE_HZ = 200.0
 SHORT_S, LONG_S = 100.0, 1600.0

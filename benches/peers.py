@@ -18,7 +18,7 @@ from benches import bench_linear, bench_plant, bench_pulse, rivals
 from benches.timing import in_turn, print_table, spread
 from shipfp_rs import signals
 from shipfp_rs.identification.identify import identify
-from shipfp_rs.identification.options import Options
+from shipfp_rs.identification.question import Options
 from shipfp_rs.identification.structure_fit import fit_structure
 from shipfp_rs.structures.structure import Structure
 

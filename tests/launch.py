@@ -10,7 +10,7 @@ from scipy.signal import lfilter
 
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.signals import Excitation
-from shipfp_rs.structures.linear import LinearEquations
+from shipfp_rs.structures.state_space import LinearEquations
 from shipfp_rs.vessel.linear_model import LinearModel, linearise
 from shipfp_rs.vessel.vessel import Vessel
 

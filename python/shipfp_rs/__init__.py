@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from shipfp_rs.simulation.simulate import simulate as simulate
     from shipfp_rs.structures.structure import Parameter as Parameter
     from shipfp_rs.structures.structure import Structure as Structure
-    from shipfp_rs.support.calibration import Calibration as Calibration
+    from shipfp_rs.support.units import Calibration as Calibration
     from shipfp_rs.sweeps import sweep as sweep
     from shipfp_rs.vessel.linear_model import linearise as linearise
     from shipfp_rs.vessel.vessel import Vessel as Vessel

@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from shipfp_rs import plot
-from shipfp_rs.assessment.compared_responses import compared_responses
+from shipfp_rs.assessment.comparison import compared_responses
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.frequency import FrequencyResponse
 from shipfp_rs.identification.fingerprint import Estimate, Fingerprint, Identifiability

@@ -18,13 +18,13 @@ from scipy.stats import binom
 from shipfp_rs import cli, signals
 from shipfp_rs.assessment import comparable
 from shipfp_rs.assessment.comparison import compare, covariance_of, trend
-from shipfp_rs.assessment.propagation import response_with_deviation, step_with_deviation
+from shipfp_rs.assessment.si import response_with_deviation, step_with_deviation
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment
+from shipfp_rs.identification.automatic import foresee
 from shipfp_rs.identification.fingerprint import Fingerprint
-from shipfp_rs.identification.foresight import foresee
 from shipfp_rs.identification.identify import identify
-from shipfp_rs.plot.comparison import draw
+from shipfp_rs.plot.estimates import draw
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.vessel.linear_model import linearise
 from shipfp_rs.vessel.vessel import Vessel

@@ -8,10 +8,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from shipfp_rs.assessment.load_step import CLASSES, STEP_PCT, governing
+from shipfp_rs.assessment.closed_loop import CLASSES, STEP_PCT, governing
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.report import loop
-from shipfp_rs.report.language import Say
+from shipfp_rs.report.markup import Say
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.vessel.vessel import Vessel
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import shipfp_rs as fp
-from shipfp_rs.assessment.measured_steps import measured_steps
+from shipfp_rs.assessment.validation import measured_steps
 
 RATE_HZ = 50.0
 

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from shipfp_rs.assessment.ship_parameters import parameters_of, with_parameters
+from shipfp_rs.assessment.si import parameters_of, with_parameters
 from shipfp_rs.errors import InputError
 from shipfp_rs.vessel.vessel import Vessel
 

@@ -15,8 +15,7 @@ import pytest
 
 from shipfp_rs import cli
 from shipfp_rs.errors import InputError
-from shipfp_rs.support.files import replacing, replacing_folder
-from shipfp_rs.support.json_files import json_text, read_json
+from shipfp_rs.support.files import json_text, read_json, replacing, replacing_folder
 from tests.cli.small_trial import SMALL, write_small_trial
 
 LONG = "x" * 5000

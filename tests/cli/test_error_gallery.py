@@ -13,9 +13,9 @@ from shipfp_rs import cli
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.frequency import FrequencyResponse, sine_response
 from shipfp_rs.logs.log import Log
-from shipfp_rs.processing.plausibility import require_sense
-from shipfp_rs.support.calibration import Calibration
+from shipfp_rs.processing.cleaning import require_sense
 from shipfp_rs.support.toml import template
+from shipfp_rs.support.units import Calibration
 from shipfp_rs.vessel.vessel import Vessel
 
 LAUNCH = (Path(fp.__file__).parent / "data" / "vessels" / "stan-launch-804.toml").read_text(encoding="utf-8")

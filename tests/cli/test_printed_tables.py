@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-from shipfp_rs.cli import output
+from shipfp_rs.cli import options
 from shipfp_rs.cli.sweep import _print
 
 NAMES = [
@@ -24,7 +24,7 @@ NAMES = [
 def test_every_heading_is_whole_on_a_terminal(monkeypatch, capsys, width) -> None:
     monkeypatch.setattr(sys.stdout, "isatty", lambda: True)
     monkeypatch.setenv("COLUMNS", str(width))
-    output.print_table("A title that is longer than a narrow table", NAMES, [["ours", *"12345"]] * 2)
+    options.print_table("A title that is longer than a narrow table", NAMES, [["ours", *"12345"]] * 2)
     printed = re.sub(r"\x1b\[\d*m", "", capsys.readouterr().out)
     for name in NAMES[width < 80 :]:  # names of lines may be broken between words
         assert name in printed
@@ -33,7 +33,7 @@ def test_every_heading_is_whole_on_a_terminal(monkeypatch, capsys, width) -> Non
 
 def test_a_wide_table_is_whole_in_a_pipe(capsys) -> None:
     heads = [f"a heading of some length, {place}" for place in range(20)]
-    output.print_table("A title", heads, [["1"] * 20])
+    options.print_table("A title", heads, [["1"] * 20])
     lines = capsys.readouterr().out.splitlines()
     assert any(all(head in line for head in heads) for line in lines)
 

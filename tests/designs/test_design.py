@@ -11,14 +11,15 @@ import pytest
 
 import shipfp_rs as fp
 from shipfp_rs import cli
-from shipfp_rs.designs import Generator, Noise, Subject, predict, prediction
-from shipfp_rs.designs.limits import steepest_rpm_s
+from shipfp_rs.designs import Generator, Noise, Subject, predict
+from shipfp_rs.designs import subject as subjects
 from shipfp_rs.designs.noise import sensors_of
 from shipfp_rs.designs.plan import Plan
 from shipfp_rs.designs.spectrum import Lines, candidates, optimal_shares
+from shipfp_rs.designs.waveforms import steepest_rpm_s
 from shipfp_rs.identification.identifiability import Sensitivity
 from shipfp_rs.structures.structure import Structure
-from shipfp_rs.support.calibration import Calibration
+from shipfp_rs.support.units import Calibration
 
 TUG = "stan-tug-1205"
 CALIBRATION = Calibration(-251.38, -85.29, "rpm")  # eq. 6.7
@@ -180,7 +181,7 @@ class TestPlan:
         plan = fp.design(TUG, amplitude_rpm=76.0, duration_s=300.0, kind="sines")
         found = []
         for seed in range(6):
-            monkeypatch.setattr(prediction, "SEED", seed)
+            monkeypatch.setattr(subjects, "SEED", seed)
             found.append(predict(subject, plan.excitation, plan.sensors).relative_pct)
         for name in plan.designed_for:
             each = [one[name] for one in found]

@@ -16,7 +16,7 @@ import warnings
 import numpy as np
 
 import shipfp_rs as fp
-from shipfp_rs.identification.load_equation import Fit, Record
+from shipfp_rs.identification.load_side import Fit, Record
 from shipfp_rs.identification.spectra import Spectra
 from tests.families import other_governors
 from tests.families.draw import FAMILIES, draw

@@ -18,7 +18,7 @@ import pytest
 
 import shipfp_rs as fp
 from shipfp_rs import _core, cli
-from shipfp_rs.structures.commanded import commanded
+from shipfp_rs.structures.ship import commanded
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.support.units import TO_NM, TO_RPM, TO_W, told
 from shipfp_rs.vessel.linear_model import linearise

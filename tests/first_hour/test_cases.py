@@ -19,12 +19,10 @@ from shipfp_rs.logs.channel import Channel
 from shipfp_rs.logs.channel_reader import Rows
 from shipfp_rs.logs.faults.scan import scan
 from shipfp_rs.logs.log import Log
-from shipfp_rs.processing.channel_names import named
-from shipfp_rs.processing.cleaning import Cleaner
-from shipfp_rs.processing.plausibility import require_load, require_size, require_unit
-from shipfp_rs.processing.roles import guess_roles, named_roles
+from shipfp_rs.processing.cleaning import Cleaner, require_load, require_size, require_unit
+from shipfp_rs.processing.roles import guess_roles, named, named_roles
+from shipfp_rs.processing.trial import Processing
 from shipfp_rs.processing.trial_channels import Load, SetPoint, Tacho, Torque
-from shipfp_rs.processing.trial_tables import Processing
 from shipfp_rs.processing.trial_template import drafted, moved, windows_toml
 from shipfp_rs.support.toml import template
 

@@ -12,7 +12,7 @@ from scipy.optimize import curve_fit
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.frequency import fit_lines, fit_sine, lines
-from shipfp_rs.frequency.line_noise import line_noise
+from shipfp_rs.frequency.spectra import line_noise
 from tests.launch import noise
 
 RATE, COUNT = 50.0, 2000  # 40 s

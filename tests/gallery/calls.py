@@ -16,10 +16,10 @@ import shipfp_rs as fp
 from shipfp_rs.assessment.bootstrap import bootstrap
 from shipfp_rs.assessment.closed_loop import closed_loop
 from shipfp_rs.assessment.profile_likelihood import profile_likelihood
-from shipfp_rs.assessment.ship_parameters import parameters_of, with_parameters
+from shipfp_rs.assessment.si import parameters_of, with_parameters
 from shipfp_rs.assessment.validation import cross_validation
 from shipfp_rs.identification.fingerprint import Estimate
-from shipfp_rs.support.calibration import torque_factor
+from shipfp_rs.support.units import torque_factor
 from shipfp_rs.vessel.steady_state import bollard_curve, steady_state
 from tests.gallery.slips import VALUES
 

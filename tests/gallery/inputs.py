@@ -17,7 +17,7 @@ import typer
 import shipfp_rs
 from shipfp_rs import cli
 from shipfp_rs.processing.trial import Trial
-from shipfp_rs.support.json_files import finite
+from shipfp_rs.support.files import finite
 from shipfp_rs.sweeps import Plan
 from shipfp_rs.vessel.vessel import Vessel
 from tests.cli.small_trial import SMALL, SWEEP, write_small_trial

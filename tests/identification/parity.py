@@ -16,8 +16,7 @@ import numpy as np
 import shipfp_rs as fp
 from shipfp_rs import _core
 from shipfp_rs.identification.equation_likelihood import EquationLikelihood
-from shipfp_rs.identification.options import Options
-from shipfp_rs.identification.question import question_of
+from shipfp_rs.identification.question import Options, question_of
 from shipfp_rs.identification.ship_found import DEFAULTS
 from shipfp_rs.identification.structure_fit import likelihood_of
 from shipfp_rs.structures.ship import INDEX, KERNEL

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import shipfp_rs as fp
-from shipfp_rs.cli.demo import _write_log
+from shipfp_rs.cli.run import _write_log
 from shipfp_rs.identification.estimate import rounded_rows
 from shipfp_rs.identification.verdict import shown
 from shipfp_rs.processing.process import process

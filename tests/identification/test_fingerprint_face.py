@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import shipfp_rs as fp
-from shipfp_rs.assessment.prediction import structure_of
+from shipfp_rs.assessment.closed_loop import structure_of
 from shipfp_rs.designs.subject import Subject
 from shipfp_rs.identification.fingerprint import Estimate, Identifiability
 from shipfp_rs.identification.question import question_of

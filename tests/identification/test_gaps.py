@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import shipfp_rs as fp
-from shipfp_rs.identification.gaps import kriged
+from shipfp_rs.identification.sampling import kriged
 from tests.identification.parity import Case, simulated
 
 

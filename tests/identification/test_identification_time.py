@@ -9,8 +9,8 @@ from shipfp_rs import signals
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.identification.identify import identify
-from shipfp_rs.identification.options import Options
-from shipfp_rs.identification.structure_answer import fitted
+from shipfp_rs.identification.question import Options
+from shipfp_rs.identification.structure_estimates import fitted
 from shipfp_rs.simulation.simulate import simulate
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.vessel.linear_model import linearise

@@ -9,7 +9,7 @@ import pytest
 
 import shipfp_rs as fp
 from shipfp_rs.identification.open_loop import TAKEN_FOR_TORQUE
-from shipfp_rs.structures.commanded import commanded
+from shipfp_rs.structures.ship import commanded
 from shipfp_rs.structures.structure import Structure
 
 TRUTH = {"tau_n": 0.8, "g": -0.6, "v": 1.3, "p": 1.6, "T_d": 0.05, "tau_act": 0.12}

@@ -12,9 +12,9 @@ from shipfp_rs import signals
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.identification.identify import identify
-from shipfp_rs.identification.options import Options
 from shipfp_rs.identification.profiles import _spread
-from shipfp_rs.identification.structure_answer import fitted
+from shipfp_rs.identification.question import Options
+from shipfp_rs.identification.structure_estimates import fitted
 from shipfp_rs.structures.structure import Parameter, Structure
 from tests.launch import TRUTH, noisy_record
 

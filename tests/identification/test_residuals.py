@@ -10,7 +10,7 @@ from scipy.stats import chi2, kstest
 
 from shipfp_rs import signals
 from shipfp_rs.identification.identify import identify
-from shipfp_rs.identification.whiteness import whiteness
+from shipfp_rs.identification.residual_tests import whiteness
 from shipfp_rs.structures.structure import Structure
 from tests.launch import LAUNCH, noise, noisy_record
 

@@ -7,7 +7,7 @@ import shipfp_rs as fp
 from shipfp_rs.identification.likelihood import ACCURACY, noise_root
 from shipfp_rs.identification.question import question_of
 from shipfp_rs.identification.sampling import BAND_HZ, LEAST_HZ
-from shipfp_rs.support.interpolation import interpolated
+from shipfp_rs.support.derivatives import interpolated
 
 RATE_HZ = 50.0
 

@@ -10,11 +10,11 @@ import pytest
 import shipfp_rs as fp
 from shipfp_rs.assessment.si import doubts, in_si
 from shipfp_rs.identification.fingerprint import Estimate, Fingerprint, Identifiability
-from shipfp_rs.identification.ship_verdict import element_rows, with_verdict
 from shipfp_rs.identification.stretches import Score
 from shipfp_rs.identification.usability import LARGE_MISS_PCT, LEAST_EXPLAINED_PCT, judged
+from shipfp_rs.identification.verdict import element_rows, with_verdict
 from shipfp_rs.identification.wording import missed
-from shipfp_rs.structures.combinations import true_values
+from shipfp_rs.structures.ties import true_values
 
 NOT_FOR_TUNING = "Usable for simulation and comparison, but not for control tuning: "
 LOST = Estimate(None, unit="s", status="unidentifiable")

@@ -5,8 +5,7 @@ from __future__ import annotations
 import json
 
 from shipfp_rs import cli
-from shipfp_rs.inspection.channels import describe
-from shipfp_rs.inspection.looked_for import looked_for, sentences
+from shipfp_rs.inspection.channels import describe, looked_for, sentences
 from shipfp_rs.processing.trial import Trial
 from tests.cli.small_trial import small_log, write_small_trial
 

@@ -10,7 +10,7 @@ import pytest
 
 from shipfp_rs import cli
 from shipfp_rs.inspection import inspect_log
-from shipfp_rs.inspection.pulse_channels import pulse_rate
+from shipfp_rs.inspection.channels import pulse_rate
 from shipfp_rs.logs.channel_reader import Rows
 from shipfp_rs.logs.log import Channel, Log
 from tests.tacho.pick_ups import record

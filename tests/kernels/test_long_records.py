@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from shipfp_rs import _core
-from shipfp_rs.structures.linear import LinearEquations
+from shipfp_rs.structures.state_space import LinearEquations
 from tests.twins import ship
 from tests.twins.drive_train import detail
 

@@ -9,9 +9,8 @@ import pytest
 from shipfp_rs.errors import InputError, LogWarning
 from shipfp_rs.logs.log import Log
 from shipfp_rs.processing.process import process
-from shipfp_rs.processing.proposed_windows import proposed
 from shipfp_rs.processing.trial import Trial
-from shipfp_rs.processing.windows import find_windows
+from shipfp_rs.processing.windows import find_windows, proposed
 
 ROWS = 4000
 SWING = 800.0 + 20.0 * np.sin(2 * np.pi * np.arange(ROWS) / 437.0)

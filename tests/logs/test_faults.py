@@ -11,13 +11,12 @@ from shipfp_rs._core import RepeatScan
 from shipfp_rs.logs.channel_reader import Rows
 from shipfp_rs.logs.faults import Fault, simulated
 from shipfp_rs.logs.faults.chirp import constant_frequency
-from shipfp_rs.logs.faults.extremes import BlockExtremes
+from shipfp_rs.logs.faults.extremes import TAPS, BlockExtremes
 from shipfp_rs.logs.faults.hum import HumScan, hum_in
 from shipfp_rs.logs.faults.levels import MOST_BLOCK, _Suspects, find_level_faults
-from shipfp_rs.logs.faults.repeats import TAPS
 from shipfp_rs.logs.faults.scan import scan
 from shipfp_rs.logs.log import Log
-from shipfp_rs.support.spans import apart_from, clipped_to, joined, marks, runs
+from shipfp_rs.support.arrays import apart_from, clipped_to, joined, marks, runs
 from tests.twins.repeats import recurring
 
 RATE_HZ = 2000.0

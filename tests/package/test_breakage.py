@@ -17,10 +17,9 @@ import typer
 
 import shipfp_rs as fp
 from shipfp_rs import _core, cli
-from shipfp_rs.assessment.ship_parameters import parameters_of, with_parameters
-from shipfp_rs.assessment.si import in_si
+from shipfp_rs.assessment.si import in_si, parameters_of, with_parameters
 from shipfp_rs.identification.fingerprint import Estimate, Identifiability
-from shipfp_rs.processing.trial_tables import Identify
+from shipfp_rs.processing.trial import Identify
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.sweeps import Plan
 from shipfp_rs.vessel.steady_state import steady_state

@@ -9,7 +9,7 @@ import pytest
 
 import shipfp_rs as fp
 from shipfp_rs.errors import InputError
-from shipfp_rs.experiments.frames import experiment_of
+from shipfp_rs.experiments.parquet import experiment_of
 from shipfp_rs.simulation.raw_log import trial_toml
 from shipfp_rs.sweeps import Plan, Sweep
 from shipfp_rs.sweeps.analysis import summarise

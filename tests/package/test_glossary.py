@@ -7,8 +7,8 @@ import pytest
 from shipfp_rs import Structure
 from shipfp_rs.experiments.experiment import UNITS
 from shipfp_rs.structures import glossary, names
-from shipfp_rs.structures.combinations import COMBINATIONS
 from shipfp_rs.structures.elements import ELEMENTS
+from shipfp_rs.structures.ties import COMBINATIONS
 
 PAGE = Path(__file__).parents[2] / "docs" / "background" / "glossary.md"
 STRUCTURES = {

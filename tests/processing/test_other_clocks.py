@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from shipfp_rs.logs.channel import Channel
-from shipfp_rs.processing.low_pass import LowPass, on_a_simple_rate
+from shipfp_rs.processing.conditioning import LowPass, on_a_simple_rate
 
 
 @pytest.mark.parametrize("apart", [2e-6, 5e-5, -4e-4])

@@ -13,12 +13,12 @@ from shipfp_rs import signals
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.logs.log import Log
-from shipfp_rs.processing import low_pass
+from shipfp_rs.processing import conditioning
 from shipfp_rs.processing.process import process
 from shipfp_rs.processing.trial import Trial
 from shipfp_rs.simulation.raw_log import Truth, simulate_raw_log, trial_toml
 from shipfp_rs.simulation.sensors import Kind, Sensors
-from shipfp_rs.support.spans import clipped_to, marks
+from shipfp_rs.support.arrays import clipped_to, marks
 from shipfp_rs.vessel.vessel import Vessel
 
 TUG = Vessel.load("stan-tug-1205")
@@ -274,7 +274,7 @@ def test_pieces_make_no_difference(real: Simulated, tmp_path: Path, monkeypatch:
     trial = trial_of(truth, tmp_path)
     whole = process(log, trial)
     assert faults(whole[0])["gap", "U_torque"]["spans"] == [[100_000, 115_000]]
-    monkeypatch.setattr(low_pass, "PIECE", 7000)
+    monkeypatch.setattr(conditioning, "PIECE", 7000)
     for experiment, reference in zip(process(log, trial), whole, strict=True):
         assert faults(experiment) == faults(reference)
         for name, values in reference.signals.items():

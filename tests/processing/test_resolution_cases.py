@@ -12,8 +12,8 @@ from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.logs.log import Log
 from shipfp_rs.processing.process import process
 from shipfp_rs.processing.trial import Trial
-from shipfp_rs.report.charts import of_the_tachometer
-from shipfp_rs.report.language import Say
+from shipfp_rs.report.markup import Say
+from shipfp_rs.report.pictures import of_the_tachometer
 
 TRIAL = """
 [trial]

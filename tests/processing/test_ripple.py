@@ -7,7 +7,7 @@ import pytest
 from scipy.signal import lfilter
 
 from shipfp_rs.processing.ripple import without_ripple
-from shipfp_rs.support.fir import taps
+from shipfp_rs.support.derivatives import taps
 
 RATE_HZ, FINER, RATIO = 50.0, 40, 2.59
 COUNT = 15_000

@@ -9,8 +9,7 @@ import pytest
 
 import shipfp_rs as fp
 from shipfp_rs.errors import InputError
-from shipfp_rs.processing.trial import Trial
-from shipfp_rs.processing.trial_tables import Identify
+from shipfp_rs.processing.trial import Identify, Trial
 from shipfp_rs.runs.run import NO_TORQUE, run
 from shipfp_rs.support.toml import template, validated
 from tests.cli.small_trial import SMALL, write_small_trial

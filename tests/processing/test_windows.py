@@ -9,8 +9,7 @@ import pytest
 from shipfp_rs import cli, signals
 from shipfp_rs.errors import InputError
 from shipfp_rs.logs.log import Log
-from shipfp_rs.processing.trial import Trial
-from shipfp_rs.processing.trial_tables import KINDS
+from shipfp_rs.processing.trial import KINDS, Trial
 from shipfp_rs.processing.trial_template import windows_toml
 from shipfp_rs.processing.windows import find_windows, longest_rest
 from shipfp_rs.simulation.sensors import EQUATION_6_7

@@ -21,11 +21,11 @@ from shipfp_rs.identification import wording
 from shipfp_rs.identification.estimate import ALONG, ASSUMED, STATUS
 from shipfp_rs.plot import style
 from shipfp_rs.plot.estimates import STATES as KNOWN
-from shipfp_rs.processing.trial_tables import KINDS as WINDOWS
-from shipfp_rs.report.charts import BUTTONS, HELP
+from shipfp_rs.processing.trial import KINDS as WINDOWS
 from shipfp_rs.report.fate import FATES
 from shipfp_rs.report.findings import FIGURES, STATES
-from shipfp_rs.report.language import KINDS, LABEL
+from shipfp_rs.report.markup import KINDS, LABEL
+from shipfp_rs.report.pictures import BUTTONS, HELP
 from shipfp_rs.structures import glossary
 from shipfp_rs.structures.elements import ELEMENTS
 from shipfp_rs.structures.names import NAMES, OF_WHAT

@@ -12,15 +12,15 @@ from markupsafe import Markup, escape
 import shipfp_rs as fp
 from shipfp_rs.assessment.si import in_si
 from shipfp_rs.identification.estimate import Estimate, Identifiability, rounded_rows
-from shipfp_rs.identification.inertia import operating_point
+from shipfp_rs.identification.first_guesses import operating_point
 from shipfp_rs.identification.input_checks import doubts
-from shipfp_rs.identification.ship_verdict import BENT
 from shipfp_rs.identification.usability import MISSES, usability
+from shipfp_rs.identification.verdict import BENT
 from shipfp_rs.identification.wording import rank
 from shipfp_rs.report import render
 from shipfp_rs.report.answer import interval, loop_rows, open_questions, ship_rows
-from shipfp_rs.report.language import Say
 from shipfp_rs.report.loop import _step, figures
+from shipfp_rs.report.markup import Say
 from shipfp_rs.report.pictures import Pictures
 from shipfp_rs.support.sentences import Sentence, listed
 

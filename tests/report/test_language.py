@@ -16,7 +16,7 @@ from shipfp_rs.identification.driven import instead
 from shipfp_rs.identification.fingerprint import Estimate, Fingerprint, Identifiability
 from shipfp_rs.identification.fit_statistics import information_criteria
 from shipfp_rs.report.findings import FIGURES
-from shipfp_rs.report.language import Say
+from shipfp_rs.report.markup import Say
 from shipfp_rs.structures import glossary, names
 from shipfp_rs.support import languages
 from shipfp_rs.support.languages import CATALOGUES, DOMAIN, LANGUAGES
@@ -65,7 +65,7 @@ def test_a_language_is_added_by_its_own_files_alone(tmp_path, monkeypatch) -> No
     assert len(update("nl")) == len(SAID) - 2
     assert languages.found(tmp_path) == ("en", "nl")
     monkeypatch.setattr(languages, "CATALOGUES", tmp_path)
-    monkeypatch.setattr("shipfp_rs.report.language.LANGUAGES", languages.found(tmp_path))
+    monkeypatch.setattr("shipfp_rs.report.markup.LANGUAGES", languages.found(tmp_path))
     say = Say("nl")
     assert (say("speed"), say("torque"), say.number("0.25")) == ("toerental", "torque", "0,25")
 

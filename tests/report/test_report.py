@@ -19,7 +19,7 @@ from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.identification.fingerprint import Estimate, Fingerprint, Identifiability
 from shipfp_rs.identification.identify import identify
 from shipfp_rs.report import render, write_report
-from shipfp_rs.report.charts import thin
+from shipfp_rs.report.pictures import thin
 from tests.identification.parity import Case, simulated
 from tests.report.echo import echo
 

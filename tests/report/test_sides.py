@@ -10,8 +10,8 @@ import shipfp_rs as fp
 from shipfp_rs.identification.estimate import Estimate
 from shipfp_rs.report import render
 from shipfp_rs.report.answer import _picture
-from shipfp_rs.report.language import Say
 from shipfp_rs.report.loop import in_per_cent, steps
+from shipfp_rs.report.markup import Say
 from shipfp_rs.report.operating import facts
 from shipfp_rs.report.pictures import Pictures
 from tests.assessment.test_measured_steps import record

@@ -14,7 +14,7 @@ import shipfp_rs as fp
 from shipfp_rs import cli
 from shipfp_rs.processing.process import process
 from shipfp_rs.processing.trial import Trial
-from shipfp_rs.structures.commanded import commanded
+from shipfp_rs.structures.ship import commanded
 from shipfp_rs.structures.structure import Structure
 
 INERTIA, SPEED_RPM, TORQUE_NM, RATE_HZ = 0.09, 900.0, 12.0, 50.0

@@ -9,7 +9,7 @@ import pytest
 
 from shipfp_rs import cli
 from shipfp_rs.errors import InputError
-from shipfp_rs.processing.trial_tables import Report
+from shipfp_rs.processing.trial import Report
 from shipfp_rs.runs import run
 from shipfp_rs.support.toml import read_toml
 

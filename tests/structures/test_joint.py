@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from shipfp_rs import Experiment, Structure, identify
-from shipfp_rs.assessment.prediction import predict_response
+from shipfp_rs.assessment.closed_loop import predict_response
 from shipfp_rs.assessment.validation import validate
 from shipfp_rs.errors import InputError
 from tests.identification.test_identifiability import (

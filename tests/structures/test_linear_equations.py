@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from shipfp_rs.errors import SimulationError
-from shipfp_rs.structures.linear import LinearEquations
+from shipfp_rs.structures.state_space import LinearEquations
 from tests.twins import linear as twin
 
 ALL = list(range(5))

@@ -12,8 +12,8 @@ from shipfp_rs.errors import InputError, SimulationError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.frequency import FrequencyResponse
 from shipfp_rs.identification.identify import identify
-from shipfp_rs.identification.options import Options
-from shipfp_rs.identification.structure_answer import fitted
+from shipfp_rs.identification.question import Options
+from shipfp_rs.identification.structure_estimates import fitted
 from shipfp_rs.structures import structure
 from shipfp_rs.structures.structure import Parameter, Structure
 from shipfp_rs.support import derivatives

@@ -6,13 +6,12 @@ import numpy as np
 import pytest
 
 from shipfp_rs import Fingerprint, Structure, compare, design
-from shipfp_rs.assessment.closed_loop import closed_loop
-from shipfp_rs.assessment.prediction import structure_of
+from shipfp_rs.assessment.closed_loop import closed_loop, structure_of
 from shipfp_rs.assessment.profile_likelihood import profile_likelihood
 from shipfp_rs.errors import InputError
 from shipfp_rs.identification.identify import identify
-from shipfp_rs.processing.trial_tables import Identify
-from shipfp_rs.runs.fit import structure_from
+from shipfp_rs.processing.trial import Identify
+from shipfp_rs.runs.run import structure_from
 from shipfp_rs.structures.structure import Parameter
 from tests.identification.test_identifiability import (
     BAND,

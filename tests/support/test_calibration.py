@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from shipfp_rs.errors import InputError
-from shipfp_rs.support.calibration import Calibration, torque_factor
+from shipfp_rs.support.units import Calibration, torque_factor
 
 TABLE_6_11 = ([-3.0309, -4.035, -5.03475, -6.0236], [676.74, 927.77, 1184.4, 1427.9])
 

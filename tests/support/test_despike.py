@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from shipfp_rs.logs.faults.spikes import spikes_between
-from shipfp_rs.processing.trial_tables import Spikes
-from shipfp_rs.support.spans import runs
+from shipfp_rs.processing.trial import Spikes
+from shipfp_rs.support.arrays import runs
 from shipfp_rs.support.spikes import bridge, find_spikes
 
 RATE_HZ = 1000.0

@@ -9,7 +9,7 @@ import pytest
 
 from shipfp_rs import cli
 from shipfp_rs.logs.log import Log
-from shipfp_rs.support.json_files import finite
+from shipfp_rs.support.files import finite
 from tests.logger_files import TYPES, WRITERS, extremes, write_tdms
 
 LACKS = {

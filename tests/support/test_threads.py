@@ -11,8 +11,8 @@ import shipfp_rs as fp
 from shipfp_rs.assessment.bootstrap import bootstrap
 from shipfp_rs.assessment.profile_likelihood import profile_likelihood
 from shipfp_rs.assessment.validation import cross_validation
+from shipfp_rs.identification.automatic import foresee
 from shipfp_rs.identification.equation_likelihood import EquationLikelihood
-from shipfp_rs.identification.foresight import foresee
 from shipfp_rs.identification.likelihood import Likelihood
 from shipfp_rs.support import threads
 from shipfp_rs.support.threads import (

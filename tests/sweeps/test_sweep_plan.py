@@ -13,7 +13,7 @@ import pytest
 from shipfp_rs.errors import InputError
 from shipfp_rs.support.toml import template, validated
 from shipfp_rs.sweeps import Plan
-from shipfp_rs.sweeps.design import BLOCK, place, seed_of
+from shipfp_rs.sweeps.plan import BLOCK, place, seed_of
 
 TWO_FACTORS: dict[str, Any] = {
     "excitation.amplitude_rpm": {"low": 10.0, "high": 1000.0, "scale": "log"},

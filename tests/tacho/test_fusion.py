@@ -10,7 +10,7 @@ from scipy.interpolate import BSpline
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.tacho import Train, fuse, speed_from_pulses
-from shipfp_rs.tacho.angle_spline import fit_angle_spline
+from shipfp_rs.tacho.fusion import fit_angle_spline
 
 SPEED, GEAR, SIGMA = 5.165, 3.82, 1e-4
 SWINGS = ((0.02, 0.05), (0.004, 0.6))  # relative size and frequency [Hz]

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from shipfp_rs.support.spans import joined, runs
+from shipfp_rs.support.arrays import joined, runs
 
 
 def running_median(samples: np.ndarray, window: int) -> np.ndarray:

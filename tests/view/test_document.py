@@ -16,7 +16,7 @@ from shipfp_rs.simulation.raw_log import simulate_raw_log, trial_toml
 from shipfp_rs.simulation.sensors import Sensors
 from shipfp_rs.vessel.vessel import Vessel
 from shipfp_rs.view.document import Document
-from shipfp_rs.view.series import FINER
+from shipfp_rs.view.results import FINER
 
 
 @pytest.fixture(scope="module")

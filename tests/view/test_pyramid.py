@@ -9,7 +9,7 @@ import pytest
 
 from shipfp_rs.logs.log import Log
 from shipfp_rs.view import pyramid
-from shipfp_rs.view.series import FINER, HEAD, TILE, Series, packed
+from shipfp_rs.view.results import FINER, HEAD, TILE, Series, packed
 from tests.twins import pyramid as twin
 
 RATE_HZ = 2000.0

@@ -7,7 +7,7 @@ import pytest
 from shipfp_rs.errors import InputError
 from shipfp_rs.support.toml import template
 from shipfp_rs.vessel.vessel import Vessel
-from shipfp_rs.view.vessel_form import fields, vessel_file
+from shipfp_rs.view.draft import fields, vessel_file
 from tests.view.serving import served
 
 SHIP = {"name": "Meine Möwe", "gearbox.ratio": "3,5", "engine.cylinders": "6", "engine.strokes": "4"}

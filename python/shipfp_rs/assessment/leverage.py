@@ -11,7 +11,7 @@ from shipfp_rs.frequency import FrequencyResponse
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.identification.identifiability import Sensitivity
 from shipfp_rs.identification.likelihood import real_rows
-from shipfp_rs.identification.structure_records import seen
+from shipfp_rs.identification.structure_likelihood import seen
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.support.arguments import checked
 from shipfp_rs.support.arrays import Array

@@ -16,7 +16,7 @@ from shipfp_rs.identification.likelihood import Itself
 from shipfp_rs.identification.structure_estimates import StructureEstimates
 from shipfp_rs.identification.structure_fit import LAST as SETTLED
 from shipfp_rs.identification.structure_fit import STEPS, fit_structure
-from shipfp_rs.identification.structure_records import Data
+from shipfp_rs.identification.structure_likelihood import Data
 from shipfp_rs.structures.structure import Parameter, Structure
 from shipfp_rs.support import hints
 from shipfp_rs.support.arguments import checked

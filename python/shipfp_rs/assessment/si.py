@@ -4,11 +4,25 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+import numpy.typing as npt
+
+from shipfp_rs.assessment.closed_loop import structure_of
+from shipfp_rs.errors import InputError
+from shipfp_rs.experiments.experiment import Experiment
+from shipfp_rs.frequency import FrequencyResponse
 from shipfp_rs.identification.fingerprint import Fingerprint
-from shipfp_rs.identification.inertia import ENGINE_SIDE, operating_point, scaled
+from shipfp_rs.identification.first_guesses import ENGINE_SIDE, operating_point, scaled
+from shipfp_rs.structures.structure import Structure
+from shipfp_rs.structures.ties import true_values
+from shipfp_rs.support.arguments import checked
+from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.sentences import Sentence
+from shipfp_rs.vessel.linear_model import linearise
+from shipfp_rs.vessel.steady_state import steady_state
 from shipfp_rs.vessel.vessel import Vessel
 
 FAR_OFF = 2.0
@@ -105,3 +119,186 @@ def doubts(fingerprint: Fingerprint, vessel: Vessel) -> list[str]:
             )
         )
     return found
+
+
+@checked
+def parameters_of(vessel: Vessel, n_e_rpm: float | None = None) -> dict[str, float]:
+    """Return a vessel's linear parameters, with separate actuator lag and shaft twist.
+
+    Parameters
+    ----------
+    vessel
+        The ship.
+    n_e_rpm
+        Engine speed of the operating point [rpm]; None: that of the vessel.
+    """
+    model = dict(vars(linearise(vessel, n_e_rpm)))
+    lag, stiffness = vessel.actuator.lag_s, vessel.shaft.stiffness_Nm_rad
+    twist = 0.0
+    if stiffness is not None:
+        point = steady_state(vessel, n_e_rpm)
+        twist = point.M_s / (2.0 * math.pi * point.n_s * stiffness)
+    return true_values(model | {"T_d": model["T_d"] - lag}) | {"tau_act": lag, "tau_twist": twist}
+
+
+@checked
+def with_parameters(vessel: Vessel, values: Mapping[str, float]) -> Vessel:
+    """Return a vessel with the given linear parameters at its operating point; the others are unchanged.
+
+    If the loop's dead time is shorter than that of sampling, firing and computing, the actuator's is zero.
+
+    Parameters
+    ----------
+    vessel
+        The ship.
+    values
+        Some of tau_n, tau_prop, g, v, K_p, K_i (or vK_p, vK_i), p, T_d, T_set, tau_act, tau_twist.
+
+    Raises
+    ------
+    InputError
+        For another name, or an impossible ship.
+    """
+    if unknown := sorted(set(values) - PARAMETERS):
+        raise InputError(
+            f"found parameters {', '.join(unknown)}, expected some of {', '.join(sorted(PARAMETERS))}"
+        )
+    # Torque, drag and water inertia depend weakly on each other, so four iterations suffice.
+    for _ in range(4):
+        vessel = vessel.replace(_changes(vessel, values))
+    return vessel
+
+
+PARAMETERS = frozenset(
+    ("tau_n", "tau_prop", "g", "v", "K_p", "K_i", "vK_p", "vK_i", "p", "T_d", "T_set", "tau_act", "tau_twist")
+)
+
+
+def _changes(vessel: Vessel, values: Mapping[str, float]) -> dict[str, float]:
+    own = parameters_of(vessel)
+    per_time_constant = vessel.nominal_propeller_torque / (2.0 * math.pi * vessel.nominal_shaft_speed)
+    gains = {f"K_{k}": values[f"vK_{k}"] / own["v"] for k in ("p", "i") if f"vK_{k}" in values}
+    wanted = {**values, **gains}
+    more = {name: wanted[name] - own[name] for name in wanted if name in own}
+    places = {
+        "tau_n": ("shaft.inertia_kg_m2", vessel.shaft.inertia_kg_m2, per_time_constant),
+        "tau_prop": (
+            "shaft.propeller_side_inertia_kg_m2",
+            vessel.shaft.propeller_side_inertia_kg_m2,
+            per_time_constant,
+        ),
+        "g": ("operating_point.g", vessel.operating_point.g, 1.0),
+        "v": ("operating_point.v", vessel.operating_point.v, 1.0),
+        "K_p": ("governor.K_p", vessel.governor.K_p, 1.0),
+        "K_i": ("governor.K_i", vessel.governor.K_i, 1.0),
+        "p": ("propeller.torque_exponent", vessel.propeller.torque_exponent, 1.0),
+        "T_set": ("governor.set_point_dead_time_s", vessel.governor.set_point_dead_time_s, 1.0),
+        "tau_act": ("actuator.lag_s", vessel.actuator.lag_s, 1.0),
+    }
+    changes = {}
+    for name, (key, present, unit) in places.items():
+        if name in more:
+            changes[key] = float(present or 0.0) + unit * more[name]
+    if "T_d" in more:
+        changes["actuator.dead_time_s"] = max(0.0, vessel.actuator.dead_time_s + more["T_d"])
+    if "tau_twist" in more and values["tau_twist"] > 0.0:
+        changes["shaft.stiffness_Nm_rad"] = per_time_constant / values["tau_twist"]
+    return changes
+
+
+LEAD_S = 1.0
+"""Time before the step."""
+
+
+@dataclass(frozen=True)
+class StepResponse:
+    """Response to a set-point step at time 0, normalised by its size: time [s] (N,), mean and std (N,) by output."""
+
+    time: Array
+    mean: Mapping[str, Array]
+    std: Mapping[str, Array]
+
+
+def response_with_deviation(
+    fingerprint: Fingerprint, frequency_hz: npt.ArrayLike, structure: Structure | None = None
+) -> FrequencyResponse:
+    """Return the fitted model's response by output, with standard deviations from the parameters' covariance.
+
+    Parameters
+    ----------
+    fingerprint
+        Undetermined directions do not change the response, so they need not be known.
+    frequency_hz
+        Frequencies in ascending order [Hz], shape (F,).
+    structure
+        Structure of the fingerprint; None rebuilds a linear one.
+
+    Returns
+    -------
+    FrequencyResponse
+        Response by output ("dn", "dM", ...), with relative `amplitude_std` and `phase_std` in rad, to first order.
+
+    Raises
+    ------
+    InputError
+        If the structure is not linear and not given.
+    """
+    structure = structure or structure_of(fingerprint)
+    names, covariance = _covariance(fingerprint)
+    frequency = np.atleast_1d(np.asarray(frequency_hz, dtype=np.float64))
+    response, slopes = structure.equations.response(fingerprint.optimum, frequency, names)
+    relative = slopes / response
+    return FrequencyResponse(
+        structure.name,
+        frequency,
+        {
+            name: np.asarray(row, dtype=np.complex128)
+            for name, row in zip(structure.outputs, response, strict=True)
+        },
+        amplitude_std=dict(zip(structure.outputs, _deviation(relative.real, covariance), strict=True)),
+        phase_std=dict(zip(structure.outputs, _deviation(relative.imag, covariance), strict=True)),
+    )
+
+
+def step_with_deviation(
+    fingerprint: Fingerprint,
+    duration_s: float = 20.0,
+    rate_hz: float = 50.0,
+    structure: Structure | None = None,
+) -> StepResponse:
+    """Return the fitted model's response to a step of the set point, with standard deviations.
+
+    Parameters
+    ----------
+    fingerprint, structure
+        See `response_with_deviation`.
+    duration_s, rate_hz
+        Time after the step [s] and sample rate [Hz].
+
+    Raises
+    ------
+    InputError
+        See `response_with_deviation`.
+    """
+    structure = structure or structure_of(fingerprint)
+    names, covariance = _covariance(fingerprint)
+    time = np.arange(-LEAD_S, duration_s, 1.0 / rate_hz)
+    step = Experiment(
+        "step", rate_hz, {"n_set": np.where(time >= 0.0, 2.0, 1.0)}, {"n_set": 1.0}, hold="zero"
+    )
+    model, slopes = structure.equations.sensitivities(fingerprint.optimum, step, names)
+    return StepResponse(
+        time,
+        dict(zip(structure.outputs, model, strict=True)),
+        dict(zip(structure.outputs, _deviation(slopes, covariance), strict=True)),
+    )
+
+
+def _covariance(fingerprint: Fingerprint) -> tuple[list[str], Array]:
+    names = list(fingerprint.covariance["names"])
+    return names, np.array(fingerprint.covariance["matrix"], dtype=np.float64).reshape(len(names), len(names))
+
+
+def _deviation(slopes: Array, covariance: Array) -> Array:
+    """First-order standard deviation (O, N) from derivatives (W, O, N)."""
+    return np.asarray(np.sqrt(np.maximum(np.einsum("won,wv,von->on", slopes, covariance, slopes), 0.0)))

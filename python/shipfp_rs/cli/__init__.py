@@ -19,20 +19,17 @@ import warnings
 from collections.abc import Iterator, Sequence
 from typing import Annotated, Any, TextIO
 
-from shipfp_rs.cli.interrupts import ends_without_a_word
+from shipfp_rs.cli.options import ends_without_a_word
 
 with ends_without_a_word():
     import typer
 
-    from shipfp_rs.cli.check import check
     from shipfp_rs.cli.compare import compare
-    from shipfp_rs.cli.convert import convert
-    from shipfp_rs.cli.demo import demo
     from shipfp_rs.cli.design import design
     from shipfp_rs.cli.init import init
-    from shipfp_rs.cli.inspect import inspect
+    from shipfp_rs.cli.inspect import convert, inspect
     from shipfp_rs.cli.reproduce import reproduce
-    from shipfp_rs.cli.run import run
+    from shipfp_rs.cli.run import check, demo, run
     from shipfp_rs.cli.simulate import simulate
     from shipfp_rs.cli.sweep import sweep
     from shipfp_rs.cli.view import view

@@ -12,9 +12,12 @@ from shipfp_rs.cli.options import (
     file_option,
     new_file,
     number_option,
+    print_results,
+    print_table,
+    print_text,
     probability,
+    progress,
 )
-from shipfp_rs.cli.output import print_results, print_table, print_text, progress
 from shipfp_rs.errors import InputError
 
 if TYPE_CHECKING:
@@ -48,7 +51,7 @@ def compare(
         notify("comparing")
         comparison = compare_fingerprints(first, second, level=level, data=data)
     if out is not None:
-        from shipfp_rs.plot.comparison import draw
+        from shipfp_rs.plot.estimates import draw
 
         labels = [path.name if before.name != after.name else str(path) for path in (before, after)]
         figure = draw(dict(zip(labels, (first, second), strict=True)))

@@ -9,10 +9,21 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from shipfp_rs.cli.options import LARGEST, Force, Json, OutFolder, as_typed, file_option, number_option
-from shipfp_rs.cli.output import print_results, print_table, print_text, progress
+from shipfp_rs.cli.options import (
+    LARGEST,
+    Force,
+    Json,
+    OutFolder,
+    as_typed,
+    file_option,
+    number_option,
+    print_results,
+    print_table,
+    print_text,
+    progress,
+)
 from shipfp_rs.errors import InputError
-from shipfp_rs.support.checks import between
+from shipfp_rs.support.arguments import between
 
 if TYPE_CHECKING:
     from shipfp_rs.designs import Generator, Noise, Plan

@@ -8,8 +8,7 @@ from typing import Annotated
 
 import typer
 
-from shipfp_rs.cli.options import Names, Rate, Time, file_argument, file_option
-from shipfp_rs.cli.output import print_text, progress
+from shipfp_rs.cli.options import Names, Rate, Time, file_argument, file_option, print_text, progress
 from shipfp_rs.errors import InputError
 
 
@@ -65,7 +64,7 @@ def _of_logs(
     names: Path | None,
 ) -> str:
     """Fill in TRIAL.toml from logs; unknown values are marked and listed."""
-    from shipfp_rs.inspection.pulse_channels import pulse_rate
+    from shipfp_rs.inspection.channels import pulse_rate
     from shipfp_rs.logs.channel_reader import Rows
     from shipfp_rs.logs.log import Log
     from shipfp_rs.processing.roles import guess_roles

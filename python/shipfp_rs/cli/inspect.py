@@ -11,18 +11,47 @@ from shipfp_rs.cli.options import (
     LogFile,
     Names,
     Rate,
+    Replace,
     Time,
     file_argument,
     file_option,
     folder_for,
+    new_file,
     number_option,
     positive,
+    print_results,
+    print_table,
+    print_text,
+    progress,
 )
-from shipfp_rs.cli.output import print_results, print_table, print_text, progress
 from shipfp_rs.errors import InputError
 
 if TYPE_CHECKING:
     from shipfp_rs.inspection import Inspection
+
+
+def convert(
+    log: LogFile,
+    out: Annotated[Path, file_argument("OUT.parquet", "File to write.")],
+    rate_hz: Rate = None,
+    time: Time = None,
+    names: Names = None,
+    force: Replace = False,
+) -> None:
+    """Convert a log to Parquet, each channel with its unit, rate, start and type."""
+    from shipfp_rs.logs.log import Log
+
+    if out.is_file() and log.exists() and out.samefile(log):
+        raise InputError(f"{out}: is the log itself; choose another name")
+    new_file(out, force=force)
+    source = Log.open(log, rate_hz=rate_hz, time=time, names=names)
+    source.write(out)
+    print_text(f"wrote {out}: {len(source.channels)} channels")
+    for channel in source.channels.values():
+        unit = f" [{channel.unit}]" if channel.unit else ""
+        print_text(f"  {channel.name}{unit}: {channel.samples} samples at {channel.rate_hz:g} Hz")
+    print_text(*source.notes)
+
 
 MARKER = "inspection.json"
 PICTURES = ("windows.png", "static-torque.png", *(f"spectrum-{number}.png" for number in range(1, 1000)))
@@ -64,7 +93,7 @@ def inspect(
         found = inspect_log(recording, description, C_Q=torque_coefficient)
         if folder is not None:
             from shipfp_rs.inspection.pictures import draw  # Matplotlib
-            from shipfp_rs.support.json_files import json_text
+            from shipfp_rs.support.files import json_text
 
             (folder / MARKER).write_text(json_text(found.to_dict()), encoding="utf-8")
             draw(found, recording, folder)
@@ -81,7 +110,7 @@ def inspect(
 
 
 def _print(found: Inspection) -> None:
-    from shipfp_rs.inspection.looked_for import sentences
+    from shipfp_rs.inspection.channels import sentences
     from shipfp_rs.processing.trial_template import windows_toml
 
     print_table(

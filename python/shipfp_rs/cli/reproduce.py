@@ -8,8 +8,16 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from shipfp_rs.cli.options import MOST_DRAWS, Json, file_option, folder_for
-from shipfp_rs.cli.output import print_results, print_table, print_text, progress
+from shipfp_rs.cli.options import (
+    MOST_DRAWS,
+    Json,
+    file_option,
+    folder_for,
+    print_results,
+    print_table,
+    print_text,
+    progress,
+)
 
 if TYPE_CHECKING:
     from shipfp_rs.reproduce import Reproduction
@@ -80,8 +88,7 @@ def _reproduce(
     json: bool,
 ) -> None:
     """Compute the tables, write them and the figures to a folder if given, and show them."""
-    from shipfp_rs.support.files import write_text_atomically
-    from shipfp_rs.support.json_files import json_text
+    from shipfp_rs.support.files import json_text, write_text_atomically
 
     with folder_for(out, file, pictures) as folder, progress() as notify:
         found = compute(lambda done, jobs: notify(f"refitting, {done} of {jobs} done"))

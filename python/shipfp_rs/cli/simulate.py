@@ -19,10 +19,12 @@ from shipfp_rs.cli.options import (
     new_file,
     not_negative,
     number_option,
+    print_results,
+    print_text,
+    progress,
 )
-from shipfp_rs.cli.output import print_results, print_text, progress
 from shipfp_rs.errors import InputError, SimulationError
-from shipfp_rs.structures.combinations import true_values
+from shipfp_rs.structures.ties import true_values
 
 if TYPE_CHECKING:
     from shipfp_rs.signals import Excitation
@@ -75,8 +77,7 @@ def simulate(
     json: Json = False,
 ) -> None:
     """Simulate a trial and write it with the true parameters beside it."""
-    from shipfp_rs.support.files import replacing
-    from shipfp_rs.support.json_files import json_text
+    from shipfp_rs.support.files import json_text, replacing
     from shipfp_rs.vessel.vessel import Vessel
 
     if out.suffix != ".parquet":

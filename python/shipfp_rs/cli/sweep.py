@@ -10,8 +10,17 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from shipfp_rs.cli.options import MOST_WORKERS, Json, OtherSeed, as_typed, file_option, number_option
-from shipfp_rs.cli.output import print_results, print_table, print_text
+from shipfp_rs.cli.options import (
+    MOST_WORKERS,
+    Json,
+    OtherSeed,
+    as_typed,
+    file_option,
+    number_option,
+    print_results,
+    print_table,
+    print_text,
+)
 from shipfp_rs.errors import InputError
 
 if TYPE_CHECKING:

@@ -9,8 +9,7 @@ from typing import Annotated
 
 import typer
 
-from shipfp_rs.cli.options import Rate, file_argument
-from shipfp_rs.cli.output import print_text
+from shipfp_rs.cli.options import Rate, file_argument, print_text
 from shipfp_rs.errors import InputError
 
 

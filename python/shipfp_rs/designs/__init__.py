@@ -9,21 +9,16 @@ from pathlib import Path
 
 import numpy as np
 
-from shipfp_rs.designs.limits import TOP_HZ, Generator, Limits
 from shipfp_rs.designs.noise import Noise, sensors_of
-from shipfp_rs.designs.plan import Needed, Plan, needed_for
-from shipfp_rs.designs.prediction import Prediction, predict
-from shipfp_rs.designs.quantities import quantities
-from shipfp_rs.designs.run_sheet import Stretch, run_sheet
+from shipfp_rs.designs.plan import Needed, Plan, Stretch, needed_for, run_sheet
 from shipfp_rs.designs.spectrum import SINE, SQUARE, Criterion, candidates, support
-from shipfp_rs.designs.subject import Subject
-from shipfp_rs.designs.waveforms import Kind, Setting, settling, waveform
+from shipfp_rs.designs.subject import Prediction, Subject, predict, quantities
+from shipfp_rs.designs.waveforms import TOP_HZ, Generator, Kind, Limits, Setting, settling, waveform
 from shipfp_rs.errors import InputError
 from shipfp_rs.identification.fingerprint import Fingerprint
-from shipfp_rs.structures.linear import LinearEquations
+from shipfp_rs.structures.state_space import LinearEquations
 from shipfp_rs.structures.structure import Structure
-from shipfp_rs.support.arguments import checked
-from shipfp_rs.support.checks import accuracy, positive
+from shipfp_rs.support.arguments import accuracy, checked, positive
 from shipfp_rs.vessel.linear_model import linearise
 from shipfp_rs.vessel.vessel import Vessel
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from shipfp_rs.designs.limits import Limits
+from shipfp_rs.designs.waveforms import Limits
 from shipfp_rs.plot.style import BLUE, ORANGE, RED, SET_POINT, dress, envelope
 from shipfp_rs.signals import Excitation
 

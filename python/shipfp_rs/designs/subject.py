@@ -10,16 +10,105 @@ from typing import Self
 
 import numpy as np
 
-from shipfp_rs.assessment.prediction import structure_of
+from shipfp_rs.assessment.closed_loop import structure_of
+from shipfp_rs.designs.noise import Noise
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment
-from shipfp_rs.identification.fingerprint import Fingerprint
+from shipfp_rs.identification.automatic import foresee
+from shipfp_rs.identification.estimate import Status
+from shipfp_rs.identification.fingerprint import Estimate, Fingerprint, Identifiability
+from shipfp_rs.identification.identifiability import NULL_PART, Sensitivity, gradient_of
 from shipfp_rs.signals import Excitation
-from shipfp_rs.structures.combinations import true_values
 from shipfp_rs.structures.structure import Structure
+from shipfp_rs.structures.ties import COMBINATIONS, true_values
+from shipfp_rs.support.arrays import Array
 from shipfp_rs.vessel.linear_model import linearise
 from shipfp_rs.vessel.steady_state import steady_state
 from shipfp_rs.vessel.vessel import Vessel
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """Expected value, unit, and slopes with respect to the free parameters, shape (P,)."""
+
+    value: float
+    unit: str
+    gradient: Array
+    status: Status = "free"
+
+
+def quantities(subject: Subject, sensitivity: Sensitivity) -> dict[str, Quantity]:
+    """Identifiable quantities: parameters first, then combinations with members that are not known separately."""
+    alone = dict(zip(sensitivity.names, np.linalg.norm(sensitivity.null, axis=0) <= NULL_PART, strict=True))
+    found = {
+        parameter.name: Quantity(
+            subject.values[parameter.name],
+            parameter.unit,
+            row,
+            "free" if parameter.prior is None else "prior",
+        )
+        for parameter, row in zip(subject.structure.free, np.eye(len(subject.free)), strict=True)
+        if alone[parameter.name]
+    }
+    for name, (unit, function) in COMBINATIONS.items():
+        try:
+            value = function(subject.values)
+            gradient = gradient_of(function, subject.values, subject.free, subject.structure.ties)
+        except (KeyError, ZeroDivisionError):
+            continue
+        joined = any(
+            slope and not alone[member] for member, slope in zip(subject.free, gradient, strict=True)
+        )
+        if joined and sensitivity.tells(gradient):
+            found[name] = Quantity(value, unit, gradient)
+    return found
+
+
+SEED = 1
+"""Seed of the noise phases in the predicted record."""
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """Expected values with predicted standard deviations, undetermined parameters, and the noise-free record."""
+
+    parameters: Mapping[str, Estimate]
+    derived: Mapping[str, Estimate]
+    identifiability: Identifiability
+    experiment: Experiment
+
+    @property
+    def relative_pct(self) -> dict[str, float]:
+        """Relative standard deviation of all known nonzero values [%]."""
+        return {
+            name: 100.0 * one.std / abs(one.value)
+            for name, one in {**self.parameters, **self.derived}.items()
+            if one.std is not None and one.value
+        }
+
+
+def predict(subject: Subject, excitation: Excitation, sensors: Mapping[str, Noise]) -> Prediction:
+    """Predict the result of `identify` for a record of this excitation, by the same likelihood.
+
+    The likelihood includes transients, offsets, initial state and the accuracy of gauges.
+    """
+    experiment = subject.respond(excitation)
+    samples, signals = len(experiment), subject.signals
+    # A random draw would have a scattered spectrum, and so would the prediction. Separate phases keep outputs uncorrelated.
+    phases = np.random.default_rng(SEED).random(samples // 2 + 1)
+    apart = np.arange(len(phases)) / len(signals)
+    noisy = {
+        name: experiment.signals[name]
+        + experiment.operating_point[name]
+        * sensors[output].typical(phases + place * apart, samples, excitation.rate_hz)
+        for place, (output, name) in enumerate(signals.items())
+    }
+    accuracy = {name: sensors[output].accuracy for output, name in signals.items()}
+    record = dataclasses.replace(
+        experiment, signals={**experiment.signals, **noisy}, provenance={"gauge_accuracy": accuracy}
+    )
+    expected = foresee([record], subject.fitted, values=subject.values)
+    return Prediction(expected.parameters, expected.derived, expected.identifiability, experiment)
 
 
 @dataclass(frozen=True)

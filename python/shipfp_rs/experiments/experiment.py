@@ -13,11 +13,9 @@ import numpy as np
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.support import hints
-from shipfp_rs.support.arguments import check_fields, checked, told
+from shipfp_rs.support.arguments import check_fields, checked, positive, told
 from shipfp_rs.support.arrays import Array, EvenlySampled, unmasked
-from shipfp_rs.support.checks import positive
-from shipfp_rs.support.html import shown
-from shipfp_rs.support.tables import Columns, Tabular
+from shipfp_rs.support.tables import Columns, Tabular, shown
 
 Hold = Literal["zero", "first"]
 

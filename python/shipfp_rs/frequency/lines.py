@@ -10,10 +10,9 @@ import numpy.typing as npt
 from scipy.linalg import solve_triangular
 
 from shipfp_rs.errors import InputError
-from shipfp_rs.frequency.line_noise import line_noise
-from shipfp_rs.support.arguments import checked
+from shipfp_rs.frequency.spectra import line_noise
+from shipfp_rs.support.arguments import checked, positive
 from shipfp_rs.support.arrays import Array, ComplexArray
-from shipfp_rs.support.checks import positive
 
 _ROUNDS = 30
 MOST_HARMONICS = 1000

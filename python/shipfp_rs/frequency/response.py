@@ -14,8 +14,7 @@ import numpy.typing as npt
 from shipfp_rs.errors import InputError
 from shipfp_rs.support.arguments import check_fields, checked, told
 from shipfp_rs.support.arrays import Array, ComplexArray
-from shipfp_rs.support.html import shown
-from shipfp_rs.support.tables import Columns, Tabular
+from shipfp_rs.support.tables import Columns, Tabular, shown
 
 FREQUENCY = "frequency_hz"
 _PARTS = ("amplitude_std", "phase_std", "coherence")

@@ -14,32 +14,42 @@ import scipy
 from shipfp_rs._core import __version__
 from shipfp_rs.errors import IdentificationError
 from shipfp_rs.experiments.experiment import Experiment
-from shipfp_rs.identification.adequacy import explained_pct, misses_pct, strain
 from shipfp_rs.identification.basins import Basin, descend
 from shipfp_rs.identification.engine_tests import engine_curves
 from shipfp_rs.identification.estimate import ALONG, ASSUMED, KNOWN, Estimate, Identifiability
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.identification.input_checks import doubts, require_excited
-from shipfp_rs.identification.likelihood import Figure
+from shipfp_rs.identification.likelihood import Figure, Likelihood
 from shipfp_rs.identification.limited_likelihood import LimitedLikelihood
 from shipfp_rs.identification.load_side import load_side_of
+from shipfp_rs.identification.open_loop import in_open_loop, structure_in_open_loop
 from shipfp_rs.identification.profiles import NEAR, RISE, TRIES, Interval, Profiles, figures_of
-from shipfp_rs.identification.question import BOUNDS, OF_LOADED, PRIORS, Question
-from shipfp_rs.identification.ship_fit import fit_ship, refined
-from shipfp_rs.identification.ship_found import DISCREPANCY, ShipFit
-from shipfp_rs.identification.ship_verdict import element_rows, with_verdict
+from shipfp_rs.identification.question import (
+    BOUNDS,
+    OF_LOADED,
+    PRIORS,
+    Options,
+    Question,
+    question_of,
+    question_of_ship,
+)
+from shipfp_rs.identification.ship_fit import first_look, fit_ship, refined
+from shipfp_rs.identification.ship_found import DEFAULTS, DISCREPANCY, ShipFit
 from shipfp_rs.identification.sides import covariance_of, load_alone, undescribed
 from shipfp_rs.identification.stretches import Stretches
-from shipfp_rs.identification.usability import SMALL_MISS_PCT
-from shipfp_rs.structures.combinations import COMBINATIONS
+from shipfp_rs.identification.structure_estimates import fitted, of_structure
+from shipfp_rs.identification.structure_fit import StructureFit, likelihood_of
+from shipfp_rs.identification.usability import SMALL_MISS_PCT, explained_pct, misses_pct, strain
+from shipfp_rs.identification.verdict import element_rows, with_verdict
 from shipfp_rs.structures.elements import ELEMENTS
 from shipfp_rs.structures.names import plain_name
 from shipfp_rs.structures.parameter import Parameter
 from shipfp_rs.structures.structure import Structure
-from shipfp_rs.support.arrays import Array
+from shipfp_rs.structures.ties import COMBINATIONS
+from shipfp_rs.support.arrays import DEVIATIONS_95, Array
 from shipfp_rs.support.progress import part, tell
-from shipfp_rs.support.quantiles import DEVIATIONS_95
 from shipfp_rs.support.sentences import Sentence
+from shipfp_rs.support.threads import with_one_blas_thread
 
 TOGETHER = ("K_p/K_i", "(p-g)/tau_n", "vK_p/tau_n", "vK_i/tau_n", "(p-g)/(vK_i)", "(p-g)/(vK_i)+T_set")
 """Combinations of parameters that a fingerprint also gives."""
@@ -451,3 +461,79 @@ def _settings(fit: ShipFit, intervals: str) -> dict[str, Any]:
             for one in fit.basins
         ],
     }
+
+
+ABSENT = {"T_d": 0.0, "T_set": 0.0, "tau_act": 0.0, "c_2": 0.0}
+"""Values without effect of the elements that the full ship always has."""
+
+
+@with_one_blas_thread
+def foresee(
+    experiments: Sequence[Experiment],
+    structure: Structure | None = None,
+    *,
+    values: Mapping[str, float] | None = None,
+    **choice: Any,
+) -> Fingerprint:
+    """Return the expected fingerprint of data, much faster than `identify`.
+
+    Parameters
+    ----------
+    experiments
+        The data.
+    structure
+        Structure to fit; None: the full ship.
+    values
+        Assumed parameters of the ship; None: those of a first fit, without the elements that are tried.
+    **choice
+        As of `question_of`, without a structure.
+
+    Returns
+    -------
+    Fingerprint
+        Intervals are symmetric, cut by the bounds.
+
+    Raises
+    ------
+    InputError, IdentificationError
+        If `identify` would refuse the data.
+    """
+    require_excited(experiments)
+    if structure is None and in_open_loop(experiments):
+        return _of_structure(experiments, structure_in_open_loop(experiments, **choice), values)
+    if structure is None:
+        question = question_of(experiments, **choice)
+    else:
+        given = question_of_ship(experiments, structure) if structure.free and not structure.ties else None
+        if given is None:
+            return _of_structure(experiments, structure, values)
+        question = given
+    return answered(first_look(question) if values is None else _at(question, values), "symmetric")
+
+
+def _at(question: Question, values: Mapping[str, float]) -> ShipFit:
+    """Return the fit with its minimum at the values, under the noise of their residuals."""
+    likelihood = question.likelihood(None)
+    vector = likelihood.coordinates.vector({**DEFAULTS, **ABSENT, **values})
+    likelihood = likelihood.settled_at(vector)
+    return ShipFit(question, likelihood, (_end(likelihood, vector),), (), {}, None)
+
+
+def _of_structure(
+    experiments: Sequence[Experiment], structure: Structure, values: Mapping[str, float] | None
+) -> Fingerprint:
+    """Return the expected fingerprint of a structure with its own equations."""
+    options = Options(intervals="symmetric", starts=1)
+    if values is None:
+        return fitted(experiments, structure, options)
+    records, likelihood = likelihood_of(experiments, structure, options)
+    vector = likelihood.coordinates.vector(values)
+    likelihood = likelihood.settled_at(vector)
+    end = _end(likelihood, vector)
+    return of_structure(StructureFit(structure, records, likelihood, (end,), (end,)), options)
+
+
+def _end(likelihood: Likelihood, vector: Array) -> Basin:
+    """Return the expected minimum at the true parameters: its gradient is zero, unlike that of a draw of the noise."""
+    found = likelihood.products(vector)
+    return Basin(found.cost, vector, products=found._replace(downhill=np.zeros_like(found.downhill)))

@@ -28,16 +28,15 @@ from shipfp_rs.identification.likelihood import (
     white_root,
 )
 from shipfp_rs.identification.spectra import Spectra
-from shipfp_rs.identification.structure_coordinates import StructureCoordinates
-from shipfp_rs.structures.commanded import CommandedEquations, stepper_parameters
+from shipfp_rs.identification.structure_likelihood import StructureCoordinates
 from shipfp_rs.structures.outputs import BRAKE
-from shipfp_rs.structures.ship import BRAKE_SCALE, with_brake
+from shipfp_rs.structures.ship import BRAKE_SCALE, CommandedEquations, stepper_parameters, with_brake
 from shipfp_rs.structures.ship import INDEX as SHIP_INDEX
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.structures.transfer import Place, TransferFunctions
 from shipfp_rs.structures.two_equations import TwoEquations
 from shipfp_rs.support.arrays import Array, ComplexArray, Numbers
-from shipfp_rs.support.interpolation import interpolated
+from shipfp_rs.support.derivatives import interpolated
 
 INDEX = {name: index for index, name in enumerate(_core.EQUATION_PARAMETERS)}
 """Indices of the kernel's parameters."""

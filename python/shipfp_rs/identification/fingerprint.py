@@ -14,12 +14,10 @@ from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.identification.estimate import Estimate as Estimate
 from shipfp_rs.identification.estimate import Identifiability as Identifiability
 from shipfp_rs.identification.estimate import Usable, WhyNot, estimate_of
-from shipfp_rs.identification.fingerprint_file import require_layout, sentences_of
+from shipfp_rs.identification.fingerprint_file import FingerprintTables, require_layout, sentences_of
 from shipfp_rs.identification.fingerprint_simulation import SimulationMixin
-from shipfp_rs.identification.fingerprint_tables import FingerprintTables
 from shipfp_rs.support.arguments import check_fields, checked
-from shipfp_rs.support.files import ending_in, write_text_atomically
-from shipfp_rs.support.json_files import json_text, read_json
+from shipfp_rs.support.files import ending_in, json_text, read_json, write_text_atomically
 from shipfp_rs.support.sentences import parts_of, with_parts
 
 FORMAT = 1

@@ -2,19 +2,329 @@
 
 from __future__ import annotations
 
+import csv
+import io
 import math
 import re
-from collections.abc import Mapping, Sequence
-from typing import Any, get_args
+from collections.abc import ItemsView, Iterator, KeysView, Mapping, Sequence, ValuesView
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, get_args
 
-from shipfp_rs.identification.estimate import Usable, WhyNot
-from shipfp_rs.identification.options import Intervals, NoiseModel
+import numpy as np
+
+from shipfp_rs.errors import InputError
+from shipfp_rs.experiments.experiment import Experiment
+from shipfp_rs.identification.driven import fitting, instead, pairs_of
+from shipfp_rs.identification.estimate import Estimate, Identifiability, Row, Usable, WhyNot, rounded_rows
+from shipfp_rs.identification.question import Intervals, NoiseModel
 from shipfp_rs.identification.sampling import Between
+from shipfp_rs.structures.names import plain_name
 from shipfp_rs.structures.stored import ROW, expect_row
 from shipfp_rs.structures.structure import Structure
-from shipfp_rs.support.arguments import Count, Positive, Whole, fits
-from shipfp_rs.support.checks import expect, is_one_line
+from shipfp_rs.support import hints
+from shipfp_rs.support.arguments import Count, Positive, Whole, between, checked, expect, fits, is_one_line
+from shipfp_rs.support.files import ending_in, write_text_atomically
 from shipfp_rs.support.sentences import Sentence
+from shipfp_rs.support.tables import package, shown
+from shipfp_rs.support.units import unit_shown
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+HEAD = ("symbol", "name", "value", "95 % interval", "unit")
+COLUMNS = ("symbol", "name", "value", "std", "low", "high", "unit", "status", "reason")
+SHORT = 8
+"""Most parameters in the short form of a fingerprint."""
+GREEK = ("tau", "eta", "rho")
+LATEX = {
+    **{sign: f"\\{sign}" for sign in "&%$#_{}"},
+    "\\": r"\textbackslash{}",
+    "~": r"\textasciitilde{}",
+    "²": r"\ensuremath{^2}",
+    "°": r"\ensuremath{^\circ}",
+}
+
+LOAD_ALONE = "The load's side by itself (speed and torque alone, no model of the engine):"
+
+
+class FingerprintTables:
+    """Text and tables of a fingerprint; mixed into `Fingerprint`."""
+
+    parameters: Mapping[str, Estimate]
+    derived: Mapping[str, Estimate]
+    identifiability: Identifiability
+    fit: Mapping[str, Mapping[str, float | None]]
+    structure: Mapping[str, Any]
+    vessel: str | None
+    data: tuple[Mapping[str, Any], ...]
+    verdict: tuple[str, ...]
+    covariance: Mapping[str, Any]
+    settings: Mapping[str, Any]
+    adequate: Mapping[str, Any]
+    load_side: Mapping[str, Estimate]
+    usable: str
+    experiments: tuple[Experiment, ...]
+
+    @property
+    def engine_described(self) -> bool:
+        """Whether the model describes engine and governor, as far as was tested; else only the load is reported."""
+        return bool(self.adequate.get("sides", {}).get("engine", True))
+
+    @property
+    def _all(self) -> dict[str, Estimate]:
+        return {**self.derived, **self.parameters}
+
+    def __getitem__(self, name: str) -> Estimate:
+        """Return a parameter or derived combination by name."""
+        found = self._all
+        if name in found:
+            return found[name]
+        known = [*self.parameters, *self.derived]
+        near = hints.nearest(name, known) if isinstance(name, str) else ""
+        raise InputError(f"no parameter {name!r} in the fingerprint; it holds {', '.join(known)}{near}")
+
+    def __contains__(self, name: object) -> bool:
+        return name in self.parameters or name in self.derived
+
+    def __iter__(self) -> Iterator[str]:
+        return iter([*self.parameters, *self.derived])
+
+    def keys(self) -> KeysView[str]:
+        """Return the names of parameters, then of combinations."""
+        return {**self.parameters, **self.derived}.keys()
+
+    def values(self) -> ValuesView[Estimate]:
+        """Return the estimates, in the order of `keys`."""
+        return {**self.parameters, **self.derived}.values()
+
+    def items(self) -> ItemsView[str, Estimate]:
+        """Return names with estimates, in the order of `keys`."""
+        return {**self.parameters, **self.derived}.items()
+
+    def _ipython_key_completions_(self) -> list[str]:
+        return [*self]
+
+    @property
+    def correlations(self) -> dict[str, dict[str, float]]:
+        """Correlation between searched parameters [-]: ``fingerprint.correlations["tau_n"]["g"]``."""
+        names = list(self.covariance["names"])
+        matrix = np.array(self.covariance["matrix"], dtype=np.float64).reshape(len(names), len(names))
+        spread = np.sqrt(np.diag(matrix))
+        scale = np.outer(spread, spread)
+        related = np.divide(matrix, scale, out=np.full_like(matrix, np.nan), where=scale > 0.0)
+        return {
+            name: dict(zip(names, map(float, row), strict=True))
+            for name, row in zip(names, related, strict=True)
+        }
+
+    def __repr__(self) -> str:
+        told = [
+            f"{name[:24]}={estimate.value:.4g}" if estimate.value is not None else f"{name[:24]}=?"
+            for name, estimate in self.parameters.items()
+        ]
+        more = [f"{len(told) - SHORT} more"] if len(told) > SHORT else []
+        found = ", ".join([*told[:SHORT], *more])
+        text = f"Fingerprint({found}; rank {self.identifiability.rank}/{self.identifiability.free})"
+        return text if len(text) < 200 else f"{text[:195]}...)"
+
+    def __str__(self) -> str:
+        lead = self.usable or (self.verdict[0] if self.verdict else "No verdict was given.")
+        rows = [HEAD, *((row.name, self._name(row.name), *_figures(row), row.unit) for row in self._rows())]
+        widths = [max(len(row[column]) for row in rows) for column in range(len(HEAD))]
+        lines = [
+            "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)) for row in rows
+        ]
+        return "\n".join([lead, "", *(line.rstrip() for line in lines), *self._load_lines()])
+
+    def _load_lines(self) -> list[str]:
+        """Return the table of the load's estimates from speed and torque alone; empty without such estimates."""
+        if not self.load_side:
+            return []
+        rows = [("symbol", "by itself", "95 % interval", "whole model", "95 % interval", "unit")]
+        rows += [
+            (
+                *(one.name, *_figures(one)),
+                whole.value,
+                f"{whole.low} to {whole.high}" if whole.low else "-",
+                one.unit,
+            )
+            for one, whole in beside_the_whole(self)
+        ]
+        widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+        lines = [
+            "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
+            for row in rows
+        ]
+        return ["", LOAD_ALONE, *lines, agreement(self)]
+
+    def _repr_html_(self) -> str:
+        return shown(
+            f"Fingerprint of {self.vessel or 'a drive train not named'}",
+            ["symbol", "name", "value", "std", "95 % from", "to", "unit", "status"],
+            [
+                [row.name, self._name(row.name), row.value, row.std, row.low, row.high, row.unit, row.status]
+                for row in self._rows()
+            ],
+            self.verdict,
+        )
+
+    def _rows(self) -> Iterator[Row]:
+        rows = rounded_rows({**self.parameters, **self.derived})
+        return (replace(row, unit=unit_shown(row.unit) or "-") for row in rows)
+
+    @checked
+    def fit_report(self, min_correl: float = 0.1) -> str:
+        """Return values, deviations and correlations as text, in the layout of lmfit's `fit_report`.
+
+        Parameters
+        ----------
+        min_correl
+            Least absolute correlation that is printed.
+        """
+        between("min_correl", min_correl, 0.0, 1.0)
+        overall = self.fit.get("overall", {})
+        counts = {
+            "data points": sum(int(record.get("used", record.get("samples", 0))) for record in self.data),
+            "variables": self.identifiability.free,
+            "rank": self.identifiability.rank,
+        }
+        figures = {key: value for key, value in overall.items() if value is not None}
+        lines = ["[[Model]]", f"    {self.structure.get('name', '')}", "[[Fit Statistics]]"]
+        lines += [f"    # {key:<24} = {value}" for key, value in counts.items() if value]
+        lines += [f"    {key.replace('_', ' '):<26} = {value:.8g}" for key, value in figures.items()]
+        lines += [
+            f"    fit of {output:<19} = {row['nrmse_pct']:.4g} %"
+            for output, row in self.fit.items()
+            if output != "overall" and row.get("nrmse_pct") is not None
+        ]
+        width = max((len(name) for name in self), default=0) + 1
+        lines += ["[[Variables]]", *(self._variable(name, width) for name in self.parameters)]
+        if self.derived:
+            lines += ["[[Combinations]]", *(self._variable(name, width) for name in self.derived)]
+        related = self.correlations
+        names = list(related)
+        pairs = {
+            (one, other): related[one][other]
+            for place, one in enumerate(names)
+            for other in names[place + 1 :]
+            if abs(related[one][other]) >= min_correl
+        }
+        if pairs:
+            lines.append(f"[[Correlations]] (unreported correlations are < {min_correl:.3f})")
+            lines += [
+                f"    {f'C({one}, {other})':<{2 * width + 4}} = {value:+.4f}"
+                for (one, other), value in sorted(pairs.items(), key=lambda pair: -abs(pair[1]))
+            ]
+        return "\n".join(lines)
+
+    def _variable(self, name: str, width: int) -> str:
+        estimate, label = self[name], f"    {f'{name}:':<{width}} "
+        if estimate.value is None:
+            return f"{label}not identifiable ({estimate.reason})"
+        if estimate.status == "fixed":
+            return f"{label}{estimate.value:.8g} (fixed)"
+        spread = ""
+        if estimate.std is not None:
+            share = f" ({100.0 * estimate.std / abs(estimate.value):.2f}%)" if estimate.value else ""
+            spread = f" +/- {estimate.std:.8g}{share}"
+        start = self.structure.get("parameters", {}).get(name, {}).get("start")
+        began = "" if start is None else f" (init = {start:.6g})"
+        return f"{label}{estimate.value:.8g}{spread}{began}"
+
+    def _name(self, symbol: str) -> str:
+        """Return a symbol's plain name in the vocabulary of the drive and its load."""
+        return fitting(plain_name(symbol), pairs_of(instead(self, self.experiments)))
+
+    def _records(self) -> list[tuple[Any, ...]]:
+        return [
+            (name, self._name(name), e.value, e.std, *(e.ci95 or (None, None)), e.unit, e.status, e.reason)
+            for name, e in self.items()
+        ]
+
+    def to_pandas(self) -> pd.DataFrame:
+        """Return a `pandas.DataFrame` with a row for each symbol: name, value, std, low, high, unit, status, reason.
+
+        Raises `InputError` if pandas is not installed.
+        """
+        pandas = package("pandas")
+        frame: pd.DataFrame = pandas.DataFrame.from_records(self._records(), columns=COLUMNS, index="symbol")
+        numbers = ["value", "std", "low", "high"]
+        return frame.astype(dict.fromkeys(numbers, "float64"))
+
+    def to_csv(self, path: str | Path | None = None) -> str | Path:
+        """Return the columns of `to_pandas` as CSV, or write them to a file and return its path."""
+        text = io.StringIO()
+        writer = csv.writer(text, lineterminator="\n")
+        writer.writerow(COLUMNS)
+        writer.writerows(["" if cell is None else cell for cell in row] for row in self._records())
+        return (
+            text.getvalue()
+            if path is None
+            else write_text_atomically(ending_in(path, ".csv"), text.getvalue())
+        )
+
+    def to_latex(self) -> str:
+        """Return symbol, name, value, 95 % interval and unit as a LaTeX table with booktabs rules."""
+        lines = [
+            r"\begin{tabular}{llrrl}",
+            r"\toprule",
+            r"symbol & name & value & 95\,\% interval & unit \\",
+            r"\midrule",
+        ]
+        for row in self._rows():
+            value, interval = _figures(row)
+            unit = "" if row.unit == "-" else rf"$\mathrm{{{_latex_text(row.unit)}}}$"
+            cells = [_latex_symbol(row.name), _latex_text(self._name(row.name)), value, interval, unit]
+            lines.append(" & ".join(cells) + r" \\")
+        return "\n".join([*lines, r"\bottomrule", r"\end{tabular}"]) + "\n"
+
+
+def beside_the_whole(fingerprint: FingerprintTables) -> Iterator[tuple[Row, Row]]:
+    """Yield each parameter's estimate by the load's side alone and by the whole model."""
+    known = {name: one for name, one in fingerprint.load_side.items() if name in fingerprint.parameters}
+    for row in rounded_rows(known):
+        left = fingerprint.settings.get("optimum", {}).get(row.name)
+        whole = fingerprint.parameters[row.name]
+        if not fingerprint.engine_described:
+            whole = Estimate(left, None if left is None else known[row.name].std)
+        yield row, next(rounded_rows({row.name: whole}))
+
+
+def agreement(fingerprint: FingerprintTables) -> Sentence:
+    """Say whether the load's side alone and the whole model agree, as determined by `sides.undescribed`."""
+    if fingerprint.engine_described:
+        return Sentence("Both agree within their errors.")
+    return Sentence(
+        "The whole model does not describe engine and governor, so its values are no estimates: those of the load's side "
+        "by itself are given."
+    )
+
+
+def _figures(row: Row) -> tuple[str, str]:
+    """Return value and interval as text, or the reason for none."""
+    if not row.value:
+        return "", row.status
+    return row.value, f"{row.low} to {row.high}" if row.low else row.status
+
+
+def _latex_text(text: str) -> str:
+    return "".join(LATEX.get(sign, sign) for sign in text)
+
+
+def _latex_symbol(symbol: str) -> str:
+    """Write a symbol such as vK_p/tau_n in mathematics; text in brackets stays text."""
+    own, bracket, part = symbol.partition(" (")
+
+    def letter(found: re.Match[str]) -> str:
+        name, index = found.group(1), found.group(2)
+        base = f"\\{name}" if name in GREEK else name
+        return f"{base}_{{\\mathrm{{{index}}}}}" if index else base
+
+    inner = re.sub(r"([A-Za-z]+)(?:_([A-Za-z0-9]+))?", letter, own)
+    return f"${inner}$" + (f" {_latex_text(bracket.strip() + part)}" if bracket else "")
+
 
 TABLES = (
     "parameters",

@@ -8,13 +8,13 @@ from typing import Any
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment
-from shipfp_rs.experiments.frames import Frame, of_frames
+from shipfp_rs.experiments.parquet import Frame, of_frames
 from shipfp_rs.frequency import FrequencyResponse
 from shipfp_rs.identification.automatic import identified
 from shipfp_rs.identification.driven import progress_of
 from shipfp_rs.identification.estimate import ASSUMED
 from shipfp_rs.identification.fingerprint import Fingerprint
-from shipfp_rs.identification.inertia import inertias
+from shipfp_rs.identification.first_guesses import inertias
 from shipfp_rs.identification.input_checks import require_excited
 from shipfp_rs.identification.open_loop import (
     in_open_loop,
@@ -22,10 +22,16 @@ from shipfp_rs.identification.open_loop import (
     structure_in_open_loop,
     with_caveat,
 )
-from shipfp_rs.identification.options import Intervals, NoiseModel, Options
-from shipfp_rs.identification.question import Question, question_of, question_of_ship
-from shipfp_rs.identification.structure_answer import fitted
-from shipfp_rs.identification.structure_records import Data
+from shipfp_rs.identification.question import (
+    Intervals,
+    NoiseModel,
+    Options,
+    Question,
+    question_of,
+    question_of_ship,
+)
+from shipfp_rs.identification.structure_estimates import fitted
+from shipfp_rs.identification.structure_likelihood import Data
 from shipfp_rs.structures.outputs import Torque
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.support import hints

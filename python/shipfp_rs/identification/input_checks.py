@@ -9,7 +9,7 @@ from scipy.signal import butter, sosfiltfilt
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import DRIVES, Experiment
-from shipfp_rs.identification.set_point_clock import moved_from
+from shipfp_rs.identification.sampling import moved_from
 from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.sentences import Sentence
 

@@ -16,8 +16,7 @@ import numpy as np
 from scipy.stats import t as student
 
 from shipfp_rs.errors import SimulationError
-from shipfp_rs.support.arrays import Array, Numbers
-from shipfp_rs.support.quantiles import DEVIATIONS_95
+from shipfp_rs.support.arrays import DEVIATIONS_95, Array, Numbers
 from shipfp_rs.support.threads import where_alone
 
 T = TypeVar("T")

@@ -27,7 +27,7 @@ from shipfp_rs.structures.outputs import BRAKE
 from shipfp_rs.structures.ship import BRAKE_SCALE
 from shipfp_rs.structures.transfer import SLOWEST, TransferFunctions
 from shipfp_rs.support.arrays import Array, ComplexArray
-from shipfp_rs.support.interpolation import interpolated
+from shipfp_rs.support.derivatives import interpolated
 
 LIMITS = ("M_max", "M_soft", "rate", "rate_down")
 """Parameters of limits."""

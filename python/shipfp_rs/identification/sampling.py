@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import Literal
 
 import numpy as np
-from scipy.fft import prev_fast_len, rfft
+import numpy.typing as npt
+from scipy.fft import irfft, next_fast_len, prev_fast_len, rfft
+from scipy.linalg import solve
 
+from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.support.arrays import Array
 
 Between = Literal["band-limited", "straight", "held"]
@@ -49,3 +53,128 @@ def excited_hz(inputs: Sequence[Array], rate_hz: float, most_hz: float) -> float
             LEAST_PERIODS * rate_hz / count,
         )
     return min(found, most_hz)
+
+
+NUGGET = 1e-4
+"""Share of the variance that no neighbouring sample predicts."""
+
+
+def kriged(values: Array, gaps: npt.NDArray[np.bool_], reach: int) -> Array:
+    """Return signals (O, N) with the samples in gaps (O, N) replaced by their best linear estimate.
+
+    The estimate uses `reach` samples of all signals on either side. Far inside a gap in all signals it is the mean.
+
+    Notes
+    -----
+    Cressie 1993, "Statistics for Spatial Data", section 3.4.5.
+    """
+    mean = np.array(
+        [row[~own].mean() if not own.all() else 0.0 for row, own in zip(values, gaps, strict=True)]
+    )
+    centred = np.where(gaps, 0.0, values - mean[:, None])
+    stretches = [_stretches(row) for row in gaps]
+    longest = max((int(end - first) for rows in stretches for first, end in rows), default=0)
+    covariance = _covariance(centred, gaps, 2 * reach + longest + 1)
+    nugget = np.maximum(NUGGET * covariance[:, :, 0].diagonal(), 1e-30)
+    found = centred.copy()
+    for output, rows in enumerate(stretches):
+        for first, end in rows:
+            around = np.arange(max(first - reach, 0), min(end + reach, values.shape[1]))
+            whose, when = np.nonzero(~gaps[:, around])
+            when = around[when]
+            square = _between(covariance, whose, when, whose, when)
+            square.flat[:: len(when) + 1] += nugget[whose]
+            inside = np.arange(first, end)
+            across = _between(covariance, np.full(len(inside), output), inside, whose, when)
+            found[output, inside] = across @ solve(square, centred[whose, when], assume_a="pos")
+    return np.where(gaps, found + mean[:, None], values)
+
+
+def _stretches(gaps: npt.NDArray[np.bool_]) -> npt.NDArray[np.intp]:
+    """First sample of each gap, and the first after it, shape (G, 2)."""
+    return np.flatnonzero(np.diff(np.concatenate([[False], gaps, [False]]))).reshape(-1, 2)
+
+
+def _covariance(centred: Array, gaps: npt.NDArray[np.bool_], lags: int) -> Array:
+    """Covariance of signals at lags between -`lags` and `lags`, outside gaps, shape (O, O, 2 `lags` - 1).
+
+    Negative lags have negative indices.
+    """
+    size = next_fast_len(centred.shape[1] + lags, real=True)
+    spectra = rfft(centred, size)
+    counts = np.sqrt((~gaps).sum(axis=1))
+    # A common divisor for all lags keeps the covariance matrix positive definite.
+    products = irfft(spectra[:, None] * spectra[None].conj(), size) / np.outer(counts, counts)[..., None]
+    return np.asarray(products[:, :, np.r_[0:lags, size - lags + 1 : size]])
+
+
+def _between(
+    covariance: Array,
+    a: npt.NDArray[np.intp],
+    at: npt.NDArray[np.intp],
+    b: npt.NDArray[np.intp],
+    then: npt.NDArray[np.intp],
+) -> Array:
+    """Covariances of samples `at` of signals `a` with samples `then` of signals `b`."""
+    return np.asarray(covariance[a[:, None], b, at[:, None] - then])
+
+
+RATE_HZ = 10.0
+"""Rate of the block means for which the equation is fitted [Hz]."""
+FARTHEST, LEAST = 8, 3
+"""Largest and smallest tested shift, in block means."""
+OWN, CAUSES = 3, 6
+"""Numbers of past samples in the equation: of the speed, and of set point and load."""
+STRETCHES, EDGE, SHORTEST = 24, 5, 20
+"""Number of stretches of the record, stretches at either end that are not searched, and least samples of a stretch."""
+BETTER, AGREED = 1.15, 0.8
+"""Least factor by which a shift reduces the residual's variance, and least share of stretches on each side that agree. Of
+176 simulated trials without a shift none was detected. A shift of 0.4 s in the second half was detected in 142, in three of
+these at another time or with another size."""
+
+
+def moved_from(experiment: Experiment) -> tuple[float, float] | None:
+    """Return the time [s] from which the set point is late, and its delay [s], negative if early; None if it never is."""
+    block = max(int(experiment.rate_hz // RATE_HZ), 1)
+    names = [name for name in ("n_e", "n_s", "n_set", "M_load") if name in experiment.signals]
+    if "n_set" not in names or len(names) < 2 or len(experiment) < block * STRETCHES * SHORTEST:
+        return None
+    signals = {name: _means(experiment.normalised(name), block) for name in names}
+    asked, speed = signals["n_set"], signals[names[0]]
+    at = np.arange(FARTHEST + CAUSES, len(asked) - FARTHEST - 1)
+    known = [speed[at - back] for back in range(OWN + 1)] + [np.ones(len(at))]
+    known += [signals["M_load"][at - back] for back in range(CAUSES) if "M_load" in names]
+    edges = np.linspace(0, len(at), STRETCHES + 1).astype(int)
+    products = {}
+    for move in (0, *(one for one in range(-FARTHEST, FARTHEST + 1) if abs(one) >= LEAST)):
+        rows = np.column_stack(known + [asked[at - back + move] for back in range(-1, CAUSES)])
+        products[move] = np.array([rows[a:b].T @ rows[a:b] for a, b in pairwise(edges)])
+    still = products.pop(0)
+    found = (
+        (_left(still[:place].sum(axis=0) + moved[place:].sum(axis=0))[0], place, move)
+        for move, moved in products.items()
+        for place in range(EDGE, STRETCHES - EDGE + 1)
+    )
+    least, place, move = min(found)
+    if not _left(still.sum(axis=0))[0] > BETTER * least > 0.0:
+        return None
+    moved = products[move]
+    equation = _left(still[:place].sum(axis=0) + moved[place:].sum(axis=0))[1]
+    better = np.einsum("i,kij,j->k", equation, still - moved, equation) > 0.0
+    if not min(np.mean(~better[:place]), np.mean(better[place:])) > AGREED:
+        return None
+    rate_hz = experiment.rate_hz / block
+    return float(at[edges[place]] / rate_hz), move / rate_hz
+
+
+def _means(values: Array, block: int) -> Array:
+    """Block means, with masked samples interpolated linearly."""
+    index, known = np.arange(len(values)), np.isfinite(values)
+    filled = np.interp(index, index[known], values[known]) if known.any() else np.zeros(len(values))
+    return np.asarray(filled[: len(values) // block * block].reshape(-1, block).mean(axis=1))
+
+
+def _left(products: Array) -> tuple[float, Array]:
+    """Return the least residual sum of squares of the first column, and the equation's coefficients (K,)."""
+    factors = np.linalg.lstsq(products[1:, 1:], products[1:, 0], rcond=None)[0]
+    return float(products[0, 0] - products[0, 1:] @ factors), np.concatenate([[1.0], -factors])

@@ -26,8 +26,7 @@ from shipfp_rs.identification.basins import (
 from shipfp_rs.identification.equation_likelihood import EquationLikelihood
 from shipfp_rs.identification.first_guesses import first_guesses
 from shipfp_rs.identification.limited_likelihood import LimitedLikelihood
-from shipfp_rs.identification.load_equation import BEHIND
-from shipfp_rs.identification.load_side import LoadSide, load_side_of
+from shipfp_rs.identification.load_side import BEHIND, LoadSide, load_side_of
 from shipfp_rs.identification.question import TRIED, Question
 from shipfp_rs.identification.sampling import Between
 from shipfp_rs.identification.ship_found import (

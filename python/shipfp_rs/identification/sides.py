@@ -14,8 +14,7 @@ import numpy as np
 
 from shipfp_rs.identification.engine_tests import suspected
 from shipfp_rs.identification.estimate import ASSUMED, Estimate
-from shipfp_rs.identification.load_equation import SHARED
-from shipfp_rs.identification.load_side import LoadSide
+from shipfp_rs.identification.load_side import SHARED, LoadSide
 from shipfp_rs.identification.ship_found import DISCREPANCY, ShipFit
 from shipfp_rs.identification.stretches import Stretches, by_stretch
 from shipfp_rs.identification.usability import LARGE_MISS_PCT, LEAST_EXPLAINED_PCT

@@ -21,8 +21,7 @@ from shipfp_rs import _core
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.identification.coordinates import loop_of
-from shipfp_rs.identification.gaps import kriged
-from shipfp_rs.identification.sampling import BAND_HZ, SHORTEST_S, Between, down_of, excited_hz
+from shipfp_rs.identification.sampling import BAND_HZ, SHORTEST_S, Between, down_of, excited_hz, kriged
 from shipfp_rs.structures.transfer import TransferFunctions
 from shipfp_rs.support.arrays import Array, ComplexArray
 

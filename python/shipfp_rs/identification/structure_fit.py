@@ -16,11 +16,18 @@ from shipfp_rs.frequency import FrequencyResponse
 from shipfp_rs.identification.basins import ALIKE, Basin, descend, distinct
 from shipfp_rs.identification.equation_likelihood import EquationLikelihood
 from shipfp_rs.identification.first_guesses import LoopSpectra, guesses_from, guesses_in_open_loop
-from shipfp_rs.identification.options import Options
+from shipfp_rs.identification.question import Options
 from shipfp_rs.identification.sampling import SHORTEST_S
-from shipfp_rs.identification.structure_coordinates import StructureCoordinates
-from shipfp_rs.identification.structure_likelihood import StructureLikelihood
-from shipfp_rs.identification.structure_records import Data, InBand, Samples, Seen, banded, seen
+from shipfp_rs.identification.structure_likelihood import (
+    Data,
+    InBand,
+    Samples,
+    Seen,
+    StructureCoordinates,
+    StructureLikelihood,
+    banded,
+    seen,
+)
 from shipfp_rs.structures.outputs import BRAKE
 from shipfp_rs.structures.ship import BRAKE_SCALE
 from shipfp_rs.structures.structure import Structure

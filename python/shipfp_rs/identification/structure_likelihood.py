@@ -2,16 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Self
 
 import numpy as np
+import numpy.typing as npt
 
-from shipfp_rs.errors import SimulationError
+from shipfp_rs.errors import InputError, SimulationError
+from shipfp_rs.experiments.experiment import Experiment
+from shipfp_rs.frequency import FrequencyResponse
+from shipfp_rs.identification import spectra
+from shipfp_rs.identification.fit_statistics import nrmse_pct
 from shipfp_rs.identification.likelihood import (
     ACCURACY,
+    SMALL,
+    Figure,
+    Itself,
     Likelihood,
     noise_root,
     quantile_of,
@@ -19,11 +28,383 @@ from shipfp_rs.identification.likelihood import (
     spread_of,
     white_root,
 )
-from shipfp_rs.identification.structure_coordinates import StructureCoordinates
-from shipfp_rs.identification.structure_records import Evaluated, InBand, Response, Seen
-from shipfp_rs.structures.structure import Structure
-from shipfp_rs.support.arrays import Array, Numbers
-from shipfp_rs.support.quantiles import DEVIATIONS_95
+from shipfp_rs.identification.sampling import SHORTEST_S
+from shipfp_rs.structures.prediction import simulated_about
+from shipfp_rs.structures.structure import Parameter, Structure
+from shipfp_rs.structures.two_equations import TwoEquations
+from shipfp_rs.support.arrays import DEVIATIONS_95, Array, Numbers
+
+STATE_DEVIATION = 1.0
+"""Prior deviation of initial states and offsets, relative to the operating point, too wide to matter for most data."""
+
+
+@dataclass(frozen=True)
+class StructureCoordinates:
+    """Free parameters of a structure as a bounded vector, followed by the unknowns of its records."""
+
+    structure: Structure
+    unknowns: tuple[tuple[str, ...], ...]
+    """Names of the unknowns of each record."""
+    state_deviation: float = STATE_DEVIATION
+    """Prior standard deviation of the records' unknowns, relative to the operating point."""
+
+    @cached_property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The free parameters."""
+        return self.structure.free
+
+    @cached_property
+    def free(self) -> dict[str, tuple[float, float]]:
+        """Free parameters with their bounds."""
+        return {one.name: (one.lower, one.upper) for one in self.parameters}
+
+    @cached_property
+    def given(self) -> dict[str, float]:
+        """Parameters that are not searched."""
+        return {one.name: one.start for one in self.structure.parameters if one.fixed}
+
+    @property
+    def records(self) -> int:
+        """Number of records."""
+        return len(self.unknowns)
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """Names of the free parameters."""
+        return tuple(self.free)
+
+    @cached_property
+    def size(self) -> int:
+        """Length of a vector."""
+        return len(self.free) + sum(map(len, self.unknowns))
+
+    def place(self, name: str) -> int:
+        """Index of a parameter in a vector."""
+        return self.names.index(name)
+
+    def states(self, record: int) -> slice:
+        """Slice of a record's unknowns in a vector."""
+        first = len(self.free) + sum(map(len, self.unknowns[:record]))
+        return slice(first, first + len(self.unknowns[record]))
+
+    @cached_property
+    def logarithmic(self) -> frozenset[str]:
+        """Parameters that are searched as logarithms."""
+        return frozenset(one.name for one in self.parameters if one.logarithmic)
+
+    @cached_property
+    def bounds(self) -> tuple[Array, Array]:
+        """Bounds of a vector."""
+        low, high = np.full(self.size, -np.inf), np.full(self.size, np.inf)
+        for place, (name, ends) in enumerate(self.free.items()):
+            low[place], high[place] = np.log(ends) if name in self.logarithmic else ends
+        return low, high
+
+    def values(self, vector: Array) -> dict[str, float]:
+        """Return the parameters in their units, given and tied ones included."""
+        found = dict(self.given)
+        for name, x in zip(self.names, vector.tolist(), strict=False):
+            low, high = self.free[name]
+            # exp(log(x)) may exceed a bound by rounding.
+            found[name] = min(max(math.exp(x), low), high) if name in self.logarithmic else x
+        return self.structure.complete(found) if self._tied else found
+
+    @cached_property
+    def _tied(self) -> bool:
+        return bool(self.structure.ties)
+
+    def states_at(self, vector: Array) -> list[dict[str, float]]:
+        """Return each record's unknowns by name."""
+        return [
+            dict(zip(names, vector[self.states(record)].tolist(), strict=True))
+            for record, names in enumerate(self.unknowns)
+        ]
+
+    def vector(self, values: Mapping[str, float], states: Sequence[Mapping[str, float]] = ()) -> Array:
+        """Return the vector for values within the bounds; unknowns of records are zero unless given."""
+        vector = np.zeros(self.size)
+        for place, name in enumerate(self.names):
+            value = values[name]
+            vector[place] = np.log(max(value, self.free[name][0])) if name in self.logarithmic else value
+        for record, row in enumerate(states):
+            vector[self.states(record)] = [row.get(name, 0.0) for name in self.unknowns[record]]
+        return np.clip(vector, *self.bounds)
+
+    def slopes(self, values: Mapping[str, float]) -> dict[str, dict[int, float]]:
+        """Derivatives of the free parameters by entries of a vector."""
+        return {
+            name: {place: values[name] if name in self.logarithmic else 1.0}
+            for place, name in enumerate(self.names)
+        }
+
+    def gradient(self, figure: Figure, vector: Array) -> Array:
+        """Derivative of a figure by a vector, tied parameters included, shape (P,)."""
+        low, high = self.bounds
+        found = np.zeros(self.size)
+        if isinstance(figure, Itself) and figure.name in self.free and not self._tied:
+            place = self.place(figure.name)
+            found[place] = figure(self.values(vector)) if figure.name in self.logarithmic else 1.0
+            return found
+        for place in range(len(self.free)):
+            step = SMALL * max(1.0, abs(vector[place]))
+            up, down = vector.copy(), vector.copy()
+            up[place] = min(vector[place] + step, high[place])
+            down[place] = max(vector[place] - step, low[place])
+            found[place] = (figure(self.values(up)) - figure(self.values(down))) / (up[place] - down[place])
+        return found
+
+    def jacobian(self, values: Mapping[str, float]) -> Array:
+        """Derivatives of the free parameters by their entries of a vector, (W, W)."""
+        return np.diag([values[name] if name in self.logarithmic else 1.0 for name in self.names])
+
+
+Data = Experiment | FrequencyResponse
+Evaluated = tuple[Numbers, Numbers]
+"""Residuals (O, F), and the model's derivatives (W, O, F)."""
+
+
+class Measured:
+    """Measured data, NaN where masked or missing, and their compared subset."""
+
+    measured: Numbers
+
+    @cached_property
+    def valid(self) -> npt.NDArray[np.bool_]:
+        """True where all outputs were measured, shape (N,) or (F,)."""
+        return np.asarray(np.isfinite(self.measured).all(axis=0))
+
+    @property
+    def used(self) -> int:
+        """Number of samples, or points, at which all outputs were measured."""
+        return int(np.count_nonzero(self.valid))
+
+    @cached_property
+    def spectrum(self) -> Numbers:
+        """Compared spectrum or samples, shape (O, F)."""
+        return self.measured[:, self.valid]
+
+
+@dataclass(frozen=True, eq=False)
+class Samples(Measured):
+    """Samples of an experiment at which all outputs were measured.
+
+    Parameters
+    ----------
+    data, structure, signals
+        The experiment, the structure, and the signals of its outputs.
+    unknowns
+        Unknowns of the record: initial states, then offsets such as "offset dn".
+    measured
+        Normalised outputs (O, N), NaN where masked.
+    """
+
+    data: Experiment
+    structure: Structure
+    signals: tuple[str, ...]
+    unknowns: tuple[str, ...]
+    measured: Array
+
+    @property
+    def offsets(self) -> tuple[str, ...]:
+        """The record's unknowns that are output offsets."""
+        return tuple(name for name in self.unknowns if name.startswith("offset "))
+
+    def simulated(self, values: Mapping[str, float], names: Sequence[str]) -> tuple[Array, Array]:
+        """Outputs (O, N), offsets included, and their derivatives by `names` and the record's unknowns, (W, O, N)."""
+        states = self.unknowns[: len(self.unknowns) - len(self.offsets)]
+        wanted = [*names, *states]
+        known = {name: value for name, value in values.items() if name not in self.offsets}
+        model, slopes = self.structure.equations.sensitivities(known, self.data, wanted)
+        slopes = slopes.reshape(len(wanted), *model.shape)
+        if self.offsets:
+            model = model + np.array([[values.get(name, 0.0)] for name in self.offsets])
+            ones = np.broadcast_to(np.eye(len(model))[:, :, None], (len(model), *model.shape))
+            slopes = np.concatenate([slopes, ones])
+        return model, slopes
+
+    def evaluate(self, values: Mapping[str, float], names: Sequence[str]) -> Evaluated:
+        """Residuals (O, F) and the model's derivatives by `names` and the record's unknowns, (W, O, F)."""
+        model, slopes = self.simulated(values, names)
+        if self.valid.all():
+            return self.measured - model, slopes
+        return (self.measured - model)[:, self.valid], slopes[..., self.valid]
+
+    def fit_pct(self, values: Mapping[str, float]) -> list[float]:
+        """Fit of each output's simulation, eq. 4.9 [%]."""
+        residual, _ = Samples.evaluate(self, values, ())
+        return [nrmse_pct(*pair) for pair in zip(self.measured[:, self.valid], residual, strict=True)]
+
+
+@dataclass(frozen=True, eq=False)
+class InBand(Samples):
+    """Tapered spectra of an experiment in a band; `white`: the noise has one covariance at all frequencies."""
+
+    record: spectra.Spectra
+    white: bool = False
+    _left: dict[tuple[float, ...], Array] = field(default_factory=dict, repr=False)
+
+    @property
+    def frequency_hz(self) -> Array:
+        """Compared frequencies [Hz], shape (F,)."""
+        return self.record.frequency_hz
+
+    @cached_property
+    def spectrum(self) -> Numbers:
+        """Spectra of the data, shape (O, F)."""
+        return self.seen(self.measured)
+
+    def seen(self, signals: Array) -> Numbers:
+        """Return spectra (..., O, F) of signals (..., O, N), interpolated linearly across the data's gaps."""
+        gaps = ~np.isfinite(self.measured)
+        if gaps.any():
+            signals = signals.copy()
+            samples = np.arange(signals.shape[-1])
+            for output, masked in enumerate(gaps):
+                kept = np.flatnonzero(~masked)
+                after = np.clip(np.searchsorted(kept, samples[masked]), 1, max(len(kept) - 1, 1))
+                first, last = kept[after - 1], kept[np.minimum(after, len(kept) - 1)]
+                share = np.clip((samples[masked] - first) / np.maximum(last - first, 1), 0.0, 1.0)
+                one = signals[..., output, :]
+                one[..., masked] = (1.0 - share) * one[..., first] + share * one[..., last]
+        return self.record.see(self.record.low_passed(signals))
+
+    def evaluate(self, values: Mapping[str, float], names: Sequence[str]) -> Evaluated:
+        """Residuals (O, F) and the model's derivatives by `names` and the record's unknowns, (W, O, F)."""
+        model, slopes = self.simulated(values, names)
+        seen = self.seen(np.concatenate([model[None], slopes]))
+        return self.spectrum - seen[0], seen[1:]
+
+    def left(self, values: Mapping[str, float]) -> Array:
+        """Residual (O, N) of a simulation whose initial state and offsets are fitted to the samples."""
+        known = {name: values[name] for name in self.structure.names}
+        at = tuple(known.values())
+        if at not in self._left:
+            model = simulated_about(self.structure, known, self.data)
+            self._left[at] = self.measured - np.array(list(model.values()))
+        return self._left[at]
+
+    def fit_pct(self, values: Mapping[str, float]) -> list[float]:
+        """Fit of each output's simulation, eq. 4.9 [%]."""
+        return [nrmse_pct(*pair) for pair in zip(self.measured, self.left(values), strict=True)]
+
+
+@dataclass(frozen=True, eq=False)
+class Response(Measured):
+    """A frequency response; `weighed`: residuals are log amplitude and phase over their standard deviations."""
+
+    data: FrequencyResponse
+    structure: Structure
+    signals: tuple[str, ...]
+    measured: Numbers
+    weighed: bool
+    unknowns: tuple[str, ...] = ()
+
+    def evaluate(self, values: Mapping[str, float], names: Sequence[str]) -> Evaluated:
+        """Residuals (O, F) and the model's derivatives by `names`, (W, O, F)."""
+        frequency = np.ascontiguousarray(self.data.frequency_hz[self.valid])
+        model, slopes = self.structure.equations.response(values, frequency, names)
+        slopes = slopes.reshape(len(names), *model.shape)
+        if not self.weighed:
+            return self.spectrum - model, slopes
+        # Log amplitude and phase are independent errors.
+        amplitude, phase = (
+            np.array([one[signal][self.valid] for signal in self.signals])
+            for one in (self.data.amplitude_std, self.data.phase_std)
+        )
+        ratio, relative = self.spectrum / model, slopes / model
+        residual = np.log(np.abs(ratio)) / amplitude + 1j * np.angle(ratio) / phase
+        return residual, relative.real / amplitude + 1j * relative.imag / phase
+
+    def fit_pct(self, values: Mapping[str, float]) -> list[float]:
+        """Fit of each output's response, eq. 4.9 [%]."""
+        frequency = np.ascontiguousarray(self.data.frequency_hz[self.valid])
+        model, _ = self.structure.equations.response(values, frequency, ())
+        return [nrmse_pct(*pair) for pair in zip(self.spectrum, self.spectrum - model, strict=True)]
+
+
+Seen = Samples | Response
+
+
+def seen(data: Data, structure: Structure, noise: str | None = None, *, at_rest: bool = False) -> Seen:
+    """Return data in the form compared with a structure, for a kind of noise.
+
+    Raises
+    ------
+    InputError
+        If a signal or its standard deviations are missing, or all samples are masked.
+    """
+    found: Seen
+    if isinstance(data, FrequencyResponse):
+        signals = tuple(
+            structure.signal_for(output, data.response, data.name) for output in structure.outputs
+        )
+        measured = np.array([data.response[signal] for signal in signals])
+        found = Response(data, structure, signals, measured, weighed=_weighed(data, signals, noise))
+    else:
+        found = _in_time(data, structure, noise, at_rest=at_rest)
+    if not found.valid.any():
+        raise InputError(
+            f"{data.name!r}: every sample of {', '.join(found.signals)} is masked, nothing to fit"
+        )
+    return found
+
+
+def _weighed(data: FrequencyResponse, signals: Sequence[str], noise: str | None) -> bool:
+    if noise == "coloured":
+        raise InputError(
+            f"{data.name!r}: noise 'coloured' is for experiments; a response has few frequencies: 'white' or 'std'"
+        )
+    for signal in signals:
+        if signal not in data.phase_std or signal not in data.amplitude_std:
+            if noise != "std":
+                return False
+            raise InputError(
+                f"{data.name!r}: noise 'std' needs the standard deviations of {signal!r}; give "
+                "FrequencyResponse(amplitude_std=..., phase_std=...) or choose noise 'white'"
+            )
+    return noise != "white"
+
+
+def _in_time(data: Experiment, structure: Structure, noise: str | None, *, at_rest: bool) -> Samples:
+    if noise == "std":
+        raise InputError(
+            f"{data.name!r}: noise 'std' is for frequency responses, an experiment has no deviations"
+        )
+    signals = tuple(structure.signal_for(output, data.signals, data.name) for output in structure.outputs)
+    equations = structure.equations
+    offsets = () if equations.own_offsets else structure.outputs
+    unknowns = () if at_rest else (*equations.states, *(f"offset {output}" for output in offsets))
+    measured = structure.measured(data)
+    samples = Samples(data, structure, signals, unknowns, measured)
+    if noise != "white":
+        return banded(samples) if samples.valid.any() else samples
+    ship = TwoEquations.of(structure, ())
+    # Simulated data that start at rest are exact only in time, and a taper removes much of a short record. A linear ship is
+    # exact in time, too, and as fast.
+    short = data.duration < SHORTEST_S
+    if ship is None or ship.is_linear or at_rest or short or not samples.valid.any():
+        return samples
+    return banded(samples, white=True)
+
+
+def banded(samples: Samples, *, white: bool = False) -> InBand:
+    """Return the spectra of samples, for a ship in its loop's band, for a user's structure in the whole excited band.
+
+    Raises
+    ------
+    InputError
+        If the record is too short for a spectrum.
+    """
+    ship = TwoEquations.of(samples.structure, ())
+    loaded = "load" in samples.structure.settings.get("elements", ())
+    if ship is not None:
+        loaded = getattr(ship.equations, "loaded", False)
+    outputs = samples.structure.outputs
+    record = spectra.Spectra.of(samples.data, outputs, samples.measured, load=loaded, wide=ship is None)
+    record = replace(record, is_linear=ship is not None and ship.is_linear)
+    own = samples.data, samples.structure, samples.signals, samples.unknowns, samples.measured
+    return InBand(*own, record, white)
+
 
 FIRST_NOISE = 0.1
 """Standard deviation of the noise before any estimate, over an output's spread."""

@@ -3,13 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from typing import Any
 
-from shipfp_rs.identification.estimate import KNOWN, OPEN, is_rough, rounded_rows
-from shipfp_rs.identification.fingerprint import ALARM, Estimate, Identifiability
+import numpy as np
+
+from shipfp_rs.identification.estimate import KNOWN, OPEN, Estimate, is_rough, rounded_rows
+from shipfp_rs.identification.fingerprint import ALARM, Fingerprint, Identifiability
 from shipfp_rs.identification.fit_statistics import missed_pct
+from shipfp_rs.identification.question import BOUNDS, TRIED
+from shipfp_rs.identification.ship_found import BELIEVED, ShipFit
+from shipfp_rs.identification.sides import KINDS
+from shipfp_rs.identification.usability import Usability, misfit, usability
+from shipfp_rs.structures.elements import ELEMENTS
 from shipfp_rs.structures.names import OF_WHAT
 from shipfp_rs.structures.structure import Structure
-from shipfp_rs.support.sentences import Sentence, joined
+from shipfp_rs.support.sentences import Sentence, joined, listed
 from shipfp_rs.support.units import unit_shown
 
 SMALL_PCT = 0.1
@@ -207,3 +216,182 @@ def shown(name: str, estimate: Estimate) -> Sentence:
     unit = unit_shown(estimate.unit) or Sentence(OF_WHAT.get(name, ""))
     text = "{name} = {value}{spread} {unit}" if unit else "{name} = {value}{spread}"
     return Sentence(text, name=name, value=row.value, spread=spread, unit=unit)
+
+
+OFF_S = 1e-3
+"""Lower end of a delay's interval below which the delay may be zero [s]."""
+SHORT_S = 0.02
+"""Largest value of a delay that may be zero, for it to be called off [s]."""
+
+BENT = Sentence(
+    "Usable for simulation and comparison, but not for control tuning: its intervals hold for the model, not for the drive "
+    "train; both agree only if the channels are wrong by more than a calibration allows."
+)
+LIMITED = Sentence(
+    "Usable for simulation and comparison, but not for control tuning: a limit of torque or rate acts, and on simulated "
+    "ships with such a limit fewer than nine intervals in ten held the true value."
+)
+LOAD_ONLY = Sentence(
+    "Usable for simulation and comparison of the load's side only: engine and governor are not described ({what}), so "
+    "gains, delays and the slope of the engine's torque are not given."
+)
+NO_GAUGE = Sentence(
+    "Usable for simulation and comparison, but not for control tuning: the torque is hardly a gauge's, since {share} % of "
+    "the inertia would lie behind it. If it is the engine's own, say torque = brake: tau_n and the gains are now too large "
+    "by about {over} %."
+)
+BEHIND_A_GAUGE = 0.9
+"""Share of the inertia behind the sensor, above which a torque called gauge is probably the brake's: brake torques show 0.95
+to 1, gauges of the test ships up to 0.7."""
+STATES: Mapping[str, str] = {
+    "on": Sentence("Acting elements: {elements}."),
+    "off": Sentence("Not found to act: {elements}."),
+    "open": Sentence("Undecided: {elements}."),
+}
+"""Sentence that lists the elements in each state."""
+ALWAYS = ("tau_n", "g", "p", "vK_p", "vK_i")
+"""Parameters of every ship; a value at the end of the search range is not plausible for them."""
+AT_BOUND = 1e-6
+UNDECIDED = 6.0
+"""Decrease of the deviance from which a searched element may act; chance gives it once in 20 with two parameters."""
+
+
+def element_rows(fit: ShipFit, parameters: Mapping[str, Estimate]) -> dict[str, dict[str, Any]]:
+    """Return each element's state by its interval: on, open or off, with an upper limit unless it is on."""
+    rows: dict[str, dict[str, Any]] = {}
+    for name in ("dead_time_loop", "dead_time_set_point", "actuator_lag"):
+        parameter = ELEMENTS[name].parameters[0]
+        estimate = parameters.get(parameter.name)
+        if estimate is None or estimate.ci95 is None:
+            continue
+        low, high = estimate.ci95
+        state = "on" if low > OFF_S else "off" if high <= SHORT_S else "open"
+        limit = None if state == "on" else _limit(parameter.name, high, parameter.unit)
+        rows[name] = _row(name, state, limit)
+    for name in TRIED:
+        if (needs := ELEMENTS[name].needs) and TRIED[needs][0] not in parameters:
+            continue
+        told = parameters.get(TRIED[name][0])
+        acts = told is not None and told.status != "unidentifiable" and TRIED[name][0] not in fit.along
+        if acts or name in fit.question.tried:
+            # The decrease by a limit changes once others act.
+            gain = fit.gains.get(name, np.inf)
+            gain = fit.scores[name].fall if name in fit.scores and name not in fit.elements else gain
+            undecided = np.isfinite(gain) and gain > (UNDECIDED if TRIED[name][0] in fit.along else BELIEVED)
+            undecided |= any(ELEMENTS[other].needs == name for other in fit.elements)
+            state = "on" if acts else "open" if undecided else "off"
+            rows[name] = _row(name, state, None, gain if np.isfinite(gain) else None)
+    if fit.question.loaded:
+        rows["load"] = _row("load", "on", None)
+    # A governor's clock shows in the raw torque or not at all: half its period is part of T_d either way.
+    clocks = [one.governor_clock[0] for one in fit.question.experiments if one.governor_clock]
+    if clocks:
+        rows["sampling"] = _row("sampling", "open", _limit("T_s", float(np.median(clocks)), "s"))
+    elif "dead_time_loop" in rows and rows["dead_time_loop"]["state"] != "off":
+        delay = parameters["T_d"].ci95
+        assert delay is not None
+        rows["sampling"] = _row("sampling", "open", _limit("T_s", 2.0 * delay[1], "s"))
+    return rows
+
+
+def _is_on_bound(name: str, estimate: Estimate) -> bool:
+    """Whether a parameter that every ship has is at an end of the search range."""
+    if name not in ALWAYS or estimate.status not in KNOWN or estimate.value is None:
+        return False
+    low, high = BOUNDS[name]
+    return min(estimate.value - low, high - estimate.value) <= AT_BOUND * (high - low)
+
+
+def _row(
+    name: str, state: str, limit: dict[str, Any] | None, evidence: float | None = None
+) -> dict[str, Any]:
+    return {"state": state, "evidence": evidence, "limit": limit, "words": ELEMENTS[name].words}
+
+
+def _limit(name: str, value: float, unit: str) -> dict[str, Any]:
+    return {"parameter": name, "value": float(value), "unit": unit, "level": 0.95}
+
+
+def _element(row: Mapping[str, Any]) -> Sentence:
+    """Return an element's name, with its limit if it has one."""
+    words, limit = Sentence(row["words"]), row["limit"]
+    if not limit:
+        return words
+    return Sentence(
+        "{element} ({parameter} below {value} {unit}, 95 %)",
+        element=words,
+        parameter=limit["parameter"],
+        value=f"{limit['value']:.3g}",
+        unit=limit["unit"],
+    )
+
+
+def _is_limited(fingerprint: Fingerprint) -> bool:
+    """Whether a limit of torque or rate acts."""
+    return any(
+        fingerprint.elements.get(name, {}).get("state") == "on"
+        for name in ("torque_limit", "rack_rate", "rack_rate_down")
+    )
+
+
+def _behind(fingerprint: Fingerprint) -> float:
+    """Return the share of the inertia behind the gauge; 0 for a brake torque."""
+    behind, whole = (fingerprint.parameters.get(name) for name in ("tau_prop", "tau_n"))
+    if "tau_prop" not in fingerprint.load_side or behind is None or whole is None:
+        return 0.0
+    return (behind.value or 0.0) / (whole.value or np.inf)
+
+
+def with_verdict(fingerprint: Fingerprint, strain: float = 0.0, kind: str | None = None) -> Fingerprint:
+    """Return the fingerprint with its usability and verdict.
+
+    `strain` is that of `adequacy`; `kind` is the contradiction, of `sides.KINDS`, to the model's engine and governor.
+    """
+    found = usability(fingerprint)
+    if kind is not None:
+        what = misfit(fingerprint) if kind == "misfit" else KINDS[kind]
+        if found.state != "not usable" or fingerprint.load_side:
+            found = Usability("usable except", Sentence(LOAD_ONLY, what=what))
+    ended = [name for name, one in fingerprint.parameters.items() if _is_on_bound(name, one)]
+    if ended and found.state != "not usable":
+        sentence = Sentence(
+            "Not usable, because the search ended at a bound of {names}; the model does not describe this ship.",
+            names=listed(ended),
+        )
+        found = Usability("not usable", sentence, "misfit")
+    elif kind is None and found.state != "not usable" and (share := _behind(fingerprint)) > BEHIND_A_GAUGE:
+        share = min(share, 1.0)
+        figures = {"share": f"{100.0 * share:.0f}", "over": f"{100.0 / share - 100.0:.1f}"}
+        found = Usability("usable except", Sentence(NO_GAUGE, **figures))
+    elif kind is None and strain > 1.0 and found.state == "usable":
+        found = replace(found, state="usable except", sentence=BENT)
+    elif _is_limited(fingerprint) and found.state == "usable":
+        found = replace(found, state="usable except", sentence=LIMITED)
+    lines = [found.sentence, *([] if found.state == "not usable" else known(fingerprint.parameters))]
+    if fingerprint.derived and found.state != "not usable":
+        estimates = [shown(*item) for item in fingerprint.derived.items()]
+        lines.append(Sentence("Known together: {estimates}.", estimates=joined(estimates, "; ")))
+    for name, one in fingerprint.parameters.items():
+        if one.status == "unidentifiable":
+            lines.append(not_identifiable(name, one))
+    by_state: dict[str, list[str]] = {"on": [], "off": [], "open": []}
+    for name, row in fingerprint.elements.items():
+        if name == "sampling":
+            continue
+        by_state[row["state"]].append(_element(row))
+    for state, said in STATES.items():
+        if by_state[state]:
+            lines.append(Sentence(said, elements=joined(by_state[state])))
+    if "sampling" in fingerprint.elements:
+        lines.append(
+            Sentence(
+                "If the governor computes at intervals, half of such an interval is part of the dead time T_d."
+            )
+        )
+    return replace(
+        fingerprint,
+        usable=found.sentence,
+        usability=found.state,
+        why_not=found.why_not,
+        verdict=tuple(lines),
+    )

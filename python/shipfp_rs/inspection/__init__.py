@@ -10,7 +10,7 @@ import numpy as np
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import UNITS, Experiment
-from shipfp_rs.inspection.channels import ChannelReport, describe
+from shipfp_rs.inspection.channels import ChannelReport, describe, looked_for
 from shipfp_rs.inspection.checks import (
     SETTLE_S,
     SteadyPoint,
@@ -23,7 +23,6 @@ from shipfp_rs.inspection.checks import (
     tells_static_torque,
     trains,
 )
-from shipfp_rs.inspection.looked_for import looked_for
 from shipfp_rs.inspection.spectrum import LEAST_SAMPLES, Peak, amplitude_spectrum, find_peaks, rates_of
 from shipfp_rs.logs.channel_reader import STRETCH_BYTES, Rows
 from shipfp_rs.logs.faults.record import Fault
@@ -32,13 +31,11 @@ from shipfp_rs.logs.faults.spikes import spikes_of
 from shipfp_rs.logs.log import Log
 from shipfp_rs.processing.cleaning import spike_rule
 from shipfp_rs.processing.roles import set_point_of
-from shipfp_rs.processing.trial import Trial
+from shipfp_rs.processing.trial import Processing, Trial
 from shipfp_rs.processing.trial_channels import SIGNAL_OF_LOCATION
-from shipfp_rs.processing.trial_tables import Processing
 from shipfp_rs.processing.windows import FoundWindow, find_windows, longest_rest
-from shipfp_rs.support.arrays import Array
-from shipfp_rs.support.fir import PASSBAND
-from shipfp_rs.support.spans import joined
+from shipfp_rs.support.arrays import Array, joined
+from shipfp_rs.support.derivatives import PASSBAND
 from shipfp_rs.vessel.vessel import Vessel
 
 __all__ = [

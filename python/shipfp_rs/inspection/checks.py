@@ -14,10 +14,8 @@ from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.logs.log import Log
 from shipfp_rs.processing.process import process
-from shipfp_rs.processing.trial import Trial
-from shipfp_rs.processing.trial_tables import OperatingPoint, Window
-from shipfp_rs.processing.window_kinds import Kind
-from shipfp_rs.processing.windows import FoundWindow, find_windows
+from shipfp_rs.processing.trial import OperatingPoint, Trial, Window
+from shipfp_rs.processing.windows import FoundWindow, Kind, find_windows
 from shipfp_rs.support.arrays import Array
 from shipfp_rs.vessel.vessel import PLANT_KEYS, Vessel
 

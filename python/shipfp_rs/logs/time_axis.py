@@ -12,7 +12,6 @@ import numpy.typing as npt
 
 from shipfp_rs.errors import InputError, LogWarning
 from shipfp_rs.logs.channel import BLOCK, Blocks, Samples
-from shipfp_rs.logs.coarse_clock import CoarseClock, find_coarse
 from shipfp_rs.logs.faults.clock import (
     LONGEST_GAP,
     MOST_JUMPS,
@@ -25,6 +24,7 @@ from shipfp_rs.logs.faults.clock import (
     without,
 )
 from shipfp_rs.logs.faults.record import Fault
+from shipfp_rs.logs.joining import CoarseClock, find_coarse
 from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.sentences import Sentence
 

@@ -5,8 +5,7 @@ Figures are neither shown nor saved. Colours are of medium lightness, legible on
 
 from shipfp_rs.plot.estimates import correlogram, intervals, likelihood
 from shipfp_rs.plot.frequency import bode, responses
-from shipfp_rs.plot.pulses import pulse_intervals
-from shipfp_rs.plot.signals import fit, log, time_series
+from shipfp_rs.plot.signals import fit, log, pulse_intervals, time_series
 
 __all__ = [
     "bode",

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from shipfp_rs.assessment.compared_responses import compared_responses
+from shipfp_rs.assessment.comparison import compared_responses
 from shipfp_rs.errors import InputError
 from shipfp_rs.frequency import FrequencyResponse
 from shipfp_rs.plot.style import COLOURS, COMPARED, GREY, LABELS, dress, panels_of

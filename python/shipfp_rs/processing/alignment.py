@@ -17,7 +17,7 @@ from shipfp_rs.logs.channel import Samples
 from shipfp_rs.logs.channel_reader import Rows
 from shipfp_rs.logs.faults.record import Fault
 from shipfp_rs.logs.log import Log
-from shipfp_rs.processing.low_pass import LowPass, nearest_rate
+from shipfp_rs.processing.conditioning import LowPass, nearest_rate
 from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.sentences import Sentence
 from shipfp_rs.tacho import pulse_times

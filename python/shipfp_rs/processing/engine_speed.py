@@ -11,11 +11,10 @@ import numpy as np
 from shipfp_rs.errors import InputError
 from shipfp_rs.logs.channel import Channel
 from shipfp_rs.logs.faults.record import Fault
-from shipfp_rs.processing.low_pass import Source
-from shipfp_rs.processing.pulse_train import PulseTrain
-from shipfp_rs.processing.speed_sources import SpeedLevel
+from shipfp_rs.processing.conditioning import Source
+from shipfp_rs.processing.speed_sources import PulseTrain, SpeedLevel
 from shipfp_rs.support.arrays import Array
-from shipfp_rs.support.fir import PASSBAND, STOPBAND
+from shipfp_rs.support.derivatives import PASSBAND, STOPBAND
 from shipfp_rs.tacho import IntervalSpeed, Train, resample
 from shipfp_rs.tacho.fusion import fused_angle
 

@@ -23,31 +23,27 @@ from shipfp_rs.logs.channel_reader import STRETCH_BYTES, Rows
 from shipfp_rs.logs.faults.chirp import constant_frequency
 from shipfp_rs.logs.faults.record import Fault
 from shipfp_rs.logs.log import Log
-from shipfp_rs.processing.cleaning import Cleaned, Cleaner
-from shipfp_rs.processing.conditioning import conditioned, driven_point
-from shipfp_rs.processing.engine_speed import EngineSpeed
-from shipfp_rs.processing.governor_clock import LONGEST_S, RATE_HZ, governor_clock, liveliest_of
-from shipfp_rs.processing.grid import Grid
-from shipfp_rs.processing.low_pass import SAME_RATE, nearest_rate
-from shipfp_rs.processing.plausibility import (
+from shipfp_rs.processing.cleaning import (
+    Cleaned,
+    Cleaner,
     require_columns,
     require_load,
     require_sense,
     require_size,
     require_unit,
 )
-from shipfp_rs.processing.pulse_train import PulseTrain
+from shipfp_rs.processing.conditioning import SAME_RATE, Grid, conditioned, driven_point, nearest_rate
+from shipfp_rs.processing.engine_speed import EngineSpeed
+from shipfp_rs.processing.governor_clock import LONGEST_S, RATE_HZ, governor_clock, liveliest_of
 from shipfp_rs.processing.ripple import Ripple, without_ripple
-from shipfp_rs.processing.speed_sources import require_one_direction, source_of
-from shipfp_rs.processing.trial import Trial
+from shipfp_rs.processing.speed_sources import PulseTrain, require_one_direction, source_of
+from shipfp_rs.processing.trial import Trial, Window
 from shipfp_rs.processing.trial_channels import Level, Load, Rack, SetPoint, Tacho, Torque
-from shipfp_rs.processing.trial_tables import Window
 from shipfp_rs.support.arguments import checked
-from shipfp_rs.support.arrays import Array
-from shipfp_rs.support.fir import ATTENUATION_DB, PASSBAND, STOPBAND
+from shipfp_rs.support.arrays import Array, clipped_to, joined, marks
+from shipfp_rs.support.derivatives import ATTENUATION_DB, PASSBAND, STOPBAND
 from shipfp_rs.support.progress import counted
 from shipfp_rs.support.sentences import Sentence
-from shipfp_rs.support.spans import clipped_to, joined, marks
 from shipfp_rs.support.spikes import bridge
 from shipfp_rs.support.threads import side_by_side
 from shipfp_rs.vessel.vessel import Vessel

@@ -15,7 +15,7 @@ from scipy.ndimage import convolve1d
 from scipy.signal import resample_poly
 
 from shipfp_rs.support.arrays import Array, ComplexArray, Mask
-from shipfp_rs.support.fir import taps
+from shipfp_rs.support.derivatives import taps
 from shipfp_rs.support.spikes import bridge
 
 FINER = 8

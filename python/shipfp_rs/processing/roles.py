@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+import functools
+import re
+import tomllib
+import unicodedata
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from importlib import resources
 from typing import Literal
 
 import numpy as np
@@ -11,10 +16,100 @@ import numpy as np
 from shipfp_rs.errors import InputError
 from shipfp_rs.logs.channel import Channel
 from shipfp_rs.logs.log import Log
-from shipfp_rs.processing.channel_names import Named, named
-from shipfp_rs.processing.coarse import block_means, bridged
+from shipfp_rs.processing.conditioning import block_means, bridged
 from shipfp_rs.support.arrays import Array
-from shipfp_rs.support.units import TO_RPM
+from shipfp_rs.support.units import ELECTRIC, FREQUENCIES, QUANTITIES, TO_RPM, told
+
+LEAST_PART = 4
+"""Least number of letters of a word that is recognised within a longer one."""
+LETTERS = str.maketrans({"ø": "o", "æ": "ae", "ß": "ss", "ł": "l", "ı": "i", "đ": "d"})
+"""Letters that Unicode does not decompose into base letter and accent, and their replacements."""
+WORD_ENDS = re.compile(r"(?<=[^\W\d_A-Z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])")
+"""Boundaries between words in names like MotorVelocitySet."""
+TAIL = re.compile(
+    r"(?:[ _(\[-]+|(?<=[^\W\d_A-Z])(?=[A-Z]))(?i:"
+    r"(rpm|rad_?p?s|deg_?p?s|rad[_/]s(?:ec)?|deg[_/]s(?:ec)?|rev_s|rps|hz|k?nm|k?w|u_?min|1_?min|1_s|pct|percent|%))[)\]]?$"
+)
+"""Unit at the end of a name, for logs without separate units."""
+TAILS: Mapping[str, str] = {
+    "rads": "rad/s", "radps": "rad/s", "radsec": "rad/s", "degs": "deg/s", "degps": "deg/s", "degsec": "deg/s",
+    "revs": "rev/s", "umin": "rpm", "1min": "rpm", "1s": "1/s", "hz": "Hz", "w": "W", "kw": "kW",
+}  # fmt: skip
+
+
+@functools.cache
+def words() -> Mapping[str, frozenset[str]]:
+    """Words of all languages by meaning."""
+    text = (resources.files("shipfp_rs") / "data" / "channel_words.toml").read_text(encoding="utf-8")
+    return {
+        what: frozenset(word for language in languages.values() for word in language)
+        for what, languages in tomllib.loads(text).items()
+    }
+
+
+@dataclass(frozen=True)
+class Named:
+    """Unit, quantity (None if undetermined) and word meanings (headings of `channel_words.toml`) of a channel's name."""
+
+    unit: str
+    quantity: str | None
+    tells: frozenset[str]
+    by: str
+
+    @property
+    def is_open(self) -> bool:
+        """Whether the unit does not determine the quantity."""
+        return self.unit in ELECTRIC
+
+
+def named(channel: Channel) -> Named:
+    """Interpret the name and unit of a channel.
+
+    Examples
+    --------
+    >>> found = named(Channel("MotorVelocitySet", "1/min", 100.0, 1))
+    >>> found.quantity, "wanted" in found.tells
+    ('speed', True)
+    >>> named(Channel("feedback_deg_s", "", 100.0, 1)).unit
+    'deg/s'
+    """
+    name, unit = channel.name, told(channel.unit)
+    if not unit and (tail := TAIL.search(name)):
+        letters = re.sub("[_/]", "", tail[1].lower())
+        unit = TAILS.get(letters) or told(letters)
+        name = name[: tail.start()]
+    tells = _told_by(WORD_ENDS.sub(" ", name))
+    quantity = _of_unit(unit, tells)
+    by = f"its unit {unit!r}"
+    if quantity is None:
+        by = "its name"
+        quantity = next((what for what in ("torque", "speed") if what in tells), None)
+    return Named(unit, quantity, tells, by)
+
+
+def _of_unit(unit: str, tells: frozenset[str]) -> str | None:
+    """Quantity of a unit; a frequency is a speed only if the name means speed."""
+    if unit in FREQUENCIES:
+        return "speed" if tells & {"speed", "wanted"} else "frequency" if "frequency" in tells else "other"
+    for quantity, known in QUANTITIES.items():
+        if unit in known.factors:
+            return quantity
+    # A drive reports torque and speed in per cent of rated values, which the user has to give.
+    by_name = unit in ELECTRIC or (unit == "%" and tells & {"torque", "speed"})
+    return None if by_name else "other"
+
+
+def _told_by(name: str) -> frozenset[str]:
+    plain = unicodedata.normalize("NFKD", name.casefold().translate(LETTERS))
+    plain = "".join(letter for letter in plain if not unicodedata.combining(letter))
+    alone = re.findall(r"[^\W\d_]+", plain)
+    together = "".join(alone)
+    return frozenset(
+        what
+        for what, known in words().items()
+        if any(word in alone or (len(word) >= LEAST_PART and word in together) for word in known)
+    )
+
 
 LAG_RATE_HZ = 20.0
 LONGEST_LAG_S = 3.0
@@ -60,10 +155,10 @@ def guess_roles(
     roles = named_roles(list(log.channels.values()), set_point)
     open_ = [
         name
-        for name, told in roles.named.items()
-        if told.is_open
+        for name, given in roles.named.items()
+        if given.is_open
         and name not in (roles.set_point, roles.torque)
-        and not (told.quantity == "torque" or "wanted" in told.tells)
+        and not (given.quantity == "torque" or "wanted" in given.tells)
     ]
     rates = {name: pulse_rate(name) for name in open_}
     roles.trains = {name: rate for name, rate in rates.items() if rate is not None}
@@ -90,16 +185,16 @@ def named_roles(channels: Sequence[Channel], set_point: str | None = None) -> Ro
         roles.command = commands[0]
         roles.reasons[commands[0]] = "command of a drive in open loop by its name, no set point being named"
     found: dict[str, list[str]] = {"torque": [], "load": [], "actuator": []}
-    for name, told in roles.named.items():
+    for name, given in roles.named.items():
         if name in roles.reasons:
             continue
-        role = _role(told)
+        role = _role(given)
         if role == "speed":
             roles.speeds[name] = "engine"
         elif role in found:
             found[role].append(name)
         what = role.replace("_", " ")
-        roles.reasons[name] = f"{what} by {_why(role, told)}" if role else "not known by name or unit"
+        roles.reasons[name] = f"{what} by {_why(role, given)}" if role else "not known by name or unit"
     for name in wanted if roles.set_point is None else ():
         roles.reasons[name] = f"one of {len(wanted)} that may be the set point: {', '.join(wanted)}; choose"
     for role, names in found.items():
@@ -117,8 +212,8 @@ def named_roles(channels: Sequence[Channel], set_point: str | None = None) -> Ro
 
 def _of_a_generator(roles: Roles) -> None:
     """Use the frequency of a generating set as its speed, and the power beside it as its load."""
-    turns = [name for name, told in roles.named.items() if told.quantity == "frequency"]
-    powers = [name for name, told in roles.named.items() if told.quantity == "power"]
+    turns = [name for name, given in roles.named.items() if given.quantity == "frequency"]
+    powers = [name for name, given in roles.named.items() if given.quantity == "power"]
     if len(turns) != 1 or not (roles.load or len(powers) == 1):
         return
     roles.speeds[turns[0]] = "engine"
@@ -128,22 +223,22 @@ def _of_a_generator(roles: Roles) -> None:
         roles.reasons[powers[0]] = f"load by {roles.named[powers[0]].by}, beside a frequency"
 
 
-def _commands(told: Mapping[str, Named]) -> list[str]:
+def _commands(given: Mapping[str, Named]) -> list[str]:
     """Channels whose names mean a commanded torque or one of its causes."""
     return [
         name
-        for name, one in told.items()
+        for name, one in given.items()
         if "wanted" in one.tells
         and "measured" not in one.tells
         and (one.quantity == "torque" or "actuator" in one.tells)
     ]
 
 
-def set_points(told: Mapping[str, Named]) -> list[str]:
+def set_points(given: Mapping[str, Named]) -> list[str]:
     """Channels whose names mean a set point of speed; those with a unit of speed first."""
     wanted = {
         name: one
-        for name, one in told.items()
+        for name, one in given.items()
         if "wanted" in one.tells
         and "measured" not in one.tells
         and (one.quantity == "speed" or (one.quantity is None and _may_ask(one)) or one.unit == "%")
@@ -152,9 +247,9 @@ def set_points(told: Mapping[str, Named]) -> list[str]:
     return sure or [name for name, one in wanted.items() if one.quantity == "speed"] or list(wanted)
 
 
-def _may_ask(told: Named) -> bool:
+def _may_ask(given: Named) -> bool:
     """Whether a channel in an electrical unit may be a set point of speed; a current [A] is never one."""
-    return told.is_open and told.unit != "A"
+    return given.is_open and given.unit != "A"
 
 
 def set_point_of(log: Log) -> str:
@@ -168,26 +263,26 @@ def set_point_of(log: Log) -> str:
     return found[0]
 
 
-def _role(told: Named) -> str:
+def _role(given: Named) -> str:
     """Role by name and unit; empty if undetermined."""
-    wanted = "wanted" in told.tells and "measured" not in told.tells
-    if told.quantity in ("torque", "power") and not told.is_open and "load" in told.tells and not wanted:
+    wanted = "wanted" in given.tells and "measured" not in given.tells
+    if given.quantity in ("torque", "power") and not given.is_open and "load" in given.tells and not wanted:
         return "load"
-    if told.quantity == "torque":
+    if given.quantity == "torque":
         return "" if wanted else "torque"
-    if told.quantity == "speed" or (told.quantity == "angle" and "measured" in told.tells):
+    if given.quantity == "speed" or (given.quantity == "angle" and "measured" in given.tells):
         return "" if wanted else "speed"
-    if told.quantity is None and "pulses" in told.tells:
+    if given.quantity is None and "pulses" in given.tells:
         return "pulse_train"
-    return "actuator" if "actuator" in told.tells and told.quantity != "power" else ""
+    return "actuator" if "actuator" in given.tells and given.quantity != "power" else ""
 
 
-def _why(role: str, told: Named) -> str:
-    return told.by if role == "speed" or role not in told.tells else "its name" + _and_unit(told)
+def _why(role: str, given: Named) -> str:
+    return given.by if role == "speed" or role not in given.tells else "its name" + _and_unit(given)
 
 
-def _and_unit(told: Named) -> str:
-    return "" if told.quantity in (None, "other") or told.is_open else f" and its unit {told.unit!r}"
+def _and_unit(given: Named) -> str:
+    return "" if given.quantity in (None, "other") or given.is_open else f" and its unit {given.unit!r}"
 
 
 def _locate(roles: Roles, torque: str) -> None:
@@ -208,10 +303,10 @@ def _by_what_it_does(log: Log, roles: Roles) -> None:
     wanted = set_points(roles.named)
     may_be = wanted or [
         name
-        for name, told in roles.named.items()
+        for name, given in roles.named.items()
         if name not in roles.trains
-        and "measured" not in told.tells
-        and (told.quantity == "speed" or (told.quantity is None and _may_ask(told)))
+        and "measured" not in given.tells
+        and (given.quantity == "speed" or (given.quantity is None and _may_ask(given)))
     ]
     found = {name: _coarse(log, name) for name in log.channels if name not in roles.trains}
     coarse = {name: values for name, values in found.items() if values is not None}
@@ -262,8 +357,8 @@ def _coarse(log: Log, name: str) -> Array | None:
 def _find_shafts(log: Log, roles: Roles) -> None:
     """Find the speeds of the set point's shaft, and the pulses per turn of each train."""
     asked = None if roles.set_point is None else _typical_rpm(log, roles, roles.set_point)
-    told = {name: _typical_rpm(log, roles, name) for name in roles.speeds}
-    known = {name: rpm for name, rpm in told.items() if rpm is not None}
+    given = {name: _typical_rpm(log, roles, name) for name in roles.speeds}
+    known = {name: rpm for name, rpm in given.items() if rpm is not None}
     engine = asked if asked is not None else max(known.values(), default=None)
     if engine is None or engine == 0.0:
         return

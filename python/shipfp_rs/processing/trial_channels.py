@@ -7,10 +7,19 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import ConfigDict, Field, model_validator
 
-from shipfp_rs.support.calibration import Calibration
 from shipfp_rs.support.hints import nearest
 from shipfp_rs.support.toml import TO_BE_GIVEN, FilePath, Name, Section, unexpected
-from shipfp_rs.support.units import ELECTRIC, FREQUENCIES, QUANTITIES, TO_NM, TO_REV, TO_RPM, TO_W, told
+from shipfp_rs.support.units import (
+    ELECTRIC,
+    FREQUENCIES,
+    QUANTITIES,
+    TO_NM,
+    TO_REV,
+    TO_RPM,
+    TO_W,
+    Calibration,
+    told,
+)
 
 Positive = Annotated[float, Field(gt=0.0)]
 Rate = Annotated[float, Field(gt=0.0, le=1e8)]

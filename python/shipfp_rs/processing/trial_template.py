@@ -13,11 +13,10 @@ import tomlkit
 from shipfp_rs.errors import InputError
 from shipfp_rs.logs.channel import Channel
 from shipfp_rs.logs.log import Log
-from shipfp_rs.processing.proposed_windows import proposed
 from shipfp_rs.processing.roles import Roles
+from shipfp_rs.processing.trial import Processing
 from shipfp_rs.processing.trial_channels import SCALING, wanted_line
-from shipfp_rs.processing.trial_tables import Processing
-from shipfp_rs.processing.windows import FoundWindow, find_windows, longest_rest
+from shipfp_rs.processing.windows import FoundWindow, find_windows, longest_rest, proposed
 from shipfp_rs.support.toml import TO_BE_GIVEN
 from shipfp_rs.support.units import TO_NM, TO_REV, TO_RPM, TO_W
 

@@ -6,17 +6,205 @@ import itertools
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.logs.channel import Channel
 from shipfp_rs.logs.log import Log
-from shipfp_rs.processing.coarse import bridged, mean_pieces
-from shipfp_rs.processing.window_kinds import Kind, kind_of, middle_of
-from shipfp_rs.support.arrays import Array
-from shipfp_rs.support.spans import runs
+from shipfp_rs.processing.conditioning import bridged, mean_pieces
+from shipfp_rs.processing.trial import Faults
+from shipfp_rs.support.arrays import Array, runs
 from shipfp_rs.support.spikes import ROBUST_SIGMA
+from shipfp_rs.support.units import QUANTITIES, told
+
+Kind = Literal["steady", "sine", "sines", "multisine", "chirp", "squares", "prbs", "steps", "other"]
+
+CROSSED = 0.35
+"""Hysteresis of the crossings for frequencies, as a fraction of the amplitude."""
+JUMPED = 1.5
+"""Distance from the mean, in amplitudes, above which a sample is a jump of the generator's relay."""
+SAME_FREQUENCY = 1.15
+"""Largest ratio between the last and first periods of an excitation with one frequency."""
+
+IN_BAND = 0.95
+"""Fraction of an excitation's power in its band."""
+LINE_BINS, BETWEEN_LINES = 16, 0.4
+"""In ranges of this many bins, the median power of a multisine is below this fraction of the mean, since there is no power
+between its lines. For a swept frequency the two are similar, and for noise the median is 0.7 of the mean.
+"""
+SAME_LINES = 0.8
+"""Least correlation between the amplitudes of a window's halves: a multisine has all lines all the time."""
+REPEATS = 0.95
+"""Least autocorrelation at one period of a periodic excitation."""
+AT_LEVELS = 0.8
+"""Least fraction of samples near the extremes in an excitation with two levels."""
+
+IN_RUNS, SHORTEST_RUN = 0.75, 3
+"""Least fraction of half periods in runs of at least this many equal ones, for excitations of successive frequencies."""
+
+
+def middle_of(samples: Array) -> float:
+    """Level halfway between the extremes of an excitation, without outliers."""
+    return 0.5 * float(np.quantile(samples, 0.02) + np.quantile(samples, 0.98))
+
+
+def kind_of(deviation: Array, rate_hz: float, *, swings: bool) -> tuple[Kind, tuple[float, float] | None]:
+    """Kind of an excitation and its first and last frequency [Hz]; None if it hardly crosses its middle.
+
+    `swings`: it moves most of the time. A stair does not, and has no lines.
+    """
+    crossings = _crossings(deviation) / rate_hz
+    halves = np.diff(crossings)
+    if len(halves) < 2:
+        return "other", None
+    count = max(len(halves) // 8, 1)
+    early, late = (float(np.median(part)) for part in (halves[:count], halves[-count:]))
+    frequencies, ratio = (0.5 / early, 0.5 / late), max(early / late, late / early)
+    alike = np.quantile(halves, 0.9) < 1.3 * np.quantile(halves, 0.1)
+    if _has_two_levels(deviation):
+        return "squares" if alike or _come_in_runs(halves) else "prbs", frequencies
+    if ratio < SAME_FREQUENCY and alike:
+        mean = 0.5 * len(halves) / float(crossings[-1] - crossings[0])
+        return "sine", (mean, mean)
+    if swings and (band := _lines(deviation, rate_hz)) is not None:
+        return "multisine", band
+    if _come_in_runs(halves):
+        return "sines", frequencies
+    # The periods of a chirp change monotonically.
+    logs = np.log(halves)
+    order = np.corrcoef(np.arange(len(logs)), logs)[0, 1] if len(logs) > 2 else 1.0
+    return "chirp" if ratio >= SAME_FREQUENCY and abs(order) > 0.5 else "other", frequencies
+
+
+def _has_two_levels(samples: Array) -> bool:
+    """Whether most samples are near one of the two extremes."""
+    extremes = np.quantile(samples, [0.02, 0.98])
+    near = np.abs(samples[:, None] - extremes).min(axis=1) < 0.1 * float(np.ptp(extremes))
+    return bool(near.mean() > AT_LEVELS)
+
+
+def _come_in_runs(halves: Array) -> bool:
+    """Whether half periods form two or more runs, each of one frequency."""
+    logs, same = np.log(halves), math.log(SAME_FREQUENCY)
+    parts = np.split(logs, np.flatnonzero(np.abs(np.diff(logs)) > same) + 1)
+    runs_ = [len(part) for part in parts if len(part) >= SHORTEST_RUN and abs(part[-1] - part[0]) < same]
+    return len(runs_) > 1 and sum(runs_) > IN_RUNS * len(halves)
+
+
+def _lines(samples: Array, rate_hz: float) -> tuple[float, float] | None:
+    """Lowest and highest frequency of a sum of sines [Hz]; None for anything else."""
+    deviation = samples - samples.mean()
+    power = np.abs(np.fft.rfft(deviation * np.hanning(len(samples)))) ** 2
+    power[:1] = 0.0
+    if not power.sum() > 0.0:
+        return None
+    held = np.cumsum(power) / power.sum()
+    low, high = (
+        int(np.searchsorted(held, share)) for share in (0.5 * (1.0 - IN_BAND), 0.5 * (1.0 + IN_BAND))
+    )
+    blocks = power[low : low + (high - low) // LINE_BINS * LINE_BINS].reshape(-1, LINE_BINS)
+    # Parts without a line have little power, and little weight.
+    between = np.median(blocks, axis=1).sum() / blocks.mean(axis=1).sum() if len(blocks) > 1 else 1.0
+    if _repeats(deviation) or (between < BETWEEN_LINES and _stays(deviation, low // 2, high // 2 + 1)):
+        return low * rate_hz / len(samples), high * rate_hz / len(samples)
+    return None
+
+
+def _stays(deviation: Array, low: int, high: int) -> bool:
+    """Whether both halves of a signal have the same amplitudes in a band of bins of a half."""
+    half = len(deviation) // 2
+    halves = (deviation[:half], deviation[half : 2 * half])
+    early, late = (np.abs(np.fft.rfft(part * np.hanning(half)))[low:high] for part in halves)
+    with np.errstate(all="ignore"):
+        return bool(np.corrcoef(early, late)[0, 1] > SAME_LINES)
+
+
+def _repeats(deviation: Array) -> bool:
+    """Whether a signal is periodic."""
+    count = len(deviation)
+    spectrum = np.fft.rfft(deviation, 2 * count)
+    products = np.fft.irfft(np.abs(spectrum) ** 2)[:count]
+    energy = np.concatenate([[0.0], np.cumsum(deviation**2)])
+    lags = np.arange(count // 2)
+    scale = np.sqrt(energy[count - lags] * (energy[-1] - energy[lags]))
+    alike = products[lags] / np.maximum(scale, 1e-300)
+    apart = np.flatnonzero(alike < 0.0)
+    return bool(apart.size and alike[apart[0] :].max() > REPEATS)
+
+
+def _crossings(deviation: Array) -> Array:
+    """Indices at which a signal crosses zero, shape (K,)."""
+    amplitude = float(np.quantile(np.abs(deviation), 0.9))
+    side = np.where(np.abs(deviation) > CROSSED * amplitude, np.sign(deviation), 0.0)
+    side[np.abs(deviation) > JUMPED * amplitude] = 0.0
+    known = np.flatnonzero(side)
+    turns = np.flatnonzero(np.diff(side[known]))
+    # A crossing lies midway between the last sample on one side and the first on the other.
+    return np.asarray(0.5 * (known[turns] + known[turns + 1]), dtype=np.float64)
+
+
+SHORTEST_S = 20.5
+"""Shortest window [s], slightly longer than a fit requires for a slow ship; a shorter log is of a fast drive."""
+LEAST_SWING = 2e-3
+"""Smallest standard deviation of a window, relative to its level, for units of speed, torque or power; else it is a rest."""
+
+
+def proposed(log: Log, drives: Sequence[str], mover: str, found: Sequence[FoundWindow]) -> list[FoundWindow]:
+    """Adapt detected windows: divide at gaps, extend short ones into adjacent rests, make those without motion rests."""
+    whole = _whole(log, drives)
+    least_s = min(SHORTEST_S, max((stop - start for start, stop in whole), default=0.0))
+    cut = [
+        replace(window, start_s=max(window.start_s, start), stop_s=min(window.stop_s, stop))
+        for window in found
+        for start, stop in whole
+        if min(window.stop_s, stop) - max(window.start_s, start) > 1.0
+    ]
+    known = [window if _swings(log, mover, window) else _rest(window) for window in cut]
+    grown: list[FoundWindow] = []
+    for window in (one for one in known if one.kind != "steady"):
+        start, stop = next(one for one in whole if one[0] <= window.start_s and window.stop_s <= one[1])
+        if stop - start < least_s:
+            continue
+        more = max(least_s - (window.stop_s - window.start_s), 0.0)
+        first = min(max(window.start_s - 0.5 * more, start), stop - least_s if more else math.inf)
+        last = max(window.stop_s, first + least_s)
+        before = grown[-1] if grown else None
+        if before is not None and first < before.stop_s and before.start_s >= start:
+            kind = window.kind if window.kind == before.kind else "other"
+            grown[-1] = replace(before, kind=kind, stop_s=max(last, before.stop_s), frequency_hz=None)
+        else:
+            grown.append(replace(window, start_s=first, stop_s=last))
+    return numbered([*grown, *(one for one in known if one.kind == "steady")])
+
+
+def _rest(window: FoundWindow) -> FoundWindow:
+    return replace(window, kind="steady", frequency_hz=None)
+
+
+def _whole(log: Log, drives: Sequence[str]) -> list[tuple[float, float]]:
+    """Stretches of a log in which no input of the model is missing for longer than can be bridged [s]."""
+    channels = [log.channel(name) for name in drives]
+    start_s, stop_s = max(one.start_s for one in channels), min(one.stop_s for one in channels)
+    lost = []
+    for channel in channels:
+        block = max(math.floor(channel.rate_hz / COARSE_HZ), 1)
+        missing = np.isnan(np.concatenate([np.empty(0), *mean_pieces(log, channel.name, block)]))
+        spans = channel.start_s + runs(missing) * block / channel.rate_hz
+        lost += [(first, last) for first, last in spans.tolist() if last - first > Faults().longest_bridge_s]
+    edges = [(start_s, start_s), *sorted(lost), (stop_s, stop_s)]
+    return [(before[1], after[0]) for before, after in itertools.pairwise(edges) if after[0] > before[1]]
+
+
+def _swings(log: Log, mover: str, window: FoundWindow) -> bool:
+    """Whether a window has enough motion for a fit; always true for volts, whose zero may be anywhere."""
+    known = any(told(log.channel(mover).unit) in quantity.factors for quantity in QUANTITIES.values())
+    if window.kind == "steady" or not known:
+        return window.kind != "steady"
+    spread = float(np.nanstd(np.asarray(log.read(mover, window.start_s, window.stop_s), dtype=np.float64)))
+    return not spread < LEAST_SWING * abs(window.level)
+
 
 COARSE_HZ = 200.0
 """Rate to which the set point is averaged; it preserves sines of 30 Hz."""

@@ -15,7 +15,7 @@ from typing import Any, TypedDict, Unpack
 from markupsafe import Markup
 
 from shipfp_rs import plot
-from shipfp_rs.assessment.compared_responses import compared_responses
+from shipfp_rs.assessment.comparison import compared_responses
 from shipfp_rs.errors import SimulationError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.frequency import FrequencyResponse
@@ -23,15 +23,14 @@ from shipfp_rs.identification.automatic import FULL_SHIP
 from shipfp_rs.identification.driven import instead
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.plot.frequency import windows
-from shipfp_rs.report import answer, fate, findings, loop, markup, sides
-from shipfp_rs.report.charts import charts, of_the_tachometer
-from shipfp_rs.report.language import Say
+from shipfp_rs.report import answer, fate, findings, loop, markup, operating
+from shipfp_rs.report.markup import Say
 from shipfp_rs.report.operating import facts
-from shipfp_rs.report.pictures import Pictures
+from shipfp_rs.report.pictures import Pictures, charts, of_the_tachometer
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.support.files import write_text_atomically
-from shipfp_rs.support.html import environment
 from shipfp_rs.support.sentences import Sentence
+from shipfp_rs.support.tables import environment
 from shipfp_rs.vessel.vessel import Vessel
 
 __all__ = ["render", "write_report"]
@@ -139,7 +138,7 @@ def render(
         ),
         ("parameters", say("Parameters"), findings.parameters(fingerprint, truth, pictures, say)),
         ("elements", say("Elements of the model"), findings.elements(fingerprint, say)),
-        ("sides", say("Load and engine, each by itself"), sides.section(fingerprint, pictures, say)),
+        ("sides", say("Load and engine, each by itself"), operating.section(fingerprint, pictures, say)),
         (
             "loop",
             say("The speed loop"),

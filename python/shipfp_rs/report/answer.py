@@ -23,12 +23,11 @@ from shipfp_rs.identification.estimate import (
     rounded_rows,
 )
 from shipfp_rs.identification.fingerprint import Fingerprint
-from shipfp_rs.identification.inertia import operating_point
+from shipfp_rs.identification.first_guesses import operating_point
 from shipfp_rs.identification.ship_found import BELIEVED
 from shipfp_rs.identification.wording import DOUBT, something_missing
 from shipfp_rs.plot.style import COLOURS, LABELS, dress, envelope
-from shipfp_rs.report.language import Say
-from shipfp_rs.report.markup import piece
+from shipfp_rs.report.markup import Say, piece
 from shipfp_rs.report.pictures import NARROW, Pictures
 from shipfp_rs.structures.elements import LATE_CHANNELS
 from shipfp_rs.structures.names import OF_WHAT, as_looked_at

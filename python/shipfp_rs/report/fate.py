@@ -12,8 +12,7 @@ import numpy.typing as npt
 from shipfp_rs.experiments.experiment import UNITS, Experiment
 from shipfp_rs.identification import wording
 from shipfp_rs.identification.fingerprint import Fingerprint
-from shipfp_rs.report.language import Say
-from shipfp_rs.report.markup import Cell, Row, bullets, count, details, number, paragraph, plain, table
+from shipfp_rs.report.markup import Cell, Row, Say, bullets, count, details, number, paragraph, plain, table
 from shipfp_rs.support.arrays import Array
 
 FATES = {2: "kept", 3: "repaired", 4: "cut", 1: "another sensor used", 0: "outside windows"}

@@ -11,7 +11,7 @@ from shipfp_rs import plot
 from shipfp_rs.identification import wording
 from shipfp_rs.identification.estimate import OPEN, Estimate, is_rough, rounded_rows
 from shipfp_rs.identification.fingerprint import ALARM, Fingerprint
-from shipfp_rs.identification.inertia import operating_point
+from shipfp_rs.identification.first_guesses import operating_point
 from shipfp_rs.report.answer import (
     at_an_end,
     interval,
@@ -19,8 +19,7 @@ from shipfp_rs.report.answer import (
     of_what,
     undetermined,
 )
-from shipfp_rs.report.language import Say
-from shipfp_rs.report.markup import Cell, Row, bullets, link, number, paragraph, piece, table
+from shipfp_rs.report.markup import Cell, Row, Say, bullets, link, number, paragraph, piece, table
 from shipfp_rs.report.pictures import NARROW, Pictures
 from shipfp_rs.structures import glossary
 from shipfp_rs.support.sentences import Sentence

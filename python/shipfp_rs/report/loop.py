@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from shipfp_rs.assessment.closed_loop import closed_loop
-from shipfp_rs.assessment.load_step import STEP_PCT, WHOLE_PCT, Governing, governing
-from shipfp_rs.assessment.measured_steps import measured_steps
+from shipfp_rs.assessment.closed_loop import STEP_PCT, WHOLE_PCT, Governing, closed_loop, governing
+from shipfp_rs.assessment.validation import measured_steps
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.identification import wording
@@ -18,8 +17,7 @@ from shipfp_rs.identification.estimate import Estimate, rounded_rows
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.plot.style import BLUE, GREY, ORANGE, SET_POINT, dress
 from shipfp_rs.report.answer import at_an_end, interval
-from shipfp_rs.report.language import Say
-from shipfp_rs.report.markup import Cell, Row, number, paragraph, piece, table
+from shipfp_rs.report.markup import Cell, Row, Say, number, paragraph, piece, table
 from shipfp_rs.report.operating import feeds_a_generator
 from shipfp_rs.report.pictures import NARROW, Pictures
 from shipfp_rs.structures.elements import LATE_CHANNELS

@@ -16,7 +16,7 @@ from shipfp_rs.assessment.leverage import leverage
 from shipfp_rs.frequency import FrequencyResponse, sine_response
 from shipfp_rs.identification.fingerprint import Estimate, Fingerprint
 from shipfp_rs.identification.identify import identify
-from shipfp_rs.identification.options import NoiseModel
+from shipfp_rs.identification.question import NoiseModel
 from shipfp_rs.reproduce import Progress, Reproduction, Row, Way, counted, printed_row, row_of
 from shipfp_rs.reproduce.fullscale_tables import before_the_fit, cross_checks, cross_validation
 from shipfp_rs.reproduce.virtual_data import BOUNDS

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from shipfp_rs import plot
-from shipfp_rs.assessment.prediction import predict_response, structure_of
+from shipfp_rs.assessment.closed_loop import predict_response, structure_of
 from shipfp_rs.frequency import FrequencyResponse
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.plot import style
@@ -42,8 +42,7 @@ from shipfp_rs.signals import sine_sequence
 from shipfp_rs.simulation.sensors import EQUATION_6_7
 from shipfp_rs.simulation.simulate import simulate
 from shipfp_rs.structures.prediction import simulated_about
-from shipfp_rs.support.arrays import Array
-from shipfp_rs.support.quantiles import DEVIATIONS_95
+from shipfp_rs.support.arrays import DEVIATIONS_95, Array
 from shipfp_rs.vessel.vessel import Vessel
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.optimize import curve_fit
 
 from shipfp_rs import published
-from shipfp_rs.assessment.prediction import structure_of
+from shipfp_rs.assessment.closed_loop import structure_of
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.inspection.checks import static_torque
 from shipfp_rs.inspection.spectrum import rates_of
@@ -20,9 +20,8 @@ from shipfp_rs.reproduce.virtual_data import model_of
 from shipfp_rs.simulation.sensors import EQUATION_6_7
 from shipfp_rs.structures.prediction import simulated_about
 from shipfp_rs.structures.structure import Structure
-from shipfp_rs.support.arrays import Array
-from shipfp_rs.support.calibration import Calibration
-from shipfp_rs.support.quantiles import DEVIATIONS_95
+from shipfp_rs.support.arrays import DEVIATIONS_95, Array
+from shipfp_rs.support.units import Calibration
 from shipfp_rs.vessel.vessel import Vessel
 
 TORQUE_COEFFICIENT = 0.02709

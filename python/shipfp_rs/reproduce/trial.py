@@ -10,15 +10,15 @@ from functools import cache
 import numpy as np
 
 from shipfp_rs import published
-from shipfp_rs.assessment.ship_parameters import parameters_of
+from shipfp_rs.assessment.si import parameters_of
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.logs.log import Log
 from shipfp_rs.processing.process import process
 from shipfp_rs.processing.trial import Trial
 from shipfp_rs.signals import Excitation, chirp, join, sine_sequence, steps
-from shipfp_rs.simulation.inflow import Inflow
 from shipfp_rs.simulation.raw_log import Truth, simulate_raw_log, trial_tables
+from shipfp_rs.simulation.replay import Inflow
 from shipfp_rs.simulation.sensors import EQUATION_6_7, Kind, Sensors, TrueWindow
 from shipfp_rs.simulation.simulate import simulate
 from shipfp_rs.vessel.vessel import Vessel

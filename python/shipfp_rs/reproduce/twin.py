@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from shipfp_rs.assessment.ship_parameters import with_parameters
+from shipfp_rs.assessment.si import with_parameters
 from shipfp_rs.errors import IdentificationError, InputError
 from shipfp_rs.identification.fingerprint import Estimate, Fingerprint
 from shipfp_rs.identification.identify import identify

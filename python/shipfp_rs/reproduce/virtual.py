@@ -15,8 +15,8 @@ from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.frequency import FrequencyResponse
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.identification.identify import identify
-from shipfp_rs.identification.options import NoiseModel, Options
-from shipfp_rs.identification.structure_answer import fitted
+from shipfp_rs.identification.question import NoiseModel, Options
+from shipfp_rs.identification.structure_estimates import fitted
 from shipfp_rs.identification.wording import rank
 from shipfp_rs.reproduce import Progress, Reproduction, Row, Way, counted, fits_of, printed_row
 from shipfp_rs.reproduce.virtual_data import (

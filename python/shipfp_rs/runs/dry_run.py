@@ -10,16 +10,15 @@ from typing import Any
 import numpy as np
 
 from shipfp_rs.experiments.experiment import DRIVES, Experiment
-from shipfp_rs.identification.automatic import FULL_SHIP
+from shipfp_rs.identification.automatic import FULL_SHIP, foresee
 from shipfp_rs.identification.fingerprint import Fingerprint
-from shipfp_rs.identification.foresight import foresee
 from shipfp_rs.identification.question import TRIED
 from shipfp_rs.logs.log import Log
-from shipfp_rs.processing.plausibility import require_columns
+from shipfp_rs.processing.cleaning import require_columns
 from shipfp_rs.processing.process import process
 from shipfp_rs.processing.trial import Trial
 from shipfp_rs.processing.trial_channels import Load, Rack, Tacho, Torque
-from shipfp_rs.runs.fit import choice, located, structure_from
+from shipfp_rs.runs.run import choice, located, structure_from
 from shipfp_rs.support.arrays import attributes
 from shipfp_rs.support.progress import part, tell
 from shipfp_rs.vessel.vessel import Vessel

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
-from shipfp_rs.assessment.prediction import structure_of as rebuilt
+from shipfp_rs.assessment.closed_loop import structure_of as rebuilt
 from shipfp_rs.assessment.si import doubts, in_si
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.experiments.parquet import write_experiments
@@ -15,13 +16,55 @@ from shipfp_rs.identification.driven import of_vessel, progress_of
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.identification.identify import identify
 from shipfp_rs.processing.process import process
-from shipfp_rs.processing.trial import Trial
-from shipfp_rs.runs.fit import choice, located, structure_from
+from shipfp_rs.processing.trial import Identify, Trial
+from shipfp_rs.structures.outputs import Torque
+from shipfp_rs.structures.structure import Structure
 from shipfp_rs.support.files import replacing_folder
 from shipfp_rs.support.progress import part, tell
 from shipfp_rs.support.sentences import Sentence, joined
 from shipfp_rs.support.threads import import_beside
 from shipfp_rs.vessel.vessel import Vessel
+
+
+def choice(trial: Trial) -> dict[str, Any]:
+    """Arguments of `identify` from a trial's [identify] table, for a selection by the data."""
+    options, place = trial.identify, located(trial)
+    outputs = list(options.outputs) if "outputs" in options.model_fields_set else None
+    return {
+        "elements": options.elements,
+        "torque": options.torque or place,
+        "outputs": outputs if outputs is None else _measured(outputs, place),
+        "fixed": {**({"v": 1.0, "g": 0.0} if trial.channels.asks_for_torque else {}), **options.fixed},
+        "priors": options.priors,
+    }
+
+
+def structure_from(options: Identify, located: Torque | None) -> Structure:
+    """Ship declared by an [identify] table; `located` is where its torque was measured, None if it was not.
+
+    Raises
+    ------
+    InputError
+        If it names an unknown element, parameter or output.
+    """
+    structure = Structure.ship(
+        options.acting,
+        torque=options.torque or located or "brake",
+        outputs=_measured(options.outputs, located),
+        products=options.products,
+    )
+    return structure.with_fixed(**options.fixed).with_prior(**options.priors).with_tied(**options.tied)
+
+
+def located(trial: Trial) -> Torque | None:
+    """Location of a trial's measured torque; None without one."""
+    return None if trial.channels.torque is None else trial.channels.torque.place
+
+
+def _measured(outputs: Sequence[str], located: Torque | None) -> list[str]:
+    """Outputs, without the torque if none was measured."""
+    return [output for output in outputs if output != "dM" or located is not None]
+
 
 MARKER = "fingerprint.json"
 RESULTS = (MARKER, "report.html", "experiments.parquet", "TRIAL.toml")

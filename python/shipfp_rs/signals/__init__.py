@@ -3,11 +3,9 @@
 All functions raise `InputError` if an argument is out of range.
 """
 
-from shipfp_rs.signals.chirps import Law, chirp
+from shipfp_rs.signals.chirps import Law, chirp, multisine, published_sine_sequence, sine_sequence
 from shipfp_rs.signals.excitation import Excitation, Segment, join
-from shipfp_rs.signals.noise import band_limited_noise, prbs
-from shipfp_rs.signals.sines import multisine, published_sine_sequence, sine_sequence
-from shipfp_rs.signals.stairs import steps
+from shipfp_rs.signals.noise import band_limited_noise, prbs, steps
 from shipfp_rs.signals.standard import Kind, standard
 
 __all__ = [

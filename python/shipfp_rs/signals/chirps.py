@@ -6,13 +6,24 @@ import math
 from typing import Literal
 
 import numpy as np
+import numpy.typing as npt
 
+from shipfp_rs import published
 from shipfp_rs.errors import InputError
-from shipfp_rs.signals.checks import Bands, bands, below_nyquist, sample_times
-from shipfp_rs.signals.excitation import Excitation
-from shipfp_rs.support.arguments import checked
+from shipfp_rs.signals.excitation import (
+    Bands,
+    Excitation,
+    Segment,
+    bands,
+    below_nyquist,
+    numbers,
+    outside,
+    repeated,
+    sample_times,
+    whole_samples,
+)
+from shipfp_rs.support.arguments import between, checked, positive
 from shipfp_rs.support.arrays import Array
-from shipfp_rs.support.checks import positive
 
 Law = Literal["linear", "logarithmic"]
 
@@ -92,3 +103,180 @@ def _turns(time: Array, start: float, stop: float, duration: float, law: Law) ->
         return start * time + 0.5 * (stop - start) / duration * time**2
     rate = math.log(stop / start) / duration
     return start * np.expm1(rate * time) / rate if rate != 0.0 else start * time
+
+
+MOST_ITERATIONS = 100_000
+"""Limit of the rounds of clipping; the crest factor converges long before."""
+
+
+@checked
+def sine_sequence(
+    frequencies_hz: npt.ArrayLike,
+    periods: float,
+    amplitude_rpm: float,
+    *,
+    avoid_hz: Bands = (),
+    rate_hz: float = 100.0,
+    name: str = "sine sequence",
+) -> Excitation:
+    """Return sines in sequence, each for a whole number of periods (section 5.1.1).
+
+    Parameters
+    ----------
+    frequencies_hz
+        Frequencies in order [Hz], shape (F,), each below half the sample rate.
+    periods
+        Periods of each frequency, a whole number, so that the set point has no jumps.
+    amplitude_rpm
+        Amplitude [rpm].
+    avoid_hz
+        Bands (low, high) around resonances [Hz]; frequencies in them are omitted.
+    rate_hz, name
+        Sample rate [Hz] and label.
+
+    Returns
+    -------
+    Excitation
+        With one segment for each frequency.
+
+    Examples
+    --------
+    >>> sine_sequence([0.1, 1.0], 4, 13.0).duration
+    44.0
+    """
+    frequencies = outside(numbers("frequencies_hz", frequencies_hz), avoid_hz)
+    positive("periods", periods)
+    if periods != round(periods):
+        raise InputError(
+            f"periods is {periods:g}, expected a whole number; a part of one would end in a jump"
+        )
+    positive("amplitude_rpm", amplitude_rpm)
+    for index, frequency in enumerate(frequencies):
+        below_nyquist(f"frequencies_hz[{index}]", frequency, rate_hz)
+    stops = np.cumsum([periods / frequency for frequency in frequencies])
+    starts = np.concatenate([[0.0], stops[:-1]])
+    time = sample_times(float(stops[-1]), rate_hz)
+    at = np.minimum(np.searchsorted(stops, time, side="right"), len(stops) - 1)
+    phase = 2.0 * math.pi * np.array(frequencies)[at] * (time - starts[at])
+    segments = tuple(
+        Segment(f"{frequency:.4g} Hz", float(start), float(stop), frequency)
+        for frequency, start, stop in zip(frequencies, starts, stops, strict=True)
+    )
+    return Excitation(name, "sines", rate_hz, amplitude_rpm * np.sin(phase), segments=segments)
+
+
+@checked
+def published_sine_sequence(amplitude_rpm: float = 13.0, *, rate_hz: float = 100.0) -> Excitation:
+    """Return the sixteen sines of the virtual trial, four periods each (Table 5.1).
+
+    The frequencies follow from the printed times, in which each period is a multiple of 0.01 s; the printed
+    frequencies are rounded.
+    """
+    rows = published.virtual_schedule()
+    frequencies = [4.0 / (row.end_s - row.begin_s) for row in rows]
+    return sine_sequence(frequencies, 4, amplitude_rpm, rate_hz=rate_hz, name="virtual multisine")
+
+
+@checked
+def multisine(
+    frequencies_hz: npt.ArrayLike,
+    period_s: float,
+    amplitude_rpm: float,
+    *,
+    weights: npt.ArrayLike | None = None,
+    periods: int = 1,
+    avoid_hz: Bands = (),
+    rate_hz: float = 100.0,
+    iterations: int = 300,
+    name: str = "multisine",
+) -> Excitation:
+    """Return a sum of sines with phases that keep the crest factor low.
+
+    A period excites all frequencies, so it lasts as long as one period of the lowest.
+
+    Parameters
+    ----------
+    frequencies_hz
+        Wanted frequencies [Hz], shape (F,), rounded to the nearest multiples of 1/period_s.
+    period_s
+        Period [s], a whole number of samples.
+    amplitude_rpm
+        Largest deviation [rpm].
+    weights
+        Relative amplitude of each frequency, shape (F,); None: all equal.
+    periods
+        Number of periods; the ship settles during the first.
+    avoid_hz
+        Bands (low, high) around resonances [Hz]; frequencies in them are omitted.
+    rate_hz
+        Sample rate [Hz].
+    iterations
+        Rounds of clipping; each cuts the peaks, keeps the new phases and restores the amplitudes. The crest factor
+        reaches about 1.5 for evenly spaced lines and 2.5 for lines spread over decades.
+    name
+        Label.
+
+    Returns
+    -------
+    Excitation
+        With one segment for each period.
+
+    Raises
+    ------
+    InputError
+        If an argument is out of range, or two frequencies round to the same multiple.
+
+    Notes
+    -----
+    Start: M. Schroeder, doi:10.1109/TIT.1970.1054411. Clipping: E. van der Ouderaa, J. Schoukens,
+    J. Renneboog, IEEE Transactions on Instrumentation and Measurement 37 (1988) 145.
+
+    Examples
+    --------
+    >>> multisine([0.1, 0.2, 0.3, 0.4], 10.0, 13.0).crest_factor < 2.0
+    True
+    """
+    positive("amplitude_rpm", amplitude_rpm)
+    wanted = numbers("frequencies_hz", frequencies_hz)
+    sizes = np.ones(len(wanted)) if weights is None else np.array(numbers("weights", weights))
+    if len(sizes) != len(wanted) or sizes.min() <= 0.0:
+        raise InputError(f"weights are {weights!r}, expected {len(wanted)} positive numbers, one a frequency")
+    frequencies = outside(wanted, avoid_hz)
+    sizes = np.array(
+        [size for size, frequency in zip(sizes, wanted, strict=True) if frequency in frequencies]
+    )
+    samples = whole_samples("period_s", period_s, rate_hz)
+    lines = [round(frequency * period_s) for frequency in frequencies]
+    for index, (line, frequency) in enumerate(zip(lines, frequencies, strict=True)):
+        below_nyquist(f"frequencies_hz[{index}]", frequency, rate_hz)
+        if line < 1 or line in lines[:index] or 2 * line >= samples:
+            raise InputError(
+                f"frequencies_hz[{index}] is {frequency:g}, nearest multiple {line / period_s:g} of "
+                "1/period_s, expected one of its own between zero and half of rate_hz; take a longer period"
+            )
+    order = np.argsort(lines)
+    between("iterations", iterations, 0, MOST_ITERATIONS)
+    one_period = _flattened(np.array(lines)[order], sizes[order], samples, iterations)
+    one_period *= amplitude_rpm / np.abs(one_period).max()
+    return repeated(name, "multisine", rate_hz, one_period, periods)
+
+
+def _flattened(lines: npt.NDArray[np.int64], sizes: Array, samples: int, iterations: int) -> Array:
+    """One period of cosines on the given lines, with the lowest crest factor found by clipping."""
+    # Schroeder's phases: each depends on the power of all lines below it. For F equal lines this is
+    # pi k (k + 1) / F, apart from a shift in time.
+    power = np.cumsum(sizes**2) / np.sum(sizes**2)
+    phase = 2.0 * math.pi * (np.cumsum(power) - power[0])
+    spectrum = np.zeros(samples // 2 + 1, dtype=np.complex128)
+    spectrum[lines] = sizes * np.exp(-1j * phase)
+    best = trial = np.fft.irfft(spectrum, samples)
+    for round_ in range(iterations):
+        # Clipping more at first escapes the local minimum of the start; clipping less at last refines.
+        ceiling = (0.4 + 0.55 * round_ / iterations) * np.abs(trial).max()
+        clipped = np.fft.rfft(np.clip(trial, -ceiling, ceiling))[lines]
+        spectrum[lines] = sizes * np.exp(1j * np.angle(clipped))
+        trial = np.fft.irfft(spectrum, samples)
+        # All candidates have the same power, so the lowest peak is the lowest crest factor.
+        if np.abs(trial).max() < np.abs(best).max():
+            best = trial
+    return best

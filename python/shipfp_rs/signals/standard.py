@@ -6,13 +6,10 @@ from typing import Literal
 
 import numpy as np
 
-from shipfp_rs.signals.chirps import chirp
+from shipfp_rs.signals.chirps import chirp, multisine, sine_sequence
 from shipfp_rs.signals.excitation import Excitation
-from shipfp_rs.signals.noise import band_limited_noise, prbs
-from shipfp_rs.signals.sines import multisine, sine_sequence
-from shipfp_rs.signals.stairs import steps
-from shipfp_rs.support.arguments import Whole, checked
-from shipfp_rs.support.checks import positive
+from shipfp_rs.signals.noise import band_limited_noise, prbs, steps
+from shipfp_rs.support.arguments import Whole, checked, positive
 
 Kind = Literal["chirp", "steps", "multisine", "sines", "prbs", "noise"]
 

@@ -13,10 +13,9 @@ import numpy as np
 from scipy import signal
 
 from shipfp_rs.logs.faults import simulated
-from shipfp_rs.support.arguments import check_fields
+from shipfp_rs.support.arguments import between, check_fields
 from shipfp_rs.support.arrays import Array
-from shipfp_rs.support.calibration import Calibration
-from shipfp_rs.support.checks import between
+from shipfp_rs.support.units import Calibration
 from shipfp_rs.vessel.vessel import Vessel
 
 Kind = Literal["A", "B", "C", "D1", "D2", "D3", "gap", "dropout", "stuck", "clipped", "repeated"]

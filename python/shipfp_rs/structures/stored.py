@@ -8,11 +8,10 @@ from dataclasses import asdict, replace
 from typing import Any
 
 from shipfp_rs.errors import InputError
-from shipfp_rs.structures.commanded import KIND, commanded
 from shipfp_rs.structures.parameter import Parameter
+from shipfp_rs.structures.ship import KIND, commanded
 from shipfp_rs.structures.ties import Tie, resolved, tied
-from shipfp_rs.support.arguments import fits
-from shipfp_rs.support.checks import expect
+from shipfp_rs.support.arguments import expect, fits
 from shipfp_rs.support.hints import suggestion
 
 LINEAR_OPTIONS = (

@@ -9,10 +9,8 @@ from typing import Any
 from shipfp_rs.errors import InputError
 from shipfp_rs.structures import stored
 from shipfp_rs.structures.custom import FunctionEquations, Matrices, MatrixEquations, Response, Simulate
-from shipfp_rs.structures.editing import Editable
+from shipfp_rs.structures.declared import Editable
 from shipfp_rs.structures.elements import chosen
-from shipfp_rs.structures.joint import JointEquations, PartEquations
-from shipfp_rs.structures.linear import LinearEquations
 from shipfp_rs.structures.outputs import (
     BRAKE,
     Torque,
@@ -23,6 +21,8 @@ from shipfp_rs.structures.outputs import (
 )
 from shipfp_rs.structures.parameter import Parameter as Parameter
 from shipfp_rs.structures.ship import BRAKE_SCALE, STATES, ShipEquations
+from shipfp_rs.structures.state_space import LinearEquations
+from shipfp_rs.structures.ties import JointEquations, PartEquations
 from shipfp_rs.support.arguments import checked
 
 

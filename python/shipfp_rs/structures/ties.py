@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 
@@ -12,6 +12,45 @@ from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.structures.equations import Equations
 from shipfp_rs.support.arrays import Array, ComplexArray, Names, Values
+
+COMBINATIONS: Mapping[str, tuple[str, Callable[[Mapping[str, float]], float]]] = {
+    "vK_p": ("-", lambda q: q["v"] * q["K_p"]),
+    "vK_i": ("1/s", lambda q: q["v"] * q["K_i"]),
+    "K_p/K_i": ("s", lambda q: q["K_p"] / q["K_i"]),
+    "p-g": ("-", lambda q: q["p"] - q["g"]),
+    "(p-g)/tau_n": ("1/s", lambda q: (q["p"] - q["g"]) / q["tau_n"]),
+    "vK_p/tau_n": ("1/s", lambda q: _product(q, "p") / q["tau_n"]),
+    "vK_i/tau_n": ("1/s2", lambda q: _product(q, "i") / q["tau_n"]),
+    "tau_prop/tau_n": ("-", lambda q: q["tau_prop"] / q["tau_n"]),
+    "(p-g)/(vK_i)": ("s", lambda q: (q["p"] - q["g"]) / _product(q, "i")),
+    "(p-g)/(vK_i)+T_set": ("s", lambda q: (q["p"] - q["g"]) / _product(q, "i") + q["T_set"]),
+}
+"""Unit and value of each tried combination of the linear structure's parameters. A KeyError means not applicable."""
+
+
+def _product(values: Values, letter: str) -> float:
+    name = f"vK_{letter}"
+    return values[name] if name in values else values["v"] * values[f"K_{letter}"]
+
+
+def true_values(linear: Mapping[str, float]) -> dict[str, float]:
+    """Return the linear parameters and all applicable combinations of them."""
+    values = dict(linear)
+    for name, (_, combine) in COMBINATIONS.items():
+        values.setdefault(name, combine(linear))
+    return values
+
+
+def slope_of(name: str, values: Mapping[str, float | None], shift: Mapping[str, float]) -> float:
+    """Directional derivative of a combination along a shift of the parameters."""
+    _, function = COMBINATIONS[name]
+    known = {key: value for key, value in values.items() if value is not None}
+    try:
+        step = 1e-6
+        moved = {key: value + step * shift.get(key, 0.0) for key, value in known.items()}
+        return (function(moved) - function(known)) / step
+    except (KeyError, ZeroDivisionError):
+        return 0.0
 
 
 @dataclass(frozen=True)
@@ -152,3 +191,69 @@ class TiedEquations(Behind):
             tie = self.ties[name]
             chain[names.index(tie.to), moved.index(name)] = tie.factor
         return moved, chain
+
+
+@dataclass(frozen=True)
+class PartEquations(Behind):
+    """Equations of a single trial under the joint parameter names; other trials' parameters have no effect."""
+
+    names: Mapping[str, str]
+    """Joint names to the names in the equations."""
+
+    def own_values(self, values: Values) -> dict[str, float]:
+        """Return the values of the equations' parameters."""
+        states = {name: value for name, value in values.items() if name in self.states}
+        return states | {own: values[name] for name, own in self.names.items()}
+
+    def chain(self, names: Names) -> tuple[list[str], Array]:
+        """Return the equations' parameters that depend on `names`, and their derivatives, shape (W, dependent)."""
+        own = [self.names.get(name, name) for name in names]
+        here = [name in self.names or name in self.states for name in names]
+        return [name for name, is_here in zip(own, here, strict=True) if is_here], np.eye(len(names))[:, here]
+
+
+@dataclass(frozen=True)
+class JointEquations(Equations):
+    """Equations of each trial by name."""
+
+    parts: Mapping[str, PartEquations]
+
+    @property
+    def states(self) -> tuple[str, ...]:
+        """Initial states of any trial."""
+        return next(iter(self.parts.values())).states
+
+    @property
+    def linear_in(self) -> tuple[str, ...]:
+        """Unknowns of an experiment in which the outputs are linear."""
+        return next(iter(self.parts.values())).linear_in
+
+    def stable(self, values: Values) -> bool:
+        """Whether every trial's loop is stable, where known."""
+        return all(part.stable(values) for part in self.parts.values())
+
+    def part(self, name: str) -> PartEquations:
+        """Return the equations of a trial.
+
+        Raises
+        ------
+        InputError
+            For an unknown name.
+        """
+        if name not in self.parts:
+            raise InputError(
+                f"joint structure: no part for {name!r}, expected one of {', '.join(self.parts)}"
+            )
+        return self.parts[name]
+
+    def simulate(self, values: Values, experiment: Experiment) -> Array:
+        """Return the normalised outputs of an experiment with the name of a trial, shape (O, N)."""
+        return self.part(experiment.name).simulate(values, experiment)
+
+    def sensitivities(self, values: Values, experiment: Experiment, names: Names) -> tuple[Array, Array]:
+        """Return the outputs (O, N) and their derivatives by `names`, shape (W, O, N)."""
+        return self.part(experiment.name).sensitivities(values, experiment, names)
+
+    def response(self, values: Values, frequency_hz: Array, names: Names) -> NoReturn:
+        """Refuse, since a response has no trial without a name."""
+        raise InputError("joint structure: a response is one part's; give structure.part(name)")

@@ -9,13 +9,11 @@ from functools import cached_property
 import numpy as np
 
 from shipfp_rs import _core
-from shipfp_rs.structures.commanded import CommandedEquations
 from shipfp_rs.structures.equations import Equations
-from shipfp_rs.structures.joint import PartEquations
-from shipfp_rs.structures.linear import LinearEquations
-from shipfp_rs.structures.ship import ShipEquations
+from shipfp_rs.structures.ship import CommandedEquations, ShipEquations
+from shipfp_rs.structures.state_space import LinearEquations
 from shipfp_rs.structures.structure import Structure
-from shipfp_rs.structures.ties import Behind
+from shipfp_rs.structures.ties import Behind, PartEquations
 from shipfp_rs.support.arrays import Array, ComplexArray, Values
 
 GAINS = ("K_p", "K_i", "K_d")

@@ -6,7 +6,7 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from shipfp_rs.support.checks import expect
+from shipfp_rs.support.arguments import expect
 
 FIELD = re.compile(r"{(\w+)}")
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from shipfp_rs import _core
-from shipfp_rs.support.arrays import Array, Mask
-from shipfp_rs.support.spans import Spans
+from shipfp_rs.support.arrays import Array, Mask, Spans
 
 ROBUST_SIGMA = 1.4826
 """Standard deviation over median absolute deviation of Gaussian noise."""

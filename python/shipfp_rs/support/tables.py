@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import cache
 from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 import numpy as np
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
     import pandas as pd
     import pyarrow as pa
     import xarray as xr
+    from jinja2 import Environment
 
 
 FACTS = "shipfp"
@@ -183,3 +185,26 @@ def package(name: str, distribution: str | None = None) -> Any:
         raise InputError(
             f"{distribution or name} is not installed; install it with: pip install 'shipfp_rs[{name}]'"
         ) from error
+
+
+@cache
+def environment() -> Environment:
+    """Templates of the package; all text except `Markup` is escaped."""
+    # Jinja loads slowly, and every object shown in a notebook has a table.
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+
+    made = Environment(
+        loader=PackageLoader("shipfp_rs", "data/templates"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )
+    made.policies["json.dumps_kwargs"] = {"ensure_ascii": False, "allow_nan": False}
+    return made
+
+
+def shown(title: str, head: Sequence[str], rows: Iterable[Sequence[str]], notes: Iterable[str] = ()) -> str:
+    """HTML of a title, a table and notes."""
+    return environment().get_template("object.html").render(title=title, head=head, rows=rows, notes=notes)

@@ -13,7 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from pydantic_core import ErrorDetails, PydanticCustomError
 
 from shipfp_rs.errors import InputError
-from shipfp_rs.support.checks import LINES, is_one_line
+from shipfp_rs.support.arguments import LINES, is_one_line
 from shipfp_rs.support.files import read_text
 from shipfp_rs.support.hints import nearest, suggestion
 

@@ -12,10 +12,8 @@ from typing import Any
 import pyarrow as pa
 
 from shipfp_rs.errors import InputError, ShipfpError
-from shipfp_rs.support.arguments import Positive, checked
-from shipfp_rs.support.checks import accuracy
-from shipfp_rs.support.files import write_text_atomically
-from shipfp_rs.support.json_files import json_text
+from shipfp_rs.support.arguments import Positive, accuracy, checked
+from shipfp_rs.support.files import json_text, write_text_atomically
 from shipfp_rs.support.progress import on_a_line
 from shipfp_rs.support.progress import tell as report
 from shipfp_rs.support.threads import one_blas_thread

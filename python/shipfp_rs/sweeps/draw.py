@@ -10,7 +10,7 @@ import numpy as np
 import pyarrow as pa
 
 from shipfp_rs import signals
-from shipfp_rs.assessment.ship_parameters import parameters_of
+from shipfp_rs.assessment.si import parameters_of
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.identification.identify import identify
@@ -19,8 +19,8 @@ from shipfp_rs.processing.trial import Trial
 from shipfp_rs.simulation.raw_log import simulate_raw_log, trial_tables
 from shipfp_rs.simulation.sensors import Kind, Sensors
 from shipfp_rs.simulation.simulate import simulate
-from shipfp_rs.structures.combinations import COMBINATIONS
 from shipfp_rs.structures.structure import Structure
+from shipfp_rs.structures.ties import COMBINATIONS
 from shipfp_rs.support.toml import validated
 from shipfp_rs.sweeps.chain import Excitation
 from shipfp_rs.sweeps.plan import Conditions, Plan

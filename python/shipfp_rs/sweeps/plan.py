@@ -5,37 +5,63 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping
-from functools import cached_property
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from pydantic import BaseModel, Field, model_validator
 from scipy.special import ndtri
+from scipy.stats import qmc
 
 from shipfp_rs._core import __version__
 from shipfp_rs.errors import InputError
-from shipfp_rs.processing.trial_tables import HOW
-from shipfp_rs.processing.trial_tables import Identify as TrialIdentify
-from shipfp_rs.runs.fit import structure_from
+from shipfp_rs.processing.trial import HOW
+from shipfp_rs.processing.trial import Identify as TrialIdentify
+from shipfp_rs.runs.run import structure_from
 from shipfp_rs.simulation.sensors import Sensors as UsualSensors
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.support import hints
-from shipfp_rs.support.toml import (
-    FilePath,
-    Name,
-    Section,
-    Seed,
-    built_in,
-    read_named,
-    unexpected,
-    validated,
-)
+from shipfp_rs.support.arrays import Array
+from shipfp_rs.support.toml import FilePath, Name, Section, Seed, built_in, read_named, unexpected, validated
 from shipfp_rs.sweeps.chain import Excitation, Faults, Noise, OperatingPoint, Sensors
-from shipfp_rs.sweeps.design import Design, place, seed_of
 from shipfp_rs.vessel.drive_train import SIMULATED_KEYS
 from shipfp_rs.vessel.steady_state import steady_state
 from shipfp_rs.vessel.vessel import Vessel
+
+Design = Literal["random", "latin", "sobol", "grid"]
+
+BLOCK = 65_536
+"""Draws of one design; a larger sweep has several, scrambled independently, so that memory does not grow with it."""
+
+
+def seed_of(seed: int, index: int) -> int:
+    """Seed of one draw, from 0 to 2^63 - 1, from the child of `SeedSequence(seed).spawn` with its index."""
+    child = np.random.SeedSequence(seed, spawn_key=(index,))
+    return int(child.generate_state(1, np.uint64)[0] >> np.uint64(1))
+
+
+def place(
+    design: Literal["random", "latin", "sobol"], factors: int, draws: int, seed: int, index: int
+) -> Array:
+    """Point of a draw in the unit cube, shape (factors,); each block of `BLOCK` draws is a separate design."""
+    block, row = divmod(index, BLOCK)
+    return np.asarray(_block(design, factors, min(BLOCK, draws - block * BLOCK), seed, block)[row])
+
+
+@lru_cache(maxsize=2)
+def _block(design: str, factors: int, rows: int, seed: int, block: int) -> Array:
+    if not factors:
+        return np.empty((rows, 0))
+    # A key of two numbers can't collide with that of a draw, which has one.
+    generator = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(block, 1)))
+    if design == "random":
+        return np.asarray(generator.random((rows, factors)))
+    if design == "latin":
+        return np.asarray(qmc.LatinHypercube(factors, rng=generator).random(rows))
+    # A Sobol sequence is balanced for a power of two of draws, so the next power is drawn; draws after `rows` are not used.
+    return np.asarray(qmc.Sobol(factors, rng=generator).random_base2(math.ceil(math.log2(rows))))
+
 
 Positive = Annotated[float, Field(gt=0.0)]
 Value = float | bool | str

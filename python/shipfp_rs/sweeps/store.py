@@ -17,8 +17,7 @@ from filelock import FileLock, Timeout
 from pydantic import Field
 
 from shipfp_rs.errors import InputError
-from shipfp_rs.support.files import local, replacing, write_text_atomically
-from shipfp_rs.support.json_files import read_json
+from shipfp_rs.support.files import local, read_json, replacing, write_text_atomically
 from shipfp_rs.support.toml import Section, validated
 
 MANIFEST, RESULTS, SUMMARY, PARTS, LOCK = "manifest.json", "results.parquet", "summary.json", "parts", ".lock"

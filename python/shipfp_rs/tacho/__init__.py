@@ -2,11 +2,9 @@
 
 from shipfp_rs.tacho.angles import ReflectorAngles, reflector_angles
 from shipfp_rs.tacho.crossings import PulseTimes, pulse_times
-from shipfp_rs.tacho.fused_angle import TrainReport
-from shipfp_rs.tacho.fusion import FusedSpeed, fuse
+from shipfp_rs.tacho.fusion import FusedSpeed, TrainReport, fuse
 from shipfp_rs.tacho.matlab import midcross, pulseperiod, statelevels, tachorpm
-from shipfp_rs.tacho.passages import Train
-from shipfp_rs.tacho.speed import IntervalSpeed, interval_gain, resample, speed_from_pulses
+from shipfp_rs.tacho.speed import IntervalSpeed, Train, interval_gain, resample, speed_from_pulses
 from shipfp_rs.tacho.tracks import PulseFlag
 
 __all__ = [

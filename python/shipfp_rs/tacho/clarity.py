@@ -6,8 +6,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import median_filter
 
-from shipfp_rs.support.arrays import Array
-from shipfp_rs.support.spans import Spans, runs
+from shipfp_rs.support.arrays import Array, Spans, runs
 
 Flags = npt.NDArray[np.bool_]
 

@@ -13,8 +13,7 @@ from scipy.ndimage import median_filter
 from shipfp_rs._core import PulseTracker, pulse_levels
 from shipfp_rs.errors import InputError
 from shipfp_rs.support.arguments import checked
-from shipfp_rs.support.arrays import Array
-from shipfp_rs.support.spans import Spans
+from shipfp_rs.support.arrays import Array, Spans
 from shipfp_rs.tacho.clarity import (
     AT_REST,
     FAR_FROM_LIMIT,

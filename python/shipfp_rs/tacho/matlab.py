@@ -15,9 +15,8 @@ from scipy.interpolate import make_interp_spline, make_lsq_spline
 
 from shipfp_rs._core import PulseCrossings
 from shipfp_rs.errors import InputError
-from shipfp_rs.support.arguments import checked
+from shipfp_rs.support.arguments import at_most, checked
 from shipfp_rs.support.arrays import Array
-from shipfp_rs.support.checks import at_most
 from shipfp_rs.tacho.tracks import require_positive
 
 Polarity = Literal["positive", "negative"]

@@ -14,9 +14,8 @@ from scipy.optimize import brentq
 from shipfp_rs import _core
 from shipfp_rs.errors import InputError
 from shipfp_rs.support import hints
-from shipfp_rs.support.arguments import checked
+from shipfp_rs.support.arguments import checked, positive
 from shipfp_rs.support.arrays import Array, Brief
-from shipfp_rs.support.checks import positive
 from shipfp_rs.vessel.drive_train import PLANT_PARAMETERS, drive_train
 from shipfp_rs.vessel.vessel import Vessel
 

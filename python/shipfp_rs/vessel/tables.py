@@ -9,8 +9,8 @@ from pydantic import BeforeValidator, Field, model_validator
 from pydantic_core import PydanticCustomError
 
 from shipfp_rs.errors import InputError
-from shipfp_rs.support.calibration import Calibration
 from shipfp_rs.support.toml import Section, unexpected
+from shipfp_rs.support.units import Calibration
 
 Positive = Annotated[float, Field(gt=0.0)]
 NotNegative = Annotated[float, Field(ge=0.0)]

@@ -14,7 +14,7 @@ from shipfp_rs.errors import InputError
 from shipfp_rs.support import hints
 from shipfp_rs.support.arguments import checked
 from shipfp_rs.support.arrays import Array
-from shipfp_rs.support.html import shown
+from shipfp_rs.support.tables import shown
 from shipfp_rs.support.toml import Name, built_in, read_named, unexpected, validated
 from shipfp_rs.vessel.size import Size
 from shipfp_rs.vessel.tables import (

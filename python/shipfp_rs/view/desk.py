@@ -15,17 +15,15 @@ from typing import Any
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.logs.log import suffixes
-from shipfp_rs.processing.trial import Trial
-from shipfp_rs.processing.trial_tables import KINDS as WINDOW_KINDS
-from shipfp_rs.processing.trial_tables import Header
-from shipfp_rs.report.language import KINDS
+from shipfp_rs.processing.trial import KINDS as WINDOW_KINDS
+from shipfp_rs.processing.trial import Header, Trial
+from shipfp_rs.report.markup import KINDS
 from shipfp_rs.support.files import read_text, write_text_atomically
 from shipfp_rs.support.threads import side_by_side
 from shipfp_rs.support.toml import built_in, read_tables, validated
 from shipfp_rs.support.units import TO_RPM
 from shipfp_rs.vessel.vessel import Vessel
 from shipfp_rs.view import draft as drafts
-from shipfp_rs.view import vessel_form
 from shipfp_rs.view.document import Document
 from shipfp_rs.view.draft import Draft
 from shipfp_rs.view.jobs import Jobs
@@ -193,7 +191,7 @@ class Desk:
             "version": drafts.version_of(path) if known else "",
             "kinds": [[kind, KINDS.get(kind, kind)] for kind in WINDOW_KINDS],
             "vessels": self._vessels(),
-            "vessel_form": {"fields": vessel_form.fields(), "file": self._free("vessel").name},
+            "vessel_form": {"fields": drafts.fields(), "file": self._free("vessel").name},
             "speed_units": sorted(TO_RPM),
             "factors": {channel.name: drafts.factors(channel.unit) for channel in channels},
             "guess": [one.model_dump(mode="json") for one in drafts.guessed(channels)],
@@ -297,7 +295,7 @@ class Desk:
             raise InputError("values: expected the form's keys, each with a text")
         with self._saving:
             path = self._writable(content.get("file"))
-            text = vessel_form.vessel_file(values, path.name)
+            text = drafts.vessel_file(values, path.name)
             if path.exists():
                 raise InputError(f"{path.name}: exists already; choose another name for the ship's file")
             write_text_atomically(path, text)

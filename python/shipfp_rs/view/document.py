@@ -20,8 +20,8 @@ from shipfp_rs.processing.trial import Trial
 from shipfp_rs.processing.trial_template import moved, operating_rest
 from shipfp_rs.processing.windows import FoundWindow, find_windows
 from shipfp_rs.view import pyramid
-from shipfp_rs.view.background import Background, Progress
-from shipfp_rs.view.series import Series
+from shipfp_rs.view.jobs import Background, Progress
+from shipfp_rs.view.results import Series
 
 SPECTRUM_S = 300.0
 """Longest stretch for a spectrum, about the middle of the selection."""

@@ -7,14 +7,163 @@ import hashlib
 import itertools
 import os
 import stat
-from collections.abc import Iterator
+import threading
+from collections import OrderedDict
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+import numpy.typing as npt
+
+from shipfp_rs._core import Extremes, coarser_extremes
 from shipfp_rs.errors import InputError
-from shipfp_rs.support.files import MOST_BYTES
-from shipfp_rs.support.json_files import read_json
+from shipfp_rs.logs.channel import Channel, Samples
+from shipfp_rs.logs.log import Log
+from shipfp_rs.support.files import MOST_BYTES, read_json
 from shipfp_rs.support.toml import MOST_CHARACTERS
+from shipfp_rs.view.pyramid import BASE, FACTOR, Stored, as_fed, level_counts
+
+Array = npt.NDArray[np.float64]
+
+TILE = 1024
+"""Blocks in a tile."""
+FINER = 3
+"""Levels finer than the stored ones: of 1, 4 and 16 samples per block."""
+PIECE = 1 << 18
+"""Samples read at once."""
+KEPT = 8
+"""Pieces of a channel kept in memory: eight megabytes of single precision."""
+HEAD = np.dtype([("offset", "<f8"), ("count", "<u4"), ("columns", "<u4")])
+"""Header of a tile's float32 values: offset to add, number of rows, one column (samples) or two (extremes)."""
+
+
+@dataclass(frozen=True)
+class Series:
+    """Channel or signal at every zoom."""
+
+    channel: Channel
+    """Name, unit, rate, samples, start."""
+    read: Callable[[int, int], Samples]
+    """Function (first, stop) that returns samples."""
+    levels: tuple[Array, ...]
+    """Extremes of every 64, 256, ... samples, each of shape (K, 2)."""
+    gaps: npt.NDArray[np.int64]
+    gap_count: int
+    """First stretches without samples, shape (G, 2), and their total number."""
+    layer: str = "raw"
+    """"raw" or "processed"."""
+    ahead: Callable[[int, int], None] | None = None
+    """Function (first, stop) that starts to read samples; None if they are in memory."""
+
+    @classmethod
+    def of_channel(cls, stored: Stored, log: Callable[[], Log]) -> Series:
+        """Channel of a log that is opened when samples are needed."""
+        channel, pieces = stored.channel, _Pieces(log, stored.channel)
+        return cls(
+            channel, pieces.read, stored.levels, stored.gaps, stored.gap_count, ahead=pieces.begin_to_read
+        )
+
+    @classmethod
+    def of_array(cls, channel: Channel, samples: Array, layer: str) -> Series:
+        """Signal in memory."""
+        extremes = Extremes(BASE)
+        levels = [np.concatenate([extremes.feed(as_fed(samples)), extremes.finish()])]
+        for _ in level_counts(len(samples))[1:]:
+            levels.append(coarser_extremes(levels[-1], FACTOR))
+        held = samples.astype(np.float32)
+        return cls(
+            channel,
+            lambda first, stop: held[first:stop],
+            tuple(levels),
+            extremes.gaps,
+            extremes.gap_count,
+            layer,
+        )
+
+    @property
+    def depth(self) -> int:
+        """Number of levels, starting with single samples."""
+        return FINER + len(self.levels)
+
+    def blocks(self, level: int, first: int, stop: int) -> Array:
+        """Blocks of a level, shape (K, 2): minimum and maximum; samples at level 0, shape (K, 1)."""
+        if level >= FINER:
+            return self.levels[level - FINER][first:stop]
+        size = FACTOR**level
+        start, end = first * size, min(stop * size, self.channel.samples)
+        if start >= end:
+            return np.empty((0, 1 if level == 0 else 2))
+        samples = self.read(start, end)
+        if level == 0:
+            return samples.astype(np.float64)[:, None]
+        extremes = Extremes(size)
+        return np.concatenate([extremes.feed(as_fed(samples)), extremes.finish()])
+
+    def tile(self, level: int, index: int) -> bytes:
+        """Tile in the page's format; `InputError` if there is none."""
+        if not 0 <= level < self.depth or not 0 <= index * TILE * FACTOR**level < max(
+            self.channel.samples, 1
+        ):
+            raise InputError(f"{self.channel.name}: no tile {index} of level {level}")
+        if self.ahead is not None and level == FINER:  # zooming in further will need its samples
+            size = TILE * FACTOR**level
+            self.ahead(index * size, min((index + 1) * size, self.channel.samples))
+        return packed(self.blocks(level, index * TILE, (index + 1) * TILE))
+
+
+class _Pieces:
+    """Samples of a channel, read in pieces; the last ones are kept, since views move gradually."""
+
+    def __init__(self, log: Callable[[], Log], channel: Channel) -> None:
+        self._log, self._channel = log, channel
+        self._lock = threading.Lock()
+        self._held: OrderedDict[int, Samples] = OrderedDict()
+
+    def read(self, first: int, stop: int) -> Samples:
+        """Samples, shape (stop - first,)."""
+        parts = []
+        for index in range(first // PIECE, -(-stop // PIECE)):
+            start = index * PIECE
+            parts.append(self._piece(index)[max(first - start, 0) : stop - start])
+        return parts[0] if len(parts) == 1 else np.concatenate(parts)
+
+    def begin_to_read(self, first: int, stop: int) -> None:
+        """Start to read the pieces with these samples."""
+        if any(index not in self._held for index in range(first // PIECE, -(-stop // PIECE))):
+            threading.Thread(target=self._read_quietly, args=(first, stop), daemon=True).start()
+
+    def _read_quietly(self, first: int, stop: int) -> None:
+        with contextlib.suppress(InputError, OSError):  # raised again when the samples are read
+            self.read(first, stop)
+
+    def _piece(self, index: int) -> Samples:
+        channel = self._channel
+        with self._lock:
+            if index not in self._held:
+                rows = (index * PIECE, min((index + 1) * PIECE, channel.samples))
+                start_s, stop_s = (channel.start_s + row / channel.rate_hz for row in rows)
+                self._held[index] = self._log().read(channel.name, start_s, stop_s)
+            self._held.move_to_end(index)
+            while len(self._held) > KEPT:
+                self._held.popitem(last=False)
+            return self._held[index]
+
+
+def packed(blocks: Array) -> bytes:
+    """Blocks in single precision relative to an offset, which preserves small changes of large values."""
+    offset, most = 0.0, float(np.finfo(np.float32).max)
+    finite = blocks[np.isfinite(blocks)]
+    if finite.size and not np.array_equal(
+        np.clip(finite, -most, most).astype(np.float32).astype(np.float64), finite
+    ):
+        offset = 0.5 * float(finite.min()) + 0.5 * float(finite.max())
+    # Values are limited to the range of single precision; infinite samples are missing, as in the other levels.
+    single = np.where(np.isfinite(blocks), np.clip(blocks - offset, -most, most), np.nan)
+    head = np.array([(offset, len(blocks), blocks.shape[1])], dtype=HEAD)
+    return head.tobytes() + single.astype("<f4").tobytes()
+
 
 DEPTH = 3
 """Depth of the search below the folder."""

@@ -20,7 +20,7 @@ from typing import Any
 from urllib.parse import parse_qsl, urlsplit
 
 from shipfp_rs.errors import InputError, ShipfpError
-from shipfp_rs.support.json_files import finite, parsed_json
+from shipfp_rs.support.files import finite, parsed_json
 from shipfp_rs.view.desk import Desk
 
 HOST = "127.0.0.1"

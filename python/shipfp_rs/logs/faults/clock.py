@@ -11,9 +11,8 @@ import numpy.typing as npt
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.logs.faults.record import SHOWN, Fault
-from shipfp_rs.support.arrays import Array
+from shipfp_rs.support.arrays import Array, Spans
 from shipfp_rs.support.sentences import Sentence
-from shipfp_rs.support.spans import Spans
 
 Samples = npt.NDArray[Any]
 

@@ -8,8 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy import signal
 
-from shipfp_rs.support.arrays import Array
-from shipfp_rs.support.spans import Spans, joined, marks, runs
+from shipfp_rs.support.arrays import Array, Spans, joined, marks, runs
 
 CYCLES = 10
 """Mains cycles in a block: 0.2 s at 50 Hz, the resolution in time."""

@@ -9,8 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from shipfp_rs.logs.faults.extremes import BlockExtremes
-from shipfp_rs.support.arrays import Array
-from shipfp_rs.support.spans import Spans, apart_from, joined, runs
+from shipfp_rs.support.arrays import Array, Spans, apart_from, joined, runs
 
 Read = Callable[[int, int], Array]
 """Function (first, stop) that returns samples by the channel's own index."""

@@ -9,8 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from shipfp_rs.support.arrays import attributes
-from shipfp_rs.support.spans import Spans
+from shipfp_rs.support.arrays import Spans, attributes
 
 KINDS: Mapping[str, str] = MappingProxyType(
     {

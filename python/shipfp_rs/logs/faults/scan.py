@@ -8,12 +8,10 @@ import numpy as np
 import numpy.typing as npt
 
 from shipfp_rs._core import RepeatScan
-from shipfp_rs.logs.faults.extremes import BlockExtremes
+from shipfp_rs.logs.faults.extremes import BlockExtremes, repeated_rows
 from shipfp_rs.logs.faults.hum import HumScan
 from shipfp_rs.logs.faults.levels import LevelLimits, find_level_faults, is_rough
-from shipfp_rs.logs.faults.repeats import repeated_rows
-from shipfp_rs.support.arrays import Array
-from shipfp_rs.support.spans import Spans
+from shipfp_rs.support.arrays import Array, Spans
 
 if TYPE_CHECKING:
     from shipfp_rs.logs.channel import Channel

@@ -7,8 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from shipfp_rs.support.arrays import Array
-from shipfp_rs.support.spans import Spans, runs
+from shipfp_rs.support.arrays import Array, Spans, runs
 
 LOSSES: tuple[Literal["gap", "dropout", "stuck"], ...] = ("gap", "dropout", "stuck")
 

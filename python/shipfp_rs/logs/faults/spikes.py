@@ -8,11 +8,10 @@ from typing import Protocol
 import numpy as np
 
 from shipfp_rs.logs.channel_reader import Rows
-from shipfp_rs.support.arrays import Array, Mask
-from shipfp_rs.support.calibration import Calibration
-from shipfp_rs.support.spans import Spans, joined, marks, runs
+from shipfp_rs.support.arrays import Array, Mask, Spans, joined, marks, runs
 from shipfp_rs.support.spikes import bridge, find_spikes
 from shipfp_rs.support.threads import require_going
+from shipfp_rs.support.units import Calibration
 
 PIECE = 1 << 18
 """Samples processed together."""

@@ -19,7 +19,7 @@ from shipfp_rs.errors import InputError, LogWarning
 from shipfp_rs.logs.log import Log, register_reader
 from shipfp_rs.logs.readers.delimited_layout import GROUPED, NUMBER, Layout, find_layout
 from shipfp_rs.logs.readers.table import METADATA_KEY, Options, log_of_table
-from shipfp_rs.logs.readers.time_words import is_time
+from shipfp_rs.logs.readers.time_cells import is_time
 
 PART = 1 << 22
 """Bytes of text parsed at once."""

@@ -13,8 +13,15 @@ from pathlib import Path
 import numpy as np
 
 from shipfp_rs.errors import InputError
-from shipfp_rs.logs.readers.time_cells import looks_like_time
-from shipfp_rs.logs.readers.time_words import SECONDS, is_date, is_time, split_unit, stated_rate, stated_start
+from shipfp_rs.logs.readers.time_cells import (
+    SECONDS,
+    is_date,
+    is_time,
+    looks_like_time,
+    split_unit,
+    stated_rate,
+    stated_start,
+)
 from shipfp_rs.support import units
 
 SAMPLE = 1 << 16

@@ -17,7 +17,7 @@ import numpy as np
 from shipfp_rs.errors import InputError, LogWarning
 from shipfp_rs.logs.channel import BLOCK, Channel, Samples, blocks_of
 from shipfp_rs.logs.log import Log, register_reader
-from shipfp_rs.logs.readers.found_channels import Found, log_of_found, tell_left_out
+from shipfp_rs.logs.readers.columns import Found, log_of_found, tell_left_out
 from shipfp_rs.logs.readers.isolation import in_child
 from shipfp_rs.logs.time_axis import TimeAxis, time_axis
 

@@ -14,10 +14,19 @@ import numpy as np
 from shipfp_rs.errors import InputError
 from shipfp_rs.logs.channel import Channel, Samples, in_blocks
 from shipfp_rs.logs.log import Log, register_reader
-from shipfp_rs.logs.readers.columns import Row, axis_of, column_names, is_table, tell_no_time, time_of
-from shipfp_rs.logs.readers.found_channels import Found, log_of_found, tell_left_out
+from shipfp_rs.logs.readers.columns import (
+    Found,
+    Row,
+    axis_of,
+    column_names,
+    is_table,
+    log_of_found,
+    tell_left_out,
+    tell_no_time,
+    time_of,
+)
 from shipfp_rs.logs.readers.isolation import in_child
-from shipfp_rs.logs.readers.time_words import is_time, split_bracketed, stated_rate
+from shipfp_rs.logs.readers.time_cells import is_time, split_bracketed, stated_rate
 from shipfp_rs.logs.time_axis import TimeAxis
 
 START_NAMES = ("start_utc", "start_time", "wf_start_time")

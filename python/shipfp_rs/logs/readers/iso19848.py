@@ -13,7 +13,7 @@ from typing import Any
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.logs.log import Log, register_reader
-from shipfp_rs.logs.readers.timed_series import Series, log_of_series, seconds_since_1970
+from shipfp_rs.logs.readers.long_table import Series, log_of_series, seconds_since_1970
 
 Values = Iterator[tuple[str, str, str, str]]
 """Data channel, time stamp, value and quality, as written."""

@@ -16,19 +16,20 @@ from shipfp_rs.logs.channel import Channel
 from shipfp_rs.logs.log import Log, register_reader
 from shipfp_rs.logs.readers.columns import (
     VALUES,
+    Found,
     Row,
     axis_of,
     blocks_of_rows,
     column_names,
     is_table,
+    log_of_found,
+    tell_left_out,
     tell_no_time,
     time_of,
 )
-from shipfp_rs.logs.readers.found_channels import Found, log_of_found, tell_left_out
 from shipfp_rs.logs.readers.hdf5 import open_hdf5
 from shipfp_rs.logs.readers.isolation import in_child
-from shipfp_rs.logs.readers.time_cells import TimePlan
-from shipfp_rs.logs.readers.time_words import is_time, split_bracketed, split_unit
+from shipfp_rs.logs.readers.time_cells import TimePlan, is_time, split_bracketed, split_unit
 from shipfp_rs.logs.time_axis import TimeAxis
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from shipfp_rs.errors import InputError
 from shipfp_rs.logs.log import Log, register_reader
 from shipfp_rs.logs.readers.can_signals import Signal
-from shipfp_rs.logs.readers.timed_series import Series, log_of_series, seconds_since_1970
+from shipfp_rs.logs.readers.long_table import Series, log_of_series, seconds_since_1970
 
 FAST = frozenset((127489, 127496, 127497, 127498, 129029))
 """Groups whose messages consist of several frames."""

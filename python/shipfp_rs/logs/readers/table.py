@@ -20,11 +20,17 @@ from shipfp_rs.errors import InputError, LogWarning
 from shipfp_rs.logs.channel import BLOCK, Blocks, Channel, Samples
 from shipfp_rs.logs.formats import one_line_errors
 from shipfp_rs.logs.log import Log
-from shipfp_rs.logs.readers.found_channels import tell_left_out
+from shipfp_rs.logs.readers.columns import tell_left_out
 from shipfp_rs.logs.readers.long_table import log_of_long_table, long_columns
-from shipfp_rs.logs.readers.time_cells import TimePlan, looks_like_time
+from shipfp_rs.logs.readers.time_cells import (
+    TimePlan,
+    is_date,
+    is_time,
+    looks_like_time,
+    split_unit,
+    stated_rate,
+)
 from shipfp_rs.logs.readers.time_column import SAMPLE_ROWS, Column, Wish, find_time
-from shipfp_rs.logs.readers.time_words import is_date, is_time, split_unit, stated_rate
 from shipfp_rs.logs.time_axis import TimeAxis, time_axis
 
 # Arrow imports pandas at its first conversion, and takes an interrupt at that moment for a missing package.

@@ -12,7 +12,7 @@ import numpy as np
 import pyarrow as pa
 
 from shipfp_rs.errors import InputError
-from shipfp_rs.logs.readers import time_words
+from shipfp_rs.logs.readers import time_cells
 from shipfp_rs.logs.readers.time_cells import EPOCH, MISSING, Order, TextTime, TimePlan, find_text_time
 from shipfp_rs.support.arrays import Array
 
@@ -63,7 +63,7 @@ def is_number(column: Column) -> bool:
 
 def fits_time(column: Column) -> bool:
     """Whether a column with a name for time has a unit of time: T [°C] does not."""
-    return column.unit.lower() in time_words.SECONDS or column.unit == "UTC"
+    return column.unit.lower() in time_cells.SECONDS or column.unit == "UTC"
 
 
 def numbers_of(column: Column) -> Array:
@@ -80,7 +80,7 @@ def plan_of_numbers(path: object, column: Column, *, trusted: bool = False) -> T
         return plan
     first, step = float(values[0]), float(np.median(np.diff(values)))
     unit = column.unit.lower() if column.unit != "UTC" else ""
-    factor = time_words.SECONDS.get(unit, 1.0)
+    factor = time_cells.SECONDS.get(unit, 1.0)
     for low, high, scale, year, text in EPOCHS:
         stated = unit and abs(scale / factor - 1.0) < 0.5
         if not low < first < high or (unit and not stated and first * factor < CENTURIES_S):
@@ -183,7 +183,7 @@ def find_time(
     numbers = [
         plan_of_numbers(path, c)
         for c in columns
-        if time_words.is_time(c.name) and is_number(c) and fits_time(c)
+        if time_cells.is_time(c.name) and is_number(c) and fits_time(c)
     ]
     groups = _interleaved([plan for plan in numbers if plan], columns, names)
     if groups:
@@ -193,7 +193,7 @@ def find_time(
     usable = [item for item in scored if item[0] > (0.0,)]
     if not usable:
         # A column clearly named as time is reported if it is not; an x may be anything.
-        certain = [plan for plan in numbers if plan and time_words.plain(plan.name) not in AMBIGUOUS]
+        certain = [plan for plan in numbers if plan and time_cells.plain(plan.name) not in AMBIGUOUS]
         return certain[:1] or (_nameless(columns, names) if nameless else [])
     best = max(usable, key=lambda item: item[:2])[2]
     others = [plan for _, _, plan in usable if plan is not best]
@@ -231,7 +231,7 @@ def _wished(
             f"{path}: time columns {' + '.join(wish.columns)!r}, expected one, or a date + a time of day"
         )
     first = chosen[0]
-    if wish.told and wish.told.lower() in time_words.SECONDS and is_number(first):
+    if wish.told and wish.told.lower() in time_cells.SECONDS and is_number(first):
         return plan_of_numbers(path, first._replace(unit=wish.told), trusted=True) or TimePlan(
             (first.key,), first.name
         )
@@ -289,7 +289,7 @@ def _texts(path: object, columns: Sequence[Column], european: bool) -> list[Time
 
 
 def _how(column: Column, european: bool) -> TextTime | None:
-    if pa.types.is_integer(column.cells.type) and time_words.is_date(column.name):
+    if pa.types.is_integer(column.cells.type) and time_cells.is_date(column.name):
         cells = [str(cell) for cell in column.cells.to_pylist() if cell is not None]
         found = find_text_time(cells)
         return found if found and found.pattern == "compact" else None
@@ -349,7 +349,7 @@ def _score(path: object, plan: TimePlan, columns: Sequence[Column]) -> tuple[flo
     rising = float(np.mean(steps > 0.0))
     middle = float(np.median(steps[steps > 0.0]))
     even = float(np.mean(np.abs(steps - middle) < 0.5 * middle))
-    named = any(time_words.is_time(by_key[key].name) for key in plan.keys)
+    named = any(time_cells.is_time(by_key[key].name) for key in plan.keys)
     return (1.0, round(rising, 1), round(even, 1), float(named))
 
 
@@ -362,5 +362,5 @@ def _interleaved(
     keys = list(names.values())
     places = [keys.index(plan.keys[0]) for plan in plans]
     apart = all(after - before > 1 for before, after in zip(places, [*places[1:], len(keys)], strict=True))
-    words = {time_words.plain(re.sub(r"\s*\(\d+\)$", "", plan.name)) for plan in plans}
+    words = {time_cells.plain(re.sub(r"\s*\(\d+\)$", "", plan.name)) for plan in plans}
     return list(plans) if places[0] == 0 and apart and len(words) == 1 else []
