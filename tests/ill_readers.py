@@ -15,7 +15,7 @@ import numpy as np
 from shipfp_rs.errors import LogWarning
 from shipfp_rs.logs.channel import Channel, Samples
 from shipfp_rs.logs.log import Log, register_reader
-from shipfp_rs.logs.readers.isolation import in_child
+from shipfp_rs.logs.readers.child_process import in_child
 
 SAMPLES = 1000
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from shipfp_rs.assessment.leverage import leverage
+from shipfp_rs.assessment.profile_likelihood import leverage
 from shipfp_rs.errors import InputError
 from shipfp_rs.identification.identify import identify
 from shipfp_rs.reproduce.fullscale import extended_structure, measured_response

@@ -13,9 +13,9 @@ import shipfp_rs as fp
 from shipfp_rs import cli
 from shipfp_rs.designs import Generator, Noise, Subject, predict
 from shipfp_rs.designs import subject as subjects
-from shipfp_rs.designs.noise import sensors_of
 from shipfp_rs.designs.plan import Plan
 from shipfp_rs.designs.spectrum import Lines, candidates, optimal_shares
+from shipfp_rs.designs.subject import sensors_of
 from shipfp_rs.designs.waveforms import steepest_rpm_s
 from shipfp_rs.identification.identifiability import Sensitivity
 from shipfp_rs.structures.structure import Structure

@@ -18,8 +18,7 @@ import pytest
 
 from shipfp_rs import signals
 from shipfp_rs.designs import Noise, Subject, design, predict
-from shipfp_rs.designs.noise import sensors_of
-from shipfp_rs.designs.subject import usual_structure
+from shipfp_rs.designs.subject import sensors_of, usual_structure
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.identification.identify import identify
 from shipfp_rs.signals import Excitation

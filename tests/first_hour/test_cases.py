@@ -16,9 +16,8 @@ from shipfp_rs.assessment.closed_loop import closed_loop
 from shipfp_rs.errors import InputError, LogWarning
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.logs.channel import Channel
-from shipfp_rs.logs.channel_reader import Rows
 from shipfp_rs.logs.faults.scan import scan
-from shipfp_rs.logs.log import Log
+from shipfp_rs.logs.log import Log, Rows
 from shipfp_rs.processing.cleaning import Cleaner, require_load, require_size, require_unit
 from shipfp_rs.processing.roles import guess_roles, named, named_roles
 from shipfp_rs.processing.trial import Processing

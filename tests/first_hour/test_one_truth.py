@@ -12,7 +12,7 @@ import pytest
 import shipfp_rs as fp
 from shipfp_rs import Fingerprint, cli
 from shipfp_rs.designs import Subject, predict
-from shipfp_rs.designs.noise import sensors_of
+from shipfp_rs.designs.subject import sensors_of
 from tests.cli.small_trial import SMALL, small_log
 from tests.runs.test_loaded_trial import TRUTH, write_loaded_trial
 from tests.view.serving import served

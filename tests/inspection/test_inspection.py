@@ -8,7 +8,7 @@ import pytest
 
 from shipfp_rs import cli, published, signals
 from shipfp_rs.inspection import SteadyPoint, inspect_log, static_check
-from shipfp_rs.inspection.spectrum import amplitude_spectrum, find_peaks, rates_of
+from shipfp_rs.inspection.checks import amplitude_spectrum, find_peaks, rates_of
 from shipfp_rs.logs.log import Log
 from shipfp_rs.processing.trial import Trial
 from shipfp_rs.simulation.raw_log import simulate_raw_log, trial_toml

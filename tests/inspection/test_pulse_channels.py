@@ -11,8 +11,7 @@ import pytest
 from shipfp_rs import cli
 from shipfp_rs.inspection import inspect_log
 from shipfp_rs.inspection.channels import pulse_rate
-from shipfp_rs.logs.channel_reader import Rows
-from shipfp_rs.logs.log import Channel, Log
+from shipfp_rs.logs.log import Channel, Log, Rows
 from tests.tacho.pick_ups import record
 
 RATE = 2000.0

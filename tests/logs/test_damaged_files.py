@@ -9,7 +9,7 @@ import pytest
 from shipfp_rs import cli
 from shipfp_rs.errors import InputError, LogWarning
 from shipfp_rs.logs.log import Log
-from shipfp_rs.logs.readers import isolation
+from shipfp_rs.logs.readers import child_process
 from tests.damage import KINDS as DAMAGES
 from tests.damage import Tally, damaged, try_damaged
 from tests.logger_files import RATE_HZ, REAL_FILES, WRITERS, sample_file
@@ -21,7 +21,7 @@ SPARE = 200_000_000
 @pytest.fixture(autouse=True)
 def _short_patience(monkeypatch: pytest.MonkeyPatch) -> None:
     """A reader that hangs is ended; these files are small enough to wait less for it."""
-    monkeypatch.setattr(isolation, "LIMIT_S", 15.0)
+    monkeypatch.setattr(child_process, "LIMIT_S", 15.0)
 
 
 def check(tally: Tally, whole: Path) -> None:

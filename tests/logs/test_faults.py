@@ -8,14 +8,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from shipfp_rs._core import RepeatScan
-from shipfp_rs.logs.channel_reader import Rows
 from shipfp_rs.logs.faults import Fault, simulated
 from shipfp_rs.logs.faults.chirp import constant_frequency
 from shipfp_rs.logs.faults.extremes import TAPS, BlockExtremes
-from shipfp_rs.logs.faults.hum import HumScan, hum_in
-from shipfp_rs.logs.faults.levels import MOST_BLOCK, _Suspects, find_level_faults
+from shipfp_rs.logs.faults.levels import MOST_BLOCK, HumScan, _Suspects, find_level_faults, hum_in
 from shipfp_rs.logs.faults.scan import scan
-from shipfp_rs.logs.log import Log
+from shipfp_rs.logs.log import Log, Rows
 from shipfp_rs.support.arrays import apart_from, clipped_to, joined, marks, runs
 from tests.twins.repeats import recurring
 

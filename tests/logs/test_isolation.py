@@ -12,7 +12,7 @@ import pytest
 
 from shipfp_rs.errors import InputError, LogWarning
 from shipfp_rs.logs.log import Log
-from shipfp_rs.logs.readers import isolation
+from shipfp_rs.logs.readers import child_process
 from shipfp_rs.logs.readers.child_process import end_idle, idle_process
 from tests import ill_readers
 
@@ -44,7 +44,7 @@ def test_an_ill_reader_is_one_line_on_opening_and_on_reading(file, ill: str) -> 
     def refused(call) -> str:
         with pytest.MonkeyPatch.context() as patch:
             if ill == "hang":  # what is well may take as long as a busy machine needs
-                patch.setattr(isolation, "LIMIT_S", 1.0)
+                patch.setattr(child_process, "LIMIT_S", 1.0)
             with pytest.raises(InputError, match=ILLS[ill]) as caught:
                 call()
         return str(caught.value)
@@ -126,7 +126,7 @@ def test_an_interrupt_ends_the_child_and_the_next_read_starts_another(file, ctrl
     begin = time.monotonic()
     with pytest.raises(KeyboardInterrupt):
         list(chunks)
-    assert time.monotonic() - begin < isolation.LIMIT_S / 2
+    assert time.monotonic() - begin < child_process.LIMIT_S / 2
     np.testing.assert_array_equal(log.read("b", 0.0, 20.0), np.arange(200))
 
 

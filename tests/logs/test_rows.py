@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from shipfp_rs.logs.channel import Channel
-from shipfp_rs.logs.channel_reader import KEPT, Rows, Stopped
-from shipfp_rs.logs.log import Log
+from shipfp_rs.logs.log import KEPT, Log, Rows, Stopped
 from shipfp_rs.support.threads import side_by_side
 
 COUNT = 3 * KEPT

@@ -9,8 +9,7 @@ import pytest
 from shipfp_rs import signals
 from shipfp_rs.errors import InputError
 from shipfp_rs.logs.channel import Channel
-from shipfp_rs.logs.channel_reader import Rows
-from shipfp_rs.logs.log import Log
+from shipfp_rs.logs.log import Log, Rows
 from shipfp_rs.processing.conditioning import LowPass, about_local_point, detrended, torque_across_inertia
 from shipfp_rs.simulation.simulate import simulate
 from shipfp_rs.vessel.vessel import Vessel

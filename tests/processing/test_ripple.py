@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from shipfp_rs.processing.ripple import without_ripple
+from shipfp_rs.processing.conditioning import without_ripple
 from shipfp_rs.support.derivatives import taps
 
 RATE_HZ, FINER, RATIO = 50.0, 40, 2.59

@@ -29,8 +29,7 @@ from shipfp_rs.report.pictures import BUTTONS, HELP
 from shipfp_rs.structures import glossary
 from shipfp_rs.structures.elements import ELEMENTS
 from shipfp_rs.structures.names import NAMES, OF_WHAT
-from shipfp_rs.support.languages import CATALOGUES, DOMAIN
-from shipfp_rs.support.sentences import FIELD
+from shipfp_rs.support.sentences import CATALOGUES, DOMAIN, FIELD
 
 SAYS = {"say", "self", "say.each", "Sentence", "_translated"}
 """Calls whose texts are said."""

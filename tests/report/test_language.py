@@ -18,9 +18,8 @@ from shipfp_rs.identification.fit_statistics import information_criteria
 from shipfp_rs.report.findings import FIGURES
 from shipfp_rs.report.markup import Say
 from shipfp_rs.structures import glossary, names
-from shipfp_rs.support import languages
-from shipfp_rs.support.languages import CATALOGUES, DOMAIN, LANGUAGES
-from shipfp_rs.support.sentences import FIELD, Sentence, joined, listed
+from shipfp_rs.support import sentences
+from shipfp_rs.support.sentences import CATALOGUES, DOMAIN, FIELD, LANGUAGES, Sentence, joined, listed
 from shipfp_rs.vessel.vessel import Vessel
 from tests.report.catalogues import read, said, update
 
@@ -63,9 +62,9 @@ def test_a_language_is_added_by_its_own_files_alone(tmp_path, monkeypatch) -> No
     text = file.read_text().replace('msgid "speed"\nmsgstr ""', 'msgid "speed"\nmsgstr "toerental"')
     file.write_text(text.replace('msgid "1.5"\nmsgstr ""', 'msgid "1.5"\nmsgstr "1,5"'))
     assert len(update("nl")) == len(SAID) - 2
-    assert languages.found(tmp_path) == ("en", "nl")
-    monkeypatch.setattr(languages, "CATALOGUES", tmp_path)
-    monkeypatch.setattr("shipfp_rs.report.markup.LANGUAGES", languages.found(tmp_path))
+    assert sentences.found(tmp_path) == ("en", "nl")
+    monkeypatch.setattr(sentences, "CATALOGUES", tmp_path)
+    monkeypatch.setattr("shipfp_rs.report.markup.LANGUAGES", sentences.found(tmp_path))
     say = Say("nl")
     assert (say("speed"), say("torque"), say.number("0.25")) == ("toerental", "torque", "0,25")
 

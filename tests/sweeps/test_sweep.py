@@ -16,8 +16,8 @@ import pytest
 import shipfp_rs as fp
 from shipfp_rs.errors import InputError, SimulationError
 from shipfp_rs.sweeps import Plan, Progress, draw, sweep
+from shipfp_rs.sweeps.draw import TimedOut, within
 from shipfp_rs.sweeps.store import MANIFEST
-from shipfp_rs.sweeps.time_limit import TimedOut, within
 from tests.sweep_folders import KNOWN, cheap_plan, results, rows, sweep_toml
 
 DRAWS = 8

@@ -24,13 +24,11 @@ from shipfp_rs.cli.options import ends_without_a_word
 with ends_without_a_word():
     import typer
 
-    from shipfp_rs.cli.compare import compare
     from shipfp_rs.cli.design import design
     from shipfp_rs.cli.init import init
     from shipfp_rs.cli.inspect import convert, inspect
-    from shipfp_rs.cli.reproduce import reproduce
-    from shipfp_rs.cli.run import check, demo, run
-    from shipfp_rs.cli.simulate import simulate
+    from shipfp_rs.cli.reproduce import compare, reproduce
+    from shipfp_rs.cli.run import check, demo, run, simulate
     from shipfp_rs.cli.sweep import sweep
     from shipfp_rs.cli.view import view
     from shipfp_rs.errors import IdentificationError, InputError, InternalError, ShipfpError, SimulationError

@@ -175,7 +175,7 @@ def _sensors(
     speed: float | None, torque: float | None, corner_hz: float, accuracy: float
 ) -> dict[str, Noise] | None:
     from shipfp_rs.designs import Noise
-    from shipfp_rs.designs.noise import LEAST_LEVEL, MOST_INACCURATE, USUAL
+    from shipfp_rs.designs.subject import LEAST_LEVEL, MOST_INACCURATE, USUAL
 
     for option, percent in (("--speed-noise", speed), ("--torque-noise", torque)):
         if percent is not None:

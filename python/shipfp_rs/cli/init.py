@@ -65,8 +65,7 @@ def _of_logs(
 ) -> str:
     """Fill in TRIAL.toml from logs; unknown values are marked and listed."""
     from shipfp_rs.inspection.channels import pulse_rate
-    from shipfp_rs.logs.channel_reader import Rows
-    from shipfp_rs.logs.log import Log
+    from shipfp_rs.logs.log import Log, Rows
     from shipfp_rs.processing.roles import guess_roles
     from shipfp_rs.processing.trial_template import drafted, moved
     from shipfp_rs.processing.windows import FoundWindow

@@ -22,7 +22,7 @@ from rich.table import Table
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.support.arguments import is_one_line
-from shipfp_rs.support.languages import LANGUAGES
+from shipfp_rs.support.sentences import LANGUAGES
 
 if TYPE_CHECKING:
     from shipfp_rs.identification.estimate import Estimate

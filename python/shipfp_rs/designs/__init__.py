@@ -9,10 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
-from shipfp_rs.designs.noise import Noise, sensors_of
 from shipfp_rs.designs.plan import Needed, Plan, Stretch, needed_for, run_sheet
 from shipfp_rs.designs.spectrum import SINE, SQUARE, Criterion, candidates, support
-from shipfp_rs.designs.subject import Prediction, Subject, predict, quantities
+from shipfp_rs.designs.subject import Noise, Prediction, Subject, predict, quantities, sensors_of
 from shipfp_rs.designs.waveforms import TOP_HZ, Generator, Kind, Limits, Setting, settling, waveform
 from shipfp_rs.errors import InputError
 from shipfp_rs.identification.fingerprint import Fingerprint

@@ -11,10 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from shipfp_rs.designs.noise import Noise
 from shipfp_rs.designs.pictures import figure
 from shipfp_rs.designs.spectrum import Criterion
-from shipfp_rs.designs.subject import Prediction
+from shipfp_rs.designs.subject import Noise, Prediction
 from shipfp_rs.designs.waveforms import Generator, Kind, Limits, steepest_rpm_s
 from shipfp_rs.experiments.experiment import UNITS, Experiment
 from shipfp_rs.signals import Excitation, Segment

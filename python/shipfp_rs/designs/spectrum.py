@@ -8,8 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from shipfp_rs.designs.noise import Noise
-from shipfp_rs.designs.subject import Subject, quantities
+from shipfp_rs.designs.subject import Noise, Subject, quantities
 from shipfp_rs.errors import InputError
 from shipfp_rs.identification.identifiability import Sensitivity
 from shipfp_rs.signals import Law

@@ -15,7 +15,7 @@ from shipfp_rs.identification.likelihood import ACCURACY
 from shipfp_rs.identification.ship_found import BELIEVED, ShipFit
 from shipfp_rs.identification.spectra import Spectra
 from shipfp_rs.identification.stretches import STRETCH_S, Score, Stretches
-from shipfp_rs.structures.outputs import BRAKE
+from shipfp_rs.structures.parameter import BRAKE
 from shipfp_rs.structures.transfer import SLOWEST, TransferFunctions
 from shipfp_rs.support.arrays import Array, ComplexArray, Values
 

@@ -29,7 +29,7 @@ from shipfp_rs.identification.likelihood import (
 )
 from shipfp_rs.identification.spectra import Spectra
 from shipfp_rs.identification.structure_likelihood import StructureCoordinates
-from shipfp_rs.structures.outputs import BRAKE
+from shipfp_rs.structures.parameter import BRAKE
 from shipfp_rs.structures.ship import BRAKE_SCALE, CommandedEquations, stepper_parameters, with_brake
 from shipfp_rs.structures.ship import INDEX as SHIP_INDEX
 from shipfp_rs.structures.structure import Structure

@@ -32,7 +32,7 @@ from shipfp_rs.identification.question import (
 )
 from shipfp_rs.identification.structure_estimates import fitted
 from shipfp_rs.identification.structure_likelihood import Data
-from shipfp_rs.structures.outputs import Torque
+from shipfp_rs.structures.parameter import Torque
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.support import hints
 from shipfp_rs.support.arguments import Count, Positive, Whole, checked

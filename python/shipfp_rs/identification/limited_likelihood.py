@@ -23,7 +23,7 @@ from shipfp_rs.identification.equation_likelihood import LATE, STEP, EquationLik
 from shipfp_rs.identification.likelihood import Slopes
 from shipfp_rs.identification.profiles import scaled_inverse
 from shipfp_rs.identification.spectra import Spectra
-from shipfp_rs.structures.outputs import BRAKE
+from shipfp_rs.structures.parameter import BRAKE
 from shipfp_rs.structures.ship import BRAKE_SCALE
 from shipfp_rs.structures.transfer import SLOWEST, TransferFunctions
 from shipfp_rs.support.arrays import Array, ComplexArray

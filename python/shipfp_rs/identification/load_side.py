@@ -25,7 +25,7 @@ from shipfp_rs.identification.input_checks import LEAST_SWING, is_loaded, requir
 from shipfp_rs.identification.likelihood import ACCURACY, noise_root
 from shipfp_rs.identification.question import BOUNDS, LAW_DEVIATION, PRIORS, SIGNALS, Question
 from shipfp_rs.identification.spectra import Spectra
-from shipfp_rs.structures.outputs import Torque
+from shipfp_rs.structures.parameter import Torque
 from shipfp_rs.support.arguments import checked
 from shipfp_rs.support.arrays import Array, ComplexArray
 from shipfp_rs.support.threads import with_one_blas_thread

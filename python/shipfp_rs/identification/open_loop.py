@@ -11,7 +11,7 @@ from shipfp_rs.identification.estimate import ASSUMED
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.identification.input_checks import is_loaded
 from shipfp_rs.identification.question import OF_SIGNALS, PRIORS, SIGNALS
-from shipfp_rs.structures.outputs import Torque
+from shipfp_rs.structures.parameter import Torque
 from shipfp_rs.structures.ship import commanded
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.support.sentences import Sentence

@@ -19,7 +19,7 @@ from shipfp_rs.identification.limited_likelihood import LimitedLikelihood
 from shipfp_rs.identification.sampling import Between
 from shipfp_rs.identification.spectra import Spectra
 from shipfp_rs.structures.elements import ELEMENTS
-from shipfp_rs.structures.outputs import BRAKE, Torque
+from shipfp_rs.structures.parameter import BRAKE, Torque
 from shipfp_rs.structures.ship import BRAKE_SCALE, ShipEquations
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.support.arrays import Array

@@ -28,7 +28,7 @@ from shipfp_rs.identification.structure_likelihood import (
     banded,
     seen,
 )
-from shipfp_rs.structures.outputs import BRAKE
+from shipfp_rs.structures.parameter import BRAKE
 from shipfp_rs.structures.ship import BRAKE_SCALE
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.structures.two_equations import TwoEquations

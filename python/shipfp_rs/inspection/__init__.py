@@ -12,23 +12,26 @@ from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import UNITS, Experiment
 from shipfp_rs.inspection.channels import ChannelReport, describe, looked_for
 from shipfp_rs.inspection.checks import (
+    LEAST_SAMPLES,
     SETTLE_S,
+    Peak,
     SteadyPoint,
+    amplitude_spectrum,
+    find_peaks,
     found_experiments,
     found_or_named,
     linearity,
+    rates_of,
     static_check,
     static_torque,
     steady_points,
     tells_static_torque,
     trains,
 )
-from shipfp_rs.inspection.spectrum import LEAST_SAMPLES, Peak, amplitude_spectrum, find_peaks, rates_of
-from shipfp_rs.logs.channel_reader import STRETCH_BYTES, Rows
 from shipfp_rs.logs.faults.record import Fault
 from shipfp_rs.logs.faults.scan import scan
 from shipfp_rs.logs.faults.spikes import spikes_of
-from shipfp_rs.logs.log import Log
+from shipfp_rs.logs.log import STRETCH_BYTES, Log, Rows
 from shipfp_rs.processing.cleaning import spike_rule
 from shipfp_rs.processing.roles import set_point_of
 from shipfp_rs.processing.trial import Processing, Trial

@@ -15,9 +15,8 @@ from scipy.ndimage import median_filter
 from shipfp_rs._core import pulse_levels
 from shipfp_rs.errors import InputError
 from shipfp_rs.logs.channel import Channel
-from shipfp_rs.logs.channel_reader import Rows
 from shipfp_rs.logs.faults.record import KINDS
-from shipfp_rs.logs.log import Log
+from shipfp_rs.logs.log import Log, Rows
 from shipfp_rs.processing.trial import Trial
 from shipfp_rs.support.arrays import Array, Spans, joined, runs
 from shipfp_rs.support.spikes import ROBUST_SIGMA

@@ -14,9 +14,8 @@ from scipy.interpolate import CubicSpline
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.logs.channel import Samples
-from shipfp_rs.logs.channel_reader import Rows
 from shipfp_rs.logs.faults.record import Fault
-from shipfp_rs.logs.log import Log
+from shipfp_rs.logs.log import Log, Rows
 from shipfp_rs.processing.conditioning import LowPass, nearest_rate
 from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.sentences import Sentence

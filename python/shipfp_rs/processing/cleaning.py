@@ -10,13 +10,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from shipfp_rs.errors import InputError, LogWarning
-from shipfp_rs.logs.channel_reader import Rows
-from shipfp_rs.logs.faults.hum import hum_in
-from shipfp_rs.logs.faults.levels import LevelLimits
+from shipfp_rs.logs.faults.levels import LevelLimits, hum_in
 from shipfp_rs.logs.faults.record import KINDS, Fault
 from shipfp_rs.logs.faults.scan import scan
 from shipfp_rs.logs.faults.spikes import spikes_between
-from shipfp_rs.logs.log import Log
+from shipfp_rs.logs.log import Log, Rows
 from shipfp_rs.processing.conditioning import MARGIN_S
 from shipfp_rs.processing.roles import named
 from shipfp_rs.processing.trial import Processing, Spikes

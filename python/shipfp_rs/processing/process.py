@@ -19,10 +19,9 @@ import numpy as np
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import DRIVES, Experiment, Hold
-from shipfp_rs.logs.channel_reader import STRETCH_BYTES, Rows
 from shipfp_rs.logs.faults.chirp import constant_frequency
 from shipfp_rs.logs.faults.record import Fault
-from shipfp_rs.logs.log import Log
+from shipfp_rs.logs.log import STRETCH_BYTES, Log, Rows
 from shipfp_rs.processing.cleaning import (
     Cleaned,
     Cleaner,
@@ -32,10 +31,17 @@ from shipfp_rs.processing.cleaning import (
     require_size,
     require_unit,
 )
-from shipfp_rs.processing.conditioning import SAME_RATE, Grid, conditioned, driven_point, nearest_rate
+from shipfp_rs.processing.conditioning import (
+    SAME_RATE,
+    Grid,
+    Ripple,
+    conditioned,
+    driven_point,
+    nearest_rate,
+    without_ripple,
+)
 from shipfp_rs.processing.engine_speed import EngineSpeed
 from shipfp_rs.processing.governor_clock import LONGEST_S, RATE_HZ, governor_clock, liveliest_of
-from shipfp_rs.processing.ripple import Ripple, without_ripple
 from shipfp_rs.processing.speed_sources import PulseTrain, require_one_direction, source_of
 from shipfp_rs.processing.trial import Trial, Window
 from shipfp_rs.processing.trial_channels import Level, Load, Rack, SetPoint, Tacho, Torque

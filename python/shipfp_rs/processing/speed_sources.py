@@ -11,9 +11,9 @@ import numpy as np
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.logs.channel import Channel
-from shipfp_rs.logs.channel_reader import Rows
 from shipfp_rs.logs.faults.record import Fault
 from shipfp_rs.logs.faults.spikes import spikes_along
+from shipfp_rs.logs.log import Rows
 from shipfp_rs.processing.trial import Spikes
 from shipfp_rs.processing.trial_channels import Tacho
 from shipfp_rs.support.arrays import Array, Spans, apart_from, clipped_to, marks, runs

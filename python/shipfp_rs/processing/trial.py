@@ -16,7 +16,7 @@ from shipfp_rs.logs.log import Log
 from shipfp_rs.processing.trial_channels import SIGNAL_OF_LOCATION, Channels, Pair, Positive, Rate
 from shipfp_rs.support.arguments import checked
 from shipfp_rs.support.hints import nearest
-from shipfp_rs.support.languages import LANGUAGES
+from shipfp_rs.support.sentences import LANGUAGES
 from shipfp_rs.support.toml import FilePath, Name, Section, Seed, Starts, read_toml, unexpected
 
 Relation = Annotated[

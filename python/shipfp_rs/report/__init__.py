@@ -83,7 +83,7 @@ def write_report(
     title
         Headline.
     language
-        One of `shipfp_rs.support.languages.LANGUAGES`.
+        One of `shipfp_rs.support.sentences.LANGUAGES`.
     structure
         Structure of the fingerprint, if its equations are the user's; None rebuilds it.
     vessel

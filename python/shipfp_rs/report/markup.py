@@ -14,8 +14,7 @@ from shipfp_rs.identification import driven
 from shipfp_rs.structures import glossary
 from shipfp_rs.structures.names import plain_name
 from shipfp_rs.support.arguments import one_of
-from shipfp_rs.support.languages import LANGUAGES, catalogue
-from shipfp_rs.support.sentences import Sentence, filled
+from shipfp_rs.support.sentences import LANGUAGES, Sentence, catalogue, filled
 from shipfp_rs.support.tables import environment
 
 NUMBER = re.compile(r"[-+]?\d+\.\d+(e[-+]?\d+)?")

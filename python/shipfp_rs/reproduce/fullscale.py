@@ -12,7 +12,7 @@ import numpy as np
 
 from shipfp_rs import published
 from shipfp_rs.assessment.closed_loop import closed_loop
-from shipfp_rs.assessment.leverage import leverage
+from shipfp_rs.assessment.profile_likelihood import leverage
 from shipfp_rs.frequency import FrequencyResponse, sine_response
 from shipfp_rs.identification.fingerprint import Estimate, Fingerprint
 from shipfp_rs.identification.identify import identify

@@ -14,7 +14,7 @@ from shipfp_rs.assessment.closed_loop import predict_response, structure_of
 from shipfp_rs.frequency import FrequencyResponse
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.plot import style
-from shipfp_rs.reproduce import Progress, Reproduction, fullscale_sensors
+from shipfp_rs.reproduce import Progress, Reproduction, fullscale_tables
 from shipfp_rs.reproduce.fullscale import (
     USABLE_HZ,
     WEIGHTED,
@@ -280,7 +280,7 @@ _AGAINST = (
 )
 """Parameter sets compared with the tug: number, title, experiment, time range, sets."""
 PICTURES: tuple[Picture[Material], ...] = (
-    *fullscale_sensors.PICTURES,
+    *fullscale_tables.PICTURES,
     figure_of("6.20", "speed and set-point voltage", _set_point_line),
     *(
         figure_of(number, title, record, 4.0, of=of, signals=signals, stretches=(stretch,), caption=SIMULATED)

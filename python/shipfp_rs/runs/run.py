@@ -17,7 +17,7 @@ from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.identification.identify import identify
 from shipfp_rs.processing.process import process
 from shipfp_rs.processing.trial import Identify, Trial
-from shipfp_rs.structures.outputs import Torque
+from shipfp_rs.structures.parameter import Torque
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.support.files import replacing_folder
 from shipfp_rs.support.progress import part, tell

@@ -13,8 +13,7 @@ from shipfp_rs.errors import InputError, SimulationError
 from shipfp_rs.experiments.experiment import Experiment, Hold
 from shipfp_rs.structures.elements import chosen
 from shipfp_rs.structures.equations import Equations
-from shipfp_rs.structures.outputs import BRAKE, Torque, require_outputs, signals_of
-from shipfp_rs.structures.parameter import Parameter
+from shipfp_rs.structures.parameter import BRAKE, Parameter, Torque, require_outputs, signals_of
 from shipfp_rs.structures.state_space import LinearEquations
 from shipfp_rs.structures.transfer import Place, TransferFunctions
 from shipfp_rs.support.arrays import Array, ComplexArray, Names, Values

@@ -11,7 +11,7 @@ from shipfp_rs.structures import stored
 from shipfp_rs.structures.custom import FunctionEquations, Matrices, MatrixEquations, Response, Simulate
 from shipfp_rs.structures.declared import Editable
 from shipfp_rs.structures.elements import chosen
-from shipfp_rs.structures.outputs import (
+from shipfp_rs.structures.parameter import (
     BRAKE,
     Torque,
     own_signals,

@@ -2,11 +2,33 @@
 
 from __future__ import annotations
 
+import gettext
 import re
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 from shipfp_rs.support.arguments import expect
+
+DOMAIN = "shipfp_rs"
+CATALOGUES = Path(__file__).parents[1] / "locale"
+
+
+def found(catalogues: Path) -> tuple[str, ...]:
+    """Languages of the catalogues in a folder, English first."""
+    return "en", *sorted(path.parts[-3] for path in catalogues.glob(f"*/LC_MESSAGES/{DOMAIN}.mo"))
+
+
+LANGUAGES = found(CATALOGUES)
+"""Languages of reports."""
+
+
+def catalogue(language: str) -> gettext.NullTranslations:
+    """Translations from English into one of `LANGUAGES`."""
+    if language == "en":
+        return gettext.NullTranslations()
+    return gettext.translation(DOMAIN, CATALOGUES, [language])
+
 
 FIELD = re.compile(r"{(\w+)}")
 

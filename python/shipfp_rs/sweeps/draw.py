@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import ctypes
+import threading
+from collections.abc import Callable, Iterator, Sequence
 from functools import lru_cache
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 import pyarrow as pa
@@ -24,8 +26,49 @@ from shipfp_rs.structures.ties import COMBINATIONS
 from shipfp_rs.support.toml import validated
 from shipfp_rs.sweeps.chain import Excitation
 from shipfp_rs.sweeps.plan import Conditions, Plan
-from shipfp_rs.sweeps.time_limit import TimedOut, within
 from shipfp_rs.vessel.vessel import Vessel
+
+Result = TypeVar("Result")
+
+
+class TimedOut(BaseException):
+    """The limit was reached. Not an `Exception`, so that no handler catches it as its own failure."""
+
+
+def within(limit_s: float | None, work: Callable[[], Result]) -> Result:
+    """Return the result of `work`, or raise `TimedOut` in it after the limit.
+
+    It is raised between two steps of the interpreter; a running kernel finishes first.
+    """
+    if limit_s is None:
+        return work()
+    thread, running, lock = threading.get_ident(), True, threading.Lock()
+
+    def stop() -> None:
+        with lock:
+            if running:
+                raise_in(thread, TimedOut)
+
+    timer = threading.Timer(limit_s, stop)
+    timer.daemon = True
+    timer.start()
+    try:
+        result = work()
+    finally:
+        timer.cancel()
+        with lock:
+            running = False
+            # Requested but not yet raised: the work is done, so later code must not be interrupted.
+            raise_in(thread, None)
+    return result
+
+
+def raise_in(thread: int, error: type[BaseException] | None) -> None:
+    """Raise an exception in a thread; None cancels a pending one."""
+    ctypes.pythonapi.PyThreadState_SetAsyncExc(
+        ctypes.c_ulong(thread), None if error is None else ctypes.py_object(error)
+    )
+
 
 DrawStatus = Literal["done", "failed", "timed_out"]
 FIGURES = ("estimate", "std", "low", "high")

@@ -18,7 +18,7 @@ from typing import Any, Literal
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.support.threads import available_workers, hold_blas_for_good
-from shipfp_rs.sweeps.time_limit import raise_in
+from shipfp_rs.sweeps.draw import raise_in
 
 Where = Literal["processes", "threads", "dask"]
 

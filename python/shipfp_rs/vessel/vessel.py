@@ -16,7 +16,6 @@ from shipfp_rs.support.arguments import checked
 from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.tables import shown
 from shipfp_rs.support.toml import Name, built_in, read_named, unexpected, validated
-from shipfp_rs.vessel.size import Size
 from shipfp_rs.vessel.tables import (
     Actuator,
     Engine,
@@ -27,6 +26,7 @@ from shipfp_rs.vessel.tables import (
     SetPointLine,
     Shaft,
     Ship,
+    Size,
     Sparse,
     Water,
     later,

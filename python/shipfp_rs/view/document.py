@@ -151,7 +151,7 @@ class Document:
 
     def spectrum(self, index: int, start_s: float, stop_s: float) -> dict[str, Any]:
         """Amplitude spectrum of a stretch, as extremes if there are too many lines to draw."""
-        from shipfp_rs.inspection.spectrum import amplitude_spectrum, find_peaks
+        from shipfp_rs.inspection.checks import amplitude_spectrum, find_peaks
 
         series = self._one(index)
         middle, half = 0.5 * (start_s + stop_s), 0.5 * min(stop_s - start_s, SPECTRUM_S)

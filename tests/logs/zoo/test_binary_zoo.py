@@ -14,7 +14,7 @@ import pyarrow.parquet
 import pytest
 
 from shipfp_rs.logs.log import Log
-from shipfp_rs.logs.readers import isolation
+from shipfp_rs.logs.readers import child_process
 
 RATE_HZ, ROWS = 20.0, 60
 START = datetime(2026, 5, 1, 10, tzinfo=UTC)
@@ -203,7 +203,7 @@ MADE: dict[str, tuple[str, Callable[[Path], None], dict[str, object], tuple[str,
 @pytest.fixture(autouse=True)
 def _patience(monkeypatch: pytest.MonkeyPatch) -> None:
     """A machine that is busy with other work is no damaged file."""
-    monkeypatch.setattr(isolation, "LIMIT_S", 300.0)
+    monkeypatch.setattr(child_process, "LIMIT_S", 300.0)
 
 
 def test_the_zoo_is_large() -> None:

@@ -9,14 +9,12 @@ import numpy.typing as npt
 
 from shipfp_rs._core import RepeatScan
 from shipfp_rs.logs.faults.extremes import BlockExtremes, repeated_rows
-from shipfp_rs.logs.faults.hum import HumScan
-from shipfp_rs.logs.faults.levels import LevelLimits, find_level_faults, is_rough
+from shipfp_rs.logs.faults.levels import HumScan, LevelLimits, find_level_faults, is_rough
 from shipfp_rs.support.arrays import Array, Spans
 
 if TYPE_CHECKING:
     from shipfp_rs.logs.channel import Channel
-    from shipfp_rs.logs.channel_reader import Rows
-    from shipfp_rs.logs.log import Log
+    from shipfp_rs.logs.log import Log, Rows
 
 
 PIECE = 1 << 18

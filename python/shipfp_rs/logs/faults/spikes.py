@@ -7,7 +7,7 @@ from typing import Protocol
 
 import numpy as np
 
-from shipfp_rs.logs.channel_reader import Rows
+from shipfp_rs.logs.log import Rows
 from shipfp_rs.support.arrays import Array, Mask, Spans, joined, marks, runs
 from shipfp_rs.support.spikes import bridge, find_spikes
 from shipfp_rs.support.threads import require_going

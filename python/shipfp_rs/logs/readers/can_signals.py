@@ -16,7 +16,7 @@ from shipfp_rs.errors import InputError
 from shipfp_rs.logs.channel import Blocks, Channel, Samples, blocks_of
 from shipfp_rs.logs.faults.record import Fault
 from shipfp_rs.logs.log import Log, register_reader
-from shipfp_rs.logs.readers.isolation import in_child
+from shipfp_rs.logs.readers.child_process import in_child
 from shipfp_rs.logs.readers.long_table import own_axis
 from shipfp_rs.logs.readers.time_cells import EPOCH
 from shipfp_rs.logs.time_axis import TimeAxis

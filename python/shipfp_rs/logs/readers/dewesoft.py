@@ -12,8 +12,8 @@ import numpy as np
 from shipfp_rs.errors import InputError
 from shipfp_rs.logs.channel import Channel, Samples, in_blocks
 from shipfp_rs.logs.log import Log, register_reader
+from shipfp_rs.logs.readers.child_process import in_child
 from shipfp_rs.logs.readers.columns import Found, log_of_found, tell_left_out
-from shipfp_rs.logs.readers.isolation import in_child
 from shipfp_rs.logs.time_axis import time_axis
 
 

@@ -17,8 +17,8 @@ import numpy as np
 from shipfp_rs.errors import InputError, LogWarning
 from shipfp_rs.logs.channel import BLOCK, Channel, Samples, blocks_of
 from shipfp_rs.logs.log import Log, register_reader
+from shipfp_rs.logs.readers.child_process import in_child
 from shipfp_rs.logs.readers.columns import Found, log_of_found, tell_left_out
-from shipfp_rs.logs.readers.isolation import in_child
 from shipfp_rs.logs.time_axis import TimeAxis, time_axis
 
 EPOCH = datetime(1980, 1, 1, tzinfo=UTC)

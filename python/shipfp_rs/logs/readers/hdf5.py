@@ -14,6 +14,7 @@ import numpy as np
 from shipfp_rs.errors import InputError
 from shipfp_rs.logs.channel import Channel, Samples, in_blocks
 from shipfp_rs.logs.log import Log, register_reader
+from shipfp_rs.logs.readers.child_process import in_child
 from shipfp_rs.logs.readers.columns import (
     Found,
     Row,
@@ -25,7 +26,6 @@ from shipfp_rs.logs.readers.columns import (
     tell_no_time,
     time_of,
 )
-from shipfp_rs.logs.readers.isolation import in_child
 from shipfp_rs.logs.readers.time_cells import is_time, split_bracketed, stated_rate
 from shipfp_rs.logs.time_axis import TimeAxis
 

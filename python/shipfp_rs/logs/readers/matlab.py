@@ -14,6 +14,7 @@ import numpy.typing as npt
 from shipfp_rs.errors import InputError, LogWarning
 from shipfp_rs.logs.channel import Channel
 from shipfp_rs.logs.log import Log, register_reader
+from shipfp_rs.logs.readers.child_process import in_child
 from shipfp_rs.logs.readers.columns import (
     VALUES,
     Found,
@@ -28,7 +29,6 @@ from shipfp_rs.logs.readers.columns import (
     time_of,
 )
 from shipfp_rs.logs.readers.hdf5 import open_hdf5
-from shipfp_rs.logs.readers.isolation import in_child
 from shipfp_rs.logs.readers.time_cells import TimePlan, is_time, split_bracketed, split_unit
 from shipfp_rs.logs.time_axis import TimeAxis
 

@@ -14,8 +14,8 @@ from shipfp_rs.errors import InputError
 from shipfp_rs.logs.channel import BLOCK, Samples, in_blocks
 from shipfp_rs.logs.log import Log, register_reader
 from shipfp_rs.logs.readers.can_signals import Frames, log_of_frames
+from shipfp_rs.logs.readers.child_process import in_child
 from shipfp_rs.logs.readers.columns import Found, log_of_found, tell_left_out
-from shipfp_rs.logs.readers.isolation import in_child
 from shipfp_rs.logs.time_axis import TimeAxis, time_axis
 
 Key = tuple[int, int, bool]

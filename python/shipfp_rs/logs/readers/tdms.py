@@ -21,8 +21,8 @@ from shipfp_rs.logs.channel import BLOCK, Channel, Samples, in_blocks
 from shipfp_rs.logs.faults.clock import LONGEST_GAP, Segment, spliced
 from shipfp_rs.logs.faults.record import Fault
 from shipfp_rs.logs.log import Log, register_reader
+from shipfp_rs.logs.readers.child_process import in_child
 from shipfp_rs.logs.readers.columns import Found, Row, axis_of, log_of_found, tell_left_out
-from shipfp_rs.logs.readers.isolation import in_child
 from shipfp_rs.logs.readers.time_cells import EPOCH, TimePlan, is_time, split_bracketed
 from shipfp_rs.logs.time_axis import TimeAxis
 from shipfp_rs.support.sentences import Sentence
