@@ -18,8 +18,7 @@ from shipfp_rs.experiments.parquet import write_experiments
 from shipfp_rs.identification.estimate import ALONG
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.identification.identify import identify
-from shipfp_rs.simulation.replay import Inflow, disturbed
-from shipfp_rs.simulation.simulate import simulate
+from shipfp_rs.simulation.simulate import Inflow, disturbed, simulate
 from shipfp_rs.vessel.linear_model import linearise
 from shipfp_rs.vessel.vessel import Vessel
 

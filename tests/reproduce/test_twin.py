@@ -20,7 +20,7 @@ from shipfp_rs.identification.fingerprint import Estimate
 from shipfp_rs.reproduce import twin
 from shipfp_rs.reproduce.trial import LAST_HZ, PAUSE_S, STEADY_S, Twin, drawn
 from shipfp_rs.reproduce.twin import ALL, CHIRP, FREE, PARTS, Outcome
-from shipfp_rs.simulation.replay import replay
+from shipfp_rs.simulation.simulate import replay
 from shipfp_rs.support.arrays import DEVIATIONS_95
 
 CHOICES = {"": (CHIRP,), "joint": (CHIRP, ALL), "everything": (*PARTS, ALL)}

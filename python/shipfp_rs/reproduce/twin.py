@@ -23,7 +23,7 @@ from shipfp_rs.reproduce import Progress, Reproduction, Row, Way, fits_to, row_o
 from shipfp_rs.reproduce.fullscale import thesis_structure
 from shipfp_rs.reproduce.pictures import Picture, save
 from shipfp_rs.reproduce.trial import EVERYTHING, LONG_CHIRP, SINES, VESSEL, Twin
-from shipfp_rs.simulation.replay import replay
+from shipfp_rs.simulation.simulate import replay
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.sweeps.pools import pool_of
 from shipfp_rs.vessel.vessel import Vessel

@@ -14,9 +14,8 @@ from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.logs.log import Log
 from shipfp_rs.signals import Excitation
-from shipfp_rs.simulation.replay import Inflow, disturbed
 from shipfp_rs.simulation.sensors import Kind, Recorder, Sensors, TrueWindow, without_own_ripple
-from shipfp_rs.simulation.simulate import simulate
+from shipfp_rs.simulation.simulate import Inflow, disturbed, simulate
 from shipfp_rs.support.arguments import Whole, at_most, checked
 from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.units import Calibration
