@@ -91,6 +91,7 @@ def test_the_ship_sees_through_a_torque_limit():
     assert abs(linear["g"].value / truth["g"] - 1) > 0.02
     for name, value in truth.items():
         assert ship[name].value == pytest.approx(value, rel=2e-3)
+    assert ship["M_max"].value == pytest.approx(446.0 / 222.93, rel=2e-3)  # the envelope at 1300 rpm
 
 
 def test_a_joint_fit_of_two_experiments_is_sharper_than_either():
