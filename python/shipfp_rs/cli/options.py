@@ -231,7 +231,7 @@ def print_table(title: str, head: Iterable[str], rows: Iterable[Iterable[str]]) 
 
 
 def _that_fit(widths: Sequence[int], room: int) -> list[list[int]]:
-    """Columns of each table that fits in the width, each with the first column."""
+    """Columns of each part of a table too wide for the terminal; each part starts with the first column."""
     tables, left = [[0]], room - widths[0]
     for index, width in enumerate(widths[1:], 1):
         if width > left and len(tables[-1]) > 1:

@@ -174,7 +174,7 @@ class Setting:
 
     @classmethod
     def of(cls, lines: Lines, limits: Limits, criterion: Criterion, rate_hz: float) -> tuple[Setting, float]:
-        """Optimise the share of each line; return the setting and the efficiency of these shares."""
+        """Optimise each line's share of time or power; return a setting with these shares, and their efficiency."""
         shares, efficiency = optimal_shares(lines, criterion)
         return cls(lines, shares, limits, criterion, rate_hz), efficiency
 

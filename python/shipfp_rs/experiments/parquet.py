@@ -40,7 +40,7 @@ def of_frames(data: Any) -> Any:
 
 @checked
 def experiment_of(frame: Frame) -> Experiment:
-    """Return the experiment of a frame.
+    """Return the experiment whose signals are the columns of a data frame.
 
     Parameters
     ----------

@@ -83,7 +83,8 @@ class EquationLikelihood(Likelihood):
     steps
         Whether a sampling governor delays the set point's steps instead of smoothing them.
     about
-        Vector at which the derivatives of the subtracted effects are computed; None: at the current vector.
+        Point of the search at which the derivatives of the effects that `taken` subtracts from the residuals are computed;
+        None: at the current point.
     """
 
     records: tuple[Spectra, ...]

@@ -108,7 +108,9 @@ class Identifiability:
     def __post_init__(self) -> None:
         check_fields(self, "identifiability")
         if not 0 <= self.rank <= self.free:
-            raise InputError(f"identifiability: rank is {self.rank}, expected 0 to {self.free}, those free")
+            raise InputError(
+                f"identifiability: rank is {self.rank}, expected 0 to {self.free}, the number of free parameters"
+            )
 
     def to_dict(self) -> dict[str, Any]:
         """Return the JSON form."""

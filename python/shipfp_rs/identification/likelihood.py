@@ -1,8 +1,9 @@
 """The likelihood: residuals of all outputs, with their spectral matrix as noise, and priors.
 
-Besides its parameters a model has linear unknowns with a prior, eliminated in closed form: smooth multiplicative errors of
-each output's response, in amplitude and phase, an octave wide, as large as errors of gauge and calibration (Kennedy and
-O'Hagan 2001, doi:10.1111/1467-9868.00294). The likelihood of spectra is that of Whittle 1953 (doi:10.1007/BF02590998).
+Besides its parameters a model has linear unknowns with a prior, eliminated in closed form: the systematic errors. These are
+relative errors of each output's response, in amplitude and phase, that vary slowly with frequency (over an octave) and are
+as large as errors of gauge and calibration (Kennedy and O'Hagan 2001, doi:10.1111/1467-9868.00294). The likelihood of
+spectra is that of Whittle 1953 (doi:10.1007/BF02590998).
 """
 
 from __future__ import annotations
@@ -22,9 +23,9 @@ from shipfp_rs.support.threads import where_alone
 T = TypeVar("T")
 
 ACCURACY = 3e-3
-"""Prior standard deviation of the smooth relative error of an output's response, due to gauge and calibration."""
+"""Prior standard deviation of the systematic errors of an output's response, due to gauge and calibration."""
 OCTAVE = 1.0
-"""Width of a smooth error in octaves."""
+"""Width of a systematic error in octaves."""
 OVER, LEAST_REACH, MOST_REACH = 0.35, 10, 40
 """Half width of the average that smooths the residuals' spectral matrix: share of the frequency's index, and limits."""
 STEEP, MOST_FALL = 40, -2.0
@@ -126,15 +127,16 @@ class Likelihood:
     records, coordinates
         Data, each with a spectrum (O, F), and free parameters.
     accuracy
-        Standard deviation of each output's smooth relative error, shape (O,).
+        Standard deviation of each output's systematic errors, which vary slowly with frequency, shape (O,).
     priors
         Parameter to (mean, standard deviation).
     roots
         For each record, a root of the inverse spectral matrix of its noise, (F, O, O), or (O, O) where it is white; None:
         not estimated yet.
     responses
-        For each record, spectra of the model's outputs (O, F) at the vector of the noise estimate. Smooth errors are
-        relative to these: relative to the data they would treat noise as response, and reward a smaller response.
+        For each record, spectra of the model's outputs (O, F) at the parameters at which the noise was estimated. Systematic
+        errors are relative to these spectra: relative to the data they would treat noise as response, and reward a smaller
+        response.
     """
 
     records: tuple[Any, ...]
@@ -183,7 +185,7 @@ class Likelihood:
 
     @cached_property
     def bends(self) -> bool:
-        """Whether smooth errors are included."""
+        """Whether systematic errors are included."""
         return self.roots is not None and bool(self.accuracy.any())
 
     def products(self, vector: Array) -> Products:
@@ -217,7 +219,7 @@ class Likelihood:
         return self._white(np.concatenate([residual[None], jacobian]), index)
 
     def whitened(self, vector: Array) -> Array:
-        """Residual, derivatives and smooth errors in units of the noise, with rows of the priors, (R, 1 + P + E)."""
+        """Residual, derivatives and systematic errors in units of the noise, with rows of the priors, (R, 1 + P + E)."""
         rows = np.concatenate([self._rows(vector, index) for index in range(len(self.records))], axis=1)
         if self.bends:
             rows = np.concatenate([rows, self._errors[0]])
@@ -227,13 +229,13 @@ class Likelihood:
         return np.concatenate([rows.T, np.pad(priors, ((0, 0), (0, errors))), own])
 
     def smooth_errors(self, residuals: Sequence[Numbers]) -> tuple[Array, Array]:
-        """Estimated sizes of the smooth errors in prior standard deviations (E,), and their covariance (E, E)."""
+        """Estimated sizes of the systematic errors in prior standard deviations (E,), and their covariance (E, E)."""
         shapes, unsure = self._errors
         white = np.concatenate([self._white(one[None], index)[0] for index, one in enumerate(residuals)])
         return unsure @ (shapes @ white), unsure
 
     def _left(self, residuals: Sequence[Numbers]) -> tuple[list[Numbers], list[Numbers]]:
-        """Residuals without the smooth errors (O, F), and the covariance of these errors' estimate (O, O, F).
+        """Residuals without the systematic errors (O, F), and the covariance of these errors' estimate (O, O, F).
 
         The remainder is noise and everything that the model lacks. At low frequencies the errors' estimate absorbs noise, so
         the noise power is the remainder plus that covariance (Dempster, Laird and Rubin 1977,
@@ -321,7 +323,7 @@ class Likelihood:
         return replace(self, roots=other.roots, responses=other.responses)
 
     def knots(self) -> Array:
-        """Knots of the smooth errors, in octaves, (K,)."""
+        """Knots of the systematic errors, in octaves, (K,)."""
         least = min(record.frequency_hz[1] for record in self.records)
         most = max(record.frequency_hz[-1] for record in self.records)
         return np.arange(np.log2(least), np.log2(most) + OCTAVE, OCTAVE)
@@ -333,7 +335,7 @@ class Likelihood:
 
     @cached_property
     def _shapes(self) -> tuple[Numbers, ...]:
-        """Shapes of the smooth errors of each record, in units of their prior deviation, (E, O, F)."""
+        """Shapes of the systematic errors of each record, in units of their prior deviation, (E, O, F)."""
         knots, found = self.knots(), []
         for record, response in zip(self.records, self.responses, strict=True):
             hats = self.hats(record.frequency_hz)

@@ -238,7 +238,7 @@ class LimitedLikelihood(EquationLikelihood):
         )
 
     def resettled_at(self, vector: Array) -> Self:
-        """Return the likelihood with records corrected by the model at a vector, and water and noise estimated there."""
+        """Return the likelihood settled at a point of the search again, with the moving water's torque estimated there."""
         return super(LimitedLikelihood, self.driven(vector)).resettled_at(vector)
 
     def with_noise(self, vector: Array) -> Self:

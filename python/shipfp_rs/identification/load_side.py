@@ -543,7 +543,7 @@ def _si(
     tau: Estimate,
     vessel: Vessel | str | Path | None,
 ) -> dict[str, dict[str, Any]]:
-    """Inertia in kg m2: referred to the propeller shaft with a vessel, else to the engine if the torque is its own."""
+    """Inertia in kg m2, referred to the propeller shaft with a vessel, else to the engine if M_b is measured; else empty."""
     if vessel is None and signal != "M_b":
         return {}
     rpm, moment = (abs(np.mean([one.operating_point[key] for one in experiments])) for key in (speed, signal))

@@ -33,7 +33,7 @@ SHRINK, SHRUNK = 0.15, 0.01
 FURTHER = 1.3
 """Largest extrapolation: distance of an end over that of the last point inside."""
 ROUNDING, STRAIGHT = 1e-13, 1e-9
-"""Least relative curvature of a direction: for inverses, set by rounding, and for the path of a profile."""
+"""Least curvature of a direction relative to the largest: in inverses, due to rounding, and along the path of a profile."""
 
 
 @dataclass(frozen=True)
@@ -159,7 +159,8 @@ class Profiles:
         scale, way = float(np.sqrt(spread)), self._way(basin, figure, covariance @ slope / spread)
         far, inside = self._farthest(figure, side, value)
         x, reached, over = inside.vector, side * (far - value), np.inf
-        # Last inner point of this profile, and the root of its rise, which is nearly linear from there on.
+        # Farthest distance known to be inside the interval, and the square root of the deviance's rise there. From there on
+        # that root is nearly linear in the distance.
         known, root = 0.0, 0.0
         found = self._products(basin)
         scale = min(scale, _scale_uphill(max(-2.0 * side * float(found.downhill @ way), 0.0), spread))

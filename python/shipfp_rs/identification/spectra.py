@@ -30,9 +30,9 @@ QUICK, MOMENTS = 0.1, 0.03
 ORDERS: int = _core.EQUATION_ORDERS
 """Number of terms of the series: the taper and its derivatives."""
 EDGE_S, EDGE_SHARE, BEFORE_S = 3.0, 0.025, 2.0
-"""Least length of the taper's edges [s], their least share of the record, and initial time that is omitted [s]. Dead times
-carry into that time what happened before the record. Both equations followed by the inverse of their loop leave noise
-unchanged, except at the edges: steep edges mix the noise of the outputs."""
+"""Least length of the taper's edges [s], their least share of the record, and initial time that is omitted [s]: its samples
+depend, through dead times, on what happened before the record. Both equations followed by the inverse of their loop leave
+noise unchanged, except at the edges: steep edges mix the noise of the outputs."""
 GRID_S = 0.05
 """Step of delays that are applied before the taper [s]; a series gives the remaining delay."""
 TAPS_A_SAMPLE, PASSED, WINDOW_80_DB = 24, 0.43, ("kaiser", 9.0)
@@ -249,7 +249,7 @@ class Spectra:
 
     @cached_property
     def unlimited(self) -> Array:
-        """The data of the same ship without limits, shape (O, K)."""
+        """The data less the effect of limits, as if the ship had none, shape (O, K)."""
         return self.decimated - self.taken
 
     def _once(self, name: str, signals: Array) -> Array:
@@ -260,7 +260,7 @@ class Spectra:
 
     @cached_property
     def spectrum(self) -> ComplexArray:
-        """Spectra of the data of the same ship without limits, shape (O, F)."""
+        """Spectra of `unlimited`, the data less the effect of limits, shape (O, F)."""
         return self.see(self.unlimited)
 
     def in_time(self, spectra: ComplexArray) -> Array:

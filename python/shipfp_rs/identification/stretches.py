@@ -40,7 +40,7 @@ class Score(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Stretches:
-    """Gradients of a deviance at a vector by stretches of the records, with smooth errors eliminated.
+    """Contributions of stretches of the records to the gradient of a deviance, with systematic errors eliminated.
 
     Parameters
     ----------
@@ -56,7 +56,7 @@ class Stretches:
 
     @cached_property
     def _smooth(self) -> list[ComplexArray]:
-        """Shapes of the smooth errors of each record in units of noise, (E, O, F)."""
+        """Shapes of the systematic errors of each record in units of noise, (E, O, F)."""
         found = []
         for index, shapes in enumerate(self.likelihood._shapes):
             found.append(turned(self.likelihood.root(index), shapes))
@@ -78,7 +78,7 @@ class Stretches:
 
     @cached_property
     def _white(self) -> list[ComplexArray]:
-        """The same rows with smooth errors eliminated, given their priors."""
+        """Rows of `_rows` with systematic errors eliminated, given the priors of these errors."""
         errors, found = self._smooth, [rows.copy() for rows in self._rows]
         square = np.eye(len(errors[0])) + sum(_products(one, one) for one in errors)
         along = sum(_products(one, rows) for one, rows in zip(errors, found, strict=True))
@@ -122,11 +122,15 @@ class Stretches:
         return float(np.sqrt(max(scatter / max(float(gradient @ along), 1e-300), 1.0)))
 
     def influence(self, gradient: Array) -> tuple[Array, Array, Array]:
-        """Return the change of a figure by stretches (S,), and by smooth errors (E,) and priors (K,) of their deviation."""
+        """Return the changes of a figure with this gradient that are due to stretches, systematic errors and priors.
+
+        One change for each stretch of the records (S,), each systematic error (E,) and each prior (K,); the latter two are
+        changes for one standard deviation.
+        """
         return self._moved(self._covariance @ gradient)
 
     def _moved(self, along: Array) -> tuple[Array, Array, Array]:
-        """Change of the parameters along a direction (P,) by stretches, smooth errors and priors."""
+        """Change of the parameters along a direction (P,) due to stretches, systematic errors and priors."""
         size = len(along)
         pairs = zip(self._white, self._smooth, strict=True)
         errors = [

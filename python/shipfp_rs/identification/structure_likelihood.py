@@ -326,7 +326,7 @@ Seen = Samples | Response
 
 
 def seen(data: Data, structure: Structure, noise: str | None = None, *, at_rest: bool = False) -> Seen:
-    """Return data in the form compared with a structure, for a kind of noise.
+    """Return data as a fit compares them with a structure: samples in time, their spectra, or a frequency response.
 
     Raises
     ------

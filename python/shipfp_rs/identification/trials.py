@@ -86,7 +86,7 @@ def with_limits(fit: ShipFit, until: float | None) -> ShipFit:
 
 
 def _worthy(fit: ShipFit, element: str, until: float | None) -> ShipFit | None:
-    """Return the fit with a limit; None where it lowers the deviance too little, or the record hardly touches it."""
+    """Return the fit with a limit; None if the limit lowers the deviance too little or acts on too few samples."""
     taken = _limited(fit, element, until)
     if taken is None:
         return None
@@ -146,9 +146,10 @@ def with_twist(fit: ShipFit, before: ShipFit, until: float | None) -> ShipFit:
 
 
 def _twist_elsewhere(fit: ShipFit, until: float | None) -> tuple[EquationLikelihood, Basin] | None:
-    """Return the best minimum with a twist from the first guesses; the cost is the total deviance.
+    """Return the best minimum with a flexible shaft, searched from the first guesses; its cost is the total deviance.
 
-    A twist may lead the stiff fit to a wrong minimum, from which no descent finds the twisting ship.
+    Torsional flexibility of the shaft may lead the fit with a stiff shaft to a wrong minimum, from which no descent finds
+    the ship with a flexible shaft.
     """
     question, likelihood = fit.question, likelihood_of(fit, (*fit.elements, "twist"))
     c, law = likelihood.coordinates, None if fit.side is None else fit.side.law

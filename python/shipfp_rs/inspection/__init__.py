@@ -68,9 +68,9 @@ class Inspection:
     faults
         JSON forms: kind (`shipfp_rs.logs.faults.KINDS`), channel, count, spans (first sample and one past the last).
     windows
-        Rests and excitations of the set point; empty if no channel is recognised as such.
+        Stretches of constant set point, and its excitations; empty if no channel is recognised as a set point.
     spectra
-        Frequencies [Hz] and amplitudes of each channel, over a rest.
+        Frequencies [Hz] and amplitudes of each channel, over a stretch of constant set point.
     peaks
         Prominent spectral lines of each channel.
     points
@@ -108,9 +108,10 @@ def inspect_log(
     """Inspect a log, with or without its trial.
 
     Without a trial: channels, faults of clock and level, spikes, windows of the set point if a channel is recognised as
-    such, and spectral lines of every channel except pulse trains, over the longest rest. With the trial: all faults that
-    processing detects, named lines of the torque, the line through set point and speed, a comparison of the pulse trains and
-    their reflectors, and a comparison of the static torque with eq. 6.3, with a fitted exponent.
+    such, and spectral lines of every channel except pulse trains, over the longest stretch of constant set point.
+    With the trial: all faults that processing detects, named lines of the torque, the line through set point and speed, a
+    comparison of the pulse trains and their reflectors, and a comparison of the static torque with eq. 6.3, with a fitted
+    exponent.
 
     Parameters
     ----------
@@ -153,7 +154,7 @@ def inspect_log(
             if points and tells_static_torque(vessel, C_Q):
                 checks["static_torque"] = static_check(vessel, points, C_Q)
             scale[torque.column] = torque.calibration.calibration("Nm").scale
-        # Rests are excluded here: whether the set point is stuck or at rest was decided on the whole log.
+        # Stretches at rest are excluded here: whether the set point is stuck or at rest was decided on the whole log.
         known = {("stuck", trial.channels.driver.column)}
         known |= {(fault["kind"], fault["channel"]) for fault in faults}
         faults += _processed(every, known)
@@ -205,7 +206,7 @@ def _windows(log: Log, trial: Trial | None) -> list[FoundWindow]:
 
 
 def _spectrum(log: Log, report: ChannelReport, rest: FoundWindow | None, scale: float) -> tuple[Array, Array]:
-    """Spectrum of a channel over a rest, or over its start if no rest is known."""
+    """Spectrum of a channel over a stretch of constant set point, or over its start if no such stretch is known."""
     channel = report.channel
     start_s, stop_s = (channel.start_s, channel.stop_s) if rest is None else (rest.start_s, rest.stop_s)
     if rest is not None and stop_s - start_s > 3.0 * SETTLE_S:

@@ -110,14 +110,14 @@ def find_peaks(frequency: Array, amplitude: Array, known: Mapping[str, float] | 
 SETTLE_S = 4.0
 """Settling time after a step, which is excluded [s]."""
 SAME_POINT = 0.01
-"""Largest relative difference in speed between rests that are one steady point."""
+"""Largest relative difference in speed between stretches of constant set point that count as one steady point."""
 LEAST_SPAN = 1.1
 """Least ratio of the highest to the lowest speed for a meaningful exponent."""
 
 
 @dataclass(frozen=True)
 class SteadyPoint:
-    """Means over the rests at one set point: n_set and n_e [rpm], torque [Nm] or None, and duration [s]."""
+    """Means over the stretches at one constant set point: n_set and n_e [rpm], torque [Nm] or None, and duration [s]."""
 
     n_set_rpm: float
     n_e_rpm: float
@@ -194,7 +194,7 @@ def linearity(points: Sequence[SteadyPoint]) -> dict[str, Any]:
 
 
 def found_or_named(log: Log, trial: Trial) -> list[FoundWindow]:
-    """Windows detected in a log; those of its trial if the log is too short, or has no rest."""
+    """Windows detected in a log; those of its trial if the log is too short, or its set point is never at rest."""
     channel = log.channel(trial.channels.driver.column)
     named = [
         (window.name, window.kind, window.start_s, window.stop_s) for window in trial.windows_of(log.name)
@@ -223,14 +223,14 @@ def found_or_named(log: Log, trial: Trial) -> list[FoundWindow]:
 
 
 def _lasts(window: FoundWindow) -> bool:
-    """Whether a rest is longer than the settling time."""
+    """Whether a stretch of constant set point is longer than the settling time."""
     return window.kind == "steady" and window.stop_s - window.start_s > 2.0 * SETTLE_S
 
 
 def found_experiments(
     log: Log, trial: Trial, vessel: Vessel, found: Sequence[FoundWindow]
 ) -> list[Experiment]:
-    """Process each stretch found in a log as a window of the trial; rests start after settling."""
+    """Process each stretch found in a log as a window of the trial; those at rest start after settling."""
     windows = tuple(
         Window(
             name=window.name,

@@ -203,7 +203,7 @@ def fit(
         One per signal; None: new ones.
     stretch_s
         Start and end of the stretch to draw [s], with a band about the model that should contain 95 % of the measured
-        samples: 1.96 standard deviations of the residuals of the whole record. None: the whole record, without a band.
+        samples: 1.96 standard deviations of the residuals of the whole record. None: the whole record, without that band.
     signals
         Names of the signals to draw; None: all signals of the model.
 

@@ -27,7 +27,7 @@ Rate = Annotated[float, Field(gt=0.0, le=1e8)]
 Delay = Annotated[float, Field(ge=-60.0, le=60.0)]
 """Delay of a channel [s]; more than a minute would be another clock."""
 Accuracy = Annotated[float, Field(ge=0.0, le=0.2)]
-"""Smooth relative error of a calibrated channel, one standard deviation."""
+"""Systematic relative error of a calibrated channel, which varies slowly with frequency: its standard deviation."""
 Pair = Annotated[tuple[float, float], Field(strict=False)]
 KEYS_OF_KIND: Mapping[str, Set[str]] = {
     "pulses": {"pulses_per_rev", "missing", "quadrature", "threshold", "hysteresis", "unit"},

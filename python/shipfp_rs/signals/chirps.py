@@ -55,8 +55,8 @@ def chirp(
     law
         "linear": equal time for each Hz; "logarithmic": equal time for each decade.
     avoid_hz
-        Bands (low, high) around resonances [Hz], which the frequency skips. The phase is continuous, and the time is spent
-        on the rest of the range.
+        Bands (low, high) around resonances [Hz], which the frequency skips. The phase is continuous, and the whole
+        length is spent on the frequencies outside these bands.
     rate_hz, name
         Sample rate [Hz] and label.
     """

@@ -246,7 +246,7 @@ class Recorder:
         longest_s: float = 0.04,
         shortest_s: float | None = None,
     ) -> list[tuple[int, int]]:
-        """Draw the first and last sample of a fault, from a tenth of the longest on, and record it."""
+        """Draw and record spans (first and last sample) of a fault; `shortest_s` is a tenth of `longest_s` unless given."""
         starts = np.array(self._strike(fault, channel, chance), dtype=np.int64)
         lengths = np.round(
             chance.uniform(shortest_s or 0.1 * longest_s, longest_s, len(starts)) * self.sensors.rate_hz

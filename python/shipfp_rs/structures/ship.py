@@ -166,7 +166,7 @@ KIND = "commanded"
 ELEMENTS = ("dead_time_loop", "actuator_lag", "damping", "curvature", "late_torque", "load")
 """Elements of the ship that do not need a governor."""
 MOST_TWISTED = 0.98
-"""Largest share of the inertia behind a shaft that twists, in a simulation."""
+"""Largest share of the inertia on a flexible shaft's propeller side: a simulation needs some on the engine's side, too."""
 FEEDBACK = 1e-9
 """Gain of the kernel's governor. Its set point is scaled by the inverse, so that speed feedback vanishes."""
 

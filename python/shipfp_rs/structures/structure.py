@@ -362,7 +362,7 @@ class Structure(Editable):
                 )
             if part.ties:
                 raise InputError(
-                    f"joint structure: {label!r} has ties, expected none; tie the joint structure's own"
+                    f"joint structure: {label!r} has ties, expected none; tie parameters of the joint structure"
                 )
             for parameter in shared:
                 _ = part[parameter]  # raises for an unknown name

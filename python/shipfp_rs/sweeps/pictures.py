@@ -172,7 +172,7 @@ def _free(sweep: Sweep) -> set[str]:
 
 
 def _thinned(sweep: Sweep, names: Sequence[str]) -> dict[str, Array]:
-    """Read the columns of the figures, for evenly spaced draws."""
+    """Read the columns that the plots show, of at most `MOST_POINTS` evenly spaced draws of the sweep."""
     wanted = [f"factor.{key}" for key, factor in sweep.plan.factors.items() if not factor.is_text]
     wanted += [f"{figure}.{name}" for figure in ("truth", "estimate") for name in names]
     step = -(-sweep.plan.draws // MOST_POINTS)

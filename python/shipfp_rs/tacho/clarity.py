@@ -21,7 +21,7 @@ _LIMIT = 14.0
 _DENSE = 10.0
 """With fewer samples per pulse the noise can't be measured, and the limit does not show whether pulses were lost."""
 _IN_A_ROW = 20
-"""Number of even periods in a row that identifies pulses. In noise fewer than half of the periods are even."""
+"""Number of successive periods of nearly equal length that identifies pulses. In noise fewer than half are so equal."""
 _EVEN, _STRICTLY_EVEN = 0.25, 0.12
 """Largest relative difference of periods in an even row. Periods of pulses below the limit vary more, due to noise."""
 _MARGIN = 2

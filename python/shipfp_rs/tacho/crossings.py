@@ -50,7 +50,7 @@ class PulseTimes:
         Gaps with samples but no pulses distinguishable from noise, from pulse to pulse [s], shape (K, 2).
     limit
         Detection limit, in the unit of the samples. Pulses whose height exceeds it are always counted; lower ones only
-        in even rows of a dozen or more. Median if the noise changed.
+        in even rows of a dozen or more. If the noise changes, this is the median of the limits over the record.
     grid_std_s
         Standard deviations of the times due to sampling [s], shape (N,); None: every edge lies within one sample.
     noise_std_s

@@ -2,7 +2,7 @@
 
 Arguments and results are those of MATLAB; name-value pairs are lower-case keywords. Without a sample rate, instants are
 indices, counted from zero. By default `tachorpm` smooths as much as MATLAB's: it distorts a changing speed by several
-per cent. It does not repair pulses or correct uneven reflectors; `speed_from_pulses` does both.
+per cent. `tachorpm` neither repairs pulses nor corrects uneven reflectors; `speed_from_pulses` repairs and corrects them.
 """
 
 from __future__ import annotations

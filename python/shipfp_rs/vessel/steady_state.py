@@ -168,7 +168,7 @@ def _ship_speed(vessel: Vessel, n_s: float) -> float:
 def ship_about(
     vessel: Vessel, point: OperatingPoint, more: Mapping[str, float] = MappingProxyType({})
 ) -> Array:
-    """Return the plant of eq. 3.1-3.11 divided by `point`, as kernel parameters of the ship, updated by `more`.
+    """Return the kernel's parameters of a ship: eq. 3.1-3.11 relative to the values at `point`, updated by `more`.
 
     The rack is the relative deviation from that at `point`; the envelope is not included. Shaft torques are relative to the
     engine's at `point` times gear ratio and efficiency, which includes the drag.

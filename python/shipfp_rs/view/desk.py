@@ -161,7 +161,7 @@ class Desk:
     def _files(self, suffix: str = "") -> Iterator[tuple[Path, int]]:
         """Yield the regular files of the folder, in order, with their sizes: no pipes, devices or broken links.
 
-        Those with a suffix are small enough to be configuration.
+        With a suffix, only files that have it and are small enough to be configuration.
         """
         for entry in sorted(self.folder.iterdir())[: 20 * MOST_ENTRIES]:
             with contextlib.suppress(OSError):
@@ -259,7 +259,7 @@ class Desk:
         return path
 
     def _trial(self, text: str, path: Path) -> Trial:
-        """Trial of a text, as if it were in the folder."""
+        """Trial that the text of a TRIAL.toml describes, with logs and vessel found as if that file were in the folder."""
         trial = drafts.checked(text, path.name)
         header = trial.trial
         changes: dict[str, Any] = {"log": tuple(str(self.folder / log) for log in header.log)}

@@ -377,9 +377,10 @@ def guessed(channels: Sequence[Channel]) -> list[DraftChannel]:
 
 
 def factors(unit: str) -> dict[str, dict[str, Any]]:
-    """By role, the factor of a unit that needs no calibration (None for others), and the quantity of a load.
+    """By role, what a channel's unit tells: the factor, None if the unit needs a calibration, and the quantity of a load.
 
-    For a speed it is whether the unit needs a calibration, since factors of known units are not written.
+    A speed has no factor here, since a TRIAL.toml leaves out factors of known units of speed; the role's "asks" tells
+    whether the unit needs a calibration.
     """
     unit = told(unit)
     given = {"quantity": "power" if unit in TO_W else "torque"}

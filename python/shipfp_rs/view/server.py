@@ -163,7 +163,7 @@ class _Handler(BaseHTTPRequestHandler):
         raise Refused(HTTPStatus.FORBIDDEN, "refused: open the address that shipfp view printed")
 
     def _is_opened(self) -> bool:
-        """Whether a page is opened in a tab, as by the file that leads a browser to it: this discloses nothing."""
+        """Whether a tab opens a page, as when the local file redirects to it; the page that caused this learns nothing."""
         opens = (self.headers.get("Sec-Fetch-Mode"), self.headers.get("Sec-Fetch-Dest"))
         return self.command == "GET" and opens == ("navigate", "document") and ".html" in self.path
 

@@ -211,7 +211,7 @@ fn execute<T: Any>(draw: &mut Draw, tally: &mut Tally) {
     );
 
     let (low, high) = pulse_levels(&train, &Stop::new()).unwrap();
-    // The levels treat a quarter of the largest number and more as saturated.
+    // `pulse_levels` treats samples beyond a quarter of the largest floating-point number as saturated.
     let finite = || train.iter().map(|&x| x.into()).filter(|x: &f64| x.abs() <= f64::MAX / 4.0);
     let (least, most) = (finite().fold(f64::INFINITY, f64::min), finite().fold(f64::NEG_INFINITY, f64::max));
     if least > most {

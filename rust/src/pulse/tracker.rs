@@ -59,7 +59,7 @@ struct Piece {
 struct Window {
     length: usize,
     noise: f64,
-    /// Only if a window continues the previous pulses: the train's state at its start, and its crossings.
+    /// State of the train at the window's start, and the window's crossings; None unless it continues the pulses before.
     held: Option<(Steady, Held)>,
 }
 

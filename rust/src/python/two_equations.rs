@@ -105,8 +105,8 @@ fn equation_residuals<'py>(
 
 type Products<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray2<f64>>);
 
-/// Products in units of the noise: of residual and derivatives [1 + W, 1 + W], and of the smooth errors with them [2 O K, 1
-/// + W].
+/// Products in units of the noise: of residual and derivatives [1 + W, 1 + W], and of the systematic errors with residual
+/// and derivatives [2 O K, 1 + W].
 #[pyfunction]
 #[allow(clippy::too_many_arguments, clippy::needless_pass_by_value)]
 fn equation_products<'py>(

@@ -46,7 +46,7 @@ pub const DETAIL: [&str; COUNT] = [
     "resistance",
 ];
 
-/// Parameters of [`DETAIL`], and states of these elements.
+/// Additional elements of a simulation (see the module): values of the parameters named in [`DETAIL`], and states.
 #[derive(Debug, Clone)]
 pub struct Detail {
     /// Time constants of the derivative's filter and of the charge air [s].

@@ -1,4 +1,6 @@
-//! Products of whitened residuals, derivatives and smooth errors for the normal equations, in one pass.
+//! Products of whitened residuals, derivatives and systematic errors for the normal equations, in one pass.
+//!
+//! Systematic errors are errors of an output's gauge and calibration that vary slowly with frequency.
 
 use pulp::Simd;
 
@@ -9,7 +11,7 @@ use super::residual::{Sink, Square, each_block};
 use crate::error::{Result, require};
 use crate::stop::Stop;
 
-/// Noise of a record, and smooth errors of its outputs.
+/// Noise of a record, and systematic errors of its outputs.
 #[derive(Debug, Clone, Copy)]
 pub struct Noise<'a> {
     /// Root of the inverse spectral matrix, a lower triangle, [O, O, 2, F].
@@ -25,7 +27,7 @@ pub struct Noise<'a> {
 pub struct Products {
     /// Products of residual and derivatives, [C, C].
     pub gram: Vec<f64>,
-    /// Products of smooth errors with residual and derivatives, [O, 2, K, C].
+    /// Products of systematic errors with residual and derivatives, [O, 2, K, C].
     pub errors: Vec<f64>,
 }
 
@@ -35,7 +37,7 @@ struct Sums<'a> {
     /// Number of columns of residual and derivatives, without and with padding.
     columns: usize,
     padded: usize,
-    /// A column projected on the smooth errors.
+    /// A column projected on the systematic errors.
     turned: Aligned,
     /// Shapes of a block, [O, O, 2, BLOCK], and its nonzero hats, [near, BLOCK].
     shapes: Aligned,
@@ -147,7 +149,7 @@ fn part<S: Simd>(_: S, values: &[f64], number: usize, count: usize, place: usize
 }
 
 impl Sums<'_> {
-    /// Project a whitened column of a block on the smooth errors, and add its products with the hats.
+    /// Project a whitened column of a block on the systematic errors, and add its products with the hats.
     #[inline(always)]
     fn bent<S: Simd, const O: usize>(&mut self, simd: S, white: &[f64], column: usize) {
         let vectors = BLOCK / S::F64_LANES;

@@ -17,7 +17,7 @@ use crate::stop::Stop;
 /// A square matrix at neighbouring frequencies.
 pub type Square<S, const O: usize> = [[Complex<S>; O]; O];
 
-/// Consumer of the rows of a block, for a kernel over frequencies.
+/// What a kernel does with residual and derivatives (the rows) of each block of neighbouring frequencies.
 pub trait Sink {
     /// Weights of the rows, given the outputs by the equations; `place` is the index of the vector.
     fn weigh<S: Simd, const O: usize>(&self, simd: S, place: usize, outputs: Square<S, O>) -> Square<S, O>;

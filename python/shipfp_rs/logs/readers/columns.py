@@ -113,7 +113,7 @@ def column_names(count: int, beside: Mapping[str, Sequence[str]], base: str) -> 
 def time_of(
     path: Path, row: Row, rows: Mapping[str, Row], scalars: Sequence[tuple[str, Any]], rate_hz: float | None
 ) -> tuple[str, float | None]:
-    """Key of the times that belong to a row ("" for none), and a rate given beside it.
+    """Return the key of the times that belong to a row, or "" and a sample rate that is stated instead of times.
 
     The nearest times count: in the row's struct, then in a neighbouring struct with only times, then in the enclosing
     struct. Ambiguous times are ignored.

@@ -175,7 +175,7 @@ def _require_own(dataset: Any) -> None:
 
 
 def _words(dataset: Any) -> dict[str, list[str]]:
-    """Word lists of a dataset: its attributes, and MATLAB cell arrays beside it."""
+    """Lists of texts that may describe a dataset: among its attributes, and arrays of texts in the same group, by name."""
     import h5py
 
     found: dict[str, list[str]] = {}
