@@ -33,7 +33,7 @@ by a time of a grid, its rest is what the delay has beyond that [s]. outputs hol
   samples takes late and does not smooth. A derivative by what is off (a `tau_twist` of 0) leaves out what only acts
   with it
 - `equation_products(...the same, root[O, O, 2, F], shapes[O, O, 2, F] or empty, hats[K, F]) -> ([1 + W, 1 + W], [2 O K,
-  1 + W])`: products of these rows times the lower triangles `root`, and of the smooth errors (`shapes` times hats, real
+  1 + W])`: products of these rows times the lower triangles `root`, and of the systematic errors (`shapes` times hats, real
   and imaginary size) with them; a loop that is unstable raises `SimulationError`. Instruction sets differ by rounding;
   one gives the same bits in any thread
 - `taken_by_limits(parameters[18], set_point[N], speed[N], torque[N], every) -> ([N], [N])`: what limits take off the

@@ -122,7 +122,7 @@ def closed_loop(fingerprint: Fingerprint, structure: Structure | None = None) ->
         with exact dead times; crossover [Hz], phase margin [deg], gain margin [-]; proportional gain vK_p [-] and period
         [s] at which the loop would oscillate if all gains increased together (K_u and P_u of tuning rules); -3 dB bandwidth
         of the speed [Hz]; settling time of the speed to within 5 % after a step of the set point [s], and overshoot [-];
-        slow and fast gain of the torque [-] (eq. 3.39, 3.40), the fast one before any lag or twist.
+        slow and fast gain of the torque [-] (eq. 3.39, 3.40), the fast one ahead of actuator lag and flexible shaft.
         An undetermined figure has no value. Neither has the gain margin of a loop that never oscillates; its interval then
         begins at the least gain at which the loop would oscillate with an element that was not found.
 
@@ -345,7 +345,7 @@ def _powers(base: ComplexArray, count: int) -> ComplexArray:
 
 
 def _fast_torque(structure: Structure, values: Values) -> float:
-    """Gain from a fast set point to the torque demanded by the governor, before lag or twist."""
+    """Gain from a fast set point to the torque demanded by the governor, ahead of actuator lag and flexible shaft."""
     known = loop_of(structure, values)[1]
     gain = _proportional(known)
     return gain * known["tau_prop"] / known["tau_n"] if "tau_prop" in structure.names else gain

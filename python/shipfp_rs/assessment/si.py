@@ -123,7 +123,7 @@ def doubts(fingerprint: Fingerprint, vessel: Vessel) -> list[str]:
 
 @checked
 def parameters_of(vessel: Vessel, n_e_rpm: float | None = None) -> dict[str, float]:
-    """Return a vessel's linear parameters, with separate actuator lag and shaft twist.
+    """Return a vessel's linear parameters, with separate actuator lag and torsional compliance of the shaft.
 
     Parameters
     ----------

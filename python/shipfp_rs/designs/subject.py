@@ -47,8 +47,8 @@ class Noise:
     corner_hz
         Corner frequency [Hz]; None: white up to half the sample rate, on which the density then depends.
     accuracy
-        Smooth relative error of the sensor's response after calibration, one standard deviation [-]. It does not decrease
-        with the length of a trial.
+        Standard deviation of the systematic relative error of the sensor's response after calibration, which varies slowly
+        with frequency [-]. The error does not decrease with the length of a trial.
     """
 
     level: float

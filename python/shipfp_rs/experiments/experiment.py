@@ -165,7 +165,7 @@ class Experiment(Tabular, EvenlySampled):
 
     @property
     def gauge_accuracy(self) -> Mapping[str, float]:
-        """Smooth relative error of each signal's response due to its calibration, where the trial gives it."""
+        """Systematic relative error of each signal's response that calibration leaves, where the trial gives it."""
         return {name: float(value) for name, value in (self.provenance.get("gauge_accuracy") or {}).items()}
 
     @property

@@ -355,7 +355,7 @@ def _combined(interval: Interval, unit: str) -> Estimate:
 
 
 def _of_a_stiff_shaft(parameters: Mapping[str, Estimate], question: Question) -> dict[str, Estimate]:
-    """Return the inertia on one side of a stiff shaft as unidentifiable, if a stiff shaft fits as well as a twisting one."""
+    """Return the inertia on one side of a stiff shaft as unidentifiable, if a stiff shaft fits as well as a flexible one."""
     part, twist = parameters.get("tau_prop"), parameters.get("tau_twist")
     if (
         question.gauge

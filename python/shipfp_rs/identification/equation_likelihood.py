@@ -1,7 +1,7 @@
 """The likelihood of a ship without limits: residuals of its two equations in closed form, without simulation.
 
-The kernel returns products of whitened residuals, derivatives and smooth errors, by its own parameters. This module
-transforms them to search coordinates.
+The kernel returns products of whitened residuals, derivatives and systematic errors (see `likelihood`), by the
+kernel's parameters. This module transforms the products to search coordinates.
 """
 
 from __future__ import annotations
@@ -120,7 +120,7 @@ class EquationLikelihood(Likelihood):
 
     @property
     def behind_twist(self) -> bool:
-        """Whether the speed is measured on the propeller's side of a shaft that twists."""
+        """Whether the speed is measured on the propeller's side of a torsionally flexible shaft."""
         return bool(self.ships) and self.ships[0].behind_twist
 
     def values_of(self, vector: Array, record: int) -> dict[str, float]:
@@ -237,7 +237,7 @@ class EquationLikelihood(Likelihood):
 
     @cached_property
     def _laid_out(self) -> list[tuple[Array, Array, Array]]:
-        """Noise root, whitened shapes of smooth errors and their hat functions, in the kernel's layout, for each record."""
+        """For each record, as the kernel takes them: noise root, whitened systematic errors, their hat functions."""
         found = []
         for index, record in enumerate(self.records):
             root = self.root(index)
@@ -264,7 +264,7 @@ class EquationLikelihood(Likelihood):
 
     @cached_property
     def _errors_inverse(self) -> Array:
-        """Posterior covariance of the smooth errors' sizes (E, E), E = outputs x (amplitude, phase) x knots."""
+        """Posterior covariance of the systematic errors' sizes (E, E), E = outputs x (amplitude, phase) x knots."""
         if not self.bends:
             return np.zeros((0, 0))
         outputs, knots = len(self.accuracy), len(self._hats[0])
@@ -322,7 +322,7 @@ class EquationLikelihood(Likelihood):
         )
 
     def smooth_errors(self, residuals: Sequence[Numbers]) -> tuple[Array, Array]:
-        """Estimated sizes of the smooth errors in prior standard deviations (E,), and their covariance (E, E)."""
+        """Estimated sizes of the systematic errors in prior standard deviations (E,), and their covariance (E, E)."""
         if not self.bends:
             size = 2 * len(self.accuracy) * len(self._hats[0])
             return np.zeros(size), np.eye(size)
@@ -435,7 +435,7 @@ class EquationLikelihood(Likelihood):
         return np.asarray(data.decimated + (data.taken - data.decimated) * data.tapers[0] + answer)
 
     def with_columns(self, vector: Array, columns: Sequence[ComplexArray]) -> Array:
-        """Gram matrix of residual, derivatives and `columns`, (1 + P + C, 1 + P + C), with smooth errors and priors.
+        """Gram matrix of residual, derivatives and `columns`, (1 + P + C, 1 + P + C), with systematic errors and priors.
 
         `columns` are spectra of the outputs (C, O, F) for each record.
         """
@@ -446,7 +446,7 @@ class EquationLikelihood(Likelihood):
         return self._gram_of(vector, rows)
 
     def _gram_of(self, vector: Array, rows: Sequence[ComplexArray]) -> Array:
-        """Gram matrix of rows (R, O, F) of each record, residual and derivatives first, with smooth errors and priors."""
+        """Gram matrix of each record's rows (R, O, F), residual and derivatives first, with systematic errors and priors."""
         gram, errors = np.zeros(()), np.zeros(())
         for (root, shapes, _), hats, own in zip(self._laid_out, self._hats, rows, strict=True):
             white = turned(np.moveaxis(_whole(root, hats.shape[1]), -1, 0), own)
@@ -533,7 +533,7 @@ class EquationLikelihood(Likelihood):
 
     @property
     def is_corrected_by_model(self) -> bool:
-        """Whether the model corrects the records: gaps, images of a held set point, or propeller speed behind a twist."""
+        """Whether the model corrects the records: gaps, images of a held set point, or speed behind a flexible shaft."""
         gaps = any(one.masked.any() for one in self.records)
         slips = "tau_twist" in self.coordinates.free and not self.behind_twist
         return gaps or slips or any(one.between == "held" for one in self.records)

@@ -108,9 +108,9 @@ def identify(
     Notes
     -----
     Intervals are profiles of the likelihood, from every minimum that the data do not reject, cut by the bounds. "Coloured"
-    noise allows for smooth errors of each output's response, of 0.3 % or the experiment's `gauge_accuracy`. For each
-    experiment an initial state is estimated, and an offset of each output unless the structure has unknowns for it.
-    Substituting eq. 4.5 in 4.4 as printed in the thesis would make the cost constant.
+    noise allows for systematic errors of each output's response, which vary slowly with frequency: 0.3 %, or the
+    experiment's `gauge_accuracy`. For each experiment an initial state is estimated, and an offset of each output unless the
+    structure has unknowns for it. Substituting eq. 4.5 in 4.4 as printed in the thesis would make the cost constant.
     """
     data = of_frames(data)
     options = Options(noise, intervals, starts, seed, time_limit_s)

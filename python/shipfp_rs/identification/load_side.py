@@ -2,8 +2,9 @@
 
     M = N^p + c_2 (N - 1)^2 + t2 dN/dt, late by T_M, over the operating point
 
-Speed carries noise, and moving water affects speed and torque together, so that least squares are biased. Neither affects
-the part of the speed that a few fixed lags of the set point, or of a measured load, explain. This part is the instrument of
+Speed carries noise, and the torque disturbance by moving water affects speed and torque together, so that least squares are
+biased. Neither noise nor disturbance affects the part of the speed that a few fixed lags of the set point, or of a measured
+load, explain. This part is the instrument of
 two-stage least squares (Söderström and Stoica 1983). No governor, limit or actuator is modelled, so none can be wrong.
 """
 
@@ -35,10 +36,10 @@ SCALE_DEVIATION, LATEST_S = 0.02, 0.02
 """Prior deviation of the torque's scale, and largest delay of a torque [s]. The scale is uncertain since the torque is
 relative to a mean over a minute of moving water."""
 SOFT_HZ, FROM_SHAFT = 5.5, 0.6
-"""Prior of the twist: natural frequency [Hz] of the shaft whose compliance is one prior standard deviation, and share of
-the inertia on the engine's side."""
+"""Prior of the shaft's torsional compliance: natural frequency [Hz] of the shaft whose compliance is one prior standard
+deviation, and share of the inertia on the engine's side."""
 BEHIND, BEHIND_DEVIATION, BEHIND_ENDS = 0.4, 0.12, (0.1, 0.8)
-"""Share of the inertia behind a shaft that twists, for an engine torque; its prior deviation and range."""
+"""Share of the inertia behind a torsionally flexible shaft, for an engine torque; its prior deviation and range."""
 BANDWIDTHS, DEAD_TIMES_S = np.geomspace(0.2, 30.0, 16), np.arange(0.0, 1.2, 0.1)
 """Bandwidths [rad/s] and dead times [s] of the first-order loops that are compared with the speed's response."""
 POLES, ORDER = (0.35, 1.0, 3.0), 4
@@ -51,14 +52,15 @@ EXPLAINED, LEAST_EXPLAINED = 0.995, 0.1
 """Share of the explained acceleration's power that is below the highest used frequency; least explained share of the
 speed."""
 MOST_HZ = 1.5
-"""Highest used frequency [Hz]; above it twist and delay of the torque matter more than load and inertia."""
+"""Highest used frequency [Hz]; above it the shaft's flexibility and the torque's delay matter more than load and inertia."""
 SOFTEST, SOFT_BELOW = 0.6, 0.25
-"""Bound of the twist, as squared ratio of the highest frequency to the inertia's resonance; share allowed below zero."""
+"""Bound of the torsional compliance, as squared ratio of the highest frequency to the inertia's resonance; share of that
+bound allowed below zero."""
 ROUNDS, PATIENCE, STILL, CLOSE = 40, 8, 0.02, 0.5
 """Most iterations, and most of them before the instrument is updated; largest step of the last iteration, and of the last
 before the update, in standard deviations."""
 SHARED = ("p", "tau", "c_2", "T_M", "tau_twist", "behind", "k_L")
-"""Unknowns that all records share; the torque scale of each record and the smooth errors follow them."""
+"""Unknowns that all records share; the torque scale of each record and the systematic errors follow them."""
 
 
 class Record:
@@ -190,7 +192,7 @@ class Fit:
         return answer, np.array(rows)
 
     def found(self) -> tuple[Array, Array]:
-        """Return the unknowns (U,) without smooth errors, and their covariance (U, U).
+        """Return the unknowns (U,) without systematic errors, and their covariance (U, U).
 
         Raises
         ------
@@ -248,7 +250,7 @@ class Fit:
         return x
 
     def _step(self, x: Array, normal: Array, right: Array, found: Array) -> Array:
-        """Keep delay and twist of a step within their bounds, since fast motions that no set point explains mislead them."""
+        """Keep delay and compliance within bounds in a step, since fast motions that no set point explains mislead them."""
         fastest = max(abs(record.s[record.count - 1]) for record in self.records)
         most = SOFTEST / (x[5] * max(abs(x[1] + found[1]), 0.05) * fastest**2)
         bounds = {3: (-LATEST_S, LATEST_S), 4: (-SOFT_BELOW * most, most), 5: self.behind_ends}
@@ -300,7 +302,7 @@ class Fit:
         return normal, right
 
     def _torque(self, x: Array, record: Record, answer: ComplexArray, scale: float) -> ComplexArray:
-        """Modelled spectrum of the torque, without smooth errors, (F,)."""
+        """Modelled spectrum of the torque, without systematic errors, (F,)."""
         p, c_2 = x[0], x[2]
         curved = (p * (p - 1.0) / 2.0 + c_2) * record.N2 + p * (p - 1.0) * (p - 2.0) / 6.0 * record.N3
         return np.asarray((1.0 + scale) * (answer + curved) + scale * record.one)
@@ -318,7 +320,7 @@ class Fit:
 
 
 def _products(B: ComplexArray, told: ComplexArray, A: ComplexArray, bent: ComplexArray, hats: Array) -> Array:
-    """Real products of two sets of columns, each extended by smooth errors: hats times `told` or `bent`, also times i."""
+    """Real products of two sets of columns, each extended by systematic errors: hats times `told` or `bent`, and times i."""
     main, knots = len(B), len(hats)
     product = np.empty((main + 2 * knots,) * 2)
     product[:main, :main] = _along(B, A)
@@ -425,8 +427,9 @@ def load_side(
     Notes
     -----
     Instruments: Söderström and Stoica 1983, "Instrumental Variable Methods for System Identification", Springer. Inertia:
-    eq. 3.23 of the thesis. Smooth errors of the torque's response are allowed for as in `identify`, and a shaft that twists.
-    Where N^p is not the load's law, p is its slope at the operating point.
+    eq. 3.23 of the thesis. The model allows for torsional flexibility of the shaft and, as in `identify`, for systematic
+    errors of the torque's response, which vary slowly with frequency. Where N^p is not the load's law, p is the law's slope
+    at the operating point.
     """
     several = [experiments] if isinstance(experiments, Experiment) else list(experiments)
     if not several:

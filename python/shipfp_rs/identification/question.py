@@ -152,7 +152,7 @@ class Question:
     fixed, priors
         Parameter to value, and to (mean, standard deviation).
     accuracy
-        Output to the standard deviation of its smooth relative error, due to gauge and calibration.
+        Output to the standard deviation of its systematic errors, due to gauge and calibration.
     loaded
         Whether a measured load drives the ship, too.
     bounds
@@ -315,7 +315,7 @@ def question_of(
             always += [parameter.name for parameter in element.parameters if parameter.name not in always]
     if known.get("T_d") == 0.0:
         known.setdefault("hold", 0.0)  # there is no delay to share
-    # Only speed and torque together show a twist.
+    # Only speed and torque together show torsional flexibility of the shaft.
     tried = tuple(name for name in TRIED if name not in elements and (name != "twist" or "dM" in outputs))
     if "tau_twist" in always and "tau_prop" not in always:
         always.append("tau_prop")

@@ -1,7 +1,7 @@
-"""The fit of a ship: the full smooth model; limits and a twist are tried in addition.
+"""The fit of a ship: the full model without limits; limits and torsional flexibility of the shaft are tried in addition.
 
 Both dead times, the lag and the load's second-order coefficient are always fitted, with "off" as a bound. Other elements
-are tried one by one, since they can't be switched off smoothly: a limit of torque or rate, and a shaft that twists.
+are tried one by one, since no parameter fades them out: a limit of torque or rate, and a torsionally flexible shaft.
 """
 
 from __future__ import annotations
@@ -85,7 +85,7 @@ def fit_ship(
     until = None if time_limit_s is None else time.monotonic() + time_limit_s
     given = tuple(element for element in sorted(LIMITED) if TRIED[element][0] in question.always)
     names = {name for element in given for name in TRIED[element]}
-    # A given limit is searched like one that is tried: the smooth loop comes first.
+    # A given limit is searched like one that is tried: the fit without limits comes first.
     question = replace(question, always=tuple(name for name in question.always if name not in names))
     with part(0.0, 0.4):
         smooth = smooth_ship(question, starts=starts, seed=seed, until=until, side=side)

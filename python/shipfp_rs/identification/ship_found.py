@@ -25,8 +25,9 @@ BELIEVED = 25.0
 """Decrease of the deviance from which a tried element counts as on. By chance, two parameters give 14 once in 1000; other
 errors of the model give as much again."""
 DISCREPANCY = 2.0
-"""Factor on the standard deviations of a ship with a limit. Errors of its simulation, at corners and in the water's shape,
-move all parameters together: for some twenty simulated ships the true values were twice as far away as chance explains."""
+"""Factor on the standard deviations of a ship with a limit. Errors of its simulation, at corners of the limit and in the
+course of the torque disturbance by moving water, move all parameters together: for some twenty simulated ships the true
+values were twice as far away as chance explains."""
 RECORRECTED, STILL = 8, 0.1
 """Most corrections of the records by the model, and the squared step, in standard deviations, below which they stop."""
 DEFAULTS: Mapping[str, float] = {
@@ -42,9 +43,10 @@ DEFAULTS: Mapping[str, float] = {
 class ShipFit:
     """The result of a search.
 
-    `gains` is the decrease of the deviance for each tried element; `elements` are those that act. `stiff` is the fit before
-    a twist was added. `scores` are the engine-side effects that the model lacks, by kind. `side` is the load identified from
-    its side alone. `also` are other, equally likely minima, each under its own noise.
+    `gains` is the decrease of the deviance for each tried element; `elements` are those that act. `stiff` is the fit with a
+    stiff shaft, before flexibility was added. `scores` are the engine-side effects that the model lacks, by kind. `side` is
+    the load identified by `load_side`, without engine and governor. `also` are other, equally likely minima, each under its
+    own noise.
     """
 
     question: Question
@@ -114,9 +116,10 @@ def likelihood_of(
 
 
 def settled(fit: ShipFit, until: float | None) -> ShipFit:
-    """Return the fit with each minimum under its own noise, iterated until it no longer moves.
+    """Return the fit with each minimum under its own noise, iterated until the minimum no longer moves.
 
-    Gaps, squares of a propeller's speed, and the water that drives a ship at its limit, are re-estimated at each minimum.
+    Gaps, squares of a propeller's speed, and the torque disturbance by moving water on a ship with a limit, are estimated
+    again at each minimum.
     """
     likelihood, best = fit.likelihood, fit.best
     for _ in range(RECORRECTED):

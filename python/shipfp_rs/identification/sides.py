@@ -73,10 +73,10 @@ def _agree(fit: ShipFit, side: LoadSide) -> bool:
 
 
 def _deviation_apart(fit: ShipFit, side: LoadSide, name: str, gradient: Array, stretches: Stretches) -> float:
-    """Standard deviation of the difference of two estimates that share data, smooth errors and priors.
+    """Standard deviation of the difference of two estimates that share data, systematic errors and priors.
 
-    Each stretch of the records, smooth error and prior has an influence on both estimates; equal influences cancel in the
-    difference (Hampel 1974, doi:10.1080/01621459.1974.10482962).
+    Each stretch of the records, systematic error and prior has an influence on both estimates; equal influences cancel in
+    the difference (Hampel 1974, doi:10.1080/01621459.1974.10482962).
     """
     likelihood, equation, unknown = fit.likelihood, side.equation, side.places[name]
     apart, errors, priors = stretches.influence(gradient)

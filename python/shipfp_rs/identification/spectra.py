@@ -89,7 +89,7 @@ class Spectra:
     limited
         Effect of torque and rate limits on the outputs (O, N), by a model; None: none.
     slip
-        Difference in speed between engine and propeller end of a shaft that twists, decimated (K,); None: a stiff shaft.
+        Difference in speed between engine and propeller end of a flexible shaft, decimated (K,); None: a stiff shaft.
     is_linear
         Whether the load's law is a straight line, without squares of the speed.
     """

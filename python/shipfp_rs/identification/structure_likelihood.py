@@ -419,7 +419,7 @@ class StructureLikelihood(Likelihood):
 
     @classmethod
     def of(cls, records: Sequence[Seen], structure: Structure, *, accurate: bool = False) -> Self:
-        """Return a likelihood before any noise estimate; `accurate`: for simulated data, without smooth errors."""
+        """Return a likelihood before any noise estimate; `accurate`: for simulated data, without systematic errors."""
         accuracy = np.zeros(len(structure.outputs))
         for record in records if not accurate else ():
             if isinstance(record, InBand):
@@ -538,7 +538,7 @@ class StructureLikelihood(Likelihood):
 
     @cached_property
     def _shapes(self) -> tuple[Numbers, ...]:
-        """Shapes of the smooth errors; only spectra have these."""
+        """Shapes of the systematic errors; only spectra have these."""
         spectra = replace(
             self,
             records=tuple(one for one in self.records if isinstance(one, InBand)),

@@ -1,8 +1,8 @@
-"""Tries further elements in the full smooth model: limits of torque and rate, and a shaft that twists.
+"""Tries elements that the full model lacks: limits of torque and rate, and torsional flexibility of the shaft.
 
-An element stays in the fit where it lowers the deviance by more than chance does, so that intervals allow for it. It is
-called on where the deviance falls by much more (`ship_found.BELIEVED`). Minima are compared by their total deviance, each
-with the noise estimated from its own residuals.
+An element stays in the fit where it lowers the deviance by more than chance does, so that intervals allow for it. The
+element is called "on" where the deviance falls by much more (`ship_found.BELIEVED`). Minima are compared by their total
+deviance, each with the noise estimated from its own residuals.
 """
 
 from __future__ import annotations
@@ -40,11 +40,11 @@ approximate."""
 LEAST_TOUCHED = 10.0
 """Least samples at a limit; a limit that the record hardly reaches may compensate for another error of the model."""
 TWISTS_S, DAMPINGS = (1e-3, 4e-3), (0.3, 2.0)
-"""Starting values of the shaft's twist [s] and its damping."""
+"""Starting values of the shaft's torsional compliance tau_twist [s] and of its damping zeta_twist."""
 BEHIND_TWIST = 0.3
-"""Starting value of the share of the inertia behind a twisting shaft, where the torque is measured ahead of it."""
+"""Starting value of the share of the inertia behind a flexible shaft, where the torque is measured ahead of the shaft."""
 GUESSES = 8
-"""Starts of a twisting ship that do not come from the stiff fit."""
+"""Number of starts with a flexible shaft that do not come from the fit with a stiff one."""
 ROUNDS, STEPS, STILL = 6, 12, 1.0
 """Most rounds of descents with a limit, most steps of each, and decrease of the deviance below which they stop."""
 BEHIND = 0.2
@@ -76,7 +76,7 @@ def with_limits(fit: ShipFit, until: float | None) -> ShipFit:
         if taken is None:
             continue
         if suspect == "rack_rate" and "torque_limit" in tried:
-            # A smooth loop that has absorbed a torque limit leaves slopes that look like a rate's.
+            # A loop without limits that has absorbed a torque limit leaves slopes that look like those of a rate limit.
             other = _worthy(fit, "torque_limit", until)
             if other is not None and other.total < taken.total:
                 tried = tried - {"torque_limit"} | {"rack_rate"}
@@ -121,9 +121,9 @@ def with_given_limits(fit: ShipFit, given: Sequence[str], until: float | None) -
 
 
 def with_twist(fit: ShipFit, before: ShipFit, until: float | None) -> ShipFit:
-    """Return the fit with a shaft that twists, if the data support it.
+    """Return the fit with a torsionally flexible shaft, if the data support the flexibility.
 
-    `before` is the fit with the delays distributed otherwise, since a fit without twist may distribute them wrongly.
+    `before` is the fit with other shares of the delays, since a fit with a stiff shaft may divide the delays wrongly.
     """
     if "twist" not in fit.question.tried:
         return fit
@@ -172,9 +172,10 @@ def _taken(
 
 
 def _trial(fit: ShipFit, element: str, until: float | None) -> tuple[EquationLikelihood, Basin] | None:
-    """Return the best minimum with one more element, under the noise estimated without it.
+    """Return the best minimum with one more element, under the noise estimated without that element.
 
-    None where the record is never near it, or it ends on its bound, where it is off or compensates for another error.
+    Returns None if no start is near an effect of the element, or if its first parameter ends on a bound, where the element
+    is off or compensates for another error.
     """
     starts = [start for basin in fit.basins[:2] for start in _starts(fit, element, basin)]
     if not starts:
@@ -198,9 +199,9 @@ def _is_inside(likelihood: EquationLikelihood, end: Basin, element: str) -> bool
 
 
 def _limited(fit: ShipFit, element: str, until: float | None, *, surely: bool = False) -> ShipFit | None:
-    """Return the fit with a limit; None if the record is never near it, or, unless `surely`, it ends on its bound.
+    """Return the fit with a limit; None if the record is never near the limit, or, unless `surely`, it ends on its bound.
 
-    Without the limit, a smooth loop leaves noise of another shape, so minima are compared each with its own noise.
+    A fit without the limit leaves noise of another shape, so minima are compared each with its own noise.
     """
     starts = [start for basin in fit.basins[:2] for start in _starts(fit, element, basin)]
     if not starts:
@@ -254,7 +255,7 @@ def _other_way(
 
 
 def _total(likelihood: EquationLikelihood, vector: Array) -> float:
-    """Total deviance at a vector, with corrections and noise estimated there."""
+    """Total deviance at a point of the search, with corrections and noise estimated at that point."""
     try:
         own = likelihood.resettled_at(vector)
         return own.cost(vector) + own.spread()
@@ -279,7 +280,7 @@ def _by_own_noise(likelihood: EquationLikelihood, start: Array, rounds: int, unt
 
 
 def _other_loops(fit: ShipFit) -> list[dict[str, float]]:
-    """Starts with several loop bandwidths and the load identified from its side, since a limit misleads the smooth fit."""
+    """Starts with several loop bandwidths and the load of `load_side`, since a limit misleads a fit without limits."""
     if fit.side is None:
         return []
     return guesses_by_bandwidth(fit.side.law, fit.question.gauge, fit.values.get("T_set", 0.0))

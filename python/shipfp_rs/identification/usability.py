@@ -28,13 +28,13 @@ CHANCE = 3.0
 """Standard deviations of the noise power that are subtracted from an excess, so that chance does not count as a misfit."""
 
 SELDOM = 0.99
-"""Level of the smooth errors' chi-squared law up to which they are attributed to gauge and calibration."""
+"""Level of the systematic errors' chi-squared law up to which they are attributed to gauge and calibration."""
 
 
 def strain(likelihood: Likelihood, vector: Array) -> float:
-    """Return the squared size of the fit's smooth errors, over the largest that gauge and calibration explain.
+    """Return the squared size of the fit's systematic errors, over the largest that gauge and calibration explain.
 
-    Above 1 the model is wrong: it needs errors larger than that.
+    Above 1 the model is wrong: it fits only with errors larger than those of gauge and calibration.
     """
     sizes, unsure = likelihood.smooth_errors(likelihood.residuals(vector))
     told = len(unsure) - float(np.trace(unsure))

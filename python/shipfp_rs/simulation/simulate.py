@@ -93,7 +93,7 @@ def replay(vessel: Vessel, record: Experiment, at_the_shaft: bool = False) -> Ex
     record
         Record whose set point, as deviation from its operating point, is applied about the vessel's.
     at_the_shaft
-        Whether the speed is measured on the shaft behind the twist.
+        Whether the speed is measured at the propeller's end of the torsionally flexible shaft.
     """
     up = max(1, math.ceil(LEAST_RATE_HZ / record.rate_hz))
     rate = up * record.rate_hz

@@ -150,7 +150,7 @@ class Structure(Editable):
         products
             Declare vK_p and vK_i instead of v, K_p and K_i, which speed and torque can't distinguish.
         propeller_speed
-            Whether the speed is measured behind a shaft that twists.
+            Whether the speed is measured at the propeller's end of a torsionally flexible shaft.
         mean_sampling
             Whether a sampling governor is modelled as a delay of half its period T_s, as in records that are low-passed
             below its sample rate.

@@ -1,4 +1,4 @@
-"""Transfer functions of the drive train about its operating point: eq. 3.14 to 3.54, lags, sampling governor and twist."""
+"""Transfer functions of the drive train about its operating point: eq. 3.14 to 3.54, lags, sampling, flexible shaft."""
 
 from __future__ import annotations
 

@@ -71,7 +71,7 @@ class TwoEquations:
 
     @property
     def behind_twist(self) -> bool:
-        """Whether the speed is measured on the propeller's side of a shaft that twists."""
+        """Whether the speed is measured on the propeller's side of a torsionally flexible shaft."""
         return (
             isinstance(self.equations, ShipEquations)
             and self.equations.propeller_speed

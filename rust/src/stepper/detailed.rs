@@ -90,7 +90,7 @@ impl<const D: bool> Ship<'_, D> {
         detail.follow(ahead.rise, self.h);
     }
 
-    /// A step of a stiff shaft or one that twists.
+    /// A step of a stiff or torsionally flexible shaft.
     #[inline(always)]
     pub(super) fn detailed(&mut self, mut ahead: Ahead) {
         self.foresee(&mut ahead);

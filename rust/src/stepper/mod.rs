@@ -17,7 +17,7 @@
 //! `dM_g = s_M (L + tau_prop dN/dt) - 1`, `dX = A`, `dE = I`, `dn_prop`; sensors delay speeds by `T_n`, torques by `T_M`.
 //!
 //! The speed is integrated by a third-order Adams predictor and corrector. Lag and rate of the rack are exact for commands
-//! that are linear over a step; dead times are interpolated between steps; other limits are clamps; a shaft that twists is
+//! that are linear over a step; dead times are interpolated between steps; other limits are clamps; a flexible shaft is
 //! the matrix exponential of its linear equations. Every element becomes "off" continuously.
 
 #![allow(clippy::float_cmp)] // An element that is off is off exactly.

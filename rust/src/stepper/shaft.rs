@@ -1,4 +1,4 @@
-//! A shaft that twists between two inertias: the exact step of its linear equations.
+//! A torsionally flexible shaft between two inertias: the exact step of its linear equations.
 //!
 //! ```text
 //! tau_1 dN/dt = M_b - Q        tau_prop dP/dt = Q - L        tau_twist dS/dt = N - P        Q = S + zeta (N - P)
@@ -11,7 +11,7 @@ use crate::subnormal::cut;
 
 use super::parameters::{Parameters, at};
 
-/// States and constants of a shaft that twists.
+/// States and constants of a torsionally flexible shaft.
 #[derive(Debug)]
 pub struct Twist {
     shaft: Shaft,

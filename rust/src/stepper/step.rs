@@ -326,7 +326,7 @@ impl<'a, const D: bool> Ship<'a, D> {
         self.arrived(speed, ended * self.c.inverse_tau, more, rack);
     }
 
-    /// Step of two inertias on a shaft that twists.
+    /// Step of two inertias on a torsionally flexible shaft.
     #[inline(always)]
     fn twisted(&mut self, mut twist: Box<Twist>, mut ahead: Ahead) {
         let torque = twist.torque(self.speed);

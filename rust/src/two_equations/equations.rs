@@ -1,7 +1,7 @@
 //! Both equations as polynomials in s on measured signals, with their derivatives by every parameter.
 //!
-//! Each equation is multiplied by its denominators (the engine's by integrator and lag, the load's by the damped twist), so
-//! that only polynomials and delays remain.
+//! Each equation is multiplied by its denominators (the engine's by integrator and lag, the load's by the flexible shaft's
+//! damper), so that only polynomials and delays remain.
 
 use crate::error::{Result, require};
 use crate::places::named_places;
@@ -64,7 +64,7 @@ pub struct Setup {
     pub gauge: bool,
     /// Whether the input is a command instead of a governor's set point.
     pub open_loop: bool,
-    /// Whether the speed is measured on the propeller's side of the twisting shaft.
+    /// Whether the speed is measured on the propeller's side of the torsionally flexible shaft.
     pub propeller: bool,
     /// Whether the set point is stepwise, so that a sampling governor delays it but does not smooth it.
     pub steps: bool,
@@ -258,8 +258,8 @@ fn written(values: &[f64; COUNT], [torque, rack, both]: [bool; 3], setup: Setup)
     let inertia = poly(&[zero, ahead]);
     let damped = if twists { poly(&[one, q(at::ZETA_TWIST) * q(at::TAU_TWIST)]) } else { poly(&[one]) };
 
-    // If the propeller's speed is measured, the load's law has no twist. The engine's speed times `damped` is the
-    // propeller's plus the twist by the torque.
+    // If the propeller's speed is measured, the shaft's flexibility does not enter the load's law. The engine's speed times
+    // `damped` is then the propeller's plus the rate at which the torque twists the shaft.
     let on_load = if propeller { poly(&[one]) } else { damped.clone() };
     let wound = if propeller && twists { poly(&[zero, q(at::TAU_TWIST)]) } else { poly(&[zero]) };
 

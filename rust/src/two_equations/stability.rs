@@ -39,7 +39,7 @@ fn along(c: [f64; 4], w: f64) -> [f64; 2] {
 struct Shaft {
     speed: [f64; 4],
     torque: [f64; 4],
-    /// Resonance of a shaft that twists, and its decay rate [rad/s]; 0: a stiff shaft.
+    /// Resonance of a torsionally flexible shaft, and its decay rate [rad/s]; 0: a stiff shaft.
     resonance: [f64; 2],
 }
 
