@@ -11,7 +11,7 @@ load[N] a load's deviation or empty. A `substeps` of 0 leaves the step to the ke
   envelope: speeds and the highest torques at them, over the operating point, in place of `M_max`
 - `simulate_detailed_ship(parameters[37], detail[D], strength[C], quadrants[3, Q], u[N], dt, substeps, hold, outputs,
   envelope[2, K] = None) -> [O, N]`: with what only a whole drive train has, `SHIP_DETAIL` of
-  `rust/src/stepper/detail.rs`; from rest at the operating point, where the set point was 1 before; strength: each
+  `rust/src/stepper/detail.rs`; from steady state at the operating point, where the set point was 1 before; strength: each
   cylinder's torque over the mean; quadrants: angle [rad] from -pi to pi, torque and thrust over bollard pull, or none
 - `simulate_ship_by(parameters[37], u[N], dt, substeps, method, hold, initial[2], outputs, envelope[2, K] = None) -> [O,
   N]`: a ship of speed and sum alone; method "rk4" | "heun" | "euler", initial (speed over the operating point's, sum)
@@ -24,20 +24,20 @@ outputs.
 `EQUATION_PARAMETERS` are those of `rust/src/two_equations/equations.rs`, `EQUATION_SIGNALS` = ("N", "M", "X", "load",
 "N2", "N3", "one", "M_b"), `EQUATION_OUTPUTS` = ("dn", "dM", "dX", "dM_b"), the last beside a gauge's "dM" only. Spectra
 stand at F frequencies from 0 on, `spacing` [rad/s] apart, F a multiple of `EQUATION_BLOCK`, real and imaginary parts
-apart; order k of `EQUATION_ORDERS` is the spectrum with (-1)^k times the taper's k-th derivative. A late signal is late
-by a time of a grid, its rest is what the delay has beyond that [s]. outputs hold 0 and any of 1, 2, 3.
+apart; order k of `EQUATION_ORDERS` is the spectrum with (-1)^k times the taper's k-th derivative. A late signal is
+delayed by a time of a grid; its `rest` is what the delay has beyond that time [s]. outputs hold 0 and any of 1, 2, 3.
 - `equation_residuals(parameters[25], signals[8, 4, 2, F], spacing, late, outputs, gauge, open_loop, steps, wrt) -> [1 +
   W, O, 2, F]`: data less the model's output, then the model's derivatives; `late`: ([4, 2, F], rest) of the speed, late
   by `T_d`, of the set point, late by `T_d` + `T_set`, and, where the speed is the propeller's, of the torque, late by
   `T_d`; `gauge`: the torque is read between the inertias; `steps`: the set point goes in steps, which a governor that
-  samples takes late and does not smooth. A derivative by what is off (a `tau_twist` of 0) leaves out what only acts
-  with it
+  samples takes late and does not smooth. A derivative by an element that is off (a `tau_twist` of 0) leaves out
+  parameters that act only with that element
 - `equation_products(...the same, root[O, O, 2, F], shapes[O, O, 2, F] or empty, hats[K, F]) -> ([1 + W, 1 + W], [2 O K,
   1 + W])`: products of these rows times the lower triangles `root`, and of the systematic errors (`shapes` times hats, real
   and imaginary size) with them; a loop that is unstable raises `SimulationError`. Instruction sets differ by rounding;
   one gives the same bits in any thread
-- `taken_by_limits(parameters[18], set_point[N], speed[N], torque[N], every) -> ([N], [N])`: what limits take off the
-  engine's torque, and off the rack's part of it, for deviations as they were measured, `every` seconds one;
+- `taken_by_limits(parameters[18], set_point[N], speed[N], torque[N], every) -> ([N], [N])`: torque that
+  limits remove from the engine's, and from the rack's part of it, for measured deviations `every` seconds apart;
   `ENGINE_SIDE_PARAMETERS` are those of `rust/src/engine_side.rs`
 - `loop_is_stable(parameters, open_loop) -> bool`: of a ship's loop about its operating point, by Nyquist's turns
 

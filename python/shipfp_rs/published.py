@@ -1,6 +1,6 @@
 """The published tables of T. A. Martinus, "Ship fingerprinting", TU Delft, 2020, as typed rows.
 
-Each loader returns a tuple of frozen rows in the order of the table; None where nothing was printed.
+Each loader returns a tuple of frozen rows in the order of the table; fields are None if nothing was printed.
 """
 
 from __future__ import annotations

@@ -253,7 +253,7 @@ class Stretch:
 
 
 def run_sheet(excitation: Excitation, expected: Experiment) -> tuple[Stretch, ...]:
-    """Parts of an excitation and rests between them, with the swings of the expected ship."""
+    """Parts of an excitation and the holds between them, with the swings of the expected ship."""
     segments, at = [], 0.0
     for segment in (*excitation.segments, Segment("", excitation.duration, excitation.duration)):
         if segment.start_s - at > LEAST_REST_S:

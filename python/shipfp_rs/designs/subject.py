@@ -278,7 +278,7 @@ class Subject:
         )
 
     def respond(self, excitation: Excitation) -> Experiment:
-        """Noise-free record of the expected ship, starting from rest."""
+        """Noise-free record of the expected ship, starting from steady state."""
         set_point = {"n_set": self.operating_point["n_set"] + excitation.samples}
         bare = Experiment(
             excitation.name,

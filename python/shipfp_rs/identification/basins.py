@@ -40,12 +40,12 @@ LIKELY = 30.0
 
 Known = TypeVar("Known", bound=Likelihood)
 Penalty = Callable[[Array], tuple[float, Array]]
-"""Maps a vector to the value and gradient of a residual that is added to the likelihood's."""
+"""Maps a point of the search to the value and gradient of a residual that is added to the likelihood's."""
 
 
 @dataclass(frozen=True)
 class Basin:
-    """A minimum: deviance, vector, and what was computed there without a penalty."""
+    """A minimum: deviance, search vector, and what was computed there without a penalty."""
 
     cost: float
     vector: Array
@@ -113,7 +113,7 @@ def descend(
 
 
 def _computed(likelihood: Likelihood, penalty: Penalty | None, vector: Array) -> tuple[Products, Products]:
-    """Return deviance, gradient and curvature at a vector, without and with the penalty."""
+    """Return deviance, gradient and curvature at a point of the search, without and with the penalty."""
     found = likelihood.products(vector)
     if penalty is None:
         return found, found

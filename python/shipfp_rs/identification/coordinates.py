@@ -38,7 +38,7 @@ STATE_DEVIATION = 0.1
 
 @dataclass(frozen=True)
 class Coordinates:
-    """Free parameters of a ship as a bounded vector, followed by the unknowns of its records.
+    """Search vectors: free parameters of a ship within bounds, followed by the unknowns of its records.
 
     Parameters
     ----------
@@ -69,12 +69,12 @@ class Coordinates:
 
     @cached_property
     def size(self) -> int:
-        """Length of a vector."""
+        """Length of a search vector."""
         return len(self.free) + self.records * len(self.unknowns)
 
     @cached_property
     def _own(self) -> tuple[Callable[[float], float], ...]:
-        """Functions that map entries of a vector to parameters in their units."""
+        """Functions that map entries of a search vector to parameters in their units."""
         return tuple(
             math.exp if name in LOGARITHMS else math.sqrt if name in SQUARES else float for name in self.names
         )
@@ -88,17 +88,17 @@ class Coordinates:
         return tuple(name for name in RATIOS if name in self.free)
 
     def place(self, name: str) -> int:
-        """Index of a parameter in a vector."""
+        """Index of a parameter in a search vector."""
         return self._place_of[name]
 
     def states(self, record: int) -> slice:
-        """Slice of a record's unknowns in a vector."""
+        """Slice of a record's unknowns in a search vector."""
         first = len(self.free) + record * len(self.unknowns)
         return slice(first, first + len(self.unknowns))
 
     @cached_property
     def bounds(self) -> tuple[Array, Array]:
-        """Bounds of a vector; those of ratios are wide, since intervals apply the parameter's bounds."""
+        """Bounds of a search vector; those of ratios are wide, since intervals apply the parameter's bounds."""
         rows = [self._bounds(name, *self.free[name]) for name in self.free]
         rows += [(-STATE_REACH, STATE_REACH)] * (self.records * len(self.unknowns))
         low, high = np.array(rows).T
@@ -139,7 +139,7 @@ class Coordinates:
         ]
 
     def vector(self, values: Mapping[str, float], states: Sequence[Mapping[str, float]] = ()) -> Array:
-        """Return the vector for values within the bounds; unknowns of records are zero unless given."""
+        """Return the search vector for values within the bounds; unknowns of records are zero unless given."""
         known = {**self.given, **values}
         tau = known["tau_n"]
         vector = np.zeros(self.size)
@@ -158,7 +158,7 @@ class Coordinates:
         return np.clip(vector, *self.bounds)
 
     def slopes(self, values: Mapping[str, float]) -> dict[str, dict[int, float]]:
-        """Derivatives of the parameters by entries of a vector: {parameter: {index: slope}}."""
+        """Derivatives of the parameters by entries of a search vector: {parameter: {index: slope}}."""
         rows = self.jacobian(values).tolist()
         return {
             name: {place: slope for place, slope in enumerate(row) if slope}
@@ -166,7 +166,7 @@ class Coordinates:
         }
 
     def jacobian(self, values: Mapping[str, float]) -> Array:
-        """Derivatives of the free parameters by their entries of a vector, (W, W)."""
+        """Derivatives of the free parameters by their entries of a search vector, (W, W)."""
         own = [
             values[name] if way is math.exp else 0.5 / values[name] if way is math.sqrt else 1.0
             for name, way in zip(self.names, self._own, strict=True)
@@ -187,7 +187,7 @@ class Coordinates:
         return found
 
     def gradient(self, figure: Figure, vector: Array) -> Array:
-        """Derivative of a figure by a vector, shape (P,)."""
+        """Derivative of a figure by the search vector, shape (P,)."""
         values, slopes = self.values(vector), np.zeros(len(self.names))
         found = np.zeros(self.size)
         if isinstance(figure, Itself) and figure.name in self.free:
@@ -218,7 +218,7 @@ def loop_of(values: Values) -> dict[str, float]:
 
 
 def wall_row(c: Coordinates, vector: Array, values: Mapping[str, float] | None = None) -> Array | None:
-    """Residual and derivatives (1 + P,) of the penalty on the inertia behind the gauge; None where it is inactive."""
+    """Residual and derivatives (1 + P,) of the penalty on the inertia behind the gauge; None if the penalty is inactive."""
     values = c.values(vector) if values is None else values
     behind, whole = values.get("tau_prop", 0.0), values["tau_n"]
     if behind <= MOST_BEHIND * whole or "tau_prop" not in c.free:

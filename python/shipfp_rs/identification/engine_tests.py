@@ -104,7 +104,7 @@ def engine_curves(fit: ShipFit) -> dict[str, dict[str, list[float]]]:
 
 def _binned(row: Array, torque: Array, stretch: Array) -> dict[str, list[float]]:
     """Mean of a torque (K,) in quantile bins of a row, and its standard error over stretches."""
-    # Most samples of a ship at rest between steps share a value, so that bins of equal width are better.
+    # Most samples of a ship in steady state between steps share a value, so that bins of equal width are better.
     even = np.linspace(0.0, 1.0, BINS + 1)
     edges = 0.5 * (np.quantile(row, even) + row.min() + (row.max() - row.min()) * even)
     place = np.clip(np.searchsorted(edges, row, side="right") - 1, 0, BINS - 1)
@@ -212,7 +212,7 @@ def _answers(values: Values, record: Spectra, fit: ShipFit) -> Callable[[Array, 
 
 
 def suspected(scores: Mapping[str, Score], beyond: float = 1.0) -> str | None:
-    """Return the strongest kind of shape that exceeds both chance and calibration errors; None if none does.
+    """Return the strongest kind of shape that exceeds chance and calibration errors; None if no shape does.
 
     `beyond` is the factor by which estimates may scatter more than chance explains, as for a ship at a limit.
     """

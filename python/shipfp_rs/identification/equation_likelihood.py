@@ -49,7 +49,7 @@ UNKNOWNS = {
     BRAKE_SCALE: "s_B",
     "rack offset": "x_0",
 }
-"""Unknowns of a record and their names in the kernel. The operating point, a mean over a minute of moving water, is exact
+"""Unknowns of a record and their names in the kernel. The operating point, a mean over a minute in moving water, is exact
 only to parts in a thousand. Set point and speed therefore differ by an offset, and the torque is scaled by another mean
 than the load's."""
 
@@ -59,7 +59,7 @@ Asked = tuple[Array, Array, float, list[tuple[Array, float]], list[int], bool, b
 LATE = {"dn": "T_n", "dM": "T_M", BRAKE: "T_B"}
 """Delay parameter of each output's sensor."""
 STEP = 1e-4
-"""Step of a vector's entry for a difference quotient."""
+"""Step of a search vector's entry for a difference quotient."""
 QUICK = 60_000
 """Size of a derivative matrix below which threads do not pay off, since a kernel call takes half a millisecond."""
 FINE_HZ = 200.0
@@ -152,14 +152,14 @@ class EquationLikelihood(Likelihood):
 
     @cached_property
     def _moving(self) -> list[list[int]]:
-        """Indices of the kernel's parameters that depend on the vector, for each record."""
+        """Indices of the kernel's parameters that depend on the search vector, for each record."""
         if not self.ships:
             own = [INDEX[name] for name in self.coordinates.names if name in INDEX]
             return [[*own, *self._unknowns]] * len(self.records)
         return [[*(INDEX[name] for name in ship.moved), *self._unknowns] for ship in self.ships]
 
     def _places(self, record: int) -> npt.NDArray[np.intp]:
-        """Indices of the free parameters and a record's unknowns in a vector."""
+        """Indices of the free parameters and a record's unknowns in a search vector."""
         own, states = len(self.coordinates.names), self.coordinates.states(record)
         return np.array([*range(own), *range(states.start, states.stop)])
 
@@ -175,7 +175,7 @@ class EquationLikelihood(Likelihood):
         return turn
 
     def products(self, vector: Array) -> Products:
-        """Deviance, gradient and Gauss-Newton matrix at a vector.
+        """Deviance, gradient and Gauss-Newton matrix at a point of the search.
 
         Raises
         ------
@@ -186,7 +186,7 @@ class EquationLikelihood(Likelihood):
         return Products(float(gram[0, 0]), gram[1:, 0], gram[1:, 1:])
 
     def cost(self, vector: Array) -> float:
-        """Deviance at a vector; infinite where the loop is unstable."""
+        """Deviance at a point of the search; infinite where the loop is unstable."""
         try:
             return float(self._gram(vector, derivatives=False)[0, 0])
         except SimulationError:
@@ -539,7 +539,7 @@ class EquationLikelihood(Likelihood):
         return gaps or slips or any(one.between == "held" for one in self.records)
 
     def corrected(self, vector: Array) -> Self:
-        """Return the likelihood of the records corrected by the model at a vector; see `Spectra.corrected`."""
+        """Return the likelihood of the records corrected by the model at a point of the search; see `Spectra.corrected`."""
         records = []
         for index, record in enumerate(self.records):
             values, models = self.values_of(vector, index), self._models(vector, index)
@@ -548,21 +548,21 @@ class EquationLikelihood(Likelihood):
         return replace(self, records=tuple(records))
 
     def near(self, vector: Array) -> Self:
-        """Return the likelihood with derivatives frozen at a vector where they are expensive, else the likelihood itself."""
+        """Return the likelihood with derivatives frozen at a point of the search, or itself if derivatives are cheap."""
         del vector
         return self
 
     def resettled_at(self, vector: Array) -> Self:
-        """Return the likelihood settled at a vector again; images already subtracted remain, since they hardly change."""
+        """Return the likelihood settled at a new point of the search, without new images, since images hardly change."""
         return (self.corrected(vector) if self.is_corrected_by_model else self).with_noise(vector)
 
     def settled_at(self, vector: Array) -> Self:
-        """Return the likelihood with records corrected by the model at a vector, and noise estimated from its residuals."""
+        """Return the likelihood with records corrected, and noise estimated, by the model at a point of the search."""
         needs = self.is_corrected_by_model or any(one.between != "band-limited" for one in self.records)
         return (self.corrected(vector) if needs else self).with_noise(vector)
 
     def _models(self, vector: Array, record: int) -> tuple[Array | None, Array | None]:
-        """Modelled outputs (O, N) for a record with gaps, and the effect of limits; None where the model diverges."""
+        """Modelled outputs (O, N) for a record with gaps, and the effect of limits; None if the model diverges."""
         limits = self._limits(vector)
         if not (limits or self.records[record].masked.any()):
             return None, None
@@ -573,14 +573,14 @@ class EquationLikelihood(Likelihood):
         return (None, None) if smooth is None else (whole, whole - smooth)
 
     def _whole(self, vector: Array, record: int, limits: Mapping[str, float]) -> Array | None:
-        """Modelled outputs (O, N); None where the simulation diverges."""
+        """Modelled outputs (O, N); None if the simulation diverges."""
         try:
             return self.simulated(vector, record, limits)
         except SimulationError:
             return None
 
     def _limits(self, vector: Array) -> Mapping[str, float]:
-        """Active limits at a vector, by the stepper's names."""
+        """Active limits at a point of the search, by the stepper's names."""
         del vector
         return {}
 
@@ -604,7 +604,7 @@ class EquationLikelihood(Likelihood):
 
     @cached_property
     def _begun(self) -> tuple[Array, list[int], list[int], Array]:
-        """Constant part of the priors' rows; then row indices, entries of the vector and deviations of the variable rows."""
+        """Constant part of the priors' rows; then indices, search entries and deviations of the variable rows."""
         c, first = self.coordinates, len(self.priors)
         own = c.size - len(c.names)
         rows = np.zeros((first + own, 1 + c.size))

@@ -57,7 +57,7 @@ def scaled(estimate: Estimate, factor: float, unit: str) -> dict[str, Any]:
 
 
 def operating_point(fingerprint: Fingerprint, speed: str = "n_e") -> tuple[float, float, str] | None:
-    """Return speed [rpm], torque [Nm] and the torque's signal, means over experiments; None where either is missing."""
+    """Return mean speed [rpm], mean torque [Nm] and the torque's signal; None if speed or torque is missing."""
     speeds, torques, signal = [], [], ""
     for record in fingerprint.data:
         point: Mapping[str, float] = record.get("operating_point", {})

@@ -192,7 +192,7 @@ def _full_ship(
 def _given_ship(
     data: Data | Sequence[Data], structure: Structure, options: Options, vessel: str | None
 ) -> Fingerprint | None:
-    """Fit a given ship like the full ship; None where that search does not support the structure or an option."""
+    """Fit a given ship like the full ship; None if the full ship's search does not support the structure or an option."""
     given = [data] if isinstance(data, Experiment | FrequencyResponse) else list(data)
     experiments = _experiments(given)
     if (

@@ -200,7 +200,7 @@ def _require_own_rack(experiment: Experiment) -> None:
 
 
 def doubts(experiments: Sequence[Experiment]) -> list[Sentence]:
-    """Return a sentence for each experiment whose set point becomes late, or differs from its speed at rest."""
+    """Return a sentence for each experiment whose set point becomes late, or differs from the speed in steady state."""
     lines = []
     for experiment in experiments:
         if (moved := moved_from(experiment)) is not None:

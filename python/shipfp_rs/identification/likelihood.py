@@ -41,7 +41,7 @@ SMALL = 1e-6
 """Relative step of a difference quotient."""
 
 Slopes = Mapping[str, Mapping[int, float]]
-"""Derivatives of the parameters by entries of a vector: {parameter: {index: slope}}."""
+"""Derivatives of the parameters by entries of a search vector: {parameter: {index: slope}}."""
 Figure = Callable[[Mapping[str, float]], float]
 """A quantity as a function of the parameters."""
 
@@ -58,7 +58,7 @@ class Itself:
 
 
 class Products(NamedTuple):
-    """Deviance at a vector, its gradient times -1/2, and the Gauss-Newton matrix."""
+    """Deviance at a point of the search, its gradient times -1/2, and the Gauss-Newton matrix."""
 
     cost: float
     downhill: Array
@@ -66,7 +66,7 @@ class Products(NamedTuple):
 
 
 class Space(Protocol):
-    """Coordinates: free parameters as a vector, followed by the unknowns of the records."""
+    """Coordinates: search vectors of the free parameters, followed by the unknowns of the records."""
 
     @property
     def free(self) -> Mapping[str, tuple[float, float]]:
@@ -86,21 +86,21 @@ class Space(Protocol):
 
     @property
     def size(self) -> int:
-        """Length of a vector."""
+        """Length of a search vector."""
 
     @property
     def bounds(self) -> tuple[Array, Array]:
-        """Bounds of a vector."""
+        """Bounds of a search vector."""
 
     @property
     def state_deviation(self) -> float:
         """Prior deviation of the records' unknowns, relative to the operating point."""
 
     def place(self, name: str) -> int:
-        """Index of a parameter in a vector."""
+        """Index of a parameter in a search vector."""
 
     def states(self, record: int) -> slice:
-        """Slice of a record's unknowns in a vector."""
+        """Slice of a record's unknowns in a search vector."""
 
     def values(self, vector: Array) -> dict[str, float]:
         """Return the parameters in their units, given ones included."""
@@ -109,13 +109,13 @@ class Space(Protocol):
         """Return each record's unknowns by name."""
 
     def vector(self, values: Mapping[str, float], states: Sequence[Mapping[str, float]] = ()) -> Array:
-        """Return the vector for values within the bounds."""
+        """Return the search vector for values within the bounds."""
 
     def slopes(self, values: Mapping[str, float]) -> dict[str, dict[int, float]]:
-        """Derivatives of the parameters by entries of a vector."""
+        """Derivatives of the parameters by entries of a search vector."""
 
     def gradient(self, figure: Figure, vector: Array) -> Array:
-        """Derivative of a figure by a vector, shape (P,)."""
+        """Derivative of a figure by the search vector, shape (P,)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,7 +189,7 @@ class Likelihood:
         return self.roots is not None and bool(self.accuracy.any())
 
     def products(self, vector: Array) -> Products:
-        """Deviance, gradient and Gauss-Newton matrix at a vector.
+        """Deviance, gradient and Gauss-Newton matrix at a point of the search.
 
         Raises
         ------
@@ -254,7 +254,7 @@ class Likelihood:
         return left, unsure
 
     def cost(self, vector: Array) -> float:
-        """Deviance at a vector; infinite where the model diverges."""
+        """Deviance at a point of the search; infinite where the model diverges."""
         try:
             with np.errstate(over="ignore", invalid="ignore"):
                 rows = [self._white(one[None], index) for index, one in enumerate(self.residuals(vector))]
@@ -308,7 +308,7 @@ class Likelihood:
         return np.asarray(self._white(spectra[None], record)[0])
 
     def with_noise(self, vector: Array) -> Self:
-        """Return the likelihood with the noise of the residuals at a vector."""
+        """Return the likelihood with the noise of the residuals at a point of the search."""
         residuals = self.residuals(vector)
         responses = tuple(record.spectrum - one for record, one in zip(self.records, residuals, strict=True))
         roots = self._noise(*self._left(residuals))
@@ -391,7 +391,8 @@ def noise_root(residual: Numbers, unsure: Numbers | float = 0.0) -> Numbers:
     """Root of the inverse smoothed spectral matrix of residuals (O, F), (F, O, O); `unsure` is added to the matrix."""
     outputs, count = residual.shape
     place = np.arange(count)
-    # Noise of moving water is steep at low frequencies; an average over frequencies is unbiased only where noise is flat.
+    # Noise of the torque disturbance by moving water is steep at low frequencies; an average over frequencies is unbiased
+    # only where noise is flat.
     shape = _shape(np.abs(residual))
     a, b = np.tril_indices(outputs)
     both = shape[a] * shape[b]

@@ -1,10 +1,11 @@
 """The likelihood of a ship with limits of torque or rate: the closed form without limits, and the limits' effect.
 
 The limits' effect is computed in one of two ways, chosen by the data. On the engine's side alone, a limit clamps a known
-signal: the governor's command for the measured set point and speed. This needs no simulation, allows for moving water, and
-does not let an oscillating loop mislead the search; but noise of the speed blurs the limit's corners. The other way is the
-difference of two simulations of the whole ship, with and without limits, driven by the torque that the load's law does not
-explain. The effect at one vector is removed from the records, so that the remainder is small near that vector.
+signal: the governor's command for the measured set point and speed. This way needs no simulation, allows for the torque
+disturbance by moving water, and does not let an oscillating loop mislead the search; but noise of the speed blurs the
+limit's corners. The other way is the difference of two simulations of the whole ship, with and without limits, driven by the
+torque that the load's law does not explain. The effect at one point of the search is subtracted from the records, so that
+what remains of the effect is small near that point.
 """
 
 from __future__ import annotations
@@ -34,8 +35,8 @@ LIMITS = ("M_max", "M_soft", "rate", "rate_down")
 FINE_HZ = 100.0
 """Rate of the simulations [Hz]; linear interpolation between their samples affects only the limits' effect."""
 WATERS_HZ = (2.0, 0.7, 0.0)
-"""Tried upper frequencies [Hz] of moving water in the torque that the load's law does not explain. Above it that torque is
-noise of the gauge, which does not act on the ship; zero: no water."""
+"""Tried upper frequencies [Hz] of the torque disturbance by moving water. Below such a frequency the torque that the load's
+law does not explain is this disturbance; above, noise of the gauge, which does not act on the ship. Zero: no disturbance."""
 SIDE_HZ, LEADS = 50.0, 1.0
 """Least rate of the engine side's computation [Hz]; rate at which the measured torque corrects the governor's integral
 [1/s]."""
@@ -54,12 +55,12 @@ class LimitedLikelihood(EquationLikelihood):
     beyond
         For each record, the torque that the load's law does not explain, decimated (K,); None: none.
     law
-        Parameters of the load's law, delay and scale of the torque, from the load's side alone; empty: from the vector.
+        Parameters of the load's law, delay and scale of the torque, by `load_side`; empty: those of the point of the search.
     water_hz
-        Highest frequency [Hz] of `beyond` that simulations attribute to water; None: the limits' effect is computed on the
-        engine's side alone.
+        Highest frequency [Hz] of `beyond` that simulations attribute to the torque disturbance by moving water; None: the
+        limits' effect is computed on the engine's side alone.
     governor
-        Stepper parameters that replace those of a vector.
+        Stepper parameters that replace those of a point of the search.
     held
         For each record, the share of time in which a clamp is active, by the engine's side alone.
     """
@@ -165,7 +166,7 @@ class LimitedLikelihood(EquationLikelihood):
         return self.water_hz is not None or super().is_corrected_by_model
 
     def simulated(self, vector: Array, record: int, limits: Mapping[str, float]) -> Array:
-        """Outputs of a record (O, N), simulated with limits and moving water, at the data's rate."""
+        """Outputs of a record (O, N), simulated with limits and disturbance by moving water, at the data's rate."""
         beyond = None if self.beyond is None else self._water[record]
         return self._simulated(vector, record, limits, beyond)
 
@@ -180,7 +181,7 @@ class LimitedLikelihood(EquationLikelihood):
         return found
 
     def near(self, vector: Array) -> Self:
-        """Return the likelihood with the derivatives of simulated effects frozen at a vector."""
+        """Return the likelihood with the derivatives of simulated effects frozen at a point of the search."""
         return self if self.water_hz is None else replace(self, about=vector)
 
     def moved_by_sampling(self, vector: Array) -> Array:
@@ -208,7 +209,7 @@ class LimitedLikelihood(EquationLikelihood):
         return np.asarray(gram[size:, 1:size] @ -scaled_inverse(gram[1:size, 1:size]))
 
     def driven(self, vector: Array) -> Self:
-        """Return the likelihood of the ship driven by the moving water that speed and torque show at a vector."""
+        """Return the likelihood with the torque disturbance that speed and torque show at a point of the search."""
         if "dM" not in self.records[0].outputs or not self.water_hz:
             return replace(self, beyond=None)
         values = {**self.coordinates.values(vector), **self.law}
@@ -238,11 +239,11 @@ class LimitedLikelihood(EquationLikelihood):
         )
 
     def resettled_at(self, vector: Array) -> Self:
-        """Return the likelihood settled at a point of the search again, with the moving water's torque estimated there."""
+        """Return the likelihood settled at a point of the search again, with the torque disturbance estimated there."""
         return super(LimitedLikelihood, self.driven(vector)).resettled_at(vector)
 
     def with_noise(self, vector: Array) -> Self:
-        """Return the likelihood with the noise of the residuals at a vector."""
+        """Return the likelihood with the noise of the residuals at a point of the search."""
         if self.water_hz is not None:
             return replace(super().with_noise(vector), about=vector)
         held = [

@@ -34,7 +34,7 @@ from shipfp_rs.vessel.vessel import Vessel
 
 SCALE_DEVIATION, LATEST_S = 0.02, 0.02
 """Prior deviation of the torque's scale, and largest delay of a torque [s]. The scale is uncertain since the torque is
-relative to a mean over a minute of moving water."""
+relative to a mean over a minute in moving water."""
 SOFT_HZ, FROM_SHAFT = 5.5, 0.6
 """Prior of the shaft's torsional compliance: natural frequency [Hz] of the shaft whose compliance is one prior standard
 deviation, and share of the inertia on the engine's side."""
@@ -483,7 +483,7 @@ def _told(
 
 
 def load_side_of(question: Question, records: Sequence[Spectra] | None = None) -> LoadSide | None:
-    """Return the load from speed and torque of a question's experiments alone; None where that is impossible.
+    """Return the load from speed and torque of a question's experiments alone; None if these do not suffice.
 
     `records` are corrected by a model: without images of the set point, gaps filled.
     """

@@ -106,7 +106,7 @@ class Profiles:
         return (vector <= low + 1e-9).astype(int) - (vector >= high - 1e-9)
 
     def gradient(self, figure: Figure, vector: Array) -> Array:
-        """Derivative of a figure by a vector, shape (P,)."""
+        """Derivative of a figure by the search vector, shape (P,)."""
         return self.likelihood.coordinates.gradient(figure, vector)
 
     def covariance(self, basin: Basin, moving: Array | None = None, least: float = ROUNDING) -> Array:
@@ -228,7 +228,7 @@ class Profiles:
         return end
 
     def _moved(self, vector: Array, way: Array, figure: Figure, target: float) -> Array:
-        """Move a vector along a direction until the figure is close to the target."""
+        """Move a search vector along a direction until the figure is close to the target."""
         c = self.likelihood.coordinates
         return np.clip(vector + way * (target - figure(c.values(vector))), *c.bounds)
 
@@ -239,7 +239,7 @@ class Profiles:
         return min(points, key=lambda one: abs(figure(c.values(one.vector)) - target)).vector
 
     def _way(self, end: Basin, figure: Figure, otherwise: Array) -> Array:
-        """Change of the vector per unit change of the figure, at a point in a valley that may be curved."""
+        """Change of the search vector per unit change of the figure, at a point in a valley that may be curved."""
         slope = self.gradient(figure, end.vector)
         # Undetermined directions would make this change far too long.
         covariance = self.covariance(end, slope, STRAIGHT)

@@ -40,7 +40,7 @@ class Options:
     seed: int | None = 0
     time_limit_s: float | None = None
     at_rest: bool = False
-    """Whether records were computed from rest, without initial state, offset or gauge error."""
+    """Whether records were simulated from a steady state, without initial state, offset or gauge error."""
 
     def starts_for(self, structure: Structure) -> int:
         """Return the number of starts; by default five where a dead time is free, since the cost then has several minima.
@@ -334,7 +334,7 @@ def question_of(
 
 
 def question_of_ship(experiments: Sequence[Experiment], structure: Structure) -> Question | None:
-    """Return a given ship's question; None where the full ship's search does not support the structure.
+    """Return a given ship's question; None if the full ship's search does not support the structure.
 
     Raises
     ------

@@ -163,9 +163,9 @@ def residual_tests(fit: StructureFit) -> dict[str, OutputTests]:
 
 
 def _in_band(fit: StructureFit) -> tuple[list[InBand], Fitted, Array] | None:
-    """Return the experiments as spectra, their likelihood with noise at the minimum, and its vector.
+    """Return the experiments as spectra, their likelihood with noise at the minimum, and the minimum's search vector.
 
-    None where no experiment is long enough for a spectrum.
+    Returns None if no experiment is long enough for a spectrum.
     """
     c, vector = fit.likelihood.coordinates, fit.best.vector
     if all(isinstance(record, InBand) for record in fit.records):

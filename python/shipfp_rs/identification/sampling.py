@@ -134,7 +134,7 @@ these at another time or with another size."""
 
 
 def moved_from(experiment: Experiment) -> tuple[float, float] | None:
-    """Return the time [s] from which the set point is late, and its delay [s], negative if early; None if it never is."""
+    """Return the time [s] from which the set point is late, and its delay [s], negative if early; None if never late."""
     block = max(int(experiment.rate_hz // RATE_HZ), 1)
     names = [name for name in ("n_e", "n_s", "n_set", "M_load") if name in experiment.signals]
     if "n_set" not in names or len(names) < 2 or len(experiment) < block * STRETCHES * SHORTEST:

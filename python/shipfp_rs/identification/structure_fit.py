@@ -41,7 +41,7 @@ ROUNDS, STILL = 200, 0.01
 """Most descents, each with the noise estimated at the previous minimum, and decrease of the total deviance below which they
 stop. True noise converges in few; the misfit of a model to simulated data may take a hundred."""
 UNMOVED = 3e-7
-"""Largest step of a vector's entries below which the descents stop, too: without noise the total never converges."""
+"""Largest step of a search vector's entries below which the descents stop, too: without noise the total never converges."""
 STEPS, SETTLED, LAST = 100, 1e-4, 1e-9
 """Most steps of a descent, decrease below which it stops, and a smaller decrease for the last descent, which then takes only
 one or two steps more."""
@@ -212,7 +212,7 @@ def _settled(likelihood: Fitted, end: Basin, until: float | None) -> Basin:
     total = np.inf
     for place in range(ROUNDS):
         try:
-            # Images hardly change with the vector.
+            # Images hardly change with the search vector.
             likelihood = (likelihood.resettled_at if place else likelihood.settled_at)(end.vector)
         except (SimulationError, np.linalg.LinAlgError):
             return Basin(np.inf, end.vector, False)

@@ -75,15 +75,15 @@ class StructureCoordinates:
 
     @cached_property
     def size(self) -> int:
-        """Length of a vector."""
+        """Length of a search vector."""
         return len(self.free) + sum(map(len, self.unknowns))
 
     def place(self, name: str) -> int:
-        """Index of a parameter in a vector."""
+        """Index of a parameter in a search vector."""
         return self.names.index(name)
 
     def states(self, record: int) -> slice:
-        """Slice of a record's unknowns in a vector."""
+        """Slice of a record's unknowns in a search vector."""
         first = len(self.free) + sum(map(len, self.unknowns[:record]))
         return slice(first, first + len(self.unknowns[record]))
 
@@ -94,7 +94,7 @@ class StructureCoordinates:
 
     @cached_property
     def bounds(self) -> tuple[Array, Array]:
-        """Bounds of a vector."""
+        """Bounds of a search vector."""
         low, high = np.full(self.size, -np.inf), np.full(self.size, np.inf)
         for place, (name, ends) in enumerate(self.free.items()):
             low[place], high[place] = np.log(ends) if name in self.logarithmic else ends
@@ -121,7 +121,7 @@ class StructureCoordinates:
         ]
 
     def vector(self, values: Mapping[str, float], states: Sequence[Mapping[str, float]] = ()) -> Array:
-        """Return the vector for values within the bounds; unknowns of records are zero unless given."""
+        """Return the search vector for values within the bounds; unknowns of records are zero unless given."""
         vector = np.zeros(self.size)
         for place, name in enumerate(self.names):
             value = values[name]
@@ -131,14 +131,14 @@ class StructureCoordinates:
         return np.clip(vector, *self.bounds)
 
     def slopes(self, values: Mapping[str, float]) -> dict[str, dict[int, float]]:
-        """Derivatives of the free parameters by entries of a vector."""
+        """Derivatives of the free parameters by entries of a search vector."""
         return {
             name: {place: values[name] if name in self.logarithmic else 1.0}
             for place, name in enumerate(self.names)
         }
 
     def gradient(self, figure: Figure, vector: Array) -> Array:
-        """Derivative of a figure by a vector, tied parameters included, shape (P,)."""
+        """Derivative of a figure by the search vector, tied parameters included, shape (P,)."""
         low, high = self.bounds
         found = np.zeros(self.size)
         if isinstance(figure, Itself) and figure.name in self.free and not self._tied:
@@ -154,7 +154,7 @@ class StructureCoordinates:
         return found
 
     def jacobian(self, values: Mapping[str, float]) -> Array:
-        """Derivatives of the free parameters by their entries of a vector, (W, W)."""
+        """Derivatives of the free parameters by their entries of a search vector, (W, W)."""
         return np.diag([values[name] if name in self.logarithmic else 1.0 for name in self.names])
 
 
@@ -480,7 +480,7 @@ class StructureLikelihood(Likelihood):
         return replace(self, coordinates=replace(self.coordinates, structure=structure))
 
     def settled_at(self, vector: Array) -> Self:
-        """Return the likelihood with the noise at a vector."""
+        """Return the likelihood with the noise of the residuals at a point of the search."""
         return self.with_noise(vector)
 
     resettled_at = settled_at

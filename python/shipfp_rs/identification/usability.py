@@ -226,7 +226,7 @@ def _worst(fingerprint: Fingerprint) -> float:
 
 
 def _why_not(fingerprint: Fingerprint) -> Usability | None:
-    """Return the reason why a fingerprint is not usable; None if it is."""
+    """Return the reason why a fingerprint is not usable; None if the fingerprint is usable."""
     what = misfit(fingerprint)
     said = Sentence("Not usable, because {what}.", what=what)
     why: WhyNot

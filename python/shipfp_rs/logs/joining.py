@@ -60,7 +60,7 @@ class CoarseClock:
 
 
 def find_coarse(times: Array) -> CoarseClock | None:
-    """Find evenly spaced rows under a clock with fewer steps than rows; None where the rows are not even."""
+    """Find evenly spaced rows under a clock with fewer steps than rows; None if the rows are not evenly spaced."""
     steps = np.diff(times)
     rises = np.flatnonzero(steps != 0.0) + 1
     if len(rises) < 3 or not (steps > 0.0).any():
@@ -76,7 +76,7 @@ def find_coarse(times: Array) -> CoarseClock | None:
 
 
 def _through(times: Array, rises: Rows, tick: float, slips: Sequence[_Slip]) -> CoarseClock | None:
-    """Evenly spaced rows that fit all changes of the clock except at slips; None where the rows are not even."""
+    """Evenly spaced rows that fit all changes of the clock except at slips; None if the rows are not evenly spaced."""
     ends = [0, *(k for slip in slips for k in (slip.before, slip.behind)), len(rises) - 1]
     spans = rises[np.reshape(ends, (-1, 2))]
     count = int(np.diff(spans).sum())

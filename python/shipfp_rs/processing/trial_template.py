@@ -25,11 +25,11 @@ KEPT = ("processing", "processing.torque_spikes", "processing.set_point_jumps", 
 SELDOM_HZ = 100.0
 """Highest rate of a set point that may come from a bus or PLC, with stairs that the torque shows."""
 LEAST_LOAD = 0.1
-"""Least level of a load at rest that counts as loaded, relative to its largest level."""
+"""Least level of a constant load that counts as loaded, relative to the load's largest level."""
 
 
 def windows_toml(windows: Sequence[FoundWindow]) -> str:
-    """The [[windows]] tables of a TRIAL.toml without rests; frequencies as comments."""
+    """The [[windows]] tables of a TRIAL.toml, without stretches at rest; frequencies as comments."""
     lines = []
     for window in windows:
         if window.kind == "steady":
@@ -71,7 +71,7 @@ def moved(log: Log, driver: str | None, load: str | None) -> tuple[str, list[Fou
 
 
 def operating_rest(windows: Sequence[FoundWindow], *, by_load: bool) -> FoundWindow | None:
-    """Rest whose mean is the operating point; with a moving load, one under load if there is any."""
+    """Stretch at rest whose mean is the operating point; with a moving load, a stretch under load if there is one."""
     if by_load:
         largest = max(abs(window.level) for window in windows)
         loaded = [w for w in windows if w.kind != "steady" or abs(w.level) > LEAST_LOAD * largest]
@@ -164,7 +164,7 @@ def _held(log: Log, roles: Roles) -> str:
 
 
 def _resting(log: Log, roles: Roles, windows: Sequence[FoundWindow]) -> str:
-    """Table of a constant set point without a channel: the speed at rest, for a moving load."""
+    """Table of a constant set point without a channel: the speed while the load is constant, for a moving load."""
     rest = operating_rest(windows, by_load=True) if windows and roles.load is not None else None
     moving = windows if roles.load is not None else []
     rpm = _mean(log, roles, next(iter(roles.speeds), None), moving if rest is None else [rest], TO_RPM)

@@ -1,4 +1,4 @@
-"""Detection of a trial's windows in a log: rests, sines, chirps and steps of the set point."""
+"""Detection of a trial's windows in a log: stretches of constant set point ("rests"), sines, chirps and steps."""
 
 from __future__ import annotations
 
@@ -148,11 +148,11 @@ def _crossings(deviation: Array) -> Array:
 SHORTEST_S = 20.5
 """Shortest window [s], slightly longer than a fit requires for a slow ship; a shorter log is of a fast drive."""
 LEAST_SWING = 2e-3
-"""Smallest standard deviation of a window, relative to its level, for units of speed, torque or power; else it is a rest."""
+"""Smallest standard deviation of an excitation, relative to its level, for units of speed, torque or power."""
 
 
 def proposed(log: Log, drives: Sequence[str], mover: str, found: Sequence[FoundWindow]) -> list[FoundWindow]:
-    """Adapt detected windows: divide at gaps, extend short ones into adjacent rests, make those without motion rests."""
+    """Divide detected windows at gaps, extend short ones into adjacent rests, count those without motion as rests."""
     whole = _whole(log, drives)
     least_s = min(SHORTEST_S, max((stop - start for start, stop in whole), default=0.0))
     cut = [
@@ -211,11 +211,11 @@ COARSE_HZ = 200.0
 BLOCK_S = 0.5
 """Length of the blocks whose medians are the levels [s]; a jump of a relay is much shorter."""
 LEAST_REST_S = 10.0
-"""Shortest rest of the set point [s]. The crest of a slow sine is level for a shorter time, or visibly curved."""
+"""Shortest stretch of the set point at rest [s]. The crest of a slow sine is level for a shorter time, or visibly curved."""
 AT_REST = 6.0
-"""Largest deviation of a block's median from the level of a rest, in its standard deviations."""
+"""Largest deviation of a block's median from the level of a stretch at rest, in standard deviations."""
 BEND = 2.5
-"""Rise of a parabola through a rest in standard deviations; through the crest of a slow sine it rises by more."""
+"""Rise of a parabola through a stretch at rest [standard deviations]; through the crest of a slow sine it rises by more."""
 SWINGS = 1.5
 """Ratio of a block's spread to the noise above which the set point oscillates faster than blocks can resolve."""
 STEP_WITHIN_S = 1.5
@@ -227,7 +227,7 @@ reach 0.8 and more; sines, chirps and noise at most half.
 LONG_HOLD = 2.5
 """A series of steps has ended when no step follows for this multiple of its usual hold."""
 LONGEST_S = 4.0 * 3600.0
-"""Longest excitation [s]; longer motion without a rest is the ship's normal operation."""
+"""Longest excitation [s]; longer motion without a stretch at rest is the ship's normal operation."""
 _LETTERS: Mapping[Kind, str] = {
     "steady": "R",
     "sine": "S",
@@ -248,8 +248,8 @@ class FoundWindow:
     Parameters
     ----------
     name
-        Letter of the kind and a number: R rest, S one or more sines, M multisine, C chirp, Q square waves, P pseudo-random
-        steps, St steps, X anything else.
+        Letter of the kind and a number: R stretch at rest, S one or more sines, M multisine, C chirp, Q square waves, P
+        pseudo-random steps, St steps, X anything else.
     kind
         Kind of motion of the set point.
     start_s, stop_s
@@ -257,7 +257,7 @@ class FoundWindow:
     level
         Mean of the set point, as recorded.
     frequency_hz
-        First and last frequency [Hz], of a multisine the lowest and highest; equal for a sine, None for rests and steps.
+        First and last frequency [Hz], of a multisine the lowest and highest; equal for a sine, None at rest and for steps.
     """
 
     name: str
@@ -271,13 +271,13 @@ class FoundWindow:
 def find_windows(
     log: Log, set_point: str, start_s: float = -math.inf, stop_s: float = math.inf
 ) -> list[FoundWindow]:
-    """Find the rests and excitations of a set point or a load, and the kind of each window.
+    """Find the stretches at rest and the excitations of a set point or a load, and the kind of each window.
 
-    The set point is at rest where the medians of half seconds are constant within their noise. Between two rests there is a
-    step if the level changes at once, else one excitation. A multisine is recognised by spectral lines or periodicity; a
-    sine, several sines or a chirp by the times between crossings of the mean; square waves and pseudo-random steps by
-    their two levels. A stair of levels too short for rests counts as steps. Excitations without a rest between them count
-    as one.
+    The set point is at rest where the medians of half seconds are constant within their noise. Between two stretches at rest
+    there is a step if the level changes at once, else one excitation. A multisine is recognised by spectral lines or
+    periodicity; a sine, several sines or a chirp by the times between crossings of the mean; square waves and pseudo-random
+    steps by their two levels. A stair of levels too short for stretches at rest counts as steps. Excitations without a
+    stretch at rest between them count as one.
 
     Parameters
     ----------
@@ -292,7 +292,7 @@ def find_windows(
     -------
     list of FoundWindow
         Windows in order of time. A window of steps starts at the first step and ends after the last one by the usual time
-        between two; the rests within it are listed as well.
+        between two steps; the stretches at rest within the window are listed as well.
 
     Raises
     ------
@@ -312,7 +312,7 @@ def find_windows(
     rests = trace.rests()
     found = [FoundWindow("", "steady", *trace.times(rest), trace.level(rest)) for rest in rests]
     found += _steps(trace, rests)
-    # Stretches between two rests that are not steps.
+    # What lies between two stretches at rest and is no step.
     borders = [(0, 0), *rests, (len(trace.medians), len(trace.medians))]
     for (_, stop), (start, _) in itertools.pairwise(borders):
         if (start - stop) * BLOCK_S > STEP_WITHIN_S:
@@ -332,7 +332,7 @@ def numbered(found: Iterable[FoundWindow]) -> list[FoundWindow]:
 
 
 def longest_rest(windows: Sequence[FoundWindow]) -> FoundWindow | None:
-    """Longest rest at the level about which most excitations oscillate; None without rests."""
+    """Longest stretch at rest at the level about which most excitations oscillate; None if there is no stretch at rest."""
     rests = [window for window in windows if window.kind == "steady"]
     if not rests:
         return None
@@ -450,7 +450,7 @@ class _Trace:
         return bool(max(abs(slope), 1.5 * abs(bend)) > BEND * self.level_noise)
 
     def excitation(self, first: int, stop: int) -> FoundWindow:
-        """Window between two rests."""
+        """Window between two stretches at rest."""
         start_s, stop_s = self.times((first, stop))
         samples = self.samples((first, stop)) if stop_s - start_s <= LONGEST_S else np.empty(0)
         if not samples.size:
@@ -493,7 +493,7 @@ def _levels(pieces: Iterable[Array], block: int) -> tuple[Array, Array, float]:
 
 
 def _steps(trace: _Trace, rests: list[tuple[int, int]]) -> list[FoundWindow]:
-    """Series of steps: successive rests without a pause, at different levels."""
+    """Series of steps: successive stretches at rest, at different levels, without an excitation between them."""
     series: list[list[int]] = [[]]
     ends: list[tuple[int, int]] = []
     for before, after in itertools.pairwise(rests):

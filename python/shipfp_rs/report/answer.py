@@ -54,7 +54,7 @@ RELATED = 0.9
 AT_AN_END = 0.05
 """Fraction of an interval within which an estimate is at its end."""
 AT_REST = 1e-4
-"""Standard deviation of a set point at rest, relative to the operating speed."""
+"""Largest standard deviation of a constant set point, relative to the operating speed."""
 CHANNELS = (*LATE_CHANNELS, "T_0")
 """Parameters of the measurement, not of the ship."""
 WORTH = ("bandwidth", "phase margin", "gain margin", "recovery time")

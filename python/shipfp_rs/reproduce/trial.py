@@ -44,7 +44,7 @@ RATE_HZ = 20.0
 """Sample rate at which linear interpolation of the set point is accurate."""
 SIMULATED_HZ = 200.0
 STEADY_S, PAUSE_S, LEAD_S = 300.0, 20.0, 2.0
-"""Time before the first experiment, between experiments, and at rest before each in its record."""
+"""Time before the first experiment, between experiments, and of the constant set point before each in its record."""
 SPREAD = 0.1
 """Half width of the ranges, relative to the tug's values, from which each trial's ship is drawn."""
 DRAWN = (
@@ -118,7 +118,7 @@ def drawn(seed: int) -> Vessel:
 
 @dataclass(frozen=True)
 class Twin:
-    """A ship's trial as a raw log at 2 kHz with noise, faults and moving water, and the true values."""
+    """A ship's trial as a raw log at 2 kHz with noise, faults and disturbance by moving water, and the true values."""
 
     vessel: Vessel
     log: Log
@@ -128,7 +128,7 @@ class Twin:
 
     @classmethod
     def of(cls, seed: int, names: Sequence[str] = EVERYTHING, *, still: bool = False) -> Twin:
-        """Make the trial of a seed: ship, water, faults; `still` omits water, noise and faults."""
+        """Make the trial of a seed: ship, disturbance by water, faults; `still` omits disturbance, noise and faults."""
         vessel = drawn(seed)
         silent = Sensors(set_point_noise_V=0.0, torque_noise_V=0.0, pulse_noise_V=0.0)
         log, truth = simulate_raw_log(

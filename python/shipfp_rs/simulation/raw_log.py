@@ -90,11 +90,11 @@ def simulate_raw_log(
     steady_s, pause_s
         Length of the steady time range, and of each pause [s].
     inflow
-        Fluctuations of the inflow; None: still water.
+        Fluctuations of the water's flow into the propeller; None: still water.
     simulated_hz
         Rate of the drive train's simulation; None: the logger's. For a tug's, 200 Hz are enough, in a fifth of the time.
     seed
-        Seed of noise, faults and water.
+        Seed of noise, faults and inflow.
 
     Raises
     ------

@@ -137,7 +137,7 @@ class Document:
         }
 
     def within(self, column: str, start_s: float, stop_s: float) -> dict[str, Any]:
-        """Windows in a stretch of a set point, and the longest that is not a rest."""
+        """Windows in a stretch of a set point, and the longest of the windows in which the set point moves."""
         found = find_windows(self.log(), column, start_s, stop_s)
         moving = [one for one in found if one.kind != "steady"]
         main = max(moving or found, key=lambda one: one.stop_s - one.start_s, default=None)

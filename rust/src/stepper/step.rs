@@ -74,7 +74,7 @@ pub struct Ship<'a, const D: bool> {
 }
 
 impl<'a, const D: bool> Ship<'a, D> {
-    /// The ship at rest before a record.
+    /// The ship in steady state before a record.
     pub fn new(parameters: &Parameters, run: &Run<'a>) -> Self {
         let h = run.step();
         let c = Constants::new(parameters, h);

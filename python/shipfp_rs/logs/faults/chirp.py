@@ -15,7 +15,7 @@ HYSTERESIS = 0.2
 
 
 def constant_frequency(samples: Array, rate_hz: float) -> float | None:
-    """Frequency of a supposed chirp whose frequency is constant [Hz]; None where it changes.
+    """Frequency of a supposed chirp whose frequency is constant [Hz]; None if the frequency changes.
 
     Half periods are timed between crossings of the middle, with hysteresis against noise. With fewer than three of them the
     frequency from the crossings is returned, too (0 without any).
