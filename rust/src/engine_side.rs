@@ -131,7 +131,7 @@ pub fn taken_by_limits(
         if k > 0 {
             let rise = (command - commanded) / h;
             let gap = commanded - rack;
-            // Its slope changes from gap / lag to the command's slope; if both are within the limit, it never reaches it.
+            // The rack's slope changes from gap / lag to the command's; if both are within the limit, no limit acts.
             rack = if lag > 0.0 && within(gap, lag) && within(rise, 1.0) {
                 command - rise * lag + (rise * lag - gap) * stays
             } else {

@@ -1,4 +1,4 @@
-//! Named indices of a vector.
+//! Named indices of a parameter vector.
 
 /// Constants that count from 0.
 macro_rules! places {

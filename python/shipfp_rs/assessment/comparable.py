@@ -1,7 +1,7 @@
 """Comparability of fingerprints: whether, with which elements, and with which reservations.
 
-Only values given by the user must be equal in both. If the data selected the structures, they may have selected an element
-for only one ship, and some parameters may be undetermined; this is reported, but does not prevent a comparison.
+Only values given by the user must be equal in the fingerprints. If the data selected the structures, they may have selected
+an element for only one ship, and some parameters may be undetermined; this is reported, but does not prevent a comparison.
 """
 
 from __future__ import annotations

@@ -179,8 +179,8 @@ def compare(
     level
         Probability of a false alarm, over all quantities, and for the joint test.
     data
-        Experiments of both, for such a refit; None: those stored in the fingerprints. Without experiments both are
-        compared unchanged, with a remark.
+        Experiments of both fingerprints, for such a refit; None: experiments stored in the fingerprints. Without
+        experiments the fingerprints are compared unchanged, with a remark.
 
     Returns
     -------
@@ -190,8 +190,8 @@ def compare(
     Raises
     ------
     InputError
-        If they can't be compared: another ship, structure, operating speed or given value, a search without a minimum,
-        or no quantity known in both.
+        If the fingerprints can't be compared: another ship, structure, operating speed or given value, a search without a
+        minimum, or no quantity known in both.
 
     Notes
     -----

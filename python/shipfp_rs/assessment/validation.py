@@ -146,7 +146,7 @@ def validate(
 class CrossValidation:
     """Fit of every fingerprint to every experiment.
 
-    It is printed as a table for each output.
+    Printing it shows a table for each output.
 
     Parameters
     ----------

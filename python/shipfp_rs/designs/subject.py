@@ -303,7 +303,7 @@ def usual_structure() -> Structure:
 
 
 def _expected(structure: Structure, known: Mapping[str, float]) -> dict[str, float]:
-    """Known values; those of the structure if it fixes them, none is known, or a dead time is zero."""
+    """Known values; the structure's value if it is fixed, if none is known, or for a dead time of zero."""
     return structure.complete(
         {
             parameter.name: parameter.start

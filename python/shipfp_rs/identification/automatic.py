@@ -484,7 +484,7 @@ def foresee(
     structure
         Structure to fit; None: the full ship.
     values
-        Assumed parameters of the ship; None: those of a first fit, without the elements that are tried.
+        Assumed parameters of the ship; None: parameters of a first fit without the elements that are tried.
     **choice
         As of `question_of`, without a structure.
 

@@ -63,12 +63,12 @@ class Fingerprint(FingerprintTables, SimulationMixin):
         "engine_curves": the torque that the model lacks over the governor's "error" and over the rack's "slope".
     load_side
         Name to estimate of the load from speed and torque alone, without a model of engine and governor, see `load_side`;
-        empty where these determine nothing.
+        empty if speed and torque determine nothing.
     usable
         First sentence of the verdict: what the fingerprint can be used for.
     usability
-        The same in a word: "usable", "usable except" (the parameters or intervals in the sentence) or "not usable"; empty
-        where it is unknown, as for a structure fitted to frequency responses.
+        What the fingerprint can be used for, in a word: "usable", "usable except" (the parameters or intervals in the
+        sentence) or "not usable"; empty where this is unknown, as for a structure fitted to frequency responses.
     why_not
         Reason why a fingerprint is not usable: "no minimum", "nothing explained" (of an output), "nothing told" (of any
         parameter), or "misfit" (of the model).

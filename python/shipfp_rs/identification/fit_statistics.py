@@ -71,7 +71,7 @@ def information_criteria(scatter: Array, samples: int, parameters: int) -> dict[
 def missed_pct(row: Mapping[str, float | None], chance: float = 0.0) -> float:
     """Return the misfit of an output, in per cent of its spread.
 
-    It is the root of the share of the whitened residual that the set point still explains, less the share by chance.
+    The misfit is the root of the share of the whitened residual that the set point still explains, less the share by chance.
     """
     share = (row.get("input_explained_pct") or 0.0) / 100.0
     rest = max(1.0 - (row.get("nrmse_pct") or 0.0) / 100.0, 0.0)

@@ -25,8 +25,8 @@ EARLY_S, CLEARLY, BY_CHANCE = 0.15, 0.03, 3.0
 """Criteria for a speed that moves before its set point: by more than the first [s], with a correlation of the slopes above
 that at any other delay by the second plus the third times the standard deviation by chance."""
 SAME_SPEED, SAME_RACK = 5e-3, 1e-4
-"""Least difference, relative to the swing, of a speed from its set point, and of a rack from a torque. Below it both are
-the same channel: no governor is that fast, and no rack has exactly the torque's noise."""
+"""Least difference, relative to the swing, of a speed from its set point, and of a rack from a torque. Below
+it the two are one channel: no governor is that fast, and no rack has exactly the torque's noise."""
 APART = 0.02
 """Difference of set point and speed at the operating point that causes a remark; an integrating governor leaves none."""
 STILL = 1e-7

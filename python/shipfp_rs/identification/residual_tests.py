@@ -1,8 +1,8 @@
 """Residual tests: independence of the set point, and whiteness where the noise is assumed white.
 
 Ljung's test (1999, section 16.6) asks whether lagged set points still explain residuals. A fit has already removed what its
-derivatives explain, so the lagged set points are projected off these first. Both are spectra in units of the noise that the
-residuals show, so the test statistic is chi-squared for noise of any colour.
+derivatives explain, so the derivatives' share is removed from the lagged set points first. Residuals and lagged set points
+are spectra in units of the noise that the residuals show, so the test statistic is chi-squared for noise of any colour.
 """
 
 from __future__ import annotations

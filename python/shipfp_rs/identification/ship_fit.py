@@ -54,7 +54,7 @@ LEVEL = 0.1
 LATER_S = 5e-3
 """Least change of the set point's dead time between starts with the same lag behind ramps [s]."""
 WITH_SAME_RAMP = 3
-"""Number of those starts, by least deviance, that descend; the others take long and find no lower minimum."""
+"""Number of starts with the same lag behind ramps that descend, by least deviance; others find no lower minimum."""
 COMMON_S = 0.1
 """Least time by which both the governor's lead and the lag are increased in other starts [s]."""
 HALF_PERIODS_S = (0.005, 0.015, 0.03)

@@ -47,9 +47,9 @@ CUT = 10.0
 """Along a null direction parameters can move only until one of them meets a bound. A parameter that moves by less than this
 many standard deviations still has an interval."""
 SHORT = 1e-3
-"""The same limit, as a share of the width between the parameter's bounds."""
+"""Limit of that movement (see `CUT`), as a share of the width between the parameter's bounds."""
 EDGE = 1e-6
-"""The same limit, as a share of the parameter's size, where the standard deviation is zero."""
+"""Limit of that movement (see `CUT`), as a share of the parameter's size, where the standard deviation is zero."""
 SHARPER = 1.0 / 3.0
 """A combination is listed if its relative deviation is below this share of its least known parameter's."""
 UNTOLD = 0.99

@@ -130,8 +130,8 @@ def judged(fingerprint: Fingerprint, samples: int) -> Fingerprint:
 def misses_of(fit: Mapping[str, Mapping[str, float | None]], samples: int) -> dict[str, float]:
     """Return the misfit of each output, in per cent of its spread.
 
-    It is the root of the share of the whitened residual's power that the set point still explains, less the share by
-    chance, times the residual.
+    The misfit is the root of the share of the whitened residual's power that the set point still explains, less the share
+    by chance, times the residual.
     """
     misses = {}
     for name, row in fit.items():

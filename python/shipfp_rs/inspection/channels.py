@@ -88,7 +88,7 @@ point or a torque do not.
 """
 EVEN_SHARE = 0.6
 SLOWEST_HZ = 0.2
-"""Shaft speed below which it counts as at rest."""
+"""Shaft speed below which the shaft counts as at rest."""
 SINE_EVEN_SHARE = 0.9
 SINE_SLOWEST_HZ = 5.0
 """Lowest rate of a sinusoidal pick-up [Hz]; slower oscillations are set points or waves."""

@@ -254,7 +254,7 @@ def found_experiments(
 
 
 def steady_points(experiments: Sequence[Experiment], torque: str | None) -> list[SteadyPoint]:
-    """Means of steady experiments in order of speed, those at one speed as one point."""
+    """Means of steady experiments in order of speed; experiments at one speed make one point."""
     groups: list[list[Experiment]] = []
     for experiment in sorted(experiments, key=_speed):
         if groups and _speed(experiment) < (1.0 + SAME_POINT) * _speed(groups[-1][0]):

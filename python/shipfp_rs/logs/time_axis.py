@@ -38,7 +38,7 @@ GAP = 3.0
 MOST_GROWTH = 8.0
 """Most samples of the even grid per recorded one; samples denser than the grid are averaged over its cells."""
 CHANGES_GROWTH = 32.0
-"""The same for rows of state changes."""
+"""Most samples of the even grid per recorded change of a state."""
 CHANGE_STEPS = 4.0
 """Steps of the grid between two changes of a state, except for one in twenty."""
 FAR_OFF = 1.5

@@ -508,11 +508,11 @@ def set_point_is_trend(experiment: Experiment, degree: int = 1) -> bool:
 
 
 def torque_across_inertia(experiment: Experiment, vessel: Vessel, side: Side) -> Array:
-    """Convert the gauge torque between the inertias to the torque on one side of both [Nm], shape (N,).
+    """Convert the torque of a gauge between the inertias to that on the engine's or propeller's side [Nm], shape (N,).
 
     On the engine's side M_s = M_g + 2 pi J_1 dn_s/dt, normalised M_b* = M_g* + tau_1 s n* with
     tau_1 = 2 pi J_1 n_s0 / M_s0; on the propeller's side M_p = M_g - 2 pi J_2 dn_s/dt. A constant factor can't convert
-    between them, since the inertias' torques depend on the acceleration.
+    one of these torques to another, since the inertias' torques depend on the acceleration.
 
     Parameters
     ----------

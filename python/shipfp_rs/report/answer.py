@@ -196,7 +196,7 @@ def at_an_end(estimate: Estimate, say: Say) -> str:
 
 
 def ship_rows(fingerprint: Fingerprint, say: Say) -> list[tuple[str, str, str, str, str]]:
-    """Plain name, symbol, value with unit, interval, and the same in other units, for each parameter of the ship.
+    """Plain name, symbol, value with unit, interval, and value in other units, for each parameter of the ship.
 
     SI units come first if the vessel is known; the normalised parameter follows.
     """

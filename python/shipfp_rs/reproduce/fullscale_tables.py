@@ -346,7 +346,7 @@ def _normalisation_points() -> list[Row]:
 
 
 def cross_validation(structure: Structure, best: Fingerprint) -> list[Row]:
-    """Return the printed fits [%], and those of the same and the best parameters to the trial on the simulated tug."""
+    """Return the printed fits [%], and fits of printed and best parameters to the trial on the simulated tug."""
     rows = []
     for printed in published.full_scale_cross_validation():
         fits = (printed.multisine_pct, printed.short_chirp_pct, printed.long_chirp_pct, printed.steps_pct)

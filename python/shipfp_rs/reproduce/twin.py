@@ -70,7 +70,7 @@ def fitted_parts(twin: Twin, parts: Sequence[str]) -> dict[str, Fingerprint]:
 
 
 def fitted_as_the_thesis(twin: Twin, part: str) -> Fingerprint:
-    """Fit the thesis's structure to the same, with the weights of its refitted sine fits."""
+    """Fit the thesis's structure to a part of the trial, with the weights of the thesis's sine fits, refitted."""
     records = twin.experiments(experiments_of(part))
     return identify(records, thesis_structure(), noise="white", starts=1, vessel=VESSEL)
 

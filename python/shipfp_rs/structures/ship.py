@@ -40,7 +40,7 @@ _KERNEL = KERNEL | {
     SET_SCALE: "s_u",
     TORQUE_SCALE: "s_M",
 }
-"""The same with the unknowns of an experiment."""
+"""`KERNEL` with the unknowns of an experiment."""
 _DEVIATIONS = ("initial dn", SET_SCALE, TORQUE_SCALE)
 """Unknowns that are zero without effect; the kernel's are one."""
 

@@ -87,7 +87,7 @@ class Differences:
         lower: npt.ArrayLike = -np.inf,
         upper: npt.ArrayLike = np.inf,
     ) -> tuple[Array, Array]:
-        """Return the value, and the derivatives with one row for each entry of the vector.
+        """Return the function's value, and its derivatives with one row for each entry of the argument.
 
         Parameters
         ----------

@@ -157,7 +157,7 @@ def summarise(
     plan
         The sweep.
     batches
-        Its rows so far.
+        The sweep's rows so far.
     accuracy_pct
         Target relative error [%], for the length of a trial.
 

@@ -73,7 +73,7 @@ def _in_rows(times: Array, doubted: Flags, faint: Flags) -> Flags:
     """Mark the doubted crossings in rows of even periods, and the faint ones in strictly even rows."""
     found = np.zeros(len(times), dtype=np.bool_)
     for first, stop in runs(doubted).tolist():
-        # With as many on either side as may belong to a row.
+        # With as many crossings on either side as may belong to an even row.
         begin, end = max(first - _IN_A_ROW, 0), min(stop + _IN_A_ROW, len(times))
         periods = np.diff(times[begin:end])
         for tolerance, margin, taken in ((_EVEN, 0, ~faint), (_STRICTLY_EVEN, _MARGIN, faint)):

@@ -121,11 +121,11 @@ def speed_from_pulses(
 ) -> IntervalSpeed:
     """Mean speed over each interval between pulses, with missed and extra pulses repaired.
 
-    Periods are compared with their running median. A period that is too short ends at an extra pulse, which is removed;
-    one near a multiple of the median has missed pulses, which are inserted. Both are flagged. Next to breaks, and where a
-    shaft nearly stops, the trend of the neighbouring speeds replaces the median, so that a shaft may slow down to rest or
-    run up from it. Where only one side has a trend, the standard deviation covers both interpretations. Intervals over a
-    gap, and those with more than four missed pulses, are omitted.
+    Periods are compared with their running median. A period that is too short ends at an extra pulse, which is removed; one
+    near a multiple of the median has missed pulses, which are inserted. Intervals with extra or missed pulses are flagged.
+    Next to breaks, and where a shaft nearly stops, the trend of the neighbouring speeds replaces the median, so that a shaft
+    may slow down to rest or run up from it. Where only one side has a trend, the standard deviation covers both
+    interpretations. Intervals over a gap, and those with more than four missed pulses, are omitted.
 
     Standard deviations of pulses from `pulse_times` are valid from three samples per pulse up, to about 4 %, the accuracy
     of the noise estimate. At a steady speed with a nearly whole number of samples between pulses, the errors are equal and

@@ -40,9 +40,9 @@ class PulseFlag(IntFlag):
 
     GOOD = 0
     EXTRA = 1
-    """Extra crossings in it were removed."""
+    """Extra crossings in the interval were removed."""
     MISSED = 2
-    """Its crossings were missed; it is an equal share of a longer interval."""
+    """Crossings were missed; the interval is an equal share of a longer one."""
 
 
 @dataclass(frozen=True)

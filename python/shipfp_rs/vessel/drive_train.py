@@ -26,7 +26,7 @@ PLANT_PARAMETERS = (
     "Ki_abs",
     "minimum_torque",
 )
-"""Those of the plant of eq. 3.1-3.11: kg m2, -, -, Nm/mm, Nm/(rev/s), Nm, Nm/(rev/s)^p, -, mm, mm/(rev/s), mm/rev, Nm.
+"""Plant of eq. 3.1-3.11 in kg m2, -, -, Nm/mm, Nm/(rev/s), Nm, Nm/(rev/s)^p, -, mm, mm/(rev/s), mm/rev, Nm.
 
 M_p = torque_coefficient n_s |n_s|^(p - 1); M_b = A1 X + A2 n_e + A3 below the envelope, not below minimum_torque.
 """

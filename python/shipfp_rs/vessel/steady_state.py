@@ -190,7 +190,7 @@ def ship_about(
 
 
 def whole_about(vessel: Vessel, point: OperatingPoint) -> tuple[Array, Array]:
-    """Return the whole drive train divided by `point`: kernel parameters of the ship, and those of its detail."""
+    """Return the kernel's parameters of the whole drive train relative to `point`: of the ship, and of its detail."""
     train = drive_train(vessel)
     q, unit = train.values, point.M_s + vessel.drag_torque(point.n_s)
     once_a_firing = math.isinf(q["governor_period"])

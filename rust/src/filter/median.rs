@@ -2,7 +2,7 @@
 //!
 //! J. Suomela, "Median filtering is equivalent to sorting", arXiv:1406.1717. The signal is cut into blocks of a window's
 //! length, and each block is sorted once. A window over two blocks is the end of the first and the beginning of the second.
-//! Both are linked lists in order of size: samples are removed from the first in order of time, and reinserted in the
+//! Both blocks are linked lists in order of size: samples are removed from the first in order of time, and reinserted in the
 //! second, from which they were removed in reverse. Only sorting takes more than a constant number of steps per sample, and
 //! it stays in the cache.
 //!
@@ -63,7 +63,7 @@ pub fn running_median(samples: &[f64], window: usize, stop: &Stop) -> Result<Vec
             leaving.take_out(index);
             entering.put_back(index);
             if leaving.small + entering.small < half {
-                // No branch predictor can guess which one moves: both are updated, one to its present value.
+                // No branch predictor can guess which list moves: both are updated, one of them to its present value.
                 let from_leaving = leaving.least_large() <= entering.least_large();
                 leaving.advance_if(from_leaving);
                 entering.advance_if(!from_leaving);
@@ -182,7 +182,7 @@ impl Block {
         let is_small = self.is_small(place);
         self.unlink(place);
         if self.small > 0 {
-            // Its links still show its predecessor.
+            // The links of the removed sample still show its predecessor.
             let before = self.links[self.middle as usize].previous;
             self.middle = if is_small { self.middle } else { before };
             self.small -= 1;

@@ -64,7 +64,9 @@ fn finite_range<T: Sample>(samples: &[T], stop: &Stop) -> Result<(f64, f64, u64)
     Ok((low, high, count))
 }
 
-/// The same of a few samples; compiled for each instruction set and chosen at run time.
+/// Least and greatest finite sample of a few samples, and number of finite ones.
+///
+/// Compiled for each instruction set and chosen at run time.
 ///
 /// Neighbours are in different lanes, so that they do not depend on each other.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx2", "x86_64+avx2"))]

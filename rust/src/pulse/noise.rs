@@ -28,8 +28,9 @@ pub fn quarter(ascending: &[f64]) -> f64 {
     ascending.get(ascending.len() / 4).copied().unwrap_or(0.0)
 }
 
-/// The same for a sinusoidal train with few samples per pulse: a filter with zeros at its frequency and at zero replaces the
-/// differences. `period` is the number of samples per pulse in a stretch between two samples.
+/// Standard deviation of the noise beside a sinusoidal train with few samples per pulse, as by [`noises`]: a filter with
+/// zeros at the train's frequency and at zero replaces the differences. `period` is the number of samples per pulse in a
+/// stretch between two samples.
 pub fn noise_beside<T: Sample>(samples: &[T], period: impl Fn(usize, usize) -> Option<f64>) -> Option<f64> {
     let found = of_stretches(samples, DENSE_STRETCHES, |stretch, first| {
         let back = -2.0 * (std::f64::consts::TAU / period(first, first + STRETCH)?).cos();

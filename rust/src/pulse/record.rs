@@ -49,7 +49,7 @@ impl PulseTracker {
     /// Process the windows of a record by [`Self::look`] and [`Self::cross`].
     ///
     /// # Errors
-    /// Those of the two methods, and [`Error::Invalid`] for a window without samples.
+    /// Errors of [`Self::look`] and [`Self::cross`], and [`Error::Invalid`] for a window without samples.
     pub fn follow<T: Sample>(&mut self, samples: &[T], window: usize, stop: &Stop) -> Result<Record> {
         require(window > 0, || "window: found 0, expected samples in it".to_owned())?;
         let mut record = Record::default();

@@ -98,7 +98,7 @@ pub struct Turn {
     pub value: f64,
 }
 
-/// Both levels of a few pulses.
+/// Low and high level of a few pulses.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Level {
     /// Middle sample of the pulses.

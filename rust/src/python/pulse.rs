@@ -156,7 +156,7 @@ impl PulseTracker {
         crossed(py, record)
     }
 
-    /// The same of a whole record, cut into windows.
+    /// Results of `look` and `cross` for a whole record, cut into windows.
     fn follow<'py>(
         &mut self,
         py: Python<'py>,

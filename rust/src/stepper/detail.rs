@@ -208,8 +208,8 @@ impl Detail {
         if self.drag == 0.0 { 0.0 } else { self.drag * power(speed, self.drag_exponent) }
     }
 
-    /// That torque at both ends of a step, from the commanded torques; a linear course between them has the mean of the
-    /// curved one. `stairs`: the command jumps within the step.
+    /// Torque on the engine's side minus drag at both ends of a step, from the commanded torques; a linear course between
+    /// these ends has the mean of the curved one. `stairs`: the command jumps within the step.
     #[inline(always)]
     pub(super) fn drive(
         &mut self,

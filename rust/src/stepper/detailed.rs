@@ -14,7 +14,7 @@ impl<const D: bool> Ship<'_, D> {
         }
     }
 
-    /// That torque minus losses on the engine's side.
+    /// Torque of the engine minus losses on the engine's side.
     #[inline(always)]
     pub(super) fn driving(&mut self) -> f64 {
         self.driving_at(self.speed, self.rack)

@@ -33,7 +33,7 @@ pub struct Run<'a> {
     pub dt: f64,
     /// Steps per sample.
     pub substeps: usize,
-    /// Course of both inputs between samples.
+    /// Course of set point and load between samples.
     pub hold: Hold,
     /// Highest torque by speed, relative to the operating point, instead of `M_max`.
     pub envelope: Option<&'a Envelope>,
@@ -68,7 +68,7 @@ impl<'a> Run<'a> {
         Ok(Self { set, load, dt, substeps, hold, envelope: None, detail: None })
     }
 
-    /// The same run with a torque-speed envelope.
+    /// This run with a torque-speed envelope.
     #[must_use]
     pub fn below(self, envelope: &'a Envelope) -> Self {
         Self { envelope: (!envelope.is_unlimited()).then_some(envelope), ..self }

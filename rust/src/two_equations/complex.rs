@@ -16,7 +16,7 @@ pub struct Complex<S: Simd> {
 }
 
 impl<S: Simd> Complex<S> {
-    /// The same number in all lanes.
+    /// One number, equal in all lanes.
     #[inline(always)]
     pub fn splat(simd: S, re: f64, im: f64) -> Self {
         Self { re: simd.splat_f64s(re), im: simd.splat_f64s(im) }

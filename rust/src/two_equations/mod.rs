@@ -1,9 +1,9 @@
 //! A ship's two equations in measured signals: residuals in closed form at every frequency, and their normal equations.
 //!
 //! Load: `M = N^p + c_2 (N - 1)^2 + tau_prop dN/dt`. Engine: `M_b = 1 + g (N - 1) + A [K_p e + K_i int e]`, `e = U - N`.
-//! Speed, torque and set point are measured, so both leave residuals that need no simulation (Zellner and Theil 1962,
-//! doi:10.2307/1911287, on simultaneous equations). The inverse of the loop's matrix about N = 1 turns them into the
-//! residuals of the measured signals.
+//! Speed, torque and set point are measured, so both equations leave residuals that need no simulation (Zellner and Theil
+//! 1962, doi:10.2307/1911287, on simultaneous equations). The inverse of the loop's matrix about N = 1 turns these residuals
+//! into those of the measured signals.
 
 // Plain loops over vectors: closures of iterators would be compiled separately, without vector instructions.
 #![allow(clippy::needless_range_loop)]

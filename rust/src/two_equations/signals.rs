@@ -125,7 +125,7 @@ pub fn lay_out<S: Simd, const O: usize>(
     lay_out_late(simd, plan, turns, omega, place, [scale, rest], powers, inner);
 }
 
-/// The same of signals that reach the governor with delay; the torque has a scale and an offset.
+/// Prepare the signals that reach the governor with delay; the torque has a scale and an offset.
 #[inline(always)]
 #[allow(clippy::too_many_arguments)]
 fn lay_out_late<S: Simd, const O: usize>(

@@ -99,7 +99,7 @@ pub fn is_stable(q: &[f64; COUNT], open_loop: bool) -> bool {
     let apart = q[at::HOLD] * q[at::T_D] / 3.0_f64.sqrt();
     // s / (s + c) (1 + L(s)) has no pole at 0 and tends to 1.
     let corner = (ki / (own.abs() + kp.abs())).max(1e-6);
-    // Its direction, without a division, and the loop gain.
+    // Direction of that function, without a division, and the loop gain.
     let at_frequency = |w: f64| -> ([f64; 2], f64) {
         let under = times([1.0, q[at::TAU_ACT] * w], along(shaft.torque, w));
         let (sin, cos) = (w * q[at::T_D]).sin_cos();

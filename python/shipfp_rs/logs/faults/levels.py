@@ -104,8 +104,8 @@ NEARBY = 128
 QUANTA = 3.0
 """Sample-to-sample changes below this multiple of a float's resolution are rounding, not noise."""
 STEPS = 1.5
-"""The same as a multiple of the channel's own resolution. Rounding alone looks rough up to one step, and noise of this size
-does not stay at one value.
+"""Changes below this multiple of the channel's own resolution are rounding, too. Rounding alone looks rough up to one step,
+and noise of this size does not stay at one value.
 """
 ROUGH = 0.7
 """Least ratio of the root mean squares of second and first differences of a noisy signal: 1.7 for white noise, near 0 for

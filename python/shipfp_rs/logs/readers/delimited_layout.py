@@ -360,9 +360,9 @@ def _is_count(cells: list[str], decimal: str) -> bool:
 
 
 def _taken_facts(above: list[list[str]], holds: Sequence[bool], decimal: str) -> list[tuple[str, float]]:
-    """Remove metadata from the rows of headings, and return their names and values [s].
+    """Remove metadata from the rows of headings, and return the metadata's names and values [s].
 
-    They occur in columns without records: a value below its name, or both in one cell, "tInc = 2e-6 s".
+    Metadata occur in columns without records: a value below its name, or both in one cell, "tInc = 2e-6 s".
     """
     facts: list[tuple[str, float]] = []
     for upper, lower in pairwise([*above, []]):
