@@ -40,7 +40,7 @@ const MIX: [u64; TAPS] = [
 pub struct RepeatScan {
     /// Bits of the last samples, whose fingerprints need later samples.
     held: Vec<u32>,
-    /// Index of the first of these samples.
+    /// Index of the first sample in `held`.
     at: u64,
     /// Kept fingerprints, each with the index of its first sample.
     prints: Vec<(u64, u64)>,

@@ -104,7 +104,7 @@ def _orderly_end(asked: list[int]) -> Iterator[None]:
     hook = sys.unraisablehook
 
     def swallowed(unraisable: Any) -> None:
-        # Python only prints an interrupt raised in one of its callbacks; it is raised again.
+        # Python only prints an interrupt raised in one of its callbacks; here the interrupt is raised again.
         if not (asked and isinstance(unraisable.exc_value, KeyboardInterrupt)):
             hook(unraisable)
 

@@ -23,7 +23,7 @@ def view(
     """Look through a log in the browser, mark windows, write TRIAL.toml, run it and read the report.
 
     The page is served by this command alone, on this machine alone, until Ctrl-C. Beside the log a file
-    NAME.shipfp-pyramid is kept, so that it opens at once the next time; it may be deleted.
+    NAME.shipfp-pyramid is kept, so that the log opens at once the next time; that file may be deleted.
     """
     from shipfp_rs.logs.log import Log
     from shipfp_rs.view.desk import Desk

@@ -227,7 +227,7 @@ class EquationLikelihood(Likelihood):
         return gram
 
     def _joined(self, found: Sequence[tuple[Array, Array]], size: int) -> tuple[Array, Array]:
-        """Sum the products of all records over the columns of the whole vector."""
+        """Sum the products of all records over the columns of the whole search vector."""
         gram, errors = np.zeros((size, size)), np.zeros((len(found[0][1]), size))
         for index, (products, crossed) in enumerate(found):
             columns = np.append(0, 1 + self._places(index))[: len(products)]
@@ -360,7 +360,7 @@ class EquationLikelihood(Likelihood):
         return left, unsure
 
     def spectra(self, vector: Array, record: int) -> tuple[ComplexArray, ComplexArray]:
-        """Residuals (O, F) of a record, and the model's derivatives by the whole vector (P, O, F)."""
+        """Residuals (O, F) of a record, and the model's derivatives by the whole search vector (P, O, F)."""
         values = self.coordinates.values(vector)
         turn = self._turn(values, self.coordinates.jacobian(values), record)
         rows = self._residuals(vector, record, self._moving[record])

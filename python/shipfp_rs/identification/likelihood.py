@@ -156,7 +156,7 @@ class Likelihood:
         return [job() for job in jobs] if self.is_quick else where_alone(jobs)
 
     def spectra(self, vector: Array, record: int) -> tuple[Numbers, Numbers]:
-        """Residuals (O, F) of a record, and the model's derivatives by the whole vector (P, O, F)."""
+        """Residuals (O, F) of a record, and the model's derivatives by the whole search vector (P, O, F)."""
         raise NotImplementedError
 
     def modelled(self, vector: Array, record: int) -> Array:

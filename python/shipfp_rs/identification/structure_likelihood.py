@@ -439,7 +439,7 @@ class StructureLikelihood(Likelihood):
         return c.values(vector) | dict(zip(self.records[record].unknowns, map(float, own), strict=True))
 
     def spectra(self, vector: Array, record: int) -> tuple[Numbers, Numbers]:
-        """Residuals (O, F) of a record, and the model's derivatives by the whole vector (P, O, F)."""
+        """Residuals (O, F) of a record, and the model's derivatives by the whole search vector (P, O, F)."""
         c, count = self.coordinates, len(self.coordinates.free)
         values = self.known(vector, record)
         residual, slopes = self._evaluate(vector, record, c.names)

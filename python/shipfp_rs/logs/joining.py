@@ -45,7 +45,7 @@ class CoarseClock:
     resolution_s
         One tick [s].
     times
-        Time of every row [s], to within one row; it jumps where rows are missing or the clock was set.
+        Time of every row [s], to within one row; the time jumps where rows are missing or the clock was set.
     jumps
         Whether rows are missing or the clock was set.
     masked

@@ -132,7 +132,7 @@ def _even(clock: Clock, rate_hz: float | None) -> TimeAxis:
 def _uneven(
     path: Path | str, column: str, times: Array, told: InputError, same: Same, changes: bool
 ) -> TimeAxis:
-    """Grid of uneven times; raises `told` if they are not times."""
+    """Grid of uneven times; raises `told` if the numbers can't be times."""
     known = np.isfinite(times)
     count = len(times) if not known.any() else int(np.flatnonzero(known)[-1]) + 1
     times = times[:count]  # a shorter column of a table ends in empty cells

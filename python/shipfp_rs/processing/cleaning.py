@@ -136,7 +136,7 @@ def require_sense(
 
 
 def require_load(windows: Sequence[Mapping[str, Array]], vessel: Vessel) -> None:
-    """Reject a load that is not near the engine's rating in any window; it may be switched off in some."""
+    """Reject a load that is not near the engine's rating in any window; the load may be off in some windows."""
     loads = [np.abs(one["M_load"]) for one in windows if "M_load" in one]
     if largest := max((float(np.nanmax(load)) for load in loads if np.isfinite(load).any()), default=0.0):
         _require_rating("load", "at most", largest, vessel)

@@ -245,7 +245,7 @@ def _coherence(stairs: Array, slopes: Array, rate_hz: float, line_hz: float) -> 
 
 
 def liveliest_of(speeds: Mapping[str, Array], longest: int) -> tuple[str, slice] | None:
-    """Record and stretch of at most `longest` samples with the most motion of the speed; None if it is constant."""
+    """Record and stretch of at most `longest` samples with the most motion of the speed; None if the speed is constant."""
     parts = {label: liveliest(speed, longest) for label, speed in speeds.items()}
     moved = {label: np.nansum(np.square(np.diff(speeds[label][part]))) for label, part in parts.items()}
     label = max(moved, key=lambda label: moved[label])

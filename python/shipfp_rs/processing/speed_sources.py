@@ -39,7 +39,7 @@ MARGIN_S = 2.0
 """Time read before and after a stretch, so that its ends lie within an interval [s]."""
 
 SPLINE_REACH = 40
-"""Number of intervals after which a change has no effect on a cubic spline; it decays by 3.7 per interval."""
+"""Number of intervals after which a change has no effect on a cubic spline; the effect decays by 3.7 per interval."""
 
 
 class PulseTrain:

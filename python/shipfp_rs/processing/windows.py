@@ -51,9 +51,9 @@ def middle_of(samples: Array) -> float:
 
 
 def kind_of(deviation: Array, rate_hz: float, *, swings: bool) -> tuple[Kind, tuple[float, float] | None]:
-    """Kind of an excitation and its first and last frequency [Hz]; None if it hardly crosses its middle.
+    """Kind of an excitation and its first and last frequency [Hz]; None if the excitation hardly crosses its middle.
 
-    `swings`: it moves most of the time. A stair does not, and has no lines.
+    `swings`: the excitation moves most of the time. A stair does not, and has no spectral lines.
     """
     crossings = _crossings(deviation) / rate_hz
     halves = np.diff(crossings)

@@ -40,7 +40,7 @@ def choice(trial: Trial) -> dict[str, Any]:
 
 
 def structure_from(options: Identify, located: Torque | None) -> Structure:
-    """Ship declared by an [identify] table; `located` is where its torque was measured, None if it was not.
+    """Ship declared by an [identify] table; `located` is where its torque was measured, None if no torque was measured.
 
     Raises
     ------

@@ -61,7 +61,7 @@ def part(first: float, last: float) -> Iterator[None]:
 
 
 def counted(what: str, steps: int) -> Callable[[], None]:
-    """Function for threads to call after each step; it reports to the listener of the caller."""
+    """Function for threads to call after each step; the function reports to the caller's listener."""
     listener, lock, done = _LISTENER.get(), threading.Lock(), 0
 
     def step() -> None:

@@ -70,7 +70,7 @@ class Pool:
 
 
 def begin_process() -> None:
-    """Initialise a process of a pool: Ctrl-C is handled by its parent, and it ends with its parent."""
+    """Initialise a process of a pool: its parent handles Ctrl-C, and the process ends with its parent."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = multiprocessing.parent_process()
     if parent is not None:

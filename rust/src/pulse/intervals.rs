@@ -7,7 +7,8 @@ use crate::stop::Stop;
 
 /// Number of intervals whose mean length gives the expected number of samples.
 const AROUND: usize = 33;
-/// Least share of sampling's variance, where the number of samples between pulses is whole: this is never quite certain.
+/// Least share of sampling's variance that is kept, since it is never quite certain that the number of samples between
+/// pulses is whole.
 const LEAST_APART: f64 = 0.05;
 /// Standard deviation [samples] above which an edge counts as a step, not as a slope.
 const STEP: f64 = 0.2;
@@ -27,7 +28,7 @@ pub struct Counted<'a> {
     pub count: &'a [i64],
     /// Angle of each interval of a revolution [rev], from the first of the track.
     pub fractions: &'a [f64],
-    /// Relative standard deviations of these angles.
+    /// Relative standard deviations of the angles in `fractions`.
     pub relative: &'a [f64],
     /// Standard deviations of the edges from noise [s]: one, or one per edge.
     pub noise: &'a [f64],

@@ -48,7 +48,7 @@ pub struct Held {
 }
 
 impl Steady {
-    /// Start after a window with these levels and block extremes; None if its pulses are not even.
+    /// Start after a window with these levels and block extremes; None if the window's pulses are not even.
     pub fn after<T: Sample>(
         window: &[T],
         extremes: &[(f64, f64)],
@@ -71,8 +71,8 @@ impl Steady {
         parts.iter().all(|(low, high)| bottoms.contains(low) && tops.contains(high)).then_some(steady)
     }
 
-    /// Crossings of the next window, which starts at sample `origin` of the record; None if it differs from the previous
-    /// ones, so that levels must be estimated again.
+    /// Crossings of the next window, which starts at sample `origin` of the record; None if the window differs from the
+    /// previous ones, so that levels must be estimated again.
     ///
     /// # Errors
     /// On a stop.

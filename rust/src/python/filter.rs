@@ -83,7 +83,7 @@ impl Decimator {
         Ok(self.0.run(py, samples.len(), |filter, stop| filter.feed(samples, stop))?.into_pyarray(py))
     }
 
-    /// The outputs that are left, `total` in all; the filter takes no more pieces.
+    /// Return the outputs that remain, so that there are `total` in all; the filter takes no more pieces.
     fn finish<'py>(&mut self, py: Python<'py>, total: usize) -> PyResult<Bound<'py, PyArray1<f64>>> {
         let outputs = self.0.run(py, 0, |filter, stop| filter.finish(total, stop))?;
         self.0.finish();

@@ -121,14 +121,14 @@ impl DeadTime {
 /// A governor with a clock, which holds its command between samples.
 #[derive(Debug)]
 pub struct Clock {
-    /// Sample period; first sample (the last one if it samples at firings) and next sample [s]; number of samples.
+    /// Sample period; first sample (the last one if the governor samples at firings) and next sample [s]; number of samples.
     pub period: f64,
     pub first: f64,
     pub next: f64,
     pub taken: usize,
     /// Whether the integral includes an error before it is used.
     pub sums_first: bool,
-    /// Whether it samples when a cylinder fires.
+    /// Whether the governor samples when a cylinder fires.
     pub at_firings: bool,
     /// Delayed commands: times of arrival and values.
     pub coming: VecDeque<(f64, f64)>,

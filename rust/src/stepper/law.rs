@@ -8,7 +8,7 @@ use crate::power::{polynomial, power_and_slope};
 const TERMS: usize = 8;
 /// Relative distance from the expansion point up to which eight terms are exact to rounding.
 const REACH: f64 = 1.0 / 64.0;
-/// Exponents for which this holds.
+/// Exponents for which eight terms are exact up to [`REACH`].
 const EXPONENTS: std::ops::RangeInclusive<f64> = 0.0..=6.0;
 
 /// `N^p + curvature (N - 1)^2 + damping (N - 1)`.

@@ -6,7 +6,7 @@ use super::equations::{COUNT, at};
 /// Frequencies at which the return difference is evaluated: per decade, and at most.
 const PER_DECADE: f64 = 24.0;
 const MOST: usize = 6000;
-/// Angle by which a delay may turn it between two frequencies [rad].
+/// Angle by which a delay may turn the return difference between two frequencies [rad].
 const TURN: f64 = 0.3;
 /// Loop gain below which encirclements end, and above which turns by the delay count.
 const SMALL: f64 = 0.9;

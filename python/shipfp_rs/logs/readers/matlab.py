@@ -234,7 +234,7 @@ def _word(value: Any) -> str:
 
 
 def _whole_variables(path: Path) -> int | None:
-    """Number of complete variables in a truncated version 5 file; None if it is complete.
+    """Number of complete variables in a truncated version 5 file; None if the file is complete.
 
     SciPy takes truncation for the end of the file. Each variable starts with its type and its length in bytes.
     """

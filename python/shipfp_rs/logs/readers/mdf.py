@@ -142,7 +142,7 @@ def _group_axis(path: Path, file: Any, number: int, count: int, rate_hz: float |
 
 
 def _must_be_raw(file: Any, number: int, index: int) -> bool | None:
-    """Whether a channel is numeric only before conversion, for instance to text; None if it never is."""
+    """Whether a channel is numeric only before conversion, for instance to text; None if the channel never is."""
     for raw in (False, True):
         if _values(file, number, index, raw, 0, 1).dtype.kind in "biuf":
             return raw
