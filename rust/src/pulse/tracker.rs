@@ -59,7 +59,7 @@ struct Piece {
 struct Window {
     length: usize,
     noise: f64,
-    /// State of the train at the window's start, and the window's crossings; None unless it continues the pulses before.
+    /// The train's state at the window's start, and crossings within; None unless the window continues earlier pulses.
     held: Option<(Steady, Held)>,
 }
 
