@@ -49,7 +49,7 @@ if TYPE_CHECKING:
     from shipfp_rs.vessel.vessel import Vessel as Vessel
 
 _WHERE = {
-    "Calibration": "support.calibration",
+    "Calibration": "support.units",
     "Excitation": "signals",
     "Experiment": "experiments.experiment",
     "Fingerprint": "identification.fingerprint",
