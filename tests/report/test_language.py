@@ -167,5 +167,5 @@ def test_an_experiment_is_called_by_name_and_by_what_the_set_point_did() -> None
 
 
 def test_another_language_is_refused() -> None:
-    with pytest.raises(InputError, match="language is 'xx', expected one of en, de"):
+    with pytest.raises(InputError, match=f"language is 'xx', expected one of {', '.join(LANGUAGES)}"):
         Say("xx")

@@ -11,6 +11,7 @@ from shipfp_rs import cli
 from shipfp_rs.errors import InputError
 from shipfp_rs.processing.trial import Report
 from shipfp_rs.runs import run
+from shipfp_rs.support.sentences import LANGUAGES
 from shipfp_rs.support.toml import read_toml
 
 
@@ -40,5 +41,5 @@ def test_another_language_is_refused_in_one_line(tmp_path, capsys) -> None:
 def test_a_trial_in_another_language_is_refused_by_its_key(tmp_path) -> None:
     path = tmp_path / "report.toml"
     path.write_text('language = "fr"\n')
-    with pytest.raises(InputError, match=r"language: found 'fr', expected one of en, de$"):
+    with pytest.raises(InputError, match=rf"language: found 'fr', expected one of {', '.join(LANGUAGES)}$"):
         read_toml(path, Report)
