@@ -11,7 +11,7 @@ import numpy as np
 
 from shipfp_rs import published, signals
 from shipfp_rs.logs.log import Channel, Log
-from shipfp_rs.simulation.sensors import Sensors
+from shipfp_rs.simulation.raw_log import Sensors
 from shipfp_rs.simulation.simulate import simulate
 from shipfp_rs.vessel.vessel import Vessel
 

@@ -19,8 +19,7 @@ from shipfp_rs.logs.faults import simulated
 from shipfp_rs.logs.log import Log
 from shipfp_rs.processing.process import process
 from shipfp_rs.processing.trial import Trial
-from shipfp_rs.simulation.raw_log import simulate_raw_log, trial_toml
-from shipfp_rs.simulation.sensors import Sensors
+from shipfp_rs.simulation.raw_log import Sensors, simulate_raw_log, trial_toml
 from shipfp_rs.support.arrays import Spans, marks
 from shipfp_rs.vessel.vessel import Vessel
 

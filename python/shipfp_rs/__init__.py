@@ -38,8 +38,8 @@ if TYPE_CHECKING:
     from shipfp_rs.processing.process import process as process
     from shipfp_rs.processing.trial import Trial as Trial
     from shipfp_rs.signals import Excitation as Excitation
+    from shipfp_rs.simulation.raw_log import Sensors as Sensors
     from shipfp_rs.simulation.raw_log import simulate_raw_log as simulate_raw_log
-    from shipfp_rs.simulation.sensors import Sensors as Sensors
     from shipfp_rs.simulation.simulate import simulate as simulate
     from shipfp_rs.structures.structure import Parameter as Parameter
     from shipfp_rs.structures.structure import Structure as Structure
@@ -56,7 +56,7 @@ _WHERE = {
     "FrequencyResponse": "frequency",
     "Log": "logs.log",
     "Parameter": "structures.structure",
-    "Sensors": "simulation.sensors",
+    "Sensors": "simulation.raw_log",
     "Structure": "structures.structure",
     "Trial": "processing.trial",
     "Vessel": "vessel.vessel",

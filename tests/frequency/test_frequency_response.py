@@ -25,8 +25,7 @@ from shipfp_rs.frequency import (
 from shipfp_rs.identification.identify import identify
 from shipfp_rs.processing.process import process
 from shipfp_rs.processing.trial import Trial
-from shipfp_rs.simulation.raw_log import simulate_raw_log, trial_toml
-from shipfp_rs.simulation.sensors import Sensors
+from shipfp_rs.simulation.raw_log import Sensors, simulate_raw_log, trial_toml
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.vessel.linear_model import LinearModel
 from shipfp_rs.vessel.vessel import Vessel

@@ -17,8 +17,7 @@ from shipfp_rs.logs.channel import Channel
 from shipfp_rs.logs.log import Log
 from shipfp_rs.processing.trial import Trial
 from shipfp_rs.runs.run import located, structure_from
-from shipfp_rs.simulation.raw_log import simulate_raw_log, trial_toml
-from shipfp_rs.simulation.sensors import Sensors
+from shipfp_rs.simulation.raw_log import Sensors, simulate_raw_log, trial_toml
 from shipfp_rs.vessel.linear_model import linearise
 
 LAUNCH = Vessel.load("stan-launch-804")

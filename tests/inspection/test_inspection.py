@@ -11,8 +11,7 @@ from shipfp_rs.inspection import SteadyPoint, inspect_log, static_check
 from shipfp_rs.inspection.checks import amplitude_spectrum, find_peaks, rates_of
 from shipfp_rs.logs.log import Log
 from shipfp_rs.processing.trial import Trial
-from shipfp_rs.simulation.raw_log import simulate_raw_log, trial_toml
-from shipfp_rs.simulation.sensors import Sensors
+from shipfp_rs.simulation.raw_log import Sensors, simulate_raw_log, trial_toml
 from shipfp_rs.vessel.vessel import Vessel
 
 TUG = Vessel.load("stan-tug-1205")

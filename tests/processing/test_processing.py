@@ -16,8 +16,7 @@ from shipfp_rs.logs.log import Log
 from shipfp_rs.processing import conditioning
 from shipfp_rs.processing.process import process
 from shipfp_rs.processing.trial import Trial
-from shipfp_rs.simulation.raw_log import Truth, simulate_raw_log, trial_toml
-from shipfp_rs.simulation.sensors import Kind, Sensors
+from shipfp_rs.simulation.raw_log import Kind, Sensors, Truth, simulate_raw_log, trial_toml
 from shipfp_rs.support.arrays import clipped_to, marks
 from shipfp_rs.vessel.vessel import Vessel
 

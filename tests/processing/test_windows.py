@@ -12,7 +12,7 @@ from shipfp_rs.logs.log import Log
 from shipfp_rs.processing.trial import KINDS, Trial
 from shipfp_rs.processing.trial_template import windows_toml
 from shipfp_rs.processing.windows import find_windows, longest_rest
-from shipfp_rs.simulation.sensors import EQUATION_6_7
+from shipfp_rs.simulation.raw_log import EQUATION_6_7
 from shipfp_rs.support.toml import template
 
 RATE = 400.0

@@ -10,8 +10,7 @@ from shipfp_rs import signals
 from shipfp_rs.errors import InputError
 from shipfp_rs.logs.log import Log
 from shipfp_rs.processing.trial import Trial
-from shipfp_rs.simulation.raw_log import Truth, simulate_raw_log, trial_toml
-from shipfp_rs.simulation.sensors import Sensors
+from shipfp_rs.simulation.raw_log import Sensors, Truth, simulate_raw_log, trial_toml
 from shipfp_rs.tacho import pulse_times, reflector_angles
 from shipfp_rs.vessel.linear_model import linearise
 from shipfp_rs.vessel.vessel import Vessel

@@ -13,8 +13,7 @@ from scipy.integrate import cumulative_trapezoid
 from scipy.signal import butter, sosfiltfilt
 
 from shipfp_rs import signals
-from shipfp_rs.simulation.raw_log import simulate_raw_log
-from shipfp_rs.simulation.sensors import Sensors
+from shipfp_rs.simulation.raw_log import Sensors, simulate_raw_log
 from shipfp_rs.tacho import (
     IntervalSpeed,
     PulseFlag,

@@ -13,8 +13,7 @@ from scipy.signal import find_peaks
 from shipfp_rs import signals
 from shipfp_rs.errors import InputError
 from shipfp_rs.inspection.checks import amplitude_spectrum
-from shipfp_rs.simulation.raw_log import simulate_raw_log
-from shipfp_rs.simulation.sensors import TABLE_6_6
+from shipfp_rs.simulation.raw_log import TABLE_6_6, simulate_raw_log
 from shipfp_rs.simulation.simulate import simulate
 from shipfp_rs.support.toml import built_in
 from shipfp_rs.vessel.drive_train import drive_train

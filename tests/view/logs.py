@@ -5,8 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from shipfp_rs import signals
-from shipfp_rs.simulation.raw_log import simulate_raw_log
-from shipfp_rs.simulation.sensors import Sensors
+from shipfp_rs.simulation.raw_log import Sensors, simulate_raw_log
 from shipfp_rs.vessel.vessel import Vessel
 
 RATE_HZ = 500.0

@@ -12,8 +12,7 @@ from shipfp_rs.cli import main
 from shipfp_rs.logs.log import Log
 from shipfp_rs.processing.process import process
 from shipfp_rs.processing.trial import Trial
-from shipfp_rs.simulation.raw_log import simulate_raw_log, trial_toml
-from shipfp_rs.simulation.sensors import Sensors
+from shipfp_rs.simulation.raw_log import Sensors, simulate_raw_log, trial_toml
 from shipfp_rs.vessel.vessel import Vessel
 from shipfp_rs.view.document import Document
 from shipfp_rs.view.results import FINER

@@ -152,8 +152,7 @@ def demo(
 def _write_log(folder: Path, seed: int) -> dict[str, float]:
     """Write the log, its TRIAL.toml and the truth, laid out as a trial's folder; return the truth."""
     from shipfp_rs import signals
-    from shipfp_rs.simulation.raw_log import simulate_raw_log, trial_toml
-    from shipfp_rs.simulation.sensors import Sensors
+    from shipfp_rs.simulation.raw_log import Sensors, simulate_raw_log, trial_toml
     from shipfp_rs.support.files import json_text
     from shipfp_rs.vessel.vessel import Vessel
 
@@ -271,8 +270,7 @@ def _clean(ship: Vessel, signal: Excitation, noise: float, out: Path, seed: int)
 
 
 def _raw(ship: Vessel, name: str, signal: Excitation, out: Path, seed: int) -> _Made:
-    from shipfp_rs.simulation.raw_log import simulate_raw_log, trial_toml
-    from shipfp_rs.simulation.sensors import Sensors
+    from shipfp_rs.simulation.raw_log import Sensors, simulate_raw_log, trial_toml
 
     sensors = Sensors(rate_hz=signal.rate_hz)
     log, truth = simulate_raw_log(ship, signal, sensors=sensors, seed=seed)

@@ -10,8 +10,7 @@ import numpy.typing as npt
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.frequency.lines import MOST_HARMONICS, Lines, fit_lines, fit_sine
-from shipfp_rs.frequency.response import FrequencyResponse
-from shipfp_rs.frequency.spectra import chosen_signals, to_response, whole_signal
+from shipfp_rs.frequency.spectra import FrequencyResponse, chosen_signals, to_response, whole_signal
 from shipfp_rs.signals.excitation import Segment
 from shipfp_rs.support.arguments import checked
 from shipfp_rs.support.arrays import Array, ComplexArray

@@ -39,7 +39,7 @@ from shipfp_rs.reproduce.pictures import (
 )
 from shipfp_rs.reproduce.trial import AMPLITUDE_RPM, VESSEL, simulated
 from shipfp_rs.signals import sine_sequence
-from shipfp_rs.simulation.sensors import EQUATION_6_7
+from shipfp_rs.simulation.raw_log import EQUATION_6_7
 from shipfp_rs.simulation.simulate import simulate
 from shipfp_rs.structures.prediction import simulated_about
 from shipfp_rs.support.arrays import DEVIATIONS_95, Array

@@ -22,8 +22,7 @@ from shipfp_rs.reproduce.pictures import Picture, Stretch, dress, figure_of, lin
 from shipfp_rs.reproduce.trial import VESSEL, excitation, simulated
 from shipfp_rs.reproduce.virtual_data import model_of
 from shipfp_rs.signals import steps
-from shipfp_rs.simulation.raw_log import Truth, simulate_raw_log
-from shipfp_rs.simulation.sensors import EQUATION_6_7, TABLE_6_6, Kind, Sensors
+from shipfp_rs.simulation.raw_log import EQUATION_6_7, TABLE_6_6, Kind, Sensors, Truth, simulate_raw_log
 from shipfp_rs.structures.prediction import simulated_about
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.support.arrays import DEVIATIONS_95, Array

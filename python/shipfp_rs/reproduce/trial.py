@@ -17,8 +17,15 @@ from shipfp_rs.logs.log import Log
 from shipfp_rs.processing.process import process
 from shipfp_rs.processing.trial import Trial
 from shipfp_rs.signals import Excitation, chirp, join, sine_sequence, steps
-from shipfp_rs.simulation.raw_log import Truth, simulate_raw_log, trial_tables
-from shipfp_rs.simulation.sensors import EQUATION_6_7, Kind, Sensors, TrueWindow
+from shipfp_rs.simulation.raw_log import (
+    EQUATION_6_7,
+    Kind,
+    Sensors,
+    TrueWindow,
+    Truth,
+    simulate_raw_log,
+    trial_tables,
+)
 from shipfp_rs.simulation.simulate import Inflow, simulate
 from shipfp_rs.vessel.vessel import Vessel
 

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 from pydantic import Field
 
 from shipfp_rs.signals import Kind
-from shipfp_rs.simulation.sensors import FAULTS_PER_MINUTE, RANGES
+from shipfp_rs.simulation.raw_log import FAULTS_PER_MINUTE, RANGES
 from shipfp_rs.support.toml import Section
 
 Positive = Annotated[float, Field(gt=0.0)]
@@ -66,7 +66,7 @@ def _can_be(name: str) -> Any:
 
 
 class Sensors(Section):
-    """Measurement chain of a raw log; for defaults see `simulation.sensors.Sensors`."""
+    """Measurement chain of a raw log; for defaults see `simulation.raw_log.Sensors`."""
 
     rate_hz: float | None = _can_be("rate_hz")
     """Sample rate of the logger [Hz]."""

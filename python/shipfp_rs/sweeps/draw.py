@@ -18,8 +18,7 @@ from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.identification.identify import identify
 from shipfp_rs.processing.process import process
 from shipfp_rs.processing.trial import Trial
-from shipfp_rs.simulation.raw_log import simulate_raw_log, trial_tables
-from shipfp_rs.simulation.sensors import Kind, Sensors
+from shipfp_rs.simulation.raw_log import Kind, Sensors, simulate_raw_log, trial_tables
 from shipfp_rs.simulation.simulate import simulate
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.structures.ties import COMBINATIONS

@@ -19,7 +19,7 @@ from shipfp_rs.errors import InputError
 from shipfp_rs.processing.trial import HOW
 from shipfp_rs.processing.trial import Identify as TrialIdentify
 from shipfp_rs.runs.run import structure_from
-from shipfp_rs.simulation.sensors import Sensors as UsualSensors
+from shipfp_rs.simulation.raw_log import Sensors as UsualSensors
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.support import hints
 from shipfp_rs.support.arrays import Array
