@@ -19,7 +19,23 @@ import warnings
 from collections.abc import Iterator, Sequence
 from typing import Annotated, Any, TextIO
 
-from shipfp_rs.cli.options import ends_without_a_word
+
+@contextlib.contextmanager
+def ends_without_a_word() -> Iterator[None]:
+    """Leave Ctrl-C to the system during imports, since an interrupt would print a traceback."""
+    heeded = (
+        threading.current_thread() is threading.main_thread()
+        and signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    )
+    if not heeded:
+        yield
+        return
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+
 
 with ends_without_a_word():
     import typer

@@ -6,9 +6,7 @@ import contextlib
 import math
 import os
 import re
-import signal
 import sys
-import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
@@ -27,23 +25,6 @@ from shipfp_rs.support.sentences import LANGUAGES
 if TYPE_CHECKING:
     from shipfp_rs.identification.estimate import Estimate
     from shipfp_rs.identification.fingerprint import Fingerprint
-
-
-@contextlib.contextmanager
-def ends_without_a_word() -> Iterator[None]:
-    """Leave Ctrl-C to the system during imports, since an interrupt would print a traceback."""
-    heeded = (
-        threading.current_thread() is threading.main_thread()
-        and signal.getsignal(signal.SIGINT) is signal.default_int_handler
-    )
-    if not heeded:
-        yield
-        return
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 LARGEST, SMALLEST = 1e15, 1e-15

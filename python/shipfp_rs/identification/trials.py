@@ -138,9 +138,10 @@ def with_twist(fit: ShipFit, before: ShipFit, until: float | None) -> ShipFit:
         if taken.total < least - CHANCE and _is_inside(taken.likelihood, taken.best, "twist"):
             gain, best, least = fit.total - taken.total, replace(taken, stiff=fit), taken.total
     elsewhere = _twist_elsewhere(fit, until)
-    if elsewhere is not None and elsewhere[1].cost < least - CHANCE:
+    # A wholly other loop fits better by chance more often than the same loop with a twist.
+    if elsewhere is not None and elsewhere[1].cost < least - BELIEVED:
         taken = _taken(fit, "twist", *elsewhere, until)
-        if taken.total < least - CHANCE and _is_inside(taken.likelihood, taken.best, "twist"):
+        if taken.total < least - BELIEVED and _is_inside(taken.likelihood, taken.best, "twist"):
             gain, best = fit.total - taken.total, replace(taken, stiff=fit)
     return replace(best, gains={**fit.gains, "twist": gain})
 
