@@ -364,10 +364,10 @@ def _joint(names: Sequence[str], before: Fingerprint, after: Fingerprint) -> Joi
 
 
 def _reached(fingerprint: Fingerprint, names: Sequence[str]) -> Array:
-    """Distance from the estimate, by quantity, of each ship compatible with the data, shape (ships, K).
+    """Distance from the estimate, by quantity, of each parameter set compatible with the data, shape (sets, K).
 
-    A covariance describes a straight valley of the likelihood. If the valley is curved, as for delays, some of these
-    ships lie outside the covariance.
+    A covariance describes the compatible parameter sets by an ellipsoid. If they lie along a curve, as for delays, some of
+    them are outside the ellipsoid.
     """
     try:
         rows = [

@@ -86,7 +86,7 @@ Drawn = tuple[Array, Array, Array]
 LEVEL = float(chi2.ppf(0.95, 1))
 """Deviance at the ends of a 95 % interval, 3.84."""
 BEYOND = 1.5
-"""Extent of a profile past an end set by the data, in distances from the minimum to the end."""
+"""Length of a profile on a side where the data set the interval's end: a multiple of the distance from minimum to end."""
 POINTS = 12
 """Points on each side."""
 CONFIRMED = 0.9
@@ -94,7 +94,7 @@ CONFIRMED = 0.9
 FAR = 100.0
 """Largest deviance relative to the level that is used to interpolate an end."""
 WITHOUT_BOUND = 10.0
-"""Extent of a profile without end or bound, in typical sizes."""
+"""Length of a profile on a side without end or bound: a multiple of the parameter's typical size."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -247,7 +247,8 @@ def _side(
 ) -> tuple[tuple[float, bool], Drawn]:
     """End on one side, whether the data set it, and the part of the profile to draw.
 
-    An end found by the profile does not count if the deviance past it stays below the level.
+    The end of the fit's interval is tested by another profile, which extends past that end. If the deviance in this profile
+    stays below 90 % of the level, the end is searched anew.
     """
     value = told.values[parameter.name]
     bound = parameter.lower if sign < 0.0 else parameter.upper
@@ -281,7 +282,7 @@ def _drawn(told: StructureEstimates, parameter: Parameter, value: float, reach: 
     for place in places:
         given = told.structure.with_fixed(**{parameter.name: float(place)})
         likelihood = told.fit.likelihood.of_structure(given)
-        # Start from an extrapolation along the valley, and from the previous point.
+        # Start from an extrapolation of the previous minima, and from the previous point.
         ends = [
             descend(likelihood, start, steps=STEPS, settled=SETTLED)
             for start in (2.0 * vector - before, vector)

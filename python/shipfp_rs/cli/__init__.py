@@ -207,7 +207,8 @@ def _status(arguments: Sequence[str] | None, asked: list[int]) -> int:
         except (KeyboardInterrupt, typer.Abort):
             return INTERRUPTED
         except BaseException as error:  # last resort: no traceback reaches the user
-            # An interrupt inside a library may surface as another error: of a class, of a schema, or as a panic.
+            # An interrupt inside a library may become another error: of Python or pydantic while a class is created, or a
+            # panic of Rust code.
             if asked:
                 return INTERRUPTED
             if not isinstance(error, Exception):

@@ -212,7 +212,7 @@ def _answers(values: Values, record: Spectra, fit: ShipFit) -> Callable[[Array, 
 
 
 def suspected(scores: Mapping[str, Score], beyond: float = 1.0) -> str | None:
-    """Return the strongest kind of shape that exceeds chance and calibration errors; None if no shape does.
+    """Return the kind of the strongest effect that the model lacks; None if chance or calibration errors explain all.
 
     `beyond` is the factor by which estimates may scatter more than chance explains, as for a ship at a limit.
     """

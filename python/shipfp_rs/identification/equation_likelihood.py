@@ -164,7 +164,11 @@ class EquationLikelihood(Likelihood):
         return np.array([*range(own), *range(states.start, states.stop)])
 
     def _turn(self, values: Mapping[str, float], jacobian: Array, record: int) -> Array:
-        """Return the matrix from the kernel's columns to residual, free parameters and unknowns of a record."""
+        """Return the matrix that transforms the columns that the kernel computes for a record.
+
+        The kernel's columns are the residual and its derivatives by the kernel's parameters and by the record's unknowns.
+        The results are the residual and its derivatives by the free parameters and by the unknowns.
+        """
         own = jacobian[[name in INDEX for name in self.coordinates.names]] if not self.ships else jacobian
         by = self.ships[record].slopes(values) @ jacobian if self.ships else own
         (rows, columns), count = by.shape, len(self._unknowns)

@@ -391,8 +391,8 @@ def noise_root(residual: Numbers, unsure: Numbers | float = 0.0) -> Numbers:
     """Root of the inverse smoothed spectral matrix of residuals (O, F), (F, O, O); `unsure` is added to the matrix."""
     outputs, count = residual.shape
     place = np.arange(count)
-    # Noise of the torque disturbance by moving water is steep at low frequencies; an average over frequencies is unbiased
-    # only where noise is flat.
+    # The torque disturbance by moving water has a steep noise spectrum at low frequencies. An average over neighbouring
+    # frequencies would be biased there, so residuals are divided by the spectrum's shape before they are averaged.
     shape = _shape(np.abs(residual))
     a, b = np.tril_indices(outputs)
     both = shape[a] * shape[b]

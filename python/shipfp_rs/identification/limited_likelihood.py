@@ -187,9 +187,9 @@ class LimitedLikelihood(EquationLikelihood):
     def moved_by_sampling(self, vector: Array) -> Array:
         """Change of the minimum with the governor's sampling instants, (PHASES, P).
 
-        Without limits a ship responds only to their mean. With a limit, the instant at which a command leaves the limit
-        matters. Zero where the loop with a sampling governor diverges, and on the engine's side, whose measured signals
-        already contain the instants.
+        Without limits, only the mean delay that the sampling causes affects a ship. With a limit, the instant at which a
+        command leaves the limit matters. The change is zero where the loop with a sampling governor diverges, and on the
+        engine's side, whose measured signals already contain the effect of the sampling instants.
         """
         if self.water_hz is None:
             return np.zeros((PHASES, self.coordinates.size))

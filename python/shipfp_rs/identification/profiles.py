@@ -29,7 +29,8 @@ STEPS = 15
 STIFF = 10.0
 """Standard deviation of a figure over the tolerance with which it is held."""
 SHRINK, SHRUNK = 0.15, 0.01
-"""Factor that reduces a figure's scale where bounds restrain it, and the least total reduction."""
+"""Factor on the scale of a profile's steps, applied each time that bounds of parameters hold the figure back, and least
+product of these factors."""
 FURTHER = 1.3
 """Largest extrapolation: distance of an end over that of the last point inside."""
 ROUNDING, STRAIGHT = 1e-13, 1e-9
@@ -65,7 +66,7 @@ class Profiles:
     def interval(
         self, figure: Figure, tries: int = TRIES, within: tuple[float, float] = (-np.inf, np.inf)
     ) -> Interval:
-        """Return the interval of a figure, which is always `within` these bounds."""
+        """Return the interval of a figure (a number computed from the parameters), inside the bounds `within`."""
         best = self.best
         value = figure(self.likelihood.coordinates.values(best.vector))
         # Both sides run in parallel, each from the points visited before.
@@ -220,7 +221,7 @@ class Profiles:
         """Minimum with the figure held at a target, searched from x; where that is high, also from another visited point."""
         end = self._held(self._moved(x, way, figure, target), figure, target, scale)
         if end.cost - self.best.cost > RISE * (1.0 + ABOUT):
-            # Another valley may be lower at this target.
+            # The deviance may have a lower minimum elsewhere at this target.
             other = self._nearest(figure, target, visited)
             if other is not x:
                 again = self._held(self._moved(other, way, figure, target), figure, target, scale)
@@ -239,7 +240,7 @@ class Profiles:
         return min(points, key=lambda one: abs(figure(c.values(one.vector)) - target)).vector
 
     def _way(self, end: Basin, figure: Figure, otherwise: Array) -> Array:
-        """Change of the search vector per unit change of the figure, at a point in a valley that may be curved."""
+        """Change of the search vector per unit change of the figure, at a point of a profile that may be curved."""
         slope = self.gradient(figure, end.vector)
         # Undetermined directions would make this change far too long.
         covariance = self.covariance(end, slope, STRAIGHT)

@@ -139,7 +139,7 @@ TRIED: Mapping[str, tuple[str, ...]] = {
 
 @dataclass(frozen=True)
 class Question:
-    """The question of a fit.
+    """What a fit is to answer: its data, compared outputs, searched parameters and tried elements.
 
     Parameters
     ----------
@@ -270,7 +270,7 @@ def question_of(
     priors: Mapping[str, tuple[float, float]] | None = None,
     accuracy: Mapping[str, float] | None = None,
 ) -> Question:
-    """Return the question for the outputs that all experiments measured.
+    """Return what a fit is to answer: data, outputs, parameters and elements, for the outputs that all experiments measured.
 
     Raises
     ------

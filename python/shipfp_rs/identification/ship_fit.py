@@ -50,7 +50,7 @@ STEPS_ELSEWHERE = 12
 FAR = 100.0
 """Excess of the deviance above which such minima are dropped: re-estimated noise would not make them the lowest."""
 LEVEL = 0.1
-"""Largest difference in deviance between two minima of the same valley."""
+"""Largest difference in deviance between two minima that count as parts of one long minimum."""
 LATER_S = 5e-3
 """Least change of the set point's dead time between starts with the same lag behind ramps [s]."""
 WITH_SAME_RAMP = 3
@@ -291,9 +291,10 @@ def _with_limits_elsewhere(fit: ShipFit, until: float | None) -> ShipFit:
 
 
 def _with_same_ramp(fit: ShipFit, until: float | None) -> ShipFit:
-    """Return the fit after a search from other dead times of the set point with the same lag behind a slow ramp.
+    """Return the fit after a search from starts with other dead times of the set point.
 
-    That lag, (p - g) / vK_i + T_set, is well known. Where a limit acts, no descent follows the valley of constant lag.
+    Behind a slow ramp of the set point, the speed lags by (p - g) / vK_i + T_set. The data determine this lag well, so all
+    starts have the same. Where a limit acts, a descent does not move far along the parameters with this lag.
     """
     likelihood, values = fit.likelihood, fit.values
     assert isinstance(likelihood, LimitedLikelihood)

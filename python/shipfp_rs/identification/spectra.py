@@ -438,7 +438,10 @@ class Spectra:
         return np.asarray(answer)
 
     def stairs(self, values: Mapping[str, float], respond: Respond) -> ComplexArray:
-        """Spectra (O, F) of a held set point's images in the outputs, interpolated from few frequencies."""
+        """Spectra (O, F) of the outputs' responses to the images (aliases) of a held set point.
+
+        They are computed at few frequencies and interpolated.
+        """
         few, between = self._few
         late_s = values.get("T_d", 0.0) + values.get("T_set", 0.0)
         turned = self._folded(values, respond, few) * np.exp(2j * np.pi * late_s * few)

@@ -1,7 +1,8 @@
-"""Deviance gradients of short stretches: intervals that allow for a wrong model, and tests that no single jump can pass.
+"""Deviance gradients of short stretches, for intervals that allow for a wrong model and for tests of what a model lacks.
 
 A deviance is a sum over time. If the model is right, its gradients in stretches of the records scatter as much as its
-curvature predicts. If the model is wrong they scatter more, and so do estimates (White 1982, doi:10.2307/1912526).
+curvature predicts. If the model is wrong they scatter more, and so do estimates (White 1982, doi:10.2307/1912526). An
+effect that a model lacks is significant only if several stretches show it, not one jump of the set point alone.
 """
 
 from __future__ import annotations

@@ -76,7 +76,8 @@ def with_limits(fit: ShipFit, until: float | None) -> ShipFit:
         if taken is None:
             continue
         if suspect == "rack_rate" and "torque_limit" in tried:
-            # A loop without limits that has absorbed a torque limit leaves slopes that look like those of a rate limit.
+            # The fit without limits has adapted its parameters to the effect of a torque limit. The rest of that effect may
+            # look like the effect of a rate limit.
             other = _worthy(fit, "torque_limit", until)
             if other is not None and other.total < taken.total:
                 tried = tried - {"torque_limit"} | {"rack_rate"}

@@ -283,7 +283,8 @@ def element_rows(fit: ShipFit, parameters: Mapping[str, Estimate]) -> dict[str, 
             rows[name] = _row(name, state, None, gain if np.isfinite(gain) else None)
     if fit.question.loaded:
         rows["load"] = _row("load", "on", None)
-    # A governor's clock shows in the raw torque or not at all: half its period is part of T_d either way.
+    # A governor's sampling period is visible in the raw torque at best. The fit cannot determine it, since half the period
+    # is part of T_d.
     clocks = [one.governor_clock[0] for one in fit.question.experiments if one.governor_clock]
     if clocks:
         rows["sampling"] = _row("sampling", "open", _limit("T_s", float(np.median(clocks)), "s"))

@@ -116,8 +116,8 @@ def intervals(
     Distances are in per cent of the reference, or for a reference near zero in per cent of a small value for drive trains
     (0.05 s, or 0.5): a delay near zero that is known to a millisecond is known well. The axis is linear up to 1 % and
     logarithmic above. Colour and mark show whether half the interval is within 25 %, within 200 %, or larger, and whether
-    the interval misses the truth. Undetermined parameters have no interval and are omitted. An interval of more than 300 %
-    ends in an arrow beside its end as a number.
+    the interval misses the truth. Undetermined parameters have no interval and are omitted. An end of an interval
+    beyond 300 % is drawn as an arrow at the edge of the axes, with the value of the end above it.
 
     Parameters
     ----------
@@ -261,7 +261,8 @@ def correlogram(fingerprint: Fingerprint, output: str, axes: Sequence[Axes] | No
         ax.axhline(0.0, color=GREY, lw=0.8)
         dress(ax, labels[kind], legend=ax is panels[0])
         ax.set_xlabel(f"lag [{unit}]")
-    # Lags of the set point grow geometrically, since the unmodelled response may be fast or slow.
+    # The residuals are correlated with the set point at geometrically spaced lags, since an unmodelled response may be fast
+    # or slow. So the lag axis is logarithmic.
     panels[-1].set_xscale("symlog", linthresh=step, linscale=0.5)
     panels[-1].set_xlim(-0.5 * step, 1.2 * max(lags[-1], step))
     panels[-1].xaxis.set_major_formatter("{x:g}")

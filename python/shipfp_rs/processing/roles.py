@@ -224,7 +224,7 @@ def _of_a_generator(roles: Roles) -> None:
 
 
 def _commands(given: Mapping[str, Named]) -> list[str]:
-    """Channels whose names mean a commanded torque or one of its causes."""
+    """Channels whose names mean a commanded torque, or a commanded position of the actuator, such as rack or throttle."""
     return [
         name
         for name, one in given.items()

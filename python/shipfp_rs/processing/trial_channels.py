@@ -154,7 +154,7 @@ class Level(Section):
 
 
 def _require_use(key: str, content: Mapping[str, Any], unit: str) -> None:
-    """Reject a key that is still to be given, or that has no effect for a channel's unit."""
+    """Reject a key whose value is still the template's placeholder, or that has no effect for a channel's unit."""
     units, what = SCALING[key]
     if content[key] == TO_BE_GIVEN:
         raise unexpected(key, repr(TO_BE_GIVEN), f"{what}, of channel {content.get('column')!r}")

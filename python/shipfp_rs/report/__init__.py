@@ -199,7 +199,7 @@ def _page(title: str, ship: str, sections: Sequence[tuple[str, str, Sequence[str
 
 
 def _structure_name(fingerprint: Fingerprint, say: Say) -> str:
-    """Name of a structure: for that of the ship, the elements of the drive train."""
+    """Name of a structure in the report's language; the name of a ship's structure lists the elements of its drive train."""
     if fingerprint.settings.get("structure") == FULL_SHIP:
         return say("the whole drive train")
     name = str(fingerprint.structure.get("name", ""))

@@ -45,8 +45,9 @@ FREE = ("p", "tau_prop", "vK_p", "vK_i", "T_d", "T_set")
 SHOWN = ("tau_n", "g", *FREE)
 ELEMENTS = ("dead_time_loop", "dead_time_set_point", "actuator_lag", "twist")
 KNOWN = ("tau_n", "g", "tau_act", "tau_twist")
-"""Given parameters: those known from drawings, and the inertia (from a torsional vibration calculation) and the engine's
-slope (from its factory test), two of the three values that gauge and speed do not determine."""
+"""Parameters that are given, not estimated. The actuator's lag and the shaft's twist are known from drawings, the inertia
+(tau_n) from a torsional vibration calculation, the engine's slope (g) from its factory test. Speeds and
+torque at the gauge do not determine all three of tau_n, g and v."""
 
 
 def experiments_of(part: str) -> tuple[str, ...]:

@@ -183,7 +183,8 @@ def summarise(
             tally.add(batch)
         errors.update(name for name in batch.column("error").to_pylist() if name is not None)
     total = overall.figures(0)
-    # A combination estimated in few draws is known only if its members are not, so it is not a sample of the draws.
+    # A fingerprint lists a combination only if at least one of its parameters is much less well known. If only few draws
+    # list a combination, these are not representative of all draws, so the combination is omitted.
     shown = {parameter.name for parameter in plan.structure.free}
     shown |= {name for name, row in total["parameters"].items() if 2 * row["estimates"] > total["done"]}
     finished = sum(total[status] for status in overall.statuses)

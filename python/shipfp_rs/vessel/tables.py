@@ -135,7 +135,7 @@ class Sparse(Section):
 
     @classmethod
     def _needed(cls) -> set[str]:
-        """Keys that are never None: those without a default of their own."""
+        """Keys whose type excludes None: a default of None means only that a vessel file may omit them."""
         return {
             name
             for name, field in cls.model_fields.items()

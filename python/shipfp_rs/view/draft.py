@@ -377,7 +377,9 @@ def guessed(channels: Sequence[Channel]) -> list[DraftChannel]:
 
 
 def factors(unit: str) -> dict[str, dict[str, Any]]:
-    """By role, what a channel's unit tells: the factor, None if the unit needs a calibration, and the quantity of a load.
+    """Return for each role what a channel's unit implies.
+
+    "factor" is None if the unit needs a calibration; "quantity" is that of a load with this unit, power or torque.
 
     A speed has no factor here, since a TRIAL.toml leaves out factors of known units of speed; the role's "asks" tells
     whether the unit needs a calibration.

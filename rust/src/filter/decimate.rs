@@ -66,7 +66,7 @@ impl Decimator {
     /// Return the outputs that the next piece completes.
     ///
     /// # Errors
-    /// On a stop; the filter must not be used after it.
+    /// After a request to stop; the filter must not be used after it.
     pub fn feed(&mut self, piece: &[f64], stop: &Stop) -> Result<Vec<f64>> {
         let Some(&first) = piece.first() else { return Ok(Vec::new()) };
         if self.held.is_empty() {
@@ -80,7 +80,7 @@ impl Decimator {
     /// Return the remaining outputs, `total` since the start; the input is extended by its last sample.
     ///
     /// # Errors
-    /// On a stop, without any sample, or for outputs beyond the filter's reach after the last sample.
+    /// After a request to stop, without any sample, or for outputs beyond the filter's reach after the last sample.
     pub fn finish(&mut self, total: usize, stop: &Stop) -> Result<Vec<f64>> {
         let Some(&last) = self.held.last() else {
             return Err(Error::Invalid("samples: none were fed, expected at least one".to_owned()));

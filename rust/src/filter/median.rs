@@ -2,9 +2,9 @@
 //!
 //! J. Suomela, "Median filtering is equivalent to sorting", arXiv:1406.1717. The signal is cut into blocks of a window's
 //! length, and each block is sorted once. A window over two blocks is the end of the first and the beginning of the second.
-//! Both blocks are linked lists in order of size: samples are removed from the first in order of time, and reinserted in the
-//! second, from which they were removed in reverse. Only sorting takes more than a constant number of steps per sample, and
-//! it stays in the cache.
+//! Both blocks are linked lists in order of size. All samples of the second are removed in reverse order of time beforehand.
+//! As the window moves, the next sample of the first list is removed, and the next one of the second is reinserted, which
+//! undoes its removal. Only sorting takes more than a constant number of steps per sample, and it stays in the cache.
 //!
 
 use crate::error::{Result, require};
@@ -21,7 +21,8 @@ const PIECE: usize = 1 << 18;
 /// NaN counts as greater than every number.
 ///
 /// # Errors
-/// Where `window` is even, longer than 2^31 or much longer than the signal, without memory for it, or on a stop.
+/// If `window` is even, longer than 2^31 or much longer than the signal; if memory is insufficient; or after a request to
+/// stop.
 pub fn running_median(samples: &[f64], window: usize, stop: &Stop) -> Result<Vec<f64>> {
     require(window % 2 == 1 && u32::try_from(window).is_ok_and(|window| window < 1 << 31), || {
         format!("window: found {window}, expected an odd number of samples")
@@ -113,7 +114,7 @@ impl Block {
         Ok(Self { order, keys, links, middle: 0, small: 0 })
     }
 
-    /// Sort the samples into the list; half of them are small.
+    /// Sort the samples into the list. The samples below the median, `window / 2` of them, count as small.
     fn sort(&mut self, samples: impl ExactSizeIterator<Item = f64>, stop: &Stop) -> Result<()> {
         let window = samples.len();
         let places = window.next_power_of_two() as u64 - 1;

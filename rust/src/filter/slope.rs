@@ -18,8 +18,8 @@ const RESOLUTION: f64 = 8.0;
 /// the results are bitwise equal.
 ///
 /// # Errors
-/// Unless there are four rows, edges ascend, and `rate` is positive and resolves the times; for more slopes than memory; or
-/// on a stop.
+/// If there are not four rows; if the edges do not ascend; if `rate` is not positive, or so high that neighbouring times are
+/// equal after rounding; if the slopes are too many for memory; or after a request to stop.
 pub fn slope_at_even_times(
     edges: &[f64],
     coefficients: &[f64],

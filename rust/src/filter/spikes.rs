@@ -38,7 +38,7 @@ pub struct SpikeRule {
 /// peak is high enough, and the signal returns to its level.
 ///
 /// # Errors
-/// For an invalid rule, or on a stop.
+/// For an invalid rule, or after a request to stop.
 pub fn find_spikes(samples: &[f64], rule: &SpikeRule, stop: &Stop) -> Result<Vec<(usize, usize)>> {
     require((1..1 << 30).contains(&rule.longest) && rule.stride > 0, || {
         format!("longest, stride: found {} and {}, expected positive numbers", rule.longest, rule.stride)
@@ -93,8 +93,8 @@ pub fn find_spikes(samples: &[f64], rule: &SpikeRule, stop: &Stop) -> Result<Vec
         .collect())
 }
 
-/// A spike without end samples that are suspect only because a long spike shifts the median. The reference is the line from
-/// the level before to the level after.
+/// Shorten a spike at both ends by the samples that are near the level, and are suspect only because a long spike shifts the
+/// median. The level is a straight line from the median before the spike to the median after it.
 fn trimmed(
     samples: &[f64],
     (start, end): (usize, usize),

@@ -130,7 +130,8 @@ fn of_finite<T: Sample>(block: &[T]) -> Option<Pair> {
             missing[k] |= lane[k].is_gap();
         }
     }
-    // By halves, each a vector: lane by lane it would take as long as the block.
+    // The extremes of all lanes are combined by vector operations, each of which halves the number of lanes. A loop over
+    // single lanes would take as long as the whole block.
     let mut half = LANES;
     while half > 1 {
         half /= 2;
@@ -152,7 +153,7 @@ fn of_finite<T: Sample>(block: &[T]) -> Option<Pair> {
 /// Extremes of every `factor` pairs, the last group possibly smaller.
 ///
 /// # Errors
-/// If the factor is below 2, or on a stop.
+/// If the factor is below 2, or after a request to stop.
 pub fn coarser(pairs: &[Pair], factor: usize, stop: &Stop) -> Result<Vec<Pair>> {
     require(factor > 1, || format!("factor: found {factor}, expected at least 2"))?;
     stop.check()?;

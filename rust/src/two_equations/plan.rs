@@ -91,7 +91,7 @@ impl Aligned {
     }
 }
 
-/// Columns that are multiplied together.
+/// Columns in a tile. The matrix of products of all columns is computed in squares, the products of one tile with another.
 pub const TILE: usize = 3;
 
 /// Number of columns of residual and derivatives, padded to whole tiles.

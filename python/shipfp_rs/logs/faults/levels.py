@@ -80,7 +80,7 @@ def hum_in(samples: Array, first: int, spans: Spans, rate_hz: float, mains_hz: f
     flags = marks(spans, first, first + len(samples))
     turn = np.exp(2j * np.pi * mains_hz / rate_hz * np.arange(len(samples)))
     window = np.hanning(round(NOTCH_S * rate_hz) | 1)
-    # Samples are extrapolated by straight lines, so that the level is not a jump at the ends.
+    # The samples are extended at both ends by odd reflection. With zeros instead, a nonzero mean would jump at the ends.
     half = len(window) // 2
     padded = np.pad(samples, half, mode="reflect", reflect_type="odd") if len(samples) > half else samples
     turned = np.exp(2j * np.pi * mains_hz / rate_hz * (np.arange(len(padded)) - half))

@@ -53,7 +53,7 @@ def log_of_found(path: Path, found: Sequence[Found], rows: Blocks, notes: Sequen
 
 
 def tell_left_out(path: Path, why: str, names: Sequence[str], *, all_of_them: bool) -> None:
-    """Warn of omitted channels; `InputError` if the file has no others."""
+    """Warn of omitted channels; `InputError` if all channels of the file are omitted."""
     if names and all_of_them:
         raise InputError(f"{path}: {why}: {', '.join(names)}; expected at least one channel of numbers")
     if names:
