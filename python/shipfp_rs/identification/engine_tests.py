@@ -227,11 +227,11 @@ def suspected(scores: Mapping[str, Score], beyond: float = 1.0) -> str | None:
 
 
 def limit_to_try(scores: Mapping[str, Score], among: Container[str]) -> str | None:
-    """Return the limit to fit next, or None. The threshold is low: a fit without limits absorbs most of a limit's effect."""
-    # A fit without limits that absorbs a limit appears to have another lag: no evidence against the limit.
+    """Return the limit to fit next, or None. The threshold is low: a fit without limits adapts to most of a limit."""
+    # A fit without limits that has adapted to a limit appears to have another lag, which is no evidence against the limit.
     shapes = [score for kind, score in scores.items() if kind != "lag"]
     most = max((score.fall for score in shapes), default=0.0)
-    # Some effect is certain; the fit without limits may have absorbed most of a limit.
+    # Some effect is certain; the fit without limits may have adapted to most of a limit's effect.
     surely = any(score.fall > BELIEVED and score.consistency > CONSISTENT for score in shapes)
     worth = {
         kind: scores[kind].fall

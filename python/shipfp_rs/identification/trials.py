@@ -203,7 +203,7 @@ def _is_inside(likelihood: EquationLikelihood, end: Basin, element: str) -> bool
 def _limited(fit: ShipFit, element: str, until: float | None, *, surely: bool = False) -> ShipFit | None:
     """Return the fit with a limit; None if the record is never near the limit, or, unless `surely`, it ends on its bound.
 
-    A fit without the limit leaves noise of another shape, so minima are compared each with its own noise.
+    Residuals of a fit without the limit have another noise spectrum, so each minimum is compared with its own noise.
     """
     starts = [start for basin in fit.basins[:2] for start in _starts(fit, element, basin)]
     if not starts:
