@@ -63,7 +63,7 @@ pub fn taken_by_limits(
     parameters: &[f64; PARAMETERS.len()],
     stop: &Stop,
 ) -> Result<[Vec<f64>; 2]> {
-    // This function is long: it is one pass over the samples, in which each line of code needs the results of earlier lines.
+    // long: one pass over the samples, in which each line of code needs the results of earlier lines
     let [
         g,
         k_p,

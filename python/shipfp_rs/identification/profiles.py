@@ -160,8 +160,7 @@ class Profiles:
         scale, way = float(np.sqrt(spread)), self._way(basin, figure, covariance @ slope / spread)
         far, inside = self._farthest(figure, side, value)
         x, reached, over = inside.vector, side * (far - value), np.inf
-        # Farthest distance known to be inside the interval, and the square root of the deviance's rise there. From there on
-        # that root is nearly linear in the distance.
+        # Farthest distance inside the interval, and the root of the deviance's rise there, nearly linear from there on.
         known, root = 0.0, 0.0
         found = self._products(basin)
         scale = min(scale, _scale_uphill(max(-2.0 * side * float(found.downhill @ way), 0.0), spread))
