@@ -1,4 +1,10 @@
-"""Poles, margins, bandwidth and recovery of the identified speed loop, each with its standard deviation."""
+"""Poles, margins, bandwidth and recovery of the identified speed loop, each with its standard deviation.
+
+Also here:
+
+- Structure and frequency response of a fingerprint's model.
+- Speed after a load step, compared with the governing classes of ISO 8528-5.
+"""
 
 from __future__ import annotations
 

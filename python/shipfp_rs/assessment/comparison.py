@@ -1,4 +1,9 @@
-"""Changes between two fingerprints of a ship, and their significance."""
+"""Changes between two fingerprints of a ship, and their significance.
+
+Also here:
+
+- Measured frequency responses of experiments and those of the fitted model.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,9 @@
-"""Profile likelihoods: increase of the cost as one parameter varies, and whether the data bound it."""
+"""Profile likelihoods: increase of the cost as one parameter varies, and whether the data bound it.
+
+Also here:
+
+- Leverage of each point of a frequency response in a fit weighted by standard deviations.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,9 @@
-"""Validation: how well a fingerprint explains experiments that were not used in the fit."""
+"""Validation: how well a fingerprint explains experiments that were not used in the fit.
+
+Also here:
+
+- Measured load steps: speed deviation and recovery time.
+"""
 
 from __future__ import annotations
 

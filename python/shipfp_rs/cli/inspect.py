@@ -1,4 +1,9 @@
-"""`shipfp inspect`: contents and faults of a log, before a fit."""
+"""`shipfp inspect`: contents and faults of a log, before a fit.
+
+Also here:
+
+- `shipfp convert`: a log of any supported format to Parquet.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,9 @@
-"""Options shared by several subcommands, and limits of numbers, names and paths."""
+"""Options shared by several subcommands, and limits of numbers, names and paths.
+
+Also here:
+
+- Output of subcommands: tables and JSON on stdout, progress on stderr.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,9 @@
-"""`shipfp reproduce`: the thesis's tables, ours beside the printed ones."""
+"""`shipfp reproduce`: the thesis's tables, ours beside the printed ones.
+
+Also here:
+
+- `shipfp compare`: significant changes between two fingerprints, or over many.
+"""
 
 from __future__ import annotations
 

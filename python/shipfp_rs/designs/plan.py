@@ -1,4 +1,9 @@
-"""Plan of a trial: set point, expected results, and the files for crew and signal generator."""
+"""Plan of a trial: set point, expected results, and the files for crew and signal generator.
+
+Also here:
+
+- Run sheet for the crew, with times and sizes of motions; plain text and HTML.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,11 @@
-"""Subject of a design: a structure at its expected values, about an operating point."""
+"""Subject of a design: a structure at its expected values, about an operating point.
+
+Also here:
+
+- Identifiable quantities of a trial: parameters, and combinations of those that are only known together.
+- Prediction of the fingerprint from a record of an excitation.
+- Sensor noise: level, bandwidth, and accuracy of the calibration.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,9 @@
-"""Waveforms of a design: sines in sequence or simultaneous, a chirp, steps, joined to one time series."""
+"""Waveforms of a design: sines in sequence or simultaneous, a chirp, steps, joined to one time series.
+
+Also here:
+
+- Limits of a trial: amplitude, rate of change, duration, excluded bands, and the signal generator.
+"""
 
 from __future__ import annotations
 

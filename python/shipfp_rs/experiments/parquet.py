@@ -1,4 +1,9 @@
-"""Experiments in a Parquet file: a row per sample, a row group per experiment."""
+"""Experiments in a Parquet file: a row per sample, a row group per experiment.
+
+Also here:
+
+- Experiments from pandas frames: signals by column names, rate by times, operating point by means.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,9 @@
-"""Frequency responses to sines, in sequence or simultaneous, by lines fitted to all channels."""
+"""Frequency responses to sines, in sequence or simultaneous, by lines fitted to all channels.
+
+Also here:
+
+- Frequency responses to any excitation by local polynomials, which separate leakage from the response.
+"""
 
 from __future__ import annotations
 

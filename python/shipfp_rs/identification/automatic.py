@@ -1,4 +1,9 @@
-"""From experiments to a fingerprint where no structure is given: the full model of the ship, intervals by profiles."""
+"""From experiments to a fingerprint where no structure is given: the full model of the ship, intervals by profiles.
+
+Also here:
+
+- Expected fingerprints before a fit: intervals from the likelihood's curvature, without profiles.
+"""
 
 from __future__ import annotations
 

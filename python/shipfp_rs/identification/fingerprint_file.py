@@ -1,4 +1,9 @@
-"""Validation of `fingerprint.json` before a fingerprint is made from it."""
+"""Validation of `fingerprint.json` before a fingerprint is made from it.
+
+Also here:
+
+- A fingerprint as text and tables: on a terminal, in a notebook, for LaTeX, CSV and pandas.
+"""
 
 from __future__ import annotations
 

@@ -6,6 +6,12 @@ Speed carries noise, and the torque disturbance by moving water affects speed an
 biased. Neither noise nor disturbance affects the part of the speed that a few fixed lags of the set point, or of a measured
 load, explain. This part is the instrument of
 two-stage least squares (Söderström and Stoica 1983). No governor, limit or actuator is modelled, so none can be wrong.
+
+The load's equation by two-stage least squares: spectra of speed and torque, instruments from set point and load.
+
+Lag filters of the inputs explain the speed. The explained speed is the instrument for the load's law, whose noise is
+coloured. Smooth errors of the torque's response are unknowns with a prior (Kennedy and O'Hagan 2001,
+doi:10.1111/1467-9868.00294).
 """
 
 from __future__ import annotations

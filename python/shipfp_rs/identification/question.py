@@ -1,4 +1,9 @@
-"""The question of a fit: outputs, parameters that are always searched, elements that are tried, fixed values and priors."""
+"""The question of a fit: outputs, parameters that are always searched, elements that are tried, fixed values and priors.
+
+Also here:
+
+- Options of a search, and their requirements on the structure.
+"""
 
 from __future__ import annotations
 

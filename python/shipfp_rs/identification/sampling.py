@@ -1,4 +1,15 @@
-"""Excited bandwidth of a record, and the course of inputs between samples."""
+"""Excited bandwidth of a record, and the course of inputs between samples.
+
+Also here:
+
+- Interpolation of masked samples from their neighbours, by auto- and cross-covariances (simple cokriging).
+
+Detection of a set point that becomes late or early during a record, as where its recorder lost samples.
+
+A linear difference equation relates the speed to the set point and the load. It is fitted to the whole record, with the set
+point shifted from some time on, for many times and shifts. Only with the true shift does one equation hold in every stretch
+before and after that time.
+"""
 
 from __future__ import annotations
 

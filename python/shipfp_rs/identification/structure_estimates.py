@@ -1,4 +1,9 @@
-"""Estimates from a given structure's minimum: values, intervals, and reasons where the data determine none."""
+"""Estimates from a given structure's minimum: values, intervals, and reasons where the data determine none.
+
+Also here:
+
+- The fingerprint of a given structure: estimates, fits, tests and verdict at the search's minimum.
+"""
 
 from __future__ import annotations
 

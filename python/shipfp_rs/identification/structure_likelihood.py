@@ -1,4 +1,14 @@
-"""The likelihood of a given structure: its equations on experiments, spectra and frequency responses."""
+"""The likelihood of a given structure: its equations on experiments, spectra and frequency responses.
+
+Also here:
+
+- Search coordinates of a given structure: its free parameters, as logarithms where bounds are wide.
+
+Data in the form compared with a structure: samples, tapered spectra, or frequency responses.
+
+Each kind has a spectrum (O, F), the residual of a model, and the model's derivatives. For samples the "frequencies" are the
+samples: white noise has the same covariance at all of them, so samples and spectra carry the same information.
+"""
 
 from __future__ import annotations
 

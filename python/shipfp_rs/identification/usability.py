@@ -1,4 +1,10 @@
-"""Usability of a fingerprint: a state, the reason where it can't be used, and a sentence for the report."""
+"""Usability of a fingerprint: a state, the reason where it can't be used, and a sentence for the report.
+
+Model adequacy: the residual power that appears only where the ship is excited, which noise can't explain.
+
+Noise does not depend on the excitation, but the error of a wrong model does. The residual's power is therefore compared
+between stretches in which the response in a band is strong, and stretches in which it is weak.
+"""
 
 from __future__ import annotations
 

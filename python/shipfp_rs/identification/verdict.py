@@ -1,4 +1,9 @@
-"""Plain sentences about a fit: what the data determine, what they don't, and what would."""
+"""Plain sentences about a fit: what the data determine, what they don't, and what would.
+
+Also here:
+
+- States of a ship's elements, and the verdict: what the fingerprint can be used for, in rows and sentences.
+"""
 
 from __future__ import annotations
 

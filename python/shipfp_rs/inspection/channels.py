@@ -1,4 +1,10 @@
-"""Contents of a log's channels: gaps, levels, noise, pulses; each is read once, in parallel."""
+"""Contents of a log's channels: gaps, levels, noise, pulses; each is read once, in parallel.
+
+Also here:
+
+- Faults that an inspection searched in each channel, since without a trial the channels' roles are unknown.
+- Recognition of pulse trains: of two levels, or sinusoidal as from a variable-reluctance pick-up.
+"""
 
 from __future__ import annotations
 

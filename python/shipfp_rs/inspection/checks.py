@@ -1,4 +1,9 @@
-"""Checks of calibrated signals at steady points: set point and speed, pulse trains, static torque."""
+"""Checks of calibrated signals at steady points: set point and speed, pulse trains, static torque.
+
+Also here:
+
+- Spectral lines of a steady channel, named by rotating parts (section 6.3.1, Table 6.9).
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,9 @@
-"""Several files as one log: successive pieces of a recording, or loggers with a common clock."""
+"""Several files as one log: successive pieces of a recording, or loggers with a common clock.
+
+Also here:
+
+- Detection of evenly spaced rows, and of missing ones, under a clock coarser than the rows, such as whole seconds.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,9 @@
-"""Raw trial logs: channels as recorded, each with its own unit, rate and start, read in blocks."""
+"""Raw trial logs: channels as recorded, each with its own unit, rate and start, read in blocks.
+
+Also here:
+
+- Sequential reading of a channel in slightly overlapping stretches.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,9 @@
-"""Plots of estimates: intervals, profile likelihoods, correlations of residuals."""
+"""Plots of estimates: intervals, profile likelihoods, correlations of residuals.
+
+Also here:
+
+- Step and frequency responses of several fingerprints with 95 % bands, which show the effect of a change.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,9 @@
-"""Plots of signals against time: measured, and compared with a model."""
+"""Plots of signals against time: measured, and compared with a model.
+
+Also here:
+
+- Plots of pulse trains: reflectors, missed and extra pulses.
+"""
 
 from __future__ import annotations
 

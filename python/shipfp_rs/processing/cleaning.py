@@ -1,4 +1,9 @@
-"""Calibration of recorded samples and treatment of their faults, with a record of each."""
+"""Calibration of recorded samples and treatment of their faults, with a record of each.
+
+Also here:
+
+- Checks that reject implausible units, calibrations and signals before a fit.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,17 @@
-"""Preparation of an experiment's signals for a fit: operating point, trend, torque at another position on the shaft."""
+"""Preparation of an experiment's signals for a fit: operating point, trend, torque at another position on the shaft.
+
+Also here:
+
+- Sample times of the signals in a stretch.
+- Long channels at a coarse rate: means over blocks of samples.
+- Low-pass and resampling of every channel to the common rate.
+
+Removal of torque ripple that is periodic in the angle of shaft and engine: unbalance, blades, firing.
+
+Blades in the wake and firing cylinders make the torque oscillate at multiples of the rotation frequency. Such a line is of
+no use to a fit, and below half the sample rate it may be twenty times the other noise. Its frequency varies with the
+speed, so no filter removes it, but its angle is known from the tachometers.
+"""
 
 from __future__ import annotations
 

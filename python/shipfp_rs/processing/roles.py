@@ -1,4 +1,9 @@
-"""Roles of a log's channels, from names and units, and from the samples where these are ambiguous."""
+"""Roles of a log's channels, from names and units, and from the samples where these are ambiguous.
+
+Also here:
+
+- Quantity and role of a channel, from its name and unit.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,9 @@
-"""Sources of speed other than plain pulse trains: wheels with a gap, edge lists, encoders, recorded speeds."""
+"""Sources of speed other than plain pulse trains: wheels with a gap, edge lists, encoders, recorded speeds.
+
+Also here:
+
+- Pulse train of a log: reflectors, speeds, repairs.
+"""
 
 from __future__ import annotations
 

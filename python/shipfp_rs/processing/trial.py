@@ -1,4 +1,9 @@
-"""TRIAL.toml: vessel, logs, channels, windows, and how to identify."""
+"""TRIAL.toml: vessel, logs, channels, windows, and how to identify.
+
+Also here:
+
+- Tables of a TRIAL.toml other than channels: header, operating point, processing, windows, identification.
+"""
 
 from __future__ import annotations
 

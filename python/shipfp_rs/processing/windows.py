@@ -1,4 +1,10 @@
-"""Detection of a trial's windows in a log: stretches of constant set point ("rests"), sines, chirps and steps."""
+"""Detection of a trial's windows in a log: stretches of constant set point ("rests"), sines, chirps and steps.
+
+Also here:
+
+- Kind of an excitation (sine, chirp, square wave ...), from its crossings, levels and spectral lines.
+- Windows acceptable to a trial: within the log, without gaps that a run rejects, with motion, and long enough.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,9 @@
-"""HTML elements of the report: sortable tables, lists, figures; the templates escape every text."""
+"""HTML elements of the report: sortable tables, lists, figures; the templates escape every text.
+
+Also here:
+
+- Language of a report: translation of English texts, with words that suit the trial's drive and load.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,9 @@
-"""Operating point and inertia in rpm, Nm, kW and kg m2, shown above all normalised values."""
+"""Operating point and inertia in rpm, Nm, kW and kg m2, shown above all normalised values.
+
+Also here:
+
+- Both sides of the drive train separately: the load from speed and torque alone, and the engine.
+"""
 
 from __future__ import annotations
 

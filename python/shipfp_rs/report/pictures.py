@@ -1,4 +1,9 @@
-"""Static pictures as inline SVG."""
+"""Static pictures as inline SVG.
+
+Also here:
+
+- Zoomable time plots of signals, model, residuals and faults, packed into the page for zoom.js.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,9 @@
-"""Tables 6.8 to 7.3 and eq. 7.9 of the thesis, recomputed: results of steady running, drawings and other experiments."""
+"""Tables 6.8 to 7.3 and eq. 7.9 of the thesis, recomputed: results of steady running, drawings and other experiments.
+
+Also here:
+
+- Figures of section 6.3: the loggers' channels and their faults, on the simulated tug.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,9 @@
-"""Run: TRIAL.toml to log, experiments, fingerprint and report, in a folder that is written atomically."""
+"""Run: TRIAL.toml to log, experiments, fingerprint and report, in a folder that is written atomically.
+
+Also here:
+
+- Fit requested by a TRIAL.toml or a SWEEP.toml: a declared structure, or a selection within the full ship.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,9 @@
-"""Chirps: sines of changing frequency."""
+"""Chirps: sines of changing frequency.
+
+Also here:
+
+- Sines in sequence, and multisines.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,9 @@
-"""Excitation: deviations of the set point from the operating point, and operations on them."""
+"""Excitation: deviations of the set point from the operating point, and operations on them.
+
+Also here:
+
+- Argument checks shared by the builders of excitations.
+"""
 
 from __future__ import annotations
 

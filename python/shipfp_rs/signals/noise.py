@@ -1,4 +1,9 @@
-"""Random-looking signals: binary sequences and band-limited noise."""
+"""Random-looking signals: binary sequences and band-limited noise.
+
+Also here:
+
+- Steps: successive levels of the set point.
+"""
 
 from __future__ import annotations
 

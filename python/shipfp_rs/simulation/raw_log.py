@@ -1,4 +1,9 @@
-"""Simulated raw logs: a virtual trial as recorded by sensors and a logger, with realistic faults."""
+"""Simulated raw logs: a virtual trial as recorded by sensors and a logger, with realistic faults.
+
+Also here:
+
+- The measurement chain of section 6.1: the plant's signals in volts, with noise and realistic faults.
+"""
 
 from __future__ import annotations
 

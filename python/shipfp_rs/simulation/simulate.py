@@ -1,4 +1,10 @@
-"""Virtual experiments: the nonlinear plant of a vessel under an excitation, optionally with sensor noise."""
+"""Virtual experiments: the nonlinear plant of a vessel under an excitation, optionally with sensor noise.
+
+Also here:
+
+- Response of a simulated vessel to a record's set point, at the record's samples.
+- Fluctuations of the propeller's torque by uneven inflow, and the response of the drive train.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,9 @@
-"""Declaration of a structure: parameters, outputs and equations, and properties derived from them."""
+"""Declaration of a structure: parameters, outputs and equations, and properties derived from them.
+
+Also here:
+
+- Copies of a structure with other starts, bounds, priors, ties and fixed values.
+"""
 
 from __future__ import annotations
 

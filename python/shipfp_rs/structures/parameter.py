@@ -1,4 +1,9 @@
-"""A parameter of a structure: name, start, bounds and prior knowledge."""
+"""A parameter of a structure: name, start, bounds and prior knowledge.
+
+Also here:
+
+- Outputs of a drive train and the signals that measure them.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,10 @@
-"""Equations of the ship model, the nonlinear normalised drive train computed by the Rust kernel."""
+"""Equations of the ship model, the nonlinear normalised drive train computed by the Rust kernel.
+
+Also here:
+
+- A drive in open loop, whose input is a command of torque, current, voltage or fuel instead of a governor's set
+  point.
+"""
 
 from __future__ import annotations
 

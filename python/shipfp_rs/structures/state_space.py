@@ -1,4 +1,9 @@
-"""Linear state-space equations, exact between samples, with input dead times and derivatives."""
+"""Linear state-space equations, exact between samples, with input dead times and derivatives.
+
+Also here:
+
+- State-space equations of the linear drive train, eq. 3.14 to 3.54 generalised.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,10 @@
-"""Parameters as linear functions of others, with their values and derivatives."""
+"""Parameters as linear functions of others, with their values and derivatives.
+
+Also here:
+
+- Combinations of the linear parameters, which data may determine where they do not determine the parameters.
+- A joint structure for several trials with shared and individual parameters.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,9 @@
-"""Checks of public functions' arguments against their annotations, with clear error messages."""
+"""Checks of public functions' arguments against their annotations, with clear error messages.
+
+Also here:
+
+- Argument checks shared by several packages.
+"""
 
 from __future__ import annotations
 

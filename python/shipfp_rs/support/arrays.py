@@ -1,4 +1,10 @@
-"""Shared types: arrays, values by name, evenly sampled data."""
+"""Shared types: arrays, values by name, evenly sampled data.
+
+Also here:
+
+- Quantiles of the normal distribution.
+- Spans of samples: found from flags, joined, cut, and converted to flags.
+"""
 
 from __future__ import annotations
 

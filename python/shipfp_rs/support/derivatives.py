@@ -1,4 +1,10 @@
-"""Numerical derivatives: complex step if reliable, else extrapolated differences."""
+"""Numerical derivatives: complex step if reliable, else extrapolated differences.
+
+Also here:
+
+- Finite impulse response (FIR) low-pass of measured and simulated signals.
+- Interpolation of band-limited signals.
+"""
 
 from __future__ import annotations
 

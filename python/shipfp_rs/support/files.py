@@ -1,4 +1,9 @@
-"""Reading of text files, and atomic writing of files and folders."""
+"""Reading of text files, and atomic writing of files and folders.
+
+Also here:
+
+- JSON files without NaN and infinity: written as null, rejected when read.
+"""
 
 from __future__ import annotations
 

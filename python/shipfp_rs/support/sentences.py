@@ -1,4 +1,9 @@
-"""Sentences that keep their template and values, so that they can be translated."""
+"""Sentences that keep their template and values, so that they can be translated.
+
+Also here:
+
+- Languages of reports: one catalogue of translations each, in `locale`, with the English sentences as keys.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,9 @@
-"""Conversion of experiments and frequency responses to and from tables of xarray, pandas, Arrow and polars."""
+"""Conversion of experiments and frequency responses to and from tables of xarray, pandas, Arrow and polars.
+
+Also here:
+
+- HTML from templates with escaping, and tables of objects in notebooks.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,9 @@
-"""Units in loggers' many spellings, repair of damaged characters, and factors to SI and rpm."""
+"""Units in loggers' many spellings, repair of damaged characters, and factors to SI and rpm.
+
+Also here:
+
+- Conversion of recorded volts to speed set points and torques.
+"""
 
 from __future__ import annotations
 

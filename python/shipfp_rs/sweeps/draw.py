@@ -1,4 +1,9 @@
-"""One draw: from conditions to simulated trial, fingerprint and table row."""
+"""One draw: from conditions to simulated trial, fingerprint and table row.
+
+Also here:
+
+- Time limit for Python code, in any thread or process.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,9 @@
-"""SWEEP.toml: vessel, trial, varying factors, and how each draw is identified."""
+"""SWEEP.toml: vessel, trial, varying factors, and how each draw is identified.
+
+Also here:
+
+- Seed of each draw and its point in the unit cube, both determined by its index.
+"""
 
 from __future__ import annotations
 

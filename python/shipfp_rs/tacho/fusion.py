@@ -1,4 +1,10 @@
-"""Fusion of several pulse trains of one shaft line into one speed and its variance."""
+"""Fusion of several pulse trains of one shaft line into one speed and its variance.
+
+Also here:
+
+- Shaft angle as a spline through the passages of all pulses, with the variance of its slope.
+- Common angle of several trains, and how each train compares with it.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,9 @@
-"""Mean speed between pulses, and speed on a uniform grid."""
+"""Mean speed between pulses, and speed on a uniform grid.
+
+Also here:
+
+- Passages of a pulse train: times of its true pulses, and the shaft angle at each.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,9 @@
-"""Tables of a vessel file: engine, gearbox, shaft, propeller, governor, and what the thesis's plant leaves out."""
+"""Tables of a vessel file: engine, gearbox, shaft, propeller, governor, and what the thesis's plant leaves out.
+
+Also here:
+
+- Plausible sizes of the numbers in a vessel file.
+"""
 
 from __future__ import annotations
 

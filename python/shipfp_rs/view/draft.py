@@ -1,4 +1,9 @@
-"""Trial as edited on the page, and TRIAL.toml: known keys are set, all else is kept, including comments."""
+"""Trial as edited on the page, and TRIAL.toml: known keys are set, all else is kept, including comments.
+
+Also here:
+
+- Form for a vessel file, with the keys of the template of `shipfp init --vessel` as fields.
+"""
 
 from __future__ import annotations
 

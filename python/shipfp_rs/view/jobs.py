@@ -1,4 +1,9 @@
-"""Checks and runs in separate processes, which a page starts, polls and stops."""
+"""Checks and runs in separate processes, which a page starts, polls and stops.
+
+Also here:
+
+- Background work that a page starts and polls, on its own thread.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,9 @@
-"""Finished runs and sweeps of a folder: a summary line for each, and their files."""
+"""Finished runs and sweeps of a folder: a summary line for each, and their files.
+
+Also here:
+
+- Channels and signals at any zoom, in tiles of a thousand blocks.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,9 @@
-"""Minimum and maximum of each short block of a channel, so that only suspicious blocks are read again."""
+"""Minimum and maximum of each short block of a channel, so that only suspicious blocks are read again.
+
+Also here:
+
+- Rows that a logger wrote twice: samples that recur in the same order in every channel.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,9 @@
-"""Faults of a channel's level: missing samples, a stuck channel, dropouts to zero, clipping."""
+"""Faults of a channel's level: missing samples, a stuck channel, dropouts to zero, clipping.
+
+Also here:
+
+- Mains hum of a channel: detection by block and removal.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,10 @@
-"""Child processes that open files for their parent and end with it."""
+"""Child processes that open files for their parent and end with it.
+
+Readers based on third-party packages, run in a child process.
+
+On damaged files, the native code of these packages may crash, loop forever or request any amount of memory. In a child
+process this ends in an error message, not in the loss of the session.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,9 @@
-"""Channels in nested variables: structs, matrices with named columns, and the times that belong to each."""
+"""Channels in nested variables: structs, matrices with named columns, and the times that belong to each.
+
+Also here:
+
+- Log of channels found by a reader, with their own rates or times.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,9 @@
-"""Long tables from historians and databases: one value per row, with its time and signal name."""
+"""Long tables from historians and databases: one value per row, with its time and signal name.
+
+Also here:
+
+- Values with individual time stamps, by name, as the channels of a log.
+"""
 
 from __future__ import annotations
 

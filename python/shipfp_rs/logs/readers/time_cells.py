@@ -1,4 +1,9 @@
-"""Conversion of time cells to seconds: numbers, stamps, and dates and times of day in any order of their parts."""
+"""Conversion of time cells to seconds: numbers, stamps, and dates and times of day in any order of their parts.
+
+Also here:
+
+- Names that loggers use for time, date, clock, units of time and sample rate, in ten languages and more.
+"""
 
 from __future__ import annotations
 
