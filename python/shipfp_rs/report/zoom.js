@@ -55,7 +55,8 @@
   };
   const niceTime = (least) => [1, 2, 5, 10, 15, 30, 60, 120, 300, 600, 900, 1800, 3600, 7200, 14400, 36000].find((step) => step >= least) ?? nice(least);
   // Numbers that are read, not saved, have the language's decimal sign.
-  const said = (number) => String(number).replace(".", (1.5).toLocaleString(document.documentElement.lang)[1]);
+  const sign = (1.5).toLocaleString(document.documentElement.lang)[1];
+  const said = (number) => String(number).replace(".", sign);
   const digits = (step) => Math.max(0, -Math.floor(Math.log10(step) + 1e-9));
   const clock = (seconds, step) => {
     const whole = Math.floor(seconds + 1e-9), pad = (value) => String(value).padStart(2, "0");
