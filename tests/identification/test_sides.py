@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import shipfp_rs as fp
-from shipfp_rs.identification.likelihood import Itself
+from shipfp_rs.identification.coordinates import Itself
 from shipfp_rs.identification.profiles import scaled_inverse
 from shipfp_rs.identification.question import question_of
 from shipfp_rs.identification.ship_fit import fit_ship

@@ -17,10 +17,11 @@ from scipy.stats import chi2
 from shipfp_rs.errors import InputError
 from shipfp_rs.frequency import FrequencyResponse
 from shipfp_rs.identification.basins import descend
+from shipfp_rs.identification.coordinates import Itself
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.identification.identifiability import Sensitivity
 from shipfp_rs.identification.identify import options_of
-from shipfp_rs.identification.likelihood import Itself, real_rows
+from shipfp_rs.identification.likelihood import real_rows
 from shipfp_rs.identification.structure_estimates import StructureEstimates
 from shipfp_rs.identification.structure_fit import LAST as SETTLED
 from shipfp_rs.identification.structure_fit import STEPS, fit_structure
@@ -279,7 +280,7 @@ def _drawn(told: StructureEstimates, parameter: Parameter, value: float, reach: 
     names = told.fit.likelihood.coordinates.names
     if reach == value:
         return np.empty(0), np.empty(0), np.empty((0, len(names)))
-    spaced = np.geomspace if parameter.name in told.fit.coordinates.logarithmic else np.linspace
+    spaced = np.geomspace if parameter.name in told.fit.likelihood.coordinates.logarithms else np.linspace
     places = spaced(value, reach, POINTS + 1)[1:]
     best = told.fit.best
     vector = np.delete(best.vector, names.index(parameter.name))

@@ -20,11 +20,12 @@ from shipfp_rs._core import __version__
 from shipfp_rs.errors import IdentificationError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.identification.basins import Basin, descend
+from shipfp_rs.identification.coordinates import Figure
 from shipfp_rs.identification.engine_tests import engine_curves
 from shipfp_rs.identification.estimate import ALONG, ASSUMED, KNOWN, Estimate, Identifiability
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.identification.input_checks import doubts, require_excited
-from shipfp_rs.identification.likelihood import Figure, Likelihood
+from shipfp_rs.identification.likelihood import Likelihood
 from shipfp_rs.identification.limited_likelihood import LimitedLikelihood
 from shipfp_rs.identification.load_side import load_side_of
 from shipfp_rs.identification.open_loop import in_open_loop, structure_in_open_loop

@@ -1,44 +1,63 @@
-"""Search coordinates of a ship: ratios to the inertia's time constant tau_n.
+"""Search coordinates: the parameters that a fit searches, and the unknowns of its records, as one bounded vector.
 
-Data determine these ratios far better than the parameters. Divided by tau_n, the ship's equations are linear in 1 / tau_n,
-(p - g) / tau_n, vK_p / tau_n and vK_i / tau_n, except for N^p (eq. 3.31). A valley of the deviance along which only the
-curvature of N^p changes is a straight line in these coordinates.
+Where no structure asks otherwise, a ship is searched in ratios to the inertia's time constant tau_n. Data determine these
+ratios far better than the parameters. Divided by tau_n, the ship's equations are linear in 1 / tau_n, (p - g) / tau_n,
+vK_p / tau_n and vK_i / tau_n, except for N^p (eq. 3.31). A valley of the deviance along which only the curvature of N^p
+changes is a straight line in these coordinates. A given structure may fix or tie any of these parameters, so its own are
+searched as they are, or as logarithms where their bounds are wide.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Self
 
 import numpy as np
 
-from shipfp_rs.identification.likelihood import SMALL, Figure, Itself
+from shipfp_rs.structures.structure import Structure
+from shipfp_rs.structures.ties import Ties, followed
 from shipfp_rs.support.arrays import Array, Values
 
-STATE_REACH = 0.3
-"""Largest relative error of a record's set point and torque."""
-LOGARITHMS = ("tau_n", "rate", "rate_down", "tau_twist", "v", "M_soft")
-"""Parameters that are searched as logarithms."""
-SQUARES = ("hold",)
-"""Parameters that are searched as squares: their effect is quadratic, so their derivative vanishes at zero."""
-RATIOS = ("vK_p", "vK_i")
-"""Parameters that are searched as a ratio to tau_n, without a logarithm. Along a valley (p - g) / tau_n and vK_i / tau_n
+Figure = Callable[[Mapping[str, float]], float]
+"""A quantity as a function of the parameters."""
+SMALL = 1e-6
+"""Relative step of a difference quotient."""
+STATE_REACH, STATE_DEVIATION = 0.3, 0.1
+"""Of a ship's unknowns of records: largest value, and prior standard deviation, relative to the operating point."""
+WIDE = 1.0
+"""Prior deviation of a structure's initial states and offsets, relative to the operating point, too wide to matter."""
+LOGARITHMS = frozenset({"tau_n", "rate", "rate_down", "tau_twist", "v", "M_soft"})
+"""Parameters of a ship that are searched as logarithms."""
+SQUARES = frozenset({"hold"})
+"""Parameters of a ship that are searched as squares: their effect is quadratic, so their derivative vanishes at zero."""
+GAINS = ("vK_p", "vK_i")
+"""Gains that are searched as a ratio to tau_n, without a logarithm. Along a valley (p - g) / tau_n and vK_i / tau_n
 rise in proportion; a logarithm would bend that valley."""
+RATIO_BOUNDS = {"g": (-50.0, 500.0), **dict.fromkeys(GAINS, (1e-3, 5e3))}
+"""Bounds of the ratios, wide, since intervals apply the parameters' own."""
+LEAST = 1e-9
+"""Least value of a logarithm's argument where the parameter's bound is zero."""
 MOST_BEHIND, WALL = 0.95, 0.01
 """Largest share of the inertia behind a gauge, and width of the penalty near it."""
-SMALLEST = 1e-3
-"""Least gain over tau_n."""
 
 
-STATE_DEVIATION = 0.1
-"""Prior standard deviation of the records' unknowns, relative to the operating point."""
+@dataclass(frozen=True)
+class Itself:
+    """A parameter as a figure of itself."""
+
+    name: str
+
+    def __call__(self, values: Mapping[str, float]) -> float:
+        """Return its value."""
+        return values[self.name]
 
 
 @dataclass(frozen=True)
 class Coordinates:
-    """Search vectors: free parameters of a ship within bounds, followed by the unknowns of its records.
+    """Search vectors: free parameters within bounds, followed by the unknowns of the records.
 
     Parameters
     ----------
@@ -46,21 +65,42 @@ class Coordinates:
         Name to (lower, upper) bound, in the parameter's unit.
     given
         Name to value of the parameters that are not searched.
-    records
-        Number of records.
     unknowns
-        Names of the unknowns that each record has.
+        Names of the unknowns of each record.
+    logarithms, squares
+        Parameters that are searched as logarithms or squares.
+    in_ratios
+        Whether gains and slopes are searched as ratios to tau_n.
+    ties
+        Parameters that follow from others.
+    reach, state_deviation
+        Bound and prior standard deviation of the records' unknowns, relative to the operating point.
     """
 
     free: Mapping[str, tuple[float, float]]
     given: Mapping[str, float]
-    records: int
-    unknowns: tuple[str, ...]
+    unknowns: tuple[tuple[str, ...], ...]
+    logarithms: frozenset[str] = LOGARITHMS
+    squares: frozenset[str] = SQUARES
+    in_ratios: bool = True
+    ties: Ties = field(default_factory=dict)
+    reach: float = STATE_REACH
+    state_deviation: float = STATE_DEVIATION
 
-    @property
-    def state_deviation(self) -> float:
-        """Prior standard deviation of the records' unknowns, relative to the operating point."""
-        return STATE_DEVIATION
+    @classmethod
+    def of(cls, structure: Structure, unknowns: Sequence[tuple[str, ...]], deviation: float = WIDE) -> Self:
+        """Return the coordinates of a given structure."""
+        return cls(
+            free={one.name: (one.lower, one.upper) for one in structure.free},
+            given={one.name: one.start for one in structure.parameters if one.fixed},
+            unknowns=tuple(unknowns),
+            logarithms=frozenset(one.name for one in structure.free if one.logarithmic),
+            squares=frozenset(),
+            in_ratios=False,
+            ties=structure.ties,
+            reach=math.inf,
+            state_deviation=deviation,
+        )
 
     @cached_property
     def names(self) -> tuple[str, ...]:
@@ -70,140 +110,136 @@ class Coordinates:
     @cached_property
     def size(self) -> int:
         """Length of a search vector."""
-        return len(self.free) + self.records * len(self.unknowns)
+        return len(self.free) + sum(map(len, self.unknowns))
 
     @cached_property
-    def _own(self) -> tuple[Callable[[float], float], ...]:
-        """Functions that map entries of a search vector to parameters in their units."""
-        return tuple(
-            math.exp if name in LOGARITHMS else math.sqrt if name in SQUARES else float for name in self.names
-        )
-
-    @cached_property
-    def _place_of(self) -> dict[str, int]:
-        return {name: place for place, name in enumerate(self.free)}
+    def _index(self) -> dict[str, int]:
+        return {name: index for index, name in enumerate(self.free)}
 
     @cached_property
     def _ratios(self) -> tuple[str, ...]:
-        return tuple(name for name in RATIOS if name in self.free)
+        return tuple(name for name in GAINS if name in self.free) if self.in_ratios else ()
+
+    @cached_property
+    def _slope_is_ratio(self) -> bool:
+        return self.in_ratios and "g" in self.free
+
+    @cached_property
+    def _from_entry(self) -> tuple[Callable[[float], float], ...]:
+        """Functions that map entries of a search vector to parameters, ratios excepted."""
+        return tuple(
+            math.exp if name in self.logarithms else math.sqrt if name in self.squares else float
+            for name in self.names
+        )
 
     def place(self, name: str) -> int:
         """Index of a parameter in a search vector."""
-        return self._place_of[name]
+        return self._index[name]
 
     def states(self, record: int) -> slice:
         """Slice of a record's unknowns in a search vector."""
-        first = len(self.free) + record * len(self.unknowns)
-        return slice(first, first + len(self.unknowns))
+        first = len(self.free) + sum(map(len, self.unknowns[:record]))
+        return slice(first, first + len(self.unknowns[record]))
 
     @cached_property
     def bounds(self) -> tuple[Array, Array]:
-        """Bounds of a search vector; those of ratios are wide, since intervals apply the parameter's bounds."""
-        rows = [self._bounds(name, *self.free[name]) for name in self.free]
-        rows += [(-STATE_REACH, STATE_REACH)] * (self.records * len(self.unknowns))
-        low, high = np.array(rows).T
+        """Bounds of a search vector."""
+        rows = [self._entry_bounds(name, *ends) for name, ends in self.free.items()]
+        rows += [(-self.reach, self.reach)] * (self.size - len(self.free))
+        low, high = np.array(rows, dtype=float).reshape(-1, 2).T
         return low, high
 
-    def _bounds(self, name: str, low: float, high: float) -> tuple[float, float]:
-        if name == "g":
-            return (-50.0, 500.0)
-        if name in RATIOS:
-            return SMALLEST, 5e3
-        if name in LOGARITHMS:
-            return float(np.log(max(low, 1e-9))), float(np.log(high))
-        return (low**2, high**2) if name in SQUARES else (low, high)
+    def _entry_bounds(self, name: str, low: float, high: float) -> tuple[float, float]:
+        if self.in_ratios and name in RATIO_BOUNDS:
+            return RATIO_BOUNDS[name]
+        if name in self.logarithms:
+            return math.log(low if low > 0.0 else LEAST), math.log(high)
+        return (low**2, high**2) if name in self.squares else (low, high)
 
     def values(self, vector: Array) -> dict[str, float]:
-        """Return the parameters in their units, given ones included."""
+        """Return the parameters in their units, given and tied ones included."""
         values = dict(self.given)
-        for name, own, x in zip(self.names, self._own, vector.tolist(), strict=False):
-            values[name] = own(x)
-        tau = values["tau_n"]
+        for name, from_entry, x in zip(self.names, self._from_entry, vector.tolist(), strict=False):
+            values[name] = from_entry(x)
+        for name in self.logarithms & self.free.keys():
+            low, high = self.free[name]
+            values[name] = min(max(values[name], low), high)  # exp(log(x)) may exceed a bound by rounding
         for name in self._ratios:
-            values[name] *= tau
-        if "g" in self.free:
-            values["g"] = values["p"] - values["g"] * tau
-        return self.completed(values)
+            values[name] *= values["tau_n"]
+        if self._slope_is_ratio:
+            values["g"] = values["p"] - values["g"] * values["tau_n"]
+        return self._completed(values)
 
-    def completed(self, values: dict[str, float]) -> dict[str, float]:
-        """Add the gains K = vK / v to the values where the rack's torque v is searched."""
-        if "v" in self.free:
-            values |= {gain[1:]: values[gain] / values["v"] for gain in RATIOS}
-        return values
+    def _completed(self, values: dict[str, float]) -> dict[str, float]:
+        """Add tied parameters, and the gains K = vK / v where a ship's rack torque v is searched."""
+        if self.in_ratios and "v" in self.free:
+            values |= {gain[1:]: values[gain] / values["v"] for gain in GAINS}
+        return followed(values, self.ties) if self.ties else values
 
     def states_at(self, vector: Array) -> list[dict[str, float]]:
         """Return each record's unknowns by name."""
         return [
-            dict(zip(self.unknowns, vector[self.states(record)].tolist(), strict=True))
-            for record in range(self.records)
+            dict(zip(names, vector[self.states(record)].tolist(), strict=True))
+            for record, names in enumerate(self.unknowns)
         ]
 
     def vector(self, values: Mapping[str, float], states: Sequence[Mapping[str, float]] = ()) -> Array:
         """Return the search vector for values within the bounds; unknowns of records are zero unless given."""
         known = {**self.given, **values}
-        tau = known["tau_n"]
         vector = np.zeros(self.size)
-        for place, name in enumerate(self.names):
+        for index, name in enumerate(self.names):
             value = known[name]
-            if name == "g":
-                vector[place] = (known["p"] - value) / tau
-            elif name in LOGARITHMS:
-                vector[place] = np.log(max(value, 1e-9))
-            elif name in RATIOS:
-                vector[place] = value / tau
+            if name == "g" and self.in_ratios:
+                vector[index] = (known["p"] - value) / known["tau_n"]
+            elif name in self.logarithms:
+                vector[index] = math.log(max(value, self.free[name][0] or LEAST))
+            elif name in self._ratios:
+                vector[index] = value / known["tau_n"]
             else:
-                vector[place] = value**2 if name in SQUARES else value
+                vector[index] = value**2 if name in self.squares else value
         for record, row in enumerate(states):
-            vector[self.states(record)] = [row.get(name, 0.0) for name in self.unknowns]
+            vector[self.states(record)] = [row.get(name, 0.0) for name in self.unknowns[record]]
         return np.clip(vector, *self.bounds)
-
-    def slopes(self, values: Mapping[str, float]) -> dict[str, dict[int, float]]:
-        """Derivatives of the parameters by entries of a search vector: {parameter: {index: slope}}."""
-        rows = self.jacobian(values).tolist()
-        return {
-            name: {place: slope for place, slope in enumerate(row) if slope}
-            for name, row in zip(self.names, rows, strict=True)
-        }
 
     def jacobian(self, values: Mapping[str, float]) -> Array:
         """Derivatives of the free parameters by their entries of a search vector, (W, W)."""
         own = [
             values[name] if way is math.exp else 0.5 / values[name] if way is math.sqrt else 1.0
-            for name, way in zip(self.names, self._own, strict=True)
+            for name, way in zip(self.names, self._from_entry, strict=True)
         ]
-        found, place_of = np.zeros((len(own), len(own))), self._place_of
+        found, index = np.zeros((len(own), len(own))), self._index
         found.flat[:: len(own) + 1] = own
-        tau, g = place_of.get("tau_n"), place_of.get("g")
+        tau, g = index.get("tau_n"), index.get("g")
         for name in self._ratios:
-            found[place_of[name], place_of[name]] = values["tau_n"]
+            found[index[name], index[name]] = values["tau_n"]
             if tau is not None:
-                found[place_of[name], tau] = values[name]
-        if g is not None:
+                found[index[name], tau] = values[name]
+        if g is not None and self.in_ratios:
             found[g, g] = -values["tau_n"]
             if tau is not None:
                 found[g, tau] = values["g"] - values["p"]
-            if "p" in place_of:
-                found[g, place_of["p"]] = 1.0
+            if "p" in index:
+                found[g, index["p"]] = 1.0
         return found
 
     def gradient(self, figure: Figure, vector: Array) -> Array:
-        """Derivative of a figure by the search vector, shape (P,)."""
+        """Derivative of a figure by the search vector, tied parameters included, shape (P,)."""
         values, slopes = self.values(vector), np.zeros(len(self.names))
         found = np.zeros(self.size)
         if isinstance(figure, Itself) and figure.name in self.free:
             found[: len(slopes)] = self.jacobian(values)[self.place(figure.name)]
             return found
         moved = dict(values)
-        for place, name in enumerate(self.names):
+        for index, name in enumerate(self.names):
             value = values[name]
             step = SMALL * max(1.0, abs(value))
             moved[name] = value + step
-            up = figure(self.completed(moved))
+            up = figure(self._completed(moved))
             moved[name] = value - step
-            down = figure(self.completed(moved))
+            down = figure(self._completed(moved))
             moved[name] = value
             if up != down:
-                slopes[place] = (up - down) / (2.0 * step)
+                slopes[index] = (up - down) / (2.0 * step)
         found[: len(slopes)] = slopes @ self.jacobian(values)
         return found
 
@@ -217,13 +253,16 @@ def loop_of(values: Values) -> dict[str, float]:
     return found
 
 
-def wall_row(c: Coordinates, vector: Array, values: Mapping[str, float] | None = None) -> Array | None:
-    """Residual and derivatives (1 + P,) of the penalty on the inertia behind the gauge; None if the penalty is inactive."""
-    values = c.values(vector) if values is None else values
-    behind, whole = values.get("tau_prop", 0.0), values["tau_n"]
-    if behind <= MOST_BEHIND * whole or "tau_prop" not in c.free:
+def wall_row(c: Coordinates, vector: Array, values: Mapping[str, float], by: Array) -> Array | None:
+    """Residual and derivatives (1 + P,) of the penalty on the inertia behind the gauge; None if the penalty is inactive.
+
+    `by` is the Jacobian of the coordinates.
+    """
+    if "tau_prop" not in c.free or "tau_n" not in values:
         return None
-    by = c.jacobian(values)
+    behind, whole = values["tau_prop"], values["tau_n"]
+    if behind <= MOST_BEHIND * whole:
+        return None
     row = np.zeros(c.size + 1)
     row[0] = (MOST_BEHIND - behind / whole) / WALL
     row[1 : 1 + len(by)] = by[c.place("tau_prop")] / (whole * WALL)

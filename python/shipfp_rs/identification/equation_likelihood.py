@@ -21,14 +21,12 @@ from shipfp_rs.identification.coordinates import Coordinates, loop_of, wall_row
 from shipfp_rs.identification.likelihood import (
     Likelihood,
     Products,
-    Slopes,
     quantile_of,
     real_rows,
     turned,
     white_root,
 )
 from shipfp_rs.identification.spectra import Spectra
-from shipfp_rs.identification.structure_likelihood import StructureCoordinates
 from shipfp_rs.structures.parameter import BRAKE
 from shipfp_rs.structures.ship import BRAKE_SCALE, CommandedEquations, stepper_parameters, with_brake
 from shipfp_rs.structures.ship import INDEX as SHIP_INDEX
@@ -88,7 +86,7 @@ class EquationLikelihood(Likelihood):
     """
 
     records: tuple[Spectra, ...]
-    coordinates: Coordinates | StructureCoordinates
+    coordinates: Coordinates
     gauge: bool
     unknowns: tuple[str, ...]
     ships: tuple[TwoEquations, ...] = ()
@@ -103,8 +101,7 @@ class EquationLikelihood(Likelihood):
     def of_structure(self, structure: Structure) -> Self:
         """Return the likelihood of a structure with the same parameters, but other free ones."""
         c = self.coordinates
-        assert isinstance(c, StructureCoordinates)
-        own = replace(c, structure=structure)
+        own = Coordinates.of(structure, c.unknowns, c.state_deviation)
         ships = tuple(replace(ship, names=own.names) for ship in self.ships)
         return replace(self, coordinates=own, ships=ships)
 
@@ -224,7 +221,7 @@ class EquationLikelihood(Likelihood):
         gram, errors = found[0] if len(found) == 1 else self._joined(found, size)
         if self.bends:
             gram -= errors.T @ self._errors_inverse @ errors
-        priors = self._priors(vector, values, jacobian)[:, :size]
+        priors = self.prior_rows(vector, values, jacobian)[:, :size]
         gram += priors.T @ priors
         if not np.isfinite(gram).all():
             raise SimulationError("the deviance is not finite")
@@ -589,41 +586,14 @@ class EquationLikelihood(Likelihood):
         return {}
 
     def prior_rows(
-        self, vector: Array, values: Mapping[str, float] | None = None, slopes: Slopes | None = None
+        self, vector: Array, values: Mapping[str, float] | None = None, jacobian: Array | None = None
     ) -> Array:
         """Rows of the priors, and of a penalty that keeps the inertia behind the gauge below the total."""
-        del slopes
         values = self.coordinates.values(vector) if values is None else values
-        return self._priors(vector, values, self.coordinates.jacobian(values))
-
-    def _priors(self, vector: Array, values: Mapping[str, float], jacobian: Array) -> Array:
-        c = self.coordinates
-        begun, moving, places, deviations = self._begun
-        first, own, rows = len(self.priors), len(jacobian), begun.copy()
-        rows[:first, 0] = [(mean - values[name]) / by for name, (mean, by) in self.priors.items()]
-        rows[moving, 1 : 1 + own] = jacobian[places] / deviations
-        rows[first:, 0] = vector[own:] / -c.state_deviation
-        wall = wall_row(c, vector, values) if isinstance(c, Coordinates) else None
+        jacobian = self.coordinates.jacobian(values) if jacobian is None else jacobian
+        rows = super().prior_rows(vector, values, jacobian)
+        wall = wall_row(self.coordinates, vector, values, jacobian)
         return rows if wall is None else np.vstack([rows, wall])
-
-    @cached_property
-    def _begun(self) -> tuple[Array, list[int], list[int], Array]:
-        """Constant part of the priors' rows; then indices, search entries and deviations of the variable rows."""
-        c, first = self.coordinates, len(self.priors)
-        own = c.size - len(c.names)
-        rows = np.zeros((first + own, 1 + c.size))
-        rows[first:, 1 + len(c.names) :] = np.eye(own) / c.state_deviation
-        free = [
-            (row, c.place(name), by)
-            for row, (name, (_, by)) in enumerate(self.priors.items())
-            if name in c.names
-        ]
-        return (
-            rows,
-            [one[0] for one in free],
-            [one[1] for one in free],
-            np.array([one[2] for one in free]).reshape(-1, 1),
-        )
 
 
 def _parts(values: Numbers, padded: int) -> Array:

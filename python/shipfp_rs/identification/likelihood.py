@@ -11,12 +11,13 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
-from typing import Any, NamedTuple, Protocol, Self, TypeVar
+from typing import Any, NamedTuple, Self, TypeVar
 
 import numpy as np
 from scipy.stats import t as student
 
 from shipfp_rs.errors import SimulationError
+from shipfp_rs.identification.coordinates import Coordinates
 from shipfp_rs.support.arrays import DEVIATIONS_95, Array, Numbers
 from shipfp_rs.support.threads import where_alone
 
@@ -37,24 +38,6 @@ WHITE = 1e-3
 LEAST_NOISE, LEAST_OWN = 1e-7, 1e-9
 """Least standard deviation of white noise over an output's root mean square, far above rounding; and least share of an
 output's variance that is independent of other outputs."""
-SMALL = 1e-6
-"""Relative step of a difference quotient."""
-
-Slopes = Mapping[str, Mapping[int, float]]
-"""Derivatives of the parameters by entries of a search vector: {parameter: {index: slope}}."""
-Figure = Callable[[Mapping[str, float]], float]
-"""A quantity as a function of the parameters."""
-
-
-@dataclass(frozen=True)
-class Itself:
-    """A parameter as a figure of itself."""
-
-    name: str
-
-    def __call__(self, values: Mapping[str, float]) -> float:
-        """Return its value."""
-        return values[self.name]
 
 
 class Products(NamedTuple):
@@ -63,59 +46,6 @@ class Products(NamedTuple):
     cost: float
     downhill: Array
     matrix: Array
-
-
-class Space(Protocol):
-    """Coordinates: search vectors of the free parameters, followed by the unknowns of the records."""
-
-    @property
-    def free(self) -> Mapping[str, tuple[float, float]]:
-        """Free parameters with their bounds."""
-
-    @property
-    def given(self) -> Mapping[str, float]:
-        """Parameters that are not searched."""
-
-    @property
-    def records(self) -> int:
-        """Number of records."""
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the free parameters."""
-
-    @property
-    def size(self) -> int:
-        """Length of a search vector."""
-
-    @property
-    def bounds(self) -> tuple[Array, Array]:
-        """Bounds of a search vector."""
-
-    @property
-    def state_deviation(self) -> float:
-        """Prior deviation of the records' unknowns, relative to the operating point."""
-
-    def place(self, name: str) -> int:
-        """Index of a parameter in a search vector."""
-
-    def states(self, record: int) -> slice:
-        """Slice of a record's unknowns in a search vector."""
-
-    def values(self, vector: Array) -> dict[str, float]:
-        """Return the parameters in their units, given ones included."""
-
-    def states_at(self, vector: Array) -> list[dict[str, float]]:
-        """Return each record's unknowns by name."""
-
-    def vector(self, values: Mapping[str, float], states: Sequence[Mapping[str, float]] = ()) -> Array:
-        """Return the search vector for values within the bounds."""
-
-    def slopes(self, values: Mapping[str, float]) -> dict[str, dict[int, float]]:
-        """Derivatives of the parameters by entries of a search vector."""
-
-    def gradient(self, figure: Figure, vector: Array) -> Array:
-        """Derivative of a figure by the search vector, shape (P,)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,7 +70,7 @@ class Likelihood:
     """
 
     records: tuple[Any, ...]
-    coordinates: Space
+    coordinates: Coordinates
     accuracy: Array
     priors: Mapping[str, tuple[float, float]]
     roots: tuple[Numbers, ...] | None = None
@@ -279,21 +209,33 @@ class Likelihood:
         return sum(map(spread_of, self.roots))
 
     def prior_rows(
-        self, vector: Array, values: Mapping[str, float] | None = None, slopes: Slopes | None = None
+        self, vector: Array, values: Mapping[str, float] | None = None, jacobian: Array | None = None
     ) -> Array:
         """Residuals and derivatives of the priors, in units of their deviations, shape (K, 1 + P)."""
-        c = self.coordinates
+        c, first = self.coordinates, len(self.priors)
         values = c.values(vector) if values is None else values
-        slopes = c.slopes(values) if slopes is None else slopes
-        first, own = len(self.priors), len(c.free)
-        rows = np.zeros((first + len(vector) - own, len(vector) + 1))
-        for row, (name, (mean, deviation)) in zip(rows, self.priors.items(), strict=False):
-            row[0] = (mean - values[name]) / deviation
-            for place, slope in slopes.get(name, {}).items():
-                row[1 + place] = slope / deviation
-        rows[first:, 0] = -vector[own:] / c.state_deviation
-        rows[first:, 1 + own :][np.diag_indices(len(vector) - own)] = 1.0 / c.state_deviation
+        jacobian = c.jacobian(values) if jacobian is None else jacobian
+        constant, moving, entries, deviations = self._prior_frame
+        own, rows = len(jacobian), constant.copy()
+        rows[:first, 0] = [(mean - values[name]) / by for name, (mean, by) in self.priors.items()]
+        rows[moving, 1 : 1 + own] = jacobian[entries] / deviations
+        rows[first:, 0] = vector[own:] / -c.state_deviation
         return rows
+
+    @cached_property
+    def _prior_frame(self) -> tuple[Array, list[int], list[int], Array]:
+        """Constant part of the priors' rows; then indices, search entries and deviations of the variable rows."""
+        c, first = self.coordinates, len(self.priors)
+        own = c.size - len(c.names)
+        rows = np.zeros((first + own, 1 + c.size))
+        rows[first:, 1 + len(c.names) :] = np.eye(own) / c.state_deviation
+        free = [(row, name) for row, name in enumerate(self.priors) if name in c.free]
+        return (
+            rows,
+            [row for row, _ in free],
+            [c.place(name) for _, name in free],
+            np.array([self.priors[name][1] for _, name in free]).reshape(-1, 1),
+        )
 
     def root(self, record: int) -> Numbers:
         """Root of the inverse spectral matrix of a record's noise; a guess before the first estimate."""

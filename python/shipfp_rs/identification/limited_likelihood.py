@@ -21,7 +21,6 @@ from shipfp_rs import _core
 from shipfp_rs.errors import SimulationError
 from shipfp_rs.identification.coordinates import loop_of
 from shipfp_rs.identification.equation_likelihood import LATE, STEP, EquationLikelihood
-from shipfp_rs.identification.likelihood import Slopes
 from shipfp_rs.identification.profiles import scaled_inverse
 from shipfp_rs.identification.spectra import Spectra
 from shipfp_rs.structures.parameter import BRAKE
@@ -252,10 +251,10 @@ class LimitedLikelihood(EquationLikelihood):
         return replace(super().with_noise(vector), held=tuple(float(one) for one in held))
 
     def prior_rows(
-        self, vector: Array, values: Mapping[str, float] | None = None, slopes: Slopes | None = None
+        self, vector: Array, values: Mapping[str, float] | None = None, jacobian: Array | None = None
     ) -> Array:
         """Rows of the priors, and a row that corrects the noise's determinant for the time in which a clamp is active."""
-        rows = super().prior_rows(vector, values, slopes)
+        rows = super().prior_rows(vector, values, jacobian)
         if self.water_hz is not None or not any(self.held):
             return rows
         size, found = self._opened(vector), np.zeros((1, rows.shape[1]))

@@ -16,7 +16,8 @@ from scipy.optimize import nnls
 from scipy.stats import chi2
 
 from shipfp_rs.identification.basins import Basin, descend
-from shipfp_rs.identification.likelihood import Figure, Itself, Likelihood, Products
+from shipfp_rs.identification.coordinates import Figure, Itself
+from shipfp_rs.identification.likelihood import Likelihood, Products
 from shipfp_rs.support.arrays import Array
 
 RISE = float(chi2.ppf(0.95, 1))

@@ -221,7 +221,7 @@ class Question:
             self.fixed
         )
         given = {name: value for name, value in given.items() if name not in free}
-        return Coordinates(free, given, len(self.experiments), unknowns)
+        return Coordinates(free, given, (unknowns,) * len(self.experiments))
 
     def _priors(self, free: Container[str]) -> dict[str, tuple[float, float]]:
         every = {

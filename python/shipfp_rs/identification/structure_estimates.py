@@ -20,6 +20,7 @@ from scipy.stats import chi2
 
 from shipfp_rs._core import __version__
 from shipfp_rs.experiments.experiment import Experiment
+from shipfp_rs.identification.coordinates import Itself
 from shipfp_rs.identification.equation_likelihood import EquationLikelihood
 from shipfp_rs.identification.estimate import Estimate, Identifiability
 from shipfp_rs.identification.fingerprint import Fingerprint
@@ -31,7 +32,6 @@ from shipfp_rs.identification.identifiability import (
     why_unknown,
     without_nuisance,
 )
-from shipfp_rs.identification.likelihood import Itself
 from shipfp_rs.identification.profiles import RISE, Interval, Profiles, scaled_inverse
 from shipfp_rs.identification.question import Options
 from shipfp_rs.identification.residual_tests import residual_tests
@@ -107,8 +107,7 @@ class StructureEstimates:
                 - likelihood.coordinates.size
             )
             jacobian[: len(jacobian) - priors] = 0.0
-        slopes = likelihood.coordinates.slopes(self.values)
-        by = np.array([slopes[one.name][place] for place, one in enumerate(self.structure.free)])
+        by = likelihood.coordinates.jacobian(self.values).diagonal()
         return np.asarray(without_nuisance(jacobian, count) / by)
 
     @cached_property

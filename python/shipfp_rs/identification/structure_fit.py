@@ -14,6 +14,7 @@ from shipfp_rs.errors import IdentificationError, InputError, SimulationError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.frequency import FrequencyResponse
 from shipfp_rs.identification.basins import ALIKE, Basin, descend, distinct
+from shipfp_rs.identification.coordinates import Coordinates
 from shipfp_rs.identification.equation_likelihood import EquationLikelihood
 from shipfp_rs.identification.first_guesses import LoopSpectra, guesses_from, guesses_in_open_loop
 from shipfp_rs.identification.question import Options
@@ -23,7 +24,6 @@ from shipfp_rs.identification.structure_likelihood import (
     InBand,
     Samples,
     Seen,
-    StructureCoordinates,
     StructureLikelihood,
     banded,
     seen,
@@ -75,11 +75,6 @@ class StructureFit:
         """The lowest minimum."""
         return self.basins[0]
 
-    @property
-    def coordinates(self) -> StructureCoordinates:
-        """Coordinates of the search."""
-        return _coordinates(self.likelihood)
-
     def known(self, record: int) -> dict[str, float]:
         """Parameters and a record's unknowns at the best minimum, by name."""
         c, vector = self.likelihood.coordinates, self.best.vector
@@ -108,7 +103,7 @@ def fit_structure(data: Data | Sequence[Data], structure: Structure, options: Op
     )
     until = None if options.time_limit_s is None else time.monotonic() + options.time_limit_s
     vectors = [
-        *start_vectors(records, likelihood, starts, options.seed),
+        *start_vectors(records, likelihood, structure, starts, options.seed),
         *guessed_vectors(records, likelihood, structure),
     ]
     ends = sorted(_ends(likelihood, vectors, until), key=lambda end: end.cost)
@@ -146,12 +141,14 @@ def likelihood_of(
     if not structure.free:
         raise InputError(f"structure {structure.name!r} has no free parameter; nothing to identify")
     own = StructureLikelihood.of(records, structure, accurate=options.at_rest)
-    return records, _in_closed_form(records, own) or own
+    return records, _in_closed_form(records, structure, own) or own
 
 
-def _in_closed_form(records: Sequence[Seen], own: StructureLikelihood) -> EquationLikelihood | None:
+def _in_closed_form(
+    records: Sequence[Seen], structure: Structure, own: StructureLikelihood
+) -> EquationLikelihood | None:
     """Return the likelihood by the ship's two equations; None if the structure has more, or data are no spectra."""
-    structure, names = own.coordinates.structure, own.coordinates.names
+    names = own.coordinates.names
     ships = [TwoEquations.of(record.structure, names) for record in records]
     spectra = [record.record for record in records if isinstance(record, InBand)]
     told = [ship for ship in ships if ship is not None]
@@ -163,7 +160,7 @@ def _in_closed_form(records: Sequence[Seen], own: StructureLikelihood) -> Equati
     unknowns = _unknowns(told[0])
     return EquationLikelihood(
         records=tuple(spectra),
-        coordinates=StructureCoordinates(structure, (unknowns,) * len(records), OFF_BY),
+        coordinates=Coordinates.of(structure, (unknowns,) * len(records), OFF_BY),
         accuracy=0.0 * own.accuracy if white == {True} else own.accuracy,
         priors=own.priors,
         gauge=told[0].gauge,
@@ -171,12 +168,6 @@ def _in_closed_form(records: Sequence[Seen], own: StructureLikelihood) -> Equati
         ships=tuple(told),
         white=white == {True},
     )
-
-
-def _coordinates(likelihood: Fitted) -> StructureCoordinates:
-    c = likelihood.coordinates
-    assert isinstance(c, StructureCoordinates)
-    return c
 
 
 def _unknowns(ship: TwoEquations) -> tuple[str, ...]:
@@ -225,14 +216,16 @@ def _settled(likelihood: Fitted, end: Basin, until: float | None) -> Basin:
     return Basin(likelihood.total(end.vector), end.vector, end.settled)
 
 
-def start_vectors(records: Sequence[Seen], likelihood: Fitted, count: int, seed: int | None) -> list[Array]:
+def start_vectors(
+    records: Sequence[Seen], likelihood: Fitted, structure: Structure, count: int, seed: int | None
+) -> list[Array]:
     """Return the declared start and `count` - 1 random ones with stable loops."""
-    c = _coordinates(likelihood)
-    vectors = [c.vector({one.name: one.start for one in c.parameters})]
+    c = likelihood.coordinates
+    vectors = [c.vector({one.name: one.start for one in structure.free})]
     random = np.random.default_rng(seed)
     for _ in range(count - 1):
         for _ in range(DRAWS):
-            vector = c.vector({one.name: one.drawn(random) for one in c.parameters})
+            vector = c.vector({one.name: one.drawn(random) for one in structure.free})
             values = c.values(vector)
             if all(record.structure.equations.stable(values) for record in records):
                 vectors.append(vector)

@@ -1,9 +1,5 @@
 """The likelihood of a given structure: its equations on experiments, spectra and frequency responses.
 
-Also here:
-
-- Search coordinates of a given structure: its free parameters, as logarithms where bounds are wide.
-
 Data in the form compared with a structure: samples, tapered spectra, or frequency responses.
 
 Each kind has a spectrum (O, F), the residual of a model, and the model's derivatives. For samples the "frequencies" are the
@@ -12,7 +8,6 @@ samples: white noise has the same covariance at all of them, so samples and spec
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -25,12 +20,10 @@ from shipfp_rs.errors import InputError, SimulationError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.frequency import FrequencyResponse
 from shipfp_rs.identification import spectra
+from shipfp_rs.identification.coordinates import Coordinates
 from shipfp_rs.identification.fit_statistics import nrmse_pct
 from shipfp_rs.identification.likelihood import (
     ACCURACY,
-    SMALL,
-    Figure,
-    Itself,
     Likelihood,
     noise_root,
     quantile_of,
@@ -40,133 +33,9 @@ from shipfp_rs.identification.likelihood import (
 )
 from shipfp_rs.identification.sampling import SHORTEST_S
 from shipfp_rs.structures.prediction import simulated_about
-from shipfp_rs.structures.structure import Parameter, Structure
+from shipfp_rs.structures.structure import Structure
 from shipfp_rs.structures.two_equations import TwoEquations
 from shipfp_rs.support.arrays import DEVIATIONS_95, Array, Numbers
-
-STATE_DEVIATION = 1.0
-"""Prior deviation of initial states and offsets, relative to the operating point, too wide to matter for most data."""
-
-
-@dataclass(frozen=True)
-class StructureCoordinates:
-    """Free parameters of a structure as a bounded vector, followed by the unknowns of its records."""
-
-    structure: Structure
-    unknowns: tuple[tuple[str, ...], ...]
-    """Names of the unknowns of each record."""
-    state_deviation: float = STATE_DEVIATION
-    """Prior standard deviation of the records' unknowns, relative to the operating point."""
-
-    @cached_property
-    def parameters(self) -> tuple[Parameter, ...]:
-        """The free parameters."""
-        return self.structure.free
-
-    @cached_property
-    def free(self) -> dict[str, tuple[float, float]]:
-        """Free parameters with their bounds."""
-        return {one.name: (one.lower, one.upper) for one in self.parameters}
-
-    @cached_property
-    def given(self) -> dict[str, float]:
-        """Parameters that are not searched."""
-        return {one.name: one.start for one in self.structure.parameters if one.fixed}
-
-    @property
-    def records(self) -> int:
-        """Number of records."""
-        return len(self.unknowns)
-
-    @cached_property
-    def names(self) -> tuple[str, ...]:
-        """Names of the free parameters."""
-        return tuple(self.free)
-
-    @cached_property
-    def size(self) -> int:
-        """Length of a search vector."""
-        return len(self.free) + sum(map(len, self.unknowns))
-
-    def place(self, name: str) -> int:
-        """Index of a parameter in a search vector."""
-        return self.names.index(name)
-
-    def states(self, record: int) -> slice:
-        """Slice of a record's unknowns in a search vector."""
-        first = len(self.free) + sum(map(len, self.unknowns[:record]))
-        return slice(first, first + len(self.unknowns[record]))
-
-    @cached_property
-    def logarithmic(self) -> frozenset[str]:
-        """Parameters that are searched as logarithms."""
-        return frozenset(one.name for one in self.parameters if one.logarithmic)
-
-    @cached_property
-    def bounds(self) -> tuple[Array, Array]:
-        """Bounds of a search vector."""
-        low, high = np.full(self.size, -np.inf), np.full(self.size, np.inf)
-        for place, (name, ends) in enumerate(self.free.items()):
-            low[place], high[place] = np.log(ends) if name in self.logarithmic else ends
-        return low, high
-
-    def values(self, vector: Array) -> dict[str, float]:
-        """Return the parameters in their units, given and tied ones included."""
-        found = dict(self.given)
-        for name, x in zip(self.names, vector.tolist(), strict=False):
-            low, high = self.free[name]
-            # exp(log(x)) may exceed a bound by rounding.
-            found[name] = min(max(math.exp(x), low), high) if name in self.logarithmic else x
-        return self.structure.complete(found) if self._tied else found
-
-    @cached_property
-    def _tied(self) -> bool:
-        return bool(self.structure.ties)
-
-    def states_at(self, vector: Array) -> list[dict[str, float]]:
-        """Return each record's unknowns by name."""
-        return [
-            dict(zip(names, vector[self.states(record)].tolist(), strict=True))
-            for record, names in enumerate(self.unknowns)
-        ]
-
-    def vector(self, values: Mapping[str, float], states: Sequence[Mapping[str, float]] = ()) -> Array:
-        """Return the search vector for values within the bounds; unknowns of records are zero unless given."""
-        vector = np.zeros(self.size)
-        for place, name in enumerate(self.names):
-            value = values[name]
-            vector[place] = np.log(max(value, self.free[name][0])) if name in self.logarithmic else value
-        for record, row in enumerate(states):
-            vector[self.states(record)] = [row.get(name, 0.0) for name in self.unknowns[record]]
-        return np.clip(vector, *self.bounds)
-
-    def slopes(self, values: Mapping[str, float]) -> dict[str, dict[int, float]]:
-        """Derivatives of the free parameters by entries of a search vector."""
-        return {
-            name: {place: values[name] if name in self.logarithmic else 1.0}
-            for place, name in enumerate(self.names)
-        }
-
-    def gradient(self, figure: Figure, vector: Array) -> Array:
-        """Derivative of a figure by the search vector, tied parameters included, shape (P,)."""
-        low, high = self.bounds
-        found = np.zeros(self.size)
-        if isinstance(figure, Itself) and figure.name in self.free and not self._tied:
-            place = self.place(figure.name)
-            found[place] = figure(self.values(vector)) if figure.name in self.logarithmic else 1.0
-            return found
-        for place in range(len(self.free)):
-            step = SMALL * max(1.0, abs(vector[place]))
-            up, down = vector.copy(), vector.copy()
-            up[place] = min(vector[place] + step, high[place])
-            down[place] = max(vector[place] - step, low[place])
-            found[place] = (figure(self.values(up)) - figure(self.values(down))) / (up[place] - down[place])
-        return found
-
-    def jacobian(self, values: Mapping[str, float]) -> Array:
-        """Derivatives of the free parameters by their entries of a search vector, (W, W)."""
-        return np.diag([values[name] if name in self.logarithmic else 1.0 for name in self.names])
-
 
 Data = Experiment | FrequencyResponse
 Evaluated = tuple[Numbers, Numbers]
@@ -425,7 +294,7 @@ class StructureLikelihood(Likelihood):
     """Likelihood of a structure for given records."""
 
     records: tuple[Seen, ...]
-    coordinates: StructureCoordinates
+    coordinates: Coordinates
 
     @classmethod
     def of(cls, records: Sequence[Seen], structure: Structure, *, accurate: bool = False) -> Self:
@@ -437,7 +306,7 @@ class StructureLikelihood(Likelihood):
                 accuracy = np.maximum(accuracy, said)
         return cls(
             records=tuple(records),
-            coordinates=StructureCoordinates(structure, tuple(record.unknowns for record in records)),
+            coordinates=Coordinates.of(structure, [record.unknowns for record in records]),
             accuracy=accuracy,
             priors={one.name: one.prior for one in structure.free if one.prior is not None},
         )
@@ -455,7 +324,7 @@ class StructureLikelihood(Likelihood):
         residual, slopes = self._evaluate(vector, record, c.names)
         jacobian = np.zeros((c.size, *residual.shape), dtype=slopes.dtype)
         jacobian[:count] = slopes[:count]
-        for name in c.logarithmic:
+        for name in c.logarithms:
             jacobian[c.place(name)] *= values[name]
         jacobian[c.states(record)] = slopes[count:]
         return residual, jacobian
@@ -487,7 +356,7 @@ class StructureLikelihood(Likelihood):
 
     def of_structure(self, structure: Structure) -> Self:
         """Return the likelihood of a structure with the same parameters, but other free ones."""
-        return replace(self, coordinates=replace(self.coordinates, structure=structure))
+        return replace(self, coordinates=Coordinates.of(structure, self.coordinates.unknowns))
 
     def settled_at(self, vector: Array) -> Self:
         """Return the likelihood with the noise of the residuals at a point of the search."""
