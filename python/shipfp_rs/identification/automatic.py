@@ -7,23 +7,26 @@ Also here:
 
 from __future__ import annotations
 
-import platform
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from typing import Any, Literal
 
 import numpy as np
-import scipy
 
-from shipfp_rs._core import __version__
 from shipfp_rs.errors import IdentificationError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.identification.basins import Basin, descend
 from shipfp_rs.identification.coordinates import Figure
 from shipfp_rs.identification.engine_tests import engine_curves
 from shipfp_rs.identification.estimate import ALONG, ASSUMED, KNOWN, Estimate, Identifiability
-from shipfp_rs.identification.fingerprint import Fingerprint
+from shipfp_rs.identification.fingerprint import (
+    UNSETTLED,
+    Fingerprint,
+    minima_rows,
+    record_row,
+    versions,
+)
 from shipfp_rs.identification.input_checks import doubts, require_excited
 from shipfp_rs.identification.likelihood import Likelihood
 from shipfp_rs.identification.limited_likelihood import LimitedLikelihood
@@ -146,12 +149,7 @@ def answered(
         data=tuple(_record(fit, index, row) for index, row in enumerate(rows)),
         settings=_settings(fit, intervals) | {"possible": [_named(fit, structure, one) for one in possible]},
         seed=seed,
-        versions={
-            "shipfp_rs": __version__,
-            "python": platform.python_version(),
-            "numpy": np.__version__,
-            "scipy": scipy.__version__,
-        },
+        versions=versions(),
         covariance=covariance_of(parameters, fit.side)
         if kind and fit.side
         else _covariance(profiles, fit, parameters),
@@ -433,18 +431,9 @@ def _fit(
 
 def _record(fit: ShipFit, index: int, row: Sequence[float]) -> dict[str, Any]:
     experiment, question = fit.question.experiments[index], fit.question
-    return {
-        "name": experiment.name,
-        "domain": "time",
-        "signals": {output: question.signal_in(experiment, output) for output in question.outputs},
-        "operating_point": dict(experiment.operating_point),
-        "fit": {output: {"nrmse_pct": value} for output, value in zip(question.outputs, row, strict=True)},
-        "samples": len(experiment),
-        "used": int((~fit.likelihood.records[index].masked.any(axis=1)).sum()),
-        "rate_hz": experiment.rate_hz,
-        "duration_s": experiment.duration,
-        "kind": experiment.kind,
-    }
+    signals = {output: question.signal_in(experiment, output) for output in question.outputs}
+    used = int((~fit.likelihood.records[index].masked.any(axis=1)).sum())
+    return record_row(experiment, signals, row, used)
 
 
 def _settings(fit: ShipFit, intervals: str) -> dict[str, Any]:
@@ -457,15 +446,8 @@ def _settings(fit: ShipFit, intervals: str) -> dict[str, Any]:
         "optimum": _named(fit, structure_of(fit), {**c.given, **fit.values}),
         "criterion": fit.best.cost,
         "converged": fit.best.settled,
-        "message": "settled" if fit.best.settled else "the search was ended before it settled",
-        "minima": [
-            {
-                "criterion": one.cost,
-                "converged": one.settled,
-                "parameters": {name: c.values(one.vector)[name] for name in c.names},
-            }
-            for one in fit.basins
-        ],
+        "message": "settled" if fit.best.settled else UNSETTLED,
+        "minima": minima_rows(c, fit.basins),
     }
 
 

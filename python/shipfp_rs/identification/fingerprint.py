@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 import math
+import platform
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import import_module
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+from shipfp_rs._core import __version__
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment
+from shipfp_rs.frequency import FrequencyResponse
+from shipfp_rs.identification.basins import Basin
+from shipfp_rs.identification.coordinates import Coordinates
 from shipfp_rs.identification.estimate import Estimate as Estimate
 from shipfp_rs.identification.estimate import Identifiability as Identifiability
 from shipfp_rs.identification.estimate import Usable, WhyNot, estimate_of
@@ -18,7 +24,7 @@ from shipfp_rs.identification.fingerprint_file import FingerprintTables, require
 from shipfp_rs.identification.fingerprint_simulation import SimulationMixin
 from shipfp_rs.support.arguments import check_fields, checked
 from shipfp_rs.support.files import ending_in, json_text, read_json, write_text_atomically
-from shipfp_rs.support.sentences import parts_of, with_parts
+from shipfp_rs.support.sentences import Sentence, parts_of, with_parts
 
 FORMAT = 1
 """Version of the JSON layout; raised when a key changes its meaning."""
@@ -241,3 +247,42 @@ class Fingerprint(FingerprintTables, SimulationMixin):
             why_not=content.get("why_not", ""),
             si=content.get("si", {}),
         )
+
+
+UNSETTLED = Sentence("the search was ended before it settled")
+
+
+def versions() -> dict[str, str]:
+    """Return the versions of what computed a fingerprint."""
+    others = {name: version(name) for name in ("numpy", "scipy")}
+    return {"shipfp_rs": __version__, "python": platform.python_version(), **others}
+
+
+def minima_rows(c: Coordinates, ends: Sequence[Basin]) -> list[dict[str, Any]]:
+    """Return the minima of a search as a fingerprint holds them."""
+    return [
+        {
+            "criterion": float(end.cost) if math.isfinite(end.cost) else None,
+            "converged": end.settled,
+            "parameters": {name: c.values(end.vector)[name] for name in c.names},
+        }
+        for end in ends
+    ]
+
+
+def record_row(
+    data: Experiment | FrequencyResponse, signals: Mapping[str, str], fits: Sequence[float], used: int
+) -> dict[str, Any]:
+    """Return the row of fitted data in a fingerprint; `signals` and `fits` [%] are those of the outputs."""
+    row: dict[str, Any] = {
+        "name": data.name,
+        "domain": "time" if isinstance(data, Experiment) else "frequency",
+        "signals": dict(signals),
+        "operating_point": dict(data.operating_point),
+        "fit": {output: {"nrmse_pct": value} for output, value in zip(signals, fits, strict=True)},
+        "samples": len(data),
+        "used": used,
+    }
+    if isinstance(data, Experiment):
+        row |= {"rate_hz": data.rate_hz, "duration_s": data.duration, "kind": data.kind}
+    return row

@@ -7,7 +7,6 @@ Also here:
 
 from __future__ import annotations
 
-import platform
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -15,15 +14,18 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import scipy
 from scipy.stats import chi2
 
-from shipfp_rs._core import __version__
-from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.identification.coordinates import Itself
 from shipfp_rs.identification.equation_likelihood import EquationLikelihood
 from shipfp_rs.identification.estimate import Estimate, Identifiability
-from shipfp_rs.identification.fingerprint import Fingerprint
+from shipfp_rs.identification.fingerprint import (
+    UNSETTLED,
+    Fingerprint,
+    minima_rows,
+    record_row,
+    versions,
+)
 from shipfp_rs.identification.fit_statistics import information_criteria
 from shipfp_rs.identification.identifiability import (
     Sensitivity,
@@ -338,9 +340,6 @@ def _relative(estimate: Estimate) -> float:
     return estimate.std / abs(estimate.value)
 
 
-UNSETTLED = Sentence("the search was ended before it settled")
-
-
 def fitted(
     data: Data | Sequence[Data], structure: Structure, options: Options, *, vessel: str | None = None
 ) -> Fingerprint:
@@ -370,7 +369,12 @@ def of_structure(fit: StructureFit, options: Options, *, vessel: str | None = No
         residuals={output: test.correlograms() for output, test in tests.items()},
         structure=structure.to_dict(),
         vessel=vessel,
-        data=tuple(_record(*pair, structure.outputs) for pair in zip(records, by_record, strict=True)),
+        data=tuple(
+            record_row(
+                record.data, dict(zip(structure.outputs, record.signals, strict=True)), fits, record.used
+            )
+            for record, fits in zip(records, by_record, strict=True)
+        ),
         settings={
             "noise": _noise(records),
             "intervals": options.intervals,
@@ -380,15 +384,10 @@ def of_structure(fit: StructureFit, options: Options, *, vessel: str | None = No
             "criterion": fit.ends[0].cost,
             "converged": converged,
             "message": "" if converged else UNSETTLED,
-            "minima": _minima(fit),
+            "minima": minima_rows(fit.likelihood.coordinates, fit.ends),
         },
         seed=options.seed,
-        versions={
-            "shipfp_rs": __version__,
-            "python": platform.python_version(),
-            "numpy": np.__version__,
-            "scipy": scipy.__version__,
-        },
+        versions=versions(),
         verdict=verdict(
             found.parameters,
             found.derived,
@@ -400,18 +399,6 @@ def of_structure(fit: StructureFit, options: Options, *, vessel: str | None = No
     )
     samples = next((test.samples for test in tests.values()), 0)
     return judged(fingerprint, samples)
-
-
-def _minima(fit: StructureFit) -> list[dict[str, Any]]:
-    c = fit.likelihood.coordinates
-    return [
-        {
-            "criterion": float(end.cost) if np.isfinite(end.cost) else None,
-            "converged": end.settled,
-            "parameters": {name: c.values(end.vector)[name] for name in c.names},
-        }
-        for end in fit.ends
-    ]
 
 
 def _noise(records: Sequence[Seen]) -> str:
@@ -459,19 +446,3 @@ def _overall(fit: StructureFit, found: StructureEstimates) -> dict[str, float | 
         freedom = samples * outputs - rank - unknown
         figures |= {"chi_squared": likelihood.cost(vector), "degrees_of_freedom": float(freedom)}
     return figures
-
-
-def _record(record: Seen, fits: Sequence[float], outputs: Sequence[str]) -> dict[str, Any]:
-    data = record.data
-    found: dict[str, Any] = {
-        "name": data.name,
-        "domain": "time" if isinstance(data, Experiment) else "frequency",
-        "signals": dict(zip(outputs, record.signals, strict=True)),
-        "operating_point": dict(data.operating_point),
-        "fit": {output: {"nrmse_pct": value} for output, value in zip(outputs, fits, strict=True)},
-        "samples": len(data),
-        "used": record.used,
-    }
-    if isinstance(data, Experiment):
-        found |= {"rate_hz": data.rate_hz, "duration_s": data.duration, "kind": data.kind}
-    return found
