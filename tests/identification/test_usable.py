@@ -11,7 +11,7 @@ import shipfp_rs as fp
 from shipfp_rs.assessment.si import doubts, in_si
 from shipfp_rs.identification.fingerprint import Estimate, Fingerprint, Identifiability
 from shipfp_rs.identification.stretches import Score
-from shipfp_rs.identification.usability import LARGE_MISS_PCT, LEAST_EXPLAINED_PCT, judged
+from shipfp_rs.identification.usability import LARGE_MISS_PCT, LEAST_EXPLAINED_PCT, judged, misses_of
 from shipfp_rs.identification.verdict import element_rows, with_verdict
 from shipfp_rs.identification.wording import missed
 from shipfp_rs.structures.ties import true_values
@@ -189,15 +189,15 @@ def test_a_trial_without_torque_is_usable_but_for_what_only_a_torque_tells() -> 
 def test_a_given_structure_is_judged_too(found) -> None:
     tested = {"input_correlation_p": 1e-9, "input_explained_pct": 20.0, "nrmse_pct": 90.0}
     fit = {"dn": tested, "dM": tested, "overall": {"structure_p": 1e-9}}
-    told = judged(replace(found, fit=fit, adequate={}), 5000)
-    assert told.usable == NOT_FOR_TUNING + (
+
+    def told(fit) -> Fingerprint:
+        return judged(replace(found, fit=fit, adequate={}), misses_of(fit, 5000), tested=True)
+
+    bent = told(fit)
+    assert bent.usable == NOT_FOR_TUNING + (
         "its intervals hold for the model, not for the drive train, of whose response the model misses 4.4 %."
     )
-    assert (told.usability, told.adequate["stands"]) == ("usable except", False)
-    assert told.verdict == found.verdict
-    good = {**fit, "overall": {"structure_p": 0.3}}
-    assert judged(replace(found, fit=good, adequate={}), 5000).usability == "usable"
-    worse = {**fit, "dn": {**tested, "nrmse_pct": 60.0}}
-    assert judged(replace(found, fit=worse, adequate={}), 5000).why_not == "misfit"
-    untested = {"dn": {"nrmse_pct": 97.0}, "overall": {}}
-    assert judged(replace(found, fit=untested, adequate={}), 5000).usability == ""
+    assert (bent.usability, bent.adequate["stands"]) == ("usable except", False)
+    assert bent.verdict == (bent.usable, *found.verdict)
+    assert told({**fit, "overall": {"structure_p": 0.3}}).usability == "usable"
+    assert told({**fit, "dn": {**tested, "nrmse_pct": 60.0}}).why_not == "misfit"

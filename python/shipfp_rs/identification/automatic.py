@@ -425,7 +425,7 @@ def _fit(
         }
         for index, output in enumerate(fit.question.outputs)
     }
-    table["overall"] = {"deviance": fit.best.cost}
+    table["overall"] = {"deviance": fit.total}
     return table
 
 
@@ -437,17 +437,17 @@ def _record(fit: ShipFit, index: int, row: Sequence[float]) -> dict[str, Any]:
 
 
 def _settings(fit: ShipFit, intervals: str) -> dict[str, Any]:
-    c = fit.likelihood.coordinates
+    c, above = fit.likelihood.coordinates, fit.total - fit.best.cost
     return {
         "structure": FULL_SHIP if fit.question.structure is None else fit.question.structure.name,
         "intervals": intervals,
         "set_point": fit.between or "band-limited",
         "band_hz": max(record.band_hz for record in fit.likelihood.records),
         "optimum": _named(fit, structure_of(fit), {**c.given, **fit.values}),
-        "criterion": fit.best.cost,
+        "criterion": fit.total,
         "converged": fit.best.settled,
         "message": "settled" if fit.best.settled else UNSETTLED,
-        "minima": minima_rows(c, fit.basins),
+        "minima": minima_rows(c, [replace(end, cost=end.cost + above) for end in fit.basins]),
     }
 
 

@@ -39,7 +39,7 @@ from shipfp_rs.identification.question import Options
 from shipfp_rs.identification.residual_tests import residual_tests
 from shipfp_rs.identification.structure_fit import StructureFit, fit_structure
 from shipfp_rs.identification.structure_likelihood import Data, InBand, Response, Seen
-from shipfp_rs.identification.usability import judged
+from shipfp_rs.identification.usability import judged, misses_of, misses_pct
 from shipfp_rs.identification.verdict import structure_test, verdict
 from shipfp_rs.structures.names import plain_name
 from shipfp_rs.structures.structure import Parameter, Structure
@@ -397,8 +397,14 @@ def of_structure(fit: StructureFit, options: Options, *, vessel: str | None = No
             "" if converged else UNSETTLED,
         ),
     )
+    if isinstance(fit.likelihood, EquationLikelihood) and not fit.likelihood.white:
+        # As of a ship whose structure is found.
+        missed = misses_pct(fit.likelihood, fit.best.vector)
+        return judged(fingerprint, dict(zip(structure.outputs, missed, strict=True)), tested=False)
+    if "structure_p" not in overall:
+        return fingerprint
     samples = next((test.samples for test in tests.values()), 0)
-    return judged(fingerprint, samples)
+    return judged(fingerprint, misses_of(fingerprint.fit, samples), tested=True)
 
 
 def _noise(records: Sequence[Seen]) -> str:

@@ -116,17 +116,22 @@ class Usability:
     why_not: WhyNot = ""
 
 
-def judged(fingerprint: Fingerprint, samples: int) -> Fingerprint:
-    """Return the fingerprint of a given structure with its usability; unchanged where no residuals test it."""
-    if "structure_p" not in fingerprint.fit.get("overall", {}):
-        return fingerprint
-    misses = misses_of(fingerprint.fit, samples)
-    stands = bool(fingerprint.model_adequate) or max(misses.values(), default=0.0) <= SMALL_MISS_PCT
-    adequate = {"stands": stands, "misses_pct": misses, "bias": {}, "dispersion": 1.0}
+def judged(fingerprint: Fingerprint, misses: Mapping[str, float], *, tested: bool) -> Fingerprint:
+    """Return the fingerprint of a given structure with its usability.
+
+    `misses` is the misfit of each output [%]; `tested`: a structure that its residuals do not contradict stands anyway.
+    """
+    stands = (tested and bool(fingerprint.model_adequate)) or max(
+        misses.values(), default=0.0
+    ) <= SMALL_MISS_PCT
+    adequate = {"stands": stands, "misses_pct": dict(misses), "bias": {}, "dispersion": 1.0}
     found = usability(replace(fingerprint, adequate=adequate))
+    # A search that did not end in a minimum has a first sentence of its own.
+    first = () if found.why_not == "no minimum" else (found.sentence,)
     return replace(
         fingerprint,
         adequate=adequate,
+        verdict=(*first, *fingerprint.verdict),
         usable=found.sentence,
         usability=found.state,
         why_not=found.why_not,
