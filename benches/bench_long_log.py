@@ -66,7 +66,7 @@ def part(arguments: list[str]) -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--quick", action="store_true", help="ten minutes of log, just to see that it runs")
+    parser.add_argument("--quick", action="store_true", help="two minutes of log, just to see that it runs")
     parser.add_argument("--repeats", type=int, default=5)
     parser.add_argument("--hours", type=float, default=RUN2_S / 3600.0)
     parser.add_argument("--folder", help="keep the log there, or take it from there")
@@ -75,7 +75,7 @@ def main() -> None:
     if options.part:
         part(options.part)
         return
-    duration_s, repeats = (600.0, 1) if options.quick else (3600.0 * options.hours, options.repeats)
+    duration_s, repeats = (120.0, 1) if options.quick else (3600.0 * options.hours, options.repeats)
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(options.folder or temporary)
         path = folder / "run2.parquet"

@@ -238,7 +238,7 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help="a few draws, just to see that it runs")
     options = parser.parse_args()
     if options.quick:
-        options.draws, options.rounds = 20, 1
+        options.draws, options.rounds = 4, 1
     plan = plan_of(options.draws)
     with tempfile.TemporaryDirectory() as name, threadpool_limits(limits=1):
         folder = Path(name)
@@ -253,7 +253,7 @@ def main() -> None:
         )
 
         rows, sample = [], rows_of_a_task(plan)
-        tasks = 20 if options.quick else 200
+        tasks = 4 if options.quick else 200
         for where in ("processes", "dask"):
             wall, cpu = empty_tasks(where, plan, sample, tasks)
             share = wall / (DRAWS_PER_TASK * cost)
