@@ -15,10 +15,11 @@ from shipfp_rs.assessment.comparison import compare, trend
 from shipfp_rs.assessment.validation import validate
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.parquet import write_experiments
-from shipfp_rs.identification.estimate import ALONG
+from shipfp_rs.identification.estimate import ALONG, Estimate
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.identification.identify import identify
 from shipfp_rs.simulation.simulate import Inflow, disturbed, simulate
+from shipfp_rs.structures.elements import ELEMENTS
 from shipfp_rs.vessel.linear_model import linearise
 from shipfp_rs.vessel.vessel import Vessel
 
@@ -64,12 +65,25 @@ def mended() -> Fingerprint:
     return trial(3, "mended")
 
 
-@pytest.fixture(scope="module")
-def limited() -> Fingerprint:
-    return trial(520, "limited", rate_hz=20.0)
+@pytest.fixture(scope="module", params=["written", pytest.param("fitted", marks=pytest.mark.slow)])
+def limited(request) -> Fingerprint:
+    """Of a trial that shows a limit: one written into another fingerprint, at night one that a fit has found."""
+    if request.param == "fitted":
+        return trial(520, "limited", rate_hz=20.0)
+    found = trial(2)
+    limits = {"M_max": Estimate(1.12, 0.01, (1.1, 1.14), "-", "free"), "M_soft": Estimate(5e-3, unit="-")}
+    row = {"state": "on", "evidence": 300.0, "limit": None, "words": ELEMENTS["torque_limit"].words}
+    return replace(
+        found,
+        parameters={**found.parameters, **limits},
+        elements={**found.elements, "torque_limit": row},
+        settings={**found.settings, "optimum": {**found.optimum, "M_max": 1.12, "M_soft": 5e-3}},
+    )
 
 
-@pytest.mark.parametrize("moving", [False, True], ids=["still water", "another sea"])
+@pytest.mark.parametrize(
+    "moving", [False, pytest.param(True, marks=pytest.mark.slow)], ids=["still water", "another sea"]
+)
 def test_the_same_ship_again_shows_no_change(first, moving):
     again = trial(5, moving=moving)
     assert first["hold"].value != again["hold"].value
@@ -78,6 +92,7 @@ def test_the_same_ship_again_shows_no_change(first, moving):
     assert "No change beyond" in same.verdict[0]
 
 
+@pytest.mark.slow
 def test_what_differs_along_a_valley_of_delays_is_no_change():
     # Lag, dead times and a governor's hold trade for each other: each trial ends elsewhere in one bent valley.
     found = [trial(seed) for seed in range(102, 107)]

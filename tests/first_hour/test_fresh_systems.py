@@ -18,7 +18,10 @@ def in_process(arguments: Sequence[str]) -> str | None:
     return f"{arguments[0]}: {status}" if (status := cli.main(list(arguments))) else None
 
 
-@pytest.mark.parametrize(("kind", "seed"), [("genset", 310001), ("pod", 310007), ("boat", 310008)])
+@pytest.mark.parametrize(
+    ("kind", "seed"),
+    [("genset", 310001), ("boat", 310008), pytest.param("pod", 310007, marks=pytest.mark.slow)],
+)
 def test_a_fresh_system_runs_and_its_main_parameters_hold(kind: str, seed: int, tmp_path: Path):
     system = drawn(kind, seed, 60.0)
     assert answered(system, tmp_path, in_process) is None

@@ -44,6 +44,7 @@ def test_a_limit_that_acts_is_shown(own, element):
     assert suspected(scores(noisy(own))) == element
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("down", [0.25, 0.5])
 def test_a_rack_that_is_slower_down_has_two_rates_and_another_one(down):
     # Known loads and no other elements: it is the rates that are searched.

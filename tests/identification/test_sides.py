@@ -49,7 +49,8 @@ def test_it_is_read_as_it_was_saved(undescribed, tmp_path):
 
 def test_a_smooth_ship_has_both_sides_and_they_agree():
     ship = next(one for one in (draw("launch", seed) for seed in range(160200, 160230)) if smooth(one))
-    found = fp.identify(fp.Experiment(**ship.experiment()), intervals="symmetric")
+    others = dict.fromkeys(("torque_limit", "rack_rate", "twist"), False)
+    found = fp.identify(fp.Experiment(**ship.experiment()), elements=others, intervals="symmetric")
     assert found.adequate["sides"] == {"load": True, "engine": True}
     alone, whole = found.load_side["p"], found.parameters["p"]
     assert set(found.adequate["engine_curves"]) == {"error", "slope"}

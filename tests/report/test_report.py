@@ -20,6 +20,7 @@ from shipfp_rs.identification.fingerprint import Estimate, Fingerprint, Identifi
 from shipfp_rs.identification.identify import identify
 from shipfp_rs.report import render, write_report
 from shipfp_rs.report.pictures import thin
+from shipfp_rs.structures.structure import Structure
 from tests.identification.parity import Case, simulated
 from tests.report.echo import echo
 
@@ -380,7 +381,8 @@ def test_a_fingerprint_without_experiments_or_verdict_still_makes_a_page(tmp_pat
 
 def test_a_ship_that_runs_away_has_a_report_without_its_signals(tmp_path, monkeypatch, caplog):
     _, record = simulated(Case(seconds=60.0))
-    found = identify(record, intervals="symmetric")
+    structure = Structure.ship([], torque="gauge", products=True)
+    found = identify(record, structure, intervals="symmetric")
 
     def runs_away(*_):
         raise SimulationError("simulation diverged at sample 4")

@@ -42,6 +42,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_a_process_that_is_killed_costs_nothing(whole: Path, tmp_path: Path) -> None:
     kill = KillOne()
     sweep(cheap_plan(DRAWS), tmp_path, workers=2, draws_per_task=1, progress=kill)
@@ -84,6 +85,7 @@ def test_a_draw_that_kills_its_process_is_one_failed_row(whole: Path, tmp_path: 
     ]
 
 
+@pytest.mark.slow
 def test_a_dask_worker_that_is_killed_costs_nothing(whole: Path, tmp_path: Path) -> None:
     pytest.importorskip("distributed")
     kill = KillOne()
