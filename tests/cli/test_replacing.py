@@ -55,7 +55,7 @@ def test_an_inspection_replaces_its_own_pictures(folder, monkeypatch, capsys, tm
     assert (tmp_path / "found" / "notes.txt").read_text() == "mine"
 
 
-@pytest.mark.parametrize("name", ["12:30", "file:x #1", "[%20]"])
+@pytest.mark.parametrize("name", ["12:30 file:x #1 [%20]"])
 def test_names_of_any_kind_are_names(folder, monkeypatch, tmp_path, name):
     monkeypatch.chdir(tmp_path)
     for wanted in ("log.parquet", "SWEEP.toml"):

@@ -103,6 +103,7 @@ def test_design_expects_what_run_found(told: Told) -> None:
     assert not {name for name in unknown if relative(told.fingerprint[name].to_dict()) < WELL_TOLD}
 
 
+@pytest.mark.parametrize("told", ["tug"], indirect=True)
 def test_the_page_checks_as_the_command_does(told: Told) -> None:
     with served(told.folder) as caller:
         job = follow(caller, caller.post("job", {"kind": "check", "file": "TRIAL.toml"}))

@@ -31,7 +31,7 @@ def trial(seed):
     return fp.Experiment("motor", FINE_HZ / EVERY, signals, operating_point=point, hold="zero", kind="steps")
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", [1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (2, 3))])
 def test_eleven_seconds_of_steps_tell_the_gains_of_a_quick_motor_a7(seed):
     found = fp.identify(trial(seed))
     assert found.usability != "not usable"

@@ -48,7 +48,7 @@ JUMP = ("sampled", "stops", "rate", "firing", "all")
 """Parts of names of ships in which something jumps."""
 
 
-def excitation(hold, size_rpm=40.0, samples=100):
+def excitation(hold, size_rpm=40.0, samples=60):
     wave = size_rpm * (wander(samples) / N_E - 1.0) / 0.06
     return Excitation("wander", "wander", 50.0, wave - wave[0], hold)
 

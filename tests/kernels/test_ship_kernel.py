@@ -86,8 +86,23 @@ def solution(ship, hold):
     return twin.simulate(SHIPS[ship], u, load, DT, hold, OUTPUTS)
 
 
-# The twin takes seconds a ship: each has one of both holds.
-@pytest.mark.parametrize(("ship", "hold"), [(ship, HOLDS[place % 2]) for place, ship in enumerate(SHIPS)])
+DEAR = {
+    "derivative gain, late",
+    "a command held as long as it is late",
+    "lag and dead times",
+    "a dead time below a step",
+    "not at rest",
+}
+"""Ships for which the twin takes seconds; what they join is tested alone every day."""
+
+
+@pytest.mark.parametrize(
+    ("ship", "hold"),
+    [
+        pytest.param(ship, HOLDS[place % 2], marks=pytest.mark.slow if ship in DEAR else ())
+        for place, ship in enumerate(SHIPS)
+    ],
+)
 def test_outputs_are_those_of_the_equations_and_come_nearer_with_shorter_steps(ship, hold):
     expected = solution(ship, hold)
     spread = np.ptp(expected, axis=1)

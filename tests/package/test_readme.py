@@ -194,17 +194,3 @@ def test_a_page_that_says_something_wrong_is_found_out(tmp_path):
         page.write_text(wrong)
         with pytest.raises((ZeroDivisionError, RuntimeError, AssertionError)):
             run_page(page, tmp_path, type_in)
-
-
-def test_the_table_of_full_scale_results_is_what_the_command_prints(fullscale):
-    rows = {(row.case, row.way): row for row in fullscale.rows if row.table == "7.1"}
-    printed = [
-        f"{rows[key].fit['dn']:.1f} / {rows[key].fit['dM']:.1f}"
-        for key in (("ii", "printed"), ("ii", "thesis"), ("ii", "ours"), ("ii, ten points", "ours"))
-    ]
-    for figures in printed:
-        assert figures in README
-    assert (
-        f"{rows['ii', 'ours'].parameters['p']:.2f} | {rows['ii', 'ours'].parameters['tau_prop']:.2f}"
-        in README
-    )

@@ -21,7 +21,10 @@ KINDS = [kind for kind in WRITERS if not kind.startswith("MATLAB 5")]
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="memory of a process is told by /proc")
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize(
+    "kind",
+    [pytest.param(kind, marks=() if index % 2 else pytest.mark.slow) for index, kind in enumerate(KINDS)],
+)
 def test_reading_through_a_channel_holds_a_fraction_of_it(
     kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,6 +13,8 @@ from shipfp_rs.reproduce import Row, fullscale_figures, trial
 from shipfp_rs.reproduce.fullscale import measured_response
 from shipfp_rs.reproduce.fullscale_figures import Material
 from tests.pictures import check_figures
+
+README = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
 
 
 @pytest.fixture
@@ -184,3 +187,17 @@ ONE_LINE = ("fig_6_13.png", "fig_6_14.png", "fig_6_17.png", "fig_6_18.png", "fig
 
 def test_every_axis_of_every_figure_is_labelled_with_its_unit(reproduction):
     check_figures(fullscale_figures.PICTURES, Material(reproduction), without_legend=ONE_LINE)
+
+
+def test_the_table_of_full_scale_results_is_what_the_command_prints(reproduction):
+    found = {(row.case, row.way): row for row in reproduction.rows if row.table == "7.1"}
+    printed = [
+        f"{found[key].fit['dn']:.1f} / {found[key].fit['dM']:.1f}"
+        for key in (("ii", "printed"), ("ii", "thesis"), ("ii", "ours"), ("ii, ten points", "ours"))
+    ]
+    for figures in printed:
+        assert figures in README
+    assert (
+        f"{found['ii', 'ours'].parameters['p']:.2f} | {found['ii', 'ours'].parameters['tau_prop']:.2f}"
+        in README
+    )

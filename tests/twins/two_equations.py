@@ -30,8 +30,11 @@ def product(*operators):
 
 
 def polynomial(s, *coefficients):
-    whole = P(coefficients)
-    return np.array([whole.deriv(k)(s) / factorial(k) * np.ones_like(s) for k in range(ORDERS)])
+    orders = np.zeros((ORDERS, len(s)), complex)
+    for k in range(min(ORDERS, len(coefficients))):
+        taylor = [comb(n, k) * one for n, one in enumerate(coefficients) if n >= k]
+        orders[k] = np.polyval(taylor[::-1], s)
+    return orders
 
 
 def delay(s, t):

@@ -1,5 +1,7 @@
 """A small trial of the tug as a logger of speed and torque would have written it: a CSV that needs no calibration."""
 
+import io
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +17,13 @@ COLUMNS = ("n_set", "shaft torque", "PTM_e")
 
 
 def write_csv(path: Path, seed: int = 0) -> Path:
+    """Write the log of a tug."""
+    path.write_bytes(csv_of(seed))
+    return path
+
+
+@cache
+def csv_of(seed: int) -> bytes:
     """Set point [rpm], torque [Nm] and one pulse a turn of the engine [V], with relay jumps and radio spikes."""
     sensors = Sensors(rate_hz=RATE_HZ)
     chirp = signals.chirp(0.04, 1.5, CHIRP_S, 40.0, rate_hz=RATE_HZ, name="chirp")
@@ -27,8 +36,9 @@ def write_csv(path: Path, seed: int = 0) -> Path:
         sensors.torque(log.read("U_torque")),
         log.read("PTM_e"),
     )
+    text = io.BytesIO()
     np.savetxt(
-        path, np.column_stack(columns), fmt=["%.4f", "%.3f", "%.2f", "%.3f"], delimiter=",", comments="",
+        text, np.column_stack(columns), fmt=["%.4f", "%.3f", "%.2f", "%.3f"], delimiter=",", comments="",
         header="time [s],n_set [rpm],shaft torque [Nm],PTM_e [V]",
     )  # fmt: skip
-    return path
+    return text.getvalue()

@@ -3,8 +3,6 @@
 import json
 import os
 import re
-import subprocess
-import sys
 from io import BytesIO
 from pathlib import Path
 
@@ -12,6 +10,7 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
+from shipfp_rs import cli
 from shipfp_rs.logs.log import Log
 from shipfp_rs.view.draft import Draft, written
 from tests.conftest import CHROMIUM
@@ -376,16 +375,7 @@ def test_a_newcomer_gets_from_a_csv_to_a_report_without_a_text_editor(browser, t
             page.screenshot(path=Path(folder) / "view-newcomer.png")
         page.close()
     assert {"TRIAL.toml", "shipfp-run"} <= {path.name for path in tmp_path.iterdir()}
-    command = [
-        sys.executable,
-        "-m",
-        "shipfp_rs.cli",
-        "run",
-        str(tmp_path / "TRIAL.toml"),
-        "--out",
-        str(tmp_path / "again"),
-    ]
-    subprocess.run(command, check=True, capture_output=True)
+    assert cli.main(["run", str(tmp_path / "TRIAL.toml"), "--out", str(tmp_path / "again")]) == 0
     page_made, command_made = (
         json.loads((tmp_path / name / "fingerprint.json").read_text()) for name in ("shipfp-run", "again")
     )
