@@ -7,6 +7,7 @@ import pytest
 
 import shipfp_rs as fp
 from shipfp_rs.identification.engine_tests import engine_curves, engine_tests, suspected
+from shipfp_rs.identification.likelihood import real_rows, turned
 from shipfp_rs.identification.question import question_of
 from shipfp_rs.identification.ship_fit import smooth_ship
 from shipfp_rs.identification.ship_found import likelihood_of
@@ -80,7 +81,7 @@ def test_a_score_is_how_far_the_deviance_falls_with_the_shape_as_one_unknown_mor
     shape[:, 0] = 0.0
     score = Stretches(likelihood, vector, [shape[None]]).scores()[0]
     rows = likelihood.whitened(vector)
-    white = likelihood.in_units_of_noise(shape, 0)
+    white = real_rows(turned(likelihood.root(0), shape[None]))[0]
     more = np.concatenate([white, np.zeros(len(rows) - len(white))])
     low, high = likelihood.coordinates.bounds
     moves = np.ones(rows.shape[1] - 1, bool)

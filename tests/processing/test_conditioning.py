@@ -1,6 +1,5 @@
-"""Operating points, trends and the torque on either side of the gauge, with answers known from the plant."""
+"""Operating points, trends, delays and the low-pass, with answers known from the plant."""
 
-import math
 from dataclasses import replace
 
 import numpy as np
@@ -10,7 +9,7 @@ from shipfp_rs import signals
 from shipfp_rs.errors import InputError
 from shipfp_rs.logs.channel import Channel
 from shipfp_rs.logs.log import Log, Rows
-from shipfp_rs.processing.conditioning import LowPass, about_local_point, detrended, torque_across_inertia
+from shipfp_rs.processing.conditioning import LowPass, about_local_point, detrended
 from shipfp_rs.simulation.simulate import simulate
 from shipfp_rs.vessel.vessel import Vessel
 
@@ -20,32 +19,6 @@ SINE = simulate(TUG, signals.sine_sequence([0.2], 8, 20.0, rate_hz=50.0))
 
 def with_torque(experiment, torque):
     return replace(experiment, signals={**experiment.signals, "M_g": torque})
-
-
-def test_the_torque_of_the_gauge_is_brought_to_either_side_of_the_inertia():
-    M_s = torque_across_inertia(SINE, TUG, "engine")
-    np.testing.assert_allclose(M_s[5:-5], SINE.signals["M_s"][5:-5], rtol=1e-5)
-    n_s = SINE.signals["n_s"]
-    M_p = TUG.torque_coefficient * n_s**TUG.propeller.torque_exponent
-    np.testing.assert_allclose(torque_across_inertia(SINE, TUG, "propeller")[5:-5], M_p[5:-5], rtol=1e-5)
-
-
-def test_in_normalised_form_it_is_tau_1_times_the_slope():
-    shaft, point = TUG.shaft, SINE.operating_point
-    n_s0, M_s0 = point["n_e"] / 60.0 / TUG.gearbox.ratio, point["M_g"]
-    tau_1 = 2.0 * math.pi * (shaft.inertia_kg_m2 - shaft.propeller_side_inertia_kg_m2) * n_s0 / M_s0
-    slope = np.gradient(SINE.normalised("n_e"), 1.0 / SINE.rate_hz)
-    ours = torque_across_inertia(SINE, TUG, "engine") / M_s0 - 1.0
-    np.testing.assert_allclose(
-        ours[5:-5], (SINE.normalised("M_g") + tau_1 * slope)[5:-5], atol=2e-3 * np.ptp(ours)
-    )
-
-
-def test_no_torque_is_invented_beside_a_gap():
-    speed = SINE.signals["n_e"].copy()
-    speed[100:110] = np.nan
-    torque = torque_across_inertia(replace(SINE, signals={**SINE.signals, "n_e": speed}), TUG, "engine")
-    assert np.flatnonzero(np.isnan(torque)).tolist() == list(range(99, 111))
 
 
 def test_a_local_point_takes_an_offset_of_the_torque_away():
@@ -78,8 +51,6 @@ def test_a_trend_of_the_set_point_is_no_drift():
         detrended(rising)
     with pytest.raises(InputError, match="degree: found 4"):
         detrended(SINE, 4)
-    with pytest.raises(InputError, match="side is 'gauge', expected one of engine, propeller"):
-        torque_across_inertia(SINE, TUG, "gauge")
 
 
 @pytest.mark.parametrize("rate_hz", [2000.0, 1000.0, 500.0])
@@ -114,5 +85,6 @@ def test_entrained_water_counts_on_the_propellers_side():
     experiment = simulate(ship, signals.chirp(0.1, 1.0, 20.0, 20.0, rate_hz=200.0))
     n_s = experiment.signals["n_s"]
     load = ship.torque_coefficient * n_s**ship.propeller.torque_exponent
-    found = torque_across_inertia(experiment, ship, "propeller")
+    inertia = ship.propeller_side_inertia
+    found = experiment.signals["M_g"] - 2.0 * np.pi * inertia * np.gradient(n_s, 1.0 / experiment.rate_hz)
     np.testing.assert_allclose(found[5:-5], load[5:-5], rtol=1e-3)

@@ -95,7 +95,7 @@ ships that profiles found possible.
 LEAST = {"phase margin": -np.inf, "overshoot": 0.0, "dM_b(0)": -np.inf, "dM_g(0)": -np.inf}
 """Least values of figures that may be zero or change sign; intervals of all others are symmetric in the logarithm."""
 ENDLESS = ("gain margin", "ultimate gain")
-"""Figures that are infinite if they have no value."""
+"""Figures that are infinite for a loop that does not have them, as a gain margin without a phase crossing."""
 SAME = {"dM_b(inf)": "vK_p", "dM_b(0)": "p", "dM_g(0)": "p"}
 """Parameters that equal a figure for a ship without further elements, and so share its interval."""
 

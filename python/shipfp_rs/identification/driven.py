@@ -103,8 +103,8 @@ def instead(
     """Return the lists of word replacements; none for an engine that turns a propeller.
 
     "Propeller" is kept where no load was measured, and the vessel file has a propeller or the fingerprint names its ship.
-    "Engine" is replaced if the vessel file has no cylinders and no fuel rack was measured. In open loop "set point" becomes
-    "command". Without a vessel, the fingerprint's settings say what its file contained.
+    The word "engine" is replaced where the vessel file has no cylinders and no fuel rack was measured. In open loop "set
+    point" becomes "command". Without a vessel, the fingerprint's settings say what its file contained.
     """
     told: Mapping[str, Any] = fingerprint.settings if vessel is None else of_vessel(vessel)
     gives = told.get("vessel_gives")

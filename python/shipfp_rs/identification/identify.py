@@ -114,19 +114,10 @@ def identify(
     """
     data = of_frames(data)
     options = Options(noise, intervals, starts, seed, time_limit_s)
+    asked = {"elements": elements, "torque": torque, "outputs": outputs, "fixed": fixed, "priors": priors}
     if structure is None:
-        return _full_ship(
-            data,
-            options,
-            vessel=vessel,
-            elements=elements,
-            torque=torque,
-            outputs=outputs,
-            fixed=fixed,
-            priors=priors,
-        )
-    narrow = {"elements": elements, "torque": torque, "outputs": outputs, "fixed": fixed, "priors": priors}
-    for name, value in narrow.items():
+        return _full_ship(data, options, vessel, asked)
+    for name, value in asked.items():
         if value is not None:
             raise InputError(
                 f"{name}: found with a structure, expected without one; the structure says it itself"
@@ -149,17 +140,9 @@ def _experiments(data: Data | Sequence[Data]) -> list[Experiment]:
 
 
 def _full_ship(
-    data: Data | Sequence[Data],
-    options: Options,
-    *,
-    vessel: str | None,
-    elements: Mapping[str, bool] | None,
-    torque: Torque | None,
-    outputs: Sequence[str] | None,
-    fixed: Mapping[str, float] | None,
-    priors: Mapping[str, tuple[float, float]] | None,
+    data: Data | Sequence[Data], options: Options, vessel: str | None, asked: Mapping[str, Any]
 ) -> Fingerprint:
-    """Fit the full ship."""
+    """Fit the full ship; `asked` are the arguments of `identify` that a structure would say itself."""
     given = [data] if isinstance(data, Experiment | FrequencyResponse) else list(data)
     for item in given:
         if not isinstance(item, Experiment):
@@ -176,17 +159,14 @@ def _full_ship(
     experiments = [item for item in given if isinstance(item, Experiment)]
     if not experiments:
         raise InputError("identify: no data given, expected an Experiment")
-    asked: dict[str, Any] = {
-        "torque": torque, "outputs": outputs, "elements": elements, "fixed": fixed, "priors": priors,
-    }  # fmt: skip
     if in_open_loop(experiments):
         require_excited(experiments)
         structure = structure_in_open_loop(experiments, **asked)
         with progress_of(experiments, vessel):
             found = fitted(experiments, structure, options, vessel=vessel)
-        return with_caveat(_with(found, experiments), fixed)
+        return with_caveat(_with(found, experiments), asked["fixed"])
     with progress_of(experiments, vessel):
-        return _as_given(_answered(question_of(experiments, **asked), options, vessel), fixed or {})
+        return _as_given(_answered(question_of(experiments, **asked), options, vessel), asked["fixed"] or {})
 
 
 def _given_ship(

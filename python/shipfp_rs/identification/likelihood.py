@@ -245,10 +245,6 @@ class Likelihood:
         """Spectra (W, O, F) in units of the noise, as rows of real numbers (W, R)."""
         return real_rows(turned(self.root(record), spectra))
 
-    def in_units_of_noise(self, spectra: Numbers, record: int) -> Array:
-        """Spectra (O, F) of a record in units of its noise, as real numbers (R,)."""
-        return np.asarray(self._white(spectra[None], record)[0])
-
     def with_noise(self, vector: Array) -> Self:
         """Return the likelihood with the noise of the residuals at a point of the search."""
         residuals = self.residuals(vector)
@@ -259,10 +255,6 @@ class Likelihood:
     def _noise(self, residuals: Sequence[Numbers], unsure: Sequence[Numbers | float]) -> tuple[Numbers, ...]:
         """Root of the inverse spectral matrix of each record's residuals."""
         return tuple(map(noise_root, residuals, unsure))
-
-    def with_noise_of(self, other: Likelihood) -> Self:
-        """Return the likelihood with the noise of another likelihood of the same records."""
-        return replace(self, roots=other.roots, responses=other.responses)
 
     def knots(self) -> Array:
         """Knots of the systematic errors, in octaves, (K,)."""

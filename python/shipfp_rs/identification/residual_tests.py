@@ -11,9 +11,8 @@ Also here:
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -276,13 +275,3 @@ def _whiteness(fit: StructureFit, output: int) -> ResidualTest | None:
             row[record.valid] = (fit.likelihood.root(index) @ left)[output]
             rows.append((row, record.valid))
     return whiteness(rows) if rows else None
-
-
-def input_dispersion(figures: Mapping[str, Any], samples: int) -> float:
-    """Return the residual power of an output that the set point explains over that of noise, at least one.
-
-    From `OutputTests.figures`: the explained share of the power times the number of samples, over the test's degrees of
-    freedom.
-    """
-    share = float(figures.get("input_explained_pct") or 0.0) / 100.0
-    return max(share * samples / (INPUT_LAGS + 1.0), 1.0)

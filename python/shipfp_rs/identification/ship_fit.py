@@ -264,7 +264,7 @@ def _elsewhere(fit: ShipFit, starts: Sequence[Array], until: float | None) -> tu
 
 
 def _is_apart(fit: ShipFit, basins: Sequence[Basin], other: Basin) -> bool:
-    """Whether a minimum found under other noise differs from all minima under the fit's noise."""
+    """Whether a minimum, found with another estimate of the noise, differs from all minima of the fit."""
     known = fit.best.products or fit.likelihood.products(fit.best.vector)
     moves = [other.vector - one.vector for one in basins]
     return all(one @ known.matrix @ one > SAME and np.abs(one).max() > 1e-3 for one in moves)

@@ -43,8 +43,8 @@ stop. True noise converges in few; the misfit of a model to simulated data may t
 UNMOVED = 3e-7
 """Largest step of a search vector's entries below which the descents stop, too: without noise the total never converges."""
 STEPS, SETTLED, LAST = 100, 1e-4, 1e-9
-"""Most steps of a descent, decrease below which it stops, and a smaller decrease for the last descent, which then takes only
-one or two steps more."""
+"""Most steps of a descent, decrease of the deviance below which it stops, and the smaller decrease of the last descent; that
+one takes one or two steps more."""
 ROUNDING = 1e-9
 """Relative decrease of a deviance below which it may be rounding."""
 OFF_BY = 0.1

@@ -48,8 +48,8 @@ GUESSES = 8
 ROUNDS, STEPS, STILL = 6, 12, 1.0
 """Most rounds of descents with a limit, most steps of each, and decrease of the deviance below which they stop."""
 BEHIND = 0.2
-"""Excess deviance after one round, as a share of the limit's decrease, up to which another computation of the limit's effect
-is continued."""
+"""Deviance above the best after one round, over the decrease by the limit, up to which the other way to compute the limit's
+effect is continued."""
 KEPT = 5
 """Number of starts, those of least deviance, from which a descent begins."""
 LEVELS, AHEAD = (0.9, 0.97, 0.995), 1.5

@@ -39,7 +39,7 @@ OF_ROLES: Mapping[str, tuple[str, ...]] = {
     "torque": ("sign",),
     "train": ("A", "B", "faint"),
 }
-"""Faults specific to channels of a role, which a trial assigns."""
+"""Faults that only channels of certain roles can have; a trial assigns the roles."""
 
 
 def looked_for(reports: Sequence[ChannelReport], trial: Trial | None) -> dict[str, Any]:

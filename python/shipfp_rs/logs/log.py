@@ -506,7 +506,7 @@ def _reader_of(path: Path) -> Reader:
 def register_reader(*suffixes: str, takes: Sequence[str] = ()) -> Callable[[Reader], Reader]:
     """Register the decorated function (path, rate_hz) as the reader of files with these suffixes.
 
-    `takes` lists the options of `Log.open`, "time" or "names", that are passed to it by keyword when given.
+    `takes` lists the options of `Log.open` ("time", "names") that the reader accepts as keywords.
     """
 
     def register(reader: Reader) -> Reader:

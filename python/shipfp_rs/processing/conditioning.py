@@ -1,4 +1,4 @@
-"""Preparation of an experiment's signals for a fit: operating point, trend, torque at another position on the shaft.
+"""Preparation of an experiment's signals for a fit: operating point and trend.
 
 Also here:
 
@@ -24,7 +24,6 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 from scipy import fft
-from scipy.interpolate import CubicSpline
 from scipy.ndimage import convolve1d
 from scipy.signal import resample_poly
 
@@ -33,11 +32,9 @@ from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import DRIVES, Experiment
 from shipfp_rs.logs.channel import Channel
 from shipfp_rs.logs.log import Log
-from shipfp_rs.support.arguments import one_of
 from shipfp_rs.support.arrays import Array, ComplexArray, Mask, Spans, runs
 from shipfp_rs.support.derivatives import taps
 from shipfp_rs.support.spikes import bridge
-from shipfp_rs.vessel.vessel import Vessel
 
 FINER = 8
 """Steps of the angle per sample."""
@@ -398,8 +395,6 @@ class LowPass:
         return bridged
 
 
-Side = Literal["engine", "propeller"]
-
 MOST_DEGREE = 3
 """Highest degree of a trend; a higher polynomial would follow the slow sines of a trial."""
 LEAST_LOADED = 0.5
@@ -518,54 +513,6 @@ def set_point_is_trend(experiment: Experiment, degree: int = 1) -> bool:
     basis = np.column_stack([np.ones(len(experiment)), _polynomials(experiment, degree)])
     left = set_point - basis @ np.linalg.lstsq(basis, set_point)[0]
     return bool(set_point.any() and left @ left < LEAST_OWN * (set_point @ set_point))
-
-
-def torque_across_inertia(experiment: Experiment, vessel: Vessel, side: Side) -> Array:
-    """Convert the torque of a gauge between the inertias to that on the engine's or propeller's side [Nm], shape (N,).
-
-    On the engine's side M_s = M_g + 2 pi J_1 dn_s/dt, normalised M_b* = M_g* + tau_1 s n* with
-    tau_1 = 2 pi J_1 n_s0 / M_s0; on the propeller's side M_p = M_g - 2 pi J_2 dn_s/dt. A constant factor can't convert
-    one of these torques to another, since the inertias' torques depend on the acceleration.
-
-    Parameters
-    ----------
-    experiment
-        Experiment with M_g [Nm] and n_e [rpm].
-    vessel
-        Source of the gear ratio and both inertias.
-    side
-        "engine": M_s, before the gearbox's shaft; "propeller": M_p.
-
-    Returns
-    -------
-    ndarray
-        Torque, NaN where torque or speed is. The slope of the speed is that of a cubic spline, with an error of 0.1 % up
-        to a tenth of the sample rate and of -2 % at a fifth.
-
-    Raises
-    ------
-    InputError
-        If the experiment has no M_g or no n_e, or for another side.
-    """
-    one_of("side", side, ("engine", "propeller"))
-    for name in ("M_g", "n_e"):
-        if name not in experiment.signals:
-            raise InputError(
-                f"experiment {experiment.name!r}: no signal {name!r}; found {', '.join(experiment.signals)}"
-            )
-    propeller_side = vessel.propeller_side_inertia
-    inertia = vessel.inertia - propeller_side if side == "engine" else -propeller_side
-    n_s = experiment.signals["n_e"] / 60.0 / vessel.gearbox.ratio
-    missing = np.isnan(n_s)
-    if missing.all():
-        return np.full(len(n_s), np.nan)
-    slope = CubicSpline(experiment.time, bridge(n_s, missing))(experiment.time, 1)
-    # Beside a gap the slope would be that of the interpolation.
-    beside = missing.copy()
-    beside[1:] |= missing[:-1]
-    beside[:-1] |= missing[1:]
-    slope[beside] = np.nan
-    return np.asarray(experiment.signals["M_g"] + 2.0 * math.pi * inertia * slope)
 
 
 def _polynomials(experiment: Experiment, degree: int) -> Array:

@@ -54,7 +54,10 @@ def words() -> Mapping[str, frozenset[str]]:
 
 @dataclass(frozen=True)
 class Named:
-    """Unit, quantity (None if undetermined) and word meanings (headings of `channel_words.toml`) of a channel's name."""
+    """Unit and quantity of a channel (None if undetermined), and meanings of its name's words.
+
+    Meanings are headings of `channel_words.toml`.
+    """
 
     unit: str
     quantity: str | None

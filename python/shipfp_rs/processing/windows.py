@@ -119,7 +119,7 @@ def _lines(samples: Array, rate_hz: float) -> tuple[float, float] | None:
 
 
 def _stays(deviation: Array, low: int, high: int) -> bool:
-    """Whether both halves of a signal have the same amplitudes in a band of bins of a half."""
+    """Whether both halves of a signal have the same amplitudes in a band, given in bins of a half's spectrum."""
     half = len(deviation) // 2
     halves = (deviation[:half], deviation[half : 2 * half])
     early, late = (np.abs(np.fft.rfft(part * np.hanning(half)))[low:high] for part in halves)

@@ -285,7 +285,7 @@ def join(excitations: Sequence[Excitation], *, pause_s: float = 0.0, name: str =
     Returns
     -------
     Excitation
-        It has the segments of each part, or one segment for a part without any.
+        Its segments are those of the parts; a part without segments becomes one segment.
 
     Raises
     ------

@@ -47,18 +47,6 @@ def true_values(linear: Mapping[str, float]) -> dict[str, float]:
     return values
 
 
-def slope_of(name: str, values: Mapping[str, float | None], shift: Mapping[str, float]) -> float:
-    """Directional derivative of a combination along a shift of the parameters."""
-    _, function = COMBINATIONS[name]
-    known = {key: value for key, value in values.items() if value is not None}
-    try:
-        step = 1e-6
-        moved = {key: value + step * shift.get(key, 0.0) for key, value in known.items()}
-        return (function(moved) - function(known)) / step
-    except (KeyError, ZeroDivisionError):
-        return 0.0
-
-
 @dataclass(frozen=True)
 class Tie:
     """A parameter's value as factor times that of parameter `to`, plus an offset in its unit."""

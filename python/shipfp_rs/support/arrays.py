@@ -87,13 +87,6 @@ def same(one: Any, other: Any) -> bool:
     return bool(one == other)
 
 
-def normal_quantile(level: float) -> float:
-    """Half the width, in standard deviations, of the central interval with this probability."""
-    from scipy.special import ndtri  # a log is opened without SciPy
-
-    return float(ndtri(0.5 + 0.5 * level))
-
-
 DEVIATIONS_95 = 1.959963984540054
 """Half the width of a 95 % interval, in standard deviations: 1.96."""
 

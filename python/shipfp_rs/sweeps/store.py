@@ -75,7 +75,7 @@ class Store:
         """Write the rows of a part."""
         path = self._path(part)
         with replacing(path) as temporary:
-            # Uncompressed: a part exists only while the sweep runs, and is written in less than half the time.
+            # Not compressed: a part exists only while the sweep runs, and compression would double the time to write it.
             pq.write_table(
                 pa.Table.from_batches([rows]),
                 temporary,

@@ -211,7 +211,7 @@ class Desk:
         return self._free("TRIAL", document.path.stem, f"{document.path.stem}-trial")
 
     def _free(self, *stems: str) -> Path:
-        """First unused name, or the last one with a number."""
+        """First name that is not used yet; if all are used, the last one with a number."""
         numbered = (f"{stems[-1]}-{number}" for number in range(2, MOST_ENTRIES))
         for stem in (*stems, *numbered):
             path = self.folder / f"{stem}.toml"

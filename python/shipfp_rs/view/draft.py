@@ -36,7 +36,7 @@ LINE = re.compile(
 
 
 class Line(NamedTuple):
-    """Line of the template: for a table's heading the key is that of the table, other text has none."""
+    """Line of the template. The key of a table's heading is the table's; comments and empty lines have no key."""
 
     text: str
     key: str = ""

@@ -25,7 +25,7 @@ const WINDOW_LIKE: (f64, f64) = (0.5, 0.002);
 /// Largest ratio of longest (minus a sample) to shortest period in a train without lost or extra pulses.
 const EVEN: f64 = 1.5;
 
-/// A train with constant levels, with which its next window is compared.
+/// A pulse train whose levels are constant so far; the next window of samples is compared with them.
 #[derive(Debug, Clone, Copy)]
 pub struct Steady {
     pub level: Level,

@@ -21,7 +21,7 @@ const DISTURBED: usize = 500;
 const RIPPLE: f64 = 0.01;
 /// Number of swings on each side with which a swing is compared.
 const NEAR: usize = 8;
-/// Turning points per group, whose medians are a pair of levels.
+/// Turning points per group; the medians of a group are one estimate of the low and the high level.
 const GROUP: usize = 18;
 /// Fewest turning points of a group.
 const LEAST: usize = 4;

@@ -8,7 +8,7 @@ use crate::error::{Error, Result, require};
 pub struct Edge {
     /// Time in samples from the first.
     pub time: f64,
-    /// Rise; infinite if one of the two samples is saturated, or if the middle was moved below the last sample.
+    /// Rise between the two samples; infinite where one of them is saturated, or where a new middle is below the last sample.
     pub rise: f64,
 }
 

@@ -109,7 +109,7 @@ impl<const D: bool> Ship<'_, D> {
         self.arrived(speed, ended, speed - ahead.speed, rack);
     }
 
-    /// Torque on the engine's side at both ends of the step, after firings and torque rate.
+    /// Engine torque at both ends of the step, with the firings and within the highest rate of torque.
     #[inline(always)]
     fn drive(&mut self, ahead: &Ahead, rack: f64, mean_rack: f64) -> [f64; 2] {
         // A jump of the command in a step precedes the firing, since the governor computes first.

@@ -16,7 +16,7 @@ pub struct Law {
     exponent: f64,
     curvature: Option<f64>,
     damping: Option<f64>,
-    /// Expansion point of the series, and its inverse.
+    /// Speed about which the power law is expanded, and its inverse.
     place: f64,
     inverse: f64,
     reach: f64,

@@ -239,7 +239,7 @@ impl<'a, const D: bool> Ship<'a, D> {
         }
     }
 
-    /// Acceleration if the rack is `order` minus `fuel` times the acceleration.
+    /// Acceleration of the shaft where the rack follows it: the rack is `order` less `fuel` times the acceleration.
     #[inline(always)]
     pub(super) fn brought_about(&self, speed: f64, order: f64, against: f64, fuel: f64) -> f64 {
         let (torque, held) = self.engine(speed, self.within_limits(order));

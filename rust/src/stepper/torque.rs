@@ -8,7 +8,7 @@ impl<const D: bool> Ship<'_, D> {
         if self.acting.gain { self.c.v * rack } else { rack }
     }
 
-    /// Engine torque at a speed and a rack, and the active side of its limits.
+    /// Engine torque at a speed and a rack position, and which of its limits holds it.
     #[inline(always)]
     pub(super) fn engine(&self, speed: f64, rack: f64) -> (f64, i8) {
         let apart = speed - 1.0;
@@ -45,7 +45,7 @@ impl<const D: bool> Ship<'_, D> {
 /// z = (highest - torque) / softness.
 #[inline(always)]
 pub fn softly_within(torque: f64, highest: f64, softness: f64) -> (f64, i8) {
-    /// Distance in units of the softness, from which a limit has no effect.
+    /// Distance from a limit, in units of its softness, beyond which the limit has no effect.
     const FAR: f64 = 40.0;
     let z = (highest - torque) / softness;
     if z > FAR {

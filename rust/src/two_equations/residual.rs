@@ -14,7 +14,7 @@ use crate::error::Result;
 use crate::instruction_set::arch;
 use crate::stop::Stop;
 
-/// A square matrix at neighbouring frequencies.
+/// A square matrix for each of the neighbouring frequencies that one SIMD vector holds.
 pub type Square<S, const O: usize> = [[Complex<S>; O]; O];
 
 /// What a kernel does with residual and derivatives (the rows) of each block of neighbouring frequencies.

@@ -25,7 +25,7 @@ MARKED = 64
 BENT = 2e-5
 """Largest deviation of times from a straight line, relative to the record's length; no clock is better over hours."""
 COMPARED = 4096
-"""Most rows compared to distinguish rows written twice from a clock that was set back."""
+"""Most rows that are compared: equal rows were written twice, others with repeated times mean that a clock was set back."""
 FILL = 1 << 16
 """Missing samples yielded at once."""
 LONGEST_GAP = 100.0

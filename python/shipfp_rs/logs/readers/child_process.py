@@ -79,7 +79,7 @@ class Child:
         return self._streams
 
     def dropped(self) -> list[int]:
-        """Numbers of streams no longer read; each is returned only once."""
+        """Return the numbers of streams that nobody reads any more, each number once."""
         gone, self.drop = self.drop, []
         return gone
 

@@ -120,8 +120,8 @@ def time_of(
 ) -> tuple[str, float | None]:
     """Return the key of the times that belong to a row, or "" and a sample rate that is stated instead of times.
 
-    The nearest times count: in the row's struct, then in a neighbouring struct with only times, then in the enclosing
-    struct. Ambiguous times are ignored.
+    The nearest times are used: those in the row's struct, else in a neighbouring struct with nothing but times, else in
+    the enclosing struct. Ambiguous times are ignored.
     """
     times = {key for key in rows if is_time(split_bracketed(_last(key))[0])}
     plain = {posixpath.dirname(key) for key in rows if key not in times}

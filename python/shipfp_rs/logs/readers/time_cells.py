@@ -252,7 +252,7 @@ class TextTime:
     pattern: str
     """Key of the matching pattern."""
     order: Order = ""
-    """First part of a date of two-digit parts."""
+    """What the first two digits of a date mean: day, month or year."""
     sure: bool = True
     """Whether the order follows from the cells rather than from custom."""
 
