@@ -301,8 +301,7 @@ class TestStability:
     def test_agrees_with_the_roots(self, own, **values):
         parameters = vector(p=2.0, g=2.0 - own, **values)
         dead = values["T_d"]
-        # A late derivative keeps the gain vK_d / tau_n until the lag takes it off; beyond the order of the approximated delay
-        # it must be off.
+        # A late derivative keeps the gain vK_d / tau_n until the lag takes it off: before the approximated delay ends.
         left = np.hypot(1.0, 9.0 * values["tau_act"] / dead) if dead else np.inf
         assume(values["vK_d"] < 0.8 * values["tau_n"] * left)
         roots = twin.loop_roots(parameters)
