@@ -39,7 +39,7 @@ from shipfp_rs.identification.question import Options
 from shipfp_rs.identification.residual_tests import residual_tests
 from shipfp_rs.identification.structure_fit import StructureFit, fit_structure
 from shipfp_rs.identification.structure_likelihood import Data, InBand, Response, Seen
-from shipfp_rs.identification.usability import judged, misses_of, misses_pct
+from shipfp_rs.identification.usability import SMALL_MISS_PCT, judged, misses_of, misses_pct
 from shipfp_rs.identification.verdict import structure_test, verdict
 from shipfp_rs.structures.names import plain_name
 from shipfp_rs.structures.structure import Parameter, Structure
@@ -360,6 +360,12 @@ def of_structure(fit: StructureFit, options: Options, *, vessel: str | None = No
     overall = _overall(fit, found)
     overall |= structure_test({output: test.figures() for output, test in tests.items()})
     converged = fit.best.settled
+    # In closed form the misfit is that of a ship whose structure is found; else residuals test the structure.
+    closed = isinstance(fit.likelihood, EquationLikelihood) and not fit.likelihood.white
+    samples = next((test.samples for test in tests.values()), 1)
+    missed = misses_pct(fit.likelihood, fit.best.vector) if closed else []
+    misses = dict(zip(structure.outputs, missed, strict=True)) if closed else misses_of(table, samples)
+    tested = "structure_p" in overall
     fingerprint = Fingerprint(
         parameters=found.parameters,
         derived=found.derived,
@@ -395,16 +401,10 @@ def of_structure(fit: StructureFit, options: Options, *, vessel: str | None = No
             {**table, "overall": overall},
             structure,
             "" if converged else UNSETTLED,
+            contradicted=not closed or max(misses.values()) > SMALL_MISS_PCT,
         ),
     )
-    if isinstance(fit.likelihood, EquationLikelihood) and not fit.likelihood.white:
-        # As of a ship whose structure is found.
-        missed = misses_pct(fit.likelihood, fit.best.vector)
-        return judged(fingerprint, dict(zip(structure.outputs, missed, strict=True)), tested=False)
-    if "structure_p" not in overall:
-        return fingerprint
-    samples = next((test.samples for test in tests.values()), 0)
-    return judged(fingerprint, misses_of(fingerprint.fit, samples), tested=True)
+    return judged(fingerprint, misses, tested=tested and not closed) if closed or tested else fingerprint
 
 
 def _noise(records: Sequence[Seen]) -> str:

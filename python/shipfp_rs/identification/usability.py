@@ -30,6 +30,8 @@ STRETCH_S = 20.0
 """Length of a stretch, over which a spectrum is computed [s]."""
 STRONG, WEAK = 0.75, 0.5
 """Quantiles of the response's power in a band: above the first a stretch counts as excited, below the second as quiet."""
+LOBE = 2.0
+"""Half width of the main lobe of the spectra's window (Hann), in bins."""
 CHANCE = 3.0
 """Standard deviations of the noise power that are subtracted from an excess, so that chance does not count as a misfit."""
 
@@ -62,7 +64,9 @@ def misses_pct(likelihood: Likelihood, vector: Array) -> list[float]:
                 np.abs(stft(row - row.mean(), rate, nperseg=length, boundary=None, padded=False)[2]) ** 2
                 for row in (response, data[: len(response)] - response)
             )
-            kept = (np.arange(len(power)) * rate / length <= record.band_hz) & (np.arange(len(power)) > 0)
+            # Above the band the model equals the data, and the window's main lobe spreads what ends there.
+            at = np.arange(len(power))
+            kept = (at > 0) & (at <= record.band_hz * length / rate - LOBE)
             power, left = power[kept], left[kept]
             strong = power >= np.quantile(power, STRONG, axis=1, keepdims=True)
             weak = power <= np.quantile(power, WEAK, axis=1, keepdims=True)

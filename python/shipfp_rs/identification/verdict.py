@@ -37,8 +37,13 @@ def verdict(
     fit: Mapping[str, Mapping[str, float | None]],
     structure: Structure,
     trouble: str = "",
+    *,
+    contradicted: bool = True,
 ) -> tuple[str, ...]:
-    """Return the sentences of the verdict, most important first; `trouble`: why the search did not reach a minimum."""
+    """Return the sentences of the verdict, most important first.
+
+    `trouble` is why the search did not reach a minimum; `contradicted`: whether residuals may contradict the structure.
+    """
     lines = [
         *(
             [
@@ -53,7 +58,7 @@ def verdict(
         *_known(parameters, derived),
         *_unknown(parameters),
         *_gaps(identifiability),
-        *_contradictions(fit, structure),
+        *(_contradictions(fit, structure) if contradicted else ()),
     ]
     if poor := _poor(fit):
         lines.append(
