@@ -77,7 +77,7 @@ def test_derivatives_are_those_of_the_residuals_with_images():
 def test_the_drive_behind_stairs_is_the_plant_and_its_torque_is_not_read_late():
     question, likelihood, vector = asked()
     others = dict.fromkeys(("torque_limit", "rack_rate", "twist"), False)
-    found = fp.identify(question.experiments, elements=others)
+    found = fp.identify(question.experiments, elements=others, intervals="symmetric")
     for name in ("tau_n", "p", "vK_p", "vK_i", "T_d", "T_M"):
         low, high = found[name].ci95
         assert low <= TRUE.get(name, 0.0) <= high, name

@@ -106,14 +106,13 @@ def test_a_joint_fit_of_two_experiments_is_sharper_than_either():
     assert len(both.data) == 2
 
 
-@pytest.mark.parametrize("noise", ["white", "coloured"])
-def test_masked_samples_do_not_count(noise):
+def test_masked_samples_do_not_count():
     structure = Structure.linear(products=True)
     experiment = made(structure, LAUNCH, noise=0.02, seed=3)
     spoiled = {name: values.copy() for name, values in experiment.signals.items()}
     spoiled["M_b"][1000:1100] = np.nan
     spoiled["n_e"][2000:2003] = np.nan
-    fingerprint = identify(Experiment("x", RATE, spoiled, POINT), structure, noise=noise)
+    fingerprint = identify(Experiment("x", RATE, spoiled, POINT), structure)
     assert fingerprint.data[0]["used"] == len(experiment) - 103
     for name in ("tau_n", "g", "vK_p", "vK_i"):
         assert abs(fingerprint[name].value - LAUNCH[name]) < 4 * fingerprint[name].std
@@ -208,7 +207,7 @@ def test_dead_times_that_are_not_there_are_found_to_be_none():
         assert found[name].ci95[0] < 0.002
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_dead_times_that_a_ship_has_not_are_bounded_from_above(seed):
     """Where both vanish, only their sum has a slope: what tells one from the other is the square of a time."""
     tug = Vessel.load("stan-tug-1205")

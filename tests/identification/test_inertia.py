@@ -10,7 +10,7 @@ from tests.identification.parity import Case, simulated
 
 
 def experiment(gauge: bool, scale: float = 1.0, speed: str = "n_e") -> fp.Experiment:
-    _, one = simulated(Case(gauge=gauge, seconds=120.0))
+    _, one = simulated(Case(gauge=gauge, seconds=60.0))
     random = np.random.default_rng(2)
     signals = {
         name: scale * (row + 0.5 * random.standard_normal(len(row))) for name, row in one.signals.items()

@@ -13,7 +13,6 @@ from tests.identification.test_open_loop import TRUTH, recorded
 
 LAUNCH = fp.Vessel.load("stan-launch-804")
 NOISE = {"n_e": 0.3, "M_b": 0.5}
-SHIP = fp.Structure.ship(["dead_time_loop"], torque="brake")
 LIMITED = fp.Structure.ship(["torque_limit"], torque="brake").with_start(M_max=1.5)
 FEW = dict.fromkeys(("dead_time_loop", "torque_limit", "rack_rate", "twist"), False)
 PLAIN = fp.Structure.linear(products=True)
@@ -38,8 +37,7 @@ KINDS: dict[str, Callable[[], fp.Fingerprint]] = {
     "ship, straight lines": lambda: fp.identify(
         steps(held=False), elements=FEW, fixed={"T_set": 0.0, "hold": 0.0}, intervals="symmetric"
     ),
-    "ship, profiles": lambda: fp.identify(steps(held=True), elements=FEW),
-    "given ship": lambda: fp.identify(steps(held=True), SHIP, intervals="symmetric"),
+    "ship, profiles": lambda: fp.identify(steps(held=True), elements=FEW, fixed={"T_set": 0.0, "hold": 0.0}),
     "given ship with a limit": lambda: fp.identify(steps(held=True), LIMITED, intervals="symmetric"),
     "linear": lambda: fp.identify(experiment(PLAIN), PLAIN, vessel="launch", time_limit_s=60.0),
     "linear, white": lambda: fp.identify(experiment(PLAIN), PLAIN, noise="white", seed=None),
