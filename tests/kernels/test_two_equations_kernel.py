@@ -132,32 +132,23 @@ TWIST = {"tau_twist": 0.02, "zeta_twist": 0.7}
 EVERY = {**TWIST, "vK_d": 0.2, "hold": 0.8, "k_L": 0.4, "x_0": 0.01}
 CASES = {
     "speed": ([0], {}),
-    "speed and torque": ([0, 1], {}),
-    "torque and speed": ([1, 0], {}),
     "speed and rack": ([0, 2], {}),
-    "speed, torque, rack": ([0, 1, 2], {}),
     "rack, speed, torque": ([2, 0, 1], {}),
-    "hold": ([0, 1], {"hold": 0.8}),
-    "derivative": ([0, 1], {"vK_d": 0.2}),
     "derivative and rack": ([0, 1, 2], {"vK_d": 0.2, "hold": 0.7}),
     "twist": ([0, 1], TWIST),
     "twist and all": ([1, 2, 0], EVERY),
-    "measured load": ([0, 1], {"k_L": 0.4}),
     "measured load, speed alone": ([0], {"k_L": 0.4}),
     "both torques": ([0, 1, 3], {}),
-    "both torques, twist": ([3, 2, 1, 0], TWIST),
-    "both torques, all": ([0, 1, 3], EVERY),
     "all torques and rack, all": ([3, 2, 1, 0], EVERY),
 }
 
 
-# Each case with every option on and off; four cases in a row meet all eight ways of late, gauge and open loop.
-@pytest.mark.parametrize("late", [False, True])
+# The cases meet all eight ways of late, gauge and open loop.
 @pytest.mark.parametrize("case", CASES)
-def test_residuals_derivatives_and_products_are_those_of_the_twin(case, late):
+def test_residuals_derivatives_and_products_are_those_of_the_twin(case):
     outputs, values = CASES[case]
     place = [*CASES].index(case)
-    gauge, open_loop = bool(place & 1) ^ late, bool(place & 2) ^ late
+    late, gauge, open_loop = (bool(place & bit) for bit in (1, 2, 4))
     parameters, data = vector(**LOOP, **(LATE if late else {}), **values), record()
     asked = arguments(parameters, data, outputs, gauge or 3 in outputs, open_loop)
     wrt = told(parameters)
@@ -170,9 +161,10 @@ def test_residuals_derivatives_and_products_are_those_of_the_twin(case, late):
         np.testing.assert_allclose(found, expected, rtol=1e-10, atol=1e-11 * np.abs(expected).max())
 
 
-@pytest.mark.parametrize(("late", "open_loop"), [(False, True), (True, False)])
-@pytest.mark.parametrize("outputs", [[0, 1], [3, 2, 1, 0]])
-@pytest.mark.parametrize("more", [TWIST, EVERY])
+@pytest.mark.parametrize(
+    ("more", "outputs", "open_loop", "late"),
+    [(TWIST, [0, 1], False, True), (EVERY, [3, 2, 1, 0], True, False), (EVERY, [3, 2, 1, 0], False, True)],
+)
 def test_a_propellers_speed_is_that_of_the_twin(more, outputs, open_loop, late):
     parameters = vector(**LOOP, **(LATE if late else {}), **more)
     asked = arguments(parameters, record(), outputs, True, open_loop, propeller=True)
@@ -290,7 +282,7 @@ LOOPS = {
 
 
 class TestStability:
-    @settings(max_examples=400, deadline=None)
+    @settings(max_examples=200, deadline=None)
     @given(
         own=st.floats(-4.0, 4.0),
         **LOOPS,
@@ -311,7 +303,7 @@ class TestStability:
         assume(abs(worst) > 0.03)
         assert _core.loop_is_stable(parameters, False) == (worst < 0.0)
 
-    @settings(max_examples=400, deadline=None)
+    @settings(max_examples=200, deadline=None)
     @given(
         g=st.floats(-3.0, 2.0),
         **LOOPS,
