@@ -157,19 +157,14 @@ class TestPlan:
         assert first.start_s >= settle_s - 0.02
         assert plan.excitation.duration - last.stop_s >= settle_s - 0.02
 
-    @pytest.mark.parametrize("share", [0.5, 0.9])
-    def test_the_time_for_an_accuracy_is_found_and_kept(self, share: float) -> None:
+    def test_the_time_for_an_accuracy_is_found_and_kept(self) -> None:
         exact = {"n_e": Noise(0.003, 10.0, 0.0), "M_g": Noise(0.01, 10.0, 0.0)}
         plan = fp.design(TUG, amplitude_rpm=76.0, accuracy_pct=3.0, kind="sines", sensors=exact)
         assert max(plan.prediction.relative_pct[name] for name in plan.designed_for) <= 3.0
         assert plan.needed.met
+        half = 0.5 * plan.excitation.duration
         shorter = fp.design(
-            TUG,
-            amplitude_rpm=76.0,
-            accuracy_pct=3.0,
-            duration_s=share * plan.excitation.duration,
-            kind="sines",
-            sensors=exact,
+            TUG, amplitude_rpm=76.0, accuracy_pct=3.0, duration_s=half, kind="sines", sensors=exact
         )
         assert not shorter.needed.met
         assert shorter.needed.duration_s == pytest.approx(plan.excitation.duration, rel=0.12)
@@ -180,7 +175,7 @@ class TestPlan:
         subject = Subject.of(TUG, None, None)
         plan = fp.design(TUG, amplitude_rpm=76.0, duration_s=300.0, kind="sines")
         found = []
-        for seed in range(6):
+        for seed in range(4):
             monkeypatch.setattr(subjects, "SEED", seed)
             found.append(predict(subject, plan.excitation, plan.sensors).relative_pct)
         for name in plan.designed_for:
@@ -242,20 +237,8 @@ class TestGenerator:
 class TestCommand:
     def test_it_writes_everything_and_prints_json(self, tmp_path, capsys) -> None:
         out = tmp_path / "plan"
-        arguments = [
-            "design",
-            TUG,
-            "--duration",
-            200,
-            "--amplitude",
-            76,
-            "--accuracy",
-            3,
-            "--out",
-            out,
-            "--json",
-        ]
-        assert cli.main([*map(str, arguments)]) == 0
+        asked = "--duration 200 --amplitude 76 --accuracy 3 --json"
+        assert cli.main(["design", TUG, *asked.split(), "--out", str(out)]) == 0
         printed = json.loads(capsys.readouterr().out)
         written = json.loads((out / "plan.json").read_text())
         assert printed == {"folder": str(out), **written}
@@ -283,7 +266,6 @@ class TestCommand:
             ([TUG, "--duration", "100", "--longest", "10"], "--longest is 10"),
             ([TUG, "--duration", "100", "--volts", "0:5"], "expected 0 to 5 V"),
             ([TUG, "--accuracy", "3", "--parameter", "T_M2"], "'T_M2' is not identifiable here"),
-            ([TUG, "--accuracy", "0.01"], "would take for ever"),
             ([TUG, "--duration", "100", "--parameter", "%s{}"], "--parameter: found without --accuracy"),
             (
                 [TUG, "--duration", "100", "--torque-noise", "1e15"],

@@ -155,7 +155,7 @@ def noisy(excitation: Excitation, seed: Sequence[int]) -> Experiment:
 
 def estimate(job: tuple[Excitation, Sequence[int]]) -> list[float]:
     """Estimates over the true values in percent, in the structure's order."""
-    fingerprint = identify(noisy(*job), STRUCTURE)
+    fingerprint = identify(noisy(*job), STRUCTURE, intervals="symmetric")
     truth = subject().values
     found = [fingerprint[name].value for name in subject().free]
     return [

@@ -40,11 +40,9 @@ def of_package(relative, asked):
 @pytest.mark.parametrize(
     "elements",
     [
-        {},
         {"T_d": 0.07, "T_set": 0.3},
         SAMPLED,
         {**SAMPLED, "update": 1.0},
-        {"tau_act": 0.1, "T_d": 0.03},
         {"tau_act": 0.1, "rate": 0.4},
         {"rate": 0.3},
         {"M_max": 1.08},

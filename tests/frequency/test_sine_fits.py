@@ -80,9 +80,9 @@ def test_the_fit_agrees_with_a_general_least_squares_routine():
 
 @pytest.fixture(scope="module")
 def white_draws():
-    """500 fits with known and with fitted frequency in white noise."""
+    """250 fits with known and with fitted frequency in white noise."""
     known, fitted = [], []
-    for draw in range(500):
+    for draw in range(250):
         samples = sine() + LEVEL * np.random.default_rng([7, draw]).standard_normal(COUNT)
         known.append(fit_lines(samples, RATE, SINE_HZ))
         fitted.append(fit_sine(samples, RATE, SINE_HZ))

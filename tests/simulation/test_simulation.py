@@ -45,7 +45,7 @@ def _response(ship: Vessel, frequency: float, amplitude_rpm: float) -> dict[Outp
 
 
 @SHIPS
-@pytest.mark.parametrize("frequency", [0.01, 0.1, 0.5, 2.0, 8.0])
+@pytest.mark.parametrize("frequency", [0.01, 0.5, 8.0])
 def test_small_sines_are_answered_as_the_linear_model_says(ship: Vessel, frequency: float) -> None:
     model = linearise(ship)
     for output, response in _response(ship, frequency, 0.1).items():

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import scipy
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from shipfp_rs.errors import SimulationError
@@ -335,6 +335,7 @@ class TestProperties:
     def run(parameters, dn_set, start=(0, 0)):
         return simulate(parameters, dn_set, 0.1, "first", np.array(start, dtype=float))
 
+    @settings(max_examples=30)
     @given(records, records, unit, unit, cases)
     def test_superposition(self, one, other, factor, start, case):
         size = min(one.size, other.size)
@@ -343,6 +344,7 @@ class TestProperties:
         parts = self.run(parameters, one, (start, -start)) + factor * self.run(parameters, other)
         np.testing.assert_allclose(both, parts, rtol=0, atol=1e-11)
 
+    @settings(max_examples=30)
     @given(records, st.integers(1, 600), cases)
     def test_time_invariance(self, record, wait, case):
         record = np.concatenate([[0.0], record])

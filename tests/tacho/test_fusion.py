@@ -143,7 +143,7 @@ def test_a_wrong_gear_ratio_shows():
     assert abs(reports["PTM_e"].difference) > abs(reports["PTM_4"].difference)
 
 
-@settings(max_examples=15)
+@settings(max_examples=8)
 @given(at=st.integers(40, 1000))
 def test_a_slipped_count_is_outvoted_and_reported(at):
     one, _, engine = three_trains(1)

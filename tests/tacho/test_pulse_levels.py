@@ -23,9 +23,9 @@ def test_breakage_c1_every_pulse_is_counted_or_lies_in_a_gap(kind, rate_hz):
     assert (found.gap_s > 1.0) == (kind in ("from rest", "fading"))
 
 
-@pytest.mark.parametrize("rate_hz", [2000.0, 5000.0, 20_000.0])
-@pytest.mark.parametrize("pulses_hz", [0.7, 2.0, 4.33])
-@pytest.mark.parametrize("share", [0.003, 0.05, 0.4])
+@pytest.mark.parametrize("rate_hz", [2000.0, 20_000.0])
+@pytest.mark.parametrize("pulses_hz", [0.7, 4.33])
+@pytest.mark.parametrize("share", [0.003, 0.4])
 def test_a_slow_train_is_counted_however_fast_the_logger(rate_hz, pulses_hz, share):
     # One mark on a propeller's shaft: nearly all of the record is the noise between two edges.
     time = np.arange(round(90.0 * rate_hz)) / rate_hz
