@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -20,6 +21,7 @@ TWIST = {"tau_twist": 0.004, "zeta_twist": 0.5}
 SAMPLED = {"T_s": 0.03, "T_0": 0.013, "T_d": 0.05, "T_set": 0.1}
 ALL = {**SAMPLED, **TWIST, "M_max": 1.1, "tau_act": 0.05, "rate": 2.0, "damping": 0.3, "update": 1.0}
 STEP_S = 5e-4
+drawn_once = cache(draw)
 
 
 def nightly(family, others):
@@ -163,7 +165,7 @@ def test_draws_are_seeded_and_keep_their_ranges(family, draws):
 
 @pytest.mark.parametrize("family", nightly("tug", FAMILIES))
 def test_experiments_hold_the_trial(family):
-    one = replace(draw(family, 2, longest_s=200.0), late_s=None)
+    one = replace(drawn_once(family, 2, longest_s=200.0), late_s=None)
     made, again = one.experiment(), one.experiment()
     truth = one.truth()
     torque = "M_g" if truth["place"] == "gauge" else "M_b"
@@ -207,7 +209,7 @@ def test_raw_logs_hold_the_trial(family, tmp_path):
 
 
 def test_a_window_that_begins_late_holds_the_rest_of_the_same_trial():
-    whole = replace(draw("genset", 2, longest_s=200.0), late_s=None)
+    whole = replace(drawn_once("genset", 2, longest_s=200.0), late_s=None)
     late = replace(whole, late_s=3.5)
     made, cut = whole.experiment(), late.experiment()
     first = round((whole.excitation.start_s + 3.5) * sensors.COMMON_HZ)
@@ -219,7 +221,10 @@ def test_a_window_that_begins_late_holds_the_rest_of_the_same_trial():
 
 def test_channels_without_noise_are_the_motion_itself():
     quiet = replace(
-        draw("tug", 2, longest_s=200.0), noise_free=CHANNELS, noise=(sensors.Noise(()),) * 2, late_s=None
+        drawn_once("tug", 2, longest_s=200.0),
+        noise_free=CHANNELS,
+        noise=(sensors.Noise(()),) * 2,
+        late_s=None,
     )
     signals = quiet.experiment()["signals"]
     for made, clean in zip(signals.values(), quiet.clean(), strict=True):

@@ -75,20 +75,10 @@ class TestSimulation:
         scale = max(1.0, np.max(np.abs(rows)))
         np.testing.assert_allclose(found, np.array(rows).T, atol=1e-9 * scale, rtol=1e-9)
 
-    def test_step_of_a_lag(self):
-        t = 0.1 * np.arange(50)
-        np.testing.assert_allclose(
-            run(LAG, np.ones(50), hold="zero")[0], 1 - np.exp(-2 * t), rtol=1e-13, atol=1e-15
-        )
-
     def test_ramp_of_an_integrator_is_exact(self):
         t = 0.1 * np.arange(50)
         found = run(([[0.0]], [1.0], [[1.0]], [0.0]), t)[0]
         np.testing.assert_allclose(found, t**2 / 2, rtol=1e-13)
-
-    def test_initial_state_decays(self):
-        t = 0.1 * np.arange(50)
-        np.testing.assert_allclose(run(LAG, np.zeros(50), initial=[3.0])[0], 3 * np.exp(-2 * t), rtol=1e-12)
 
     def test_output_at_a_step_is_its_right_hand_limit(self):
         assert run(([[-1.0]], [0.0], [[0.0]], [5.0]), [0.0, 1.0, 1.0], hold="zero").tolist() == [
@@ -122,10 +112,6 @@ class TestResponse:
         A, B, C, D = model(order, 3, seed=order)
         found = response(A, B, C, D, self.frequency)
         np.testing.assert_allclose(found, twin.response(A, B, C, D, self.frequency), rtol=1e-9, atol=1e-11)
-
-    def test_of_a_lag(self):
-        found = response(*(np.array(part) for part in LAG), self.frequency)
-        np.testing.assert_allclose(found[0], 2 / (2j * np.pi * self.frequency + 2), rtol=1e-14)
 
     def test_is_refused_at_a_pole(self):
         integrator = (np.zeros((1, 1)), np.ones(1), np.ones((1, 1)), np.zeros(1))

@@ -1,13 +1,11 @@
 """Pulse trains to speed: trains of known speed profiles, with the faults that real ones have."""
 
 import doctest
-from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.interpolate import make_lsq_spline
 
 from shipfp_rs import tacho
 from shipfp_rs.errors import InputError
@@ -317,20 +315,6 @@ def test_ripple_is_reduced_by_the_gain_of_the_interval():
     amplitude = np.linalg.lstsq(sine[:, None], speed.speed_rps / mean - 1)[0][0]
     assert amplitude / depth == pytest.approx(float(tacho.interval_gain(ripple_hz, 4, mean)), rel=2e-3)
     assert amplitude / depth < 0.9
-
-
-def test_the_speed_agrees_with_matlabs_tachorpm():
-    # tachorpm draws a least-squares cubic B-spline with ten break points through the speeds at the intervals' middles.
-    folder = Path(__file__).parents[1] / "data" / "tachorpm"
-    time, samples = np.loadtxt(folder / "test_input.csv", delimiter=",", skiprows=1).T
-    _, matlab_rpm = np.loadtxt(folder / "matlab_ref_output.csv", delimiter=",", skiprows=1).T
-    speed = tacho.speed_from_pulses(tacho.pulse_times(samples, 1000.0).times_s, 1)
-    assert len(speed.time_s) == 299
-    assert not speed.flags.any()
-    first, last = speed.time_s[[0, -1]]
-    knots = np.concatenate([[first] * 3, np.linspace(first, last, 10), [last] * 3])
-    spline = make_lsq_spline(speed.time_s, 60.0 * speed.speed_rps, knots)
-    np.testing.assert_allclose(spline(time), matlab_rpm, rtol=1e-3)
 
 
 @pytest.mark.parametrize(

@@ -88,12 +88,11 @@ def test_each_element_is_off_until_it_is_configured(element: str) -> None:
     "changes",
     [
         {"actuator.dead_time_s": 0.1, "governor.set_point_dead_time_s": 0.3},
-        {"governor.set_point_dead_time_s": 0.3},
         {"gearbox.drag_Nm": 100.0, "gearbox.drag_exponent": 1.5},
         {"shaft.add_entrained_water": True},
         {"propeller.four_quadrant": FOUR_QUADRANT},
     ],
-    ids=["both dead times", "set-point dead time", "drag", "entrained water", "four quadrants"],
+    ids=["both dead times", "drag", "entrained water", "four quadrants"],
 )
 def test_small_sines_are_answered_as_the_exact_linear_model_says(
     changes: dict[str, Any], frequency: float
