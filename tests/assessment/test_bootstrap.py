@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -20,7 +21,11 @@ STRUCTURE = Structure.linear(products=True)
 
 @pytest.fixture(scope="module")
 def coloured():
-    return noisy_record(CHIRP, 0.05, 0.9, 1)
+    """Coloured noise taken for white, and a gap: masked samples stay masked."""
+    found = noisy_record(CHIRP, 0.05, 0.9, 1)
+    speed = found.signals["n_e"].copy()
+    speed[1000:1020] = np.nan
+    return replace(found, signals={**found.signals, "n_e": speed})
 
 
 @pytest.fixture(scope="module")
@@ -65,37 +70,21 @@ def test_intervals_hold_the_truth_and_their_level_counts(drawn):
         inner = drawn.interval(name, 0.5)
         assert low < inner[0] < inner[1] < high
         assert abs(truth - drawn.fingerprint[name].value) < 4.0 * drawn.std[name]
+    assert drawn.failed == 0
     assert drawn.covariance.shape == (len(drawn.names), len(drawn.names))
     assert np.sqrt(np.diag(drawn.covariance)) == pytest.approx(list(drawn.std.values()), rel=1e-9)
 
 
-def test_the_same_seed_gives_the_same_draws_and_masked_samples_stay_masked(coloured):
-    holed = {name: samples.copy() for name, samples in coloured.signals.items()}
-    holed["n_e"][1000:1200] = np.nan
-    record = type(coloured)(
-        coloured.name, coloured.rate_hz, holed, coloured.operating_point, hold=coloured.hold
-    )
-    first, second = (bootstrap(record, STRUCTURE, draws=20, noise="white", seed=5) for _ in range(2))
-    np.testing.assert_array_equal(first.draws, second.draws)
-    assert first.failed == 0
-    for name in TRUTH:
-        assert first.std[name] > 0.0
-
-
-def test_it_is_shown_as_a_table_and_as_json(drawn):
-    lines = str(drawn).splitlines()
-    assert len(lines) == 1 + len(drawn.names)
-    assert len({len(line) for line in lines}) == 1
-    content = json.loads(json.dumps(drawn.to_dict(), allow_nan=False))
-    assert content["draws"] == 40
-    assert set(content["ci95"]) == set(drawn.names)
+def test_the_same_seed_gives_the_same_draws(coloured, drawn):
+    again = bootstrap(coloured, STRUCTURE, draws=20, noise="white", seed=2)
+    np.testing.assert_array_equal(again.draws, drawn.draws[:20])
 
 
 @pytest.mark.parametrize(
     ("change", "message"),
     [
         ({"draws": 5}, "draws is 5, expected 20 to 1000000"),
-        ({"block_s": 40.0}, "blocks of 40 s, expected at least a sample and a tenth of its 60 s at most"),
+        ({"block_s": 40.0}, "blocks of 40 s, expected at least a sample and a tenth of its 59.2 s at most"),
         ({"block_s": 0.001}, "blocks of 0 s, expected at least a sample"),
     ],
 )
@@ -109,3 +98,12 @@ def test_an_unknown_name_is_refused(drawn):
         drawn.interval("K_p")
     with pytest.raises(InputError, match="level is 95, expected a share"):
         drawn.interval("tau_n", 95.0)
+
+
+def test_it_is_shown_as_a_table_and_as_json(drawn):
+    lines = str(drawn).splitlines()
+    assert len(lines) == 1 + len(drawn.names)
+    assert len({len(line) for line in lines}) == 1
+    content = json.loads(json.dumps(drawn.to_dict(), allow_nan=False))
+    assert content["draws"] == 40
+    assert set(content["ci95"]) == set(drawn.names)

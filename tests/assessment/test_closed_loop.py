@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from shipfp_rs import signals
-from shipfp_rs.assessment.closed_loop import _figures, _pole, closed_loop, poles_of
+from shipfp_rs.assessment.closed_loop import closed_loop, poles_of
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.identification.fingerprint import Fingerprint
@@ -58,7 +58,7 @@ def test_without_a_dead_time_the_poles_are_those_of_the_quadratic() -> None:
     np.testing.assert_allclose(np.sort(poles(LAUNCH).real), np.sort(LAUNCH.poles.real), rtol=1e-9)
 
 
-@pytest.mark.parametrize("T_d", [0.01, 0.05, 0.12, 0.2])
+@pytest.mark.parametrize("T_d", [0.01, 0.2])
 def test_with_one_they_are_roots_of_the_exact_equation(T_d: float) -> None:
     model = replace(linearise(Vessel.load("stan-tug-1205")), T_d=T_d)
     found = poles(model, WITH_DEAD_TIME)
@@ -77,16 +77,6 @@ def test_the_slower_pole_comes_first_also_where_the_faster_one_lasts_longer() ->
     slow, fast = poles_of(FLEXIBLE, SOFT)
     assert abs(slow) < abs(fast)
     assert fast.real > slow.real  # the shaft's own swing
-
-
-def test_a_pole_keeps_its_name_where_another_one_passes_it() -> None:
-    figures = _figures(FLEXIBLE, SOFT)
-    slow, fast = poles_of(FLEXIBLE, SOFT)
-    for known in (SOFT, {**SOFT, "zeta_twist": 4.0}, {**SOFT, "vK_p": 7.0}):
-        assert figures["pole 1, imaginary"][1](known) < 0.5 * fast.imag
-    assert figures["pole 1, real"][1](SOFT) == slow.real
-    moved = _pole(lambda _: np.array([fast, slow]), slow, np.real, SOFT)
-    assert moved == slow.real
 
 
 def test_bands_hold_what_python_control_says_of_the_true_loop(launch: Fingerprint) -> None:
@@ -246,15 +236,6 @@ def test_a_figure_known_only_roughly_keeps_its_sign(launch: Fingerprint) -> None
 
 def test_a_gain_of_the_torque_that_is_a_parameter_has_its_interval(launch: Fingerprint) -> None:
     assert closed_loop(launch)["dM_b(inf)"].ci95 == launch["vK_p"].ci95
-
-
-def test_a_lag_too_short_to_matter_leaves_the_fast_gain_of_the_torque() -> None:
-    ship = Structure.ship(["actuator_lag"], torque="gauge")
-    start = {parameter.name: parameter.start for parameter in ship.parameters}
-    for lag in (0.0, 1e-9, 0.05):
-        values = start | {"tau_act": lag}
-        _, fast = _figures(ship, values)["dM_g(inf)"]
-        assert fast(values) == start["vK_p"] * start["tau_prop"] / start["tau_n"]
 
 
 def test_a_pole_of_the_dead_times_approximation_is_none_of_the_loop() -> None:

@@ -92,6 +92,11 @@ def pair() -> tuple[Fingerprint, Fingerprint]:
     return fingerprint(1), fingerprint(2)
 
 
+@pytest.fixture(scope="module")
+def heavier() -> Fingerprint:
+    return fingerprint(2, inertia=1.1)
+
+
 def test_a_few_pairs_without_a_change_raise_few_alarms():
     alarms = sum(_short_pair(draw, 1.0) < 0.05 for draw in range(8))
     assert alarms <= binom.ppf(0.999, 8, 0.07)
@@ -103,8 +108,8 @@ def _short_pair(draw: int, inertia: float) -> float:
     ).joint.p
 
 
-def test_ten_per_cent_more_inertia_is_found_and_named():
-    changed = compare(fingerprint(1), fingerprint(2, inertia=1.1))
+def test_ten_per_cent_more_inertia_is_found_and_named(pair, heavier):
+    changed = compare(pair[0], heavier)
     assert changed.joint.p < 1e-6
     assert changed["tau_prop"].significant
     low, high = changed["tau_prop"].ci95
@@ -193,10 +198,10 @@ def test_bands_of_the_responses_hold_the_true_ones(pair):
     assert step.std["dn"][step.time < 0.0].max() == 0.0
 
 
-def test_the_command_prints_and_draws_what_changed(pair, tmp_path, capsys):
+def test_the_command_prints_and_draws_what_changed(pair, heavier, tmp_path, capsys):
     before, after = tmp_path / "before.json", tmp_path / "after.json"
     pair[0].save(before)
-    fingerprint(2, inertia=1.1).save(after)
+    heavier.save(after)
     picture = tmp_path / "change.png"
     assert cli.main(["compare", str(before), str(after), "--out", str(picture)]) == 0
     shown = capsys.readouterr().out

@@ -111,9 +111,8 @@ CASES = {
 }
 
 
-@pytest.mark.parametrize("domain", ["time", "frequency"])
+@pytest.mark.parametrize(("domain", "noise"), [("time", 0.0), ("time", 1e-3), ("frequency", 1e-3)])
 @pytest.mark.parametrize("case", CASES)
-@pytest.mark.parametrize("noise", [0.0, 1e-3])
 def test_what_the_structure_leaves_open_gets_no_number(case, domain, noise):
     structure, known = CASES[case]
     near = started_near_truth(structure)
@@ -188,10 +187,9 @@ def test_an_offset_that_is_estimated_takes_the_exponent_with_it_where_nothing_mo
     assert_known_only(identify(steady, structure), set())
 
 
-@pytest.mark.parametrize("samples", [2])
-def test_too_few_samples_tell_nothing(samples):
+def test_too_few_samples_tell_nothing():
     structure = Structure.linear(products=True)
-    short = experiment(structure).window(0.0, samples / CHIRP.rate_hz)
+    short = experiment(structure).window(0.0, 2.0 / CHIRP.rate_hz)
     assert_known_only(identify(short, structure, noise="white"), set())
 
 

@@ -14,7 +14,6 @@ WIDER = {
     "held, 50 Hz": 4e-4,
     "straight, 20 Hz": 4e-4,
     "held, 20 Hz": 1.5e-3,
-    "held, 20 Hz, lag 0.02 s": 1e-3,
     "held, 20 Hz, lag 0.1 s": 4e-4,
     "held, 20 Hz, brake": 4e-3,
 }

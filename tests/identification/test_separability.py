@@ -69,9 +69,8 @@ def test_speed_and_torque_tell_the_products_alone():
     assert (found.identifiability.rank, found.identifiability.free) == (5, 6)
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
-def test_with_the_rack_each_is_told_by_itself(seed):
-    found = fitted(LAUNCH, launch(WITH), seed)
+def test_with_the_rack_each_is_told_by_itself():
+    found = fitted(LAUNCH, launch(WITH), 1)
     assert found.identifiability.rank == found.identifiability.free == 6
     for name in (*GAINS, "tau_n", "g", "p"):
         estimate, truth = found[name], TRUTH[LAUNCH.name][name]

@@ -10,7 +10,6 @@ from shipfp_rs.errors import InputError, SimulationError
 from shipfp_rs.signals import Excitation
 from shipfp_rs.simulation.simulate import simulate
 from shipfp_rs.vessel.steady_state import steady_state
-from shipfp_rs.vessel.vessel import Vessel
 from tests.kernels.test_plant_kernel import wander
 from tests.twins import drive_train as twin
 from tests.twins.drive_train import detail
@@ -123,20 +122,6 @@ def test_a_set_point_that_stands_leaves_all_but_the_ripple_at_rest(hold):
     np.testing.assert_allclose(1.0 + rows["dM_g"], 0.9, rtol=1e-12)
 
 
-def test_a_step_of_the_set_point_arrives_after_its_dead_time():
-    u = np.where(np.arange(100) < 20, 1.0, 1.02)
-    late, now = detailed(u, T_set=0.15), detailed(u)
-    for name in ("dn", "dM_b", "dX"):
-        np.testing.assert_allclose(late[name][15:], now[name][:-15], atol=1e-9)
-
-
-def test_a_set_point_jumps_from_the_operating_point_at_the_first_sample():
-    rows, later = detailed(np.full(50, 1.02)), detailed(np.full(50, 1.02), T_set=0.1)
-    assert rows["dX"][0] == pytest.approx(0.02 * 4.0)
-    np.testing.assert_allclose(later["dn"][10:], rows["dn"][:-10], atol=1e-9)
-    assert not later["dn"][:10].any()
-
-
 def test_a_fuel_dead_time_holds_the_torque_for_so_long_and_then_gives_it_all():
     rows = detailed(np.full(60, 1.02), T_d=0.1)
     assert np.abs(rows["dM_b"][:10]).max() < 1e-12
@@ -194,7 +179,3 @@ def test_no_odd_number_ends_the_process(odd):
         except (InputError, SimulationError):
             continue
         assert all(np.isfinite(row).all() for row in rows.values()), name
-
-
-def test_a_vessel_of_ones_own_needs_no_more_than_its_file():
-    assert len(simulate(Vessel.load("stan-launch-804").replace({"actuator.lag_s": 0.1}), excitation("zero")))

@@ -15,7 +15,7 @@ from tests.twins import filter as twin
 SAMPLES = arrays(np.float64, st.integers(0, 300), elements=st.floats(-5, 5) | st.sampled_from([0.0, 1.0]))
 
 
-@settings(max_examples=200)
+@settings(max_examples=80)
 @given(SAMPLES, st.integers(0, 40))
 def test_any_signal_has_the_twins_running_median(samples, half):
     if half <= len(samples):
@@ -31,7 +31,7 @@ def test_a_long_signal_has_scipys_running_median(window):
     np.testing.assert_array_equal(running_median(torque, window), median_filter(torque, window))
 
 
-@settings(max_examples=200)
+@settings(max_examples=80)
 @given(
     seed=st.integers(0, 10_000),
     level=st.sampled_from([-1725.0, 0.0, 1184.0]),

@@ -30,7 +30,7 @@ def shape(kind, phase):
     }[kind]
 
 
-@settings(max_examples=60)
+@settings(max_examples=30)
 @given(
     kind=st.sampled_from(["sine", "saw", "square", "bipolar"]),
     period=st.floats(3.0, 120.0),

@@ -201,23 +201,6 @@ class TestSymmetries:
             scale = np.abs(expected).max(initial=1e-300)
             np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-10 * scale)
 
-    @settings(max_examples=20, deadline=None)
-    @given(seed=st.integers(0, 2**32 - 1), order=st.permutations([0, 1, 2, 3]))
-    def test_the_order_of_outputs_is_that_of_rows(self, seed, order):
-        data = record(seed)
-        found, other = (
-            _core.equation_residuals(*arguments(SHIP, data, outputs, gauge=True), MOVING)
-            for outputs in ([0, 1, 2, 3], order)
-        )
-        np.testing.assert_array_equal(found[:, order], other)
-
-    def test_columns_stand_alone(self):
-        asked = arguments(SHIP, record(), [0, 1])
-        found = _core.equation_residuals(*asked, MOVING)
-        for place, by in enumerate(MOVING):
-            np.testing.assert_array_equal(_core.equation_residuals(*asked, [by])[1], found[1 + place])
-        np.testing.assert_array_equal(_core.equation_residuals(*asked, []), found[:1])
-
     def test_an_absent_signal_has_no_derivative(self):
         data = record()
         data[0][_core.EQUATION_SIGNALS.index("load")] = 0.0
