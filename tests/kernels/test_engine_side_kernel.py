@@ -35,9 +35,7 @@ def taken(q: dict[str, float], rows: tuple[np.ndarray, ...], every: float = EVER
 @pytest.mark.parametrize(
     "changes",
     [
-        {"M_max": 1.03},
         {"M_max": 1.03, "M_soft": 5e-3, "T_d": 0.07, "T_set": 0.11},
-        {"rate": 0.2, "rate_down": 0.2},
         {"rate_down": 0.1},
         {"rate": 0.3, "rate_down": 0.15, "tau_act": 0.05},
         {"rate": 0.2, "rate_down": 0.2, "tau_act": 0.1, "T_d": 0.033, "hold": 0.5},

@@ -13,7 +13,7 @@ from tests.twins import pyramid as twin
 VALUES = st.floats(-5, 5, width=32) | st.sampled_from([0.0, np.nan, np.inf, -np.inf])
 
 
-@settings(max_examples=200)
+@settings(max_examples=80)
 @given(
     samples=arrays(np.float64, st.integers(0, 400), elements=VALUES),
     block=st.integers(1, 70),
@@ -32,7 +32,7 @@ def test_any_chunks_give_the_twins_extremes_and_gaps(samples, block, chunk, kind
     assert (extremes.seen, extremes.gap_count) == (len(samples), len(twin.gaps(samples)))
 
 
-@settings(max_examples=100)
+@settings(max_examples=40)
 @given(arrays(np.float64, st.integers(0, 300), elements=VALUES), st.integers(2, 9), st.integers(1, 20))
 def test_a_coarser_level_is_that_of_larger_blocks(samples, factor, block):
     fine = twin.extremes(samples, block)
