@@ -10,6 +10,7 @@ from shipfp_rs.errors import InputError, SimulationError
 from shipfp_rs.signals import Excitation
 from shipfp_rs.simulation.simulate import simulate
 from shipfp_rs.vessel.steady_state import steady_state
+from shipfp_rs.vessel.vessel import Vessel
 from tests.kernels.test_plant_kernel import wander
 from tests.twins import drive_train as twin
 from tests.twins.drive_train import detail
@@ -60,7 +61,7 @@ def detailed(u, dt=0.01, substeps=4, hold="zero", outputs=ALL, more=None, **chan
     return dict(zip(_core.SHIP_OUTPUTS, rows, strict=True))
 
 
-TWINNED = (
+DAILY = {
     "sampled PID",
     "sampled stops with anti-windup",
     "rates",
@@ -70,11 +71,22 @@ TWINNED = (
     "ship in four quadrants",
     "all",
     "all but firing",
+}
+"""Ships that have all elements between them; the others come at night."""
+
+
+# Each ship with one of both holds, all elements with both.
+@pytest.mark.parametrize(
+    ("name", "hold"),
+    [
+        *(
+            pytest.param(name, HOLDS[place % 2], marks=() if name in DAILY else pytest.mark.slow)
+            for place, name in enumerate(SHIPS)
+            if name != "all"
+        ),
+        *(("all", hold) for hold in HOLDS),
+    ],
 )
-"""Ships that have all elements between them."""
-
-
-@pytest.mark.parametrize(("name", "hold"), [(name, HOLDS[place % 2]) for place, name in enumerate(TWINNED)])
 def test_agrees_with_the_equations_as_they_stand(name, hold):
     ship, wave = SHIPS[name], excitation(hold)
     found, expected = simulate(ship, wave), twin.simulate(ship, wave, 20)
@@ -120,6 +132,20 @@ def test_a_set_point_that_stands_leaves_all_but_the_ripple_at_rest(hold):
     for name in ("dn", "dM_b", "dX", "dE"):
         assert np.abs(rows[name]).max() < 1e-12, name
     np.testing.assert_allclose(1.0 + rows["dM_g"], 0.9, rtol=1e-12)
+
+
+def test_a_step_of_the_set_point_arrives_after_its_dead_time():
+    u = np.where(np.arange(100) < 20, 1.0, 1.02)
+    late, now = detailed(u, T_set=0.15), detailed(u)
+    for name in ("dn", "dM_b", "dX"):
+        np.testing.assert_allclose(late[name][15:], now[name][:-15], atol=1e-9)
+
+
+def test_a_set_point_jumps_from_the_operating_point_at_the_first_sample():
+    rows, later = detailed(np.full(50, 1.02)), detailed(np.full(50, 1.02), T_set=0.1)
+    assert rows["dX"][0] == pytest.approx(0.02 * 4.0)
+    np.testing.assert_allclose(later["dn"][10:], rows["dn"][:-10], atol=1e-9)
+    assert not later["dn"][:10].any()
 
 
 def test_a_fuel_dead_time_holds_the_torque_for_so_long_and_then_gives_it_all():
@@ -170,12 +196,16 @@ def test_parameters_without_sense_are_named(changes, message):
         detailed(np.ones(10), more=changes, K_d=0.1)
 
 
+@pytest.mark.parametrize("name", _core.SHIP_DETAIL)
 @pytest.mark.parametrize("odd", [math.nan, math.inf, -math.inf, 0.0, -1.0, 1e300, 1e-300])
-def test_no_odd_number_ends_the_process(odd):
-    for name in _core.SHIP_DETAIL:
-        more = {"interval": 0.3, "margin": 0.1, "torque_rate": 1.0, "shaft_ripple": 0.01, name: odd}
-        try:
-            rows = detailed(np.linspace(1.0, 1.1, 20), more=more)
-        except (InputError, SimulationError):
-            continue
-        assert all(np.isfinite(row).all() for row in rows.values()), name
+def test_no_odd_number_ends_the_process(name, odd):
+    more = {"interval": 0.3, "margin": 0.1, "torque_rate": 1.0, "shaft_ripple": 0.01, name: odd}
+    try:
+        rows = detailed(np.linspace(1.0, 1.1, 20), more=more)
+    except (InputError, SimulationError):
+        return
+    assert all(np.isfinite(row).all() for row in rows.values())
+
+
+def test_a_vessel_of_ones_own_needs_no_more_than_its_file():
+    assert len(simulate(Vessel.load("stan-launch-804").replace({"actuator.lag_s": 0.1}), excitation("zero")))

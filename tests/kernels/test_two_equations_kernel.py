@@ -132,23 +132,39 @@ TWIST = {"tau_twist": 0.02, "zeta_twist": 0.7}
 EVERY = {**TWIST, "vK_d": 0.2, "hold": 0.8, "k_L": 0.4, "x_0": 0.01}
 CASES = {
     "speed": ([0], {}),
+    "speed and torque": ([0, 1], {}),
+    "torque and speed": ([1, 0], {}),
     "speed and rack": ([0, 2], {}),
+    "speed, torque, rack": ([0, 1, 2], {}),
     "rack, speed, torque": ([2, 0, 1], {}),
+    "hold": ([0, 1], {"hold": 0.8}),
+    "derivative": ([0, 1], {"vK_d": 0.2}),
     "derivative and rack": ([0, 1, 2], {"vK_d": 0.2, "hold": 0.7}),
     "twist": ([0, 1], TWIST),
     "twist and all": ([1, 2, 0], EVERY),
+    "measured load": ([0, 1], {"k_L": 0.4}),
     "measured load, speed alone": ([0], {"k_L": 0.4}),
     "both torques": ([0, 1, 3], {}),
+    "both torques, twist": ([3, 2, 1, 0], TWIST),
+    "both torques, all": ([0, 1, 3], EVERY),
     "all torques and rack, all": ([3, 2, 1, 0], EVERY),
 }
 
 
-# The cases meet all eight ways of late, gauge and open loop.
-@pytest.mark.parametrize("case", CASES)
-def test_residuals_derivatives_and_products_are_those_of_the_twin(case):
+# Each case with every option on and off, one of both at night; four cases in a row meet all eight ways of late, gauge
+# and open loop.
+@pytest.mark.parametrize(
+    ("case", "late"),
+    [
+        pytest.param(case, late, marks=pytest.mark.slow if (index + late) % 2 else ())
+        for index, case in enumerate(CASES)
+        for late in (False, True)
+    ],
+)
+def test_residuals_derivatives_and_products_are_those_of_the_twin(case, late):
     outputs, values = CASES[case]
     place = [*CASES].index(case)
-    late, gauge, open_loop = (bool(place & bit) for bit in (1, 2, 4))
+    gauge, open_loop = bool(place & 1) ^ late, bool(place & 2) ^ late
     parameters, data = vector(**LOOP, **(LATE if late else {}), **values), record()
     asked = arguments(parameters, data, outputs, gauge or 3 in outputs, open_loop)
     wrt = told(parameters)
@@ -161,10 +177,9 @@ def test_residuals_derivatives_and_products_are_those_of_the_twin(case):
         np.testing.assert_allclose(found, expected, rtol=1e-10, atol=1e-11 * np.abs(expected).max())
 
 
-@pytest.mark.parametrize(
-    ("more", "outputs", "open_loop", "late"),
-    [(TWIST, [0, 1], False, True), (EVERY, [3, 2, 1, 0], True, False), (EVERY, [3, 2, 1, 0], False, True)],
-)
+@pytest.mark.parametrize(("late", "open_loop"), [(False, True), (True, False)])
+@pytest.mark.parametrize("outputs", [[0, 1], [3, 2, 1, 0]])
+@pytest.mark.parametrize("more", [TWIST, EVERY])
 def test_a_propellers_speed_is_that_of_the_twin(more, outputs, open_loop, late):
     parameters = vector(**LOOP, **(LATE if late else {}), **more)
     asked = arguments(parameters, record(), outputs, True, open_loop, propeller=True)
@@ -200,6 +215,23 @@ class TestSymmetries:
             assert found.shape == expected.shape
             scale = np.abs(expected).max(initial=1e-300)
             np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-10 * scale)
+
+    @settings(max_examples=20, deadline=None)
+    @given(seed=st.integers(0, 2**32 - 1), order=st.permutations([0, 1, 2, 3]))
+    def test_the_order_of_outputs_is_that_of_rows(self, seed, order):
+        data = record(seed)
+        found, other = (
+            _core.equation_residuals(*arguments(SHIP, data, outputs, gauge=True), MOVING)
+            for outputs in ([0, 1, 2, 3], order)
+        )
+        np.testing.assert_array_equal(found[:, order], other)
+
+    def test_columns_stand_alone(self):
+        asked = arguments(SHIP, record(), [0, 1])
+        found = _core.equation_residuals(*asked, MOVING)
+        for place, by in enumerate(MOVING):
+            np.testing.assert_array_equal(_core.equation_residuals(*asked, [by])[1], found[1 + place])
+        np.testing.assert_array_equal(_core.equation_residuals(*asked, []), found[:1])
 
     def test_an_absent_signal_has_no_derivative(self):
         data = record()
@@ -265,7 +297,7 @@ LOOPS = {
 
 
 class TestStability:
-    @settings(max_examples=200, deadline=None)
+    @settings(max_examples=400, deadline=None)
     @given(
         own=st.floats(-4.0, 4.0),
         **LOOPS,
@@ -286,7 +318,7 @@ class TestStability:
         assume(abs(worst) > 0.03)
         assert _core.loop_is_stable(parameters, False) == (worst < 0.0)
 
-    @settings(max_examples=200, deadline=None)
+    @settings(max_examples=400, deadline=None)
     @given(
         g=st.floats(-3.0, 2.0),
         **LOOPS,
