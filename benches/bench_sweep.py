@@ -238,7 +238,7 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help="a few draws, just to see that it runs")
     options = parser.parse_args()
     if options.quick:
-        options.draws, options.rounds = 4, 1
+        options.draws, options.rounds = 10, 1
     plan = plan_of(options.draws)
     with tempfile.TemporaryDirectory() as name, threadpool_limits(limits=1):
         folder = Path(name)
