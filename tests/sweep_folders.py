@@ -14,7 +14,7 @@ import tomlkit
 from shipfp_rs.support.toml import validated
 from shipfp_rs.sweeps import Plan
 
-DEADLY = 5
+DEADLY = 3
 
 KNOWN = {"g": -0.583, "p": 2.0, "vK_i": 1.583}
 """What is taken as known, so that a draw takes a seventh of the time."""
@@ -53,7 +53,7 @@ class DeadlyPlan(Plan):
     """A plan of which one draw ends the process that makes it."""
 
     def seed_of(self, index: int) -> int:
-        """Kill a worker over draw 5; the process that leads the sweep survives it."""
+        """Kill a worker over one draw; the process that leads the sweep survives it."""
         if index == DEADLY and multiprocessing.parent_process() is not None:
             os.kill(os.getpid(), signal.SIGKILL)
         return super().seed_of(index)

@@ -113,23 +113,40 @@ class Visit:
         return (float(told[0]), float(told[1])) if told else (0.0, 120.0)
 
 
-@pytest.fixture
-def visit(browser, report):
-    pages = []
+@pytest.fixture(scope="module")
+def opened(browser, report):
+    """Pages by what they were opened with; each is opened once."""
+    pages: dict[str, Visit] = {}
 
     def open_page(viewport=DESKTOP, **options) -> Visit:
-        pages.append(browser.new_page(viewport=viewport, **options))
-        return Visit(pages[-1], report)
+        key = repr((viewport, options))
+        if key not in pages:
+            pages[key] = Visit(browser.new_page(viewport=viewport, **options), report)
+        return pages[key]
 
     yield open_page
-    for page in pages:
-        page.close()
+    for visit in pages.values():
+        visit.page.close()
 
 
-@pytest.fixture(scope="module")
-def still(browser, report):
-    """A page that is looked at and not touched."""
-    page = browser.new_page(viewport=DESKTOP)
+@pytest.fixture
+def visit(opened):
+    """A page on a desk that shows all; what a test hides or sorts, it shows again."""
+    found = opened()
+    found.page.get_by_role("button", name="show all").first.click()
+    return found
+
+
+@pytest.fixture
+def still(visit):
+    """The same page, looked at and not touched."""
+    return visit.page
+
+
+@pytest.fixture
+def spoilt(browser, report):
+    """A page of a test's own."""
+    page = browser.new_page(viewport=DESKTOP, color_scheme="dark")
     yield Visit(page, report).page
     page.close()
 
@@ -137,11 +154,11 @@ def still(browser, report):
 @pytest.mark.parametrize(
     ("viewport", "scheme"), [(DESKTOP, "light"), (PHONE, "dark")], ids=["desktop", "phone"]
 )
-def test_it_draws_in_either_light_at_either_width_and_calls_nobody(visit, report, viewport, scheme) -> None:
-    opened = visit(viewport, color_scheme=scheme)
-    page = opened.page
-    assert opened.complaints == []
-    assert opened.requests == [report.as_uri()]
+def test_it_draws_in_either_light_at_either_width_and_calls_nobody(opened, report, viewport, scheme) -> None:
+    visit = opened(viewport, color_scheme=scheme)
+    page = visit.page
+    assert visit.complaints == []
+    assert visit.requests == [report.as_uri()]
     assert page.evaluate("document.documentElement.scrollWidth") <= viewport["width"]
     for chart in page.locator("figure.chart").all():
         assert chart.locator("path.series").count() == 7  # three signals, two models, two residuals
@@ -177,9 +194,8 @@ def series_of(page, index: int) -> str:
     return page.locator("figure.chart").first.locator("path.series").nth(index).get_attribute("d")
 
 
-def test_a_drag_zooms_and_a_double_click_shows_all_again(visit) -> None:
-    opened = visit()
-    page, plot = opened.page, opened.page.locator(".plot").first
+def test_the_zoom_obeys_drag_double_click_buttons_and_keys(visit) -> None:
+    page, plot = visit.page, visit.page.locator(".plot").first
     before = series_of(page, 0)
     plot.scroll_into_view_if_needed()
     box = plot.bounding_box()
@@ -188,18 +204,13 @@ def test_a_drag_zooms_and_a_double_click_shows_all_again(visit) -> None:
     page.mouse.down()
     page.mouse.move(left + 0.5 * wide, box["y"] + 80, steps=4)
     page.mouse.up()
-    assert opened.stretch() == pytest.approx((30.0, 60.0), abs=0.5)
+    assert visit.stretch() == pytest.approx((30.0, 60.0), abs=0.5)
     assert series_of(page, 0) != before
     plot.dblclick(position={"x": 300, "y": 60})
-    assert opened.stretch() == (0.0, 120.0)
+    assert visit.stretch() == (0.0, 120.0)
     assert series_of(page, 0) == before
-
-
-def test_the_zoom_obeys_buttons_and_keys(visit) -> None:
-    opened = visit()
-    page = opened.page
     page.get_by_role("button", name="zoom in").first.click()
-    assert opened.stretch() == (30.0, 90.0)
+    assert visit.stretch() == (30.0, 90.0)
     page.locator(".plot").first.focus()
     for key, stretch in (
         ("ArrowRight", (45.0, 105.0)),
@@ -210,13 +221,11 @@ def test_the_zoom_obeys_buttons_and_keys(visit) -> None:
         ("0", (0.0, 120.0)),
     ):
         page.keyboard.press(key)
-        assert opened.stretch() == stretch, key
+        assert visit.stretch() == stretch, key
 
 
 def test_fault_after_fault_is_shown_by_name(visit) -> None:
-    opened = visit()
-    page = opened.page
-    chart = page.locator("figure.chart").first
+    chart = visit.page.locator("figure.chart").first
     assert chart.locator("path.mended").count() == 1
     assert chart.locator("path.cut").count() == 1
     told = []
@@ -290,8 +299,8 @@ def test_measurement_model_and_what_is_left_are_told_apart(still) -> None:
     assert measured[0] == "rgb(63, 127, 191)"  # blue, as in the other pictures
 
 
-def test_a_table_that_goes_on_beyond_the_edge_has_a_shadow_there(visit) -> None:
-    page = visit(PHONE).page
+def test_a_table_that_goes_on_beyond_the_edge_has_a_shadow_there(opened) -> None:
+    page = opened(PHONE).page
     region = page.locator("section[aria-labelledby=parameters] .scroll").first
 
     def shade() -> tuple[float, float]:
@@ -305,27 +314,28 @@ def test_a_table_that_goes_on_beyond_the_edge_has_a_shadow_there(visit) -> None:
     assert shade()[1] < 0.05
 
 
-def test_on_paper_each_page_repeats_the_heads_of_a_long_table(visit) -> None:
-    page = visit().page
-    page.locator("section[aria-labelledby=parameters] table").first.evaluate(
+def test_on_paper_each_page_repeats_the_heads_of_a_long_table(spoilt) -> None:
+    spoilt.locator("section[aria-labelledby=parameters] table").first.evaluate(
         """(table) => {
             table.querySelector("button").innerHTML = '<a href="https://head.invalid">symbol</a>';
             const body = table.tBodies[0], rows = [...body.rows];
             for (let copy = 0; copy < 30; copy++) body.append(...rows.map((row) => row.cloneNode(true)));
         }"""
     )
-    printed = page.pdf(format="A4")
+    printed = spoilt.pdf(format="A4")
     pages = len(re.findall(rb"/Type\s*/Page\b", printed))
     # Chromium notes a link in a table once for each of its pages, and as often again for each repeated head.
     assert printed.count(b"https://head.invalid") > 2 * pages
 
 
 def test_a_series_is_hidden_by_its_legend(visit) -> None:
-    chart = visit().page.locator("figure.chart").first
+    chart = visit.page.locator("figure.chart").first
     entry = chart.get_by_role("button", name="set point n_set")
     entry.click()
     assert entry.get_attribute("aria-pressed") == "false"
     assert chart.locator("path.series").count() == 6
+    entry.click()
+    assert chart.locator("path.series").count() == 7
 
 
 def column(page, about: str, index: int) -> list[str]:
@@ -334,7 +344,7 @@ def column(page, about: str, index: int) -> list[str]:
 
 
 def test_tables_sort_by_size_and_leave_the_empty_last(visit) -> None:
-    page = visit().page
+    page = visit.page
     about = "parameters with their 95"
     table = page.locator("table", has=page.locator("caption", has_text=about))
     head = table.get_by_role("button", name="estimate")
@@ -345,8 +355,8 @@ def test_tables_sort_by_size_and_leave_the_empty_last(visit) -> None:
     assert column(page, about, 0) == ["K_p", "tau_n", "T_d", "g", "v"]
 
 
-def test_it_can_be_read_aloud_and_walked_through_by_key(visit) -> None:
-    page = visit().page
+def test_it_can_be_read_aloud_and_walked_through_by_key(spoilt) -> None:
+    page = spoilt
     assert page.locator("html").get_attribute("lang") == "en"
     for landmark in ("banner", "main", "navigation"):
         assert page.get_by_role(landmark).count() == 1
@@ -364,8 +374,8 @@ def test_it_can_be_read_aloud_and_walked_through_by_key(visit) -> None:
     assert {"plot", "toolbar"} <= reached
 
 
-def test_the_residuals_correlogram_is_told_in_words_and_fits_the_page(visit) -> None:
-    page = visit(PHONE).page
+def test_the_residuals_correlogram_is_told_in_words_and_fits_the_page(opened) -> None:
+    page = opened(PHONE).page
     page.locator("section[aria-labelledby=statistics] summary").first.click()
     figure = page.locator("section[aria-labelledby=statistics] figure")
     assert figure.count() == 1
@@ -377,9 +387,8 @@ def test_the_residuals_correlogram_is_told_in_words_and_fits_the_page(visit) -> 
     assert region.evaluate("box => box.scrollWidth > box.clientWidth && box.tabIndex === 0")  # a key moves it
 
 
-def test_it_prints_with_its_plots_without_its_buttons_and_in_ink_on_white(visit) -> None:
-    opened = visit(color_scheme="dark")
-    page = opened.page
+def test_it_prints_with_its_plots_without_its_buttons_and_in_ink_on_white(spoilt) -> None:
+    page = spoilt
     drawn = "document.querySelector('.plot svg').getAttribute('viewBox')"
     page.evaluate(f"addEventListener('beforeprint', () => {{ window.drawn = {drawn} }})")
     printed = page.pdf(format="A4", print_background=True)
@@ -406,7 +415,7 @@ def test_without_scripts_there_is_a_still_picture_of_the_first_record(browser, r
 
 
 def test_what_the_zoom_shows_is_saved_as_csv(visit, tmp_path) -> None:
-    page = visit().page
+    page = visit.page
     page.get_by_role("button", name="zoom in").first.click()
     with page.expect_download() as waiting:
         page.get_by_role("button", name="save as CSV").first.click()
@@ -421,7 +430,7 @@ def test_what_the_zoom_shows_is_saved_as_csv(visit, tmp_path) -> None:
 
 
 def test_estimates_and_pictures_are_saved_from_the_page_itself(visit, tmp_path) -> None:
-    page = visit().page
+    page = visit.page
     for name, begins in (
         ("These figures as CSV", b"symbol,name,value"),
         ("PNG", b"\x89PNG"),
@@ -433,8 +442,8 @@ def test_estimates_and_pictures_are_saved_from_the_page_itself(visit, tmp_path) 
         assert (tmp_path / "saved").read_bytes().startswith(begins)
 
 
-def test_a_still_picture_is_saved_as_it_is_printed(visit, tmp_path) -> None:
-    page = visit(color_scheme="dark").page
+def test_a_still_picture_is_saved_as_it_is_printed(opened, tmp_path) -> None:
+    page = opened(PHONE, color_scheme="dark").page
     with page.expect_download() as waiting:
         page.get_by_role("link", name="PNG", exact=True).first.click()
     assert waiting.value.suggested_filename == "picture-1.png"
@@ -446,8 +455,8 @@ def test_a_still_picture_is_saved_as_it_is_printed(visit, tmp_path) -> None:
     assert (np.ptp(pixels, axis=2) > 0.2).mean() > 0.005  # curves
 
 
-def test_rows_are_not_stretched_by_narrow_columns_on_a_phone(visit) -> None:
-    page = visit(PHONE).page
+def test_rows_are_not_stretched_by_narrow_columns_on_a_phone(opened) -> None:
+    page = opened(PHONE).page
     page.evaluate("document.querySelectorAll('details').forEach((one) => { one.open = true; })")
     tall = page.evaluate(
         """() => [...document.querySelectorAll("table.sortable tbody tr")].filter((row) =>
@@ -458,7 +467,7 @@ def test_rows_are_not_stretched_by_narrow_columns_on_a_phone(visit) -> None:
 
 
 def test_nothing_of_a_still_picture_is_cut(visit) -> None:
-    page = visit().page
+    page = visit.page
     page.evaluate("document.querySelectorAll('details').forEach((one) => { one.open = true; })")
     cut = page.evaluate(
         """() => [...document.querySelectorAll("figure:not(.chart) svg")].flatMap((svg) => {
@@ -474,7 +483,7 @@ def test_nothing_of_a_still_picture_is_cut(visit) -> None:
 
 
 def test_what_the_zoom_shows_is_saved_as_a_picture(visit, tmp_path) -> None:
-    page = visit().page
+    page = visit.page
     with page.expect_download() as waiting:
         page.get_by_role("button", name="save as PNG").first.click()
     waiting.value.save_as(tmp_path / "zoom.png")

@@ -66,7 +66,7 @@ class TestRows:
 
     def test_noise_is_a_share_of_the_operating_point_whatever_the_amplitude(self, tmp_path: Path) -> None:
         plan = cheap_plan(
-            8,
+            4,
             factors={"excitation.amplitude_rpm": {"values": [10.0, 80.0]}},
             noise={"n_e": 2e-4, "M_b": 1e-3},
         )
@@ -127,26 +127,16 @@ class TestRows:
     def test_a_draw_that_takes_too_long_is_told_from_one_that_failed(
         self, tmp_path: Path, monkeypatch: Any
     ) -> None:
-        found: list[Any] = []
-        identified = draw.identify
+        plan = cheap_plan(3, sweep={"time_limit_s": 1.0})
 
-        def kept(*arguments: Any, **options: Any) -> Any:
-            found.append(identified(*arguments, **options))
-            return found[0]
-
-        monkeypatch.setattr(draw, "identify", kept)
-        sweep(cheap_plan(1), tmp_path / "one", executor="threads", workers=1)
-        plan = cheap_plan(3, sweep={"time_limit_s": 2.0})
-
-        # The others take no time to speak of, on any machine.
         def slow(*_: Any, **options: Any) -> Any:
             while options["seed"] == plan.seed_of(1):
                 time.sleep(0.01)
-            return found[0]
+            raise SimulationError("the others fail at once")
 
         monkeypatch.setattr(draw, "identify", slow)
         summary = sweep(plan, tmp_path / "sweep", executor="threads", workers=1).summary
-        assert [row["status"] for row in rows(tmp_path / "sweep")] == ["done", "timed_out", "done"]
+        assert [row["status"] for row in rows(tmp_path / "sweep")] == ["failed", "timed_out", "failed"]
         assert summary["draws"]["timed_out"] == 1
 
 
@@ -172,13 +162,10 @@ class TestTimeLimit:
 
 
 class TestWorkers:
-    @pytest.mark.parametrize("workers", [2, 4])
     def test_the_table_is_the_same_to_the_bit_on_any_number_of_threads(
-        self, reference: Path, tmp_path: Path, workers: int
+        self, reference: Path, tmp_path: Path
     ) -> None:
-        sweep(
-            cheap_plan(DRAWS), tmp_path / "sweep", executor="threads", workers=workers, draws_per_task=workers
-        )
+        sweep(cheap_plan(DRAWS), tmp_path / "sweep", executor="threads", workers=3, draws_per_task=2)
         assert results(tmp_path / "sweep") == results(reference)
 
     def test_an_executor_of_one_s_own_serves_and_stays_open(self, reference: Path, tmp_path: Path) -> None:
@@ -215,7 +202,9 @@ def stopping_after(draws: int):
 
 
 class TestGoingOn:
-    def test_an_interrupted_sweep_goes_on_to_the_same_bits(self, reference: Path, tmp_path: Path) -> None:
+    def test_an_interrupted_sweep_goes_on_to_the_same_bits_and_makes_a_damaged_part_again(
+        self, reference: Path, tmp_path: Path
+    ) -> None:
         folder, plan = tmp_path / "sweep", cheap_plan(DRAWS)
         for made in (1, 2):
             with pytest.raises(Stop):
@@ -230,17 +219,15 @@ class TestGoingOn:
         draws = json.loads((folder / "summary.json").read_text())["draws"]
         assert draws["done"] + draws["not_run"] == DRAWS
         assert 3 <= draws["done"] < DRAWS
+        victim, *_ = sorted(folder.glob("parts/*/*.parquet"))
+        victim.write_bytes(victim.read_bytes()[:100])
         seen: list[Progress] = []
         sweep(plan, folder, executor="threads", workers=2, progress=seen.append)
-        assert seen[0].done == draws["done"]
-        assert seen[-1].made == draws["not_run"]
+        assert seen[0].done == draws["done"] - 1
+        assert seen[-1].made == draws["not_run"] + 1
         assert results(folder) == results(reference)
-        assert {path.name for path in folder.iterdir()} == {
-            "results.parquet",
-            "summary.json",
-            MANIFEST,
-            ".lock",
-        }
+        left = {path.name for path in folder.iterdir()}
+        assert left == {"results.parquet", "summary.json", MANIFEST, ".lock"}
 
     def test_a_finished_sweep_is_not_run_again(self, reference: Path, monkeypatch: Any) -> None:
         before = results(reference)
@@ -251,15 +238,6 @@ class TestGoingOn:
         assert results(reference) == before
         assert again.summary["draws"]["done"] == DRAWS
         assert again.table().num_rows == DRAWS
-
-    def test_a_part_that_was_damaged_is_made_again(self, reference: Path, tmp_path: Path) -> None:
-        folder, plan = tmp_path / "sweep", cheap_plan(DRAWS)
-        with pytest.raises(Stop):
-            sweep(plan, folder, executor="threads", workers=1, draws_per_task=2, progress=stopping_after(6))
-        victim, *_ = sorted(folder.glob("parts/*/*.parquet"))
-        victim.write_bytes(victim.read_bytes()[:100])
-        sweep(plan, folder, executor="threads", workers=1)
-        assert results(folder) == results(reference)
 
     @pytest.mark.parametrize(
         ("changed", "words"),
@@ -300,8 +278,8 @@ class TestCommand:
         path, out = tmp_path / "SWEEP.toml", tmp_path / "out"
         path.write_text(
             sweep_toml(
-                sweep={"vessel": "stan-launch-804", "design": "grid", "repeats": 4},
-                factors={"excitation.duration_s": {"values": [5.0, 10.0, 20.0]}},
+                sweep={"vessel": "stan-launch-804", "design": "grid", "repeats": 2},
+                factors={"excitation.duration_s": {"values": [5.0, 10.0]}},
                 excitation={"start_hz": 0.2, "rate_hz": 20.0},
                 identify={"noise": "white", "fixed": {"g": -0.583}},
             )
@@ -309,7 +287,7 @@ class TestCommand:
         arguments = ["sweep", str(path), "--out", str(out), "--executor", "threads", "--workers", "1"]
         assert cli.main([*arguments, "--accuracy", "5"]) == 0
         printed = capsys.readouterr()
-        assert "12 draws, 12 identified, 0 failed, 0 timed out" in printed.out
+        assert "4 draws, 4 identified, 0 failed, 0 timed out" in printed.out
         assert "in summary.json: by excitation.duration_s" in printed.out
         assert len(printed.out.splitlines()) <= 30
         assert "95 of 100 estimates are within 5 % of the truth" in printed.out
@@ -317,7 +295,7 @@ class TestCommand:
         for figure in ("scatter_matrix", "errors", "trial_length"):
             assert (out / "figures" / f"{figure}.png").read_bytes().startswith(b"\x89PNG")
         assert cli.main([*arguments, "--json", "--no-figures"]) == 0
-        assert json.loads(capsys.readouterr().out)["draws"]["done"] == 12
+        assert json.loads(capsys.readouterr().out)["draws"]["done"] == 4
         assert cli.main([*arguments, "--seed", "1"]) == 2
         assert "begun with sweep.seed = 0, found 1 now" in capsys.readouterr().err
 
