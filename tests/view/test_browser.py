@@ -16,7 +16,7 @@ from shipfp_rs.view.draft import Draft, written
 from tests.conftest import CHROMIUM
 from tests.view.logs import CHIRP_S, STEADY_S, write_csv
 from tests.view.serving import served
-from tests.view.test_jobs import TRIAL, begun_server
+from tests.view.test_jobs import TRIAL
 
 pytest.importorskip("playwright.sync_api", reason="needs Playwright: pip install playwright")
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium: apt-get install chromium")
@@ -133,21 +133,25 @@ def tug(tmp_path_factory) -> Path:
     return folder
 
 
-@pytest.fixture
-def visits(browser, tug):
-    pages = []
+@pytest.fixture(scope="module")
+def server(tug):
     with served(tug) as caller:
-        server = caller.server
+        yield caller.server
 
-        def open_page(name: str = "TRIAL.toml", **options) -> Visit:
-            path = tug / name
-            doc = server.desk.open_trial(path)[0] if path.suffix == ".toml" else server.desk.open(path)
-            pages.append(Visit(browser, f"{server.origin}/{server.token}/look.html?doc={doc}", **options))
-            return pages[-1]
 
-        yield open_page
-        for visit in pages:
-            visit.page.close()
+@pytest.fixture
+def visits(browser, tug, server):
+    pages = []
+
+    def open_page(name: str = "TRIAL.toml", **options) -> Visit:
+        path = tug / name
+        doc = server.desk.open_trial(path)[0] if path.suffix == ".toml" else server.desk.open(path)
+        pages.append(Visit(browser, f"{server.origin}/{server.token}/look.html?doc={doc}", **options))
+        return pages[-1]
+
+    yield open_page
+    for visit in pages:
+        visit.page.close()
 
 
 @pytest.mark.parametrize(
@@ -271,21 +275,20 @@ CanvasRenderingContext2D.prototype.fillText = function (text, x, y, most = Infin
 }"""
 
 
-@pytest.mark.parametrize("viewport", [DESKTOP, PHONE])
-def test_no_number_at_an_axis_is_cut(browser, tmp_path, viewport):
+def test_no_number_at_an_axis_is_cut(browser, tmp_path):
     path = tmp_path / "log.parquet"
     samples = -987_654.0 + 0.003 * np.sin(np.arange(6000) / 50.0)
     Log.from_arrays({"far from zero": samples}, rate_hz=100.0, units={"far from zero": "Nm"}).write(path)
     with served(path.parent) as caller:
         doc = caller.server.desk.open(path)
-        visit = Visit(browser, f"{caller.server.origin}/{caller.server.token}/look.html?doc={doc}", viewport)
+        visit = Visit(browser, f"{caller.server.origin}/{caller.server.token}/look.html?doc={doc}", PHONE)
         visit.page.evaluate(WRITTEN)
         visit.show(10.0, 40.0)
         assert visit.page.evaluate("window.outside") == []
         visit.page.close()
 
 
-def test_two_cursors_tell_the_difference_of_two_samples(visits, tug):
+def test_cursors_tell_the_difference_of_two_samples_and_channels_are_hidden_and_reordered(visits, tug):
     visit = visits()
     page = visit.page
     log = Log.open(tug / "my.csv")
@@ -299,10 +302,6 @@ def test_two_cursors_tell_the_difference_of_two_samples(visits, tug):
     assert told[0] == pytest.approx(expected[0], abs=0.01)
     assert told[1] == pytest.approx(expected[0] - expected[1], abs=0.01)
     assert "Δt 0.1 s · 1/Δt 10 Hz" in page.locator("#status").inner_text()
-
-
-def test_channels_are_hidden_and_reordered(visits):
-    page = visits().page
     names = lambda: [row.inner_text() for row in page.locator(".row:not([hidden]) .name").all()]  # noqa: E731
     assert names() == ["n_set", "shaft torque", "PTM_e"]
     page.get_by_label("n_set down").click()
@@ -350,8 +349,9 @@ def test_a_speed_in_per_cent_is_calibrated_on_the_page(browser, tmp_path):
 def test_a_newcomer_gets_from_a_csv_to_a_report_without_a_text_editor(browser, tmp_path):
     """One button for the roles, one drag, run, report; and the file that was written says the same on the command line."""
     write_csv(tmp_path / "my.csv")
-    with begun_server(tmp_path / "my.csv") as (_, origin, token):
-        visit = Visit(browser, f"{origin}/{token}/look.html?doc=0")
+    with served(tmp_path) as caller:
+        doc = caller.server.desk.open(tmp_path / "my.csv")
+        visit = Visit(browser, f"{caller.server.origin}/{caller.server.token}/look.html?doc={doc}")
         page = visit.page
         page.get_by_role("button", name="take the roles that names and units tell").click()
         page.get_by_role("tab", name="Trial").click()
