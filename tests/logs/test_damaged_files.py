@@ -33,11 +33,11 @@ def check(tally: Tally, whole: Path) -> None:
 @pytest.mark.parametrize("kind", KINDS)
 def test_damage_gives_a_log_or_one_line(kind: str, tmp_path: Path) -> None:
     whole = sample_file(kind, tmp_path)
-    check(try_damaged(whole, tmp_path, 4 if kind == "DEWESoft" else 25), whole)
+    check(try_damaged(whole, tmp_path, 2 if kind == "DEWESoft" else 12), whole)
 
 
 @pytest.mark.filterwarnings("always::shipfp_rs.errors.LogWarning")
-@pytest.mark.parametrize("kind", ["Parquet", "Feather", "CSV", "MDF 4", "MATLAB 5, plain", "imc FAMOS"])
+@pytest.mark.parametrize("kind", ["Parquet", "CSV", "MDF 4"])
 def test_the_command_line_answers_damage_in_lines_of_its_own(
     kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -62,7 +62,7 @@ def test_of_a_cut_file_only_what_was_written_is_read_and_the_loss_is_told(kind: 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", LogWarning)  # DEWESoft channels that are never decoded
         written = samples(whole)
-    for part in (0.2, 0.4, 0.6, 0.8, 0.95, 0.999) if kind != "DEWESoft" else (0.5, 0.999):
+    for part in (0.4, 0.8, 0.999) if kind != "DEWESoft" else (0.5, 0.999):
         cut.write_bytes(content[: int(part * len(content))])
         with warnings.catch_warnings(record=True) as told:
             warnings.simplefilter("always")

@@ -33,7 +33,7 @@ def name_of(page: Path) -> str:
     return page.relative_to(ROOT).as_posix()
 
 
-HEAVY = {"sweeps.md", "design.md", "limits.md"}
+HEAVY = {"sweeps.md", "design.md", "limits.md", "measurement.md"}
 
 
 def is_quick(page: Path) -> bool:

@@ -39,8 +39,7 @@ def motion(kind: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return speed, 100.0 + 8.0 * swing, np.cumsum(speed) / (RATE_HZ * FINER) / RATIO
 
 
-@pytest.mark.parametrize("kind", ["chirp", "sines", "steps"])
-@pytest.mark.parametrize("written", [RATIO, 2.5903])
+@pytest.mark.parametrize(("kind", "written"), [("chirp", RATIO), ("sines", 2.5903), ("steps", 2.5903)])
 def test_ripple_of_the_shaft_goes_and_the_answer_to_the_set_point_stays(kind: str, written: float) -> None:
     speed, torque, turns = motion(kind)
     ripple = torque * (0.012 * np.sin(2.0 * np.pi * turns + 0.7) + 0.004 * np.sin(4.0 * np.pi * turns))

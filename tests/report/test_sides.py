@@ -29,12 +29,16 @@ def rendered(found: fp.Fingerprint, **options) -> str:
     return render(found, found.experiments, simulated=[found.predict()], **options)
 
 
+@pytest.fixture(scope="module")
+def page(undescribed) -> str:
+    return rendered(undescribed)
+
+
 def section(page: str) -> str:
     return page[page.index('id="sides"') : page.index('id="signals"')]
 
 
-def test_an_engine_that_is_not_described_has_its_picture_and_no_loop(undescribed) -> None:
-    page = rendered(undescribed)
+def test_an_engine_that_is_not_described_has_its_picture_and_no_loop(page) -> None:
     sides = section(page)
     assert "What the engine&#39;s torque has beyond the model" in sides
     assert sides.count("<svg") == 1
@@ -46,8 +50,8 @@ def test_an_engine_that_is_not_described_has_its_picture_and_no_loop(undescribed
     assert "not identifiable" not in screen
 
 
-def test_the_load_s_side_stands_beside_the_whole(undescribed) -> None:
-    row = re.search(r"<code>p</code>.*?</tr>", section(rendered(undescribed)))[0]
+def test_the_load_s_side_stands_beside_the_whole(undescribed, page) -> None:
+    row = re.search(r"<code>p</code>.*?</tr>", section(page))[0]
     alone, whole = undescribed.load_side["p"], undescribed.optimum["p"]
     assert f"{alone.value:.3f}" in row
     assert f"{whole:.4g}" in row
@@ -66,9 +70,9 @@ def test_a_fingerprint_without_sides_says_nothing_of_them(undescribed) -> None:
     assert "by itself" not in str(older)
 
 
-def test_operating_point_and_inertia_stand_on_top(undescribed) -> None:
+def test_operating_point_and_inertia_stand_on_top(undescribed, page) -> None:
     point = undescribed.data[0]["operating_point"]
-    screen = text_of(first_screen(rendered(undescribed)))
+    screen = text_of(first_screen(page))
     power_kW = point["M_b"] * point["n_e"] * np.pi / 30.0 / 1e3
     assert (
         f"{point['n_e']:.4g}\u00a0rpm, {point['M_b']:.4g}\u00a0Nm, {power_kW:.3g}\u00a0kW"
@@ -116,14 +120,13 @@ def test_a_load_is_shown_above_what_it_drives() -> None:
     assert drawn.count('id="picture1-axes_') == 1 + len(trial.outputs)
 
 
-def test_an_engine_that_is_not_described_is_not_said_to_lack_excitation(undescribed) -> None:
-    screen = text_of(first_screen(rendered(undescribed)))
+def test_an_engine_that_is_not_described_is_not_said_to_lack_excitation(page) -> None:
+    screen = text_of(first_screen(page))
     assert "More excitation" not in screen
     assert "What engine and governor do beyond the model is drawn below" in screen
 
 
-def test_a_reason_that_several_parameters_share_is_told_once(undescribed) -> None:
-    page = rendered(undescribed)
+def test_a_reason_that_several_parameters_share_is_told_once(page) -> None:
     table = page[page.index('id="parameters"') : page.index("What the symbols mean")]
     assert table.count("engine and governor are not described") == 1
     assert "g, vK_p, vK_i, T_d, hold, T_set, tau_act: engine and governor are not described" in table

@@ -218,9 +218,7 @@ def test_a_run_on_a_load_without_a_torque_says_what_the_load_determines(folder: 
     low, high = found["(p-g)/tau_n"].ci95
     assert low < (TRUTH["p"] - TRUTH["g"]) / TRUTH["tau_n"] < high
     assert {found[name].status for name in ("p", "g")} == {"prior"}
-    path.write_text(path.read_text() + "[identify]\nfixed = { p = 0.4 }\n")
-    assert "Assumed, not given: k_L = 1." in run(path, tmp_path / "out").fingerprint.verdict
-    path.write_text(path.read_text().replace("{ p = 0.4 }", "{ p = 0.4, k_L = 1.0 }"))
+    path.write_text(path.read_text() + "[identify]\nfixed = { p = 0.4, k_L = 1.0 }\n")
     found = run(path, tmp_path / "out").fingerprint
     assert (found["k_L"].status, found["k_L"].reason) == ("fixed", "given")
     assert "assumed" not in " ".join((*found.verdict, str(found))).lower()
