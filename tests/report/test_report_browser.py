@@ -376,6 +376,7 @@ def test_it_can_be_read_aloud_and_walked_through_by_key(spoilt) -> None:
 
 def test_the_residuals_correlogram_is_told_in_words_and_fits_the_page(opened) -> None:
     page = opened(PHONE).page
+    page.evaluate("document.querySelectorAll('details').forEach((one) => { one.open = false; })")
     page.locator("section[aria-labelledby=statistics] summary").first.click()
     figure = page.locator("section[aria-labelledby=statistics] figure")
     assert figure.count() == 1
