@@ -46,14 +46,15 @@ def ended(process: subprocess.Popen[str], number: signal.Signals) -> tuple[float
     raise AssertionError("processes are left")
 
 
-# One end of each executor; the other one of each comes at night.
+# One executor and one end of it; the others come at night.
 @pytest.mark.parametrize(
     ("executor", "number", "status"),
     [
         ("processes", *ENDS[0]),
-        ("threads", *ENDS[1]),
-        pytest.param("processes", *ENDS[1], marks=pytest.mark.slow),
-        pytest.param("threads", *ENDS[0], marks=pytest.mark.slow),
+        *(
+            pytest.param(*other, marks=pytest.mark.slow)
+            for other in (("processes", *ENDS[1]), ("threads", *ENDS[0]), ("threads", *ENDS[1]))
+        ),
     ],
 )
 def test_breakage_d5_a_sweep_does_not_wait_for_its_draws(tmp_path, executor, number, status):

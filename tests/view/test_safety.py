@@ -22,18 +22,17 @@ DRAFT = {
 }
 
 
-@pytest.fixture
-def folder(tmp_path) -> Path:
-    """A folder with a log and a run, and something beside it that is nobody's business."""
-    inner = tmp_path / "trials"
+def filled(outer: Path) -> Path:
+    """Return a folder with a log and a run, and something beside it that is nobody's business."""
+    inner = outer / "trials"
     inner.mkdir()
-    (tmp_path / "secret.toml").write_text("secret = 1\n")
-    (tmp_path / "secret.html").write_text("secret")
+    (outer / "secret.toml").write_text("secret = 1\n")
+    (outer / "secret.html").write_text("secret")
     (inner / "run").mkdir()
     (inner / "run" / "fingerprint.json").write_text(json.dumps({"vessel": "tug", "verdict": ["Known: p."]}))
     (inner / "run" / "report.html").write_text("<p>a report</p>")
     (inner / "run" / "notes.html").write_text("not a result")
-    (inner / "run" / "link.png").symlink_to(tmp_path / "secret.html")
+    (inner / "run" / "link.png").symlink_to(outer / "secret.html")
     samples = np.arange(60_000.0) % 7
     Log.from_arrays({"n": samples, "P": samples}, rate_hz=1000.0, units={"n": "rpm"}).write(
         inner / "log.parquet"
@@ -42,14 +41,29 @@ def folder(tmp_path) -> Path:
 
 
 @pytest.fixture
+def folder(tmp_path) -> Path:
+    return filled(tmp_path)
+
+
+@pytest.fixture
 def caller(folder):
+    """A server for a test that saves."""
     with served(folder) as caller:
         caller.server.desk.open(folder / "log.parquet")
         yield caller
 
 
-def test_the_page_is_served_with_a_policy_that_lets_nothing_else_in(caller):
-    status, head, body = caller.ask(f"/{caller.server.token}/look.html")
+@pytest.fixture(scope="module")
+def asker(tmp_path_factory):
+    """A server that is only asked."""
+    folder = filled(tmp_path_factory.mktemp("asked"))
+    with served(folder) as caller:
+        caller.server.desk.open(folder / "log.parquet")
+        yield caller
+
+
+def test_the_page_is_served_with_a_policy_that_lets_nothing_else_in(asker):
+    status, head, body = asker.ask(f"/{asker.server.token}/look.html")
     assert status == 200
     assert b"<script" in body
     policy = head["Content-Security-Policy"]
@@ -71,10 +85,10 @@ def test_no_page_names_another_host():
 @pytest.mark.parametrize(
     "path", ["/", "/look.html", "/wrong/look.html", "/{token}x/look.html", "//look.html"]
 )
-def test_without_the_secret_nothing_is_told(caller, path):
-    status, _, body = caller.ask(path.format(token=caller.server.token))
+def test_without_the_secret_nothing_is_told(asker, path):
+    status, _, body = asker.ask(path.format(token=asker.server.token))
     assert status == 403
-    assert caller.server.token.encode() not in body
+    assert asker.server.token.encode() not in body
 
 
 def test_each_server_has_a_secret_of_its_own_and_listens_on_this_machine_only(folder):
@@ -101,9 +115,9 @@ def test_each_server_has_a_secret_of_its_own_and_listens_on_this_machine_only(fo
         {"Host": None},
     ],
 )
-def test_another_page_is_refused_even_with_the_secret(caller, headers):
-    said = {name: value and value.format(port=caller.server.server_port) for name, value in headers.items()}
-    status, _, body = caller.ask(f"/{caller.server.token}/api/document?doc=0", **said)
+def test_another_page_is_refused_even_with_the_secret(asker, headers):
+    said = {name: value and value.format(port=asker.server.server_port) for name, value in headers.items()}
+    status, _, body = asker.ask(f"/{asker.server.token}/api/document?doc=0", **said)
     assert status == 403
     assert b"refused" in body
 
@@ -118,19 +132,19 @@ def test_another_page_is_refused_even_with_the_secret(caller, headers):
         "/{token}/{run}/report.html",
     ],
 )  # fmt: skip
-def test_no_path_leads_out_of_what_is_listed(caller, path):
-    (run,) = caller.get("results")["results"]
-    told = {"token": caller.server.token, "results": caller.server.results_token, "run": run["id"]}
-    status, _, body = caller.ask(path.format(**told))
+def test_no_path_leads_out_of_what_is_listed(asker, path):
+    (run,) = asker.get("results")["results"]
+    told = {"token": asker.server.token, "results": asker.server.results_token, "run": run["id"]}
+    status, _, body = asker.ask(path.format(**told))
     assert status in (403, 404)
     assert b"secret" not in body
     assert b"not a result" not in body
 
 
-def test_a_report_is_apart_from_the_page_that_shows_it(caller):
-    (run,) = caller.get("results")["results"]
+def test_a_report_is_apart_from_the_page_that_shows_it(asker):
+    (run,) = asker.get("results")["results"]
     assert run["files"] == ["fingerprint.json", "report.html"]
-    status, head, body = caller.ask(f"/{caller.server.results_token}/{run['id']}/report.html")
+    status, head, body = asker.ask(f"/{asker.server.results_token}/{run['id']}/report.html")
     assert (status, body) == (200, b"<p>a report</p>")
     assert "sandbox allow-scripts" in head["Content-Security-Policy"]
     assert "connect-src" not in head["Content-Security-Policy"]  # 'none' by default-src
@@ -179,10 +193,10 @@ def test_only_the_page_itself_may_change_anything(caller, folder, headers, statu
 
 
 @pytest.mark.parametrize("body", [b"", b"[]", b"{", b"[" * 100_000, b'"x"', b"\xff"])
-def test_what_is_no_object_is_refused_in_a_line(caller, body):
-    path = f"/{caller.server.token}/api/save"
-    said = {"Origin": caller.server.origin, "Content_Type": "application/json"}
-    status, _, answer = caller.ask(path, "POST", body, **said)
+def test_what_is_no_object_is_refused_in_a_line(asker, body):
+    path = f"/{asker.server.token}/api/save"
+    said = {"Origin": asker.server.origin, "Content_Type": "application/json"}
+    status, _, answer = asker.ask(path, "POST", body, **said)
     assert status == 400
     assert "expected" in json.loads(answer)["error"]
 
@@ -200,9 +214,9 @@ def test_what_is_no_object_is_refused_in_a_line(caller, body):
         ("within", {"doc": 0, "column": "n"}), ("mean", {"doc": 0, "series": 0, "from": 1e9, "to": 2e9}), ("job", {"id": 3}),
     ],
 )  # fmt: skip
-def test_an_odd_question_is_answered_in_a_line(caller, name, asked):
-    caller.until_read()
-    told = caller.get(name, **asked)
+def test_an_odd_question_is_answered_in_a_line(asker, name, asked):
+    asker.until_read()
+    told = asker.get(name, **asked)
     assert told["status"] == 400
     assert "\n" not in told["error"]
     assert "internal" not in told["error"]
