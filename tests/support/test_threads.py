@@ -131,7 +131,7 @@ def test_every_fit_keeps_to_one_blas_thread(fit, monkeypatch):
             return products(likelihood, *arguments)
 
         monkeypatch.setattr(kind, "products", record)
-    excitation = fp.signals.chirp(0.1, 1.0, 15.0, 40.0, rate_hz=20.0)
+    excitation = fp.signals.chirp(0.1, 1.0, 25.0, 40.0, rate_hz=20.0)
     noise = {"n_e": 0.01, "M_b": 0.01}
     data = fp.simulate(fp.Vessel.load("stan-launch-804"), excitation, noise=noise, seed=1)
     structure = fp.Structure.linear(products=True)
@@ -139,7 +139,7 @@ def test_every_fit_keeps_to_one_blas_thread(fit, monkeypatch):
         "identify": lambda: fp.identify(data, structure, intervals="symmetric"),
         "foresee": lambda: foresee([data], structure),
         "profile_likelihood": lambda: profile_likelihood(data, structure, ["g"], noise="white"),
-        "bootstrap": lambda: bootstrap(data, structure, draws=4, noise="white", intervals="symmetric"),
+        "bootstrap": lambda: bootstrap(data, structure, draws=20, noise="white", intervals="symmetric"),
         "cross_validation": lambda: cross_validation([data], structure, intervals="symmetric"),
     }
     calls[fit]()
