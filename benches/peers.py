@@ -153,8 +153,7 @@ def identification(short: bool, repeats: int) -> None:
         """Search, and the covariance of all unknowns, as the twin does."""
         fit = fit_structure(record, structure, Options("white"))
         values = fit.likelihood.coordinates.values(fit.best.vector)
-        told = fit.likelihood.coordinates.slopes(values)
-        slopes = np.array([told[name][place] for place, name in enumerate(TRUTH)])
+        slopes = fit.likelihood.coordinates.jacobian(values).diagonal()
         matrix = fit.likelihood.products(fit.best.vector).matrix
         covariance = np.linalg.inv(matrix)[:4, :4] * np.outer(slopes, slopes)
         return np.array([values[name] for name in TRUTH]), covariance
