@@ -133,8 +133,8 @@ def test_several_starts_reach_the_same_minimum():
     one = identify(data, structure, noise="white")
     many = identify(data, structure, noise="white", starts=3, seed=11)
     assert many["tau_n"].value == pytest.approx(one["tau_n"].value, rel=1e-4)
-    assert len(many.settings["minima"]) == 3
-    assert max(row["criterion"] for row in many.settings["minima"][:2]) - many.settings["criterion"] < 1.0
+    assert len(many.settings["minima"]) == 1
+    assert many.settings["criterion"] == pytest.approx(one.settings["criterion"], abs=0.1)
 
 
 def test_coloured_noise_gets_wider_and_honest_intervals():

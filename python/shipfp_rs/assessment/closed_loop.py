@@ -19,6 +19,7 @@ from scipy.optimize import brentq
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.frequency import FrequencyResponse
+from shipfp_rs.identification.estimate import with_interval
 from shipfp_rs.identification.fingerprint import Estimate, Fingerprint
 from shipfp_rs.identification.identifiability import gradient_of
 from shipfp_rs.structures.elements import LATE_CHANNELS
@@ -424,7 +425,7 @@ def estimated(
     if not possible or std < STRAIGHT * abs(value):
         ends = _first_order(value, std, least)
         low, high = min(low, *ends), max(high, *ends)
-    return Estimate(value, (high - low) / (2.0 * DEVIATIONS_95), (low, high), unit)
+    return with_interval(value, (low, high), unit)
 
 
 def _first_order(value: float, std: float, least: float | None) -> tuple[float, float]:

@@ -17,14 +17,14 @@ from scipy.stats import chi2
 from shipfp_rs.errors import InputError
 from shipfp_rs.frequency import FrequencyResponse
 from shipfp_rs.identification.basins import descend
-from shipfp_rs.identification.coordinates import Itself
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.identification.identifiability import Sensitivity
 from shipfp_rs.identification.identify import options_of
 from shipfp_rs.identification.likelihood import real_rows
+from shipfp_rs.identification.profiles import Interval, figures_of, profiled
 from shipfp_rs.identification.structure_estimates import StructureEstimates
 from shipfp_rs.identification.structure_fit import LAST as SETTLED
-from shipfp_rs.identification.structure_fit import STEPS, fit_structure
+from shipfp_rs.identification.structure_fit import STEPS, fit_structure, refined
 from shipfp_rs.identification.structure_likelihood import Data, seen
 from shipfp_rs.structures.structure import Parameter, Structure
 from shipfp_rs.support import hints
@@ -220,14 +220,14 @@ def profile_likelihood(
     for name in wanted:
         if name not in names:
             raise InputError(f"no free parameter {name!r}, {hints.suggestion(name, list(names))}")
-    told = StructureEstimates(fit, "profile")
+    fit, _, intervals = profiled(fit, figures_of(wanted), refined, {})
+    told = StructureEstimates(fit)
     free = {one.name: one for one in structure.free}
-    return tuple(_likelihood(told, free[name]) for name in wanted)
+    return tuple(_likelihood(told, free[name], intervals[name]) for name in wanted)
 
 
-def _likelihood(told: StructureEstimates, parameter: Parameter) -> Likelihood:
+def _likelihood(told: StructureEstimates, parameter: Parameter, found: Interval) -> Likelihood:
     value, names = told.values[parameter.name], told.fit.likelihood.coordinates.names
-    found = told.profiles.interval(Itself(parameter.name))
     sides = [
         _side(told, parameter, sign, end, kind)
         for sign, end, kind in zip((-1.0, 1.0), (found.low, found.high), found.kinds, strict=True)

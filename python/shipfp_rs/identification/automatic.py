@@ -19,20 +19,23 @@ from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.identification.basins import Basin, descend
 from shipfp_rs.identification.coordinates import Figure
 from shipfp_rs.identification.engine_tests import engine_curves
-from shipfp_rs.identification.estimate import ALONG, ASSUMED, KNOWN, Estimate, Identifiability
-from shipfp_rs.identification.fingerprint import (
-    UNSETTLED,
-    Fingerprint,
-    minima_rows,
-    record_row,
-    versions,
+from shipfp_rs.identification.estimate import (
+    ALONG,
+    ASSUMED,
+    KNOWN,
+    Estimate,
+    Identifiability,
+    Status,
+    unidentifiable,
+    with_interval,
 )
+from shipfp_rs.identification.fingerprint import Fingerprint, record_row, search_settings, versions
 from shipfp_rs.identification.input_checks import doubts, require_excited
 from shipfp_rs.identification.likelihood import Likelihood
 from shipfp_rs.identification.limited_likelihood import LimitedLikelihood
 from shipfp_rs.identification.load_side import load_side_of
 from shipfp_rs.identification.open_loop import in_open_loop, structure_in_open_loop
-from shipfp_rs.identification.profiles import NEAR, RISE, TRIES, Interval, Profiles, figures_of
+from shipfp_rs.identification.profiles import NEAR, RISE, Interval, Profiles, figures_of, profiled
 from shipfp_rs.identification.question import (
     BOUNDS,
     OF_LOADED,
@@ -51,12 +54,11 @@ from shipfp_rs.identification.structure_fit import StructureFit, likelihood_of
 from shipfp_rs.identification.usability import SMALL_MISS_PCT, explained_pct, misses_pct, strain
 from shipfp_rs.identification.verdict import element_rows, with_verdict
 from shipfp_rs.structures.elements import ELEMENTS
-from shipfp_rs.structures.names import plain_name
 from shipfp_rs.structures.parameter import Parameter
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.structures.ties import COMBINATIONS
-from shipfp_rs.support.arrays import DEVIATIONS_95, Array
-from shipfp_rs.support.progress import part, tell
+from shipfp_rs.support.arrays import Array
+from shipfp_rs.support.progress import part
 from shipfp_rs.support.sentences import Sentence
 from shipfp_rs.support.threads import with_one_blas_thread
 
@@ -64,16 +66,10 @@ TOGETHER = ("K_p/K_i", "(p-g)/tau_n", "vK_p/tau_n", "vK_i/tau_n", "(p-g)/(vK_i)"
 """Combinations of parameters that a fingerprint also gives."""
 FULL_SHIP = "the full ship"
 """Name, in a fingerprint's settings, of the structure that is fitted where none is given."""
-LOWER, RESTARTS = 0.5, 2
-"""A search for a profile restarts where the profile finds a deviance lower by the first; the second is the most restarts."""
-COMBINED_TRIES = 3
-"""Most iterations of a combination's profile: the profiles of its parameters have already found most of the interval."""
 NUISANCES = {one.name for element in ELEMENTS.values() for one in element.parameters if one.fixed}
 """Parameters that elements declare as fixed: where the search includes them, they are estimated without an interval."""
 EXPLAINED = 0.3
 """Share of the speed that the set point explains in the load's equation, above which the speed counts as following it."""
-UNTOLD = 0.9
-"""Share of the searched range from which on an interval counts as not determined."""
 
 
 def identified(
@@ -133,7 +129,11 @@ def answered(
         parameters = _without_torque(parameters, question)
     parameters |= _of_a_stiff_shaft(parameters, question)
     together = (*(("vK_p", "vK_i") if gains else ()), *TOGETHER)
-    derived = {name: _combined(found[name], COMBINATIONS[name][0]) for name in together if name in found}
+    derived = {
+        name: with_interval(found[name].value, found[name].ends, COMBINATIONS[name][0])
+        for name in together
+        if name in found
+    }
     if kind:
         parameters, derived = load_alone(parameters, fit.side, kind, question.bounds), {}
     if fit is not before:  # a profile reached a lower minimum
@@ -206,33 +206,13 @@ def intervals_of(
     if intervals == "symmetric":
         profiles = Profiles(fit.likelihood, list(fit.basins))
         return fit, {name: profiles.symmetric(figure) for name, figure in figures.items()}, []
-    possible: list[Array] = []
-    for left in reversed(range(RESTARTS + 1)):
-        likelihood, c = fit.likelihood, fit.likelihood.coordinates
-        profiles = Profiles(likelihood, [descend(likelihood, one.vector) for one in fit.basins])
-        # Ships that earlier profiles accepted still count.
-        profiles.visited += [Basin(likelihood.cost(vector), vector) for vector in possible]
+    if fit.is_smooth:
+        fit, profiles, found = profiled(fit, figures, refined, fit.question.bounds)
+    else:
         # With limits, derivatives hold only in a neighbourhood of the minimum that is too small for a profile.
-        found = (
-            {}
-            if fit.is_smooth
-            else {name: profiles.symmetric(one, surely=True) for name, one in figures.items()}
-        )
-        for place, (name, figure) in enumerate(figures.items()) if fit.is_smooth else ():
-            tell(f"interval: {plain_name(name)}", place / len(figures))
-            bounds = fit.question.bounds.get(name, (-np.inf, np.inf))
-            found[name] = profiles.interval(figure, TRIES if name in c.names else COMBINED_TRIES, bounds)
-            lower = min(profiles.visited, key=lambda point: point.cost, default=profiles.best)
-            if left and lower.cost < profiles.best.cost - LOWER:
-                points = (*profiles.basins, *profiles.visited)
-                possible = [point.vector for point in points if point.cost < lower.cost + RISE]
-                try:
-                    fit = refined(replace(fit, basins=(descend(likelihood, lower.vector),)))
-                except IdentificationError:  # no minimum under the re-estimated noise
-                    continue
-                break
-        else:
-            break
+        profiles = Profiles(fit.likelihood, [descend(fit.likelihood, one.vector) for one in fit.basins])
+        found = {name: profiles.symmetric(one, surely=True) for name, one in figures.items()}
+    c = fit.likelihood.coordinates
     most = profiles.best.cost + RISE * (1.0 + NEAR)
     inside = [point.vector for point in profiles.visited if point.cost < most]
     stretches, sampling, beyond = Stretches(fit.likelihood, fit.best.vector), np.zeros((1, 0)), 1.0
@@ -308,40 +288,25 @@ def _unit(name: str) -> str:
 
 
 def _estimate(fit: ShipFit, name: str, interval: Interval) -> Estimate:
-    low, high = fit.question.bounds.get(name, BOUNDS[name])
-    ends = max(interval.low, low), min(interval.high, high)
-    unit, value = _unit(name), min(max(interval.value, low), high)
-    logarithmic = low > 0.0
-    width = (
-        np.log(ends[1] / ends[0]) / np.log(high / low)
-        if logarithmic and ends[0] > 0
-        else (ends[1] - ends[0]) / (high - low)
-    )
-    c, found = fit.likelihood.coordinates, fit.best.products
-    flat = name in c.free and found is not None and found.matrix[c.place(name), c.place(name)] == 0.0
-    if name in ("M_max", "rate", "rate_down") and (flat or ends[1] >= high):
+    low, high = bounds = fit.question.bounds.get(name, BOUNDS[name])
+    unit, least, most = _unit(name), max(interval.low, low), min(interval.high, high)
+    c, best = fit.likelihood.coordinates, fit.best.products
+    flat = name in c.free and best is not None and best.matrix[c.place(name), c.place(name)] == 0.0
+    if name in ("M_max", "rate", "rate_down") and (flat or most >= high):
         # For a limit far above everything in the record, no profile finds the level at which it would act.
         reason = (
             Sentence("no limit was reached in the data")
-            if flat or ends[0] <= low
+            if flat or least <= low
             else Sentence(
-                "no limit was reached in the data: any value above {low} fits as well", low=f"{ends[0]:.4g}"
+                "no limit was reached in the data: any value above {low} fits as well", low=f"{least:.4g}"
             )
         )
-        return Estimate(None, unit=unit, status="unidentifiable", reason=reason)
+        return unidentifiable(reason, unit)
     if flat:
-        return Estimate(
-            None, unit=unit, status="unidentifiable", reason=Sentence("the data do not depend on it")
-        )
-    if width > UNTOLD:
-        reason = Sentence(
-            "the data allow any value between {low} and {high}", low=f"{ends[0]:.3g}", high=f"{ends[1]:.3g}"
-        )
-        return Estimate(None, unit=unit, status="unidentifiable", reason=reason)
+        return unidentifiable(Sentence("the data do not depend on it"), unit)
     prior = name in fit.question.priors or name in PRIORS or (fit.question.loaded and name in OF_LOADED)
-    ends = min(ends[0], value), max(ends[1], value)
-    std = (ends[1] - ends[0]) / (2.0 * DEVIATIONS_95)
-    return Estimate(value, float(std), (float(ends[0]), float(ends[1])), unit, "prior" if prior else "free")
+    status: Status = "prior" if prior else "free"
+    return with_interval(interval.value, interval.ends, unit, status, bounds=bounds)
 
 
 def _fixed(fit: ShipFit, parameter: Parameter) -> Estimate:
@@ -351,11 +316,6 @@ def _fixed(fit: ShipFit, parameter: Parameter) -> Estimate:
     if parameter.name == "k_L" and parameter.start == 1.0 and "dM" not in fit.question.outputs:
         reason = ASSUMED
     return Estimate(parameter.start, unit=parameter.unit, status="fixed", reason=reason)
-
-
-def _combined(interval: Interval, unit: str) -> Estimate:
-    std = (interval.high - interval.low) / (2.0 * DEVIATIONS_95)
-    return Estimate(interval.value, float(std), (float(interval.low), float(interval.high)), unit)
 
 
 def _of_a_stiff_shaft(parameters: Mapping[str, Estimate], question: Question) -> dict[str, Estimate]:
@@ -373,7 +333,7 @@ def _of_a_stiff_shaft(parameters: Mapping[str, Estimate], question: Question) ->
     if twist.status == "fixed" or (twist.ci95 is not None and twist.ci95[0] > stiffest):
         return {}
     reason = Sentence("a stiff shaft fits as well, of which the engine's torque tells no part")
-    return {"tau_prop": Estimate(None, unit=part.unit, status="unidentifiable", reason=reason)}
+    return {"tau_prop": unidentifiable(reason, part.unit)}
 
 
 def _without_torque(parameters: Mapping[str, Estimate], question: Question) -> dict[str, Estimate]:
@@ -384,7 +344,7 @@ def _without_torque(parameters: Mapping[str, Estimate], question: Question) -> d
     reason = Sentence("the speed determines only ratios to tau_n; measure a torque or give the inertia")
     for name in ("tau_n", "g", "vK_p", "vK_i", "p"):
         if name in found:
-            found[name] = Estimate(None, unit=found[name].unit, status="unidentifiable", reason=reason)
+            found[name] = unidentifiable(reason, found[name].unit)
     return found
 
 
@@ -437,17 +397,13 @@ def _record(fit: ShipFit, index: int, row: Sequence[float]) -> dict[str, Any]:
 
 
 def _settings(fit: ShipFit, intervals: str) -> dict[str, Any]:
-    c, above = fit.likelihood.coordinates, fit.total - fit.best.cost
+    c = fit.likelihood.coordinates
     return {
         "structure": FULL_SHIP if fit.question.structure is None else fit.question.structure.name,
         "intervals": intervals,
         "set_point": fit.between or "band-limited",
         "band_hz": max(record.band_hz for record in fit.likelihood.records),
-        "optimum": _named(fit, structure_of(fit), {**c.given, **fit.values}),
-        "criterion": fit.total,
-        "converged": fit.best.settled,
-        "message": "settled" if fit.best.settled else UNSETTLED,
-        "minima": minima_rows(c, [replace(end, cost=end.cost + above) for end in fit.basins]),
+        **search_settings(fit, _named(fit, structure_of(fit), {**c.given, **fit.values})),
     }
 
 
@@ -504,7 +460,7 @@ def _at(question: Question, values: Mapping[str, float]) -> ShipFit:
     likelihood = question.likelihood(None)
     vector = likelihood.coordinates.vector({**DEFAULTS, **ABSENT, **values})
     likelihood = likelihood.settled_at(vector)
-    return ShipFit(question, likelihood, (_end(likelihood, vector),), (), {}, None)
+    return ShipFit(likelihood, (_end(likelihood, vector),), question)
 
 
 def _of_structure(
@@ -518,7 +474,7 @@ def _of_structure(
     vector = likelihood.coordinates.vector(values)
     likelihood = likelihood.settled_at(vector)
     end = _end(likelihood, vector)
-    return of_structure(StructureFit(structure, records, likelihood, (end,), (end,)), options)
+    return of_structure(StructureFit(likelihood, (end,), structure, records), options)
 
 
 def _end(likelihood: Likelihood, vector: Array) -> Basin:

@@ -5,13 +5,13 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from functools import partial
+from functools import cached_property, partial
 from typing import TypeVar
 
 import numpy as np
 from scipy.linalg.lapack import dposv
 
-from shipfp_rs.errors import SimulationError
+from shipfp_rs.errors import IdentificationError, SimulationError
 from shipfp_rs.identification.likelihood import Likelihood, Products
 from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.threads import require_going
@@ -51,6 +51,29 @@ class Basin:
     vector: Array
     settled: bool = True
     products: Products | None = field(default=None, repr=False, compare=False)
+
+
+@dataclass(frozen=True)
+class Minima:
+    """A likelihood under its noise, and its distinct minima, the lowest first."""
+
+    likelihood: Likelihood
+    basins: tuple[Basin, ...]
+
+    @property
+    def best(self) -> Basin:
+        """The lowest minimum."""
+        return self.basins[0]
+
+    @property
+    def values(self) -> dict[str, float]:
+        """Parameters at the best minimum."""
+        return self.likelihood.coordinates.values(self.best.vector)
+
+    @cached_property
+    def total(self) -> float:
+        """Deviance of the best minimum, log determinant included, with the noise estimated from its own residuals."""
+        return self.likelihood.total(self.best.vector)
 
 
 def descend(
@@ -161,32 +184,39 @@ def _solved(matrix: Array, right: Array) -> Array:
 
 
 def best_basins(
-    likelihood: Known, starts: Sequence[Array], *, until: float | None = None
-) -> tuple[Known, list[Basin]]:
-    """Return the likelihood with estimated noise, and its distinct minima, the lowest first.
+    likelihood: Known,
+    starts: Sequence[Array],
+    *,
+    until: float | None = None,
+    alone: Callable[..., Basin] | None = None,
+) -> tuple[Known, list[Basin], float]:
+    """Return the likelihood with estimated noise, its distinct minima, the lowest first, and the total of the lowest.
 
-    Rough descents with white noise come first. The best of them continue, each with the noise of its own residuals; the
-    likeliest of these gives the noise for all.
+    Rough descents with white noise come first. The best of them continue by `alone` (default: `by_own_noise`), each with the
+    noise of its own residuals; the likeliest of these gives the noise for all.
 
     Raises
     ------
-    SimulationError
-        If no start leads to a ship that can be simulated.
+    IdentificationError
+        If no start leads to a model that can be simulated.
     """
     ends = each(likelihood, starts, until, *FIRST)
     ends = each(likelihood, [end.vector for end in ends], until, *ROUGH)
-    if not ends or not np.isfinite(ends[0].cost):
-        raise SimulationError("no start leads to a ship that can be simulated")
     ends = distinct(likelihood, ends)[:MOST_BASINS]
-    jobs = [partial(by_own_noise, likelihood, end.vector, until=until) for end in ends]
-    vectors = [end.vector for end in sorted(likelihood.each(jobs), key=lambda end: end.cost)]
-    likelihood = likelihood.with_noise(vectors[0])
+    jobs = [partial(alone or by_own_noise, likelihood, end.vector, until=until) for end in ends]
+    ends = sorted(likelihood.each(jobs), key=lambda end: end.cost)
+    if not ends or not np.isfinite(ends[0].cost):
+        raise IdentificationError(
+            f"identify: none of {len(starts)} starts leads to a model that can be simulated"
+        )
+    total, vectors = ends[0].cost, [end.vector for end in ends if np.isfinite(end.cost)]
+    likelihood = likelihood.settled_at(vectors[0]) if alone else likelihood.with_noise(vectors[0])
     ends = distinct(likelihood, each(likelihood, vectors, until, *FINE))
-    return likelihood, [end for end in ends if end.cost < ends[0].cost + ALIKE]
+    return likelihood, [end for end in ends if end.cost < ends[0].cost + ALIKE], total
 
 
 def by_own_noise(likelihood: Likelihood, vector: Array, *, until: float | None = None) -> Basin:
-    """Descend with the noise re-estimated from the residuals; the cost is the total deviance, log determinant included."""
+    """Descend twice with the noise of the residuals; the cost is the total deviance, log determinant included."""
     for steps, settled in (MIDDLE, FINE):
         try:
             likelihood = likelihood.with_noise(vector)
@@ -194,6 +224,37 @@ def by_own_noise(likelihood: Likelihood, vector: Array, *, until: float | None =
             return Basin(np.inf, vector, False)
         vector = descend(likelihood, vector, steps=steps, settled=settled, until=until).vector
     return Basin(likelihood.total(vector), vector)
+
+
+def settle(
+    likelihood: Known,
+    start: Basin,
+    *,
+    rounds: int,
+    fall: float,
+    least: float = 0.0,
+    settled: float = SETTLED,
+    until: float | None = None,
+) -> tuple[Known, Basin]:
+    """Descend repeatedly, with noise and corrections of the records re-estimated at each minimum.
+
+    At most `rounds` descents; the last lowers the total deviance by less than `fall`, or changes no entry of the search
+    vector by more than `least`. Return the last likelihood and its minimum.
+    """
+    best, total = start, np.inf
+    for _ in range(rounds):
+        try:
+            following = likelihood.resettled_at(best.vector)
+        except (SimulationError, np.linalg.LinAlgError):
+            break
+        end = descend(following, best.vector, settled=settled, until=until)
+        if not np.isfinite(end.cost):  # diverges with its own corrections
+            break
+        moved, before = np.abs(end.vector - best.vector).max(), total
+        likelihood, best, total = following, end, following.total(end.vector)
+        if not total < before - fall or moved < least:
+            break
+    return likelihood, best
 
 
 def distinct(likelihood: Likelihood, ends: Sequence[Basin]) -> list[Basin]:

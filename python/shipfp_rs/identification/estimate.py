@@ -9,6 +9,8 @@ from typing import Any, Literal, get_args
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.support.arguments import check_fields, told
+from shipfp_rs.support.arrays import DEVIATIONS_95
+from shipfp_rs.support.sentences import Sentence
 
 Status = Literal["free", "fixed", "prior", "at_bound", "unidentifiable"]
 
@@ -70,6 +72,42 @@ class Estimate:
             "status": self.status,
             "reason": self.reason,
         }
+
+
+UNKNOWN = 0.9
+"""Share of the range between its bounds, logarithmic if both are positive, from which on an interval determines nothing."""
+
+
+def unidentifiable(reason: str, unit: str) -> Estimate:
+    """Return the estimate of a parameter that the data do not determine."""
+    return Estimate(None, unit=unit, status="unidentifiable", reason=reason)
+
+
+def with_interval(
+    value: float,
+    interval: tuple[float, float],
+    unit: str,
+    status: Status = "free",
+    *,
+    bounds: tuple[float, float] = (-math.inf, math.inf),
+    quantile: float = DEVIATIONS_95,
+) -> Estimate:
+    """Return the estimate of an interval, cut by the bounds; not identifiable if it covers nearly all between the bounds.
+
+    The standard deviation is half the interval's width over the `quantile`.
+    """
+    least, most = bounds
+    low, high, value = max(interval[0], least), min(interval[1], most), min(max(value, least), most)
+    width, whole = high - low, most - least
+    if low > 0.0 and least > 0.0:
+        width, whole = math.log(high / low), math.log(most / least)
+    if not width <= UNKNOWN * whole or not math.isfinite(width):
+        reason = Sentence(
+            "the data allow any value between {low} and {high}", low=f"{low:.3g}", high=f"{high:.3g}"
+        )
+        return unidentifiable(reason, unit)
+    low, high = float(min(low, value)), float(max(high, value))
+    return Estimate(float(value), (high - low) / (2.0 * quantile), (low, high), unit, status)
 
 
 ROUGH, OPEN = 0.25, 2.0

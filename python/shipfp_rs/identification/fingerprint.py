@@ -15,8 +15,7 @@ from shipfp_rs._core import __version__
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.frequency import FrequencyResponse
-from shipfp_rs.identification.basins import Basin
-from shipfp_rs.identification.coordinates import Coordinates
+from shipfp_rs.identification.basins import Minima
 from shipfp_rs.identification.estimate import Estimate as Estimate
 from shipfp_rs.identification.estimate import Identifiability as Identifiability
 from shipfp_rs.identification.estimate import Usable, WhyNot, estimate_of
@@ -258,16 +257,24 @@ def versions() -> dict[str, str]:
     return {"shipfp_rs": __version__, "python": platform.python_version(), **others}
 
 
-def minima_rows(c: Coordinates, ends: Sequence[Basin]) -> list[dict[str, Any]]:
-    """Return the minima of a search as a fingerprint holds them."""
-    return [
+def search_settings(fit: Minima, optimum: Mapping[str, float]) -> dict[str, Any]:
+    """Return the settings of a fingerprint that a search leads to; `optimum` are the parameters of the best minimum."""
+    c, above = fit.likelihood.coordinates, fit.total - fit.best.cost
+    minima = [
         {
-            "criterion": float(end.cost) if math.isfinite(end.cost) else None,
+            "criterion": float(end.cost + above) if math.isfinite(end.cost + above) else None,
             "converged": end.settled,
             "parameters": {name: c.values(end.vector)[name] for name in c.names},
         }
-        for end in ends
+        for end in fit.basins
     ]
+    return {
+        "optimum": dict(optimum),
+        "criterion": fit.total,
+        "converged": fit.best.settled,
+        "message": "" if fit.best.settled else UNSETTLED,
+        "minima": minima,
+    }
 
 
 def record_row(

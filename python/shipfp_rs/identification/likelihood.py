@@ -252,6 +252,14 @@ class Likelihood:
         roots = self._noise(*self._left(residuals))
         return replace(self, roots=roots, responses=responses)
 
+    def settled_at(self, vector: Array) -> Self:
+        """Return the likelihood with noise, and what else depends on the model, estimated at a point of the search."""
+        return self.with_noise(vector)
+
+    def resettled_at(self, vector: Array) -> Self:
+        """Return the likelihood settled at a new point, without what hardly depends on the point."""
+        return self.settled_at(vector)
+
     def _noise(self, residuals: Sequence[Numbers], unsure: Sequence[Numbers | float]) -> tuple[Numbers, ...]:
         """Root of the inverse spectral matrix of each record's residuals."""
         return tuple(map(noise_root, residuals, unsure))

@@ -27,7 +27,7 @@ import numpy as np
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import DRIVES, Experiment
-from shipfp_rs.identification.estimate import Estimate, rounded_rows
+from shipfp_rs.identification.estimate import Estimate, rounded_rows, with_interval
 from shipfp_rs.identification.input_checks import LEAST_SWING, is_loaded, require_plausible
 from shipfp_rs.identification.likelihood import ACCURACY, noise_root
 from shipfp_rs.identification.question import BOUNDS, LAW_DEVIATION, PRIORS, SIGNALS, Question
@@ -541,7 +541,7 @@ def _estimate(x: Array, covariance: Array, at: int, name: str = "") -> Estimate:
     known = name in PRIORS or at >= len(SHARED)
     unit = "s" if name.startswith(("tau", "T_")) else "-"
     interval = (value - QUANTILE * std, value + QUANTILE * std)
-    return Estimate(value, std, interval, unit, "prior" if known else "free")
+    return with_interval(value, interval, unit, "prior" if known else "free", quantile=QUANTILE)
 
 
 def _si(

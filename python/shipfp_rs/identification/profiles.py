@@ -6,19 +6,25 @@ deviance has risen by the quantile. Profiles start from every minimum that the d
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
+from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
 from scipy.optimize import nnls
 from scipy.stats import chi2
 
-from shipfp_rs.identification.basins import Basin, descend
+from shipfp_rs.errors import IdentificationError
+from shipfp_rs.identification.basins import Basin, Minima, descend
 from shipfp_rs.identification.coordinates import Figure, Itself
 from shipfp_rs.identification.likelihood import Likelihood, Products
+from shipfp_rs.structures.names import plain_name
 from shipfp_rs.support.arrays import Array
+from shipfp_rs.support.progress import tell
+
+KnownMinima = TypeVar("KnownMinima", bound=Minima)
 
 RISE = float(chi2.ppf(0.95, 1))
 """Rise of the deviance at the ends of a 95 % interval."""
@@ -34,6 +40,12 @@ SHRINK, SHRUNK = 0.15, 0.01
 product of these factors."""
 FURTHER = 1.3
 """Largest extrapolation: distance of an end over that of the last point inside."""
+REACHED = 0.9
+"""Share of the way to a limit of the figure above which a profile counts as having reached the limit."""
+LOWER, RESTARTS = 0.5, 2
+"""Profiles start again where one of them finds a deviance lower by the first; the second is the most restarts."""
+COMBINED_TRIES = 3
+"""Most iterations of a combination's profile: the profiles of its parameters have already found most of the interval."""
 ROUNDING, STRAIGHT = 1e-13, 1e-9
 """Least curvature of a direction relative to the largest: in inverses, due to rounding, and along the path of a profile."""
 
@@ -46,6 +58,11 @@ class Interval:
     low: float
     high: float
     kinds: tuple[str, str]
+
+    @property
+    def ends(self) -> tuple[float, float]:
+        """Both ends."""
+        return self.low, self.high
 
 
 @dataclass
@@ -187,7 +204,7 @@ class Profiles:
                 share = (np.sqrt(RISE) - root) / max(np.sqrt(rise) - root, 1e-9)
                 distance = known + float(np.clip(share, 0.1, 0.95)) * (over - known)
                 distance = max(distance, reached + 0.1 * (over - reached))
-            elif distance == room:
+            elif distance == room and went > REACHED * room:
                 return most, "bound", visited
             else:
                 stuck = end.settled and went < reached + 0.3 * (distance - reached)
@@ -255,6 +272,40 @@ class Profiles:
             return apart * stiffness, self.gradient(figure, vector) * stiffness
 
         return descend(self.likelihood, start, steps=STEPS, settled=0.2, penalty=penalty, near=True)
+
+
+def profiled(
+    fit: KnownMinima,
+    figures: Mapping[str, Figure],
+    refine: Callable[[KnownMinima], KnownMinima],
+    bounds: Mapping[str, tuple[float, float]],
+) -> tuple[KnownMinima, Profiles, dict[str, Interval]]:
+    """Return the fit, its profiles, and the interval of each figure.
+
+    Where a profile reaches a lower minimum, `refine` settles the fit there, and all profiles start again.
+    """
+    possible: list[Array] = []
+    for restarts in reversed(range(RESTARTS + 1)):
+        likelihood, intervals = fit.likelihood, dict[str, Interval]()
+        profiles = Profiles(likelihood, [descend(likelihood, one.vector) for one in fit.basins])
+        # Points that earlier profiles accepted still count.
+        profiles.visited += [Basin(likelihood.cost(vector), vector) for vector in possible]
+        for place, (name, figure) in enumerate(figures.items()):
+            tell(f"interval: {plain_name(name) or name}", place / len(figures))
+            tries = TRIES if name in likelihood.coordinates.names else COMBINED_TRIES
+            intervals[name] = profiles.interval(figure, tries, bounds.get(name, (-np.inf, np.inf)))
+            lower = min(profiles.visited, key=lambda point: point.cost, default=profiles.best)
+            if restarts and lower.cost < profiles.best.cost - LOWER:
+                points = (*profiles.basins, *profiles.visited)
+                possible = [point.vector for point in points if point.cost < lower.cost + RISE]
+                try:
+                    fit = refine(replace(fit, basins=(descend(likelihood, lower.vector),)))
+                except IdentificationError:  # no minimum under the re-estimated noise
+                    continue
+                break
+        else:
+            break
+    return fit, profiles, intervals
 
 
 def _scale_uphill(uphill: float, spread: float) -> float:

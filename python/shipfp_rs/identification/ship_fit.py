@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from shipfp_rs.errors import IdentificationError, SimulationError
+from shipfp_rs.errors import IdentificationError
 from shipfp_rs.identification.basins import (
     ALIKE,
     LIKELY,
@@ -114,11 +114,8 @@ def first_look(
     """Descend from all starts, without the elements that are tried later; see `fit_ship`."""
     side = load_side_of(question) if side is None else side
     likelihood, vectors = _begun(question, between, starts, seed, side)
-    try:
-        likelihood, basins = best_basins(likelihood, vectors, until=until)
-    except SimulationError as error:
-        raise IdentificationError(f"identify: {error}") from error
-    return ShipFit(question, likelihood, tuple(basins), (), {}, between, side=side)
+    likelihood, basins, _ = best_basins(likelihood, vectors, until=until)
+    return ShipFit(likelihood, tuple(basins), question, between=between, side=side)
 
 
 def smooth_ship(

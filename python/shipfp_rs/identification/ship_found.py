@@ -4,13 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from typing import Literal
 
-import numpy as np
-
-from shipfp_rs.errors import SimulationError
-from shipfp_rs.identification.basins import Basin, descend, distinct
+from shipfp_rs.identification.basins import Minima, descend, distinct, settle
 from shipfp_rs.identification.equation_likelihood import EquationLikelihood
 from shipfp_rs.identification.limited_likelihood import LimitedLikelihood
 from shipfp_rs.identification.load_side import LoadSide
@@ -28,8 +24,8 @@ DISCREPANCY = 2.0
 """Factor on the standard deviations of a ship with a limit. Errors of its simulation, at corners of the limit and in the
 course of the torque disturbance by moving water, move all parameters together: for some twenty simulated ships the true
 values were twice as far away as chance explains."""
-RECORRECTED, STILL = 8, 0.1
-"""Most corrections of the records by the model, and the squared step, in standard deviations, below which they stop."""
+RECORRECTED, FALL = 8, 0.1
+"""Most descents with noise and corrections re-estimated, and decrease of the total deviance below which they stop."""
 DEFAULTS: Mapping[str, float] = {
     **{parameter.name: parameter.start for element in ELEMENTS.values() for parameter in element.parameters},
     "tau_n": 1.2, "g": -0.5, "vK_p": 5.0, "vK_i": 5.0, "p": 2.0, "tau_prop": 0.4,
@@ -40,8 +36,8 @@ DEFAULTS: Mapping[str, float] = {
 
 
 @dataclass(frozen=True)
-class ShipFit:
-    """The result of a search.
+class ShipFit(Minima):
+    """The result of the search of a ship.
 
     `gains` is the decrease of the deviance for each tried element; `elements` are those that act. `stiff` is the fit with a
     stiff shaft, before flexibility was added. `scores` are the engine-side effects that the model lacks, by kind. `side` is
@@ -49,36 +45,20 @@ class ShipFit:
     own noise.
     """
 
-    question: Question
     likelihood: EquationLikelihood
-    basins: tuple[Basin, ...]
-    elements: tuple[str, ...]
-    gains: Mapping[str, float]
-    between: Between | None
+    question: Question
+    elements: tuple[str, ...] = ()
+    gains: Mapping[str, float] = field(default_factory=dict)
+    between: Between | None = None
     stiff: ShipFit | None = None
     scores: Mapping[str, Score] = field(default_factory=dict)
     side: LoadSide | None = None
     also: tuple[ShipFit, ...] = ()
 
     @property
-    def best(self) -> Basin:
-        """The lowest minimum."""
-        return self.basins[0]
-
-    @cached_property
-    def total(self) -> float:
-        """Deviance of the best minimum, log determinant included, with the noise estimated from its own residuals."""
-        return self.likelihood.total(self.best.vector)
-
-    @property
     def is_smooth(self) -> bool:
         """Whether no limit acts."""
         return not isinstance(self.likelihood, LimitedLikelihood)
-
-    @property
-    def values(self) -> dict[str, float]:
-        """Parameters at the best minimum."""
-        return self.likelihood.coordinates.values(self.best.vector)
 
     @property
     def along(self) -> frozenset[str]:
@@ -121,18 +101,6 @@ def settled(fit: ShipFit, until: float | None) -> ShipFit:
     Gaps, squares of a propeller's speed, and the torque disturbance by moving water on a ship with a limit, are estimated
     again at each minimum.
     """
-    likelihood, best = fit.likelihood, fit.best
-    for _ in range(RECORRECTED):
-        try:
-            following = likelihood.resettled_at(best.vector)
-        except (SimulationError, np.linalg.LinAlgError):
-            break
-        end = descend(following, best.vector, until=until)
-        if not np.isfinite(end.cost):  # diverges with its own corrections
-            break
-        moved = end.vector - best.vector
-        likelihood, best = following, end
-        if end.products is None or moved @ end.products.matrix @ moved < STILL:
-            break
+    likelihood, best = settle(fit.likelihood, fit.best, rounds=RECORRECTED, fall=FALL, until=until)
     ends = [descend(likelihood, one.vector, until=until) for one in fit.basins[1:]]
     return replace(fit, likelihood=likelihood, basins=tuple(distinct(likelihood, [best, *ends])) or (best,))

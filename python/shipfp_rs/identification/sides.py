@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from shipfp_rs.identification.engine_tests import suspected
-from shipfp_rs.identification.estimate import ASSUMED, Estimate
+from shipfp_rs.identification.estimate import ASSUMED, Estimate, unidentifiable
 from shipfp_rs.identification.load_side import SHARED, LoadSide
 from shipfp_rs.identification.ship_found import DISCREPANCY, ShipFit
 from shipfp_rs.identification.stretches import Stretches, by_stretch
@@ -115,7 +115,7 @@ def load_alone(
         elif side is not None and name in side.parameters:
             found[name] = _within(side.parameters[name], one.unit, bounds.get(name, (-np.inf, np.inf)))
         else:
-            found[name] = Estimate(None, unit=one.unit, status="unidentifiable", reason=reason)
+            found[name] = unidentifiable(reason, one.unit)
     return found
 
 

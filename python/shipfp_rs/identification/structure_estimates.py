@@ -8,7 +8,7 @@ Also here:
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -16,14 +16,20 @@ import numpy as np
 import numpy.typing as npt
 from scipy.stats import chi2
 
-from shipfp_rs.identification.coordinates import Itself
+from shipfp_rs.identification.coordinates import Figure
 from shipfp_rs.identification.equation_likelihood import EquationLikelihood
-from shipfp_rs.identification.estimate import Estimate, Identifiability
+from shipfp_rs.identification.estimate import (
+    Estimate,
+    Identifiability,
+    Status,
+    unidentifiable,
+    with_interval,
+)
 from shipfp_rs.identification.fingerprint import (
     UNSETTLED,
     Fingerprint,
-    minima_rows,
     record_row,
+    search_settings,
     versions,
 )
 from shipfp_rs.identification.fit_statistics import information_criteria
@@ -34,18 +40,23 @@ from shipfp_rs.identification.identifiability import (
     why_unknown,
     without_nuisance,
 )
-from shipfp_rs.identification.profiles import RISE, Interval, Profiles, scaled_inverse
+from shipfp_rs.identification.profiles import (
+    RISE,
+    Interval,
+    Profiles,
+    figures_of,
+    profiled,
+    scaled_inverse,
+)
 from shipfp_rs.identification.question import Options
 from shipfp_rs.identification.residual_tests import residual_tests
-from shipfp_rs.identification.structure_fit import StructureFit, fit_structure
+from shipfp_rs.identification.structure_fit import StructureFit, fit_structure, refined
 from shipfp_rs.identification.structure_likelihood import Data, InBand, Response, Seen
 from shipfp_rs.identification.usability import SMALL_MISS_PCT, judged, misses_of, misses_pct
 from shipfp_rs.identification.verdict import structure_test, verdict
-from shipfp_rs.structures.names import plain_name
 from shipfp_rs.structures.structure import Parameter, Structure
 from shipfp_rs.structures.ties import COMBINATIONS
 from shipfp_rs.support.arrays import DEVIATIONS_95, Array, Mask, Numbers
-from shipfp_rs.support.progress import tell
 from shipfp_rs.support.sentences import Sentence
 
 ON_BOUND = 1e-5
@@ -59,8 +70,6 @@ EDGE = 1e-6
 """Limit of that movement (see `CUT`), as a share of the parameter's size, where the standard deviation is zero."""
 SHARPER = 1.0 / 3.0
 """A combination is listed if its relative deviation is below this share of its least known parameter's."""
-UNTOLD = 0.99
-"""Share of the bounds' width from which on an interval counts as not determined."""
 STILL = 1e-4
 """Largest probability, by chance, of the explained deviance for the fit to be significant."""
 
@@ -70,17 +79,12 @@ class StructureEstimates:
     """Estimates of each parameter and their covariance at a minimum."""
 
     fit: StructureFit
-    intervals: str
+    intervals: Mapping[str, Interval] = field(default_factory=dict)
 
     @property
     def structure(self) -> Structure:
         """The fitted structure."""
         return self.fit.structure
-
-    @cached_property
-    def profiles(self) -> Profiles:
-        """Profiles about the minima."""
-        return Profiles(self.fit.likelihood, list(self.fit.basins))
 
     @cached_property
     def values(self) -> dict[str, float]:
@@ -158,61 +162,20 @@ class StructureEstimates:
         return np.full_like(covariance, np.inf) if self.fit.likelihood.untold else covariance
 
     @cached_property
-    def parameters(self) -> dict[str, Estimate]:
-        """Estimates of all parameters."""
-        reach = self._reach()
-        found = {
-            one.name: self._estimate(index, one, float(reach[index]))
-            for index, one in enumerate(self.structure.free)
-        }
-        for one in self.structure.parameters:
-            if one.fixed:
-                found[one.name] = Estimate(one.start, unit=one.unit, status="fixed", reason="given")
-        return with_tied(found, self.structure)
-
-    def _reach(self) -> Array:
-        """Range of each parameter along null directions between the bounds, shape (P,)."""
+    def reasons(self) -> dict[str, str]:
+        """Reason why the data do not determine a parameter, for each such parameter."""
         centre = np.array([self.values[one.name] for one in self.structure.free])
         low, high = np.array([(one.lower, one.upper) for one in self.structure.free]).T
-        return self.everything.reach(centre, low, high)
+        reach = self.everything.reach(centre, low, high)
+        reasons = {
+            one.name: self._reason(index, one, float(reach[index]))
+            for index, one in enumerate(self.structure.free)
+            if not self.held[index]
+        }
+        return {name: reason for name, reason in reasons.items() if reason}
 
-    def _estimate(self, index: int, parameter: Parameter, reach: float) -> Estimate:
-        value, unit = self.values[parameter.name], parameter.unit
-        lower = value == parameter.lower
-        if self.held[index]:
-            said = (
-                Sentence("pressed against its lower bound {bound}")
-                if lower
-                else Sentence("pressed against its upper bound {bound}")
-            )
-            where = Sentence(said, bound=f"{value:g}")
-            return Estimate(value, unit=unit, status="at_bound", reason=where)
-        reason = self._unknown(index, parameter, reach)
-        if reason:
-            return Estimate(None, unit=unit, status="unidentifiable", reason=reason)
-        found = self._interval(parameter)
-        low, high = max(found.low, parameter.lower), min(found.high, parameter.upper)
-        if high - low > UNTOLD * (parameter.upper - parameter.lower) or not np.isfinite(high - low):
-            reason = Sentence(
-                "the data allow any value between its bounds {low} and {high}",
-                low=f"{parameter.lower:g}",
-                high=f"{parameter.upper:g}",
-            )
-            return Estimate(None, unit=unit, status="unidentifiable", reason=reason)
-        ends = float(min(low, value)), float(max(high, value))
-        if self.inward[index]:
-            said = (
-                Sentence("on its lower bound {bound}; the data allow up to {end}")
-                if lower
-                else Sentence("on its upper bound {bound}; the data allow down to {end}")
-            )
-            where = Sentence(said, bound=f"{value:g}", end=f"{high if lower else low:.4g}")
-            return Estimate(value, None, ends, unit, "at_bound", where)
-        std = (ends[1] - ends[0]) / (2.0 * self.fit.likelihood.quantile)
-        return Estimate(value, std, ends, unit, "free" if parameter.prior is None else "prior")
-
-    def _unknown(self, index: int, parameter: Parameter, reach: float) -> str:
-        """Say why a parameter has no interval; empty where it has one."""
+    def _reason(self, index: int, parameter: Parameter, reach: float) -> str:
+        """Reason why a parameter has no interval; `reach` is its range along null directions. Empty where it has one."""
         place = self.inner.names.index(parameter.name)
         variance = float(self.covariance[place, place])
         # A parameter on a bound has an interval even where bounds cut a null direction.
@@ -223,18 +186,45 @@ class StructureEstimates:
             reason = Sentence("too few samples for an uncertainty")
         return reason
 
-    def _interval(self, parameter: Parameter) -> Interval:
-        figure = Itself(parameter.name)
-        if self.intervals == "profile":
-            tell(
-                f"interval: {plain_name(parameter.name) or parameter.name}",
-                self.inner.names.index(parameter.name) / len(self.inner.names),
+    @property
+    def figures(self) -> dict[str, Figure]:
+        """Parameters whose interval is wanted: neither held by a bound nor undetermined."""
+        return figures_of([name for name in self.inner.names if name not in self.reasons])
+
+    @cached_property
+    def parameters(self) -> dict[str, Estimate]:
+        """Estimates of all parameters; `intervals` must have those of `figures`."""
+        found = {one.name: self._estimate(index, one) for index, one in enumerate(self.structure.free)}
+        for one in self.structure.parameters:
+            if one.fixed:
+                found[one.name] = Estimate(one.start, unit=one.unit, status="fixed", reason="given")
+        return with_tied(found, self.structure)
+
+    def _estimate(self, index: int, parameter: Parameter) -> Estimate:
+        value, unit, bounds = self.values[parameter.name], parameter.unit, (parameter.lower, parameter.upper)
+        is_lower = value == parameter.lower
+        if self.held[index]:
+            said = (
+                Sentence("pressed against its lower bound {bound}")
+                if is_lower
+                else Sentence("pressed against its upper bound {bound}")
             )
-            return self.profiles.interval(figure)
-        place = self.inner.names.index(parameter.name)
-        half = DEVIATIONS_95 * float(np.sqrt(self.inner.covariance()[place, place]))
-        value = self.values[parameter.name]
-        return Interval(value, value - half, value + half, ("data", "data"))
+            where = Sentence(said, bound=f"{value:g}")
+            return Estimate(value, unit=unit, status="at_bound", reason=where)
+        if parameter.name in self.reasons:
+            return unidentifiable(self.reasons[parameter.name], unit)
+        interval, quantile = self.intervals[parameter.name].ends, self.fit.likelihood.quantile
+        status: Status = "free" if parameter.prior is None else "prior"
+        estimate = with_interval(value, interval, unit, status, bounds=bounds, quantile=quantile)
+        if not self.inward[index] or estimate.ci95 is None:
+            return estimate
+        said = (
+            Sentence("on its lower bound {bound}; the data allow up to {end}")
+            if is_lower
+            else Sentence("on its upper bound {bound}; the data allow down to {end}")
+        )
+        where = Sentence(said, bound=f"{value:g}", end=f"{estimate.ci95[1 if is_lower else 0]:.4g}")
+        return replace(estimate, std=None, status="at_bound", reason=where)
 
     @cached_property
     def derived(self) -> dict[str, Estimate]:
@@ -267,7 +257,8 @@ class StructureEstimates:
             if each and std / abs(value) > SHARPER * widest:
                 continue
             half = self.fit.likelihood.quantile * std
-            found[name] = Estimate(value, std, (value - half, value + half), unit)
+            ends = value - half, value + half
+            found[name] = with_interval(value, ends, unit, quantile=self.fit.likelihood.quantile)
         return found
 
     @cached_property
@@ -347,10 +338,27 @@ def fitted(
     return of_structure(fit_structure(data, structure, options), options, vessel=vessel)
 
 
+def _estimated(fit: StructureFit, options: Options) -> tuple[StructureFit, StructureEstimates]:
+    """Return the fit, which a profile may have lowered, and its estimates."""
+    found = StructureEstimates(fit)
+    if options.intervals == "symmetric":
+        profiles = Profiles(fit.likelihood, list(fit.basins))
+        return fit, replace(found, intervals={n: profiles.symmetric(one) for n, one in found.figures.items()})
+    bounds = {one.name: (one.lower, one.upper) for one in fit.structure.free}
+    lower, _, intervals = profiled(fit, found.figures, refined, bounds)
+    if lower is fit:
+        return fit, replace(found, intervals=intervals)
+    again = StructureEstimates(lower)
+    missing = {name: one for name, one in again.figures.items() if name not in intervals}
+    profiles = Profiles(lower.likelihood, list(lower.basins))
+    intervals |= {name: profiles.interval(one) for name, one in missing.items()}
+    return lower, replace(again, intervals=intervals)
+
+
 def of_structure(fit: StructureFit, options: Options, *, vessel: str | None = None) -> Fingerprint:
     """Return the fingerprint of a fitted structure."""
     structure = fit.structure
-    found = StructureEstimates(fit, options.intervals)
+    fit, found = _estimated(fit, options)
     records, tests = fit.records, residual_tests(fit)
     by_record = _fits(fit)
     rows = _mean_fits(records, structure, by_record)
@@ -386,11 +394,7 @@ def of_structure(fit: StructureFit, options: Options, *, vessel: str | None = No
             "intervals": options.intervals,
             "starts": options.starts_for(structure),
             "time_limit_s": options.time_limit_s,
-            "optimum": {name: found.values[name] for name in structure.names},
-            "criterion": fit.ends[0].cost,
-            "converged": converged,
-            "message": "" if converged else UNSETTLED,
-            "minima": minima_rows(fit.likelihood.coordinates, fit.ends),
+            **search_settings(fit, {name: found.values[name] for name in structure.names}),
         },
         seed=options.seed,
         versions=versions(),
@@ -447,7 +451,7 @@ def _overall(fit: StructureFit, found: StructureEstimates) -> dict[str, float | 
     samples = rows.shape[1]
     if _noise(fit.records) == "white":
         return information_criteria(rows @ rows.T / samples, samples, rank + unknown)
-    figures: dict[str, float | None] = {"samples": float(samples), "deviance": fit.ends[0].cost}
+    figures: dict[str, float | None] = {"samples": float(samples), "deviance": fit.total}
     if _noise(fit.records) == "std":
         freedom = samples * outputs - rank - unknown
         figures |= {"chi_squared": likelihood.cost(vector), "degrees_of_freedom": float(freedom)}

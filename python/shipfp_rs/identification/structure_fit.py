@@ -6,14 +6,13 @@ import logging
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 
 from shipfp_rs.errors import IdentificationError, InputError, SimulationError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.frequency import FrequencyResponse
-from shipfp_rs.identification.basins import ALIKE, Basin, descend, distinct
+from shipfp_rs.identification.basins import Basin, Minima, best_basins, descend, distinct, settle
 from shipfp_rs.identification.coordinates import Coordinates
 from shipfp_rs.identification.equation_likelihood import EquationLikelihood
 from shipfp_rs.identification.first_guesses import LoopSpectra, guesses_from, guesses_in_open_loop
@@ -37,7 +36,7 @@ from shipfp_rs.support.arrays import Array
 
 LOGGER = logging.getLogger("shipfp_rs")
 
-ROUNDS, STILL = 200, 0.01
+ROUNDS, FALL = 200, 0.01
 """Most descents, each with the noise estimated at the previous minimum, and decrease of the total deviance below which they
 stop. True noise converges in few; the misfit of a model to simulated data may take a hundred."""
 UNMOVED = 3e-7
@@ -61,19 +60,21 @@ Fitted = StructureLikelihood | EquationLikelihood
 
 
 @dataclass(frozen=True)
-class StructureFit:
-    """The result of a search: data, the likelihood with noise, distinct minima, and the minimum of each start."""
+class StructureFit(Minima):
+    """The result of the search of a given structure; `records` are its data.
 
+    `settled` is the total deviance of the best minimum where the search estimated the noise until it settled.
+    """
+
+    likelihood: Fitted
     structure: Structure
     records: tuple[Seen, ...]
-    likelihood: Fitted
-    basins: tuple[Basin, ...]
-    ends: tuple[Basin, ...]
+    settled: float | None = None
 
     @property
-    def best(self) -> Basin:
-        """The lowest minimum."""
-        return self.basins[0]
+    def total(self) -> float:
+        """Deviance of the best minimum, log determinant included, with the noise estimated from its own residuals."""
+        return super().total if self.settled is None else self.settled
 
     def known(self, record: int) -> dict[str, float]:
         """Parameters and a record's unknowns at the best minimum, by name."""
@@ -106,19 +107,33 @@ def fit_structure(data: Data | Sequence[Data], structure: Structure, options: Op
         *start_vectors(records, likelihood, structure, starts, options.seed),
         *guessed_vectors(records, likelihood, structure),
     ]
-    ends = sorted(_ends(likelihood, vectors, until), key=lambda end: end.cost)
-    if not np.isfinite(ends[0].cost):
-        raise IdentificationError(f"none of {len(vectors)} starts led to a minimum")
-    likelihood = likelihood.settled_at(ends[0].vector)
-    apart = {id(end): end for end in ends}.values()
-    near = [end for end in apart if end.cost < ends[0].cost + ALIKE]
+    likelihood, basins, total = best_basins(likelihood, vectors, until=until, alone=_settled)
     last = SETTLED if isinstance(likelihood, EquationLikelihood) else LAST
-    settled = max(last, ROUNDING * likelihood.cost(ends[0].vector))
-    basins = [descend(likelihood, end.vector, steps=STEPS, settled=settled, until=until) for end in near]
-    basins = [
-        replace(one, settled=one.settled and end.settled) for one, end in zip(basins, near, strict=True)
-    ]
-    return StructureFit(structure, records, likelihood, tuple(distinct(likelihood, basins)), tuple(ends))
+    settled = max(last, ROUNDING * basins[0].cost)
+    ends = [descend(likelihood, one.vector, steps=STEPS, settled=settled, until=until) for one in basins]
+    return StructureFit(likelihood, tuple(distinct(likelihood, ends)), structure, records, total)
+
+
+def refined(fit: StructureFit) -> StructureFit:
+    """Return the fit with its best minimum under the noise of its own residuals."""
+    end = _settled(fit.likelihood, fit.best.vector, until=None)
+    if not np.isfinite(end.cost):
+        raise IdentificationError("identify: the structure cannot be simulated at a lower minimum")
+    likelihood = fit.likelihood.settled_at(end.vector)
+    return replace(fit, likelihood=likelihood, basins=(descend(likelihood, end.vector),), settled=end.cost)
+
+
+def _settled(likelihood: Fitted, vector: Array, *, until: float | None) -> Basin:
+    """Return the minimum under the noise of its own residuals; the cost is the total deviance."""
+    start = Basin(np.inf, vector, False)
+    try:
+        likelihood = likelihood.settled_at(vector)
+    except (SimulationError, np.linalg.LinAlgError):
+        return start
+    likelihood, end = settle(
+        likelihood, start, rounds=ROUNDS, fall=FALL, least=UNMOVED, settled=SETTLED, until=until
+    )
+    return Basin(likelihood.total(end.vector), end.vector, end.settled)
 
 
 def likelihood_of(
@@ -178,42 +193,6 @@ def _unknowns(ship: TwoEquations) -> tuple[str, ...]:
     if BRAKE in outputs:
         found.append(BRAKE_SCALE)
     return (*found, *(["rack offset"] if "dX" in outputs or ship.open_loop else []))
-
-
-def _ends(likelihood: Fitted, vectors: Sequence[Array], until: float | None) -> list[Basin]:
-    """Return the minimum of each start; starts that converge on the way share a descent."""
-    rough = likelihood.each(
-        [partial(descend, likelihood, one, steps=STEPS, settled=1.0, until=until) for one in vectors]
-    )
-    apart = distinct(likelihood, rough)
-    if not apart:
-        return rough
-    ends = likelihood.each([partial(_settled, likelihood, one, until) for one in apart])
-    matrix = (apart[0].products or likelihood.products(apart[0].vector)).matrix
-
-    def followed(end: Basin) -> Basin:
-        away = [end.vector - one.vector for one in apart]
-        return ends[int(np.argmin([one @ matrix @ one for one in away]))]
-
-    return [followed(one) if np.isfinite(one.cost) else one for one in rough]
-
-
-def _settled(likelihood: Fitted, end: Basin, until: float | None) -> Basin:
-    """Descend repeatedly with the noise re-estimated at each minimum; the cost is the total deviance."""
-    total = np.inf
-    for place in range(ROUNDS):
-        try:
-            # Images hardly change with the search vector.
-            likelihood = (likelihood.resettled_at if place else likelihood.settled_at)(end.vector)
-        except (SimulationError, np.linalg.LinAlgError):
-            return Basin(np.inf, end.vector, False)
-        before = end.vector
-        end = descend(likelihood, before, steps=STEPS, settled=SETTLED, until=until)
-        then = likelihood.total(end.vector)
-        if not then < total - STILL or np.abs(end.vector - before).max() < UNMOVED:
-            break
-        total = then
-    return Basin(likelihood.total(end.vector), end.vector, end.settled)
 
 
 def start_vectors(

@@ -358,12 +358,6 @@ class StructureLikelihood(Likelihood):
         """Return the likelihood of a structure with the same parameters, but other free ones."""
         return replace(self, coordinates=Coordinates.of(structure, self.coordinates.unknowns))
 
-    def settled_at(self, vector: Array) -> Self:
-        """Return the likelihood with the noise of the residuals at a point of the search."""
-        return self.with_noise(vector)
-
-    resettled_at = settled_at
-
     @property
     def freedom(self) -> int:
         """Degrees of freedom of white noise: real numbers in the data minus unknowns."""

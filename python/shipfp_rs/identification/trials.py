@@ -159,8 +159,8 @@ def _twist_elsewhere(fit: ShipFit, until: float | None) -> tuple[EquationLikelih
     behind = {} if question.gauge else {"tau_prop": BEHIND_TWIST * guesses[0]["tau_n"]}
     starts = [c.vector({**DEFAULTS, "c_2": 0.0, **guess, **behind}) for guess in guesses]
     try:
-        likelihood, basins = best_basins(likelihood, starts, until=until)
-    except SimulationError:
+        likelihood, basins, _ = best_basins(likelihood, starts, until=until)
+    except IdentificationError:
         return None
     return likelihood, replace(basins[0], cost=likelihood.total(basins[0].vector))
 
