@@ -11,18 +11,18 @@ use crate::stop::Stop;
 
 /// Samples per fingerprint ("print").
 const TAPS: usize = 8;
-/// Leading zero bits of a kept fingerprint: one in 16 is kept, about 7 in 128 samples. Both copies keep the same ones.
+/// Leading zero bits of a kept fingerprint: one in 16 is kept, about 7 in 128 samples. Both copies of a stretch keep the
+/// same fingerprints.
 const KEPT_BITS: u32 = 4;
 /// Successive fingerprints that must recur at the same distance before the samples are compared.
 const PRINTS: usize = 2;
-/// Longest stretch that a logger may repeat [samples]; its buffer.
+/// Longest stretch that a logger may repeat [samples]: the size of its buffer.
 const LONGEST: u64 = 1 << 20;
 /// Samples whose fingerprints are computed together.
 const BATCH: usize = 1024;
 /// Samples after which fingerprints are compared with each other and those of the previous `LONGEST` samples, then dropped.
 const COMPARED: u64 = 4 * LONGEST;
-/// Odd factors without a pattern. With factors that are multiples of each other, fingerprints of rounded signals would
-/// collide.
+/// Odd factors without a pattern. If factors were multiples of each other, fingerprints of rounded signals would collide.
 const MIX: [u64; TAPS] = [
     0x9e37_79b9_7f4a_7c15,
     0xbf58_476d_1ce4_e5b9,
@@ -34,8 +34,8 @@ const MIX: [u64; TAPS] = [
     0x5899_65cc_7537_4cc3,
 ];
 
-/// Fingerprints of a channel, fed in chunks of any length with the same result. Memory does not grow with the samples,
-/// except for the results.
+/// Fingerprints of a channel, fed in chunks of any length with the same result. Only the list of results grows with the
+/// number of samples.
 #[derive(Debug, Clone, Default)]
 pub struct RepeatScan {
     /// Bits of the last samples, whose fingerprints need later samples.
@@ -79,7 +79,7 @@ impl RepeatScan {
             let mut prints = [0; BATCH + TAPS];
             arch().dispatch(Print { bits: &self.held, prints: &mut prints[..count] });
             for ((place, &print), pair) in (self.at..).zip(&prints[..count]).zip(self.held.windows(2)) {
-                // In a constant stretch all fingerprints are equal, and carry no information.
+                // In a constant stretch all fingerprints are equal and indicate no repetition.
                 if print >> (u64::BITS - KEPT_BITS) == 0 && pair[0] != pair[1] {
                     self.prints.push((print, place));
                 }
@@ -93,7 +93,7 @@ impl RepeatScan {
         Ok(())
     }
 
-    /// Start index of the first copy, and distance of the second, for runs of recurring fingerprints.
+    /// Start index of the first copy, and distance from it to the second copy, for each run of recurring fingerprints.
     #[must_use]
     pub fn candidates(&self) -> Vec<(u64, u64)> {
         let mut whole = self.clone();

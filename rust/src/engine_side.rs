@@ -1,13 +1,13 @@
-//! The engine's side alone: the effect of rate and torque limits for measured set point and speed.
+//! Effect of rate and torque limits on the engine, simulated without the shaft from measured set point and speed.
 //!
 //! ```text
 //! e(t) = u(t - T_set) + u_0 - N       X = K_p e + K_i I - K_d dN/dt       dI/dt = e
 //! tau_act dF/dt = X(t - T_d) - F      A follows as F does, -rate_down <= dA/dt <= rate       M = min(1 + g (N - 1) + A, M_max)
 //! ```
 //!
-//! Nothing is fed back, so a limit is a clamp on a known signal. The integral of a measured error drifts; the difference
-//! between the measured torque and `M` corrects it slowly. `T_d` and `hold` act as the mean of two delays, as in the ship's
-//! stepper.
+//! The simulated torque does not act on the measured speed, so a limit is a clamp on a known signal. The integral of a
+//! measured error drifts; the difference between the measured torque and `M` corrects it slowly. The governor's hold acts
+//! as the mean of two delays around `T_d`, as in the ship's stepper.
 
 use std::fmt::Debug;
 

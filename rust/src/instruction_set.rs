@@ -1,7 +1,7 @@
 //! Choice of the instruction set: the widest one of the machine, unless another is requested.
 //!
-//! Tests request each in turn. Kernels round identically with all sets that fuse multiply-adds (AVX2, AVX-512, NEON), and
-//! identically with plain numbers otherwise, as on a machine without vectors.
+//! Tests request each in turn. Kernels round identically with all sets that fuse multiply-adds (AVX2, AVX-512, NEON).
+//! With all other sets they round as on a machine without vectors.
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 
@@ -35,7 +35,7 @@ pub fn available() -> Vec<&'static str> {
     NAMES.iter().enumerate().filter(|(place, _)| at(*place).is_some()).map(|(_, name)| *name).collect()
 }
 
-/// Dispatch to a set from now on, in all threads; None: the widest again.
+/// Dispatch to this set in all threads from now on; None: the widest again.
 ///
 /// # Errors
 /// [`Error::Invalid`] for a set that this machine does not support.

@@ -1,6 +1,6 @@
 //! Named indices of a parameter vector.
 
-/// Constants that count from 0.
+/// Integer constants, numbered from 0.
 macro_rules! places {
     ($($place:ident),+ $(,)?) => {
         #[allow(non_camel_case_types, clippy::upper_case_acronyms)]

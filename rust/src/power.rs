@@ -5,7 +5,7 @@
 #[must_use]
 #[allow(clippy::float_cmp)] // Whole exponents are exact.
 pub fn power(speed: f64, exponent: f64) -> f64 {
-    // The branch is always predicted.
+    // The exponent is the same in all calls of a simulation, so the branch is predicted.
     match exponent {
         1.0 => speed,
         2.0 => speed * speed.abs(),
@@ -25,7 +25,7 @@ pub fn power_and_slope(speed: f64, exponent: f64) -> [f64; 2] {
     [speed * slope, exponent * slope]
 }
 
-/// 2^52; its sum with a small whole number has that number in the low bits.
+/// 2^52; the low bits of its sum with a small whole number are that number.
 const TWO_52: f64 = 4_503_599_627_370_496.0;
 
 /// Base-2 logarithm of a positive normal number.

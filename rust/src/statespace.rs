@@ -17,7 +17,7 @@ use crate::subnormal::cut_all;
 
 /// Samples between two checks for a stop or for divergence, and between cuts of decayed states.
 const BLOCK: usize = 64;
-/// Value and directions that a pass computes in parallel.
+/// Number of lanes that a pass computes in parallel: the value and several derivatives.
 const LANES: usize = 8;
 /// Rows whose sums are interleaved to hide latency.
 const GROUP: usize = 5;
@@ -226,7 +226,7 @@ impl WithSimd for Block<'_> {
                 let sums = &mut future[group * GROUP..][..GROUP];
                 for part in 0..LANES / S::F64_LANES {
                     let mut sum = [simd.splat_f64s(0.0); GROUP];
-                    // Separate sums, so that a step waits for only half of them.
+                    // Two separate sums halve the chain of dependent additions.
                     let mut turned = sum;
                     for j in 0..inputs {
                         let value = simd.splat_f64s(drive[j * BLOCK + k]);

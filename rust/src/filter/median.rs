@@ -11,7 +11,7 @@ use crate::error::{Result, require};
 use crate::memory::reserve;
 use crate::stop::{CHECK_EVERY, Stop};
 
-/// Longest window for any signal [samples]; for a long signal, up to four times the signal's length.
+/// Longest window [samples] that is allowed for any signal; for a longer signal, up to four times its length.
 const LONGEST: usize = 1 << 20;
 /// Samples sorted between two checks for a stop.
 const PIECE: usize = 1 << 18;
@@ -64,7 +64,8 @@ pub fn running_median(samples: &[f64], window: usize, stop: &Stop) -> Result<Vec
             leaving.take_out(index);
             entering.put_back(index);
             if leaving.small + entering.small < half {
-                // No branch predictor can guess which list moves: both are updated, one of them to its present value.
+                // Which list advances is random, so a branch would be mispredicted: both are updated, one of them to its
+                // present value.
                 let from_leaving = leaving.least_large() <= entering.least_large();
                 leaving.advance_if(from_leaving);
                 entering.advance_if(!from_leaving);
@@ -86,7 +87,7 @@ struct Block {
     keys: Vec<u64>,
     /// Links of each index; those past the last are both ends of the list.
     links: Vec<Link>,
-    /// Index of the least large one.
+    /// Index of the least of the large samples.
     middle: u32,
     /// Number of small ones.
     small: usize,
@@ -177,7 +178,7 @@ impl Block {
         self.links[place].rank < self.links[self.middle as usize].rank
     }
 
-    /// Remove a sample from the list; the least large one replaces a removed small one.
+    /// Remove a sample from the list; if it counted as small, the least large sample becomes small.
     #[inline]
     fn take_out(&mut self, place: usize) {
         let is_small = self.is_small(place);
@@ -192,7 +193,8 @@ impl Block {
         }
     }
 
-    /// Reinsert a sample; the number of small ones is constant, so a new small one makes the greatest of them large.
+    /// Reinsert a sample; the number of small samples is constant, so if the new one is small, the greatest small one
+    /// becomes large.
     #[inline]
     fn put_back(&mut self, place: usize) {
         let Link { next, previous, .. } = self.links[place];

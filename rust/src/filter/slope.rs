@@ -7,9 +7,9 @@ use crate::instruction_set::arch;
 use crate::memory::zeros;
 use crate::stop::{CHECK_EVERY, Stop};
 
-/// Most slopes in a call: 24 days at 2 kHz.
+/// Largest number of slopes per call: 24 days at 2 kHz.
 const MOST: usize = 1 << 32;
-/// Least difference of two times, in rounding units of the latest.
+/// Least distance between two times, in units in the last place of the latest time.
 const RESOLUTION: f64 = 8.0;
 
 /// Derivative at the times `start + k / rate` in [first edge, last edge), and the first such k.

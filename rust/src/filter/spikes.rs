@@ -10,8 +10,8 @@ const ROBUST_SIGMA: f64 = 1.4826;
 const COMES_BACK: f64 = 0.3;
 /// Share of the threshold down to which a spike's flanks are part of it.
 const SHOULDER: f64 = 0.5;
-/// Share of the peak at which a spike's length is measured. Lower down neighbours may be suspect, too: on a steep slope a
-/// long spike shifts the median.
+/// Share of the peak at which a spike's length is measured. At lower heights its neighbours may be suspect, too: on a
+/// steep slope a long spike shifts the median.
 const FOOT: f64 = 0.25;
 /// Samples in a block. No median is computed in a block whose extremes are close, since it has no spike.
 const BLOCK: usize = 64;
@@ -23,7 +23,7 @@ pub struct SpikeRule {
     pub longest: usize,
     /// Stride of the samples that estimate the spread about the running median.
     pub stride: usize,
-    /// Number of such samples whose median distance is the spread; odd.
+    /// Number of strided samples whose median distance from the running median is the spread; odd.
     pub scale_window: usize,
     /// Height in robust standard deviations.
     pub threshold: f64,
@@ -33,9 +33,10 @@ pub struct SpikeRule {
 
 /// Spikes of a signal, each as its first sample and the first after it.
 ///
-/// A sample is suspect if its distance from the running median exceeds half of the least height there. Adjacent suspects are
-/// a spike if they last, above the foot, no longer than the longest spike, with shoulders no more than twice as long, the
-/// peak is high enough, and the signal returns to its level.
+/// A sample is suspect if its distance from the running median exceeds half of the least height of a spike at that
+/// sample. Adjacent suspects are a spike under four conditions: above the foot they last no longer than the longest
+/// spike; with shoulders they last no more than twice as long; the peak is high enough; and the signal returns to its
+/// level.
 ///
 /// # Errors
 /// For an invalid rule, or after a request to stop.
@@ -67,7 +68,7 @@ pub fn find_spikes(samples: &[f64], rule: &SpikeRule, stop: &Stop) -> Result<Vec
         for (place, _) in group.iter().enumerate().filter(|&(_, &distance)| distance > shoulder) {
             let at = index * rule.stride + place;
             match suspects.last_mut() {
-                // A spike that crosses the baseline counts as one.
+                // A spike with samples on both sides of the baseline counts as one spike.
                 Some((_, end)) if at - *end <= (rule.longest / 10).max(1) => *end = at + 1,
                 _ => suspects.push((at, at + 1)),
             }
@@ -93,7 +94,7 @@ pub fn find_spikes(samples: &[f64], rule: &SpikeRule, stop: &Stop) -> Result<Vec
         .collect())
 }
 
-/// Shorten a spike at both ends by the samples that are near the level, and are suspect only because a long spike shifts the
+/// Remove the samples near the level from both ends of a spike: they are suspect only because a long spike shifts the
 /// median. The level is a straight line from the median before the spike to the median after it.
 fn trimmed(
     samples: &[f64],

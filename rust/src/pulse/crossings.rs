@@ -40,7 +40,7 @@ impl PulseCrossings {
         self.follow(Levels { low, high, middle, slope: 0.0, origin: self.cursor.seen })
     }
 
-    /// Change the levels; their middle must remain between the thresholds as long as they apply.
+    /// Change the levels; while they apply, their middle must remain between their thresholds.
     ///
     /// # Errors
     /// As [`Self::set_levels`].
@@ -49,14 +49,14 @@ impl PulseCrossings {
         let previous = self.cursor.previous;
         let last = self.cursor.seen.wrapping_sub(1);
         if previous < self.levels.middle_at(last) && previous >= levels.middle_at(last) {
-            // The level passed the signal from above: they met at the last sample.
+            // The new middle is below the last sample and the old one was above it: the crossing is at that sample.
             self.cursor.pending = Edge { time: last as f64, rise: f64::INFINITY };
         }
         self.levels = levels;
         Ok(())
     }
 
-    /// Forget an earlier low sample: the next pulse must arm the detector again.
+    /// Disarm the detector: only a further low sample arms it again.
     pub fn disarm(&mut self) {
         self.cursor.armed = false;
     }
@@ -96,8 +96,8 @@ impl PulseCrossings {
         Ok(self.taken(found))
     }
 
-    /// As [`Self::edges`] for a chunk without gaps whose crossings are `known`, for a detector that was armed as `before`
-    /// says. None if this detector's state differs: the chunk must then be searched.
+    /// As [`Self::edges`] for a chunk without gaps whose crossings are `known` if the detector is armed (or not) as in
+    /// `before`. None if this detector's state differs: the chunk must then be searched.
     pub(super) fn timed<T: Sample>(
         &mut self,
         chunk: &[T],

@@ -3,10 +3,10 @@
 use super::swings::{BLOCK, Level};
 use super::thresholds::Edge;
 
-/// Range of levels beyond their nine pulses, as a share of the pulses' span: up to three turning points at the end of a
-/// train do not form a group.
+/// Time for which a level applies before and after its nine pulses, as a share of their span: up to three turning points
+/// at the end of a train do not form a group.
 const REACH: f64 = 0.375;
-/// Ratio of the heights of successive levels below which the height changed gradually.
+/// Ratio of the heights of successive levels below which the height is interpolated between them.
 pub const STEADY: f64 = 2.0;
 
 /// Heights of the train at crossings, interpolated between levels; 0 without turning points nearby.

@@ -5,10 +5,10 @@ use std::ops::Range;
 use crate::error::{Result, require};
 use crate::stop::Stop;
 
-/// Number of intervals whose mean length gives the expected number of samples.
+/// Number of neighbouring intervals whose mean length is the expected length of an interval.
 const AROUND: usize = 33;
-/// Least share of sampling's variance that is kept, since it is never quite certain that the number of samples between
-/// pulses is whole.
+/// Least remaining share of the variance from sampling: it is never certain that exactly a whole number of samples is
+/// between two pulses.
 const LEAST_APART: f64 = 0.05;
 /// Standard deviation [samples] above which an edge counts as a step, not as a slope.
 const STEP: f64 = 0.2;
@@ -48,9 +48,9 @@ const TOGETHER: usize = 2048;
 struct Scatter {
     random: f64,
     sampled: f64,
-    /// Remaining share of sampling's variance between edges with equal errors.
+    /// Share of the variance from sampling that remains, since the errors of both edges are correlated.
     alike: f64,
-    /// Excess of the mean of 1 / T over 1 / (mean of T), divided by that variance.
+    /// Excess of the mean of 1 / T over 1 / (mean of T), relative to the variance from sampling.
     surplus: f64,
 }
 
@@ -160,7 +160,7 @@ impl Pass<'_> {
     /// Expected lengths of some intervals [s], and statistics of their speeds.
     fn scatters(&self, part: &Range<usize>) -> (Vec<f64>, Vec<Scatter>) {
         let (track, wholes) = (self.track, self.track.count.len());
-        // The intervals around them contribute, too.
+        // Moving averages also need the intervals before and after the range.
         let wide = part.start.saturating_sub(self.around)..(part.end + self.around).min(wholes);
         let mut expected = self.means(&wide, |k| track.edges[k + 1] - track.edges[k]);
         if let Turned::Each(angles) = &self.turned {
@@ -197,8 +197,8 @@ impl Pass<'_> {
         if self.track.sample <= 0.0 {
             return none;
         }
-        // Two edges have equal errors if a whole number of samples is between them. While the speed changes that number
-        // varies, and the factor averages to 1 over some intervals.
+        // Two edges have equal errors if a whole number of samples is between them. While the speed changes, the number
+        // of samples varies, and the factor averages to 1 over several intervals.
         let samples = expected / self.track.sample;
         let whole = samples.floor().max(1.0);
         let past = samples - whole;

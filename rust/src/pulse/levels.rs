@@ -7,9 +7,10 @@ use crate::error::Result;
 use crate::stop::{CHECK_EVERY, Stop};
 
 const BINS: usize = 100;
-/// Share of samples in each tail that may be disturbances: radio interference is rarer, the top of a pulse is not.
+/// Share of samples in each tail that may be disturbances: samples with radio interference are rarer than this, samples
+/// at the top of a pulse are not.
 const TAIL: f64 = 1e-3;
-/// Most rounds; each narrows the range at least by two, and a hundredfold if everything is in one bin.
+/// Largest number of rounds; each narrows the range at least twofold, and a hundredfold if everything is in one bin.
 const ROUNDS: usize = 12;
 const LANES: usize = 8;
 
@@ -20,9 +21,9 @@ fn is_usable(x: f64) -> bool {
 
 /// Low and high state level: the modes of the lower and upper half of a histogram of the finite samples.
 ///
-/// The histogram has 100 bins, like MATLAB's `statelevels`. It is repeated over the bins that hold all but a thousandth of
-/// the samples at each end, as long as these are less than half of the range, so that rare high peaks do not push both
-/// states into one bin.
+/// The histogram has 100 bins, like MATLAB's `statelevels`. Rare high peaks would put both states into one bin. The
+/// histogram is therefore repeated over the bins that remain without a thousandth of the samples at each end, as long as
+/// they cover less than half of the range.
 ///
 /// Both are NaN if no sample is finite.
 ///

@@ -23,14 +23,14 @@ pub fn noises<T: Sample>(samples: &[T], stretches: usize) -> Vec<f64> {
     of_stretches(samples, stretches, |stretch, _| Some(least_difference(stretch) / FOUND))
 }
 
-/// Lower quartile of ascending numbers, 0 if empty; higher ones may contain more than noise.
+/// Lower quartile of ascending noise estimates, 0 if empty; higher estimates may contain more than noise.
 pub fn quarter(ascending: &[f64]) -> f64 {
     ascending.get(ascending.len() / 4).copied().unwrap_or(0.0)
 }
 
-/// Standard deviation of the noise beside a sinusoidal train with few samples per pulse, as by [`noises`]: a filter with
-/// zeros at the train's frequency and at zero replaces the differences. `period` is the number of samples per pulse in a
-/// stretch between two samples.
+/// Standard deviation of the noise in a sinusoidal train with few samples per pulse. Unlike in [`noises`], a filter with
+/// zeros at the train's frequency and at frequency zero replaces the differences. `period` returns the number of samples
+/// per pulse between two sample indices.
 pub fn noise_beside<T: Sample>(samples: &[T], period: impl Fn(usize, usize) -> Option<f64>) -> Option<f64> {
     let found = of_stretches(samples, DENSE_STRETCHES, |stretch, first| {
         let back = -2.0 * (std::f64::consts::TAU / period(first, first + STRETCH)?).cos();

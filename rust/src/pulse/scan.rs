@@ -67,7 +67,7 @@ pub(super) fn timed<T: Sample>(
     Passed { edges: whole.edges, gaps: whole.gaps, cursor: whole.cursor }
 }
 
-/// Whether the detector is armed after these samples; None if they do not determine it.
+/// Whether the detector is armed after these samples; None if these samples do not determine it.
 pub(super) fn armed_after<T: Sample>(samples: &[T], low: T, high: T) -> Option<bool> {
     let tells = |&&x: &&T| x <= low || x >= high || x.is_gap();
     samples.iter().rev().find(tells).map(|&x| x <= low)
@@ -108,7 +108,8 @@ pub(super) const BATCH: usize = 4096;
 
 /// Samples of a batch at which the detector fired, at most every second one.
 ///
-/// Two are always written for each block: most blocks have one or none, which no branch predictor can guess.
+/// Two entries are always written for each block, without a branch: most blocks fire once or never, in an unpredictable
+/// order.
 pub(super) struct Fires {
     at: [u32; BATCH / 2 + 2],
     count: usize,
@@ -199,7 +200,7 @@ impl<T: Sample, E: From<Edge>> Scan<'_, T, E> {
     /// The backward search ends at the latest where the detector was armed.
     #[inline]
     fn crossing(&self, index: usize) -> Edge {
-        // A separate loop, so that a constant middle costs nothing.
+        // A separate loop for a changing middle, so that a constant one takes no extra time.
         if self.levels.slope == 0.0 {
             self.crossing_of(index, |_| self.levels.middle)
         } else {

@@ -1,4 +1,4 @@
-//! A steady train, whose levels need not be estimated again but only verified.
+//! A pulse train with constant levels: they are verified in each window instead of being estimated again.
 
 use std::ops::RangeInclusive;
 
@@ -13,7 +13,8 @@ use super::thresholds::{Edge, Levels};
 use crate::error::Result;
 use crate::stop::Stop;
 
-/// Samples of a part, and least number of parts in a window; each part must have at least two pulses.
+/// Samples of a part (a fraction of a window), and least number of parts in a window; each part must have at least two
+/// pulses.
 const PART: usize = 1024;
 const LEAST_PARTS: usize = 8;
 const LANES: usize = 16;
@@ -22,7 +23,7 @@ const LANES: usize = 16;
 const PART_LIKE: (f64, f64) = (3.0, 0.05);
 /// Largest difference of a window's medians from the usual ones; levels closer than half the noise count as equal.
 const WINDOW_LIKE: (f64, f64) = (0.5, 0.002);
-/// Largest ratio of longest (minus a sample) to shortest period in a train without lost or extra pulses.
+/// Largest ratio of the longest period (less one sample) to the shortest in a train without lost or extra pulses.
 const EVEN: f64 = 1.5;
 
 /// A pulse train whose levels are constant so far; the next window of samples is compared with them.
@@ -41,14 +42,14 @@ pub struct Steady {
 pub struct Held {
     /// Sample at which the detector first fires. Its crossing may be before the window.
     pub first: usize,
-    /// The other crossings, each after a low sample of the window.
+    /// The later crossings; for each, the window contains the low sample that armed the detector.
     pub edges: Vec<Edge>,
     /// Whether the detector is armed after the window.
     pub armed: bool,
 }
 
 impl Steady {
-    /// Start after a window with these levels and block extremes; None if the window's pulses are not even.
+    /// Start after a window with these levels and block extremes; None if a part's extremes are out of range.
     pub fn after<T: Sample>(
         window: &[T],
         extremes: &[(f64, f64)],
@@ -72,7 +73,7 @@ impl Steady {
     }
 
     /// Crossings of the next window, which starts at sample `origin` of the record; None if the window differs from the
-    /// previous ones, so that levels must be estimated again.
+    /// previous ones; its levels must then be estimated.
     ///
     /// # Errors
     /// On a stop.
@@ -143,7 +144,7 @@ impl Even {
         others
     }
 
-    /// Whether pulses are even from a window's first sample to its last, two in each part.
+    /// Whether pulses are evenly spaced from a window's first sample to its last, with at least two in each part.
     fn to(&self, length: usize) -> bool {
         let longest = (EVEN * f64::from(self.least) + 1.0).min((PART / 2) as f64);
         let ends = f64::from(self.first).max(length as f64 - f64::from(self.last));
@@ -214,7 +215,7 @@ fn pass<T: Sample>(
     true
 }
 
-/// The last upward crossing of the middle at or before sample `index` of a window, after a lower sample of it.
+/// The last upward crossing of the middle at or before sample `index` of a window that has a lower sample before it.
 #[allow(clippy::inline_always)]
 #[inline(always)]
 fn crossing<T: Sample>(window: &[T], index: usize, origin: u64, middle: f64) -> Edge {

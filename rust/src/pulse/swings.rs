@@ -10,12 +10,12 @@ use super::sample::Sample;
 pub const BLOCK: usize = 32;
 const LANES: usize = 16;
 
-/// Least swing in standard deviations of the noise, which noise exceeds once in millions of samples;
+/// Least swing in standard deviations of the noise; noise alone exceeds it once in millions of samples.
 const CLEAR: f64 = 10.0;
-/// and as a share of the usual range of a block, if every block has a whole pulse and noise can't be measured.
-/// Swings below this share of the largest nearby are ringing or noise on top of it.
+/// Least swing as a share of the usual range of a block, if every block has a whole pulse and noise can't be measured.
+/// Swings below this share of the largest nearby swing are ringing or noise on that swing.
 const SHARE: f64 = 0.35;
-/// Number of blocks of which one may be disturbed; in a slow train only few of the others have pulses.
+/// Number of blocks of which one may be disturbed; in a slow train, only few of the remaining blocks have pulses.
 const DISTURBED: usize = 500;
 /// Least swing without noise, as a share of the range.
 const RIPPLE: f64 = 0.01;
@@ -165,7 +165,7 @@ impl Swings {
             if higher {
                 self.high = high;
             }
-            // In a block on a steep edge one extreme is new, the other is older.
+            // In a block on a steep edge, one extreme belongs to the new swing and the other to the previous swing.
             let (rising, falling) = (higher && low.value > before.0, lower && high.value < before.1);
             match self.going {
                 Going::Nowhere if self.high.value - self.low.value > reversal => {
@@ -187,16 +187,17 @@ impl Swings {
     }
 }
 
-/// Levels from turning points. Turning points of swings much smaller than others nearby are dropped; the rest are grouped.
+/// Levels from turning points. Turning points of swings much smaller than nearby swings are dropped; the remaining ones
+/// are grouped.
 #[derive(Debug, Clone, Default)]
 pub struct Grouping {
-    /// Turning points that have not been compared yet.
+    /// Turning points whose swings have not been compared with nearby swings yet.
     turns: VecDeque<Turn>,
-    /// The last turning point that was compared.
+    /// The last turning point whose swing was compared.
     before: Option<Turn>,
-    /// Number of the swing to the first of `turns`; no swing leads to the record's first turning point.
+    /// Index of the swing that ends at the first of `turns`; no swing ends at the record's first turning point.
     next: usize,
-    /// Candidates for the largest swing nearby, with their numbers: each is larger than all that follow.
+    /// Candidates for the largest nearby swing, with their indices; each is larger than all that follow.
     largest: VecDeque<(usize, f64)>,
     /// The extreme since the last accepted turn.
     held: Option<(Turn, bool)>,
@@ -219,7 +220,7 @@ impl Grouping {
         }
     }
 
-    /// Levels of the turning points since the last complete group, as if no more came.
+    /// Levels of the turning points since the last complete group, as at the end of a record.
     pub fn rest(&self, noise: f64) -> Vec<Level> {
         let mut end = self.clone();
         let mut found = Vec::new();
@@ -233,7 +234,7 @@ impl Grouping {
         found
     }
 
-    /// Accept the next turn if its swing is large among those nearby.
+    /// Accept the next turning point if its swing is large enough compared with nearby swings.
     fn compare(&mut self, noise: f64, found: &mut Vec<Level>) {
         let Some(turn) = self.turns.pop_front() else { return };
         let swing = self.next;

@@ -44,7 +44,7 @@ impl Levels {
         self.middle + self.slope * sample.wrapping_sub(self.origin).cast_signed() as f64
     }
 
-    /// Low and high threshold in the samples' type; comparisons with them are equivalent to those in f64.
+    /// Low and high threshold in the samples' type; comparisons with them give the same results as in f64.
     ///
     /// # Errors
     /// If the samples' type can't represent a threshold.

@@ -30,8 +30,8 @@ const GRID: [(f64, f64); 20] = [
     (0.938, 0.2298),
     (1.0, 0.2887),
 ];
-/// Noise makes an edge cross the level several times, and the last crossing counts. Pairs of the noise over the rise per
-/// sample, and the factor by which this reduces the standard deviation of a crossing; from simulations.
+/// With noise, an edge crosses the level several times, and the last crossing counts. Pairs of the noise over the rise
+/// per sample, and the factor of the last crossing's standard deviation; from simulations.
 const LAST: [(f64, f64); 9] = [
     (0.3, 1.0),
     (0.5, 0.982),
@@ -43,13 +43,13 @@ const LAST: [(f64, f64); 9] = [
     (12.0, 0.678),
     (20.0, 0.627),
 ];
-/// Mean variance of a point on the line between two samples, over that of the samples.
+/// Mean variance of a linearly interpolated value, over the variance of a sample.
 const BETWEEN: f64 = 2.0 / 3.0;
-/// Samples per pulse below which noise is measured at frequencies beside the train's.
+/// Samples per pulse below which noise is measured away from the train's frequency.
 const DENSE: f64 = 10.0;
-/// Rise of an edge, in standard deviations of the noise, above which its steepness is taken from the rise.
+/// Rise of an edge between two samples, in standard deviations of the noise, above which the slope is computed from it.
 const STEEP: f64 = 4.0;
-/// Rise as a share of the height above which an edge is a step, whose crossing noise does not affect.
+/// Rise as a share of the height above which an edge is a step; noise does not affect the time at which a step crosses.
 const STEP: f64 = 0.95;
 
 /// Standard deviations of crossing times [samples], from sampling and from noise.
@@ -62,8 +62,8 @@ pub struct Timing {
 }
 
 impl Timing {
-    /// Compute them for crossings in `samples`, which start at sample `first` of the record, from the train's `heights` at
-    /// each (0 if unknown) and the standard deviation of the noise.
+    /// Compute the standard deviations for crossings in `samples`, which start at sample `first` of the record. `heights`
+    /// is the train's height at each crossing (0 if unknown), `noise` the standard deviation of the noise.
     pub fn of<T: Sample>(samples: &[T], first: u64, edges: &[Edge], heights: &[f64], noise: f64) -> Self {
         let mut found = Self::default();
         let noise = beside(samples, first, edges, noise);
@@ -76,7 +76,7 @@ impl Timing {
     }
 }
 
-/// Standard deviation of the noise; for dense pulses it is measured at frequencies beside theirs.
+/// Standard deviation of the noise; for pulses with few samples it is measured away from the train's frequency.
 fn beside<T: Sample>(samples: &[T], first: u64, edges: &[Edge], noise: f64) -> f64 {
     if period(edges).is_none_or(|period| period > DENSE) {
         return noise;
@@ -125,7 +125,7 @@ fn wide_slope<T: Sample>(samples: &[T], first: u64, edges: &[Edge], period: f64)
     let (mut sum, mut count) = (0.0, 0.0);
     for edge in edges {
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
-        // crossings are at most slightly before the window
+        // a crossing is at most slightly before the window
         let Some(at) = (edge.time as u64).checked_sub(first).map(|at| at as usize) else { continue };
         if at + 1 < reach || at + reach >= samples.len() || reach < 2 {
             continue;

@@ -14,18 +14,19 @@ use super::timing::Timing;
 use crate::error::{Error, Result, require};
 use crate::stop::Stop;
 
-/// Distance between the thresholds as a share of that between the levels.
+/// Distance between the thresholds as a share of the distance between the levels.
 const HYSTERESIS: f64 = 0.4;
-/// Largest such share, for large noise; a larger one would miss the tops of pulses with few samples.
+/// Largest such share, for large noise; with a larger share, pulses with few samples would not reach the thresholds.
 const WIDEST: f64 = 0.6;
-/// Distance between the thresholds, in standard deviations of the noise, that noise alone does not cross.
+/// Distance between the thresholds, in standard deviations of the noise, that noise alone does not span.
 const BRIDGED: f64 = 8.4;
-/// Height of a pulse, in standard deviations of the noise, above which it can't be noise: 0.6 of it is 8.4.
+/// Height of a pulse, in standard deviations of the noise, above which it can't be noise: `BRIDGED / WIDEST`.
 const LIMIT: f64 = 14.0;
-/// Largest change for levels to be kept: of the middle, as a share of the noise, and of the height, as a share of itself.
+/// Largest changes for which the previous levels are kept: of the middle over the noise, and of the height over the
+/// height.
 const SAME_MIDDLE: f64 = 0.5;
 const SAME_HEIGHT: f64 = 0.05;
-/// Number of stretches whose noise is pooled, and least number that a window adds.
+/// Number of stretches whose noise is pooled, and least number that each window adds.
 const STRETCHES: usize = 64;
 const LEAST_STRETCHES: usize = 4;
 /// Ratio of a window's noise to that of the previous ones above which the noise has changed.
@@ -77,7 +78,7 @@ pub struct PulseTracker {
     extremes: Vec<(f64, f64)>,
     /// Noise of the last stretches.
     stretches: VecDeque<f64>,
-    /// State if the last window's levels were unchanged.
+    /// State after the last window; None if its levels changed.
     steady: Option<Steady>,
 }
 
@@ -173,7 +174,7 @@ impl PulseTracker {
 
     /// The train's state after a window with constant levels.
     fn steady_after<T: Sample>(&self, window: &[T], found: &[Level], noise: f64) -> Option<Steady> {
-        // The levels at which the next window starts, so that nothing jumps.
+        // The levels at the start of the next window, so that levels are continuous.
         let rest = self.grouping.rest(noise).into_iter().rfind(|level| self.is_usable(level));
         let level = Level { noise, ..rest.or_else(|| found.last().copied())? };
         if !found.iter().all(|other| stays(&level, other)) {
@@ -202,7 +203,7 @@ impl PulseTracker {
         let pieces = self.along(&known, first, end);
         let mut pulses = Pulses { limit: LIMIT * window.noise, ..Pulses::default() };
         if pieces.is_empty() {
-            // Only the gaps are needed.
+            // Levels of such a window are not needed, only its gaps.
             self.detector.set_levels(-1.0, 1.0, 0.0)?;
             self.detector.edges(samples, stop)?;
             self.detector.disarm();
@@ -244,7 +245,7 @@ impl PulseTracker {
         pulses
     }
 
-    /// Known crossings of a window that continues the previous ones, if its pieces are those of the level estimate.
+    /// Known crossings of a window that continues the previous ones, if its thresholds are those of the level estimate.
     fn known_edges<T: Sample>(
         &mut self,
         pieces: &[Piece],
@@ -287,7 +288,7 @@ impl PulseTracker {
         Ok(known)
     }
 
-    /// Pieces between levels; those before the first and after the last are constant.
+    /// Thresholds between successive levels; they are constant before the first level and after the last.
     fn along(&self, known: &[Level], first: u64, end: u64) -> Vec<Piece> {
         let mut pieces: Vec<Piece> = Vec::new();
         let Some(&(mut held)) = known.first() else { return pieces };

@@ -27,7 +27,7 @@ pub struct Extremes {
 }
 
 impl Extremes {
-    /// Blocks of this number of samples.
+    /// Extremes of blocks of `block` samples.
     ///
     /// # Errors
     /// If the block is empty.
@@ -146,7 +146,7 @@ fn of_finite<T: Sample>(block: &[T]) -> Option<Pair> {
     });
     let missing = missing[0] || rest.iter().any(|x| x.is_gap());
     let (low, high): (f64, f64) = (low.into(), high.into());
-    // Comparisons lose a NaN; an infinity appears in the extremes.
+    // Comparisons ignore a NaN, which is therefore tested separately; an infinity appears in the extremes.
     (!missing && low.is_finite() && high.is_finite()).then_some([low, high])
 }
 

@@ -1,13 +1,13 @@
 //! Stretches of samples that are not finite, in bounded memory.
 
-/// Most stretches that are kept; only the number of further ones is known.
+/// Largest number of kept stretches; further ones are only counted.
 const KEPT: usize = 4096;
 
 /// Stretches of missing samples, in order.
 #[derive(Debug, Clone, Default)]
 pub struct Gaps {
     spans: Vec<(u64, u64)>,
-    /// First sample of the open stretch, and the one after its last so far.
+    /// First sample of the open stretch, and one past its last sample so far.
     open: Option<(u64, u64)>,
     count: u64,
 }
@@ -34,7 +34,7 @@ impl Gaps {
         }
     }
 
-    /// The first stretches, each with its first sample and the one after its last.
+    /// The first stretches, each as its first sample and one past its last.
     pub fn spans(&self) -> impl Iterator<Item = (u64, u64)> {
         self.spans.iter().copied().chain(self.open.filter(|_| self.spans.len() < KEPT))
     }

@@ -1,4 +1,4 @@
-//! Arrays from Python: accepted layouts, and messages that name the argument otherwise.
+//! Arrays from Python: which layouts are accepted, and messages that name a refused argument.
 
 use numpy::ndarray::{Dim, Dimension};
 use numpy::{
@@ -11,7 +11,8 @@ use super::guard;
 use crate::error::{Error, Result, require};
 use crate::stop::Stop;
 
-/// Borrow an aligned C-contiguous array of type `T` with as many axes as `D`, or report what was found.
+/// Borrow an aligned C-contiguous array of type `T` with as many axes as `D`; an error reports the array's actual type
+/// and layout.
 pub fn borrow<'py, T: Element, D: Dimension>(
     name: &str,
     array: &Bound<'py, PyAny>,
@@ -74,7 +75,7 @@ where
     Ok(array.cast_into()?)
 }
 
-/// Array of a shape, completely written by a guarded kernel of so many inner steps.
+/// Array of a shape that a guarded kernel writes completely, in about `work` inner steps.
 pub fn filled<const N: usize>(
     py: Python<'_>,
     shape: [usize; N],
@@ -96,7 +97,7 @@ where
 /// Outputs [O, N] and their derivatives [W, O, N].
 pub type Sensitivities<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray3<f64>>);
 
-/// Outputs and their derivatives of the shape [W, O, N], completely written by a guarded kernel of so many inner steps.
+/// Outputs [O, N] and their derivatives [W, O, N], which a guarded kernel writes completely, in about `work` inner steps.
 pub fn filled_with_derivatives(
     py: Python<'_>,
     [by, outputs, samples]: [usize; 3],

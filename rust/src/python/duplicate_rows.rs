@@ -1,4 +1,4 @@
-//! Bindings of the search for rows that stand in a channel twice.
+//! Bindings of the search for repeated stretches in a channel.
 
 use numpy::{Ix1, PyArray2, PyReadonlyArray};
 use pyo3::prelude::*;
@@ -8,7 +8,7 @@ use super::guard;
 use super::streaming::Streaming;
 use crate::duplicate_rows;
 
-/// Prints of a channel's samples, fed in chunks of any length; see ARCHITECTURE.md.
+/// Fingerprints of a channel's samples, fed in chunks of any length; see ARCHITECTURE.md.
 #[pyclass(module = "shipfp_rs._core")]
 struct RepeatScan(Streaming<duplicate_rows::RepeatScan>);
 
@@ -26,7 +26,7 @@ impl RepeatScan {
         self.0.run(py, samples.len(), |scan, stop| scan.feed(samples, stop))
     }
 
-    /// Places and distances at which prints recur in a row, int64 [C, 2].
+    /// Start indices and distances of runs of recurring fingerprints, int64 [C, 2].
     fn candidates<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<i64>>> {
         let scan = self.0.kernel()?;
         let found = guard::run(py, 0, |_| Ok(scan.candidates()))?;

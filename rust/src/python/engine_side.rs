@@ -1,4 +1,4 @@
-//! Bindings of the engine's side alone.
+//! Bindings of the simulation of the engine alone.
 
 use numpy::{IntoPyArray, PyArray1};
 use pyo3::prelude::*;
@@ -10,7 +10,7 @@ use crate::engine_side::{Measured, PARAMETERS, taken_by_limits};
 
 type Both<'py> = (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<f64>>);
 
-/// Torque that limits remove from the engine's torque (N,), and from the rack's part of it (N,), for measured signals.
+/// Torque that limits remove from the engine (N,), and the rack's share of it (N,), for measured signals.
 #[pyfunction]
 #[pyo3(name = "taken_by_limits")]
 fn followed<'py>(

@@ -21,7 +21,7 @@ fn running_median<'py>(
     Ok(medians.into_pyarray(py))
 }
 
-/// The spikes of a signal, int64 [K, 2]: first sample and first one after; see ARCHITECTURE.md.
+/// The spikes of a signal, int64 [K, 2]: the first sample and one past the last; see ARCHITECTURE.md.
 #[pyfunction]
 fn find_spikes<'py>(
     py: Python<'py>,
@@ -83,7 +83,7 @@ impl Decimator {
         Ok(self.0.run(py, samples.len(), |filter, stop| filter.feed(samples, stop))?.into_pyarray(py))
     }
 
-    /// Return the outputs that remain, so that there are `total` in all; the filter takes no more pieces.
+    /// Return the remaining outputs, `total` since the start; the filter then accepts no further pieces.
     fn finish<'py>(&mut self, py: Python<'py>, total: usize) -> PyResult<Bound<'py, PyArray1<f64>>> {
         let outputs = self.0.run(py, 0, |filter, stop| filter.finish(total, stop))?;
         self.0.finish();

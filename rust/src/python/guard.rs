@@ -26,9 +26,9 @@ fn caught<T>(kernel: impl FnOnce() -> Result<T>) -> Result<T> {
     catch_unwind(AssertUnwindSafe(kernel)).unwrap_or_else(|panic| Err(Error::Internal(describe(&*panic))))
 }
 
-// The closure is needed: `Python::check_signals` alone is not general enough in its lifetime.
+// A closure, since `Python::check_signals` itself is not generic over the lifetime.
 #[allow(clippy::redundant_closure_for_method_calls)]
-/// Run `kernel` detached; `work` is an approximate count of its inner steps.
+/// Run `kernel` detached; `work` is the approximate number of the kernel's inner steps.
 ///
 /// Long work runs on another thread while this one checks for signals, since Python handles signals only on the calling
 /// thread.

@@ -1,4 +1,4 @@
-//! How a set point runs between samples, as Python says it.
+//! Conversion of Python's names for the course of a set point between samples.
 
 use pyo3::prelude::*;
 

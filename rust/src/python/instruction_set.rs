@@ -1,17 +1,17 @@
-//! Bindings through which the tests go through the instruction sets of the machine.
+//! Bindings by which tests select each of the machine's instruction sets.
 
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;
 
 use crate::instruction_set;
 
-/// Names of the instruction sets that this machine has, from the narrowest on.
+/// Names of the instruction sets that this machine supports, narrowest first.
 #[pyfunction]
 fn _instruction_sets(py: Python<'_>) -> PyResult<Bound<'_, PyTuple>> {
     PyTuple::new(py, instruction_set::available())
 }
 
-/// Run all kernels of this process with that instruction set from now on; None for the widest again.
+/// Run all kernels of this process with an instruction set from now on; None: the widest.
 #[pyfunction]
 #[pyo3(signature = (name))]
 fn _set_instruction_set(name: Option<&str>) -> PyResult<()> {
@@ -19,7 +19,7 @@ fn _set_instruction_set(name: Option<&str>) -> PyResult<()> {
 }
 
 pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
-    // Child processes, too, compute as a machine without the wider sets would.
+    // The environment variable selects the set in child processes, too.
     if let Ok(name) = std::env::var("SHIPFP_INSTRUCTION_SET") {
         instruction_set::choose(Some(&name))?;
     }

@@ -1,6 +1,7 @@
-//! The bindings: the only files that know Python. Each function checks, borrows, detaches, computes, hands back.
+//! The bindings: the only files that depend on Python. Each function checks and borrows its arguments, releases the
+//! interpreter, computes, and returns arrays.
 
-// A `#[pyfunction]` takes its arguments by value: the macro's signature, not ours.
+// `#[pyfunction]` requires arguments by value.
 #![allow(clippy::needless_pass_by_value)]
 
 mod arrays;

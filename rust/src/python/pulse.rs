@@ -36,7 +36,7 @@ impl<'py> Samples<'py> {
     }
 }
 
-/// Call the generic `$kernel(samples, stop)` for the sample type at hand, guarded.
+/// Call the generic `$kernel(samples, stop)` under the guard, for the type of these samples.
 macro_rules! run_on {
     ($py:expr, $samples:expr, $kernel:expr) => {
         match &$samples {
@@ -73,12 +73,12 @@ impl PulseCrossings {
         Ok(Self(pulse::PulseCrossings::new(low, high, middle)?))
     }
 
-    /// Go on with other levels.
+    /// Change the levels.
     fn set_levels(&mut self, low: f64, high: f64, middle: f64) -> PyResult<()> {
         Ok(self.0.set_levels(low, high, middle)?)
     }
 
-    /// Times of the rising crossings in the next chunk, in samples since the very first.
+    /// Times of the rising crossings in the next chunk, in samples since the first sample of all chunks.
     fn feed<'py>(
         &mut self,
         py: Python<'py>,
@@ -103,7 +103,7 @@ impl PulseCrossings {
     }
 }
 
-/// Crossings of windows with what is known of them, see `PulseTracker.cross`.
+/// Crossings of one or several windows and their statistics, as `PulseTracker.cross` returns them.
 type Crossed<'py> = (
     Bound<'py, PyArray1<f64>>,
     Bound<'py, PyArray1<f64>>,
@@ -125,7 +125,8 @@ fn crossed(py: Python<'_>, record: pulse::Record) -> PyResult<Crossed<'_>> {
     ))
 }
 
-/// Pulses of a train whose levels change; each window is looked at before the one ahead of it is crossed.
+/// Pulses of a train whose levels change. `look` estimates the levels of a window; `cross` detects the crossings of the
+/// oldest window, after `look` has processed the next one.
 #[pyclass(module = "shipfp_rs._core")]
 struct PulseTracker(pulse::PulseTracker);
 
@@ -137,16 +138,16 @@ impl PulseTracker {
         Ok(Self(pulse::PulseTracker::new(threshold, hysteresis)?))
     }
 
-    /// Look at the next window for levels.
+    /// Estimate the levels of the next window.
     fn look(&mut self, py: Python<'_>, samples: &Bound<'_, PyAny>) -> PyResult<()> {
         let samples = Samples::borrow(samples)?;
         let tracker = &mut self.0;
         run_on!(py, samples, |slice, stop| tracker.look(slice, stop))
     }
 
-    /// Crossings of the oldest window looked at: times, heights, standard deviations from sampling and from noise, all
-    /// in samples; levels (low, high, middle) [K, 3]; and of the window number of crossings, height from which on a pulse
-    /// can't be noise, least and median height [1, 4].
+    /// Crossings of the oldest window with estimated levels: times, heights, standard deviations of the times from
+    /// sampling and from noise (times in samples); levels (low, high, middle) [K, 3]; and, for the window, the number of
+    /// crossings, the height above which a pulse can't be noise, and least and median height [1, 4].
     fn cross<'py>(&mut self, py: Python<'py>, samples: &Bound<'py, PyAny>) -> PyResult<Crossed<'py>> {
         let samples = Samples::borrow(samples)?;
         let tracker = &mut self.0;
@@ -183,7 +184,8 @@ fn pulse_levels(py: Python<'_>, samples: &Bound<'_, PyAny>) -> PyResult<(f64, f6
     run_on!(py, samples, pulse::pulse_levels)
 }
 
-/// Whether every period between times is at least `least` and below `most` times each of those near it.
+/// Whether every period between times is at least `least` and below `most` times each of the ten periods before and
+/// after.
 #[pyfunction]
 fn pulses_are_even(py: Python<'_>, times: &Bound<'_, PyAny>, least: f64, most: f64) -> PyResult<bool> {
     let times: Vector<'_> = borrow("times", times)?;
@@ -191,7 +193,8 @@ fn pulses_are_even(py: Python<'_>, times: &Bound<'_, PyAny>, least: f64, most: f
     guard::run(py, times.len(), |stop| pulse::is_even(times, least, most, stop))
 }
 
-/// Middles, speeds, deviations, lengths, angles and deviations of independent ends, of the intervals between pulses [6, N].
+/// Statistics of the intervals between pulses [6, N]: middle, speed, its standard deviation, length, angle, and standard
+/// deviation for independent errors of the ends.
 #[pyfunction]
 #[allow(clippy::too_many_arguments)] // one for each column
 fn interval_speeds<'py>(

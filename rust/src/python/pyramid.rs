@@ -36,7 +36,7 @@ impl Extremes {
         pairs_of(py, pairs)
     }
 
-    /// The last block, where samples are left that do not fill one, float64 [0 or 1, 2].
+    /// The last, incomplete block, if any, float64 [0 or 1, 2].
     fn finish<'py>(&mut self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
         pairs_of(py, self.0.finish().into_iter().collect())
     }
@@ -53,14 +53,14 @@ impl Extremes {
         hand_back_spans(py, self.0.gaps().spans())
     }
 
-    /// How many stretches of missing samples there are in all.
+    /// Number of all stretches of missing samples.
     #[getter]
     fn gap_count(&self) -> u64 {
         self.0.gaps().count()
     }
 }
 
-/// Least and greatest of every `factor` rows, float64 [ceil(K / factor), 2].
+/// Least and greatest value of every `factor` rows, float64 [ceil(K / factor), 2].
 #[pyfunction]
 fn coarser_extremes<'py>(
     py: Python<'py>,

@@ -7,7 +7,8 @@ use super::arrays::{Matrix, Sensitivities, Vector, borrow, expect_shape, filled_
 use crate::error::require;
 use crate::statespace::Recursion;
 
-/// Run x[k+1] = F x[k] + G w[k], y[k] = C x[k] + D w[k] and its derivatives, w[j] the signal shifted; [O, N] and [W, O, N].
+/// Run x[k+1] = F x[k] + G w[k], y[k] = C x[k] + D w[k] and its derivatives; w are shifted copies of a signal. Returns
+/// [O, N] and [W, O, N].
 #[pyfunction]
 fn run_recursion<'py>(
     py: Python<'py>,

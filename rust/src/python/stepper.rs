@@ -11,7 +11,7 @@ use crate::stepper::{
     simulate_explicitly,
 };
 
-/// Simulate the ship, whose highest torque by speed is `envelope` [2, K]; [O, N].
+/// Simulate the ship; `envelope` [2, K] is the highest torque by speed. Returns the outputs [O, N].
 #[pyfunction]
 #[pyo3(signature = (parameters, u, load, dt, substeps, hold, outputs, envelope=None))]
 #[allow(clippy::too_many_arguments)]
@@ -38,7 +38,7 @@ fn simulate_ship<'py>(
     })
 }
 
-/// Simulate a ship of speed and sum alone with a method of one's choice; [O, N].
+/// Simulate a ship whose only states are speed and integral, by an explicit method. Returns the outputs [O, N].
 #[pyfunction]
 #[pyo3(signature = (parameters, u, dt, substeps, method, hold, initial, outputs, envelope=None))]
 #[allow(clippy::too_many_arguments)]
@@ -64,7 +64,7 @@ fn simulate_ship_by<'py>(
     })
 }
 
-/// Simulate a ship with what only a whole drive train has; [O, N].
+/// Simulate a ship with the additional elements of a whole drive train. Returns the outputs [O, N].
 #[pyfunction]
 #[pyo3(signature = (parameters, detail, strength, quadrants, u, dt, substeps, hold, outputs, envelope=None))]
 #[allow(clippy::too_many_arguments)]
@@ -100,7 +100,7 @@ fn simulate_detailed_ship<'py>(
     })
 }
 
-/// Rows of speeds and of torques; without them no limit.
+/// Rows of speeds and of torques; without points there is no limit.
 fn limit(envelope: Option<&Bound<'_, PyAny>>) -> PyResult<Envelope> {
     let Some(envelope) = envelope else { return Ok(Envelope::new(&[], &[])?) };
     let points: Matrix<'_> = borrow("envelope", envelope)?;
@@ -117,7 +117,7 @@ fn vector(parameters: &Bound<'_, PyAny>) -> PyResult<Parameters> {
 
 pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("SHIP_PARAMETERS", PyTuple::new(module.py(), PARAMETERS)?)?;
-    // Values at which a parameter has no effect; not a number where there is none.
+    // Values at which a parameter has no effect; NaN if there is no such value.
     module.add("SHIP_OFF", PyTuple::new(module.py(), OFF)?)?;
     module.add("SHIP_DETAIL", PyTuple::new(module.py(), DETAIL)?)?;
     module.add("SHIP_OUTPUTS", PyTuple::new(module.py(), OUTPUTS)?)?;

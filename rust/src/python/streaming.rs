@@ -9,7 +9,7 @@ use crate::stop::Stop;
 /// A kernel with a state, and whether that state is valid.
 pub struct Streaming<K> {
     kernel: K,
-    /// Reason why it can't be used any more.
+    /// Why the kernel can't be used any more.
     ended: Option<&'static str>,
 }
 

@@ -12,7 +12,7 @@ use crate::two_equations::{
     residuals,
 };
 
-/// State updates that take as long as a column at one frequency.
+/// Number of state updates that take as long as one column at one frequency.
 const COLUMN: usize = 4;
 
 type Signals<'py> = PyReadonlyArray<'py, f64, Ix4>;
@@ -80,7 +80,7 @@ impl<'py> Record<'py> {
     }
 }
 
-/// Residuals [0] and the model's derivatives by the parameters of index `wrt`, [1 + W, O, 2, F].
+/// Array [1 + W, O, 2, F]: the residuals at index 0, then the model's derivatives by the parameters of index `wrt`.
 #[pyfunction]
 #[allow(clippy::too_many_arguments, clippy::needless_pass_by_value)]
 fn equation_residuals<'py>(
@@ -105,8 +105,8 @@ fn equation_residuals<'py>(
 
 type Products<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray2<f64>>);
 
-/// Products in units of the noise: of residual and derivatives [1 + W, 1 + W], and of the systematic errors with residual
-/// and derivatives [2 O K, 1 + W].
+/// Products in units of the noise: between residual and derivatives [1 + W, 1 + W], and between the systematic errors and
+/// residual and derivatives [2 O K, 1 + W].
 #[pyfunction]
 #[allow(clippy::too_many_arguments, clippy::needless_pass_by_value)]
 fn equation_products<'py>(

@@ -15,7 +15,7 @@ use super::parameters::{Parameters, at};
 pub struct DeadTime {
     ring: Vec<(f64, f64)>,
     reader: Reader,
-    /// Reader of the second point.
+    /// Reader of the second Gauss point.
     second: Option<Reader>,
     is_none: bool,
 }
@@ -41,7 +41,7 @@ impl Reader {
         let of = |steps: usize| ring[at.wrapping_sub(steps) & (ring.len() - 1)];
         let (first, last) = if self.whole == 0 { (start, end) } else { of(self.whole) };
         let left = of(self.whole + 1).1;
-        // With a delay of whole steps, a jump has just arrived.
+        // With a delay of whole steps, a jump arrives exactly at the beginning of a step.
         let from = if self.part == 0.0 { first } else { self.last };
         let to = last + (first - last) * self.part;
         let mean = (first + to + (from - to + (left - first)) * self.part) * 0.5;
@@ -73,7 +73,7 @@ impl DeadTime {
         }
     }
 
-    /// Delayed command over step `at`, whose own command changes linearly from `start` to `end`.
+    /// Delayed command over step `at`; the command of this step changes linearly from `start` to `end`.
     #[inline(always)]
     pub fn over(&self, at: usize, start: f64, end: f64) -> Span {
         if self.is_none {

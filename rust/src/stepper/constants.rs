@@ -29,7 +29,7 @@ pub struct Constants {
 
 /// Response of an actuator's lag over a step.
 pub struct Lag {
-    /// Time constant [s], and time constant over the step.
+    /// Time constant [s], and its ratio to the step.
     pub time: f64,
     pub in_steps: f64,
     /// Factor of the state.
@@ -77,7 +77,7 @@ impl Constants {
     }
 }
 
-/// Elements that act, so that the others cost no time.
+/// Elements that act; all other elements take no time.
 #[derive(Clone, Copy)]
 #[allow(clippy::struct_excessive_bools)]
 pub struct Acting {

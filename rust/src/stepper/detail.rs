@@ -1,10 +1,10 @@
 //! Additional elements of a whole drive train's simulation: single firings, smoke limiter, torque rate, drag, propeller
 //! ripple and ship motion.
 //!
-//! Torques are relative to the engine's at the operating point, times gear ratio and efficiency; `bollard` is the
-//! propeller's torque there. `Q` and `T` are torque and thrust of the propeller over bollard pull at the flow angle, `w` the
-//! water speed over the blade speed at the operating point, `C` the rack for which the charge air suffices, and `F` the
-//! filtered speed:
+//! Torques are relative to the engine's torque at the operating point, times gear ratio and efficiency; `bollard` is the
+//! propeller's bollard-pull torque at the operating point's speed. `Q` and `T` are torque and thrust of the propeller
+//! over bollard pull at the flow angle, `w` the water speed over the blade speed at the operating point, `C` the rack for
+//! which the charge air suffices, and `F` the filtered speed:
 //!
 //! ```text
 //! L = bollard Q(w, N) hypot(w, N)^p (1 + shaft_ripple cos(turn) + blade_ripple cos(blades turn))
@@ -63,7 +63,7 @@ pub struct Detail {
     /// Rate of the filtered speed, on which the governor's derivative acts.
     pub(super) pace: f64,
     air: f64,
-    /// Highest rack besides the charge air's limit.
+    /// Highest rack without the charge air's limit.
     pub(super) stop: f64,
     /// Mean engine torque after its rate limit, and delivered torque.
     mean: f64,
@@ -208,8 +208,8 @@ impl Detail {
         if self.drag == 0.0 { 0.0 } else { self.drag * power(speed, self.drag_exponent) }
     }
 
-    /// Torque on the engine's side minus drag at both ends of a step, from the commanded torques; a linear course between
-    /// these ends has the mean of the curved one. `stairs`: the command jumps within the step.
+    /// Torque on the engine's side minus drag at both ends of a step, from the commanded torques. The ends are corrected:
+    /// a linear course between them has the mean of the true curved course. `stairs`: the command jumps within the step.
     #[inline(always)]
     pub(super) fn drive(
         &mut self,
@@ -240,14 +240,15 @@ impl Detail {
         [begun - less - losses[0], torque - less - losses[1]]
     }
 
-    /// Load at a step's ends, corrected so that a linear course has the mean of the curved one.
+    /// Load at a step's ends, corrected: a linear course between them has the mean of the true curved course.
     #[inline(always)]
     pub(super) fn bent_load(&mut self, ends: [f64; 2]) -> [f64; 2] {
         bent(ends, &mut self.load_growth)
     }
 }
 
-/// Ends of a linear course with the mean of the parabola through a step's ends, given the change over the previous step.
+/// Ends of a linear course with the mean of a parabola through the step's ends; the parabola follows from the change over
+/// the previous step.
 #[inline(always)]
 fn bent([from, to]: [f64; 2], growth: &mut f64) -> [f64; 2] {
     let less = (to - from - *growth) / 12.0;

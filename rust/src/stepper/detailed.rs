@@ -41,7 +41,7 @@ impl<const D: bool> Ship<'_, D> {
         if let (Some(detail), true) = (&self.detail, clock.at_firings) {
             let due = detail.fires().map_or(f64::INFINITY, |part| (self.at as f64 + part) * self.h);
             clock.next = due;
-            // The firing frequency follows the speed, while the integral is over time.
+            // The time between firings varies with the speed, so the integral uses the actual time.
             if clock.taken > 0 && due.is_finite() {
                 clock.period = clock.next - clock.first;
             }
@@ -65,7 +65,7 @@ impl<const D: bool> Ship<'_, D> {
         }
     }
 
-    /// Start with the propeller's ripple, and with the charge air of the rack.
+    /// Set the initial ripple of the propeller, and the charge air for the initial rack.
     pub(super) fn rest_detail(&mut self) {
         if let Some(detail) = &mut self.detail {
             self.law *= detail.propeller.ripple();
@@ -109,7 +109,7 @@ impl<const D: bool> Ship<'_, D> {
         self.arrived(speed, ended, speed - ahead.speed, rack);
     }
 
-    /// Engine torque at both ends of the step, with the firings and within the highest rate of torque.
+    /// Engine torque at both ends of the step, with firings and the limited rate of torque.
     #[inline(always)]
     fn drive(&mut self, ahead: &Ahead, rack: f64, mean_rack: f64) -> [f64; 2] {
         // A jump of the command in a step precedes the firing, since the governor computes first.

@@ -58,7 +58,7 @@ impl FromStr for Method {
     }
 }
 
-/// Speed over the operating point's and integral [s], or their rates.
+/// Speed relative to the operating point and integral [s], or their rates.
 type State = [f64; 2];
 
 /// Simulate from a speed and an integral at the first sample into rows of the outputs, `[output, sample]`.
@@ -170,7 +170,7 @@ mod tests {
     use super::super::parameters::OFF;
     use super::*;
 
-    /// Under a constant load `tau_n` n' = g (n - 1): a method of order q has the series of the exponential.
+    /// Under a constant load, `tau_n` n' = g (n - 1): a step of order q is the exponential's series up to the power q.
     #[test]
     fn methods_reproduce_the_exponential_to_their_order() {
         let mut values = OFF;

@@ -19,7 +19,7 @@ pub struct Firing {
     /// Number of the latest firing, zero at the first sample, and its cylinder.
     count: f64,
     latest: usize,
-    /// Last mean torque of each cylinder's fuel, times its strength, and the burnt share.
+    /// For each cylinder, mean torque of its last fuel times its strength, and the burnt share.
     fuelled: Vec<f64>,
     spent: Vec<f64>,
     /// Torque at the step's end, and its mean over the step.
@@ -30,7 +30,7 @@ pub struct Firing {
 }
 
 impl Firing {
-    /// Steady running with a firing due at angle zero; None without an interval.
+    /// Steady state with a firing due at angle zero; None without an interval.
     ///
     /// # Errors
     /// [`Error::Invalid`](crate::error::Error::Invalid) if a stroke is longer than a cycle, or a strength is not finite.
@@ -79,7 +79,7 @@ impl Firing {
         self.burn();
     }
 
-    /// Fire the due cylinders with the fuel for a mean torque.
+    /// Fire the cylinders that are due, with the fuel for this mean torque.
     #[inline(always)]
     pub fn fire(&mut self, torque: f64) {
         for _ in 0..self.strength.len() {
@@ -110,7 +110,7 @@ impl Firing {
         }
     }
 
-    /// Continue a cylinder's stroke until the given age of its firing, in strokes.
+    /// Continue a cylinder's stroke until `age`, the time since its firing in strokes.
     #[inline(always)]
     fn burn_until(&mut self, age: f64, cylinder: usize) {
         let (before, fuel) = (self.spent[cylinder], self.fuelled[cylinder] * self.interval);

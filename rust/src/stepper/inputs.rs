@@ -36,7 +36,7 @@ impl<'a> Input<'a> {
     pub fn new(samples: &'a [f64], run: &Run<'_>, delay: f64, scale: Option<(f64, f64)>) -> Self {
         let (substeps, dt) = (run.substeps as f64, run.dt);
         let late = delay / dt;
-        // A whole drive train starts at its operating point.
+        // A whole drive train starts at its operating point, with the corresponding input.
         let before = if run.detail.is_some() { 1.0 } else { samples.first().copied().unwrap_or(0.0) };
         Self { samples, hold: run.hold, substeps, share: 1.0 / substeps, dt, late, before, scale }
     }

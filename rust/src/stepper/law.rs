@@ -1,6 +1,7 @@
 //! The load's law as a function of speed, and its slope.
 //!
-//! A power is cheap to compute near a point where it is known, and a ship's speed remains near for many steps.
+//! Near a point with a known value, a power is cheap to compute by a series, and a ship's speed remains near that point
+//! for many steps.
 
 use crate::power::{polynomial, power_and_slope};
 
@@ -20,7 +21,7 @@ pub struct Law {
     place: f64,
     inverse: f64,
     reach: f64,
-    /// Coefficients of (1 + x)^p, and these times the value at the point, and times its slope.
+    /// Coefficients of (1 + x)^p; the same times the value at the point; and the coefficients of the slope.
     binomial: [f64; TERMS],
     value: [f64; TERMS],
     slope: [f64; TERMS],
@@ -32,7 +33,7 @@ impl Law {
         for k in 1..TERMS {
             binomial[k] = binomial[k - 1] * (exponent - (k - 1) as f64) / k as f64;
         }
-        // No distance is negative, so the series is never used.
+        // With a negative reach, the series is never used.
         let reach = if EXPONENTS.contains(&exponent) { REACH } else { -1.0 };
         Self {
             exponent,

@@ -9,8 +9,8 @@
 //! L = N^p + curvature (N - 1)^2 + damping (N - 1) + load_gain w        tau_n dN/dt = M_b - L
 //! ```
 //!
-//! `hold` attributes a share of `T_d` to a hold, as of a governor that samples every `2 hold T_d`, by its mean: integral and
-//! ripple are those of a continuous governor. With `T_s` it has no effect.
+//! `hold` attributes a share of `T_d` to the hold of a governor that samples every `2 hold T_d`. Only the hold's mean
+//! effect is simulated: integral and ripple are those of a continuous governor. With `T_s`, `hold` has no effect.
 //!
 //! Before the record the set point equals its first sample, the rack `initial_F / v`, the speed `initial_N`; the integral is
 //! `initial_E` above the value at which the command equals the rack. Outputs: `dn = N - 1`, `dM_b = s_M M_b - 1`,
@@ -18,7 +18,8 @@
 //!
 //! The speed is integrated by a third-order Adams predictor and corrector. Lag and rate of the rack are exact for commands
 //! that are linear over a step; dead times are interpolated between steps; other limits are clamps; a flexible shaft is
-//! the matrix exponential of its linear equations. Every element becomes "off" continuously.
+//! the matrix exponential of its linear equations. As a parameter tends to its value without effect, the outputs tend
+//! continuously to those without the element.
 
 #![allow(clippy::float_cmp)] // An element that is off is off exactly.
 

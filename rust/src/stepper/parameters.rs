@@ -6,14 +6,14 @@ use crate::places::named_places;
 const INF: f64 = f64::INFINITY;
 const NAN: f64 = f64::NAN;
 
-/// Parameters: index, name, and value without effect; NaN if there is none.
+/// Parameters: index, name, and value without effect; NaN if there is no such value.
 macro_rules! table {
     ($($place:ident $name:literal $off:expr,)+) => {
         named_places! {
             /// Names of the parameters, in the order of every parameter vector.
             PARAMETERS: $($place $name,)+
         }
-        /// Values of the parameters without effect, NaN if there is none.
+        /// Values of the parameters without effect, NaN if there is no such value.
         pub const OFF: [f64; COUNT] = [$($off),+];
     };
 }

@@ -1,4 +1,4 @@
-//! Propeller of a ship that may move: torque and thrust in four quadrants, and the ripple of the blades.
+//! Propeller of a ship at bollard pull or under way: torque and thrust in four quadrants, and the ripple of the blades.
 
 use std::f64::consts::TAU;
 
@@ -26,7 +26,7 @@ pub struct Propeller {
 }
 
 impl Propeller {
-    /// From the last parameters of [`DETAIL`](super::DETAIL).
+    /// From the last parameters in the order of [`DETAIL`](super::DETAIL).
     pub fn new(numbers: [f64; 8], quadrants: Option<Quadrants>) -> Self {
         let [bollard, shaft_hz, blades, shaft_ripple, blade_ripple, water, push, resistance] = numbers;
         let mut propeller = Self {

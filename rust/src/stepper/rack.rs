@@ -149,8 +149,8 @@ pub struct Pace {
 
 /// Rack after `length` seconds, and its integral over time, for a linear command: exact.
 ///
-/// The rack moves at the rate limit until the lag demands less, then freely until the lag demands more, then at the limit
-/// again.
+/// The rack moves at the rate limit while the lag demands a higher rate, and otherwise as the lag demands; at most three
+/// phases.
 #[inline(always)]
 pub fn paced(rack: f64, command: f64, slope: f64, length: f64, pace: Pace) -> [f64; 2] {
     let Pace { lag: tau, up, down } = pace;

@@ -57,7 +57,7 @@ pub struct Ship<'a, const D: bool> {
     pub(super) rack: f64,
     /// Rack before an input jumps.
     pub(super) lagged: f64,
-    /// Load law at the present speed, and the speed-dependent engine torque minus this.
+    /// Load law at the present speed, and the speed-dependent engine torque minus the load law.
     pub(super) law: f64,
     own: f64,
     /// Changes of the acceleration and of `own` over the last step.
@@ -138,7 +138,7 @@ impl<'a, const D: bool> Ship<'a, D> {
         ship
     }
 
-    /// Set the state before a record, which its first sample preserves as far as possible.
+    /// Set the state before a record; if the initial values allow it, steady at the first sample.
     fn rest(&mut self, parameters: &Parameters) {
         let against = self.law_with_load(self.load_span.start);
         let excess = if D { against * 0.0 } else { self.engine(self.speed, self.rack).0 - against };
@@ -213,7 +213,7 @@ impl<'a, const D: bool> Ship<'a, D> {
         }
     }
 
-    /// Immediate effect of inputs that jump.
+    /// Immediate effect of jumps of the inputs.
     #[inline(always)]
     fn jump(&mut self) {
         let against = match &self.twist {
@@ -239,7 +239,7 @@ impl<'a, const D: bool> Ship<'a, D> {
         }
     }
 
-    /// Acceleration of the shaft where the rack follows it: the rack is `order` less `fuel` times the acceleration.
+    /// Acceleration of the shaft if the rack depends on it: the rack is `order` minus `fuel` times the acceleration.
     #[inline(always)]
     pub(super) fn brought_about(&self, speed: f64, order: f64, against: f64, fuel: f64) -> f64 {
         let (torque, held) = self.engine(speed, self.within_limits(order));

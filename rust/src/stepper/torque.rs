@@ -8,7 +8,7 @@ impl<const D: bool> Ship<'_, D> {
         if self.acting.gain { self.c.v * rack } else { rack }
     }
 
-    /// Engine torque at a speed and a rack position, and which of its limits holds it.
+    /// Engine torque at a speed and a rack position, and which torque limit is active.
     #[inline(always)]
     pub(super) fn engine(&self, speed: f64, rack: f64) -> (f64, i8) {
         let apart = speed - 1.0;
@@ -41,8 +41,8 @@ impl<const D: bool> Ship<'_, D> {
     }
 }
 
-/// Mean torque below a limit that noise reaches at times: highest - softness ln(1 + exp z) with
-/// z = (highest - torque) / softness.
+/// Mean torque near a limit that noise exceeds now and then: highest - softness ln(1 + exp z) with z = (highest - torque)
+/// / softness.
 #[inline(always)]
 pub fn softly_within(torque: f64, highest: f64, softness: f64) -> (f64, i8) {
     /// Distance from a limit, in units of its softness, beyond which the limit has no effect.

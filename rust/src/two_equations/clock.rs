@@ -2,12 +2,13 @@
 
 use super::dual::Dual;
 
-/// Dead time over the period: up to the first, the ripple depends on its phase at the samples; from the second on the phase
-/// is unknown, and the mean over all phases is used, which is zero.
+/// Ratios of dead time to sample period. Up to the first, the ripple at the samples is computed from its phase. From the
+/// second on, the phase is unknown, and the ripple's mean over all phases is used, zero.
 const KNOWN: [f64; 2] = [0.5, 1.0];
 
-/// Derivative term of the governor, on both its inputs, for a period of twice `held`: the rectangle rule is
-/// `(K_i / s) cosh x` with `K_p sinh(x) / x`, `x = s held`, and the hold's mean is `cosh(x / sqrt(3))` for both.
+/// Derivative gain of the governor that represents the rectangle rule of its integral, for a period of twice `held`. With
+/// `x = s held`, the rectangle rule is `(K_i / s) cosh x` and `K_p sinh(x) / x`; the hold's mean is `cosh(x / sqrt(3))`
+/// for both terms.
 pub fn summed(integral: Dual, held: Dual) -> Dual {
     integral * held * held * (1.0 / 3.0)
 }

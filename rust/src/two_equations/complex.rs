@@ -2,7 +2,7 @@
 
 use pulp::Simd;
 
-/// -x; pulp's own is not inlined.
+/// -x; pulp's negation is not inlined.
 #[inline(always)]
 pub fn negative<S: Simd>(simd: S, x: S::f64s) -> S::f64s {
     simd.sub_f64s(simd.splat_f64s(0.0), x)

@@ -19,7 +19,7 @@ impl Dual {
         Self { value, slopes: [0.0; COUNT] }
     }
 
-    /// The parameter of an index.
+    /// The parameter of an index, with derivative 1 by itself.
     pub fn parameter(values: &[f64; COUNT], index: usize) -> Self {
         let mut found = Self::new(values[index]);
         found.slopes[index] = 1.0;
@@ -38,7 +38,7 @@ impl Dual {
         Self { value, slopes: self.slopes.map(|slope| slope * value) }
     }
 
-    /// A number with this value, and derivatives `own` times these plus `others` times those of `other`.
+    /// A number of the given value; its derivatives are `own` times those of `self` plus `others` times those of `other`.
     fn combined(mut self, own: f64, other: &Self, others: f64, value: f64) -> Self {
         for (mine, theirs) in self.slopes.iter_mut().zip(&other.slopes) {
             *mine = *mine * own + theirs * others;

@@ -44,10 +44,11 @@ pub const COUNT: usize = PARAMETERS.len();
 /// Signals of a record, as deviations from the operating point: speed, torque, rack, load, square and cube of the speed,
 /// one, and the brake's torque measured besides a gauge's.
 pub const SIGNALS: [&str; 8] = ["N", "M", "X", "load", "N2", "N3", "one", "M_b"];
-/// Number of taper derivatives that are used, including the taper itself.
+/// Number of orders of the taper: the taper itself and its first derivatives.
 pub const ORDERS: usize = 4;
 
-/// Signals of the equations: those of a record, then delayed ones; "apart" signals have sinh instead of cosh for a hold.
+/// Signals of the equations: those of a record, then delayed ones; "apart" signals contain sinh instead of cosh of half
+/// the distance between a hold's two commands.
 pub mod signal {
     crate::places::places! {
         N, M, X, LOAD, N2, N3, ONE, M_B,
@@ -241,8 +242,8 @@ fn term(equation: usize, signal: usize, from: impl Iterator<Item = f64>) -> Opti
     (length > 0).then_some(Term { equation, signal, coefficients, length })
 }
 
-/// The equations: of the load if a torque is measured, of the engine, of the governor if the rack is measured, and of the
-/// engine's inertia if both torques are.
+/// The equations of the load (if a torque is measured), of the engine, of the governor (if the rack is measured), and of
+/// the engine's inertia (if both torques are measured).
 fn written(values: &[f64; COUNT], [torque, rack, both]: [bool; 3], setup: Setup) -> Vec<Equation> {
     // long: the equations in sequence, as on paper
     let q = |place: usize| Dual::parameter(values, place);
@@ -288,7 +289,7 @@ fn written(values: &[f64; COUNT], [torque, rack, both]: [bool; 3], setup: Setup)
     let slowed = if gauge { inertia } else { poly(&[zero]) }.plus(&poly(&[q(at::G)]), -1.0);
     engine.add(signal::M, &on_engine.clone().plus(&slowed.times(&wound), 1.0));
     engine.add(signal::N, &on_engine.times(&slowed));
-    // For a stiff shaft the torque is substituted, so that factors of the engine's equation have no effect.
+    // For a stiff shaft the load's equation replaces the torque in the engine's equation, whose scale then has no effect.
     if !twists {
         engine = engine.without_torque(&load);
     }
@@ -330,8 +331,8 @@ fn written(values: &[f64; COUNT], [torque, rack, both]: [bool; 3], setup: Setup)
     equations
 }
 
-/// Ripple of the held fuel at the governor's samples over the speed, with the inertia that the shaft leaves at the sample
-/// rate.
+/// Ripple of the speed at the governor's samples due to the held fuel, as a polynomial that acts on the speed. At the
+/// sample rate, a flexible shaft decouples the propeller's inertia.
 fn rippled(values: &[f64; COUNT], twists: bool) -> Polynomial {
     let q = |place: usize| Dual::parameter(values, place);
     let (lag, zero) = (q(at::TAU_ACT), Dual::new(0.0));

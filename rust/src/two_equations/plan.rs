@@ -64,7 +64,7 @@ impl Spectra<'_> {
 /// Bytes of a cache line.
 const LINE: usize = 64;
 
-/// Numbers aligned to cache lines: vectors across two lines take twice as long to load.
+/// Numbers aligned to cache lines: a SIMD vector that crosses a line takes twice as long to load.
 pub struct Aligned {
     values: Vec<f64>,
     start: usize,
@@ -91,7 +91,8 @@ impl Aligned {
     }
 }
 
-/// Columns in a tile. The matrix of products of all columns is computed in squares, the products of one tile with another.
+/// Columns in a tile. The matrix of products of all columns is computed in square blocks, each the products between two
+/// tiles of columns.
 pub const TILE: usize = 3;
 
 /// Number of columns of residual and derivatives, padded to whole tiles.

@@ -37,7 +37,7 @@ struct Sums<'a> {
     /// Number of columns of residual and derivatives, without and with padding.
     columns: usize,
     padded: usize,
-    /// A column projected on the systematic errors.
+    /// Projection of columns on the systematic errors.
     turned: Aligned,
     /// Shapes of a block, [O, O, 2, BLOCK], and its nonzero hats, [near, BLOCK].
     shapes: Aligned,

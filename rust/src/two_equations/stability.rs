@@ -3,15 +3,15 @@
 
 use super::equations::{COUNT, at};
 
-/// Frequencies at which the return difference is evaluated: per decade, and at most.
+/// Number of frequencies at which the return difference is evaluated: per decade, and the limit in all.
 const PER_DECADE: f64 = 24.0;
 const MOST: usize = 6000;
-/// Angle by which a delay may turn the return difference between two frequencies [rad].
+/// Largest angle by which a delay turns the return difference between two evaluated frequencies [rad].
 const TURN: f64 = 0.3;
-/// Loop gain below which encirclements end, and above which turns by the delay count.
+/// Loop gain below which no further encirclement is possible, and above which frequency steps are limited by the delay.
 const SMALL: f64 = 0.9;
 const COUNTS: f64 = 0.3;
-/// Torque slope that replaces a load exactly as steep as the engine's torque.
+/// Slope of load minus engine torque that replaces a slope of exactly zero.
 const NEUTRAL: f64 = 1e-9;
 /// Least relative frequency step.
 const FINEST: f64 = 1e-5;
@@ -97,9 +97,9 @@ pub fn is_stable(q: &[f64; COUNT], open_loop: bool) -> bool {
     }
     let own = shaft.torque[0];
     let apart = q[at::HOLD] * q[at::T_D] / 3.0_f64.sqrt();
-    // s / (s + c) (1 + L(s)) has no pole at 0 and tends to 1.
+    // The function s / (s + c) (1 + L(s)), with the loop's transfer function L, has no pole at 0 and tends to 1.
     let corner = (ki / (own.abs() + kp.abs())).max(1e-6);
-    // Direction of that function, without a division, and the loop gain.
+    // A number with the direction of that function, computed without a division, and the loop gain.
     let at_frequency = |w: f64| -> ([f64; 2], f64) {
         let under = times([1.0, q[at::TAU_ACT] * w], along(shaft.torque, w));
         let (sin, cos) = (w * q[at::T_D]).sin_cos();
@@ -117,7 +117,7 @@ pub fn is_stable(q: &[f64; COUNT], open_loop: bool) -> bool {
     let quickest = (3.0 * swings)
         .max(if kd == 0.0 { 0.0 } else { own.abs() / shaft.torque[1].abs().max(1e-9) })
         .max(if kd == 0.0 || q[at::TAU_ACT] == 0.0 { 0.0 } else { 1.0 / q[at::TAU_ACT] });
-    // At 0, half a turn counts as one.
+    // Half a turn at frequency 0 counts once, since it has no counterpart at a negative frequency.
     let half = if at_frequency(1e-3 * slowest).0[1] > 0.0 { 1 } else { -1 };
     let begun = shaft.poles() + if own < 0.0 { half } else { 0 };
     let steps = |w: f64, gain: f64| {
@@ -133,7 +133,8 @@ pub fn is_stable(q: &[f64; COUNT], open_loop: bool) -> bool {
     zeros(1e-3 * slowest, quickest, at_frequency, steps).is_some_and(|turned| begun + turned == 0)
 }
 
-/// Unstable zeros, from turns about the origin (two for each) above a start frequency.
+/// Number of unstable zeros, from half turns about the origin above a start frequency; each counts twice, for positive
+/// and negative frequencies.
 fn zeros(
     mut w: f64,
     quickest: f64,
