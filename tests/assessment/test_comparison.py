@@ -148,7 +148,7 @@ def test_what_is_not_comparable_is_refused_and_says_why(pair):
     refusals = {
         "same ship": replace(other, vessel="stan-launch-804"),
         "differ in torque": replace(other, structure={**other.structure, "torque": "brake"}),
-        "ended in no minimum": replace(other, settings={**other.settings, "converged": False}),
+        "fingerprint found no minimum": replace(other, settings={**other.settings, "converged": False}),
         "operating points differ": replace(
             other, data=({**other.data[0], "operating_point": {**POINT, "n_set": 1300.0}},)
         ),

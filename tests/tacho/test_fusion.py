@@ -220,7 +220,7 @@ def test_a_long_log_with_a_break_in_all_trains_is_fused_on_both_sides_of_it():
         (lambda: fuse([train("a", passages(4), 4)], 10, 9, 0), "stop_s: found 0 with start_s = 9"),
         (lambda: fuse([train("a", passages(4)[:5], 4)], 10, 0, 9), "train 'a': too few pulses"),
         (lambda: fuse([train("a", passages(1))], 10, 0, 9, bandwidth_hz=2.0), "at most 1.15"),
-        (lambda: fuse([Train("a", speed_from_pulses(passages(4), 4))], 10, 0, 9), "give .* time_std_s"),
+        (lambda: fuse([Train("a", speed_from_pulses(passages(4), 4))], 10, 0, 9), "give time_std_s"),
         (
             lambda: fuse([train("a", passages(4), 4), train("b", passages(4) + 99.0, 4, None)], 10, 0, 9),
             "a ratio can't be estimated",

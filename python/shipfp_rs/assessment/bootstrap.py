@@ -21,9 +21,9 @@ from shipfp_rs.support.threads import with_one_blas_thread
 FEWEST_DRAWS = 20
 MOST_DRAWS = 1_000_000
 FEWEST_BLOCKS = 10
-"""Fewest blocks in the shortest experiment: with fewer, draws hardly differ."""
+"""Least number of blocks in the shortest experiment; with fewer, the draws hardly differ."""
 QUIET_LAGS = 5
-"""Least number of successive insignificant lags that end the correlation (K_N of Politis and White)."""
+"""Least number of successive insignificant lags after which the correlation counts as zero (K_N of Politis and White)."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -37,7 +37,7 @@ class Bootstrap(Brief):
     names
         Identifiable parameters and combinations.
     draws
-        Their estimates, shape (B, P); NaN where a draw did not determine one.
+        Estimates of the named quantities, shape (B, P); NaN if a draw does not determine the quantity.
     failed
         Number of draws whose search found no minimum; they are omitted.
     block_s
@@ -120,9 +120,9 @@ def bootstrap(
 ) -> Bootstrap:
     """Fit, resample the residuals in random blocks, and refit many times.
 
-    The scatter of the estimates is their uncertainty for any coloured residuals, from noise or model error, if their
-    correlation is shorter than a block and they are stationary. It takes `draws` fits, and serves to check the intervals of
-    `identify`.
+    The scatter of the estimates is their uncertainty for any coloured residuals, from noise or model error.
+    The residuals must be stationary and correlated over less than a block. The bootstrap takes `draws` fits,
+    and serves to check the intervals of `identify`.
 
     Parameters
     ----------
@@ -182,7 +182,7 @@ def bootstrap(
         if progress is not None:
             progress(done + 1, draws)
     if not rows:
-        raise IdentificationError(f"none of {draws} draws led to a minimum")
+        raise IdentificationError(f"the search found no minimum in any of {draws} draws")
     lengths = tuple(part.block / part.record.rate_hz for part in parts)
     return Bootstrap(fingerprint, names, np.array(rows), failed, lengths, seed)
 
@@ -190,7 +190,8 @@ def bootstrap(
 def block_length(residuals: Array) -> int:
     """Length of a circular block for a series of residuals, shape (N,), in samples.
 
-    Politis and White: from the correlogram up to `QUIET_LAGS` successive insignificant lags, with a flat-top taper.
+    Rule of Politis and White: from the correlogram with a flat-top taper, up to `QUIET_LAGS` successive
+    insignificant lags.
 
     Examples
     --------

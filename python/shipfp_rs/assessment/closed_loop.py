@@ -60,7 +60,7 @@ def structure_of(fingerprint: Fingerprint) -> Structure:
     Raises
     ------
     InputError
-        If its equations are the user's, which a file can't contain.
+        If the structure's equations are the user's code, which a file can't contain.
     """
     try:
         return Structure.from_dict(fingerprint.structure)
@@ -73,12 +73,12 @@ def structure_of(fingerprint: Fingerprint) -> Structure:
 
 
 TOLD = 1e-4
-"""Largest relative change of a determined figure along a direction that the data do not determine."""
+"""Relative change along an undetermined direction of the parameters up to which a figure counts as determined."""
 PADE = 5
 SLOWEST = 5
-"""Number of roots of the approximation that are refined to exact ones: two, their conjugates, and one in reserve."""
+"""Number of roots of the Pade approximation that are refined to exact poles: two, their conjugates, and one in reserve."""
 SETTLED = 1e-3
-"""Largest last step of Newton's method relative to the pole; with a larger one no pole was found."""
+"""Largest last step of Newton's method, relative to the pole, with which it has converged."""
 SEARCHED_HZ = np.geomspace(1e-4, 1e2, 1200)
 RECOVERED = 0.05
 """Band, relative to a step of the set point, within which the speed has recovered."""
@@ -86,19 +86,21 @@ LONGEST = 8.0
 """Duration of a step response, in time constants of the slowest pole."""
 INSTANTS = 4000
 LEADING = 1e-6
-"""Phase [turns] below which a phase is rounding, and counts as zero."""
+"""Phase [turns] below which a phase is a rounding error and counts as zero."""
 LARGEST = 2.0
-"""Relative standard deviation above which a figure is not determined: a factor of 50 on a logarithmic scale."""
+"""Relative standard deviation above which a figure is undetermined; its 95 % interval would span a factor of
+50 either way.
+"""
 STRAIGHT = 0.2
-"""Largest relative standard deviation for which a figure's interval follows from linear propagation; above it, from the
-ships that profiles found possible.
+"""Largest relative standard deviation for which a figure's interval is propagated linearly; above it, the
+interval is the range over the parameter sets that the profile likelihoods found compatible with the data.
 """
 LEAST = {"phase margin": -np.inf, "overshoot": 0.0, "dM_b(0)": -np.inf, "dM_g(0)": -np.inf}
 """Least values of figures that may be zero or change sign; intervals of all others are symmetric in the logarithm."""
 ENDLESS = ("gain margin", "ultimate gain")
-"""Figures that are infinite for a loop that does not have them, as a gain margin without a phase crossing."""
+"""Figures that are infinite for some loops, such as the gain margin of a loop without a phase crossing."""
 SAME = {"dM_b(inf)": "vK_p", "dM_b(0)": "p", "dM_g(0)": "p"}
-"""Parameters that equal a figure for a ship without further elements, and so share its interval."""
+"""Figures that equal a parameter for a ship without further elements, and then have the parameter's interval."""
 
 Figure = Callable[[Values], float]
 Searched = Callable[[Values], ComplexArray]
@@ -123,15 +125,15 @@ def closed_loop(fingerprint: Fingerprint, structure: Structure | None = None) ->
     -------
     dict
         Estimates with 95 % intervals by name. Intervals are first order in the covariance of the parameters, on a
-        logarithmic scale if the figure can't change its sign, and include the figures of all ships that profiles found
-        possible.
-        The figures: real and imaginary part of the two slowest poles, the slower one first, of pairs the upper one [rad/s],
-        with exact dead times; crossover [Hz], phase margin [deg], gain margin [-]; proportional gain vK_p [-] and period
-        [s] at which the loop would oscillate if all gains increased together (K_u and P_u of tuning rules); -3 dB bandwidth
-        of the speed [Hz]; settling time of the speed to within 5 % after a step of the set point [s], and overshoot [-];
-        slow and fast gain of the torque [-] (eq. 3.39, 3.40), the fast one ahead of actuator lag and flexible shaft.
-        An undetermined figure has no value. Neither has the gain margin of a loop that never oscillates; its interval then
-        begins at the least gain at which the loop would oscillate with an element that was not found.
+        logarithmic scale if the figure can't change its sign. They include the figures of all parameter sets that the
+        profile likelihoods found compatible with the data. The figures: real and imaginary part of the two slowest poles
+        with exact dead times [rad/s], slowest first, each complex pair by its upper pole; crossover [Hz], phase margin
+        [deg], gain margin [-]; proportional gain vK_p [-] and period [s] at which the loop would oscillate if all gains
+        increased together (K_u and P_u of tuning rules); -3 dB bandwidth of the speed [Hz]; settling time of the speed to
+        within 5 % after a step of the set point [s], and overshoot [-]; slow and fast gain of the torque [-] (eq. 3.39,
+        3.40), the fast gain without actuator lag and flexible shaft. An undetermined figure has no value. The gain margin
+        of a loop that never oscillates has no value either; its interval begins at the least gain at which the loop would
+        oscillate with an element that the data do not exclude.
 
     Raises
     ------
@@ -161,14 +163,14 @@ def closed_loop(fingerprint: Fingerprint, structure: Structure | None = None) ->
 def poles_of(structure: Structure, values: Values) -> ComplexArray:
     """Two slowest poles of the loop with its dead time [rad/s], the slower one first, shape (2,) or (1,).
 
-    Of a pair it is the upper one; a pole is slow if its absolute value is small. Newton's method refines the poles of a
-    Pade approximation of the dead time to the exact ones.
+    A complex pair is represented by its upper pole; a pole is slow if its absolute value is small. Newton's
+    method refines the poles of a Pade approximation of the dead time to the exact ones.
     """
     return np.array(sorted(_roots(structure, values)[:2], key=abs))
 
 
 def _roots(structure: Structure, values: Values) -> ComplexArray:
-    """The slowest poles, in that order, a few more than are reported."""
+    """The slowest poles, slowest first, a few more than are reported."""
     equations, known = loop_of(structure, values)
     known = {**known, "T_set": 0.0}  # outside the loop
     poles = np.linalg.eigvals(
@@ -191,7 +193,7 @@ def _roots(structure: Structure, values: Values) -> ComplexArray:
 
 
 def _figures(structure: Structure, values: Values) -> dict[str, tuple[str, Figure]]:
-    # Several figures share the same intermediate results of each ship.
+    # Several figures share intermediate results for the same parameter values.
     roots, step = once(partial(_roots, structure)), once(partial(_step, structure))
     searched = once(lambda known: open_loop(structure, known, SEARCHED_HZ))
     crossing = once(partial(_crossover, structure, searched))
@@ -224,7 +226,7 @@ def _figures(structure: Structure, values: Values) -> dict[str, tuple[str, Figur
 
 
 def once(function: Callable[[Values], Result]) -> Callable[[Values], Result]:
-    """Cache a function of a ship's values."""
+    """Cache a function of the parameter values."""
     known = cache(lambda items: function(dict(items)))
     return lambda values: known(tuple(values.items()))
 
@@ -232,7 +234,7 @@ def once(function: Callable[[Values], Result]) -> Callable[[Values], Result]:
 def _pole(
     roots: Callable[[Values], ComplexArray], pole: complex, part: Callable[[Any], Any], values: Values
 ) -> float:
-    """The pole of another ship nearest to a given pole, since poles may exchange their order."""
+    """The pole nearest to a given pole, for other parameter values, since poles may exchange their order."""
     found = roots(values)
     return float(part(min(found, key=lambda one: abs(one - pole)))) if len(found) else float("nan")
 
@@ -259,8 +261,8 @@ def _crossover(structure: Structure, searched: Searched, values: Values) -> floa
 def _followed(loop: ComplexArray) -> Array:
     """Unwrapped phase of the open loop at `SEARCHED_HZ` [rad], from low frequencies up.
 
-    At low frequencies the loop lags by 90 degrees, or by 270 if engine and load alone are unstable (g above p); it never
-    leads.
+    At low frequencies the open loop lags by 90 degrees, or by 270 if engine and load without governor are
+    unstable (g above p); its phase is never positive.
     """
     phase = np.unwrap(np.angle(loop))
     return np.asarray(phase - 2.0 * np.pi * np.ceil(phase[0] / (2.0 * np.pi) - LEADING))
@@ -281,7 +283,7 @@ def _phase_margin(structure: Structure, followed: Followed, crossing: Figure, va
 
 
 def _turning(structure: Structure, followed: Followed, values: Values) -> float:
-    """Frequency at which the loop oscillates for a high enough gain [Hz]; NaN if it never does."""
+    """Frequency at which the loop oscillates if the gain is high enough [Hz]; NaN if it never does."""
     phase = followed(values)
     return _passed(
         np.degrees(phase) + 180.0, lambda frequency: _turned(structure, phase, values, frequency) + 180.0
@@ -289,12 +291,12 @@ def _turning(structure: Structure, followed: Followed, values: Values) -> float:
 
 
 def _ultimate_gain(structure: Structure, turning: Figure, values: Values) -> float:
-    """Proportional gain vK_p at which the loop oscillates, with the present ratio of all gains."""
+    """Proportional gain vK_p at which the loop oscillates if all gains are scaled together."""
     return _gain_margin(structure, turning, values) * _proportional(loop_of(structure, values)[1])
 
 
 def _proportional(known: Values) -> float:
-    """Proportional gain of the loop, which data determine even without determining its factors."""
+    """Proportional gain of the loop, v K_p: data may determine this product without determining its factors."""
     return known.get("vK_p", known.get("v", 1.0) * known.get("K_p", 0.0))
 
 
@@ -352,14 +354,14 @@ def _powers(base: ComplexArray, count: int) -> ComplexArray:
 
 
 def _fast_torque(structure: Structure, values: Values) -> float:
-    """Gain from a fast set point to the torque demanded by the governor, ahead of actuator lag and flexible shaft."""
+    """Gain at high frequencies from set point to torque, without actuator lag and flexible shaft."""
     known = loop_of(structure, values)[1]
     gain = _proportional(known)
     return gain * known["tau_prop"] / known["tau_n"] if "tau_prop" in structure.names else gain
 
 
 def _same(fingerprint: Fingerprint, name: str, value: float) -> Estimate | None:
-    """Estimate of the parameter that equals a figure; None if there is none."""
+    """Estimate of the parameter that equals a figure; None without such a parameter."""
     told = {**fingerprint.derived, **fingerprint.parameters}.get(SAME.get(name, ""))
     if (
         told is None
@@ -383,8 +385,8 @@ def estimated(
 ) -> Estimate:
     """Estimate of a figure of the ship, with its interval.
 
-    `least` is its least possible value; None: it keeps its sign. A figure without a value may be `endless`: infinite, or
-    larger than for any ship.
+    `least` is the figure's least possible value; None: the figure can't change its sign. With `endless`, a
+    figure without a value may be infinite.
     """
     values = dict(fingerprint.optimum)
     value = figure(values)
@@ -415,7 +417,7 @@ def estimated(
     names = list(fingerprint.covariance["names"])
     gradient = np.array([slopes[name] for name in names])
     matrix = np.array(fingerprint.covariance["matrix"], dtype=np.float64).reshape(len(names), len(names))
-    # A misfit of the model widens the intervals of figures as much as those of parameters.
+    # A misfit of the model widens the intervals of figures by the same factor as those of parameters.
     widened = max(float(fingerprint.adequate.get("dispersion", 1.0)), 1.0)
     std = float(np.sqrt(max(widened * gradient @ matrix @ gradient, 0.0)))
     possible = _possible(fingerprint, figure)
@@ -429,7 +431,7 @@ def estimated(
 
 
 def _first_order(value: float, std: float, least: float | None) -> tuple[float, float]:
-    """Ends of a figure's interval; if it keeps its sign they are the value divided and multiplied by a factor."""
+    """Ends of a figure's interval: if it can't change its sign, the value divided and multiplied by a factor."""
     reach = DEVIATIONS_95 * std
     if least is not None or not value:
         return max(value - reach, -np.inf if least is None else least), value + reach
@@ -438,7 +440,7 @@ def _first_order(value: float, std: float, least: float | None) -> tuple[float, 
 
 
 def _possible(fingerprint: Fingerprint, figure: Figure) -> list[float]:
-    """Figure of every ship that the profiles of a fingerprint found possible."""
+    """Figure for each parameter set that the profile likelihoods found compatible with the data."""
     found = []
     for other in fingerprint.settings.get("possible", ()):
         with contextlib.suppress(ValueError, np.linalg.LinAlgError):  # no root, or no convergence
@@ -447,19 +449,19 @@ def _possible(fingerprint: Fingerprint, figure: Figure) -> list[float]:
 
 
 STEP_PCT = 10.0
-"""Step of the load [% of the operating torque]. The standard's steps depend on the engine's mean effective pressure, which
-is not in a log; a step of ten per cent is far from limits and nonlinearity.
+"""Step of the load [% of the operating torque]. The standard's steps depend on the engine's mean effective pressure,
+which is not in a log; a step of ten per cent is far from limits and nonlinearity.
 """
 LOAD_INSTANTS = 1500
 WHOLE_PCT = 100.0
-"""Largest step that is stated: the model does not hold above the operating torque."""
+"""Largest reported step: the model is not valid above the operating torque."""
 
 State = Literal["pass", "fail", "open"]
 
 
 @dataclass(frozen=True)
 class Limits:
-    """Requirements of a class on load increase: frequency deviation [%], recovery time [s], its band [%]."""
+    """Requirements of a class on load increase: frequency deviation [%], recovery time [s], band of recovery [%]."""
 
     deviation_pct: float
     recovery_s: float
@@ -493,7 +495,7 @@ def governing(fingerprint: Fingerprint, structure: Structure | None = None) -> d
     The state is "open" if the interval contains the limit, or there is no interval.
     """
     model = structure or structure_of(fingerprint)
-    # All figures need the load steps of the same ships.
+    # All figures use the load steps for the same parameter values.
     falls = once(partial(_fall, model))
 
     def told(unit: str, figure: Callable[[Array, Array], float], least: float | None) -> Estimate:

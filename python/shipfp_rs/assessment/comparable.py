@@ -1,7 +1,7 @@
-"""Comparability of fingerprints: whether, with which elements, and with which reservations.
+"""Whether fingerprints can be compared, with which elements of the model, and with which remarks.
 
-Only values given by the user must be equal in the fingerprints. If the data selected the structures, they may have selected
-an element for only one ship, and some parameters may be undetermined; this is reported, but does not prevent a comparison.
+Only values given by the user must be equal in the fingerprints. Structures that the data selected may differ
+in an element, and some parameters may be undetermined; this is reported, but does not prevent a comparison.
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ from shipfp_rs.structures.elements import ELEMENTS
 from shipfp_rs.structures.ties import declared
 
 SPEED_APART = 0.05
-"""Relative difference in speed above which operating points differ, on which every parameter depends."""
+"""Relative difference in speed above which operating points differ; every parameter depends on the operating point."""
 OF_NO_MATTER = {"dX"}
-"""Outputs that do not change the meaning of the other outputs' parameters; the rack adds information on one of them."""
+"""Outputs in which two fingerprints may differ: measuring the rack does not change the meaning of the parameters."""
 TORQUE_APART = 0.05
 """Relative difference in operating torque that is reported, since tau_n is relative to the torque."""
 
@@ -36,9 +36,10 @@ def with_common_elements(
     Parameters
     ----------
     fingerprints
-        Two or more; those of a given structure are returned unchanged.
+        Two or more fingerprints; they are returned unchanged if the user gave any structure.
     data
-        The experiments of each; None: those stored in the fingerprints. Without any, fingerprints are returned unchanged.
+        Experiments of each fingerprint; None: those stored in the fingerprints. Without experiments,
+        fingerprints are returned unchanged.
     """
     acting = {
         name for one in fingerprints for name in TRIED if one.elements.get(name, {}).get("state") == "on"
@@ -53,9 +54,9 @@ def with_common_elements(
         raise InputError(f"data of {len(data)} fingerprints, expected those of {len(fingerprints)}")
     if any(not experiments for one, experiments in zip(fingerprints, data, strict=True) if one in lacking):
         return list(fingerprints), [
-            f"{len(lacking)} of {len(fingerprints)} fingerprints have no {words}, which another one shows, and are compared "
-            "as they are; give data, the experiments of each, to fit them again with it, or keep experiments.parquet beside "
-            "fingerprint.json"
+            f"{len(lacking)} of {len(fingerprints)} fingerprints have no {words}, which another fingerprint has, and are "
+            "compared unchanged; to fit them again with it, give data, the experiments of each, or keep experiments.parquet "
+            "beside fingerprint.json"
         ]
     found = [
         one
@@ -72,7 +73,7 @@ def with_common_elements(
         for one, experiments in zip(fingerprints, data, strict=True)
     ]
     return found, [
-        f"{len(lacking)} of {len(fingerprints)} fingerprints were fitted again with {words}, which another one shows"
+        f"{len(lacking)} of {len(fingerprints)} fingerprints were fitted again with {words}, which another fingerprint has"
     ]
 
 
@@ -98,7 +99,7 @@ def require_comparable(before: Fingerprint, after: Fingerprint) -> tuple[str, ..
     for label, fingerprint in (("first", before), ("second", after)):
         if not fingerprint.settings.get("converged", True):
             raise InputError(
-                f"the {label} fingerprint's search ended in no minimum ({fingerprint.settings.get('message')}); identify "
+                f"the search of the {label} fingerprint found no minimum ({fingerprint.settings.get('message')}); identify "
                 "that log again"
             )
     for name in before.parameters.keys() & after.parameters.keys():
@@ -116,7 +117,7 @@ def require_comparable(before: Fingerprint, after: Fingerprint) -> tuple[str, ..
         )
         if one != two:
             raise InputError(
-                f"{name} was {one} in the first fingerprint and {two} in the second, and the other parameters lean on it; "
+                f"{name} was {one} in the first fingerprint and {two} in the second, and the other parameters depend on it; "
                 "identify both the same way"
             )
     ties = declared(before.structure), declared(after.structure)
@@ -129,17 +130,19 @@ def require_comparable(before: Fingerprint, after: Fingerprint) -> tuple[str, ..
     remarks = [*_operating_points(before, after), *_alone(before, after)]
     leaning = [name for name, one in before.parameters.items() if one.status == "prior" and name in after]
     if leaning:
-        remarks.append(f"{', '.join(leaning)}: both lean on a prior, which hides part of a change")
+        remarks.append(
+            f"{', '.join(leaning)}: both estimates depend on a prior, which hides some of a change"
+        )
     return tuple(remarks)
 
 
 def _chosen(*fingerprints: Fingerprint) -> bool:
-    """Whether the data selected all structures, within the full ship."""
+    """Whether the data selected the elements of all structures, within the full ship."""
     return all(one.settings.get("structure") == FULL_SHIP for one in fingerprints)
 
 
 def _given(fingerprint: Fingerprint) -> dict[str, float]:
-    """Values fixed by the user, not those that the search left without an interval."""
+    """Values fixed by the user, without those that the search fixed since the data do not determine them."""
     return {
         name: estimate.value
         for name, estimate in fingerprint.parameters.items()
@@ -148,7 +151,7 @@ def _given(fingerprint: Fingerprint) -> dict[str, float]:
 
 
 def _alone(before: Fingerprint, after: Fingerprint) -> Iterator[str]:
-    """Yield the quantities that only one of them determines."""
+    """Yield the quantities that only one of the fingerprints determines."""
     for label, one, other in (("first", before, after), ("second", after, before)):
         known = [name for name, estimate in one.items() if estimate.std]
         names = [name for name in known if name not in other or other[name].value is None]

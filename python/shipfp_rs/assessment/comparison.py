@@ -43,8 +43,9 @@ def compared_responses(
     """Return the measured response of each experiment, and the model's.
 
     The measured response is independent of the model: local polynomials over the band excited by the set point. Points
-    with a standard deviation above 30 % are omitted, and so are experiments without any point. The response of a nonlinear
-    model depends on the excitation; it is estimated in the same way from a simulation with the experiment's set point.
+    with a standard deviation above 30 % are omitted, and so are experiments without any point. The response of a
+    nonlinear model depends on the excitation; it is estimated in the same way from a simulation with the experiment's set
+    point.
 
     Parameters
     ----------
@@ -102,7 +103,9 @@ def _band(experiment: Experiment) -> tuple[float, float]:
 
 
 SAME_DIRECTION = 1e-8
-"""Ratio of an eigenvalue of a correlation matrix to the largest, below which a quantity depends on the others."""
+"""Ratio of an eigenvalue of a correlation matrix to the largest eigenvalue, below which quantities are
+linearly dependent.
+"""
 
 DAMAGED = "settings.possible of the fingerprint: expected a finite value of every parameter in each"
 
@@ -178,9 +181,9 @@ def compare(
     Parameters
     ----------
     before, after
-        Fingerprints of the same ship, structure and operating speed, from separate data. If the data selected the
-        structure, one may have an element, such as a torque limit, that the other lacks; the other is then refitted
-        with this element.
+        Fingerprints of the same ship, structure and operating speed, from separate data. If the data selected
+        the structures, one may lack an element of the other, such as a torque limit; it is then refitted with
+        this element.
     level
         Probability of a false alarm, over all quantities, and for the joint test.
     data
@@ -241,12 +244,13 @@ def trend(
     -------
     slope, std, p
         Slope per unit of time, its standard deviation, and the two-sided probability of such a slope without a trend.
-        If the values scatter about the line more than their standard deviations, the scatter determines it.
+        If the values scatter about the line more than by their standard deviations, the scatter determines
+        `std`.
 
     Raises
     ------
     InputError
-        For fewer than three, or if one does not determine the quantity.
+        For fewer than three fingerprints, or if one does not determine the quantity.
     """
     if len(fingerprints) < 3:
         raise InputError(
@@ -254,7 +258,7 @@ def trend(
         )
     if data is not None and not set(fingerprints) <= set(data):
         raise InputError(
-            "trend: data lack some of the times of the fingerprints, expected the experiments of each"
+            "trend: data: some times of the fingerprints are missing, expected the experiments of each fingerprint"
         )
     times = np.array(list(fingerprints), dtype=float)
     given = None if data is None else [data[time] for time in fingerprints]
@@ -279,7 +283,7 @@ def _common(before: Fingerprint, after: Fingerprint) -> list[str]:
     names = [
         name
         for name, estimate in {**before.parameters, **before.derived}.items()
-        if estimate.std  # on a bound it may be missing or zero
+        if estimate.std  # for an estimate on a bound, `std` may be missing or zero
         and name not in tied
         and (name in after.parameters or name in after.derived)
         and after[name].std
@@ -296,7 +300,7 @@ def _change(name: str, before: Estimate, after: Estimate) -> Change:
     low_after, high_after = _sides(after)
     change = after.value - before.value
     down, up = float(np.hypot(low_after, high_before)), float(np.hypot(high_after, low_before))
-    # The hypothesis of no change is tested with the half-width of the interval on the side of zero.
+    # The hypothesis of no change is tested with the half-width of the interval on the side of zero change.
     facing = down if change > 0.0 else up
     return Change(
         name=name,
@@ -314,7 +318,7 @@ def _change(name: str, before: Estimate, after: Estimate) -> Change:
 
 
 def _sides(estimate: Estimate) -> tuple[float, float]:
-    """Half-widths of the interval below and above; one that a bound cuts short is replaced by the other."""
+    """Half-widths of the interval below and above the value; the other one replaces one cut short by a bound."""
     assert estimate.value is not None
     assert estimate.std is not None
     half = DEVIATIONS_95 * estimate.std
@@ -352,8 +356,8 @@ def _joint(names: Sequence[str], before: Fingerprint, after: Fingerprint) -> Joi
         return Joint(0.0, 0, 1.0)
     change = np.array([(after[name].value or 0.0) - (before[name].value or 0.0) for name in names])
     both = covariance_of(before, names), covariance_of(after, names)
-    # A quantity that depends on the others adds no degree of freedom. The coefficients of this dependence differ slightly
-    # between the fingerprints, so the smaller rank counts.
+    # A linearly dependent quantity adds no degree of freedom. The dependence differs slightly between the
+    # fingerprints, so the smaller rank counts.
     told = min(_rank(covariance) for covariance in both)
     size = np.sqrt(np.diag(both[0] + both[1]))
     strength, direction = (
@@ -371,8 +375,8 @@ def _joint(names: Sequence[str], before: Fingerprint, after: Fingerprint) -> Joi
 def _reached(fingerprint: Fingerprint, names: Sequence[str]) -> Array:
     """Distance from the estimate, by quantity, of each parameter set compatible with the data, shape (sets, K).
 
-    A covariance describes the compatible parameter sets by an ellipsoid. If they lie along a curve, as for delays, some of
-    them are outside the ellipsoid.
+    A covariance describes the compatible parameter sets by an ellipsoid. If the compatible sets lie along a
+    curve, as for delays, some of them are outside the ellipsoid.
     """
     try:
         rows = [
@@ -396,7 +400,7 @@ def _rank(covariance: Array) -> int:
 def covariance_of(fingerprint: Fingerprint, names: Sequence[str]) -> Array:
     """Covariance of parameters and combinations, shape (K, K).
 
-    Correlations are those of the linearised problem, standard deviations those of the intervals.
+    Correlations are from the linearised problem, standard deviations from the intervals.
 
     Raises
     ------

@@ -87,16 +87,16 @@ def leverage(
 
 Kind = Literal["bounded", "one-sided", "flat"]
 Drawn = tuple[Array, Array, Array]
-"""Values, rises of the cost and all best values along one side."""
+"""Values of a parameter on one side of the minimum, rises of the cost, and best values of all parameters."""
 
 LEVEL = float(chi2.ppf(0.95, 1))
 """Deviance at the ends of a 95 % interval, 3.84."""
 BEYOND = 1.5
-"""Length of a profile on a side where the data set the interval's end: a multiple of the distance from minimum to end."""
+"""Length of a profile on a side where the data determine the interval's end, in distances from minimum to end."""
 POINTS = 12
 """Points on each side."""
 CONFIRMED = 0.9
-"""Fraction of the level that the deviance must reach past an end for the end to count."""
+"""Fraction of the level that the deviance must reach in a profile past an end; otherwise the end is searched anew."""
 FAR = 100.0
 """Largest deviance relative to the level that is used to interpolate an end."""
 WITHOUT_BOUND = 10.0
@@ -121,10 +121,10 @@ class Likelihood(Brief):
     others
         Best values of the other searched parameters along the profile, shape (K,) each.
     interval
-        Ends at which the deviance passes 3.84, or a bound before it; infinite without either.
+        Ends at which the deviance exceeds 3.84, or the parameter's bounds before; infinite without either.
     kind
-        "bounded": the data limit the interval on both sides; "one-sided": on one side, with a bound or no limit on the
-        other; "flat": on neither side, so the data do not determine this parameter.
+        "bounded": the data limit the interval on both sides; "one-sided": the data limit it on one side only;
+        "flat": the data limit neither side and do not determine this parameter.
     """
 
     name: str
@@ -251,10 +251,10 @@ def _likelihood(told: StructureEstimates, parameter: Parameter, found: Interval)
 def _side(
     told: StructureEstimates, parameter: Parameter, sign: float, end: float, kind: str
 ) -> tuple[tuple[float, bool], Drawn]:
-    """End on one side, whether the data set it, and the part of the profile to draw.
+    """End of the interval on one side, whether the data determine it, and the profile on that side.
 
-    The end of the fit's interval is tested by another profile, which extends past that end. If the deviance in this profile
-    stays below 90 % of the level, the end is searched anew.
+    The end of the fit's interval is tested by another profile, which extends past that end. If the deviance in this
+    profile stays below 90 % of the level, the end is searched anew.
     """
     value = told.values[parameter.name]
     bound = parameter.lower if sign < 0.0 else parameter.upper

@@ -32,7 +32,7 @@ from shipfp_rs.vessel.steady_state import steady_state
 from shipfp_rs.vessel.vessel import Vessel
 
 FAR_OFF = 2.0
-"""Ratio of the torque to the vessel file's, or its inverse, above which a doubt is reported."""
+"""Ratio of the measured torque to that of the vessel file, or the inverse ratio, above which a doubt is reported."""
 QUANTITIES: Mapping[str, str] = {
     "tau_n": "inertia",
     "tau_prop": "propeller_inertia",
@@ -97,7 +97,7 @@ def in_si(fingerprint: Fingerprint, vessel: Vessel) -> dict[str, dict[str, Any]]
 
 
 def doubts(fingerprint: Fingerprint, vessel: Vessel) -> list[str]:
-    """Sentences on a gear of unknown losses, or a torque far from that of the vessel file."""
+    """Remarks on a gearbox with unknown losses, or a torque far from that of the vessel file."""
     point = operating_point(fingerprint)
     if point is None:
         return []
@@ -151,7 +151,8 @@ def parameters_of(vessel: Vessel, n_e_rpm: float | None = None) -> dict[str, flo
 def with_parameters(vessel: Vessel, values: Mapping[str, float]) -> Vessel:
     """Return a vessel with the given linear parameters at its operating point; the others are unchanged.
 
-    If the loop's dead time is shorter than that of sampling, firing and computing, the actuator's is zero.
+    If the given dead time of the loop is shorter than that of sampling, firing and computing, the actuator's
+    dead time is zero.
 
     Parameters
     ----------
@@ -163,13 +164,13 @@ def with_parameters(vessel: Vessel, values: Mapping[str, float]) -> Vessel:
     Raises
     ------
     InputError
-        For another name, or an impossible ship.
+        For an unknown parameter name, or a physically impossible ship.
     """
     if unknown := sorted(set(values) - PARAMETERS):
         raise InputError(
             f"found parameters {', '.join(unknown)}, expected some of {', '.join(sorted(PARAMETERS))}"
         )
-    # Torque, drag and water inertia depend weakly on each other, so four iterations suffice.
+    # Torque, drag and the water's inertia depend weakly on each other; four iterations suffice.
     for _ in range(4):
         vessel = vessel.replace(_changes(vessel, values))
     return vessel
@@ -233,7 +234,7 @@ def response_with_deviation(
     Parameters
     ----------
     fingerprint
-        Undetermined directions do not change the response, so they need not be known.
+        Result of the fit. Undetermined directions of the parameters do not change the response.
     frequency_hz
         Frequencies in ascending order [Hz], shape (F,).
     structure

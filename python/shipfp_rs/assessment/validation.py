@@ -28,23 +28,23 @@ from shipfp_rs.support.threads import with_one_blas_thread
 LEAST_STEP = 0.05
 """Least change of the load within `AROUND_S` that counts as a step, relative to the operating torque."""
 AROUND_S, BEFORE_S, APART_S = 0.5, 1.0, 3.0
-"""Half the longest duration of a step, length of the stretches before and after it whose means are its levels, and least
-time between two steps [s].
+"""Half the longest duration of a step, length of the stretches before and after a step whose means are its
+levels, and least time between two steps [s].
 """
 STILL = 2e-3
 """Largest motion of a set point that counts as constant, relative to the operating speed."""
 STEADY = 0.15
-"""Largest standard deviation of the load before and after a step, relative to the step; above it is an oscillation."""
+"""Largest standard deviation of the load before and after a step, relative to the step; a larger one is an oscillation."""
 BAND_PCT = 2.0
-"""Band about the speed before the step within which it has recovered, of classes G2 and G3 of ISO 8528-5 [%]."""
+"""Band about the speed before a step within which the speed has recovered [%], as in classes G2 and G3 of ISO 8528-5."""
 
 
 @dataclass(frozen=True)
 class MeasuredStep:
     """Load step: time [s], size relative to the operating torque [%], largest speed deviation [%], recovery time [s].
 
-    The speed falls if the load rises, and rises if it falls; `recovery_s` is None if the speed does not recover before the
-    next step or the end of the record.
+    The speed falls if the load rises, and rises if it falls; `recovery_s` is None if the speed does not recover before
+    the next step or the end of the record.
     """
 
     at_s: float
@@ -84,7 +84,7 @@ def measured_steps(experiment: Experiment) -> list[MeasuredStep]:
             continue
         off = 100.0 * (speed[place - around : end] - speed[level].mean())
         outside = np.flatnonzero(np.abs(off) > BAND_PCT)
-        # From the start of the step, which is near the middle of the searched stretch.
+        # Times count from the start of the step, `around` samples after the start of `off`.
         last = (outside[-1] + 1 - around) / rate_hz if len(outside) else 0.0
         back = not len(outside) or outside[-1] + 1 < len(off)
         deviation = float((-np.sign(step) * off).max())
@@ -101,12 +101,12 @@ def _bridged(row: Array) -> Array:
 
 
 def _places(load: Array, around: int, apart: int) -> list[int]:
-    """Indices at which a load changes most, one per step."""
+    """Index of each load step: where the load changes most."""
     change = np.zeros(len(load))
     change[around : len(load) - around] = np.abs(load[2 * around :] - load[: -2 * around])
     places: list[int] = []
     while (largest := float(change.max(initial=0.0))) > LEAST_STEP:
-        # The middle of the range of largest change is the step.
+        # The step is at the middle of the samples with more than half of the largest change.
         first = int(np.argmax(change))
         begin = max(first - 2 * around, 0)
         near = np.flatnonzero(change[begin : first + 2 * around + 1] > 0.5 * largest)

@@ -46,10 +46,10 @@ def reflector_angles(
 ) -> ReflectorAngles:
     """Estimate the angles between the reflectors of a shaft from the pulses.
 
-    Each period is divided by the time of the turn centred on it, which does not depend on the reflectors' angles. The mean
-    ratio over all steady turns is the angle. Speed variations at whole orders of the rotation can't be distinguished from
-    uneven angles. Only the longest stretch without a break is used, since the count of reflectors is lost in a break;
-    single missed pulses do not shift it.
+    Each period is divided by the time of the turn centred on it; that time does not depend on the reflectors'
+    angles. The mean of this ratio over all steady turns is the angle. Speed variations at whole orders of the
+    rotation can't be distinguished from uneven angles. Only the longest stretch without a break is used,
+    since a break loses the count of reflectors. Single missed pulses do not shift the count.
 
     Parameters
     ----------
@@ -104,14 +104,14 @@ def reflector_angles(
 def _period_ratios(
     track: Track, pulses_per_rev: int
 ) -> tuple[Array, npt.NDArray[np.bool_], npt.NDArray[np.int64]]:
-    """Periods as fractions of the turn centred on them, which of them are steady, and their index within the turn."""
+    """Periods as fractions of the turn centred on them, whether the speed is steady, and index within the turn."""
     good = (track.flags == PulseFlag.GOOD) & track.usable
     periods = np.repeat(np.where(good, np.diff(track.edges_s), np.nan), track.count)
     phase = np.arange(len(periods)) % pulses_per_rev
     ratio = np.full(len(periods), np.nan)
     steady = np.zeros(len(periods), dtype=np.bool_)
     half, odd = divmod(pulses_per_rev, 2)
-    # A mean over an even number of periods is centred by taking half of each end period; both ends are the same reflector.
+    # With an even number of periods, a turn is centred on a period by half of a period at each end.
     weights = np.ones(pulses_per_rev) if odd else np.r_[0.5, np.ones(pulses_per_rev - 1), 0.5]
     if len(periods) < 3 * pulses_per_rev + 1:
         return ratio, steady, phase
@@ -128,8 +128,8 @@ def _period_ratios(
 def align_angles(track: Track, angles: ReflectorAngles) -> tuple[Array, Array]:
     """Fractions and their relative standard deviations, rotated to start at the track's first interval.
 
-    Where the track is too short to identify its first interval, the fractions are equal and their standard deviation is the
-    scatter of the true ones.
+    If the track is too short to identify its first interval, the fractions are equal and their standard
+    deviation is the scatter of the true fractions.
     """
     count = len(angles.fractions)
     if count == 1:

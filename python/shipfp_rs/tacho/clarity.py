@@ -11,19 +11,21 @@ from shipfp_rs.support.arrays import Array, Spans, runs
 Flags = npt.NDArray[np.bool_]
 
 AT_REST = 1 / 3
-"""Pulses below this fraction of the usual height are doubtful: they may be noise, or hum of a shaft at rest."""
+"""Pulses below this fraction of the usual height are doubtful: they may be noise, or mains hum while the
+shaft is at rest.
+"""
 NEAR_LIMIT = 1.2
-"""Where pulses are lower than this multiple of the limit, others nearby may have been lost."""
+"""Near pulses that are lower than this multiple of the limit, further pulses may be lost in noise."""
 FAR_FROM_LIMIT = 2.0
 """Noise does not raise a height above this multiple of the limit."""
 _LIMIT = 14.0
 """Limit of the height, in standard deviations of the noise."""
 _DENSE = 10.0
-"""With fewer samples per pulse the noise can't be measured, and the limit does not show whether pulses were lost."""
+"""Samples per pulse below which the noise can't be measured and the limit does not show whether pulses were lost."""
 _IN_A_ROW = 20
-"""Number of successive periods of nearly equal length that identifies pulses. In noise fewer than half are so equal."""
+"""Number of successive periods of nearly equal length that identifies pulses; noise has less than half as many in a row."""
 _EVEN, _STRICTLY_EVEN = 0.25, 0.12
-"""Largest relative difference of periods in an even row. Periods of pulses below the limit vary more, due to noise."""
+"""Largest relative differences of periods in an even row, and in a strictly even row of crossings below the limit."""
 _MARGIN = 2
 _UNTOLD = 16
 _NEIGHBOURS = 7
@@ -32,7 +34,9 @@ _GRID = 1.2
 _MOST_TEETH = 3
 """Longest gap of a toothed wheel, in periods."""
 _SAME_HEIGHT, _SAME_PERIOD = 2.0, 1.6
-"""Low pulses continue a train if heights and periods differ by less than these ratios; hum at rest differs by more."""
+"""Low pulses continue a train if heights and periods differ by less than these ratios; mains hum at rest
+differs by more.
+"""
 _SILENCE = 5.5
 """After this many periods without a pulse the train has stopped; in a shorter break, pulses were missed."""
 
@@ -55,13 +59,13 @@ def without_noise(times: Array, heights: Array, limits: Array) -> Array:
 def clear_pulses(times: Array, heights: Array, limits: Array, usual: float) -> Flags:
     """Mark the crossings that are pulses: higher than their limits, or evenly spaced.
 
-    Heights are 0 without turning points, NaN if not needed.
+    Heights are 0 for crossings without turning points nearby, and NaN if not needed.
     """
     clear = ~((heights < limits) | (heights < AT_REST * usual))
     if clear.all():
         return clear
     kept = clear | _in_rows(times, ~clear, (heights < limits) & (heights > 0.0))
-    # A crossing without turning points of its own counts only between pulses, for example beside a spike.
+    # A crossing without turning points nearby, for example beside a spike, counts only between pulses.
     for first, stop in runs(heights == 0.0).tolist():
         beside = first > 0 and stop < len(times) and kept[first - 1] and kept[stop]
         kept[first:stop] &= beside and stop - first <= _UNTOLD
@@ -70,16 +74,16 @@ def clear_pulses(times: Array, heights: Array, limits: Array, usual: float) -> F
 
 
 def _in_rows(times: Array, doubted: Flags, faint: Flags) -> Flags:
-    """Mark the doubted crossings in rows of even periods, and the faint ones in strictly even rows."""
+    """Mark doubted crossings in rows of even periods, and faint ones (below the limit) in strictly even rows."""
     found = np.zeros(len(times), dtype=np.bool_)
     for first, stop in runs(doubted).tolist():
-        # With as many crossings on either side as may belong to an even row.
+        # Include the crossings on either side that may belong to the same even row.
         begin, end = max(first - _IN_A_ROW, 0), min(stop + _IN_A_ROW, len(times))
         periods = np.diff(times[begin:end])
         for tolerance, margin, taken in ((_EVEN, 0, ~faint), (_STRICTLY_EVEN, _MARGIN, faint)):
             for start, last in (runs(_even(periods, tolerance)) + begin).tolist():
                 if last - start >= _IN_A_ROW:
-                    # The ends of a faint row may be the noise beside it.
+                    # The first and last crossings of a faint row may be noise.
                     start += margin if start > 0 else 0
                     last -= margin if last + 1 < len(times) else 0
                     row = slice(max(start, first), min(last + 1, stop))
@@ -88,7 +92,7 @@ def _in_rows(times: Array, doubted: Flags, faint: Flags) -> Flags:
 
 
 def _joined(times: Array, heights: Array, sure: Flags, low: Spans) -> Flags:
-    """The sure pulses, and the low ones that continue a row of them."""
+    """The sure pulses, and the low pulses that continue a row of sure ones."""
     kept = sure.copy()
     left = low.tolist()
     while left:
@@ -131,7 +135,7 @@ def unclear(times: Array, kept: Flags, low: Flags, missing: Spans, samples: int)
     at = np.flatnonzero(doubted)
     edges = np.concatenate([[0.0], pulses, [float(samples)]]) if at.size else np.zeros(1)
     found = np.column_stack([edges[at], edges[at + 1]]) if at.size else np.empty((0, 2))
-    # Beside missing samples, pulses are absent because of these.
+    # A stretch that consists mostly of missing samples is not listed.
     lost = np.zeros(len(found))
     for first, stop in missing.tolist():
         lost += np.clip(np.minimum(found[:, 1], stop) - np.maximum(found[:, 0], first), 0.0, None)
@@ -139,7 +143,7 @@ def unclear(times: Array, kept: Flags, low: Flags, missing: Spans, samples: int)
 
 
 def _even(periods: Array, tolerance: float) -> Flags:
-    """Whether each period equals the usual one of its neighbours; a single one may be two or three times as long."""
+    """Whether each period equals the median of its neighbours; a single period may be two or three times as long."""
     if not len(periods):
         return np.zeros(0, dtype=np.bool_)
     usual = median_filter(periods, size=_NEIGHBOURS, mode="nearest")
@@ -148,7 +152,7 @@ def _even(periods: Array, tolerance: float) -> Flags:
     beside = np.append(True, single[:-1]) & np.append(single[1:], True)
     teeth = np.clip(np.rint(periods / usual), 2.0, _MOST_TEETH)
     even = single | (beside & (np.abs(periods - teeth * usual) <= np.maximum(allowed, teeth * _GRID)))
-    # The usual period jumps where noise ends and pulses begin; intervals on either side of the jump are not even.
+    # The median jumps where noise ends and pulses begin; intervals on either side of the jump are not even.
     jumps = np.abs(np.diff(usual)) > allowed[1:] + allowed[:-1]
     return np.asarray(even & ~(np.append(False, jumps) | np.append(jumps, False)))
 

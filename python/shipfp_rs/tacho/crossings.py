@@ -42,15 +42,15 @@ class PulseTimes:
         Stretches in which pulses may be missing from `times_s` [s], shape (G, 2): those without samples, from the first
         missing sample to the next present one, and those where pulses can't be distinguished from noise.
     low, middle, high
-        Levels used, in the unit of the samples: armed at `low`, timed at `middle`, fired at `high`. Medians if they
-        followed the train.
+        Levels used, in the unit of the samples: armed at `low`, timed at `middle`, fired at `high`. Medians
+        over the record if the levels followed the train.
     rate_hz
         Sample rate of the train [Hz].
     faint_s
         Gaps with samples but no pulses distinguishable from noise, from pulse to pulse [s], shape (K, 2).
     limit
         Detection limit, in the unit of the samples. Pulses whose height exceeds it are always counted; lower ones only
-        in even rows of a dozen or more. If the noise changes, this is the median of the limits over the record.
+        in even rows of a dozen or more. If the noise changes, the limit is the median over the record.
     grid_std_s
         Standard deviations of the times due to sampling [s], shape (N,); None: every edge lies within one sample.
     noise_std_s
@@ -110,9 +110,9 @@ def pulse_times(
 
     A crossing counts if the train was low before and goes high after it, so saw-tooth edges and noise at the level
     are not counted twice. Levels that are not given follow the turning points of nine pulses before and after, since the
-    amplitude of a variable-reluctance pick-up grows with speed and that of an optical one fades. The noise sets the
-    least height of a pulse. Where pulses can't be distinguished from noise or from the hum of a shaft at rest, no times
-    are returned and the stretch is listed in `gaps_s`.
+    amplitude of a variable-reluctance pick-up grows with speed and that of an optical one fades. The noise
+    determines the least height of a pulse. Where pulses can't be distinguished from noise or from the hum of
+    a shaft at rest, no times are returned and the stretch is listed in `gaps_s`.
 
     The gap of a wheel with missing teeth is not such a stretch; `speed_from_pulses` inserts the missing teeth.
 
@@ -124,7 +124,8 @@ def pulse_times(
     rate_hz
         Sample rate [Hz].
     threshold
-        Level of the crossings in the unit of the samples (2 V in the thesis); by default midway between low and high level.
+        Level of the crossings in the unit of the samples (2 V in the thesis); by default midway between low and high
+        level.
     hysteresis
         Distance between the arming and the firing threshold, around `threshold`; by default 0.4 of the level difference.
     window_s
@@ -220,7 +221,7 @@ class _Found:
         return np.concatenate(self._windows)
 
     def silent_levels(self) -> tuple[float, float]:
-        """Levels of the last window without a train."""
+        """Levels of the last window, for a record without a pulse train."""
         return pulse_levels(self._silent)
 
     def column(self, which: int) -> Array:
@@ -232,7 +233,7 @@ class _Found:
         """Mark the crossings that are pulses, and those barely higher than noise, shape (N,)."""
         count, limit, least, known = self.windows.T
         known = known[count > 0]
-        # The largest height of the windows, ignoring one or two spoiled by a disturbance.
+        # The largest median height of the windows; one or two disturbed windows are ignored.
         usual = float(np.max(median_filter(known, size=5, mode="nearest"))) if len(known) else 0.0
         if (least >= np.maximum(FAR_FROM_LIMIT * limit, AT_REST * usual)).all():
             return np.ones(len(times), dtype=np.bool_), np.zeros(len(times), dtype=np.bool_)

@@ -26,8 +26,8 @@ from shipfp_rs.tacho.tracks import require_positive
 _DEGREE = 4
 """Degree of the angle spline; the speed is its slope, a cubic spline."""
 _STIFFNESS = 1e-6
-"""Weight of the coefficients' second differences relative to that of the pulses. It determines the spline where there
-are no pulses.
+"""Weight of the coefficients' second differences relative to the pulses' weight. These differences determine
+the spline where there are no pulses.
 """
 
 
@@ -70,7 +70,7 @@ class AnglePieces:
         return sum(len(piece.spline.c) for piece in self.splines)
 
     def piece_at(self, time: Array) -> npt.NDArray[np.intp]:
-        """Index of the spline that covers each time, -1 where there is none."""
+        """Index of the spline that covers each time, -1 if none does."""
         piece = np.searchsorted(self.spans_s[:, 0], time, side="right") - 1
         return np.where((piece >= 0) & (time <= self.spans_s[piece, 1]), piece, -1)
 
@@ -161,7 +161,8 @@ def fit_angle_spline(
     right = basis.T @ (weight * angle)
     alone = cho_solve_banded((factor, True), right)
     shift = cho_solve_banded((factor, True), coupling) if stretches > 1 else np.zeros((size, 0))
-    # Eliminating the spline leaves a small system for the offsets, in which long and short stretches count equally.
+    # Elimination of the spline's coefficients gives a small system for the offsets, in which long and short
+    # stretches have equal weight.
     total = member.T @ weight
     scale = 1.0 / np.sqrt(np.outer(total, total))
     covariance = scale * np.linalg.pinv(
@@ -186,8 +187,8 @@ def _slopes(spline: BSpline, time: Array) -> sparse.csr_array:
 def _inverse_band(factor: Array) -> sparse.dia_matrix:
     """Band of the inverse of a matrix from its banded Cholesky factor (lower form), by Takahashi's recursion.
 
-    K. Takahashi, J. Fagan, M. Chin, Eighth PICA Conference (1973) 63. Rows are computed from the last to the first; within
-    the band each needs only rows below it.
+    K. Takahashi, J. Fagan, M. Chin, Eighth PICA Conference (1973) 63. Rows are computed from the last to the first;
+    within the band each needs only rows below it.
     """
     width, size = factor.shape
     reach = width - 1
@@ -209,15 +210,19 @@ def _inverse_band(factor: Array) -> sparse.dia_matrix:
 
 
 _SPACING = 1.0 / 3.0
-"""Knot spacing as a fraction of the period at the bandwidth. There the spline's gain is 0.1 % low."""
+"""Knot spacing as a fraction of the period at the bandwidth. At the bandwidth the spline's gain is then 0.1 % low."""
 _ROUNDS = 10
-"""Rounds of reweighting. A slipped count bends the whole angle at first; each round reduces its weight."""
+"""Rounds of reweighting. At first, a slipped count of pulses distorts the whole angle; each round reduces the
+weight of the pulses concerned.
+"""
 _HUBER = 2.5
 """Huber's constant: the residual, in standard deviations, above which the influence of a pulse is constant."""
 _APART = 6.0
 """Residual, in standard deviations, above which a pulse is reported as an outlier."""
 _NEARBY, _SLIP = 5, 0.4
-"""A count has slipped where the medians of this many passages before and after differ by more than this part of a pulse."""
+"""A count has slipped where the median residuals of this many passages before and after differ by more than
+this fraction of a pulse.
+"""
 _SAME_SPEED = 5.0, 1e-5
 """Largest difference of two equal mean speeds: in standard deviations, and relative to the speed."""
 _UNEXPLAINED = 3.0
@@ -225,7 +230,7 @@ _UNEXPLAINED = 3.0
 _UNKNOWN = 0.05
 """Relative standard deviation above which a speed is masked: the spline only bridges a gap there."""
 _ROBUST, _CUT_OFF = 1.4826, 0.978
-"""Standard deviation over median absolute deviation of Gaussian noise, and its mean square when cut at `_HUBER`."""
+"""For Gaussian noise: standard deviation over median absolute deviation, and mean square after clipping at `_HUBER`."""
 
 
 @dataclass(frozen=True)
@@ -235,17 +240,19 @@ class TrainReport:
     Parameters
     ----------
     ratio, ratio_std
-        Turns of its shaft per turn of the fused one; the standard deviation is 0 where the ratio was given.
+        Turns of the train's shaft per turn of the fused shaft; the standard deviation is 0 for a given ratio.
     scatter
-        Scatter of its pulses about the fused angle relative to that expected from timing and reflectors [-]. Above 1,
-        the train's weight is divided by its square.
+        Scatter of the train's pulses about the fused angle, relative to the scatter expected from timing and
+        reflectors [-]. Above 1, the train's weight is divided by its square.
     difference, difference_std
-        Relative difference of its mean speed from the fused one [-]; near 0 by construction where the ratio was estimated.
+        Relative difference of the train's mean speed from the fused speed [-]; near 0 by construction for an
+        estimated ratio.
     apart_s
-        Stretches where its angle departs from the fused one [s], shape (K, 2): wrong pulses, or a slipped count that
-        the other trains could not resolve.
+        Stretches where the train's angle departs from the fused angle [s], shape (K, 2): wrong pulses, or a
+        slipped count that the other trains could not resolve.
     slips_s
-        Times at which its count slipped relative to the other trains [s], shape (K,); the train was cut there.
+        Times at which the train's count of pulses slipped relative to the other trains [s], shape (K,); each
+        begins a new stretch.
     """
 
     ratio: float
@@ -258,7 +265,7 @@ class TrainReport:
 
     @property
     def agrees(self) -> bool:
-        """Whether its mean speed and angle agree with the fused ones within their noise."""
+        """Whether the train's mean speed and angle agree with the fused ones within their noise."""
         deviations, least = _SAME_SPEED
         same_speed = abs(self.difference) <= max(deviations * self.difference_std, least)
         return same_speed and self.scatter < _UNEXPLAINED and not len(self.apart_s) and not len(self.slips_s)
@@ -297,7 +304,8 @@ class FusedAngle:
                 self.time, self.angle, pull / spread**2, self.stretch, _SPACING / bandwidth_hz
             )
             self.residual = self.angle + self.fit.offsets[self.stretch] - self.fit.angle(self.time)
-            # The spline follows part of the scatter, so the residuals are too small by that part.
+            # The spline follows some of the scatter, so the residuals are scaled up by the degrees of
+            # freedom.
             taken = np.sqrt(len(self.time) / max(len(self.time) - self.fit.size, 1))
             score = taken * np.abs(self.residual) / self.std
             self.scatter = np.array([_robust_scale(score[self.train == k]) for k in range(len(parts))])
@@ -313,7 +321,7 @@ class FusedAngle:
         return speed, std
 
     def ratio(self, own: Passages) -> tuple[float, float]:
-        """Turns of a train's shaft per turn of the fused one, and the standard deviation."""
+        """Turns of a train's shaft per turn of the fused shaft, and the standard deviation."""
         fused = self.fit.angle(own.time_s)
         inside = np.isfinite(fused)
         if np.count_nonzero(inside) < 3:
@@ -366,15 +374,15 @@ class FusedAngle:
 def _robust_scale(size: Array) -> float:
     """Root mean square of absolute values, with large ones cut off.
 
-    Tau scale of V. Yohai and R. Zamar, Journal of the American Statistical Association 83 (1988) 406. A median alone
-    would be a quarter too large for edges distributed uniformly between two samples.
+    Tau scale of V. Yohai and R. Zamar, Journal of the American Statistical Association 83 (1988) 406. A
+    median alone would be a quarter too large for errors distributed uniformly between two samples.
     """
     median = max(_ROBUST * float(np.median(size)), np.finfo(np.float64).tiny)
     return float(median * np.sqrt(np.mean(np.minimum(size / median, _HUBER) ** 2) / _CUT_OFF))
 
 
 def _slope(turned: Array, own: Array, std: Array, run: npt.NDArray[np.intp]) -> tuple[float, float]:
-    """Slope of a train's turns against the fused ones, and its standard deviation, with an offset for each run."""
+    """Slope of a train's turns against the fused turns, and its standard deviation, with an offset for each run."""
     weight = 1.0 / std**2
     _, numbers = np.unique(run, return_inverse=True)
     total = np.bincount(numbers, weight)
@@ -385,7 +393,7 @@ def _slope(turned: Array, own: Array, std: Array, run: npt.NDArray[np.intp]) -> 
 
 
 _PULSES_PER_HZ, _LEAST_PULSES_PER_HZ = 6.0, 4.5
-"""Pulses per second needed per Hz of bandwidth, usually and at least: 2 and 1.5 per spline coefficient."""
+"""Pulses per second per Hz of bandwidth, by default and at least: 2 and 1.5 per spline coefficient."""
 
 
 @dataclass(frozen=True)
@@ -422,10 +430,10 @@ def fuse(
 ) -> FusedSpeed:
     """Fuse several pulse trains into one speed on a uniform grid from `start_s` up to, not including, `stop_s`.
 
-    Every pulse is a measurement of the angle of its shaft. A spline is fitted to the angles of all trains; its slope is the
-    speed. Each angle is weighted by its inverse variance, and each unbroken stretch has its own offset. Unlike speeds
-    between pulses, angles are not averaged over an interval: there is no boxcar gain or delay to correct, and the errors of
-    successive pulses are independent.
+    Every pulse is a measurement of the angle of its shaft. A spline is fitted to the angles of all trains; its slope is
+    the speed. Each angle is weighted by its inverse variance, and each unbroken stretch has its own offset. Unlike speeds
+    between pulses, angles are not averaged over an interval: there is no boxcar gain or delay to correct, and the errors
+    of successive pulses are independent.
 
     Parameters
     ----------
@@ -436,7 +444,8 @@ def fuse(
     start_s, stop_s
         Ends of the grid [s].
     bandwidth_hz
-        Highest frequency to follow [Hz]; noise grows with its power 3/2. None: a sixth of all pulses per second.
+        Highest frequency to follow [Hz], f; the noise of the speed grows as f^(3/2). None: a sixth of all
+        pulses per second.
 
     Raises
     ------

@@ -126,7 +126,8 @@ def midcross(
     statelevels
         Low and high level; by default those of `statelevels`.
     tolerance
-        A transition leaves one level and reaches the other to within this many per cent of their distance.
+        A transition begins within this many per cent of the level difference from one level and ends within
+        as many of the other level.
     """
     rising, falling, middle = _transitions(x, t, midpercentreferencelevel, statelevels, tolerance)
     return MidCrossings(np.sort(np.concatenate([rising, falling])), middle)
@@ -223,7 +224,7 @@ def tachorpm(
         curve = make_lsq_spline(middles, speeds, knots) if smooth else make_interp_spline(middles, speeds, 1)
     except (ValueError, np.linalg.LinAlgError):
         raise InputError(
-            f"fitpoints: found {fitpoints}, too many for the {len(centres)} pulses as they lie; take fewer"
+            f"fitpoints: found {fitpoints}, too many for the times of the {len(centres)} pulses; expected fewer"
         ) from None
     return TachoRpm(np.asarray(curve(time)), time, centres)
 
@@ -248,7 +249,7 @@ def _transitions(
     if not (0.0 <= tolerance < percent < 100.0 - tolerance):
         raise InputError(
             f"midpercentreferencelevel, tolerance: found {percent}, {tolerance}, expected a tolerance below the "
-            "reference level and below the rest to 100"
+            "reference level and below 100 minus it"
         )
     margin = 0.01 * tolerance * (high - low)
     bottom, top, middle = low + margin, high - margin, low + 0.01 * percent * (high - low)

@@ -43,8 +43,8 @@ class IntervalSpeed:
     pulses_per_rev
         Pulses in a turn.
     angle_rev
-        Angle turned in each interval [rev], shape (N,); None: speed times duration. The two differ for coarsely timed
-        pulses, whose speed is corrected for the bias of 1 / T.
+        Angle turned in each interval [rev], shape (N,); None: speed times duration. It differs from speed
+        times duration for coarsely timed pulses, whose speed is corrected for the bias of 1 / T.
     ends_std_rps
         `std_rps` if the errors of an interval's two ends were independent [rev/s], shape (N,); the uncertainty of single
         ends follows from it. None: the errors are independent.
@@ -65,7 +65,7 @@ class IntervalSpeed:
         return self.speed_rps * self.duration_s if self.angle_rev is None else self.angle_rev
 
     def typical_rps(self) -> float:
-        """Median speed [rev/s], over about twenty pulses at a time, since single intervals may be coarse."""
+        """Median speed [rev/s] of means over about twenty pulses, since single intervals may be coarsely timed."""
         size = min(_TYPICAL, max(len(self.duration_s), 1))
         turned, lasted = (
             np.convolve(column, np.ones(size), mode="valid") for column in (self.turned_rev, self.duration_s)
@@ -73,10 +73,10 @@ class IntervalSpeed:
         return float(np.median(turned / lasted))
 
     def times_as_fast_as(self, other: IntervalSpeed) -> float:
-        """Median ratio of two speeds at the same times, over about twenty pulses at a time.
+        """Median ratio of this speed to another at the same times, each a mean over about twenty pulses.
 
-        Where a set point steps between levels, the median of each speed may fall on either level. NaN if the two have no
-        common time.
+        The ratio of two medians would fail for a set point that steps between levels: each median may fall on
+        either level. NaN if the two have no common time.
         """
         size = min(_TYPICAL, max(len(self.duration_s), 1))
         first, last = 0.5 * self.duration_s[: 1 - size or None], 0.5 * self.duration_s[size - 1 :]
@@ -126,15 +126,16 @@ def speed_from_pulses(
 ) -> IntervalSpeed:
     """Mean speed over each interval between pulses, with missed and extra pulses repaired.
 
-    Periods are compared with their running median. A period that is too short ends at an extra pulse, which is removed; one
-    near a multiple of the median has missed pulses, which are inserted. Intervals with extra or missed pulses are flagged.
-    Next to breaks, and where a shaft nearly stops, the trend of the neighbouring speeds replaces the median, so that a shaft
-    may slow down to rest or run up from it. Where only one side has a trend, the standard deviation covers both
-    interpretations. Intervals over a gap, and those with more than four missed pulses, are omitted.
+    Periods are compared with their running median. A period that is too short ends at an extra pulse, which
+    is removed. A period near a multiple of the median has missed pulses, which are inserted. Intervals with
+    extra or missed pulses are flagged. Next to breaks, and where a shaft nearly stops, periods are compared
+    with the trend of the neighbouring speeds instead: the shaft may be slowing down to rest or starting from
+    rest. If only one side has a trend, the standard deviation covers both missed pulses and a stopping shaft.
+    Intervals over a gap, and those with more than four missed pulses, are omitted.
 
     Standard deviations of pulses from `pulse_times` are valid from three samples per pulse up, to about 4 %, the accuracy
-    of the noise estimate. At a steady speed with a nearly whole number of samples between pulses, the errors are equal and
-    cancel; the standard deviation is then too large, since at least a twentieth of the variance is kept.
+    of the noise estimate. At a steady speed with a nearly whole number of samples between pulses, the errors are equal
+    and cancel; the standard deviation is then too large, since at least a twentieth of the variance is kept.
 
     Parameters
     ----------
@@ -145,12 +146,12 @@ def speed_from_pulses(
     gaps
         Stretches without samples [s], shape (G, 2), as in `PulseTimes.gaps_s`; None: those of the pulses.
     angles
-        Angles of the reflectors; even by default. The first reflector of each stretch between breaks is identified from the
-        periods.
+        Angles of the reflectors; even by default. The first reflector of each stretch between breaks is identified from
+        the periods.
     time_std_s
-        Standard deviation of the crossing times [s], one for all or one each, shape (N,), such as `PulseTimes.time_std_s`.
-        None: that of the pulses, with sampling and noise kept apart, since errors of sampling are correlated where a pulse
-        has few samples; 0 for plain times.
+        Standard deviation of the crossing times [s], one for all or one each, shape (N,), such as
+        `PulseTimes.time_std_s`. None: the pulses' standard deviations from sampling and from noise, separately, since
+        errors of sampling are correlated if a pulse has few samples; 0 for plain times.
 
     Returns
     -------
@@ -194,10 +195,11 @@ def resample(
 ) -> tuple[Array, npt.NDArray[np.bool_]]:
     """Speed on a uniform grid from `start_s` up to, not including, `stop_s`.
 
-    The speed is the slope of a cubic spline through the angle at each pulse. Omitted intervals are not bridged. The
-    spline follows the speed itself, not its mean over the intervals: the amplitude at a tenth of the pulse rate is kept to
-    0.03 %, at a fifth to 0.5 %. Straight lines between the means would reduce them by 5 and 18 %. There is no delay, as
-    there would be (1 / (2 P n)) if each mean were assigned to the last pulse of its interval.
+    The speed is the slope of a cubic spline through the angle at each pulse. The speed is masked in omitted
+    intervals. The spline follows the speed itself, not its mean over the intervals: the amplitude at a tenth
+    of the pulse rate is kept to 0.03 %, at a fifth to 0.5 %. Straight lines between the means would reduce
+    these amplitudes by 5 and 18 %. There is no delay; assigning each mean to the last pulse of its interval
+    would delay the speed by 1 / (2 P n).
 
     Parameters
     ----------
@@ -266,7 +268,7 @@ def interval_gain(frequency_hz: npt.ArrayLike, pulses_per_rev: int, speed_rps: f
 
 @dataclass(frozen=True)
 class _Timing:
-    """Standard deviations of crossing times [s], each a number or an array with one entry per time."""
+    """Crossing times [s] and their standard deviations, from noise and from sampling: one, or one per time."""
 
     times_s: npt.ArrayLike
     noise_s: Array
@@ -287,12 +289,12 @@ class _Timing:
             raise InputError(f"time_std_s: found shape {std.shape}, expected one number or {np.shape(times)}")
         if not (np.isfinite(std).all() and (std >= 0.0).all()):
             raise InputError(
-                "time_std_s: found a negative or infinite one, expected finite numbers from 0 on"
+                "time_std_s: found a negative number or one that is not finite, expected finite numbers from 0 on"
             )
         return cls(times, std, none, 0.0)
 
     def of_edges(self, edges_s: Array) -> tuple[Array, Array]:
-        """Standard deviations of the given edges due to noise and to sampling, one for all or one each."""
+        """Standard deviations of the given edges due to noise and to sampling, each a single value or one per edge."""
         noise, grid = np.atleast_1d(self.noise_s), np.atleast_1d(self.grid_s)
         times = np.asarray(self.times_s)
         if max(len(noise), len(grid)) > 1 and len(edges_s) < len(times):
@@ -321,7 +323,8 @@ def _track_speed(
         doubt = np.repeat(track.doubt, track.count) * columns[1]
         columns[2], columns[5] = np.hypot(columns[2], doubt), np.hypot(columns[5], doubt)
     if len(track.count) > 1 and (track.count > 1).any():
-        # The mean speed over missed pulses is accurate, but the speeds of the inserted intervals differ.
+        # The mean speed over missed pulses is accurate, but the true speeds of the inserted intervals differ
+        # from it.
         mean = columns[1, np.cumsum(track.count) - 1]
         columns[2] = np.hypot(
             columns[2], np.repeat(np.abs(np.gradient(mean)) * (track.count > 1), track.count)
@@ -377,11 +380,11 @@ class Passages:
 
 
 def passages_of(train: Train) -> Passages:
-    """Recorded pulses of a train, without those inserted for missed ones."""
+    """Recorded pulses of a train, without inserted pulses."""
     speed = train.speed
     if not (speed.std_rps > 0.0).all():
         raise InputError(
-            f"train {train.name!r}: its speeds have no standard deviation; give speed_from_pulses time_std_s"
+            f"train {train.name!r}: the speeds have no standard deviation; give time_std_s to speed_from_pulses"
         )
     if train.ratio is not None:
         require_positive(f"train {train.name!r}, ratio", train.ratio)
@@ -390,7 +393,7 @@ def passages_of(train: Train) -> Passages:
     for k, (stretch, edges, turned) in enumerate(unbroken(speed)):
         put_in = (speed.flags[stretch] & PulseFlag.MISSED) > 0
         true = ~np.concatenate([[False], put_in[1:] & put_in[:-1], [False]])
-        # The variance of an interval is the sum of those of its two ends.
+        # The variance of an interval is the sum of the variances of its two ends.
         variance = 0.5 * (ends_std_rps * speed.duration_s)[stretch] ** 2
         std = np.sqrt(0.5 * (np.append(variance, variance[-1]) + np.append(variance[0], variance)))
         columns.append((edges[true], turned[true], std[true], np.full(np.count_nonzero(true), k)))

@@ -14,12 +14,12 @@ from shipfp_rs.errors import InputError
 from shipfp_rs.support.arrays import Array
 
 MOST_PULSES = 100_000
-"""Most pulses per turn: an encoder of 25,000 lines has as many with both edges of both channels."""
+"""Largest number of pulses per turn: that of an encoder with 25,000 lines, counting both edges of both channels."""
 _MEDIAN_WINDOW = 21
-"""Periods in the running median that reveals missed and extra pulses."""
+"""Number of periods in the running median by which missed and extra pulses are detected."""
 _EXTRA_BELOW = 0.6
-"""A period shorter than this fraction of the median ends at an extra pulse. Both parts of a period divided at its middle
-are that short; a shaft does not speed up so much within a few pulses.
+"""A period shorter than this fraction of the median ends at an extra pulse. An extra pulse in the middle of a
+period makes both halves that short; a shaft does not accelerate so much within a few pulses.
 """
 _CLEARLY_BETTER = 0.05
 """Of two crossings close together, the first is the edge and the second a saw-tooth on it (Fig. 6.15), unless the second
@@ -27,7 +27,7 @@ fits better by this fraction of a period. Uneven reflectors and changing speed c
 """
 _MISSED_FROM = 1.6
 _MOST_MISSED = 4
-"""Most missed pulses in a row that are inserted; more indicate a stopped shaft or a dead pick-up."""
+"""Largest number of successive missed pulses that are inserted; more indicate a stopped shaft or a dead pick-up."""
 _END_ZONE = _MEDIAN_WINDOW // 2
 """Intervals at each end of a track where the median window is cut short, so that it can't follow a slope."""
 _TREND = 4
@@ -117,7 +117,7 @@ def cut_tracks(times: Array, gaps: Array) -> list[Track]:
     if len(times) < 2:
         return []
     if not len(gaps) and pulses_are_even(times, _EXTRA_BELOW, _MISSED_FROM):
-        # Same result as below, since no median exceeds its periods.
+        # Shortcut with the same result: no period is out of range of the median.
         size = len(times) - 1
         one, good = np.ones(size, dtype=np.int64), np.zeros(size, dtype=np.uint8)
         return [Track(times, one, good, np.ones(size, dtype=np.bool_))]
@@ -142,7 +142,7 @@ def cut_tracks(times: Array, gaps: Array) -> list[Track]:
 
 
 def _judged_by_trend(track: Track, ratio: Array) -> Track:
-    """Repeat the count where the median fails: at both ends, and where the shaft nearly comes to rest."""
+    """Repeat the count of intervals where the median fails: at both ends, and where the shaft nearly comes to rest."""
     if len(track.count) <= _TREND:
         return replace(track, doubt=1.0 - 1.0 / track.count)
     whole = _near_rest(track, ratio)
@@ -153,10 +153,10 @@ def _judged_by_trend(track: Track, ratio: Array) -> Track:
 
 
 def _near_rest(track: Track, ratio: Array) -> Track:
-    """Count rows of long intervals from both sides up to the longest, as of a shaft that reverses."""
+    """Recount rows of long intervals from both sides up to the longest, as for a shaft that reverses."""
     edge = np.diff(np.concatenate([[False], track.count > 1, [False]]).astype(np.int8))
     runs = np.flatnonzero(edge).reshape(-1, 2)
-    # Missed pulses are whole numbers.
+    # Only rows with a period that is not a multiple of the median: missed pulses would make it a multiple.
     strange = np.append(0, np.cumsum(np.abs(ratio - track.count) > _PART_OF_A_PULSE))
     runs = runs[np.diff(strange[runs])[:, 0] > 0]
     parts, done = [], 0
@@ -195,9 +195,10 @@ def _columns(track: Track) -> tuple[npt.NDArray[Any], ...]:
 
 
 def _outwards(track: Track, start: int, stop: int, *, alone: bool = True) -> Track:
-    """Count intervals from `start` up to `stop` one by one against the trend of the speeds before each.
+    """Count intervals from `start` up to `stop` one by one; each is compared with the trend of the speeds before it.
 
-    With `alone`, no later interval can confirm the last ones: missed pulses there may also be a stopping shaft.
+    With `alone`, no intervals follow after `stop`: long last intervals may be missed pulses or a stopping
+    shaft.
     """
     if not _TREND <= start < stop or not track.usable[start - _TREND : stop].all():
         return track
@@ -236,7 +237,7 @@ def _outwards(track: Track, start: int, stop: int, *, alone: bool = True) -> Tra
 
 
 def _pulses_by_trend(known: list[tuple[float, float]], first_s: float, last_s: float) -> float:
-    """Pulses between two times by extrapolation of the latest speeds; zero or fewer if the shaft has stopped by then."""
+    """Number of pulses between two times, from extrapolated speeds; zero or negative if the shaft stops before."""
     latest = known[-_TREND:]
     time = sum(at for at, _ in latest) / _TREND
     speed = sum(value for _, value in latest) / _TREND
