@@ -242,9 +242,9 @@ class TestGoingOn:
     @pytest.mark.parametrize(
         ("changed", "words"),
         [
-            (cheap_plan(DRAWS, sweep={"seed": 4}), "begun with sweep.seed = 0, found 4 now"),
+            (cheap_plan(DRAWS, sweep={"seed": 4}), "started with sweep.seed = 0, found 4"),
             (cheap_plan(DRAWS, noise={"n_e": 0.002, "M_b": 0.005}), "noise.n_e = 0.001, found 0.002 now"),
-            (cheap_plan(DRAWS, sweep={"vessel": "stan-tug-1205"}), "begun with ship."),
+            (cheap_plan(DRAWS, sweep={"vessel": "stan-tug-1205"}), "started with ship."),
         ],
     )
     def test_a_changed_plan_is_refused_with_what_changed(
@@ -257,7 +257,7 @@ class TestGoingOn:
 
     def test_somebody_else_s_folder_is_left_alone(self, tmp_path: Path) -> None:
         (tmp_path / "thesis.txt").write_text("mine")
-        with pytest.raises(InputError, match="not empty and not a sweep's"):
+        with pytest.raises(InputError, match="not empty and has no sweep"):
             sweep(cheap_plan(2), tmp_path)
         assert [path.name for path in tmp_path.iterdir()] == ["thesis.txt"]
 
@@ -297,7 +297,7 @@ class TestCommand:
         assert cli.main([*arguments, "--json", "--no-figures"]) == 0
         assert json.loads(capsys.readouterr().out)["draws"]["done"] == 4
         assert cli.main([*arguments, "--seed", "1"]) == 2
-        assert "begun with sweep.seed = 0, found 1 now" in capsys.readouterr().err
+        assert "started with sweep.seed = 0, found 1" in capsys.readouterr().err
 
     def test_a_template_comes_from_init(self, tmp_path: Path, capsys: Any) -> None:
         from shipfp_rs import cli

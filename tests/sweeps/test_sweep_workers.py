@@ -100,7 +100,7 @@ def test_no_scheduler_at_an_address_costs_one_line(tmp_path: Path, monkeypatch) 
     from shipfp_rs.sweeps import pools
 
     monkeypatch.setattr(pools, "CONNECT_S", 0.2)
-    with pytest.raises(InputError, match=r"127\.0\.0\.1:9: no Dask scheduler answers there"):
+    with pytest.raises(InputError, match=r"127\.0\.0\.1:9: no Dask scheduler answers at this address"):
         sweep(cheap_plan(DRAWS), tmp_path, executor="dask", address="127.0.0.1:9")
 
 

@@ -43,7 +43,7 @@ FIRST_S = 300.0
 LONGEST_S = 6.0 * 3600.0
 """Longest duration of a trial; an accuracy that needs more is rejected."""
 LEAST_PART = 1e-6
-"""Least amplitude relative to the operating speed, below the resolution of any set point."""
+"""Least amplitude relative to the operating speed; less than the resolution of any set-point input."""
 SHORTEST_S = 60.0
 ROUNDS = 8
 
@@ -74,8 +74,8 @@ def design(
     Parameters
     ----------
     expected
-        Expected ship: a `Vessel`, its name or file, or an earlier `Fingerprint` or its file. A design is optimal for
-        these values and good near them.
+        Expected ship: a `Vessel`, its name or file, or an earlier `Fingerprint` or its file. A design is optimal for the
+        expected parameters and nearly optimal for similar ones.
     amplitude_rpm
         Largest deviation of the set point [rpm of the engine]; None: 3 % of the operating speed.
     duration_s
@@ -83,7 +83,8 @@ def design(
     accuracy_pct
         Largest relative standard deviation of each of `parameters` [%].
     parameters
-        Names of parameters or combinations for `accuracy_pct`; None: all that small motions determine.
+        Names of parameters or combinations for `accuracy_pct`; None: all that the response to small deviations
+        determines.
     kind
         "sines" (in sequence), "squares" (square waves in sequence, the most informative for a given amplitude, if sudden
         changes are permitted), "multisine" (simultaneous sines with a low crest factor), "chirp" (over the most
@@ -109,7 +110,7 @@ def design(
     generator
         Calibration and range of the generator; None: the vessel's set-point line if it declares one.
     settle_s
-        Time at the operating point before, between and after the parts [s].
+        Time at the operating point before, between and after the waveform's parts [s].
 
     Returns
     -------
@@ -136,7 +137,9 @@ def design(
     if duration_s is None and accuracy_pct is None:
         raise InputError("neither duration_s nor accuracy_pct is given, expected at least one")
     if accuracy_pct is None and parameters is not None and len(parameters):
-        raise InputError("parameters: found without accuracy_pct, expected both; the accuracy is theirs")
+        raise InputError(
+            "parameters: found without accuracy_pct, expected accuracy_pct, the accuracy of these parameters"
+        )
     if duration_s is not None:
         positive("duration_s", duration_s)
     if accuracy_pct is not None:
@@ -166,7 +169,7 @@ def design(
     if generator is None and subject.vessel is not None and subject.vessel.set_point is not None:
         generator = Generator(subject.vessel.set_point.calibration)
     if generator is not None:
-        # First, since a set point that the generator can't reach is not a plan.
+        # Checked first: the generator must reach the largest deviations.
         generator.volts(set_point + limits.amplitude_rpm * np.array([-1.0, 1.0]))
 
     def made(duration: float) -> Plan:
@@ -196,7 +199,7 @@ def _plan(
     if len(frequency) < fewest:
         raise InputError(
             f"the bands of avoid_hz {list(limits.avoid_hz)} leave {len(frequency)} of {CANDIDATES} candidate frequencies, "
-            f"expected at least {fewest}; leave more outside"
+            f"expected at least {fewest}; narrow the bands"
         )
     shape = SQUARE if kind == "squares" else SINE
     lines = candidates(subject, sensors, frequency, limits.amplitude_at(frequency), rate, shape)
@@ -265,7 +268,7 @@ def _notes(
 
 
 def _torque_limit(subject: Subject, prediction: Prediction) -> str:
-    """Note on where the linear response would leave the engine's torque envelope; empty without an envelope."""
+    """Note if the linear response exceeds the engine's torque envelope; else empty."""
     vessel = subject.vessel
     if vessel is None or "g" not in subject.values or not len(vessel.envelope()[0]):
         return ""
@@ -278,8 +281,8 @@ def _torque_limit(subject: Subject, prediction: Prediction) -> str:
     if excess.max() <= 1.0:
         return ""
     return (
-        f"The engine's torque limit would be passed by {100.0 * (excess.max() - 1.0):.0f} %: there the ship is not linear "
-        "and the figures do not hold; lower the amplitude or the rate of change."
+        f"The engine's torque limit would be exceeded by {100.0 * (excess.max() - 1.0):.0f} %: beyond it the ship is not "
+        "linear and the predictions are not valid; lower the amplitude or the rate of change."
     )
 
 
@@ -317,13 +320,14 @@ def _long_enough(
             best = plan if best is None or plan.excitation.duration < best.excitation.duration else best
             if plan.needed.duration_s > 0.9 * duration or duration <= shortest_s:
                 break
-        # The settling time carries no information, so the proportional estimate is slightly short or long.
+        # Settling time adds no information, so an estimate proportional to the duration is slightly too short or too
+        # long.
         duration = max(1.03 * plan.needed.duration_s, shortest_s)
         if duration > LONGEST_S:
             time = f"about {duration / 3600.0:.3g} h" if math.isfinite(duration) else "for ever"
             raise InputError(
                 f"accuracy_pct is {accuracy_pct:g}, {plan.needed.limited_by} would take {time}, expected at most "
-                f"{LONGEST_S / 3600.0:g} h; raise the amplitude, calibrate better, or name the parameters that matter"
+                f"{LONGEST_S / 3600.0:g} h; raise the amplitude, calibrate better, or give only the important parameters"
             )
     if best is None:
         raise InputError(

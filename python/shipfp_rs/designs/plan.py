@@ -2,7 +2,7 @@
 
 Also here:
 
-- Run sheet for the crew, with times and sizes of motions; plain text and HTML.
+- Run sheet for the crew: times and amplitudes of the set point and of the response; plain text and HTML.
 """
 
 from __future__ import annotations
@@ -41,7 +41,8 @@ FILES = (
 class Needed:
     """Time needed for all named standard deviations to be within `accuracy_pct` of their values.
 
-    `duration_s` is estimated from the plan and one twice as long; infinite if errors of the gauges alone are larger.
+    `duration_s` is estimated from the plan and a plan twice as long; infinite if errors of the gauges alone exceed the
+    accuracy.
     """
 
     accuracy_pct: float
@@ -67,7 +68,7 @@ class Plan(Brief):
     efficiency
         Lower bound on the efficiency of the shares [-], by the equivalence theorem.
     designed_for
-        Names of the parameters for which the lines are chosen: all that small motions determine.
+        Names of the parameters for which the lines are chosen: all that the response to small deviations determines.
     prediction
         Standard deviations, and undetermined parameters.
     needed
@@ -216,7 +217,8 @@ def needed_for(
 ) -> Needed:
     """Time for an accuracy of all `names`, from the standard deviations [%] after a duration and after twice that.
 
-    A variance is the sum of a part that decreases with time and a constant part, from errors of gauges and calibration.
+    A variance is the sum of a term inversely proportional to the duration and a constant term from errors of gauges and
+    calibration.
     """
     limiting = max(names, key=lambda name: now[name])
     first, second = now[limiting] ** 2, later.get(limiting, now[limiting]) ** 2
@@ -229,12 +231,12 @@ def needed_for(
 HEAD = ("start", "what", "set point ± rpm", "frequency Hz", "speed ± rpm", "torque ± Nm")
 TORQUES = ("M_g", "M_s", "M_b")
 LEAST_REST_S = 1.0
-"""Shortest listed stretch between two parts."""
+"""Shortest hold between two parts of the waveform that the run sheet lists."""
 
 
 @dataclass(frozen=True)
 class Stretch:
-    """One line of the run sheet; swings are half of peak to peak, None if the quantity is not an output."""
+    """One line of the run sheet; amplitudes are half of peak to peak, None if the quantity is not an output."""
 
     start_s: float
     stop_s: float
@@ -258,7 +260,7 @@ class Stretch:
 
 
 def run_sheet(excitation: Excitation, expected: Experiment) -> tuple[Stretch, ...]:
-    """Parts of an excitation and the holds between them, with the swings of the expected ship."""
+    """Parts of an excitation and the holds between them, with the expected amplitudes of the ship's response."""
     segments, at = [], 0.0
     for segment in (*excitation.segments, Segment("", excitation.duration, excitation.duration)):
         if segment.start_s - at > LEAST_REST_S:

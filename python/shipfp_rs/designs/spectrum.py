@@ -25,12 +25,12 @@ TOLERANCE = 1e-3
 SUPPORT = 1e-3
 """Smallest share of a line that is kept, relative to the largest."""
 NEIGHBOURS = 1.001
-"""Largest ratio between neighbouring candidates, relative to the smallest such ratio."""
+"""Candidates are neighbours if their ratio exceeds the smallest ratio of successive candidates by at most this factor."""
 
 
 @dataclass(frozen=True)
 class Lines:
-    """Candidate frequencies [Hz], shape (F,), with the information of each per second.
+    """Candidate frequencies [Hz], shape (F,), and the information per second on the parameters at each.
 
     `information` (F, r, r) is per unit of share at the line's full amplitude, in the r identifiable directions;
     `goal` (r, r) makes trace(goal covariance) the sum of relative variances of all identifiable quantities.
@@ -52,8 +52,8 @@ class Lines:
         if criterion == "D":
             sign, logarithm = np.linalg.slogdet(total)
             return np.where(sign > 0, np.exp(-logarithm / total.shape[-1]), np.inf)
-        # If a design does not excite some direction, the inverse is only rounding, and a pseudo-inverse would give that
-        # direction no variance at all.
+        # The cost is infinite if a design does not excite some direction: the inverse would be rounding error, and a
+        # pseudo-inverse would give that direction zero variance.
         smallest = np.linalg.eigvalsh(total)
         solvable = smallest[..., 0] > 1e-14 * smallest[..., -1]
         safe = np.where(solvable[..., None, None], total, np.eye(total.shape[-1]))
@@ -108,9 +108,9 @@ def candidates(
 def optimal_shares(lines: Lines, criterion: Criterion) -> tuple[Array, float]:
     """Shares (F,) of the optimal design, and a lower bound on their efficiency (1 at the optimum).
 
-    Multiplicative algorithm: each share is multiplied by the gain of its line, to the power 1 ("D") or 1/2 ("A"),
-    which improves the criterion monotonically: Y. Yu, Annals of Statistics 38 (2010) 1593, doi:10.1214/09-AOS761.
-    The bound on the efficiency is the equivalence theorem's (Kiefer and Wolfowitz, doi:10.4153/CJM-1960-030-4).
+    Multiplicative algorithm: each share is multiplied by the gain of its line to the power 1 ("D") or 1/2 ("A"). Every
+    step improves the criterion: Y. Yu, Annals of Statistics 38 (2010) 1593, doi:10.1214/09-AOS761. The bound on the
+    efficiency is the equivalence theorem's (Kiefer and Wolfowitz, doi:10.4153/CJM-1960-030-4).
     """
     shares = np.full(len(lines.frequency_hz), 1.0 / len(lines.frequency_hz))
     efficiency = 0.0
@@ -127,7 +127,7 @@ def optimal_shares(lines: Lines, criterion: Criterion) -> tuple[Array, float]:
 def support(lines: Lines, shares: Array) -> tuple[Array, Array]:
     """Frequencies [Hz] and shares of a design, neighbouring candidates merged.
 
-    An optimum between two candidates appears as a share of each. Merged to one line they have a lower peak.
+    If the optimum is between two candidates, both have a share. Merged to one line, their waveform has a lower peak.
     """
     runs: list[list[int]] = []
     frequency = lines.frequency_hz
@@ -150,7 +150,8 @@ def best_sweep(lines: Lines, criterion: Criterion) -> tuple[float, float, Law]:
     found: list[tuple[float, float, float, Law]] = []
     for law, dwell in laws:
         for stop in range(3, len(width) + 1):
-            # A chirp has one amplitude, that of its highest frequency; candidates are scaled by their own.
+            # A chirp has the largest amplitude permitted at its highest frequency; the information is rescaled to this
+            # amplitude.
             part = dwell[:stop] * (lines.amplitude_rpm[stop - 1] / lines.amplitude_rpm[:stop]) ** 2
             starts = np.triu(np.ones((stop, stop)))[: stop - 2]
             shares = np.zeros((len(starts), len(width)))
@@ -163,7 +164,7 @@ def best_sweep(lines: Lines, criterion: Criterion) -> tuple[float, float, Law]:
 
 
 def _gain(lines: Lines, shares: Array, criterion: Criterion) -> Array:
-    """Gain of the criterion per share of each line, relative to the design's mean: at most 1 at the optimum."""
+    """Gain of the criterion per share of each line, relative to the mean over the design: at most 1 at the optimum."""
     total = lines.total(shares)
     inverse = np.linalg.inv(total)
     weight = inverse if criterion == "D" else inverse @ lines.goal @ inverse
@@ -179,5 +180,5 @@ def _goal(subject: Subject, sensitivity: Sensitivity) -> Array:
         for quantity in quantities(subject, sensitivity).values()
     ]
     rows = np.array(relative).reshape(-1, len(subject.free)) @ told.T
-    # A user's structure may have unnamed combinations.
+    # A user's structure may have combinations without a name.
     return np.asarray(rows.T @ rows) if len(rows) >= sensitivity.rank else np.eye(sensitivity.rank)

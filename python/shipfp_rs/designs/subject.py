@@ -2,7 +2,7 @@
 
 Also here:
 
-- Identifiable quantities of a trial: parameters, and combinations of those that are only known together.
+- Identifiable quantities of a trial: parameters, and combinations of parameters that are only known together.
 - Prediction of the fingerprint from a record of an excitation.
 - Sensor noise: level, bandwidth, and accuracy of the calibration.
 """
@@ -38,7 +38,7 @@ from shipfp_rs.vessel.vessel import Vessel
 MOST_INACCURATE = 0.2
 """Largest relative error of a calibration."""
 LEAST_LEVEL = 1e-9
-"""Least level of noise; smaller ones have weights out of numerical range."""
+"""Least level of noise; smaller levels give weights out of numerical range."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ class Noise:
     level
         Standard deviation relative to the signal's operating point [-].
     corner_hz
-        Corner frequency [Hz]; None: white up to half the sample rate, on which the density then depends.
+        Corner frequency [Hz]; None: white up to half the sample rate; the density then depends on the sample rate.
     accuracy
         Standard deviation of the systematic relative error of the sensor's response after calibration, which varies slowly
         with frequency [-]. The error does not decrease with the length of a trial.
@@ -88,7 +88,7 @@ class Noise:
         return np.asarray(2.0 * self.innovation(rate_hz) ** 2 / rate_hz / whitened)
 
     def typical(self, turns: Array, samples: int, rate_hz: float) -> Array:
-        """Samples (N,), relative to the operating point, with the density as periodogram and given phases [turns]."""
+        """Samples (N,) over the operating point, with the given phases [turns] and the density as periodogram."""
         density = self.density(np.arange(len(turns), dtype=np.float64) * (rate_hz / samples), rate_hz)
         waves = np.sqrt(0.5 * samples * rate_hz * density) * np.exp(2j * math.pi * turns)
         return np.asarray(np.fft.irfft(waves, samples))
@@ -110,8 +110,8 @@ USUAL: Mapping[str, Noise] = {
     "X_f": Noise(0.01, 10.0),
     "E_n": Noise(0.003, 10.0),
 }
-"""Defaults without data of a sensor: four reflectors resolve about 10 Hz of shaft speed, and edges between samples at 2 kHz
-scatter by some tenths of a per cent; a telemetry gauge by about one per cent.
+"""Default noise without data of a sensor. Four reflectors resolve shaft speed up to about 10 Hz; timing of their edges at
+2 kHz scatters by some tenths of a per cent, a telemetry gauge by about one per cent.
 """
 
 
@@ -196,7 +196,8 @@ def predict(subject: Subject, excitation: Excitation, sensors: Mapping[str, Nois
     """
     experiment = subject.respond(excitation)
     samples, signals = len(experiment), subject.signals
-    # A random draw would have a scattered spectrum, and so would the prediction. Separate phases keep outputs uncorrelated.
+    # Noise with a smooth spectrum: randomly drawn noise would make the prediction scatter. Different phases keep the
+    # outputs uncorrelated.
     phases = np.random.default_rng(SEED).random(samples // 2 + 1)
     apart = np.arange(len(phases)) / len(signals)
     noisy = {
@@ -305,12 +306,12 @@ class Subject:
 
 
 def usual_structure() -> Structure:
-    """Structure identifiable from speed and a torque gauge between the inertias, with unknown propeller exponent."""
+    """Structure that is identifiable from speed and a torque gauge between the inertias, with free propeller exponent."""
     return Structure.linear(torque="gauge", products=True, free_exponent=True)
 
 
 def _expected(structure: Structure, known: Mapping[str, float]) -> dict[str, float]:
-    """Known values; the structure's value if it is fixed, if none is known, or for a dead time of zero."""
+    """Expected values: known ones, or the structure's start value if fixed, unknown, or a dead time of zero."""
     return structure.complete(
         {
             parameter.name: parameter.start

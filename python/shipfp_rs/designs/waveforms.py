@@ -24,9 +24,9 @@ from shipfp_rs.support.arrays import Array, Mask
 from shipfp_rs.support.units import Calibration
 
 RATES_HZ = (100.0, 50.0, 20.0, 10.0, 5.0, 2.0, 1.0)
-"""Sample rates to try, highest first; the ships of interest respond up to a few hertz."""
+"""Sample rates to try, highest first; ships respond up to a few hertz."""
 SAMPLES_A_PERIOD = 10.0
-"""Fewest samples per period: linear interpolation is then within 5 % of a sine."""
+"""Least number of samples per period: linear interpolation is then within 5 % of a sine."""
 TOP_HZ = 5.0
 """Highest useful frequency, limited by pulse trains and governors."""
 
@@ -38,7 +38,7 @@ class Generator:
     Parameters
     ----------
     calibration
-        Conversion of its volts to the set point [rpm], as in eq. 6.7.
+        Conversion of the generator's volts to the set point [rpm], as in eq. 6.7.
     lowest_V, highest_V
         Range of the output [V].
     """
@@ -121,8 +121,8 @@ class Limits:
         high = self.highest_hz or min(TOP_HZ, rate_hz / SAMPLES_A_PERIOD)
         if low >= high:
             raise InputError(
-                f"frequencies from {low:.4g} to {high:.4g} Hz, expected low before high; a longer trial or a longer "
-                "waveform has room for more"
+                f"frequencies from {low:.4g} to {high:.4g} Hz, expected the lower one first; lengthen the trial or "
+                "allow a longer waveform"
             )
         return low, high
 
@@ -132,12 +132,12 @@ class Limits:
         return np.minimum(self.amplitude_rpm, steepest / (2.0 * math.pi * frequency_hz))
 
     def outside(self, frequency_hz: Array) -> Mask:
-        """Which frequencies (F,) lie outside all bands."""
+        """Whether each frequency (F,) is outside all excluded bands."""
         inside = [(low <= frequency_hz) & (frequency_hz <= high) for low, high in self.avoid_hz]
         return ~np.any(inside, axis=0) if inside else np.ones(len(frequency_hz), dtype=bool)
 
     def within(self, excitation: Excitation) -> float:
-        """Factor, at most 1, that brings an excitation within amplitude and rate of change."""
+        """Factor, at most 1, by which an excitation must be scaled to respect amplitude and rate of change."""
         factor = self.amplitude_rpm / excitation.amplitude_rpm
         if self.rate_rpm_s is not None:
             factor = min(factor, self.rate_rpm_s / steepest_rpm_s(excitation))
@@ -160,11 +160,12 @@ PARTS: Mapping[Kind, Mapping[Part, float]] = {
     "chirp": {"chirp": 1.0},
     "mix": {"sines": 0.6, "chirp": 0.25, "steps": 0.15},
 }
-"""Parts of each kind and their shares of the time. In a mix the sines are the most informative, the chirp reveals unexpected
-behaviour, and the steps, which are not fitted, validate (section 6.5.2 recommends the three in one signal).
+"""Parts of each kind and their shares of the time. In a mix the sines are the most informative, the chirp reveals
+unexpected behaviour, and the steps are for validation, not for the fit (section 6.5.2 recommends the three in one
+signal).
 """
 LEVELS = (1.0, -1.0, -1.0, 1.0)
-"""Steps of the validation in amplitudes: up, back, down, back."""
+"""Steps for validation, in amplitudes: up, back, down, back."""
 
 
 @dataclass(frozen=True)
@@ -195,7 +196,8 @@ def waveform(kind: Kind, setting: Setting, duration_s: float, settle_s: float) -
     rest = settling(kind, settle_s)
     if duration_s <= 2.0 * rest:
         raise InputError(
-            f"duration_s is {duration_s:g}, {rest:g} s of it to settle; expected more than twice that, or a shorter settle_s"
+            f"duration_s is {duration_s:g}, of which {rest:g} s are settling time; expected more than twice that time, or a "
+            "shorter settle_s"
         )
     built = []
     for part, share in parts.items():
@@ -210,13 +212,14 @@ def _sines(setting: Setting, duration_s: float) -> Excitation:
     frequencies, shares = support(setting.lines, setting.shares)
     times = np.floor(shares * duration_s * setting.rate_hz) / setting.rate_hz
     periods = np.maximum(np.round(times * frequencies), 1.0)
-    # Frequencies are adjusted slightly to fill the time with whole periods, unless this moves them into a band.
+    # Frequencies are adjusted slightly to fill the time with whole periods, unless an adjusted frequency is in an
+    # excluded band.
     moved = periods / np.maximum(times, 1.0 / setting.rate_hz)
     periods = np.where(setting.limits.outside(moved), periods, np.floor(times * frequencies))
     frequencies = np.where(setting.limits.outside(moved), moved, frequencies)
     if not periods.any():
         raise InputError(
-            f"{duration_s:.4g} s hold no period of the sines wanted, the fastest {frequencies.max():.4g} Hz; "
+            f"{duration_s:.4g} s are shorter than a period of every sine of the design, up to {frequencies.max():.4g} Hz; "
             "make the trial longer"
         )
     amplitudes = setting.limits.amplitude_at(frequencies)
@@ -230,7 +233,7 @@ def _sines(setting: Setting, duration_s: float) -> Excitation:
 
 def _squares(setting: Setting, duration_s: float) -> Excitation:
     made = _sines(setting, duration_s)
-    # Rounding errors at a crossing are not a sign.
+    # Rounded, so that a zero crossing has sign 0 in spite of rounding errors.
     level = np.sign(np.round(made.samples / setting.limits.amplitude_rpm, 9))
     return replace(made, name="squares", samples=setting.limits.amplitude_rpm * level)
 
@@ -250,7 +253,7 @@ def _multisine(setting: Setting, duration_s: float) -> Excitation:
         weights=weights * amplitudes,
         rate_hz=setting.rate_hz,
     )
-    # A period may start anywhere; at a zero crossing the set point does not jump.
+    # The periodic signal is rotated to start at a zero crossing, without a jump of the set point.
     start = int(np.argmin(np.abs(made.samples)))
     return replace(made, samples=np.roll(made.samples, -start), segments=())
 
@@ -267,12 +270,12 @@ def _chirp(setting: Setting, duration_s: float) -> Excitation:
         rate_hz=setting.rate_hz,
         name=f"{law} chirp, {start:.3g} to {stop:.3g} Hz",
     )
-    # It ends at the last zero crossing, without a jump back to the operating point.
+    # The chirp ends at its last zero crossing, without a jump back to the operating point.
     crossings = np.flatnonzero(np.diff(np.signbit(made.samples)))
     if not crossings.size:
         raise InputError(
-            f"a chirp from {start:.3g} to {stop:.3g} Hz, what the limits leave, does not turn in {duration_s:.4g} s; make "
-            "the trial longer, allow a larger rate of change, or lower the amplitude"
+            f"a chirp from {start:.3g} to {stop:.3g} Hz, the range within the limits, has no zero crossing in "
+            f"{duration_s:.4g} s; make the trial longer, allow a larger rate of change, or lower the amplitude"
         )
     last = int(crossings[-1])
     return replace(made, samples=np.where(np.arange(len(made)) <= last, made.samples, 0.0))
@@ -284,8 +287,8 @@ def _steps(setting: Setting, duration_s: float) -> Excitation:
     smooth = _smoothing_s(limits)
     if smooth > 0.5 * hold:
         raise InputError(
-            f"steps of {hold:.3g} s, each {smooth:.3g} s long to keep to the rate of change and out of the bands; make "
-            "the trial longer or choose kind 'sines'"
+            f"steps of {hold:.3g} s, each smoothed over {smooth:.3g} s for the rate of change and the excluded bands, "
+            "expected at most half of it; make the trial longer or choose kind 'sines'"
         )
     made = signals.steps(limits.amplitude_rpm * np.array(LEVELS), hold, rate_hz=rate, name="steps")
     count = round(smooth * rate)
@@ -299,7 +302,8 @@ def _steps(setting: Setting, duration_s: float) -> Excitation:
 def _smoothing_s(limits: Limits) -> float:
     """Length of the Hann window [s] that smooths steps: long enough for the rate limit, and without power in the bands.
 
-    A step smoothed over L is at most 2 / L steep; from 4 / L up the window passes less than a two-hundredth.
+    A unit step smoothed over a length L has a slope of at most 2 / L; above the frequency 4 / L the window's gain is
+    below 1/200.
     """
     for_rate = 0.0 if limits.rate_rpm_s is None else 2.0 * limits.amplitude_rpm / limits.rate_rpm_s
     for_bands = 4.0 / max(limits.avoid_hz[0][0], 1e-3) if limits.avoid_hz else 0.0

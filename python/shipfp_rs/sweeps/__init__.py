@@ -27,15 +27,15 @@ from shipfp_rs.sweeps.store import SUMMARY, Store, opened
 __all__ = ["DRAWS_PER_TASK", "Plan", "Progress", "Sweep", "Where", "sweep"]
 
 DRAWS_PER_TASK = 50
-"""Draws per task of a large sweep. A small sweep has at least `SHARES` tasks, so that all workers get some."""
+"""Draws per task of a large sweep. A small sweep is cut into at least `SHARES` tasks, to occupy all workers."""
 SHARES = 40
 MOST_ROWS = 8
-"""Most rows of parameters in the printed summary of a sweep."""
+"""Largest number of parameters in the printed summary of a sweep."""
 
 
 @dataclass(frozen=True)
 class Progress:
-    """Progress of a sweep: draws in the folder, those made by this run, the total, and failures in the folder."""
+    """Progress of a sweep: draws in the folder, draws made by this run, draws of the plan, and failures in the folder."""
 
     done: int
     made: int
@@ -52,7 +52,7 @@ class Sweep:
     summary: dict[str, Any]
 
     def __repr__(self) -> str:
-        """Draws, and errors relative to the truth, in at most ten lines; `summary` and `table` have the rest."""
+        """Draws, and errors relative to the truth, in at most ten lines; `summary` and `table` have all results."""
         counts = ", ".join(
             f"{count} {what.replace('_', ' ')}" for what, count in self.summary["draws"].items()
         )
@@ -101,17 +101,17 @@ def sweep(
     out
         Folder of `results.parquet` (one row per draw) and `summary.json`; an earlier run with the same plan is resumed.
     executor
-        "processes" on this machine; "threads", which share one interpreter and use little more than one core; "dask",
-        a cluster; or any executor object.
+        "processes" on this machine; "threads", which share one interpreter and use little more than one core; "dask", a
+        Dask cluster; or any `concurrent.futures` executor.
     workers
         Number of workers; None: one per core. For an executor object, the number of its workers.
     address
         Address of a running Dask scheduler; None: a new cluster on this machine's loopback interface.
     draws_per_task
-        Draws per task of a worker, and rows saved at a time. A resumed sweep keeps its original number. None: 50, fewer
-        in a small sweep.
+        Draws per task of a worker, saved together. A resumed sweep keeps its original number. None: 50, fewer in a small
+        sweep.
     accuracy_pct
-        Target relative error [%], for the length of a trial in the summary.
+        Relative error [%] that the trial length in the summary must reach.
     progress
         Function called at the start and after every task. None: a line on the terminal or in the notebook.
 
@@ -122,7 +122,7 @@ def sweep(
     Raises
     ------
     InputError
-        If the plan can't work, or the folder has other contents.
+        If the plan is invalid, or the folder contains other files.
     ShipfpError
         If the executor or the cluster is lost; completed draws are kept.
 
@@ -187,6 +187,6 @@ def _run(
                 run_parts(plan, store, pool, arrived)
     except (BrokenExecutor, CancelledError) as error:
         raise ShipfpError(
-            f"{store.folder}: the workers are gone ({type(error).__name__}), {done + made} of {plan.draws} draws are done; "
-            "start them again and run the same command to go on"
+            f"{store.folder}: the workers ended ({type(error).__name__}) after {done + made} of {plan.draws} draws; "
+            "restart the workers and run the same command to continue"
         ) from error

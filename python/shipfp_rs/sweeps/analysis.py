@@ -1,6 +1,6 @@
 """Results of a sweep: bias, spread, coverage and failures, overall and by factor; necessary length of a trial.
 
-One pass over the rows, with only sums and histograms, so memory does not grow with the number of draws.
+Rows are read once and only added to sums and histograms, so memory does not grow with the number of draws.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ DURATION = "excitation.duration_s"
 BINS = 6
 """Bins of a factor without levels, with equal numbers of draws."""
 ACCURACY_PCT = 10.0
-"""Default accuracy for the length of a trial: the relative error of 95 of 100 trials."""
+"""Default accuracy for the length of a trial: relative error that 95 of 100 trials do not exceed."""
 _SMALLEST, _LARGEST, _PER_DECADE = 1e-9, 1e6, 100
 """Range of relative errors in the histograms, whose bins are 2.3 % wide."""
 _EDGES = np.geomspace(_SMALLEST, _LARGEST, 1 + round(math.log10(_LARGEST / _SMALLEST)) * _PER_DECADE)
@@ -30,7 +30,7 @@ _EDGES = np.geomspace(_SMALLEST, _LARGEST, 1 + round(math.log10(_LARGEST / _SMAL
 
 @dataclass(frozen=True)
 class Bins:
-    """Bins of the draws by a factor."""
+    """Bins of the draws by a factor, a value that the sweep varies."""
 
     key: str
     labels: tuple[Value, ...]
@@ -159,7 +159,7 @@ def summarise(
     batches
         The sweep's rows so far.
     accuracy_pct
-        Target relative error [%], for the length of a trial.
+        Relative error [%] that the trial length must reach.
 
     Returns
     -------
@@ -183,8 +183,8 @@ def summarise(
             tally.add(batch)
         errors.update(name for name in batch.column("error").to_pylist() if name is not None)
     total = overall.figures(0)
-    # A fingerprint lists a combination only if at least one of its parameters is much less well known. If only few draws
-    # list a combination, these are not representative of all draws, so the combination is omitted.
+    # A fingerprint lists a combination only if it is known much better than one of its parameters. A combination listed
+    # by less than half of the draws is omitted: these draws are not representative.
     shown = {parameter.name for parameter in plan.structure.free}
     shown |= {name for name, row in total["parameters"].items() if 2 * row["estimates"] > total["done"]}
     finished = sum(total[status] for status in overall.statuses)
@@ -216,7 +216,7 @@ def summarise(
 
 
 def _trial_lengths(tally: Tally, accuracy: float) -> list[dict[str, Any]]:
-    """For each parameter and each level of the other factor, the duration from which its error is small enough."""
+    """For each parameter and each level of a second factor, the shortest duration with a small enough error."""
     *others, duration = tally.bins
     lengths = [float(label) for label in duration.labels]
     order = np.argsort(lengths)
@@ -241,7 +241,7 @@ def _trial_lengths(tally: Tally, accuracy: float) -> list[dict[str, Any]]:
 def _first_within(
     lengths: Sequence[float], errors: Sequence[float | None], accuracy: float
 ) -> tuple[float | None, str]:
-    """Interpolate log-log between the last insufficient length and the next one."""
+    """Shortest sufficient length and a note, interpolated log-log between the last insufficient length and the next."""
     failing = [place for place, error in enumerate(errors) if error is None or error > accuracy]
     if not failing:
         return lengths[0], f"{lengths[0]:g} s or less"

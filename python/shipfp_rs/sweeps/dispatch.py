@@ -1,4 +1,4 @@
-"""Distribution of parts to workers, tolerant of lost workers and of draws that kill them."""
+"""Distribution of a sweep's parts to workers; tolerates lost workers, and draws that end their worker's process."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from shipfp_rs.sweeps.pools import AHEAD, Pool
 from shipfp_rs.sweeps.store import Store
 
 ATTEMPTS = 3
-"""Workers that a draw may kill, when run alone, before it is given up."""
+"""Number of workers that a draw, run alone, may kill before it is recorded as failed."""
 
 
 def run_task(plan: Plan, indices: Sequence[int]) -> pa.RecordBatch:
@@ -35,7 +35,7 @@ def run_parts(plan: Plan, store: Store, pool: Pool, arrived: Callable[[pa.Record
         return isinstance(future.exception(), pool.lost)
 
     while True:
-        # No more than the workers need, since all parts handed out and not yet written are in memory.
+        # Only as many parts as the workers need, since submitted parts are in memory until they are written.
         while len(running) < AHEAD * pool.workers():
             part = again.popleft() if again else next(waiting, None)
             if part is None:
@@ -46,7 +46,7 @@ def run_parts(plan: Plan, store: Store, pool: Pool, arrived: Callable[[pa.Record
         back = wait(running, return_when=FIRST_COMPLETED).done
         if any(map(is_lost, back)):
             pool.renew()
-            # Processes die together, so tasks that ran at the same time have also returned as lost.
+            # All processes of a pool end together, so all tasks that were running are lost as well.
             back = {future for future in running if future.done()}
         for future in sorted(back, key=lambda one: running[one]):
             part = running.pop(future)
@@ -63,7 +63,7 @@ def run_parts(plan: Plan, store: Store, pool: Pool, arrived: Callable[[pa.Record
 
 
 def _one_by_one(plan: Plan, pool: Pool, indices: Sequence[int]) -> pa.RecordBatch:
-    """Compute the draws of a part that lost its worker twice as separate tasks, to find the one that kills."""
+    """Compute each draw of a part separately, after the part has lost its worker twice, to find the draw that kills it."""
     rows = [_alone(plan, pool, index) for index in indices]
     return pa.Table.from_batches(rows).combine_chunks().to_batches()[0]
 

@@ -36,13 +36,13 @@ Result = TypeVar("Result")
 
 
 class TimedOut(BaseException):
-    """The limit was reached. Not an `Exception`, so that no handler catches it as its own failure."""
+    """The time limit was reached. Not an `Exception`, so that `except Exception` in the work does not catch it."""
 
 
 def within(limit_s: float | None, work: Callable[[], Result]) -> Result:
     """Return the result of `work`, or raise `TimedOut` in it after the limit.
 
-    It is raised between two steps of the interpreter; a running kernel finishes first.
+    The error is raised between two steps of the interpreter; a running kernel finishes first.
     """
     if limit_s is None:
         return work()
@@ -62,7 +62,8 @@ def within(limit_s: float | None, work: Callable[[], Result]) -> Result:
         timer.cancel()
         with lock:
             running = False
-            # Requested but not yet raised: the work is done, so later code must not be interrupted.
+            # Cancel an error that is requested but not yet raised: the work is done, and later code must not be
+            # interrupted.
             raise_in(thread, None)
     return result
 
@@ -122,7 +123,7 @@ def run_draws(plan: Plan, indices: Sequence[int]) -> pa.RecordBatch:
 
 
 def lost_row(plan: Plan, index: int, message: str) -> pa.RecordBatch:
-    """Row of a draw without a result, since it kills its process."""
+    """Row of a draw without a result, whose process ended."""
     row = _opening(plan, index) | {"status": "failed", "error": "WorkerLost", "message": message}
     return pa.RecordBatch.from_pylist([row], schema=schema_of(plan))
 
@@ -144,7 +145,7 @@ def _row(plan: Plan, index: int) -> dict[str, Any]:
     except TimedOut:
         status = "timed_out"
         row |= {"error": "TimedOut", "message": f"not done within {plan.sweep.time_limit_s:g} s"}
-    except Exception as error:  # any failure of a draw is a row and does not end the sweep
+    except Exception as error:  # any failure of a draw is recorded in its row and does not end the sweep
         status = "failed"
         row |= {"error": type(error).__name__, "message": " ".join(str(error).split())}
     return row | {"status": status}
@@ -170,7 +171,10 @@ def _found(plan: Plan, index: int) -> Iterator[tuple[str, Any]]:
 
 
 def _truth(vessel: Vessel, n_e_rpm: float | None, structure: Structure) -> dict[str, float]:
-    """True parameters of the ship by name. A lag that the structure lacks is added to its dead time, as in `linearise`."""
+    """True parameters of the ship by name.
+
+    If the structure has no actuator lag, the ship's lag is added to the dead time, as in `linearise`.
+    """
     truth = parameters_of(vessel, n_e_rpm)
     if "tau_act" not in structure.names:
         truth["T_d"] += truth["tau_act"]
@@ -192,7 +196,7 @@ def _estimates(fingerprint: Fingerprint, names: Sequence[str]) -> Iterator[tuple
     yield "converged", fingerprint.settings["converged"]
 
 
-# A signal without varying factors is made once; a multisine takes longer than the fit to it.
+# Cached, since the set point is often the same in all draws, and making a multisine takes longer than the fit to it.
 @lru_cache(maxsize=4)
 def _excitation(settings: Excitation, rate_hz: float, seed: int) -> signals.Excitation:
     return signals.standard(
@@ -215,7 +219,7 @@ def _from_experiment(conditions: Conditions, vessel: Vessel, seed: int) -> Exper
     noise, n_e_rpm = conditions.noise, conditions.operating_point.n_e_rpm
     excitation = _excitation_for(conditions, conditions.excitation.rate_hz, seed)
     clean = simulate(vessel, excitation, n_e_rpm=n_e_rpm)
-    # Relative to the operating point, as for a sensor, so that a larger excitation has a higher signal-to-noise ratio.
+    # Noise is relative to the operating point, as for a sensor; a larger excitation has a higher signal-to-noise ratio.
     levels = {
         name: noise.level * getattr(noise, name) * abs(clean.operating_point[name]) / float(np.std(samples))
         for name, samples in clean.signals.items()

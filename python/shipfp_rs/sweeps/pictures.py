@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 MOST_POINTS = 4000
-"""Most draws shown; larger sweeps are thinned evenly."""
+"""Largest number of draws shown; larger sweeps are thinned evenly."""
 AXES = {
     "excitation.amplitude_rpm": "amplitude [rpm]",
     "excitation.duration_s": "duration [s]",
@@ -29,7 +29,7 @@ AXES = {
     "noise.correlation": "noise correlation [-]",
     "operating_point.n_e_rpm": "engine speed [rpm]",
 }
-"""Factors in words; others are named by their keys, whose endings are units."""
+"""Axis labels of factors; further factors are labelled by their keys, which end in the unit."""
 
 
 def write_figures(sweep: Sweep, folder: Path) -> list[Path]:
@@ -58,7 +58,7 @@ def write_figures(sweep: Sweep, folder: Path) -> list[Path]:
 
 
 def scatter_matrix(columns: Mapping[str, Array], names: Sequence[str]) -> Figure:
-    """Draw the relative error of each parameter over that of each other, and their histograms on the diagonal."""
+    """Draw the relative errors of each pair of parameters as a scatter plot, and their histograms on the diagonal."""
     figure, panels = _figure(len(names), len(names), 2.1)
     limits = {name: _reach(_error(columns, name)) for name in names}
     for row, upper in enumerate(names):

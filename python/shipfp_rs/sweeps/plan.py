@@ -37,7 +37,7 @@ from shipfp_rs.vessel.vessel import Vessel
 Design = Literal["random", "latin", "sobol", "grid"]
 
 BLOCK = 65_536
-"""Draws of one design; a larger sweep has several, scrambled independently, so that memory does not grow with it."""
+"""Draws per design; a larger sweep has several designs, scrambled independently, so memory does not grow with the sweep."""
 
 
 def seed_of(seed: int, index: int) -> int:
@@ -58,7 +58,7 @@ def place(
 def _block(design: str, factors: int, rows: int, seed: int, block: int) -> Array:
     if not factors:
         return np.empty((rows, 0))
-    # A key of two numbers can't collide with that of a draw, which has one.
+    # A spawn key of two numbers can't collide with the key of a draw, a single number.
     generator = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(block, 1)))
     if design == "random":
         return np.asarray(generator.random((rows, factors)))
@@ -71,13 +71,13 @@ def _block(design: str, factors: int, rows: int, seed: int, block: int) -> Array
 Positive = Annotated[float, Field(gt=0.0)]
 Value = float | bool | str
 MOST_SAMPLES = 5_000_000
-"""Most samples of a draw; a fit to as many takes a minute or two and a gigabyte."""
+"""Largest number of samples per draw; their fit takes a minute or two and a gigabyte of memory."""
 MOST_DRAWS = 10_000_000
-"""Most draws, still readable as one table; at ten draws per second they take twelve days."""
+"""Largest number of draws, for a table that can still be read at once; at ten draws per second they take twelve days."""
 Draws = Annotated[int, Field(ge=1, le=MOST_DRAWS)]
 
 OF_OTHER_CHAIN: Mapping[str, tuple[str, ...]] = {"experiment": ("sensors", "faults"), "log": ("noise",)}
-"""Tables without effect in a chain."""
+"""Tables of SWEEP.toml that have no effect for each value of `chain`."""
 
 
 class Header(Section):
@@ -259,7 +259,7 @@ class Plan(Conditions):
         Raises
         ------
         InputError
-            If there is no such study or file, or a key or value is wrong, which the message names.
+            If there is no such study or file, or a key or value is wrong; the message names it.
         """
         plan = read_named(name_or_path, cls, "sweeps", "sweep", "study")
         path = Path(name_or_path)
@@ -274,7 +274,7 @@ class Plan(Conditions):
         Raises
         ------
         InputError
-            If one of them fails, since draws would fail for the same reason.
+            If a check fails, since draws would fail for the same reason.
         """
         try:
             self.structure  # noqa: B018 made here, so that its errors come before the first draw
@@ -328,7 +328,7 @@ class Plan(Conditions):
 
     def factor_values(self, index: int) -> dict[str, Value]:
         """Factors of one draw; a grid is completed before it is repeated."""
-        # Sorted, since the order of lines in a file does not belong to the design.
+        # Sorted, since the order of lines in a file must not change the draws.
         keys = sorted(self.factors)
         if self.sweep.design == "grid":
             counts = tuple(len(levels) for levels in self._levels.values())
@@ -380,7 +380,7 @@ _SECTIONS: Mapping[str, type[BaseModel]] = {
 
 
 def _keys_of(section: str) -> tuple[str, ...] | None:
-    """Keys of a table that a sweep may vary; None means all keys, or an unknown table."""
+    """Keys of a table that a sweep may vary; None: any key, or an unknown table."""
     if section == "identify":
-        return HOW  # the others would change the columns of the table
+        return HOW  # other keys would change the columns of the results
     return tuple(_SECTIONS[section].model_fields) if section in _SECTIONS else None

@@ -23,10 +23,10 @@ from shipfp_rs.sweeps.draw import raise_in
 Where = Literal["processes", "threads", "dask"]
 
 AHEAD = 2
-"""Tasks submitted at a time per worker: one runs and one waits, so that no worker is idle."""
+"""Tasks submitted per worker: one runs and one waits, so that no worker is idle."""
 
 MOST_WORKERS = 1024
-"""Most workers; more than a machine has cores, or a driver can keep busy."""
+"""Largest number of workers; more than the cores of any machine, or than one process can supply with tasks."""
 
 CONNECT_S = 10.0
 """Longest wait for a scheduler's answer."""
@@ -40,12 +40,12 @@ QUIET = {
 
 
 class Stopped(BaseException):
-    """The sweep of this thread has ended. Not an `Exception`, so that no draw catches it as its own failure."""
+    """The sweep of this thread has ended. Not an `Exception`, so that `except Exception` in a draw does not catch it."""
 
 
 @dataclass
 class Pool:
-    """Executor, number of its workers, and its errors for a lost worker."""
+    """Executor, number of its workers, and the exceptions by which it reports a lost worker."""
 
     executor: Executor
     workers: Callable[[], int]
@@ -99,7 +99,7 @@ def _end_at_once(executor: Executor) -> None:
     for thread in getattr(executor, "_threads", ()):
         if thread.ident is not None:
             raise_in(thread.ident, Stopped)
-    # The processes are gone, so this is fast; it frees their queues and semaphores.
+    # Frees queues and semaphores; does not wait, since the processes have ended.
     executor.shutdown()
 
 
@@ -112,7 +112,7 @@ def check_pool(executor: Where | Executor, address: str | None) -> None:
         If an address is given without executor "dask", Dask's packages are not installed, or no scheduler answers.
     """
     if address is not None and executor != "dask":
-        raise InputError(f"address {address!r}: expected executor 'dask' with it")
+        raise InputError(f"address {address!r}: found with executor {executor!r}, expected executor 'dask'")
     if executor == "dask":
         _dask()
         if address is not None:
@@ -137,12 +137,12 @@ def pool_of(executor: Where | Executor, workers: int | None, address: str | None
         with _client(address, count) as client:
             from distributed.scheduler import KilledWorker  # an optional package
 
-            # The scheduler reassigns a lost worker's tasks, and gives up on one that kills several workers.
+            # The scheduler reassigns a lost worker's tasks, and abandons a task that kills several workers.
             known = client.get_executor(pure=False)
             yield Pool(known, lambda: max(int(sum(client.nthreads().values())), 1), (KilledWorker,))
     else:
         new = functools.partial(_processes if executor == "processes" else ThreadPoolExecutor, count)
-        # When one process is killed, the others end with it.
+        # If one process of the pool is killed, all of them end.
         pool = Pool(new(), lambda: count, (BrokenProcessPool,), new)
         try:
             yield pool
@@ -168,7 +168,7 @@ def _client(address: str | None, workers: int) -> Iterator[Any]:
         try:
             client = distributed.Client(address, timeout=CONNECT_S)
         except (OSError, ValueError) as error:
-            raise InputError(f"{address}: no Dask scheduler answers there ({error})") from error
+            raise InputError(f"{address}: no Dask scheduler answers at this address ({error})") from error
         with client:
             yield client
         return

@@ -22,7 +22,7 @@ from shipfp_rs.support.toml import Section, validated
 
 MANIFEST, RESULTS, SUMMARY, PARTS, LOCK = "manifest.json", "results.parquet", "summary.json", "parts", ".lock"
 ROWS_PER_GROUP = 16_384
-"""Rows written at once, so that the bytes do not depend on the parts' size, and memory is constant."""
+"""Rows per row group of the final table: its bytes do not depend on the size of the parts, and memory is constant."""
 PARTS_PER_FOLDER = 1000
 
 
@@ -38,7 +38,7 @@ class Manifest(Section):
 class Store:
     """Folder of one sweep. Part k holds the draws from k part_draws up to those of the next part.
 
-    A part is written under another name and renamed, so that after a kill it is either complete or missing.
+    A part is written under a temporary name and renamed; after a kill it is either complete or missing.
     """
 
     folder: Path
@@ -138,12 +138,12 @@ class Store:
 def opened(
     folder: Path, record: Mapping[str, Any], schema: pa.Schema, draws: int, part_draws: int
 ) -> Iterator[Store]:
-    """Open a sweep's folder to start or resume it, locked against others.
+    """Open a sweep's folder to start or resume the sweep, locked against other processes.
 
     Raises
     ------
     InputError
-        If the folder has other contents, belongs to another SWEEP.toml, or is in use.
+        If the folder contains other files, belongs to another SWEEP.toml, or is in use.
     """
     _manifest_of(folder, record)  # before anything is written
     lock = FileLock(folder / LOCK, blocking=False)
@@ -159,7 +159,7 @@ def opened(
             f"{folder}: can't be written, {error.strerror or error}; choose another folder"
         ) from error
     with held:
-        # Read again, since the previous holder of the lock may have started a sweep.
+        # Read the manifest again, since the previous holder of the lock may have started a sweep.
         manifest = _manifest_of(folder, record)
         if manifest is None:
             manifest = Manifest(part_draws=part_draws, sweep=dict(record))
@@ -198,7 +198,7 @@ def _require_empty(folder: Path) -> None:
     if folder.exists() and not folder.is_dir():
         raise InputError(f"{folder}: is a file, expected a folder or a new name")
     if folder.exists() and {entry.name for entry in folder.iterdir()} - {LOCK}:
-        raise InputError(f"{folder}: the folder is not empty and not a sweep's; choose another folder")
+        raise InputError(f"{folder}: the folder is not empty and has no sweep; choose another folder")
 
 
 def _require_same(folder: Path, then: Mapping[str, Any], now: Mapping[str, Any]) -> None:
@@ -207,7 +207,7 @@ def _require_same(folder: Path, then: Mapping[str, Any], now: Mapping[str, Any])
         old, new = before.get(key, "nothing"), after.get(key, "nothing")
         if old != new:
             raise InputError(
-                f"{folder}: begun with {key} = {old}, found {new} now; choose another folder, or restore it"
+                f"{folder}: started with {key} = {old}, found {new}; choose another folder, or restore the value"
             )
 
 
