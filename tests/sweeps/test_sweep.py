@@ -243,7 +243,7 @@ class TestGoingOn:
         ("changed", "words"),
         [
             (cheap_plan(DRAWS, sweep={"seed": 4}), "started with sweep.seed = 0, found 4"),
-            (cheap_plan(DRAWS, noise={"n_e": 0.002, "M_b": 0.005}), "noise.n_e = 0.001, found 0.002 now"),
+            (cheap_plan(DRAWS, noise={"n_e": 0.002, "M_b": 0.005}), "noise.n_e = 0.001, found 0.002;"),
             (cheap_plan(DRAWS, sweep={"vessel": "stan-tug-1205"}), "started with ship."),
         ],
     )

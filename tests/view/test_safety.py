@@ -240,7 +240,7 @@ def test_two_pages_do_not_overwrite_each_other(caller, folder):
         "save",
         {"doc": doc, "draft": DRAFT | {"name": "late"}, "file": "TRIAL.toml", "version": first["version"]},
     )
-    assert "changed by someone else" in late["error"]
+    assert "changed by another program" in late["error"]
     assert 'name = "second"' in (folder / "TRIAL.toml").read_text()
 
 

@@ -14,13 +14,16 @@ from shipfp_rs.support.arrays import Array, attributes
 
 Way = Literal["printed", "truth", "thesis", "ours"]
 Progress = Callable[[int, int], None]
-"""Called with (jobs done, number of jobs)."""
+"""Called with the number of jobs done and the number of jobs."""
 Job = TypeVar("Job")
 
 
 @dataclass(frozen=True)
 class Row:
-    """A row of a reproduced table; `way`: printed, truth of a simulation, refitted as in the thesis, or ours."""
+    """A row of a reproduced table.
+
+    `way` is its source: printed, true values of a simulation, refit as in the thesis, or our fit.
+    """
 
     table: str
     case: str
@@ -44,7 +47,7 @@ class Row:
 
 @dataclass(frozen=True)
 class Reproduction:
-    """Rows of the tables, sentences about them, and the fingerprints of our rows."""
+    """Rows of the tables, conclusions in sentences, and the fingerprints of our fits."""
 
     title: str
     rows: tuple[Row, ...]
@@ -63,14 +66,14 @@ def printed_row(result: published.Result, table: str, structure: str, **others: 
 
 
 def row_of(fingerprint: Fingerprint, table: str, case: str, way: Way, notes: str = "") -> Row:
-    """Make a row of a fingerprint: the thesis reports the search's values, ours those that the data determine."""
+    """Make a row of a fingerprint: all values of the search for a refit as in the thesis, else the determined values."""
     estimates = {**fingerprint.parameters, **fingerprint.derived}
     parameters = {name: estimate.value for name, estimate in estimates.items()}
     if way == "thesis":
         values = fingerprint.settings["optimum"]
         parameters |= values
         parameters |= {f"v{gain}": values["v"] * values[gain] for gain in ("K_p", "K_i") if "v" in values}
-    # Where points are weighted by their deviations, a share of the spread does not measure the fit.
+    # NRMSE does not measure a fit whose points are weighted by their standard deviations.
     weighted = fingerprint.settings.get("noise") == "std"
     fit = {output: None if weighted else value for output, value in fits_of(fingerprint).items()}
     intervals = {name: estimate.ci95 for name, estimate in estimates.items() if estimate.ci95 is not None}
@@ -83,7 +86,7 @@ def fits_of(fingerprint: Fingerprint) -> dict[str, float | None]:
 
 
 def fits_to(experiment: Experiment, answers: Mapping[str, Array]) -> dict[str, float]:
-    """Return the fit of models' responses, signal to deviation, to an experiment [%] (eq. 4.9)."""
+    """Return the fit of a model's response, deviations by signal, to an experiment [%] (eq. 4.9)."""
     measured = {signal: experiment.normalised(signal) for signal in answers}
     return {signal: nrmse_pct(measured[signal], measured[signal] - answers[signal]) for signal in answers}
 

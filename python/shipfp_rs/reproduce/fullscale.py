@@ -1,4 +1,4 @@
-"""Chapters 6 and 7 of the thesis from its published numbers: refitted in its way, then with suitable structures."""
+"""Chapters 6 and 7 of the thesis from its published numbers: refitted as in the thesis, then with suitable structures."""
 
 from __future__ import annotations
 
@@ -28,8 +28,10 @@ SOUND_PHASE_HZ = 0.085
 """Frequency up to which the printed phases of set point and speed are on a smooth curve within 0.01 rad."""
 SOUND_PHASE_STD = 0.01
 LOST_PHASE_STD = np.pi / np.sqrt(3.0)
-"""Standard deviation of a uniformly distributed, unknown phase. Every channel was fitted with another frequency, and the
-printed ones differ by up to 1e-4 Hz; at t = 4000 s, 1e-5 Hz already turn the phase by 2 pi t 1e-5 = 0.25 rad."""
+"""Standard deviation of a uniformly distributed, unknown phase. Each channel was fitted with a different frequency, and
+the printed frequencies differ by up to 1e-4 Hz; at t = 4000 s, 1e-5 Hz already change the phase by 2 pi t 1e-5 = 0.25
+rad.
+"""
 TORQUE_PHASE_STD = 0.2
 """Scatter of the printed torque phases about a smooth curve, at every frequency."""
 AMPLITUDE_STD = 0.01
@@ -44,7 +46,9 @@ STEP_DELAY_S = 0.5
 """Delay at every step of the trial (section 7.3.2)."""
 STARTS = 8
 TORSIONAL_PRIOR = (1.17, 0.06)
-"""Total tau_n of eq. 7.9 [s]; its deviation is 5 %, the usual accuracy of such calculations, since none was printed."""
+"""Total tau_n of eq. 7.9 and its standard deviation [s]: 5 %, the usual accuracy of such calculations, since the thesis
+gives none.
+"""
 COUNTS = "how much each point counts in the weighted fit: 0 for nothing, 1 where it alone fixes a direction; in all the rank"
 WEIGHTED = "ii, weighted"
 WITH_PRIOR = f"{WEIGHTED}, torsional prior"
@@ -63,7 +67,8 @@ def measured_response(last_hz: float = 3.433) -> FrequencyResponse:
     """Return responses of engine speed and gauge torque from Tables E.1 to E.3, up to and including `last_hz`.
 
     The manual corrections of section 7.3 at 3.433 Hz are included. Each point is normalised by its offsets and has the
-    frequency fitted to the set point. The standard deviations follow from the way these tables were made.
+    frequency fitted to the set point. Standard deviations follow from how the tables were made; see the constants of this
+    module.
     """
     tables: dict[str, dict[float, published.SineFit]] = {}
     for fit in published.sine_fits():
@@ -139,7 +144,7 @@ def _jobs() -> tuple[_Job, ...]:
 
 
 def reproduce(progress: Progress | None = None) -> Reproduction:
-    """Refit Table 7.1 (ii) as in the thesis, then with the extended structure, and say what can't be determined."""
+    """Refit Table 7.1 (ii) as in the thesis, then with the extended structure, and report what can't be determined."""
     vessel = Vessel.load(VESSEL)
     rows: list[Row] = before_the_fit(vessel)
     rows += [printed_row(result, "7.1", "thesis") for result in published.full_scale_results()]
@@ -186,7 +191,10 @@ def ladder(fingerprints: Mapping[str, Fingerprint]) -> list[Fingerprint]:
 def _verdict(
     rows: Sequence[Row], fingerprints: Mapping[str, Fingerprint], free: Fingerprint, held: Fingerprint
 ) -> Iterator[str]:
-    """Yield the conclusions; `free` and `held`: the extended structure without and with the calculation."""
+    """Yield the conclusions.
+
+    `free` and `held` are fits of the extended structure, without and with tau_n from the torsional calculation.
+    """
     fits, structure = ladder(fingerprints), free.structure["name"]
     parts = {
         "What the published sine fits tell of the tug:": _told(free, held),

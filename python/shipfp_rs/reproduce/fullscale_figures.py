@@ -66,7 +66,7 @@ PLAINER: Mapping[str, Mapping[str, object]] = {
 
 
 class Material:
-    """Data that several figures share, each computed once."""
+    """Data shared by several figures; each is computed once."""
 
     def __init__(self, found: Reproduction) -> None:
         self.rows = found.rows
@@ -176,7 +176,7 @@ def _lively(material: Material, figure: Figure) -> str:
 
 
 def _answer(ship: Vessel, frequency_hz: float) -> complex:
-    """Ratio of the gauge torque's line at a frequency to the set point's, after the transient."""
+    """Ratio of the Fourier lines of gauge torque and set point at a frequency, after the transient."""
     rate = 400.0
     settling = int(np.ceil(SETTLED_S * frequency_hz))
     sines = sine_sequence([frequency_hz], settling + MEASURED_PERIODS, AMPLITUDE_RPM, rate_hz=rate)

@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 
 
 THRESHOLD_V = 2.0
-"""Threshold of the thesis's pulse periods (section 6.3.2)."""
+"""Voltage level at which the thesis measured pulse periods (section 6.3.2)."""
 STEADY_S = 60.0
 FAST_RPM = 1684.0
 """Highest steady speed of the trial (Table 6.8)."""
@@ -228,7 +228,8 @@ def before_the_fit(vessel: Vessel) -> list[Row]:
 def cross_checks(vessel: Vessel, fingerprints: Mapping[str, Fingerprint]) -> list[Row]:
     """Return the rows of eq. 7.9: time constants and inertias from drawings, and those identified from sine fits.
 
-    The total is that of the torsional vibration calculation; the propeller's side is J_2 = tau_prop M_s0 / (2 pi n_s0).
+    The total inertia is from the torsional vibration calculation; that of the propeller's side is J_2 = tau_prop M_s0 /
+    (2 pi n_s0).
     """
     per_inertia = 2.0 * math.pi * vessel.nominal_shaft_speed / float(vessel.operating_point.M_s_Nm or 0.0)
     total, water = vessel.shaft.inertia_kg_m2, vessel.entrained_water_inertia()

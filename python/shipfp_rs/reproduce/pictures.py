@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 Material = TypeVar("Material")
 """Type of the data for a chapter's figures."""
 Painter = Callable[..., str]
-"""Draws on a figure from (material, figure, options), and returns the caption."""
+"""Function of (material, figure, options) that draws on the figure and returns the caption."""
 Stretch = tuple[float, float]
 """Time range of a record in a panel [s]."""
 
@@ -149,7 +149,7 @@ def bode_of_sets(
     signal: str,
     points: FrequencyResponse,
 ) -> None:
-    """Draw responses of several parameter sets, and measured points, of which only known phases are drawn."""
+    """Draw responses of several parameter sets, and measured points; unknown phases are omitted."""
     plot.responses(curves, signal, panels)
     expected = next(iter(curves.values()))
     phase = np.degrees(np.unwrap(np.angle(expected.response[signal])))

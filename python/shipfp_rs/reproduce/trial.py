@@ -44,14 +44,15 @@ TOGETHER = {"sines": SINES, "short chirp": ("C11",), "long chirp": LONG_CHIRP, "
 EVERYTHING = (*SINES, "C11", *LONG_CHIRP, "St1", "St2")
 LOGGED = ("n_set", "n_e", "M_g")
 LAST_HZ = 0.9
-"""Highest frequency at which no limit acts at the trial's amplitude on any drawn ship. For the fastest ones the smoke limit
-acts from 0.94 Hz, for the tug the torque's rate limit from 1.16 Hz. No fitted structure has these limits, so S13 (1.637 Hz)
-is not fitted, and chirps are cut at this frequency."""
+"""Highest frequency at which no limit acts at the trial's amplitude on any drawn ship. On the fastest ships the smoke
+limit acts from 0.94 Hz, on the tug the torque's rate limit from 1.16 Hz. No fitted structure has these limits, so S13
+(1.637 Hz) is not fitted, and chirps are cut at this frequency.
+"""
 RATE_HZ = 20.0
 """Sample rate at which linear interpolation of the set point is accurate."""
 SIMULATED_HZ = 200.0
 STEADY_S, PAUSE_S, LEAD_S = 300.0, 20.0, 2.0
-"""Time before the first experiment, between experiments, and of the constant set point before each in its record."""
+"""Time before the first experiment, between experiments, and of the constant set point at the start of each record."""
 SPREAD = 0.1
 """Half width of the ranges, relative to the tug's values, from which each trial's ship is drawn."""
 DRAWN = (
@@ -65,7 +66,9 @@ DRAWN = (
     "operating_point.g",
 )
 FAULTS: tuple[Kind, ...] = ("A", "B", "C", "D1", "D2", "gap", "dropout")
-"""Faults of section 6.4 and two of any logger; D3 would make the signal generator's chirp a sine."""
+"""Faults of section 6.4, and two that occur with any logger. D3 is omitted: it would turn the signal generator's chirp
+into a sine.
+"""
 
 
 @cache
@@ -157,7 +160,7 @@ class Twin:
         return parameters_of(self.vessel)
 
     def experiments(self, names: Sequence[str], rate_hz: float = RATE_HZ) -> list[Experiment]:
-        """Cut experiments from the log like `shipfp process`; of the truth only their times are used."""
+        """Cut experiments from the log like `shipfp process`; only their times are taken from the truth."""
         if rate_hz not in self.processed:
             recorded = replace(self.recorded, windows=tuple(map(_fitted, self.recorded.windows)))
             trial = Trial.model_validate(trial_tables(VESSEL, self.log.name, Sensors(), recorded))

@@ -51,8 +51,9 @@ SHOWN = ("tau_n", "g", *FREE)
 ELEMENTS = ("dead_time_loop", "dead_time_set_point", "actuator_lag", "twist")
 KNOWN = ("tau_n", "g", "tau_act", "tau_twist")
 """Parameters that are given, not estimated. The actuator's lag and the shaft's twist are known from drawings, the inertia
-(tau_n) from a torsional vibration calculation, the engine's slope (g) from its factory test. Speeds and
-torque at the gauge do not determine all three of tau_n, g and v."""
+(tau_n) from a torsional vibration calculation, the engine's slope (g) from its factory test. Speeds and gauge torque do
+not determine tau_n, g and v separately.
+"""
 
 
 def experiments_of(part: str) -> tuple[str, ...]:
@@ -61,7 +62,10 @@ def experiments_of(part: str) -> tuple[str, ...]:
 
 
 def fitted_parts(twin: Twin, parts: Sequence[str]) -> dict[str, Fingerprint]:
-    """Identify parts of a trial separately, given the true values of `KNOWN`; the chirp's estimates start the others."""
+    """Identify parts of a trial separately, given the true values of `KNOWN`.
+
+    The chirp's estimates are the start of the other fits.
+    """
     known = {name: twin.truth[name] for name in KNOWN}
     ship = Structure.ship(ELEMENTS, torque="gauge", propeller_speed=True)
     structure = ship.with_fixed(**known, zeta_twist=0.5)
@@ -83,7 +87,7 @@ def fitted_as_the_thesis(twin: Twin, part: str) -> Fingerprint:
 
 @dataclass(frozen=True)
 class Outcome:
-    """A trial of a ship: the truth, and each part's estimates; empty where these are incomplete."""
+    """A trial of a ship: the truth and the estimates of each part; no estimates if a fit failed."""
 
     seed: int
     truth: Mapping[str, float]
@@ -102,21 +106,21 @@ def outcome(seed: int, parts: Sequence[str]) -> Outcome:
 
 
 def outcomes(seeds: Sequence[int], parts: Sequence[str]) -> Iterator[Outcome]:
-    """Yield the trials of many seeds when they are done, on all processors."""
+    """Yield the outcomes of many seeds as they are completed, on all processors."""
     with pool_of("processes", None, None) as pool:
         for future in as_completed([pool.submit(outcome, seed, parts) for seed in seeds]):
             yield future.result()
 
 
 class Score(NamedTuple):
-    """Accuracy of a parameter over the trials that determined it; in others noise may drive the dead time to its bound."""
+    """Accuracy of a parameter over the trials that determine it; in some trials noise drives the dead time to its bound."""
 
     trials: int
     inside: float
     """Share of the trials whose 95 % interval contains the truth."""
     error_pct: float
     std_pct: float
-    """Medians of the absolute error and of the predicted standard deviation, over the truth."""
+    """Medians of the absolute error and of the predicted standard deviation, relative to the truth."""
 
 
 def scores(found: Sequence[Outcome], part: str) -> dict[str, Score]:
@@ -152,7 +156,7 @@ def agreement(told: Mapping[str, Fingerprint], name: str) -> list[float]:
 
 
 def fit_to_steps(twin: Twin, told: Fingerprint) -> dict[str, dict[str, float]]:
-    """Return the fit of the simulated ship with the estimates to the steps, which reach its limits [%]."""
+    """Return the fit of the ship, simulated with the estimates, to the steps [%]; these reach the ship's limits."""
     known = {name: twin.truth[name] for name in KNOWN}
     estimates = {name: float(e.value) for name in FREE if (e := told.parameters[name]).value is not None}
     ship = with_parameters(Vessel.load(VESSEL), {**known, **estimates})

@@ -1,4 +1,4 @@
-"""Chapters 3 to 5 of the thesis on the virtual ship: Table 5.2 refitted in its way, and with accurate data."""
+"""Chapters 3 to 5 of the thesis on the virtual ship: Table 5.2 refitted as in the thesis, and with accurate data."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ CORRECTIONS = (
 )
 SIGNALS = {"dn": "n_e", "dE": "E_n", "dM": "M_b", "dX": "X_f"}
 MEASURED = ("dn", "dn dE", "dn dM", "dn dE dM", "dn dM dX")
-"""Sets of measured signals whose internal relations are counted."""
+"""Sets of measured signals whose number of determined unknowns is counted (Table 4.2)."""
 Figures = Mapping[str, float]
 Found = Mapping[tuple[str, Way, str], Figures]
 SMALL = ("ii", "iii", "iv")

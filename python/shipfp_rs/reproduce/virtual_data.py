@@ -25,7 +25,9 @@ Discretisation = Literal["zoh", "euler"]
 
 VESSEL = "stan-launch-804"
 STEP_S = 0.01
-"""Step of the thesis's simulation, inferred: Table 5.1 has times in hundredths of a second, and the bias agrees."""
+"""Step of the thesis's simulation, inferred from times in hundredths of a second in Table 5.1 and from the bias of its
+results.
+"""
 SMALL_RPM, LARGE_RPM = 13.0, 104.0
 """Amplitudes of cases ii to iv and of case v: 0.01 and 0.08 of 1300 rpm (section 5.1)."""
 CHIRP_HZ, CHIRP_S = (0.0014, 20.0), 1500.0
@@ -138,7 +140,7 @@ def settled_response(vessel: Vessel, method: Method = "rk4", *, limits: bool = T
 
 
 def searched_as_printed(structure: Structure) -> Structure:
-    """Give a structure the start and bounds of section 5.4."""
+    """Return a structure with the start and bounds of section 5.4."""
     names = [parameter.name for parameter in structure.free]
     # Start and bounds are set in one call, since new bounds might exclude the old start.
     return structure.with_bounds(**{name: (BOUNDS[name][0], START[name], BOUNDS[name][1]) for name in names})
@@ -181,7 +183,7 @@ def plant_structure(vessel: Vessel) -> Structure:
 
 
 def shown(values: Mapping[str, float]) -> dict[str, float]:
-    """Return the four parameters of Table 5.2 from a structure's or a model's."""
+    """Return the four parameters of Table 5.2 from the parameters of a structure or a model."""
     vK_p, vK_i = (values[f"vK_{k}"] if f"vK_{k}" in values else values["v"] * values[f"K_{k}"] for k in "pi")
     return {"tau_n": values["tau_n"], "g": values["g"], "K_p/K_i": vK_p / vK_i, "vK_p": vK_p}
 
@@ -203,8 +205,8 @@ def fit_pct(structure: Structure, values: Mapping[str, float], experiment: Exper
 def euler_bias(model: LinearModel, step_s: float = STEP_S) -> float:
     """Return the tau_n that an exact model estimates from forward Euler data: tau h a / -ln(1 - h a).
 
-    a = (p - g + v K_p)/tau_n is approximately the fast pole. Euler reduces it by the factor 1 - h a per step, which an exact
-    model interprets as exp(-h a'), and a' tau' = a tau.
+    a = (p - g + v K_p)/tau_n is approximately the fast pole. Per step h, Euler multiplies the fast mode by 1 - h a; an
+    exact model interprets this as exp(-h a'), and a' tau' = a tau.
     """
     a = (model.p - model.g + model.v * model.K_p) / model.tau_n
     return float(model.tau_n * step_s * a / -math.log1p(-step_s * a))

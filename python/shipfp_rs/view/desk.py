@@ -37,13 +37,15 @@ MOST_TILES = 256
 MOST_ENTRIES = 500
 LARGEST_TOML = 1 << 20
 UNREADABLE = (InputError, OSError, ValueError, RuntimeError)
-"""Errors of invalid files in the folder, which must not hide the others; RuntimeError: circular links."""
+"""Errors by which a file is skipped, so that one invalid file does not hide the folder's other files; RuntimeError:
+circular links.
+"""
 
 Asked = Mapping[str, str]
 
 
 class Desk:
-    """Folder viewed, the only one that is written to, and its open documents."""
+    """The viewed folder and its open documents; no other folder is written to."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder.resolve()
@@ -80,7 +82,7 @@ class Desk:
         }
 
     def open(self, path: Path, rate_hz: float | None = None, trial: Path | None = None) -> int:
-        """Number of a log's document, new or known."""
+        """Open a log, unless it is open, and return the number of its document."""
         key = (path.resolve(), trial and trial.resolve())
         with self._lock:
             if key not in self._documents:
@@ -89,12 +91,12 @@ class Desk:
             return self._documents[key]
 
     def open_trial(self, path: Path) -> list[int]:
-        """Documents of a trial's logs, in order; paths are relative to its folder."""
+        """Numbers of the documents of a trial's logs, in order; paths are relative to the trial's folder."""
         logs, rate_hz = _logs_of(path)
         return [self.open(log, rate_hz, path) for log in logs]
 
     def open_log(self, path: Path, rate_hz: float | None = None) -> int:
-        """Document of a log, with the newest TRIAL.toml in the folder that names it, if any."""
+        """Number of a log's document, with the newest TRIAL.toml in the folder that names the log, if any."""
         for trial in self.trials_of(path):
             return self.open(path, rate_hz or _logs_of(trial)[1], trial)
         return self.open(path, rate_hz)
@@ -211,7 +213,7 @@ class Desk:
         return self._free("TRIAL", document.path.stem, f"{document.path.stem}-trial")
 
     def _free(self, *stems: str) -> Path:
-        """First name that is not used yet; if all are used, the last one with a number."""
+        """First unused file name: one of the stems, or the last stem with a number."""
         numbered = (f"{stems[-1]}-{number}" for number in range(2, MOST_ENTRIES))
         for stem in (*stems, *numbered):
             path = self.folder / f"{stem}.toml"
@@ -255,11 +257,11 @@ class Desk:
             or path.parent.resolve() != self.folder
             or (path.exists() and not path.is_file())
         ):
-            raise InputError(f"{name}: is no ordinary file of the trial's folder; choose another name")
+            raise InputError(f"{name}: is not an ordinary file in the trial's folder; choose another name")
         return path
 
     def _trial(self, text: str, path: Path) -> Trial:
-        """Trial that the text of a TRIAL.toml describes, with logs and vessel found as if that file were in the folder."""
+        """Trial that the text of a TRIAL.toml describes; paths of logs and vessel are relative to the viewed folder."""
         trial = drafts.checked(text, path.name)
         header = trial.trial
         changes: dict[str, Any] = {"log": tuple(str(self.folder / log) for log in header.log)}
@@ -282,7 +284,7 @@ class Desk:
             self._trial(text, path)
             known = content.get("version", "")
             if drafts.version_of(path) != known:
-                what = "exists already" if not known else "was changed by someone else meanwhile"
+                what = "exists already" if not known else "was changed by another program since it was read"
                 raise InputError(f"{path.name}: {what}; save under another name, or load the page anew")
             write_text_atomically(path, text)
             trial = self.open(document.path, document.rate_hz, path)
@@ -292,7 +294,7 @@ class Desk:
         """Write a new vessel file from the form; existing files are not overwritten."""
         values = content.get("values")
         if not isinstance(values, dict) or not all(isinstance(value, str) for value in values.values()):
-            raise InputError("values: expected the form's keys, each with a text")
+            raise InputError("values: expected a text for each key of the form")
         with self._saving:
             path = self._writable(content.get("file"))
             text = drafts.vessel_file(values, path.name)
@@ -319,7 +321,7 @@ def _logs_of(path: Path) -> tuple[list[Path], float | None]:
     logs = header.get("log", [])
     logs = [logs] if isinstance(logs, str) else logs
     if not logs or not all(isinstance(log, str) for log in logs):
-        raise InputError(f"{path}: trial.log: found no log, expected the path of one")
+        raise InputError(f"{path}: trial.log: found no log, expected the path of a log")
     return [path.parent / log for log in logs], header.get("rate_hz")
 
 

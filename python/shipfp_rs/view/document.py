@@ -32,7 +32,7 @@ OTHER_SIGNALS = ("n_set", "n_e", "M_g", "M_b", "M_s", "X_f")
 
 
 class Document:
-    """One log of a page, with or without a trial."""
+    """One log that a page shows, with or without a trial."""
 
     def __init__(self, path: Path, rate_hz: float | None = None, trial: Path | None = None) -> None:
         self.path, self.rate_hz, self.trial = path, rate_hz, trial
@@ -61,7 +61,7 @@ class Document:
 
     def _raw(self, _: Progress) -> list[Series]:
         channels = self.pyramid.wait().channels
-        # Opening a text log takes as long as reading it, so it starts before samples are needed.
+        # Opening a text log takes as long as reading it, so it is opened before samples are needed.
         threading.Thread(target=self._opened_ahead, daemon=True).start()
         return [Series.of_channel(one, self.log) for one in channels]
 
@@ -70,7 +70,7 @@ class Document:
             self.log()
 
     def series(self) -> list[Series]:
-        """Everything that is drawn, channels before signals."""
+        """All series that are drawn: raw channels, then processed signals."""
         return [*self.raw.wait(), *self.processed]
 
     def facts(self) -> dict[str, Any]:
@@ -95,7 +95,7 @@ class Document:
         }
 
     def _faults(self, _: Progress) -> dict[str, Any]:
-        """Results of `shipfp inspect`, with the trial if there is one, and the faults not searched."""
+        """Results of `shipfp inspect`, with the trial if there is one, and the kinds of faults that were not searched."""
         from shipfp_rs.inspection import inspect_log  # SciPy takes long to load
 
         trial = None
@@ -137,7 +137,7 @@ class Document:
         }
 
     def within(self, column: str, start_s: float, stop_s: float) -> dict[str, Any]:
-        """Windows in a stretch of a set point, and the longest of the windows in which the set point moves."""
+        """Windows in a stretch of a set point, and the longest window in which the set point moves."""
         found = find_windows(self.log(), column, start_s, stop_s)
         moving = [one for one in found if one.kind != "steady"]
         main = max(moving or found, key=lambda one: one.stop_s - one.start_s, default=None)
@@ -247,6 +247,6 @@ def _found(window: FoundWindow) -> dict[str, Any]:
 def _times(
     channel: Channel | None, spans: list[list[int]], channels: dict[str, Channel]
 ) -> list[list[float]]:
-    """Spans in seconds; spans of the clock, which is not a channel, by the first channel."""
+    """Spans of samples in seconds; spans of the clock, which is not a channel, by the first channel's rate."""
     about = channel or next(iter(channels.values()))
     return [[about.start_s + edge / about.rate_hz for edge in span] for span in spans]

@@ -1,4 +1,4 @@
-"""Trial as edited on the page, and TRIAL.toml: known keys are set, all else is kept, including comments.
+"""Draft of a trial, as edited on the page, and its TRIAL.toml: known keys are set, all other content and comments are kept.
 
 Also here:
 
@@ -36,7 +36,7 @@ LINE = re.compile(
 
 
 class Line(NamedTuple):
-    """Line of the template. The key of a table's heading is the table's; comments and empty lines have no key."""
+    """Line of the template. The key of a heading is the table's name; comments and empty lines have no key."""
 
     text: str
     key: str = ""
@@ -73,7 +73,7 @@ def _filled(line: Line, given: Mapping[str, str]) -> str:
 
 
 def _value(typed: str, example: str) -> str:
-    """Entered text as TOML: a number if it and the example are numbers, else a text for the loader to validate."""
+    """Entered text as TOML: a number if text and example are numbers, else a string that the loader validates."""
     if not example.startswith('"'):
         for number in (int, float):
             with suppress(ValueError):
@@ -102,7 +102,7 @@ LEVELS: Mapping[str, type[Level]] = {
     "rack": Rack,
     "load": Load,
 }
-"""Roles whose tables have fixed keys; tables of pulse trains and speeds have their own names."""
+"""Roles whose tables in TRIAL.toml have fixed names; the user names tables of pulse trains and speeds."""
 SHOWN = {"train": "pulse train", "speed": "speed"}
 TRAIN_NAME = r"^[A-Za-z0-9_.\- ]{1,60}$"
 
@@ -131,7 +131,7 @@ class DraftChannel(Section):
     quantity: Literal["torque", "power"] = "torque"
     """Quantity of a load."""
     name: Short = ""
-    """Name of the table of a pulse train or speed; if empty, the column's."""
+    """Name of the table of a pulse train or speed; if empty, the column's name."""
     pulses_per_rev: Annotated[int, Field(ge=1, le=100_000)] = 1
     shaft: Literal["engine", "propeller"] = "engine"
     threshold: Number | None = None
@@ -228,12 +228,12 @@ def written(
 
 
 def checked(text: str, source: str) -> Trial:
-    """Trial of a text; `InputError` with the first wrong or missing value."""
+    """Trial that a text describes; `InputError` with the first wrong or missing value."""
     return validated(parsed_toml(text, source), Trial, source)
 
 
 def _role(key: str, table: Mapping[str, Any]) -> str | None:
-    """Role of a channel's table on the page; None if the page keeps it unchanged, such as an encoder."""
+    """Role of a channel's table on the page; None if the page keeps the table unchanged, such as that of an encoder."""
     if key == "actuator":
         return None
     if key in LEVELS:
@@ -260,7 +260,7 @@ def _sub_table(document: Any, key: str) -> Any:
 
 
 def _put(table: Any, key: str, value: Any) -> None:
-    """Set a key if its value differs, so that unchanged ones keep spelling and comment."""
+    """Set a key if its value differs; unchanged keys keep their spelling and comment."""
     old = table.get(key)
     if old is None or getattr(old, "unwrap", lambda: old)() != value:
         table[key] = value
@@ -362,7 +362,7 @@ def new_draft(name: str) -> Draft:
 
 
 def guessed(channels: Sequence[Channel]) -> list[DraftChannel]:
-    """Roles guessed from names and units; undetermined channels have none."""
+    """Channels whose roles are guessed from names and units; channels without a guess are omitted."""
     roles = named_roles(channels)
     levels = {getattr(roles, role): role for role in ("set_point", "command", "torque", "load")}
     found = []
@@ -384,10 +384,10 @@ def guessed(channels: Sequence[Channel]) -> list[DraftChannel]:
 def factors(unit: str) -> dict[str, dict[str, Any]]:
     """Return for each role what a channel's unit implies.
 
-    "factor" is None if the unit needs a calibration; "quantity" is that of a load with this unit, power or torque.
+    "factor" converts the unit, None if it needs a calibration; "quantity" is power or torque, for a load with this unit.
 
-    A speed has no factor here, since a TRIAL.toml leaves out factors of known units of speed; the role's "asks" tells
-    whether the unit needs a calibration.
+    A speed has no factor, since TRIAL.toml omits factors of known units of speed; its "asks" is true if the unit needs a
+    calibration.
     """
     unit = told(unit)
     given = {"quantity": "power" if unit in TO_W else "torque"}

@@ -77,7 +77,7 @@ class Background(Generic[T]):
 
 
 AT_ONCE = 2
-"""Most concurrent jobs, since each uses all cores."""
+"""Largest number of concurrent jobs; each uses all cores."""
 STOP_S = 15.0
 """Time for a job's clean-up after a stop."""
 KEPT_LINES = 50
@@ -170,14 +170,14 @@ class Jobs:
             self._end(job)
 
     def _new_folder(self, trial: Path) -> Path:
-        """Name beside the trial, unused by folders and active jobs."""
+        """Name of a new folder beside the trial, unused by existing folders and active jobs."""
         taken = {job.folder for job in self._jobs.values() if job.state in ("working", "stopping")}
         stem = "shipfp" if trial.stem == "TRIAL" else trial.stem
         for number in range(1, 10_000):
             folder = trial.parent / (f"{stem}-run" if number == 1 else f"{stem}-run-{number}")
             if folder not in taken and not folder.exists():
                 return folder
-        raise InputError(f"{trial.parent}: thousands of runs in it; move some elsewhere")
+        raise InputError(f"{trial.parent}: has thousands of runs; move some of them elsewhere")
 
     def _listen(self, job: Job, stream: IO[bytes]) -> None:
         for line in stream:
@@ -218,7 +218,7 @@ class Jobs:
 
 
 def _close(job: Job) -> None:
-    """Close the pipe whose end stops the job."""
+    """Close the pipe to the job's process, which then stops."""
     with contextlib.suppress(OSError):
         if job.process.stdin is not None:
             job.process.stdin.close()

@@ -1,7 +1,7 @@
-"""Pyramid of minima and maxima beside a log, from which any zoom is drawn with a few thousand numbers.
+"""Pyramid of minima and maxima beside a log, from which a page draws any zoom with a few thousand numbers.
 
-The file consists of pairs of float64, level by level, followed by a description as JSON. It is valid for one state of the
-log, identified by size, time of change and version of this format; otherwise it is rebuilt.
+The file consists of pairs of float64, level by level, followed by a description as JSON. A pyramid is valid for one state
+of the log, identified by size, time of change and version of this format; else it is rebuilt.
 """
 
 from __future__ import annotations
@@ -33,13 +33,13 @@ Array = npt.NDArray[np.float64]
 Progress = Callable[[float], None]
 
 BASE = 64
-"""Samples in a block of the finest stored level; finer levels are computed from samples."""
+"""Samples per block of the finest stored level; finer levels are computed from samples."""
 FACTOR = 4
-"""Blocks of a level combined into one of the next."""
+"""Number of blocks of a level that are combined into one block of the next level."""
 COARSEST = 256
-"""Most blocks of the last level, which shows a whole log."""
+"""Largest number of blocks of the last level, which shows a whole log."""
 PIECE = FACTOR << 16
-"""Blocks of a level that are combined at once."""
+"""Blocks of a level that are combined per call."""
 SUFFIX = ".shipfp-pyramid"
 VERSION = 1
 _END = b"SHIPFPYR"
@@ -75,7 +75,7 @@ def key_of(path: Path, rate_hz: float | None) -> dict[str, Any]:
 
 
 def places(path: Path) -> Iterator[Path]:
-    """Yield possible paths of a log's pyramid, best first: beside it, in the user's cache, temporary."""
+    """Yield possible paths of a log's pyramid, best first: beside the log, in the user's cache, in the temporary folder."""
     name = path.name + SUFFIX
     yield path.parent / name
     digest = hashlib.sha256(str(path.absolute()).encode()).hexdigest()[:16]
@@ -121,13 +121,13 @@ def made(log: Log, path: Path, rate_hz: float | None = None, progress: Progress 
         reason = "it was changed while it was read"
         break
     raise InputError(
-        f"{path}: its overview can't be written ({reason}); make room beside it or in the cache folder"
+        f"{path}: its pyramid file can't be written ({reason}); make room beside it or in the cache folder"
     )
 
 
 @contextlib.contextmanager
 def _appearing(place: Path) -> Iterator[IO[bytes]]:
-    """Yield an unnamed file that is named on completion; if the process is killed before, nothing remains."""
+    """Yield an unnamed file, which gets its name on completion; if the process is killed before, no file remains."""
     if not hasattr(os, "O_TMPFILE") or not Path("/proc/self/fd").exists():
         from shipfp_rs.support.files import replacing
 
@@ -139,7 +139,7 @@ def _appearing(place: Path) -> Iterator[IO[bytes]]:
         file.flush()
         beside = place.with_name(f".{place.name}.{os.getpid()}-{threading.get_ident()}")
         beside.unlink(missing_ok=True)
-        # Python follows the link in /proc, and so links the file itself, only with a folder descriptor.
+        # Only with a folder descriptor, Python follows the link in /proc and links the file itself.
         folder = os.open(place.parent, os.O_RDONLY)
         try:
             os.link(f"/proc/self/fd/{file.fileno()}", beside, src_dir_fd=folder, follow_symlinks=True)

@@ -39,7 +39,7 @@ FINER = 3
 PIECE = 1 << 18
 """Samples read at once."""
 KEPT = 8
-"""Pieces of a channel kept in memory: eight megabytes of single precision."""
+"""Number of pieces of a channel that are kept in memory: eight megabytes in single precision."""
 HEAD = np.dtype([("offset", "<f8"), ("count", "<u4"), ("columns", "<u4")])
 """Header of a tile's float32 values: offset to add, number of rows, one column (samples) or two (extremes)."""
 
@@ -56,11 +56,11 @@ class Series:
     """Extremes of every 64, 256, ... samples, each of shape (K, 2)."""
     gaps: npt.NDArray[np.int64]
     gap_count: int
-    """First stretches without samples, shape (G, 2), and their total number."""
+    """First stretches without samples, shape (G, 2), and the number of all such stretches."""
     layer: str = "raw"
     """"raw" or "processed"."""
     ahead: Callable[[int, int], None] | None = None
-    """Function (first, stop) that starts to read samples; None if they are in memory."""
+    """Function (first, stop) that starts to read samples; None if all samples are in memory."""
 
     @classmethod
     def of_channel(cls, stored: Stored, log: Callable[[], Log]) -> Series:
@@ -112,14 +112,14 @@ class Series:
             self.channel.samples, 1
         ):
             raise InputError(f"{self.channel.name}: no tile {index} of level {level}")
-        if self.ahead is not None and level == FINER:  # zooming in further will need its samples
+        if self.ahead is not None and level == FINER:  # reads ahead: zooming in further will need the samples
             size = TILE * FACTOR**level
             self.ahead(index * size, min((index + 1) * size, self.channel.samples))
         return packed(self.blocks(level, index * TILE, (index + 1) * TILE))
 
 
 class _Pieces:
-    """Samples of a channel, read in pieces; the last ones are kept, since views move gradually."""
+    """Samples of a channel, read in pieces; the latest pieces are kept in memory, since views move gradually."""
 
     def __init__(self, log: Callable[[], Log], channel: Channel) -> None:
         self._log, self._channel = log, channel
@@ -174,7 +174,7 @@ DEPTH = 3
 """Depth of the search below the folder."""
 MOST = 500
 MOST_FOLDERS = 10_000
-"""Most folders that are searched, so that a page of a whole disk loads, too."""
+"""Largest number of searched folders, so that the page of a whole disk loads, too."""
 RUN_FILES = ("report.html", "fingerprint.json", "TRIAL.toml")
 SWEEP_FILES = ("summary.json",)
 TYPES = {

@@ -1,4 +1,4 @@
-"""Local server of the pages for one user, without access for others or requests to other hosts."""
+"""Local server of the pages for one user; other users have no access, and pages send no requests to other hosts."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ HOST = "127.0.0.1"
 LARGEST_BODY = 1 << 20
 IDLE_S = 60.0
 UNSHARED = 0o077
-"""Permissions that others must not have."""
+"""Permission bits that must be cleared for other users."""
 TYPES = {
     "html": "text/html; charset=utf-8",
     "js": "text/javascript; charset=utf-8",
@@ -42,7 +42,7 @@ REPORT_POLICY = (
     "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data:; "
     "base-uri 'none'; form-action 'none'; frame-ancestors 'self'; sandbox allow-scripts"
 )
-"""Policy of reports, which may come from anyone: isolated from the page, without requests."""
+"""Policy of reports, which may be from untrusted sources: isolated from the page, without requests."""
 
 
 class Refused(Exception):
@@ -63,7 +63,7 @@ class Server(ThreadingHTTPServer):
         super().__init__((HOST, 0), _Handler)
         self.desk = desk
         self.token, self.results_token = secrets.token_urlsafe(24), secrets.token_urlsafe(24)
-        """Secret of the page, and a separate one for reports, so that these never learn the page's."""
+        """Secrets in the addresses of the page and, separately, of reports: a report must not learn the page's secret."""
         self.origin = f"http://{HOST}:{self.server_port}"
         self.first_page = "folder.html"
 
@@ -147,7 +147,7 @@ class _Handler(BaseHTTPRequestHandler):
         """Authorise the request and return the parts of the path after the secret, starting with its kind."""
         host = self.headers.get_all("Host") or []
         if host != [f"{HOST}:{self.server.server_port}"]:
-            # A foreign name resolved to this machine.
+            # Refused: a foreign host name that resolves to this machine (DNS rebinding).
             raise Refused(HTTPStatus.FORBIDDEN, "refused: not the address of this server")
         if self.headers.get("Origin", self.server.origin) != self.server.origin:
             raise Refused(HTTPStatus.FORBIDDEN, "refused: another page's request")
@@ -163,7 +163,7 @@ class _Handler(BaseHTTPRequestHandler):
         raise Refused(HTTPStatus.FORBIDDEN, "refused: open the address that shipfp view printed")
 
     def _is_opened(self) -> bool:
-        """Whether a tab opens a page, as when the local file redirects to it; the page that caused this learns nothing."""
+        """Whether a browser tab opens a page, as by a redirect; a foreign page that causes it can't read the page."""
         opens = (self.headers.get("Sec-Fetch-Mode"), self.headers.get("Sec-Fetch-Dest"))
         return self.command == "GET" and opens == ("navigate", "document") and ".html" in self.path
 
@@ -246,7 +246,7 @@ def handed_over(address: str, beside: Path) -> Iterator[str]:
 
 
 def _private_folder(beside: Path) -> tempfile.TemporaryDirectory[str]:
-    """Folder for this user alone, preferably not the system's, which a sandboxed browser can't read."""
+    """Folder that only this user can read; not the system's, if possible: a sandboxed browser can't read that."""
     try:
         made = tempfile.TemporaryDirectory(prefix=".shipfp-view-", dir=beside)
     except OSError:
