@@ -56,7 +56,7 @@ COMMANDS = [
     (trial("[trial]", "[trial"), "TRIAL.toml: not TOML: Expected ']'"),
     (trial('vessel = "stan-tug-1205"', 'vessel = "stan-tug"'), "'stan-tug'", "mean 'stan-tug-1205'?"),
     (typed("simulate stan-launch-80"), "'stan-launch-80'", "mean 'stan-launch-804'?"),
-    (typed("simulate stan-launch-804 --amplitude-rpm 0.03"), "--amplitude-rpm 0.03", "a fraction for rpm?"),
+    (typed("simulate stan-launch-804 --amplitude-rpm 0.03"), "--amplitude-rpm 0.03", "as a fraction of the speed"),
     (typed("simulate stan-launch-804 --noise 5"), "--noise is 5 times the signal", "percent for a fraction?"),
     (typed("simulate stan-launch-804 --amplitude-rpm 1300"), "deviates by up to 1300 rpm", "give deviations"),
     (typed("convert log.csv out.csv", {"log.csv": "time,torque\n0,1\n"}), "time column 'time'", "give rate_hz (--rate)"),

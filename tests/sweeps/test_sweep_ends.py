@@ -68,7 +68,7 @@ def test_breakage_d5_a_sweep_does_not_wait_for_its_draws(tmp_path, executor, num
     time.sleep(0.5)
     took, told = ended(process, number)
     assert process.returncode == status
-    assert "what is done is in out" in told
+    assert "completed draws are in out" in told
     assert "leaked" not in told
     assert "Traceback" not in told
     assert took < 10.0
@@ -93,7 +93,7 @@ def test_breakage_d3_a_sweep_without_an_estimate_is_status_2(tmp_path, capsys, m
     assert cli.main(["sweep", "SWEEP.toml", "--out", "out", "--executor", "threads"]) == 2
     told = capsys.readouterr().err
     assert told.count("\n") == 1
-    assert "none of 2 draws was identified, the first one for this: " in told
+    assert "none of 2 draws was identified, the first error: " in told
 
 
 @pytest.mark.parametrize(

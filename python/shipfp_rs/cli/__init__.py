@@ -51,11 +51,11 @@ with ends_without_a_word():
 
 DONE, FAILED, BAD_INPUT, INTERRUPTED, ENDED = 0, 1, 2, 130, 143
 NOT_THE_USERS = (errno.EMFILE, errno.ENFILE, errno.ENOMEM, errno.EIO)
-"""System errors; any other file error concerns a name given by the user."""
+"""Error numbers of the system's limits and devices; any other file error concerns a name given by the user."""
 ENDING = (signal.SIGTERM, *([signal.SIGHUP] if hasattr(signal, "SIGHUP") else []))
 """Signals by which other processes end a command; SIGHUP means a closed terminal."""
 AGAIN_S = 0.2
-"""Time after which an interrupt that a library swallowed is raised again."""
+"""Interval at which an interrupt is raised again [s], since a library may catch and discard it."""
 LONGEST_WORD = 300
 """Longest name shown in full, in characters."""
 COLLECTED_AFTER = 50_000
@@ -112,15 +112,15 @@ def _orderly_end(asked: list[int]) -> Iterator[None]:
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    # Background commands of a shell ignore Ctrl-C.
+    # A background command of a shell ignores Ctrl-C and keeps ignoring it.
     heeded = signal.getsignal(signal.SIGINT) is signal.default_int_handler
-    # Under nohup a closed terminal is ignored.
+    # Under nohup a closed terminal is ignored and remains ignored.
     closing = [number for number in ENDING if signal.getsignal(number) is not signal.SIG_IGN]
     before = {number: signal.signal(number, end) for number in (*closing, *[signal.SIGINT] * heeded)}
     hook = sys.unraisablehook
 
     def swallowed(unraisable: Any) -> None:
-        # Python only prints an interrupt raised in one of its callbacks; here the interrupt is raised again.
+        # Python prints an interrupt that is raised in a callback and continues; the timer raises the interrupt again.
         if not (asked and isinstance(unraisable.exc_value, KeyboardInterrupt)):
             hook(unraisable)
 
@@ -136,7 +136,7 @@ def _orderly_end(asked: list[int]) -> Iterator[None]:
 
 
 def _is_ending() -> bool:
-    """Whether an interrupt is propagating; otherwise a library swallowed it."""
+    """Whether an interrupt is propagating; if not, a library has caught and discarded it."""
     error = sys.exception()
     while error is not None and not isinstance(error, KeyboardInterrupt):
         error = error.__context__
@@ -161,8 +161,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:  # before the command started, or after it was done
         status = INTERRUPTED
     if status == INTERRUPTED:
-        # An interrupt during the exec of a text (as in dataclasses) ends CPython at exit, even if it was caught, unless
-        # another text is executed.
+        # If an interrupt is raised during `exec` of a string, as in dataclasses, CPython ends with an error at exit, even
+        # if the interrupt is caught, unless another string is executed.
         exec("")
         ended = not set(asked).isdisjoint(ENDING)
         _line("ended from outside" if ended else "interrupted")
@@ -171,7 +171,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _open_closed_streams() -> None:
-    """Redirect closed streams to the null device, before a file gets one's number and then the output."""
+    """Open the null device for closed standard streams; else a file may get a stream's number and its output."""
     for name in ("stdin", "stdout", "stderr"):
         if getattr(sys, name) is None:
             setattr(sys, name, open(os.devnull, "r" if name == "stdin" else "w", encoding="utf-8"))  # noqa: PTH123, SIM115
@@ -201,13 +201,13 @@ def _status(arguments: Sequence[str] | None, asked: list[int]) -> int:
         except (
             BrokenPipeError,
             SystemExit,
-        ):  # the reader has closed the pipe; click would exit here
+        ):  # the reader has closed the pipe; click raises SystemExit
             _leave_output()
             return DONE
         except (KeyboardInterrupt, typer.Abort):
             return INTERRUPTED
         except BaseException as error:  # last resort: no traceback reaches the user
-            # An interrupt inside a library may become another error: of Python or pydantic while a class is created, or a
+            # A library may turn an interrupt into a different error: of Python or pydantic while a class is created, or a
             # panic of Rust code.
             if asked:
                 return INTERRUPTED
@@ -220,14 +220,14 @@ def _status(arguments: Sequence[str] | None, asked: list[int]) -> int:
 def _fail(error: Exception) -> int:
     if os.environ.get("SHIPFP_TRACEBACK"):
         traceback.print_exception(error)
-    # typer used click's exceptions before it had its own; both have format_message.
+    # Usage errors are exceptions of click or, in newer versions, of typer; both have `format_message`.
     usage = getattr(error, "format_message", None)
     if usage is not None:
         _line(f"error: {usage().rstrip('.') or 'no command given, expected one'}; see shipfp --help")
         return BAD_INPUT
     if isinstance(error, ShipfpError) and not isinstance(error, InternalError):
         _line(f"error: {error}")
-        # If a fit or a simulation fails on data or sizes, the input is at fault.
+        # A fit or simulation that fails because of data or sizes counts as bad input.
         if isinstance(error, InputError | IdentificationError | SimulationError):
             return BAD_INPUT
     elif isinstance(error, OSError):

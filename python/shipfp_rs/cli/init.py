@@ -32,7 +32,7 @@ def init(
 
     given = {"--set-point": set_point, "--rate": rate_hz, "--time": time, "--names": names}
     if not log and (idle := [option for option, value in given.items() if value is not None]):
-        raise InputError(f"{idle[0]}: expected --log with it, the log that it is about")
+        raise InputError(f"{idle[0]}: expected only together with --log")
     if sweep:
         if log:
             raise InputError("--sweep: expected it without --log; a sweep has no log")

@@ -84,7 +84,7 @@ def inspect(
     if log.suffix == ".toml":
         raise InputError(f"{log}: a TRIAL.toml, expected the log first: shipfp inspect LOG {log}")
     if torque_coefficient is not None and trial is None:
-        raise InputError("--cq: expected a TRIAL.toml beside it, whose torque is checked against it")
+        raise InputError("--cq: expected together with a TRIAL.toml, whose torque it checks")
     description = Trial.load(trial) if trial is not None else None
     told = description.trial if description else None
     recording = Log.open(

@@ -102,7 +102,7 @@ def new_file(path: Path, *, force: bool) -> Path:
 def folder_for(
     out: Path | None, marker: str, others: Sequence[str], *, force: bool = False
 ) -> AbstractContextManager[Path | None]:
-    """Folder for results, written atomically; None if none is wanted."""
+    """Folder for results, written atomically; None without `out`."""
     from shipfp_rs.support.files import replacing_folder
 
     if out is None:
@@ -147,7 +147,7 @@ Time = Annotated[
     typer.Option(
         "--time",
         metavar="COLUMN",
-        # Escaped, since help would take it for markup.
+        # Escaped, since the help's renderer interprets square brackets as markup.
         help=r"Column of time, where it is not found: 'COLUMN', 'COLUMN \[ms]', 'DATE \[d.m.y] + CLOCK'.",
     ),
 ]
@@ -193,7 +193,7 @@ def print_text(*lines: str) -> None:
 def print_table(title: str, head: Iterable[str], rows: Iterable[Iterable[str]]) -> None:
     """Print a table; the first column is text, the others are numbers.
 
-    On a terminal too narrow for all columns, the remaining ones follow below, with the first one repeated.
+    On a terminal too narrow for all columns, the remaining columns follow below, each time after the first column.
     """
     lines = [[*head], *([*row] for row in rows)]
     widths = [max(cell_len(cell) for cell in column) + GAP for column in zip(*lines, strict=True)]
@@ -217,7 +217,7 @@ def print_table(title: str, head: Iterable[str], rows: Iterable[Iterable[str]]) 
 
 
 def _that_fit(widths: Sequence[int], room: int) -> list[list[int]]:
-    """Columns of each part of a table too wide for the terminal; each part starts with the first column."""
+    """Groups of columns into which a table too wide for the terminal is divided; each starts with the first column."""
     tables, left = [[0]], room - widths[0]
     for index, width in enumerate(widths[1:], 1):
         if width > left and len(tables[-1]) > 1:

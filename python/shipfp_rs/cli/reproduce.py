@@ -56,9 +56,9 @@ COLUMNS = {
     ),
     "twin": ("tau_n", "g", "p", "tau_prop", "vK_p", "vK_i", "T_d", "T_set"),
 }
-"""Parameters shown in some tables; the others show all."""
+"""Parameters shown, for tables that do not show all."""
 TOO_WIDE = ("5.1",)
-"""Tables too wide to print, in the JSON only."""
+"""Tables that are too wide to print, and only in the JSON output."""
 FITS = {
     "dn": "fit n [%]",
     "dM": "fit M [%]",

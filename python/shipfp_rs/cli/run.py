@@ -118,7 +118,7 @@ def _print(found: Check) -> None:
 VESSEL = "stan-tug-1205"
 LOG, TRUTH = "log.parquet", "truth.json"
 AMPLITUDE_RPM = 40.0
-"""Half of the amplitude of the tug's trial (Table 6.7), over which the plant is nearly linear."""
+"""Half of the amplitude of the tug's trial (Table 6.7); within it the plant is nearly linear."""
 TOP_HZ = 1.5
 TONES_HZ = (0.035, 0.05, 0.07, 0.1, 0.14, 0.2, 0.28, 0.4, 0.55, 0.77, 1.08, TOP_HZ)
 
@@ -248,7 +248,7 @@ def simulate(
         except SimulationError as error:
             raise InputError(f"vessel {vessel!r}: {error}") from error
         texts = {"truth": json_text(made.truth)} | ({"trial": made.trial} if raw else {})
-        with contextlib.ExitStack() as whole:  # atomically, also if the disk fills up
+        with contextlib.ExitStack() as whole:  # all files are written or none, also if the disk fills up
             for name, text in texts.items():
                 whole.enter_context(replacing(files[name])).write_text(text, encoding="utf-8")
             made.write()
@@ -304,7 +304,7 @@ def _excitation(
     amplitude = speed * AMPLITUDE if amplitude_rpm is None else amplitude_rpm
     if 0.0 < amplitude < LEAST_AMPLITUDE * speed:
         raise InputError(
-            f"--amplitude-rpm {amplitude:g}: expected more than {LEAST_AMPLITUDE * speed:.2g} rpm; a fraction for rpm? "
-            f"that is {amplitude * speed:.4g} rpm"
+            f"--amplitude-rpm {amplitude:g}: expected more than {LEAST_AMPLITUDE * speed:.2g} rpm; as a fraction of the "
+            f"speed, this is {amplitude * speed:.4g} rpm"
         )
     return signals.standard(kind, duration, amplitude, rate_hz=rate)

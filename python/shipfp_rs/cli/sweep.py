@@ -33,7 +33,7 @@ TYPED = {
     "address": "--address",
 }
 SCREEN, FRAME = 27, 5
-"""Lines available for all tables, and those of a table besides its rows; three more lines are always printed."""
+"""Lines on a screen for all tables, and lines of a table without its rows; three further lines are always printed."""
 MOST_ROWS = SCREEN - FRAME
 
 
@@ -86,7 +86,7 @@ def sweep(
                 progress=notify,
             )
     except KeyboardInterrupt:
-        print(f"shipfp: what is done is in {out}; the same command goes on", file=sys.stderr)
+        print(f"shipfp: completed draws are in {out}; the same command continues", file=sys.stderr)
         raise
     if not result.summary["draws"]["done"]:
         raise InputError(f"{plan}: none of {result.plan.draws} draws was identified, {_why(result)}")
@@ -102,13 +102,13 @@ def _why(result: Sweep) -> str:
     """Error of the first failed draw."""
     rows = next(result.batches(["error", "message"])).slice(0, 1).to_pylist()
     error, message = rows[0]["error"], rows[0]["message"]
-    # The class of an input error is of no use; that of a defect may be the only information.
+    # The class name of an input error is not informative; that of a defect may be the only information.
     said = message if error in ("InputError", "TimedOut") else f"{error}: {message}"
-    return f"the first one for this: {said}; rows of all are in {result.folder}"
+    return f"the first error: {said}; the rows of all draws are in {result.folder}"
 
 
 def _print(summary: Mapping[str, Any]) -> None:
-    """Print the results over all draws, and as many of the others as fit a screen; `summary.json` has all."""
+    """Print the results over all draws, and as many of the further tables as fit a screen; `summary.json` has all."""
     draws = summary["draws"]
     title = (
         f"{summary['name']}: {draws['total']} draws, {draws['done']} identified, {draws['failed']} failed, "

@@ -44,7 +44,8 @@ def view(
         if stored(path, rate_hz) is None:
             Log.open(path, rate_hz=rate_hz)  # report unreadable files here, not in the page
         page = f"look.html?doc={number}"
-    ended = end_asked_for()  # before the address is printed, since it allows others to end it
+    # Before the address is printed: its reader may end the command at once.
+    ended = end_asked_for()
     with serving(desk, page) as server, contextlib.ExitStack() as shown:
         print_text(f"{path}: {server.address}", "Ctrl-C ends it.")
         if not no_browser:

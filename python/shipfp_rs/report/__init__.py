@@ -40,7 +40,9 @@ LOGGER = logging.getLogger("shipfp_rs")
 Responses = Sequence[tuple[FrequencyResponse, FrequencyResponse]]
 
 STILL_PICTURES = 1
-"""Experiments with a picture also for readers without JavaScript; each takes as long as half of the page."""
+"""Number of experiments with a static picture, for readers without JavaScript; drawing it takes as long as half of the
+page.
+"""
 
 
 class Content(TypedDict, total=False):
@@ -104,7 +106,7 @@ def write_report(
 def _simulated(
     fingerprint: Fingerprint, experiments: Sequence[Experiment], structure: Structure | None
 ) -> list[Experiment]:
-    """Outputs of the fitted model; empty if it diverges for an experiment, and the report omits them."""
+    """Outputs of the fitted model; empty if it diverges for an experiment: the report then omits them."""
     try:
         return [fingerprint.predict(one, structure) for one in experiments]
     except SimulationError as error:
@@ -178,7 +180,7 @@ def render(
 def _page(title: str, ship: str, sections: Sequence[tuple[str, str, Sequence[str]]], say: Say) -> str:
     """Page with sections, its scripts and the policy that permits no others."""
     scripts = [_resource(name) for name in ("sort.js", "save.js", "zoom.js")]
-    # If escaping failed, text could neither run nor send requests.
+    # Even if escaping fails, text of a log can neither run scripts nor send requests.
     allowed = " ".join(f"'sha256-{_digest(script)}'" for script in scripts)
     policy = f"default-src 'none'; style-src 'unsafe-inline'; img-src data:; script-src {allowed}"
     return (
@@ -213,7 +215,7 @@ def _structure_name(fingerprint: Fingerprint, say: Say) -> str:
 
 
 def _folded(summary: str, parts: Iterable[str]) -> Iterable[str]:
-    """Yield the parts in a collapsible section; empty without parts."""
+    """Yield the given elements in a collapsible section; nothing without elements."""
     content = Markup("\n").join(part for part in parts if part)
     if content:
         yield markup.details(summary, content)

@@ -48,11 +48,11 @@ TONES: Mapping[str, str] = {"usable": "good", "usable except": "warn", "not usab
 KNOWN_WELL = 0.2
 """Largest relative half-width of an interval shown in green."""
 OPEN_ABOVE = 3.0
-"""Ratio of an interval's upper end to the value above which only the lower end is shown."""
+"""Ratio of an interval's upper end to the value; above it only the lower end is shown."""
 RELATED = 0.9
-"""Correlation above which two parameters are known only roughly because of each other."""
+"""Correlation above which the report states that knowing one parameter would narrow the other's interval."""
 AT_AN_END = 0.05
-"""Fraction of an interval within which an estimate is at its end."""
+"""Fraction of an interval's width within which an estimate counts as at its end."""
 AT_REST = 1e-4
 """Largest standard deviation of a constant set point, relative to the operating speed."""
 CHANNELS = (*LATE_CHANNELS, "T_0")
@@ -74,9 +74,9 @@ def answer(
     say: Say,
     top: Sequence[tuple[str, str, str, str, str]] = (),
 ) -> Iterable[str]:
-    """Yield the verdict's first sentence, the ship and its loop beside the pictures, and undetermined parameters.
+    """Yield the verdict's first sentence, tables of ship and loop beside the pictures, and undetermined parameters.
 
-    `step` is the picture of the loop's step response, `top` rows above those of the ship.
+    `step` is the picture of the loop's step response; the rows `top` precede those of the ship.
     """
     lead = _with_names(fingerprint.usable, fingerprint.parameters, say)
     if not lead and fingerprint.verdict:
@@ -91,10 +91,10 @@ def answer(
     heading = (
         say("Figures of the model, not to be used") if failed else say("The drive train, with 95 % intervals")
     )
-    # If the search found no minimum there are no results, not even for the model.
+    # If the search found no minimum, there are no results to show, not even for the model.
     told = fingerprint.why_not != "no minimum"
     tables = [piece("facts", heading, [*top, *ship_rows(fingerprint, say)], failed)] if told else []
-    # The loop of a model that is not the ship's would be taken for the ship's.
+    # The loop is omitted for a failed fit: a reader would take the model's loop for the ship's.
     if loop and not failed:
         tables.append(piece("facts", say("What it means for the speed loop"), loop_rows(loop, say), False))
     drawn = [_picture(experiments, simulated, pictures, say), "" if failed else step]
@@ -112,7 +112,7 @@ def answer(
 
 def next_steps(fingerprint: Fingerprint, say: Say) -> list[str]:
     """Advice on a fingerprint that is unusable or valid only for its model; empty for any other."""
-    # If the intervals hold only for the model, its causes are listed; no data are missing.
+    # If the intervals are valid only for the model, the advice lists possible causes instead of missing data.
     bent = not fingerprint.adequate.get("stands", True) or "hold for the model" in fingerprint.usable
     if not fingerprint.why_not and not fingerprint.engine_described:
         return [
@@ -142,7 +142,7 @@ def next_steps(fingerprint: Fingerprint, say: Say) -> list[str]:
 def acting(fingerprint: Fingerprint, say: Say) -> list[str]:
     """Elements that act, may act, or were not found, and whether a small one is missing.
 
-    Empty for an unusable fingerprint, whose elements say nothing about the ship.
+    Empty for an unusable fingerprint, whose elements are not those of the ship.
     """
     if fingerprint.why_not:
         return []
@@ -171,7 +171,7 @@ def acting(fingerprint: Fingerprint, say: Say) -> list[str]:
 
 
 def interval(row: Row, estimate: Estimate, say: Say, *, with_end: bool = True) -> str:
-    """Format an interval, with a remark if the estimate is at its end; on a bound it has one end only."""
+    """Format an interval, with a remark if the estimate is at its end; only one end for an estimate on a bound."""
     if estimate.ci95 is None:
         return ""
     if estimate.ci95[1] == np.inf:
@@ -205,7 +205,9 @@ def ship_rows(fingerprint: Fingerprint, say: Say) -> list[tuple[str, str, str, s
     if any(estimate.value is None or is_rough(estimate, OPEN) for estimate in known.values()):
         known |= fingerprint.derived
     for row in rounded_rows(known):
-        untold = not fingerprint.engine_described and not row.value  # the first sentence says why
+        untold = (
+            not fingerprint.engine_described and not row.value
+        )  # the report's first sentence gives the reason
         if row.name in CHANNELS or row.status == ALONG or untold:
             continue
         value, told = _value_and_interval(row, known[row.name], "\u00a0", say)
@@ -223,7 +225,7 @@ def ship_rows(fingerprint: Fingerprint, say: Say) -> list[tuple[str, str, str, s
         inertia = name
         if row.name in ("tau_n", "tau_prop"):
             inertia = say("{inertia}, seen from the propeller shaft", inertia=short_name(row.name, say))
-        # The position in its interval is stated once, for the interval in SI units.
+        # The remark on an estimate at its interval's end is only made for the interval in SI units.
         none = may_be_zero(row, known[row.name])
         alone = told if none else interval(row, known[row.name], say, with_end=False)
         normalised = f"{say('normalised')}: {row.name} {value if none else f'= {value}'}"
@@ -239,7 +241,7 @@ def _in_si(estimate: Estimate, quantity: Mapping[str, Any], say: Say) -> tuple[s
         estimate, value=quantity["value"], std=quantity["std"], ci95=None if ends is None else tuple(ends)
     )
     (row,) = rounded_rows({"": replace(told, unit=quantity["unit"])})
-    # If both do not fit, the unit moves to the next line as a whole.
+    # A plain space: if value and unit do not fit on a line, the whole unit moves to the next line.
     return _value_and_interval(row, told, " ", say)
 
 
@@ -278,7 +280,7 @@ def loop_rows(loop: Mapping[str, Estimate], say: Say) -> list[tuple[str, str, st
         estimate = loop[row.name]
         value, told = say.number(row.value), interval(row, estimate, say)
         if row.value and told and is_rough(estimate, KNOWN_WELL):
-            # A less accurate value would be taken for a known one.
+            # The interval replaces a rough value, which a reader would take for an accurate one.
             value, told = interval(row, estimate, say, with_end=False), say("known only roughly")
             if estimate.ci95 is not None and estimate.ci95[1] > OPEN_ABOVE * abs(estimate.value or 0.0):
                 value = say("at least {low}", low=say.number(f"{estimate.ci95[0]:.2g}"))
@@ -305,7 +307,7 @@ def _damped(margin: float | None, say: Say) -> str:
 
 def _told_of(fingerprint: Fingerprint) -> dict[str, Estimate]:
     """Parameters included in the report."""
-    described = fingerprint.engine_described  # else the first sentence says what is missing
+    described = fingerprint.engine_described  # else the report's first sentence names what is missing
     return {name: one for name, one in fingerprint.parameters.items() if described or one.value is not None}
 
 
@@ -320,7 +322,7 @@ def undetermined(fingerprint: Fingerprint) -> list[str]:
 
 
 def of_what(name: str, value: float | None, fingerprint: Fingerprint, say: Say) -> str:
-    """Reference of a figure without a unit, and for a torque its value if known; else empty."""
+    """Quantity to which a dimensionless figure is relative, for a torque with its value if known; else empty."""
     point = operating_point(fingerprint)
     if name != "M_max" or point is None or value is None:
         return say(OF_WHAT.get(name, ""))
@@ -328,7 +330,7 @@ def of_what(name: str, value: float | None, fingerprint: Fingerprint, say: Say) 
 
 
 def open_questions(fingerprint: Fingerprint, say: Say) -> list[str]:
-    """A line for each undetermined or rough result, and the remedy; empty for an unusable model."""
+    """A line for each undetermined or roughly known parameter, with a remedy; empty for an unusable model."""
     if fingerprint.why_not not in ("", "nothing told"):
         return []
     estimates, unknown = _told_of(fingerprint), undetermined(fingerprint)
@@ -359,7 +361,7 @@ def open_questions(fingerprint: Fingerprint, say: Say) -> list[str]:
 
 
 def _sharpened(fingerprint: Fingerprint, names: Sequence[str], say: Say) -> str:
-    """Parameter whose knowledge would improve another one most, and by how much; empty if there is none."""
+    """Sentence on the parameter whose knowledge would narrow another one's interval most, and by how much; else empty."""
     related = fingerprint.correlations
     pairs = [
         (abs(related.get(one, {}).get(other, 0.0)), one, other)
@@ -379,7 +381,7 @@ def _sharpened(fingerprint: Fingerprint, names: Sequence[str], say: Say) -> str:
 
 
 def short_name(symbol: str, say: Say) -> str:
-    """Name of a parameter in a sentence: an inertia by the rotating part, others by their plain names."""
+    """Name of a parameter in a sentence: an inertia by what rotates, any other parameter by its plain name."""
     turning = {
         "tau_n": say("inertia of the whole drive train"),
         "tau_prop": say("inertia behind the torque gauge"),

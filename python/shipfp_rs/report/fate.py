@@ -18,12 +18,12 @@ from shipfp_rs.support.arrays import Array
 FATES = {2: "kept", 3: "repaired", 4: "cut", 1: "another sensor used", 0: "outside windows"}
 """Treatments of a recorded sample by code; if several apply, the highest code counts."""
 SPANS_SHOWN = 100
-"""Most spans listed for one kind of repair; experiments.parquet has all."""
+"""Largest number of listed spans per kind of repair; experiments.parquet has all spans."""
 
 
 @dataclass(frozen=True)
 class Fault:
-    """Fault of a channel in one experiment; `cut`: fits omit the signals at these times, even if they were filled in."""
+    """Fault of a channel in one experiment. `cut`: fits omit the signals at these times, even if samples were filled in."""
 
     kind: str
     channel: str
@@ -35,7 +35,7 @@ class Fault:
 
     @property
     def kept(self) -> bool:
-        """Whether the samples were only reported."""
+        """Whether the samples were reported and kept unchanged."""
         return not self.cut and self.method.startswith("kept")
 
     @property
@@ -116,7 +116,7 @@ def _fates(channel: str, experiments: Sequence[Experiment]) -> npt.NDArray[np.ui
 
 
 def _fitted(fingerprint: Fingerprint, experiments: Sequence[Experiment], say: Say) -> str:
-    """Table of fitted samples; a masked one also removes its neighbours within the filter."""
+    """Table of fitted samples; a masked sample also removes its neighbours within the filter's length."""
     records = {str(record.get("name", "")): record for record in fingerprint.data}
     rows: list[Row] = []
     for experiment in experiments:

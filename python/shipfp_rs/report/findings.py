@@ -42,7 +42,7 @@ FIGURES: Mapping[str, str] = {
 }
 """Names of a fit's statistics in the report."""
 UNEVEN = 1.5
-"""Ratio of the longer to the shorter side of an interval from which it is explained."""
+"""Ratio of the longer to the shorter side of an interval; from it on, the report explains the asymmetry."""
 NORMALISED = ("g", "v", "K_p", "K_i", "vK_p", "vK_i")
 
 
@@ -72,7 +72,7 @@ def parameters(
     assert isinstance(text, str)
     yield link(say("These figures as CSV"), "fingerprint.csv", "text/csv", text.encode())
     drawn = [e for e in (*fingerprint.parameters.values(), *fingerprint.derived.values()) if e.ci95]
-    # A reader would take the intervals of an unusable model for results.
+    # Intervals of an unusable model are omitted: a reader would take them for results.
     if drawn and not failed:
         reference = say("the truth that the log was simulated with") if truth else say("the estimate")
         caption = say("Estimates with their 95 % intervals, in per cent of {reference}.", reference=reference)
@@ -238,7 +238,7 @@ def elements(fingerprint: Fingerprint, say: Say) -> Iterable[str]:
 
 
 def _gain(row: Mapping[str, Any]) -> float:
-    """Gain in fit from an element; zero if its trial fitted worse than without it."""
+    """Gain in fit by an element; zero if the fit with the element was worse than without."""
     return max(float(row["evidence"] or 0.0), 0.0)
 
 

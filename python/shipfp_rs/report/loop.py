@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 INSTANTS = 400
 LONGER = 2.5
-"""Duration of the picture relative to the time of recovery."""
+"""Duration of the pictured step response, relative to the recovery time."""
 PADE = 5
 SHOWN = ("dn", "dM")
 """Outputs in the picture."""
@@ -40,7 +40,7 @@ TONES = {"pass": "good", "fail": "bad", "open": "warn"}
 
 
 def figures(fingerprint: Fingerprint, structure: Structure | None) -> Mapping[str, Estimate]:
-    """Poles, margins and times; empty for a structure without a linearisation, or an undescribed engine."""
+    """Poles, margins and times; empty without a linearisation, or if the model does not describe the engine."""
     if "optimum" not in fingerprint.settings or not fingerprint.engine_described:
         return {}
     try:
@@ -208,9 +208,9 @@ def step_response(
 
 
 def _step(structure: Structure, optimum: Mapping[str, float], times: Array) -> dict[str, Array]:
-    """Outputs after a step of the set point at time 0, with the exact dead time before the loop.
+    """Outputs after a step of the set point at time 0, with the exact dead time of the set point.
 
-    Outputs are zero during the loop's own dead time, in which its Pade approximation is not.
+    Outputs are set to zero during the loop's dead time, where those of its Pade approximation differ from zero.
     """
     known = loop_of(structure, optimum)[1]
     space = state_space(structure, {**optimum, "T_set": 0.0, **dict.fromkeys(LATE_CHANNELS, 0.0)}, PADE)

@@ -33,9 +33,9 @@ KINDS = {
     "squares": "square waves",
     "prbs": "pseudo-random steps",
 }
-"""Motion of the set point by kind of window; other kinds are plain or the user's own words."""
+"""Motion of the set point in words, by kind of window; other kinds are plain words or given by the user."""
 LABEL = re.compile(r"(.*?)((?: (?:[$\[(]|\w+_).*)?)$")
-"""A label: its words, followed by symbols, units and fractions."""
+"""A label of an axis or a legend: words, followed by symbols, units and fractions."""
 CELL = re.compile(r'(<td class="number[^>]*>)([^<]*)')
 """A numeric table cell: its opening tag and its text."""
 
@@ -59,7 +59,7 @@ class Say:
         return [self(text) for text in texts]
 
     def told(self, text: str, leaf: Callable[[str], str]) -> str:
-        """Translate a text; `leaf` formats its values that are not sentences."""
+        """Translate a text; `leaf` formats the values of its fields that are not sentences."""
         template = text.template if isinstance(text, Sentence) else text
         said = self.fitting(self._translated(template)) if template else ""
         if not isinstance(text, Sentence):
@@ -109,7 +109,7 @@ class Say:
 
 
 LONGEST_WORD = 24
-"""Longest word that is not broken in a column."""
+"""Longest word [characters] that is not broken in a column."""
 
 
 @dataclass(frozen=True)
@@ -131,7 +131,7 @@ class Cell:
 
     @property
     def sorted_by(self) -> str:
-        """Sort key with all its digits."""
+        """Sort key with all digits of a number."""
         return repr(self.key)
 
 

@@ -2,7 +2,7 @@
 
 Also here:
 
-- Both sides of the drive train separately: the load from speed and torque alone, and the engine.
+- Both sides of the drive train, estimated separately: the load from speed and torque alone, and the engine.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 Fact = tuple[str, str, str, str, str]
 LARGE_NM, LARGE_KW = 1e4, 1e3
-"""Torque from which kNm are used, and power from which decimals are omitted."""
+"""Torque [Nm] from which kNm are used, and power [kW] from which decimals are omitted."""
 
 
 def feeds_a_generator(
@@ -48,7 +48,7 @@ def feeds_a_generator(
 def facts(
     fingerprint: Fingerprint, experiments: Iterable[Experiment], vessel: Vessel | None, say: Say
 ) -> list[Fact]:
-    """Rows with the operating point, and inertia or inertia constant unless another row has them."""
+    """Rows with the operating point, and the inertia or inertia constant unless another row has it."""
     point = operating_point(fingerprint)
     if point is None:
         return []
@@ -106,7 +106,7 @@ def _fact(name: str, estimate: Estimate, more: str, say: Say, symbol: str = "") 
 
 
 LARGE_IN, SMALL_IN = 1.9, 1.1
-"""Height of a panel if the engine's side is not described, and if it is."""
+"""Height of a panel [in] if the model does not describe the engine's side, and if it does."""
 BARS = 2.0
 """Half-length of an error bar, in standard errors."""
 

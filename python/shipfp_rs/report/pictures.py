@@ -35,14 +35,16 @@ if TYPE_CHECKING:
 
 
 VALUES = 2_600_000
-"""Two-byte numbers in all charts of a page: 6.9 MB as text."""
+"""Largest number of two-byte values in all charts of a page: 6.9 MB as text."""
 STEPS = 65_534
-"""Steps from a series' smallest to its largest value; one more code is for masked samples."""
+"""Number of quantisation steps from a series' smallest to its largest value; a further code is for masked samples."""
 MARKS = 4000
 """Faults of one kind and channel closer than this fraction of the record are drawn as one."""
 MODEL = "currentColor"
 LEAST_SHARE = 0.3
-"""Least fraction of a residual due to the tachometer that is mentioned; a tenth of its power."""
+"""Fraction of a residual's standard deviation due to the tachometer (a tenth of its power) from which the report mentions
+it.
+"""
 
 HELP = (
     "Drag across to zoom, double-click to see all. With the keyboard: arrows move, + and − zoom, 0 shows all, "
@@ -210,7 +212,7 @@ def _label(name: str) -> str:
 
 
 WIDE = 8.0
-"""Width [in] from which a picture scrolls on a phone, to keep its text legible."""
+"""Width [in] from which a picture scrolls sideways on a phone, to keep its text legible."""
 NARROW = 6.4
 """Width of a picture that a phone shows whole, with larger text [in]."""
 LETTER = 0.62
@@ -218,7 +220,7 @@ LETTER = 0.62
 MATH = re.compile(r"\\\w+|[${}^_]")
 """Markup of formulas in a label, which is not displayed."""
 FINER = re.compile(r"(?<=\.\d)\d+")
-"""Digits after the first decimal."""
+"""Digits after the first decimal, which are removed from coordinates."""
 INK = "#010203"
 """Placeholder colour of text and axes; the page replaces it by its own, light or dark."""
 
@@ -286,7 +288,7 @@ class Pictures:
                 text.set_text(self._say.label(text.get_text()))
 
     def _inline(self, svg: str, caption: str) -> str:
-        """Remove parts needed only in a separate file, use the page's colours, and make identifiers unique."""
+        """Remove markup that only a separate file needs, use the page's colours, and make identifiers unique."""
         svg = svg[svg.index("<svg") :]
         svg = re.sub(r"<metadata>.*?</metadata>", "", svg, count=1, flags=re.DOTALL)
         svg = re.sub(r' xmlns(:xlink)?="[^"]*"', "", svg)
@@ -315,7 +317,7 @@ def _spoken(inner: Formatter, say: Say) -> Formatter:
 
 
 def _arrange(figure: Figure, axes: Sequence[Axes]) -> None:
-    """Make room for labels, estimated from their letters, since drawing them to measure it takes far longer."""
+    """Make room for labels; their size is estimated from the letters, since drawing them takes far longer."""
     size = float(axes[0].xaxis.label.get_fontsize()) / 72.0
     width, height = figure.get_size_inches()
     left = max(_beside(ax, size) for ax in axes)

@@ -50,7 +50,7 @@ class Check:
     tried
         Additional elements that the fit tries.
     expected
-        Expected accuracy: a first estimate for a long step, without the elements that are tried.
+        Expected accuracy of the fit, at a first estimate and without the elements that a run tries.
     missing
         Missing information and its consequence, one line each.
     """
@@ -122,7 +122,7 @@ def check(path: str | Path, *, notify: Notify = lambda _: None) -> Check:
 
 
 def _named(trial: Trial, expected: Fingerprint) -> str:
-    """Structure that a run fits if the data select it: the full ship, or the open-loop drive."""
+    """Structure from which a run selects by the data: the full ship, or the open-loop drive."""
     return FULL_SHIP if trial.channels.command is None else f"a drive in {expected.structure['name']}"
 
 

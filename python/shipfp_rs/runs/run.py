@@ -50,7 +50,7 @@ def structure_from(options: Identify, located: Torque | None) -> Structure:
     Raises
     ------
     InputError
-        If it names an unknown element, parameter or output.
+        If the table names an unknown element, parameter or output.
     """
     structure = Structure.ship(
         options.acting,
@@ -116,7 +116,7 @@ def run(
     seed
         Seed of the random starts; None: that of the trial.
     force
-        Whether to write into a folder with other files, too, which are kept.
+        Whether to write into a folder that has other files; these are kept.
     language
         Language of the report; None: that of the trial.
     notify
@@ -127,7 +127,7 @@ def run(
     InputError
         If the trial, the log or the folder can't be used.
     IdentificationError
-        If no start led to a minimum.
+        If the search found no minimum from any start.
     """
     trial = Trial.load(path)
     with replacing_folder(Path(out), marker=MARKER, others=RESULTS, force=force) as folder:
@@ -153,7 +153,7 @@ def evaluate(
         logs = trial.logs()
         import_beside("matplotlib.figure", "matplotlib.backends.backend_svg", "shipfp_rs.report")
         experiments = [
-            # Results are passed on to others, so they contain file names without folders.
+            # Results may be passed on to other people, so they contain file names without folders.
             replace(experiment, provenance={**experiment.provenance, "log": Path(log.name).name})
             for log in logs
             for experiment in process(log, trial, vessel)
@@ -192,7 +192,7 @@ def evaluate(
 
 
 def _without_torque(fingerprint: Fingerprint, trial: Trial) -> Iterator[Sentence]:
-    """Yield what is determined without a torque: with a load all but a difference, else only ratios."""
+    """Yield what is determined without a torque: with a load all but a difference of parameters, else ratios."""
     if "load" not in fingerprint.structure.get("elements", ()):
         yield NO_TORQUE
         return

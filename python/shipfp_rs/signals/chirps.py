@@ -60,8 +60,8 @@ def chirp(
     law
         "linear": equal time for each Hz; "logarithmic": equal time for each decade.
     avoid_hz
-        Bands (low, high) around resonances [Hz], which the frequency skips. The phase is continuous, and the whole
-        length is spent on the frequencies outside these bands.
+        Bands (low, high) around resonances [Hz], which the frequency skips. At a skipped band the phase is continuous;
+        the whole duration is spent on frequencies outside the bands.
     rate_hz, name
         Sample rate [Hz] and label.
     """
@@ -97,7 +97,7 @@ def _kept(start_hz: float, stop_hz: float, avoid_hz: Bands) -> list[tuple[float,
         pieces.append((at, high))
     if not pieces:
         raise InputError(
-            f"the bands of avoid_hz {list(avoid_hz)} cover all of {low:g} to {high:g} Hz; leave some outside"
+            f"the bands of avoid_hz {list(avoid_hz)} cover all of {low:g} to {high:g} Hz; narrow the bands"
         )
     return pieces if start_hz <= stop_hz else [(upper, lower) for lower, upper in reversed(pieces)]
 
@@ -111,7 +111,7 @@ def _turns(time: Array, start: float, stop: float, duration: float, law: Law) ->
 
 
 MOST_ITERATIONS = 100_000
-"""Limit of the rounds of clipping; the crest factor converges long before."""
+"""Largest number of rounds of clipping; the crest factor converges long before."""
 
 
 @checked
@@ -152,9 +152,7 @@ def sine_sequence(
     frequencies = outside(numbers("frequencies_hz", frequencies_hz), avoid_hz)
     positive("periods", periods)
     if periods != round(periods):
-        raise InputError(
-            f"periods is {periods:g}, expected a whole number; a part of one would end in a jump"
-        )
+        raise InputError(f"periods is {periods:g}, expected a whole number; a fraction would end in a jump")
     positive("amplitude_rpm", amplitude_rpm)
     for index, frequency in enumerate(frequencies):
         below_nyquist(f"frequencies_hz[{index}]", frequency, rate_hz)
@@ -197,7 +195,7 @@ def multisine(
 ) -> Excitation:
     """Return a sum of sines with phases that keep the crest factor low.
 
-    A period excites all frequencies, so it lasts as long as one period of the lowest.
+    One period excites all frequencies, and need only last as long as a period of the lowest frequency.
 
     Parameters
     ----------
@@ -245,7 +243,9 @@ def multisine(
     wanted = numbers("frequencies_hz", frequencies_hz)
     sizes = np.ones(len(wanted)) if weights is None else np.array(numbers("weights", weights))
     if len(sizes) != len(wanted) or sizes.min() <= 0.0:
-        raise InputError(f"weights are {weights!r}, expected {len(wanted)} positive numbers, one a frequency")
+        raise InputError(
+            f"weights are {weights!r}, expected {len(wanted)} positive numbers, one per frequency"
+        )
     frequencies = outside(wanted, avoid_hz)
     sizes = np.array(
         [size for size, frequency in zip(sizes, wanted, strict=True) if frequency in frequencies]
@@ -257,7 +257,7 @@ def multisine(
         if line < 1 or line in lines[:index] or 2 * line >= samples:
             raise InputError(
                 f"frequencies_hz[{index}] is {frequency:g}, nearest multiple {line / period_s:g} of "
-                "1/period_s, expected one of its own between zero and half of rate_hz; take a longer period"
+                "1/period_s, expected one per frequency, above zero and below half of rate_hz; lengthen period_s"
             )
     order = np.argsort(lines)
     between("iterations", iterations, 0, MOST_ITERATIONS)
@@ -267,8 +267,8 @@ def multisine(
 
 
 def _flattened(lines: npt.NDArray[np.int64], sizes: Array, samples: int, iterations: int) -> Array:
-    """One period of cosines on the given lines, with the lowest crest factor found by clipping."""
-    # Schroeder's phases: each depends on the power of all lines below it. For F equal lines this is
+    """One period of cosines at the given multiples of 1 / period, with the lowest crest factor that clipping finds."""
+    # Schroeder's phases: each depends on the power of all lower lines. For F equal lines this is
     # pi k (k + 1) / F, apart from a shift in time.
     power = np.cumsum(sizes**2) / np.sum(sizes**2)
     phase = 2.0 * math.pi * (np.cumsum(power) - power[0])
@@ -276,7 +276,7 @@ def _flattened(lines: npt.NDArray[np.int64], sizes: Array, samples: int, iterati
     spectrum[lines] = sizes * np.exp(-1j * phase)
     best = trial = np.fft.irfft(spectrum, samples)
     for round_ in range(iterations):
-        # Clipping more at first escapes the local minimum of the start; clipping less at last refines.
+        # Strong clipping at first escapes the local minimum of the start; weak clipping at last refines the result.
         ceiling = (0.4 + 0.55 * round_ / iterations) * np.abs(trial).max()
         clipped = np.fft.rfft(np.clip(trial, -ceiling, ceiling))[lines]
         spectrum[lines] = sizes * np.exp(1j * np.angle(clipped))

@@ -26,7 +26,7 @@ Bands = Sequence[tuple[float, float]]
 
 
 def sample_times(duration_s: float, rate_hz: float) -> Array:
-    """Sample times of a stretch, at least one sample."""
+    """Sample times of a stretch [s]; at least one sample."""
     return np.arange(_sample_count("duration", duration_s, rate_hz)) / rate_hz
 
 
@@ -85,7 +85,7 @@ def outside(frequencies: Sequence[float], avoid_hz: Bands) -> list[float]:
     """Frequencies [Hz] outside all bands; `InputError` if there are none."""
     left = [f for f in frequencies if not any(low <= f <= high for low, high in bands(avoid_hz))]
     if not left:
-        raise InputError(f"every frequency lies in a band of avoid_hz {list(avoid_hz)}; leave some outside")
+        raise InputError(f"every frequency lies in a band of avoid_hz {list(avoid_hz)}; narrow the bands")
     return left
 
 
@@ -114,7 +114,7 @@ class Excitation(Brief, EvenlySampled):
     hold
         Interpolation between samples: "first" (straight lines) or "zero" (stairs).
     segments
-        Stretches that are analysed separately; empty for an excitation of one piece.
+        Stretches that are analysed separately; empty if the excitation is a single stretch.
     """
 
     name: str
@@ -169,7 +169,7 @@ class Excitation(Brief, EvenlySampled):
     def spectrum(self) -> tuple[Array, Array]:
         """Return frequencies [Hz] and amplitudes [rpm] of the discrete Fourier lines, each shape (N // 2 + 1,).
 
-        A sine with a whole number of periods has its amplitude at its line.
+        The line of a sine with a whole number of periods has the sine's amplitude.
         """
         lines = 2.0 * np.abs(np.fft.rfft(self.samples)) / len(self)
         lines[0] /= 2.0
@@ -285,7 +285,7 @@ def join(excitations: Sequence[Excitation], *, pause_s: float = 0.0, name: str =
     Returns
     -------
     Excitation
-        Its segments are those of the parts; a part without segments becomes one segment.
+        With the segments of all given excitations; an excitation without segments becomes one segment.
 
     Raises
     ------

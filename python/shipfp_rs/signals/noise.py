@@ -52,7 +52,7 @@ def prbs(
     periods
         Number of periods.
     seed
-        Determines the start within the sequence.
+        Seed of the start within the sequence.
     rate_hz, name
         Sample rate [Hz] and label.
 

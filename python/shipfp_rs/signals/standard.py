@@ -17,7 +17,7 @@ TOP_HZ = 5.0
 """Highest frequency of interest: pulse trains do not resolve higher ones, and governors do not follow them."""
 TONES = 16
 SPAN = 100.0
-"""Ratio of the highest to the lowest frequency of a sine sequence; its duration sets the lowest."""
+"""Ratio of the highest to the lowest frequency of a sine sequence; the lowest follows from the duration."""
 SHORTEST_BIT_S = 0.5
 """Shortest bit of the binary sequence: about the response time of a launch."""
 
