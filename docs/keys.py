@@ -25,13 +25,14 @@ from shipfp_rs.vessel.vessel import Vessel
 PAGE = Path(__file__).parent / "background" / "keys.md"
 FILES = {
     "TRIAL.toml": (Trial, "`shipfp run` reads it, `shipfp init` writes it."),
-    "VESSEL.toml": (Vessel, "A ship, which `vessel` in the other two names."),
+    "VESSEL.toml": (Vessel, "A ship; the key `vessel` in the other two files names this file."),
     "SWEEP.toml": (Plan, "`shipfp sweep` reads it."),
 }
 HEAD = """# Keys of the files
 
-Made by `python docs/keys.py` from the models that read the files. A key that is *needed* has no default; one that is *asked
-for* may be left out until something needs it, and is then named. Where no default stands, a key left out means none.
+Made by `python docs/keys.py` from the models that read the files. A key marked *needed* has no
+default. A key marked *asked for* may be left out until a calculation needs it; the error then names it. A key without a
+default has no value if it is left out.
 """
 TOP = "At the top"
 WORDS = {float: "number", int: "whole number", bool: "true or false", str: "text", Any: "value"}
