@@ -19,7 +19,7 @@ pub const NAMES: [&str; 2] = ["scalar", "neon"];
 #[cfg(not(any(target_arch = "x86", target_arch = "x86_64", target_arch = "aarch64")))]
 pub const NAMES: [&str; 1] = ["scalar"];
 
-/// Index of the requested set in [`NAMES`]; beyond the last if none is requested.
+/// Index of the requested set in [`NAMES`]; an index past the last if no set is requested.
 static ASKED_FOR: AtomicUsize = AtomicUsize::new(usize::MAX);
 
 /// Instruction set to which kernels are dispatched.

@@ -181,9 +181,8 @@ def compare(
     Parameters
     ----------
     before, after
-        Fingerprints of the same ship, structure and operating speed, from separate data. If the data selected
-        the structures, one may lack an element of the other, such as a torque limit; it is then refitted with
-        this element.
+        Fingerprints of the same ship, structure and operating speed, from separate data. If the data selected the
+        structures, one fingerprint may lack an element, such as a torque limit; it is then refitted with this element.
     level
         Probability of a false alarm, over all quantities, and for the joint test.
     data
@@ -193,7 +192,8 @@ def compare(
     Returns
     -------
     Comparison
-        Every parameter and combination known in both fingerprints; the remarks list those known in one only.
+        Every parameter and combination known in both fingerprints; the remarks list the quantities known in only one of
+        them.
 
     Raises
     ------
@@ -229,7 +229,7 @@ def trend(
     *,
     data: Mapping[float, Sequence[Experiment]] | None = None,
 ) -> tuple[float, float, float]:
-    """Fit a line through one quantity of many fingerprints, each weighted by its variance (condition monitoring).
+    """Fit a line through one quantity of many fingerprints, each weighted by its inverse variance (condition monitoring).
 
     Parameters
     ----------

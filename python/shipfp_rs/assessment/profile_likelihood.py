@@ -1,4 +1,4 @@
-"""Profile likelihoods: increase of the cost as one parameter varies, and whether the data bound it.
+"""Profile likelihoods: increase of the cost as a parameter varies, and whether the data bound this parameter.
 
 Also here:
 

@@ -41,7 +41,7 @@ LONGEST_NAME, LONGEST_PATH = 255, 4095
 
 
 def a_path(text: str | Path) -> Path:
-    """Parse a path; reject one that no file can have."""
+    """Parse a path; reject a path that no file can have."""
     typed = str(text)
     if not typed:
         raise typer.BadParameter("found nothing, expected the name of a file or folder")

@@ -75,7 +75,7 @@ def write_report(
     fingerprint
         The result.
     experiments
-        Experiments of the fit; None: those stored in the fingerprint, together with the model's outputs.
+        Experiments of the fit; None: the experiments stored in the fingerprint, together with the model's outputs.
     simulated
         The fitted model's outputs for each experiment, from `Fingerprint.predict`; may be empty.
     responses

@@ -124,7 +124,7 @@ class Cell:
 
     @property
     def classes(self) -> str:
-        """CSS classes of the cell; one with a word too long for a column may break within words."""
+        """CSS classes of the cell; a cell with a word too long for a column may break within words."""
         words = [self.text] if self.code else self.text.split()
         long = any(len(word) > LONGEST_WORD for word in words)
         return " ".join(filter(None, ["number" if self.number else "", self.tone, "long" if long else ""]))

@@ -374,7 +374,7 @@ def curves_csv(axes: Sequence[Axes]) -> str:
 
 
 def _rows(ax: Axes, against: str) -> Iterator[Point]:
-    """Yield the rows of a panel, without lines across all of it such as limits."""
+    """Yield the rows of a panel, without lines across the whole panel, such as limits."""
     from matplotlib.container import ErrorbarContainer
 
     panel = ax.get_ylabel()

@@ -1,4 +1,4 @@
-"""Tables 6.8 to 7.3 and eq. 7.9 of the thesis, recomputed: results of steady running, drawings and other experiments.
+"""Tables 6.8 to 7.3 and eq. 7.9 of the thesis, recomputed: results of steady speeds, drawings and further experiments.
 
 Also here:
 
@@ -212,7 +212,7 @@ SPECTRUM_RPM = 1184.0
 TORQUE_STD_NM = 25.0
 """Half the last digit of a measured torque in Table 6.8."""
 BEYOND_THE_GAUGE_KG_M2 = 12.0
-"""Inertia beyond the gauge, which the thesis read from its drawing (Figure 7.22)."""
+"""Inertia on the propeller's side of the gauge, as read from a drawing in the thesis (Figure 7.22)."""
 
 EQUATION = "eq. 7.9"
 COLUMNS = ("sines", "short chirp", "long chirp", "steps")

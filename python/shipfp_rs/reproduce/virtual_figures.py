@@ -91,7 +91,7 @@ class Material:
         return {label: self.simulated(models[label], steps) for label in ("true", "ii printed", "v printed")}
 
     def models(self) -> dict[str, LinearModel]:
-        """Models of Table 5.2: the true one, all printed cases, and the plant's estimate in case v."""
+        """Models of Table 5.2: the true model, all printed cases, and the nonlinear plant's estimate in case v."""
         models = {"true": self.model}
         for row in self.rows:
             ours = (row.case, row.structure) == ("v", "plant")

@@ -128,7 +128,7 @@ class Conditions(Section):
     noise: Noise = Noise()
     operating_point: OperatingPoint = OperatingPoint()
     vessel: dict[str, Any] = Field(default_factory=dict)
-    """Values that replace those of the ship, by dotted key of the vessel's file."""
+    """Values that replace the ship's values, by dotted key of the vessel's file."""
     sensors: Sensors = Sensors()
     faults: Faults = Faults()
     identify: Identify = Identify()

@@ -36,7 +36,7 @@ class Manifest(Section):
 
 @dataclass
 class Store:
-    """Folder of one sweep. Part k holds the draws from k part_draws up to those of the next part.
+    """Folder of one sweep. Part k has the draws from `k * part_draws` up to the first draw of the next part.
 
     A part is written under a temporary name and renamed; after a kill it is either complete or missing.
     """

@@ -110,11 +110,11 @@ def pulse_times(
 
     A crossing counts if the train was low before and goes high after it, so saw-tooth edges and noise at the level
     are not counted twice. Levels that are not given follow the turning points of nine pulses before and after, since the
-    amplitude of a variable-reluctance pick-up grows with speed and that of an optical one fades. The noise
-    determines the least height of a pulse. Where pulses can't be distinguished from noise or from the hum of
-    a shaft at rest, no times are returned and the stretch is listed in `gaps_s`.
+    amplitude of a variable-reluctance pick-up increases with speed and that of an optical pick-up may decrease with time.
+    The noise determines the least height of a pulse. Where pulses can't be distinguished from noise or from the hum of a
+    shaft at rest, no times are returned and the stretch is listed in `gaps_s`.
 
-    The gap of a wheel with missing teeth is not such a stretch; `speed_from_pulses` inserts the missing teeth.
+    The gap of a wheel with missing teeth is not listed; `speed_from_pulses` inserts the missing teeth.
 
     Parameters
     ----------
@@ -230,7 +230,7 @@ class _Found:
         return every[0] if len(every) == 1 else np.concatenate(every)
 
     def clear(self, times: Array) -> tuple[Flags, Flags]:
-        """Mark the crossings that are pulses, and those barely higher than noise, shape (N,)."""
+        """Mark the crossings that are pulses, and the crossings barely higher than noise, shape (N,)."""
         count, limit, least, known = self.windows.T
         known = known[count > 0]
         # The largest median height of the windows; one or two disturbed windows are ignored.

@@ -372,7 +372,7 @@ class FusedAngle:
 
 
 def _robust_scale(size: Array) -> float:
-    """Root mean square of absolute values, with large ones cut off.
+    """Robust root mean square of absolute values; large values are clipped.
 
     Tau scale of V. Yohai and R. Zamar, Journal of the American Statistical Association 83 (1988) 406. A
     median alone would be a quarter too large for errors distributed uniformly between two samples.

@@ -42,7 +42,7 @@ class PulseFlag(IntFlag):
     EXTRA = 1
     """Extra crossings in the interval were removed."""
     MISSED = 2
-    """Crossings were missed; the interval is an equal share of a longer one."""
+    """Crossings were missed; the interval is an equal share of a longer measured interval."""
 
 
 @dataclass(frozen=True)

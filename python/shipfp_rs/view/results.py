@@ -164,7 +164,7 @@ def packed(blocks: Array) -> bytes:
         np.clip(finite, -most, most).astype(np.float32).astype(np.float64), finite
     ):
         offset = 0.5 * float(finite.min()) + 0.5 * float(finite.max())
-    # Values are limited to the range of single precision; infinite samples are missing, as in the other levels.
+    # Values are limited to the range of single precision; infinite samples count as missing, as in coarser levels.
     single = np.where(np.isfinite(blocks), np.clip(blocks - offset, -most, most), np.nan)
     head = np.array([(offset, len(blocks), blocks.shape[1])], dtype=HEAD)
     return head.tobytes() + single.astype("<f4").tobytes()

@@ -3,8 +3,9 @@
 //! J. Suomela, "Median filtering is equivalent to sorting", arXiv:1406.1717. The signal is cut into blocks of a window's
 //! length, and each block is sorted once. A window over two blocks is the end of the first and the beginning of the second.
 //! Both blocks are linked lists in order of size. All samples of the second are removed in reverse order of time beforehand.
-//! As the window moves, the next sample of the first list is removed, and the next one of the second is reinserted, which
-//! undoes its removal. Only sorting takes more than a constant number of steps per sample, and it stays in the cache.
+//! As the window moves, the next sample of the first block is removed from its list, and the next sample of the second
+//! block is reinserted, which undoes its removal. Only sorting takes more than a constant number of steps per sample, and
+//! it stays in the cache.
 //!
 
 use crate::error::{Result, require};
@@ -85,7 +86,7 @@ struct Block {
     order: Vec<u64>,
     /// Key of each index; the largest key past the last.
     keys: Vec<u64>,
-    /// Links of each index; those past the last are both ends of the list.
+    /// Links of each index; the links past the last index are both ends of the list.
     links: Vec<Link>,
     /// Index of the least of the large samples.
     middle: u32,

@@ -119,7 +119,7 @@ fn trimmed(
         .map_or((start, end), |(first, last)| (first, last + 1))
 }
 
-/// False if all samples are closer to each other, within the median's reach, than a suspect is to the median.
+/// False if the samples within the median's reach differ by less than the distance of a suspect from the median.
 ///
 /// The median is within its window's range, and its magnitude is at least that of the signal's least sample.
 fn may_have_suspects(samples: &[f64], rule: &SpikeRule) -> bool {

@@ -7,8 +7,8 @@ use super::thresholds::{Edge, Levels};
 use crate::error::Result;
 use crate::stop::Stop;
 
-/// A detector of pulses. A sample at or below `low` arms it; the next one at or above `high` fires it. The time is that of
-/// the preceding crossing of `middle`, interpolated linearly.
+/// A detector of pulses. A sample at or below `low` arms the detector; the next sample at or above `high` fires it. The
+/// time is that of the preceding crossing of `middle`, interpolated linearly.
 ///
 /// A missing sample (NaN) disarms it, so that no crossing is interpolated over a gap. An infinite sample is saturated: it
 /// counts as high or low, but a crossing next to it gets the time of the later sample.

@@ -69,7 +69,7 @@ fn finite_range<T: Sample>(samples: &[T], stop: &Stop) -> Result<(f64, f64, u64)
 ///
 /// Compiled for each instruction set and chosen at run time.
 ///
-/// Neighbours are in different lanes, so that they do not depend on each other.
+/// Neighbouring samples are compared in different lanes, so that no comparison waits for the previous one.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx2", "x86_64+avx2"))]
 fn range_of<T: Sample>(samples: &[T]) -> (f64, f64, u32) {
     let mut low = [f64::INFINITY; LANES];

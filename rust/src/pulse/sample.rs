@@ -116,7 +116,7 @@ fn any_gap<T: Sample>(block: &[T; BLOCK]) -> bool {
     front.iter().zip(back).fold(false, |any, (&x, &y)| any | (x.is_gap() | y.is_gap()))
 }
 
-/// Outcomes of a test as one word.
+/// Results of a test of all samples of a block, as bits of one word.
 #[allow(clippy::inline_always)]
 #[inline(always)]
 fn word<T: Sample, const MASK_REGISTERS: bool>(block: &[T; BLOCK], test: impl Fn(T) -> bool) -> u64 {

@@ -1,4 +1,4 @@
-//! One pass over a chunk of a train: where the detector fires, and the times of the crossings before.
+//! One pass over a chunk of a train: the samples at which the detector fires, and the times of the preceding crossings.
 
 use multiversion::multiversion;
 use multiversion::target::match_target;

@@ -18,8 +18,8 @@ use crate::stop::Stop;
 const PART: usize = 1024;
 const LEAST_PARTS: usize = 8;
 const LANES: usize = 16;
-/// Largest difference of a part's extremes from the usual ones, in standard deviations of the noise and as a share of the
-/// train's height; extremes of a thousand normal numbers scatter by a third of their standard deviation.
+/// Largest difference of a part's extremes from the usual extremes, in standard deviations of the noise and as a share of
+/// the train's height. Extremes of a thousand normal numbers scatter by a third of the numbers' standard deviation.
 const PART_LIKE: (f64, f64) = (3.0, 0.05);
 /// Largest difference of a window's medians from the usual ones; levels closer than half the noise count as equal.
 const WINDOW_LIKE: (f64, f64) = (0.5, 0.002);
@@ -125,7 +125,7 @@ impl Even {
         Self { first: u32::MAX, last: u32::MAX, least: u32::MAX, most: 0 }
     }
 
-    /// Add the next pulses; return those other than the very first.
+    /// Add the next pulses; return all of them except the first pulse of the window.
     fn take<'a>(&mut self, fires: &'a [u32], start: u32) -> &'a [u32] {
         let [first, others @ ..] = fires else { return fires };
         let (begins, others) = if self.last == u32::MAX {

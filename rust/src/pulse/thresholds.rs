@@ -8,7 +8,7 @@ use crate::error::{Error, Result, require};
 pub struct Edge {
     /// Time in samples from the first.
     pub time: f64,
-    /// Rise between the two samples; infinite where one of them is saturated, or where a new middle is below the last sample.
+    /// Rise between the two samples; infinite if a sample is saturated, or if new levels caused the crossing.
     pub rise: f64,
 }
 

@@ -29,7 +29,7 @@ const SAME_HEIGHT: f64 = 0.05;
 /// Number of stretches whose noise is pooled, and least number that each window adds.
 const STRETCHES: usize = 64;
 const LEAST_STRETCHES: usize = 4;
-/// Ratio of a window's noise to that of the previous ones above which the noise has changed.
+/// Ratio of a window's noise to the noise of the previous windows, above which the noise has changed.
 const CHANGED: f64 = 1.5;
 
 /// Crossings of a window.

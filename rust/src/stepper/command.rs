@@ -9,8 +9,8 @@ use super::parameters::{Parameters, at};
 
 /// Delayed commands: for each of the last steps the value at its beginning and end.
 ///
-/// A sampling governor holds its command over a period. The mean of such a hold is, to fourth order, that of two commands at
-/// Gauss points, a period over the root of 12 on either side of its middle.
+/// A sampling governor holds its command over a period. To fourth order, the effect of such a hold is the mean of two
+/// delayed commands at Gauss points, which are a period over the root of 12 before and after the hold's middle.
 #[derive(Debug)]
 pub struct DeadTime {
     ring: Vec<(f64, f64)>,

@@ -60,7 +60,7 @@ pub struct Ship<'a, const D: bool> {
     /// Load law at the present speed, and the speed-dependent engine torque minus the load law.
     pub(super) law: f64,
     own: f64,
-    /// Changes of the acceleration and of `own` over the last step.
+    /// Changes of the acceleration and of `own` (the speed-dependent torque) over the last step.
     pub(super) growth: f64,
     own_growth: f64,
     /// Command at the end of the last step, and at the beginning of this step.

@@ -42,7 +42,7 @@ named_places! {
 pub const COUNT: usize = PARAMETERS.len();
 
 /// Signals of a record, as deviations from the operating point: speed, torque, rack, load, square and cube of the speed,
-/// one, and the brake's torque measured besides a gauge's.
+/// the constant 1, and the brake torque if it is measured in addition to a gauge's torque.
 pub const SIGNALS: [&str; 8] = ["N", "M", "X", "load", "N2", "N3", "one", "M_b"];
 /// Number of orders of the taper: the taper itself and its first derivatives.
 pub const ORDERS: usize = 4;
@@ -152,7 +152,7 @@ impl Equation {
         }
     }
 
-    /// Substitute the torque by another equation, in which its coefficient is one.
+    /// Eliminate the torque by means of another equation, in which the torque's coefficient is 1.
     fn without_torque(mut self, load: &Self) -> Self {
         let Some(place) = self.0.iter().position(|(signal, _)| *signal == signal::M) else { return self };
         let factor = self.0.remove(place).1.negative();

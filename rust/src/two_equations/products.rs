@@ -266,7 +266,7 @@ mod tests {
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(24))]
 
-        /// With unit noise in all outputs and at all frequencies the products are those of the plain rows.
+        /// With unit noise in all outputs and at all frequencies, the products are those of the unweighted rows.
         #[test]
         fn products_in_units_of_one_are_those_of_the_rows(
             seed in 0..1000_u64,

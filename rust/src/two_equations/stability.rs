@@ -59,7 +59,7 @@ impl Shaft {
         for (mine, more) in torque.iter_mut().zip(ends) {
             *mine += more;
         }
-        // Resonance, from its square and half of the polynomial's remainder beyond the slow pole.
+        // Resonance [rad/s], and decay rate: half of the sum of the poles without the slow pole.
         let square = (1.0 / ahead + 1.0 / behind) / twist;
         let slow = torque[0] / torque[1].abs().max(1e-12);
         let fades = 0.5 * (torque[2] / torque[3] - slow).abs();
@@ -191,7 +191,8 @@ mod tests {
     }
 
     proptest! {
-        /// Hurwitz's rule for a plant of one pole under PI: own + `K_p` > 0, `K_i` > 0.
+        /// Hurwitz's rule for a plant of one pole with a PI governor: own + `K_p` > 0, `K_i` > 0, with the plant's slope
+        /// `own`.
         #[test]
         fn a_rigid_loop_goes_by_hurwitz(own in -5.0..5.0_f64, kp in 0.01..10.0_f64, ki in 0.01..10.0, tau in 0.1..10.0) {
             prop_assume!((own + kp).abs() > 0.02);
