@@ -181,7 +181,7 @@ class Prediction:
 
     @property
     def relative_pct(self) -> dict[str, float]:
-        """Relative standard deviation of each known value that is not zero [%]."""
+        """Relative standard deviation of each determined quantity whose value is not zero [%]."""
         return {
             name: 100.0 * one.std / abs(one.value)
             for name, one in {**self.parameters, **self.derived}.items()

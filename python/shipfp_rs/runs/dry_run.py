@@ -82,7 +82,7 @@ def check(path: str | Path, *, notify: Notify = lambda _: None) -> Check:
     path
         TRIAL.toml.
     notify
-        Called with the current activity.
+        Function called with a text on the current activity.
 
     Raises
     ------

@@ -259,8 +259,8 @@ fn written(values: &[f64; COUNT], [torque, rack, both]: [bool; 3], setup: Setup)
     let inertia = poly(&[zero, ahead]);
     let damped = if twists { poly(&[one, q(at::ZETA_TWIST) * q(at::TAU_TWIST)]) } else { poly(&[one]) };
 
-    // If the propeller's speed is measured, the shaft's flexibility does not enter the load's law. The engine's speed times
-    // `damped` is then the propeller's plus the rate at which the torque twists the shaft.
+    // If the propeller's speed is measured, the shaft's flexibility does not enter the load's law. The engine's speed
+    // times `damped` is then the propeller's speed plus the rate at which the torque twists the shaft.
     let on_load = if propeller { poly(&[one]) } else { damped.clone() };
     let wound = if propeller && twists { poly(&[zero, q(at::TAU_TWIST)]) } else { poly(&[zero]) };
 
