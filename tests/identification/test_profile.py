@@ -6,16 +6,21 @@ import itertools
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 from scipy.stats import t as student
 
 from shipfp_rs import signals
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment
+from shipfp_rs.identification.basins import descend
+from shipfp_rs.identification.coordinates import Coordinates, Itself
 from shipfp_rs.identification.identify import identify
-from shipfp_rs.identification.profiles import _spread
+from shipfp_rs.identification.likelihood import Products
+from shipfp_rs.identification.profiles import RISE, Profiles, _spread
 from shipfp_rs.identification.question import Options
 from shipfp_rs.identification.structure_estimates import fitted
 from shipfp_rs.structures.structure import Parameter, Structure
+from shipfp_rs.support.arrays import Array
 from tests.launch import TRUTH, noisy_record
 
 TIME = np.arange(400) / 20.0
@@ -165,3 +170,29 @@ def test_what_is_on_a_bound_goes_inward_only(seed):
         if np.all(step * inward[free] >= 0.0):
             most = max(most, slope[free] @ step)
     assert _spread(matrix, slope, inward) == pytest.approx(most, rel=1e-4)
+
+
+class Wall:
+    """Deviance of a dead time that hardly rises from 0 to 0.11 s and steeply from there, far from the bound 0.6 s."""
+
+    coordinates = Coordinates({"T_d": (0.0, 0.6)}, {}, ((),))
+
+    def products(self, vector: Array) -> Products:
+        apart = (vector[0] - 0.11) / 0.002
+        residuals = (0.09 - vector[0]) / 0.3, -np.logaddexp(0.0, apart)
+        slopes = 1.0 / 0.3, 1.0 / (1.0 + np.exp(-apart)) / 0.002
+        gram = np.array([residuals, slopes]) @ np.array([residuals, slopes]).T
+        return Products(float(gram[0, 0]), gram[1:, 0], gram[1:, 1:])
+
+    def each(self, jobs):
+        return [job() for job in jobs]
+
+
+def test_a_profile_that_stops_short_of_a_bound_ends_at_the_deviance():
+    minimum = descend(Wall(), np.array([0.09]))
+    interval = Profiles(Wall(), [minimum]).interval(Itself("T_d"), within=(0.0, 0.6))
+    apart = brentq(
+        lambda x: np.logaddexp(0.0, (x - 0.11) / 0.002) ** 2 + ((x - 0.09) / 0.3) ** 2 - RISE, 0.1, 0.2
+    )
+    assert interval.high == pytest.approx(apart, abs=5e-4)
+    assert (interval.low, interval.kinds) == (0.0, ("bound", "data"))

@@ -231,17 +231,17 @@ def settle(
     start: Basin,
     *,
     rounds: int,
-    fall: float,
+    still: float,
     least: float = 0.0,
     settled: float = SETTLED,
     until: float | None = None,
 ) -> tuple[Known, Basin]:
     """Descend repeatedly, with noise and corrections of the records re-estimated at each minimum.
 
-    At most `rounds` descents; the last lowers the total deviance by less than `fall`, or changes no entry of the search
-    vector by more than `least`. Return the last likelihood and its minimum.
+    At most `rounds` descents; the last moves by less than `still`, a squared number of standard deviations, or changes no
+    entry of the search vector by more than `least`. Return the last likelihood and its minimum.
     """
-    best, total = start, np.inf
+    best = start
     for _ in range(rounds):
         try:
             following = likelihood.resettled_at(best.vector)
@@ -250,9 +250,9 @@ def settle(
         end = descend(following, best.vector, settled=settled, until=until)
         if not np.isfinite(end.cost):  # diverges with its own corrections
             break
-        moved, before = np.abs(end.vector - best.vector).max(), total
-        likelihood, best, total = following, end, following.total(end.vector)
-        if not total < before - fall or moved < least:
+        moved = end.vector - best.vector
+        likelihood, best = following, end
+        if end.products is None or moved @ end.products.matrix @ moved < still or np.abs(moved).max() < least:
             break
     return likelihood, best
 

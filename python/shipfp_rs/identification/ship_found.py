@@ -24,8 +24,9 @@ DISCREPANCY = 2.0
 """Factor on the standard deviations of a ship with a limit. Errors of its simulation, at corners of the limit and in the
 course of the torque disturbance by moving water, move all parameters together: for some twenty simulated ships the true
 values were twice as far away as chance explains."""
-RECORRECTED, FALL = 8, 0.1
-"""Most descents with noise and corrections re-estimated, and decrease of the total deviance below which they stop."""
+RECORRECTED, STILL = 8, 0.1
+"""Most descents with noise and corrections re-estimated, and the squared step, in standard deviations, below which they
+stop."""
 DEFAULTS: Mapping[str, float] = {
     **{parameter.name: parameter.start for element in ELEMENTS.values() for parameter in element.parameters},
     "tau_n": 1.2, "g": -0.5, "vK_p": 5.0, "vK_i": 5.0, "p": 2.0, "tau_prop": 0.4,
@@ -101,6 +102,6 @@ def settled(fit: ShipFit, until: float | None) -> ShipFit:
     Gaps, squares of a propeller's speed, and the torque disturbance by moving water on a ship with a limit, are estimated
     again at each minimum.
     """
-    likelihood, best = settle(fit.likelihood, fit.best, rounds=RECORRECTED, fall=FALL, until=until)
+    likelihood, best = settle(fit.likelihood, fit.best, rounds=RECORRECTED, still=STILL, until=until)
     ends = [descend(likelihood, one.vector, until=until) for one in fit.basins[1:]]
     return replace(fit, likelihood=likelihood, basins=tuple(distinct(likelihood, [best, *ends])) or (best,))

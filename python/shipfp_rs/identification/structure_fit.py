@@ -36,11 +36,11 @@ from shipfp_rs.support.arrays import Array
 
 LOGGER = logging.getLogger("shipfp_rs")
 
-ROUNDS, FALL = 200, 0.01
-"""Most descents, each with the noise estimated at the previous minimum, and decrease of the total deviance below which they
-stop. True noise converges in few; the misfit of a model to simulated data may take a hundred."""
+ROUNDS, STILL = 200, 1e-3
+"""Most descents, each with the noise estimated at the previous minimum, and the squared step, in standard deviations, below
+which they stop. True noise converges in few; the misfit of a model to simulated data may take a hundred."""
 UNMOVED = 3e-7
-"""Largest step of a search vector's entries below which the descents stop, too: without noise the total never converges."""
+"""Largest step of a search vector's entries below which the descents stop, too: without noise the deviations go to zero."""
 STEPS, SETTLED, LAST = 100, 1e-4, 1e-9
 """Most steps of a descent, decrease of the deviance below which it stops, and the smaller decrease of the last descent; that
 one takes one or two steps more."""
@@ -131,7 +131,7 @@ def _settled(likelihood: Fitted, vector: Array, *, until: float | None) -> Basin
     except (SimulationError, np.linalg.LinAlgError):
         return start
     likelihood, end = settle(
-        likelihood, start, rounds=ROUNDS, fall=FALL, least=UNMOVED, settled=SETTLED, until=until
+        likelihood, start, rounds=ROUNDS, still=STILL, least=UNMOVED, settled=SETTLED, until=until
     )
     return Basin(likelihood.total(end.vector), end.vector, end.settled)
 
