@@ -7,6 +7,7 @@ from dataclasses import replace
 from functools import cache
 from itertools import combinations
 
+import numpy as np
 import pytest
 
 from shipfp_rs import cli, signals
@@ -175,11 +176,20 @@ def test_a_rack_that_one_trial_recorded_leaves_the_rest_to_compare(first):
 
 
 def test_gains_of_a_governor_whose_rack_was_recorded_are_compared():
-    # Their correlations with the others are in no fingerprint, so that each is judged alone.
     found = compare(trial(4, rack=True), trial(6, rack=True))
     assert not any(change.significant for change in found.changes)
     assert {"v", "K_p", "K_i", "K_p/K_i"} <= {change.name for change in found.changes}
     assert found.joint.freedom > 5
+
+
+def test_gains_of_a_governor_whose_rack_was_recorded_have_covariances(first):
+    recorded = trial(1, rack=True)
+    names, matrix = recorded.covariance["names"], np.array(recorded.covariance["matrix"])
+    assert {"K_p", "K_i", "v"} <= set(names)
+    for name, variance in zip(names, matrix.diagonal(), strict=True):
+        assert variance == pytest.approx(recorded[name].std ** 2)
+    # With every parameter known, the condition is that of the scaled covariance; the rack makes the loop better known.
+    assert 1.0 < recorded.identifiability.condition < first.identifiability.condition < np.inf
 
 
 def test_trials_without_a_torque_are_compared_with_each_other_alone(first):

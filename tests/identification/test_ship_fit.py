@@ -215,7 +215,7 @@ def test_a_window_that_begins_in_the_middle_of_the_excitation_tells_the_same_a6(
     ],
 )
 def test_an_option_of_given_structures_is_refused_by_name_a9(option):
-    with pytest.raises(fp.InputError, match=f"^{next(iter(option))}: found without a structure"):
+    with pytest.raises(fp.InputError, match=f"^{next(iter(option))}: given without a structure"):
         fp.identify(trial(), **option)
 
 

@@ -23,6 +23,7 @@ from shipfp_rs.identification.estimate import (
     ALONG,
     ASSUMED,
     KNOWN,
+    SMALL,
     Estimate,
     Identifiability,
     Status,
@@ -139,10 +140,13 @@ def answered(
     if fit is not before:  # a profile reached a lower minimum
         missed, rows = _missed(fit)
     misses = dict(zip(question.outputs, missed, strict=True))
+    covariance = (
+        covariance_of(parameters, fit.side) if kind and fit.side else _covariance(profiles, fit, parameters)
+    )
     fingerprint = Fingerprint(
         parameters=parameters,
         derived=derived,
-        identifiability=_identifiability(parameters),
+        identifiability=_identifiability(parameters, covariance),
         fit=_fit(fit, rows, misses),
         structure=structure.to_dict(),
         vessel=vessel,
@@ -150,9 +154,7 @@ def answered(
         settings=_settings(fit, intervals) | {"possible": [_named(fit, structure, one) for one in possible]},
         seed=seed,
         versions=versions(),
-        covariance=covariance_of(parameters, fit.side)
-        if kind and fit.side
-        else _covariance(profiles, fit, parameters),
+        covariance=covariance,
         elements=element_rows(fit, parameters),
         adequate=_adequate(fit, misses, kind),
         load_side={} if fit.side is None else fit.side.parameters,
@@ -348,17 +350,25 @@ def _without_torque(parameters: Mapping[str, Estimate], question: Question) -> d
     return found
 
 
-def _identifiability(parameters: Mapping[str, Estimate]) -> Identifiability:
-    free = [one for one in parameters.values() if one.status != "fixed"]
-    known = [one for one in free if one.status in KNOWN]
-    return Identifiability(rank=len(known), free=len(free), condition=float("inf"))
+def _identifiability(parameters: Mapping[str, Estimate], covariance: Mapping[str, Any]) -> Identifiability:
+    """Return the number of known parameters; the condition is finite if all are known."""
+    free = {name: one for name, one in parameters.items() if one.status != "fixed"}
+    known = [name for name, one in free.items() if one.status in KNOWN]
+    names, condition = covariance["names"], float("inf")
+    if len(known) == len(free) and set(known) == set(names):
+        size = np.array(
+            [max(abs(free[name].value or 0.0), SMALL.get(free[name].unit, 0.0)) for name in names]
+        )
+        variances = np.linalg.eigvalsh(np.array(covariance["matrix"]) / np.outer(size, size))
+        condition = float(np.sqrt(variances[-1] / variances[0])) if variances[0] > 0.0 else condition
+    return Identifiability(rank=len(known), free=len(free), condition=condition)
 
 
 def _covariance(profiles: Profiles, fit: ShipFit, parameters: Mapping[str, Estimate]) -> dict[str, Any]:
     """Return the covariances: standard deviations from the intervals, correlations from the deviance's curvature."""
     names = [
         name
-        for name in fit.likelihood.coordinates.names
+        for name in (*fit.likelihood.coordinates.names, "K_p", "K_i")
         if name in parameters and parameters[name].status in KNOWN and parameters[name].std
     ]
     figures = figures_of(names)

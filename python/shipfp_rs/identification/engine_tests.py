@@ -231,7 +231,7 @@ def limit_to_try(scores: Mapping[str, Score], among: Container[str]) -> str | No
     # A fit without limits that has adapted to a limit appears to have another lag, which is no evidence against the limit.
     shapes = [score for kind, score in scores.items() if kind != "lag"]
     most = max((score.fall for score in shapes), default=0.0)
-    # Some effect is certain; the fit without limits may have adapted to most of a limit's effect.
+    # Another effect is already significant, and the fit without limits may have adapted to most of a limit's effect.
     surely = any(score.fall > BELIEVED and score.consistency > CONSISTENT for score in shapes)
     worth = {
         kind: scores[kind].fall

@@ -120,7 +120,7 @@ def identify(
     for name, value in asked.items():
         if value is not None:
             raise InputError(
-                f"{name}: found with a structure, expected without one; the structure says it itself"
+                f"{name}: given together with a structure, which already defines it; leave {name} out"
             )
     require_driver([data] if isinstance(data, Experiment | FrequencyResponse) else list(data), structure)
     with progress_of(_experiments(data), vessel):
@@ -142,7 +142,7 @@ def _experiments(data: Data | Sequence[Data]) -> list[Experiment]:
 def _full_ship(
     data: Data | Sequence[Data], options: Options, vessel: str | None, asked: Mapping[str, Any]
 ) -> Fingerprint:
-    """Fit the full ship; `asked` are the arguments of `identify` that a structure would say itself."""
+    """Fit the full ship; `asked` are the arguments of `identify` that a structure would define."""
     given = [data] if isinstance(data, Experiment | FrequencyResponse) else list(data)
     for item in given:
         if not isinstance(item, Experiment):
@@ -153,8 +153,7 @@ def _full_ship(
     for name in ONLY_WITH_A_STRUCTURE:
         if getattr(options, name) != getattr(Options, name):
             raise InputError(
-                f"{name}: found without a structure, expected only with one; the full model of the ship is fitted by one "
-                "likelihood from starts of its own"
+                f"{name}: given without a structure, expected only with one: the full ship has one likelihood and one search"
             )
     experiments = [item for item in given if isinstance(item, Experiment)]
     if not experiments:

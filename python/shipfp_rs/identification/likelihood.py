@@ -195,7 +195,7 @@ class Likelihood:
     def total(self, vector: Array) -> float:
         """Deviance under the noise of its own residuals, with that noise's log determinant; infinite where `cost` is.
 
-        Minima with different residuals must be compared by this: under the noise of one, another is at a disadvantage.
+        Minima are compared by this total, since the noise estimated at a minimum favours that minimum.
         """
         try:
             own = self.with_noise(vector)

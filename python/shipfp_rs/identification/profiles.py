@@ -45,7 +45,7 @@ REACHED = 0.9
 LOWER, RESTARTS = 0.5, 2
 """Profiles start again where one of them finds a deviance lower by the first; the second is the most restarts."""
 COMBINED_TRIES = 3
-"""Most iterations of a combination's profile: the profiles of its parameters have already found most of the interval."""
+"""Most iterations of a combination's profile, few since the parameters' profiles cover most of the interval."""
 ROUNDING, STRAIGHT = 1e-13, 1e-9
 """Least curvature of a direction relative to the largest: in inverses, due to rounding, and along the path of a profile."""
 

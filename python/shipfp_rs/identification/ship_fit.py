@@ -43,6 +43,9 @@ from shipfp_rs.support.progress import part, tell
 DELAYS = {"T_d", "T_set", "tau_act"}
 WAYS: tuple[Between, ...] = ("band-limited", "straight", "held")
 """Tried courses of a set point between samples, where processing did not low-pass it."""
+HELD = 10.0
+"""Decrease of the deviance from which a smooth set point that is not recorded as held counts as held. At low frequencies a
+held set point and a straight one differ by a delay of half a sample only, which the ship's own dead times compensate."""
 SCALES = (0.6, 1.7)
 """Factors of the inertia from which the search of a ship with a gauge restarts."""
 STEPS_ELSEWHERE = 12
@@ -139,7 +142,8 @@ def smooth_ship(
     for place, way in enumerate(WAYS):
         tell(f"trying a set point that runs {way} between its samples", 0.3 + 0.2 * place)
         ends.append(_corrected(replace(fit, basins=fit.basins[:1]), way, until))
-    best = min(ends, key=lambda end: end.total)
+    least = 0.0 if all(one.goes_in_steps for one in fit.likelihood.records) else HELD
+    best = min(ends, key=lambda end: end.total + (least if end.between == "held" else 0.0))
     others = [descend(best.likelihood, one.vector, until=until) for one in fit.basins[1:]]
     return replace(best, basins=tuple(distinct(best.likelihood, [best.best, *others])))
 
@@ -246,14 +250,14 @@ def _elsewhere(fit: ShipFit, starts: Sequence[Array], until: float | None) -> tu
     likely = sorted((one for one in own if one.cost < fit.total + LIKELY), key=lambda one: one.cost)
     likely = [one for one in likely if _is_apart(fit, fit.basins, one)]
     tried = [settled(replace(fit, basins=(one,), also=()), until) for one in likely[:MORE]]
-    # Other ends of a ship that lacked the later elements do not count any more.
+    # Minima of a ship without the elements that were added later are dropped.
     before = [one for one in fit.also if one.elements == fit.elements]
     tried = sorted((fit, *tried, *before), key=lambda one: one.total)
     best = tried[0]
     near = [*(() if best is fit else fit.basins), *(one.best for one in tried[1:]), *likely[MORE:]]
     near = [one for one in near if _is_apart(best, best.basins, one)]
     near = [descend(best.likelihood, one.vector, until=until) for one in near]
-    # An end that is much lower under this noise alone was already judged with its own noise.
+    # A minimum that is much lower, but only under this noise, was already compared under its own noise.
     near = [one for one in near if -LEVEL < one.cost - best.best.cost < ALIKE]
     basins = tuple(distinct(best.likelihood, [*best.basins, *near]))
     also = [one for one in tried[1:] if one.total < best.total + ALIKE and _is_apart(best, basins, one.best)]

@@ -420,7 +420,7 @@ class Spectra:
     def _folded(self, values: Mapping[str, float], respond: Respond, frequency_hz: Array) -> ComplexArray:
         """Response (O, F) of the sampled outputs to the set point's samples through images that fold into the band."""
         most = IMAGES[self.between]
-        # Gain of the interpolation at an image: the sine is the same for all images, the divisor is not.
+        # Gain of the interpolation at an image, without its divisor, which differs between images.
         at, order = frequency_hz / self.data_hz, 1 if self.between == "held" else 2
         course = (np.sin(np.pi * at) / np.pi) ** order
         course = course * np.exp(-1j * np.pi * at) if self.between == "held" else course

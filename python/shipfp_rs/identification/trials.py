@@ -213,7 +213,7 @@ def _limited(fit: ShipFit, element: str, until: float | None, *, surely: bool = 
     c = likelihood.coordinates
     vectors = [c.vector({**DEFAULTS, **values}, states) for values, states in starts]
     best = lowest(likelihood, vectors, until)
-    if element != "rack_rate_down":  # the limit beside it has chosen its way
+    if element != "rack_rate_down":  # the upward limit has already chosen the method
         # Noise of the speed may hide a limit from the engine's equation; slow simulations still show it.
         simulated = replace(likelihood, water_hz=WATERS_HZ[0]).driven(vectors[0])
         pairs = (likelihood, best), (simulated, lowest(simulated, vectors, until))

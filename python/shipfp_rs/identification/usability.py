@@ -64,7 +64,7 @@ def misses_pct(likelihood: Likelihood, vector: Array) -> list[float]:
                 np.abs(stft(row - row.mean(), rate, nperseg=length, boundary=None, padded=False)[2]) ** 2
                 for row in (response, data[: len(response)] - response)
             )
-            # Above the band the model equals the data, and the window's main lobe spreads what ends there.
+            # Above the band the residual is zero, and the window's main lobe spreads this edge into the band.
             at = np.arange(len(power))
             kept = (at > 0) & (at <= record.band_hz * length / rate - LOBE)
             power, left = power[kept], left[kept]

@@ -80,7 +80,7 @@ def _known(parameters: Mapping[str, Estimate], derived: Mapping[str, Estimate]) 
 
 
 def known(parameters: Mapping[str, Estimate]) -> Iterator[Sentence]:
-    """Yield known parameters, and separately those whose interval is wider than they are large."""
+    """Yield known parameters, and separately those whose interval is wider than the value."""
     found = {name: e for name, e in parameters.items() if e.status in KNOWN and e.value is not None}
     sure = [shown(name, e) for name, e in found.items() if not is_rough(e, OPEN)]
     unsure = [shown(name, e) for name, e in found.items() if is_rough(e, OPEN)]
