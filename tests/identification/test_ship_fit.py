@@ -53,6 +53,15 @@ def test_a_set_point_that_is_held_between_its_samples_is_told_from_one_that_runs
     assert fit.values["tau_n"] == pytest.approx(TRUE.tau_n, rel=0.05)
 
 
+@pytest.mark.parametrize("seed", [4, 5, 9])
+def test_chance_does_not_make_a_smooth_set_point_a_held_one(seed):
+    """A held set point, half a sample late, and a dead time shorter by as much fit almost as well, or better by chance."""
+    late = LAUNCH.replace({"governor.set_point_dead_time_s": 0.2})
+    chirp = fp.signals.chirp(0.02, 1.5, 120.0, 40.0, rate_hz=50.0)
+    record = fp.simulate(late, chirp, noise={"n_e": 0.3, "M_b": 0.5}, seed=seed)
+    assert smooth_ship(question_of([record], torque="brake", outputs=["dn", "dM"])).between != "held"
+
+
 def test_the_gradient_of_the_deviance_is_that_of_its_differences(drawn):
     question = question_of([drawn[1]])
     likelihood = question.likelihood("band-limited")
