@@ -132,7 +132,7 @@ def test_a_file_cut_anywhere_loses_one_record_at_most(tmp_path: Path) -> None:
     ("content", "message"),
     [
         (b"\xff\xfet\0i\0m\0e\0\n\0", "without rows of numbers"),
-        (b"t\0\0\0i\0\0m\0e\0\n\0", "no text, it holds zero bytes"),
+        (b"t\0\0\0i\0\0m\0e\0\n\0", "not a text file, since it contains zero bytes"),
         (b"time,u\n", "empty or without rows of numbers"),
         (b"on,off\nyes,no\n", "empty or without rows of numbers"),
         (b"time,u\n0,1\n1,2\n2,3,4\n", "line 4.*Expected 2 columns, got 3"),

@@ -14,9 +14,8 @@ from shipfp_rs.support.arrays import attributes
 
 Samples = npt.NDArray[Any]
 Blocks = Callable[[str, int, int], Iterator[Samples]]
-"""Function (channel, first row, block size) that yields samples from that row on, in blocks of one dtype up to that size.
-
-Gaps in integers are masked, so that no bits are lost.
+"""Function (channel, first row, block size) that yields the samples from the first row on, in blocks of one dtype with
+at most the block size. Gaps in integers are masked, not converted to NaN, which keeps every bit.
 """
 BLOCK = 1 << 20
 """Default number of samples read or written at once."""
@@ -39,8 +38,8 @@ class Channel:
     start_s
         Time of the first sample on the log's clock [s].
     resolution
-        Step between adjacent values, in `unit`, for instance one bit of a bus signal; 0 if unknown. The variance of
-        rounding is its square over twelve.
+        Step between adjacent values, in `unit`, for instance one bit of a bus signal; 0 if unknown. The variance of the
+        rounding error is its square over twelve.
     """
 
     name: str
@@ -71,7 +70,7 @@ def with_nan(block: Samples) -> Samples:
 def in_blocks(
     length: Callable[[str], int], read: Callable[[str, int, int], Samples], path: object = "log"
 ) -> Blocks:
-    """Make `Blocks` from `read`, which returns rows [first, stop) of a channel.
+    """Make `Blocks` from the function `read` (channel, first, stop), which returns rows [first, stop) of a channel.
 
     `InputError`, with `path`, where a block has the wrong length, since later samples would be shifted in time.
     """
@@ -88,7 +87,7 @@ def in_blocks(
 
 
 def whole(path: object, channels: Mapping[str, Channel], blocks: Blocks) -> Blocks:
-    """`blocks` with `InputError` where a channel ends before its last sample."""
+    """Wrap `blocks` to raise `InputError` where a channel ends before its last sample."""
 
     def read(name: str, first: int, size: int) -> Iterator[Samples]:
         count = 0

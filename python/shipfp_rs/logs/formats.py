@@ -10,9 +10,9 @@ from pathlib import Path
 from shipfp_rs.errors import InputError, ShipfpError
 
 MOST_PACKED = 10_000
-"""Most samples per byte of a file, reached where a channel hardly changes."""
+"""Largest plausible number of samples per byte of a file, reached with compression where a channel hardly changes."""
 MANY_SAMPLES = 1_000_000_000
-"""Samples that are read within seconds, however compressed."""
+"""Number of samples that is read within seconds, however small the file."""
 SUFFIXES = {
     "parquet": ".parquet .pq",
     "arrow_ipc": ".feather .arrow .arrows",
@@ -41,7 +41,7 @@ FORMATS: tuple[tuple[re.Pattern[bytes], str], ...] = (
     (re.compile(rb"(?:\xef\xbb\xbf)?\s*[{<].{0,2000}?(?:TimeSeriesData|Package)", re.DOTALL), "iso19848"),
     (re.compile(rb"(?:\xef\xbb\xbf)?\s*\"?ShipID\"?\s*[,;]", re.IGNORECASE), "iso19848"),
 )
-"""First bytes of a text format, whatever the suffix, and its module."""
+"""First bytes of the text formats that are recognised under any suffix, and their modules."""
 SIGNATURES = (
     (b"MDF     ", "mdf"),
     (b"UnFinMF ", "mdf"),
@@ -53,7 +53,7 @@ SIGNATURES = (
     (b"MATLAB 7.3", "matlab"),
     (b"LOGG", "can_file"),
 )
-"""First bytes of other formats, and their modules, under a suffix shared by several formats."""
+"""First bytes of formats that are recognised only under a suffix shared by several formats, and their modules."""
 TEXTS = frozenset(f"{SUFFIXES['delimited']} .raw .dat .json .jsonl .xml .trc".split())
 HINTS = {
     **dict.fromkeys(
@@ -65,7 +65,7 @@ HINTS = {
 
 
 def of_text(suffix: str, begin: bytes) -> tuple[str, str]:
-    """Module and suffix for a text, from its first bytes where formats share a suffix."""
+    """Module and suffix for a text file, from its first bytes where several formats share a suffix."""
     module = MODULES[suffix]
     signed = next((name for mark, name in SIGNATURES if begin.startswith(mark)), None)
     if signed is not None:
@@ -106,7 +106,7 @@ def require_file(path: Path) -> None:
 
 
 def require_size(path: Path, samples: int) -> None:
-    """Raise `InputError` for a file that announces more samples than its bytes can hold; reading it would not end."""
+    """Raise `InputError` for a file whose metadata state more samples than its bytes can hold; reading it would not end."""
     size = path.stat().st_size
     if samples > max(MOST_PACKED * size, MANY_SAMPLES):
         raise InputError(f"{path}: announces {samples:.3g} samples in {size} bytes; is the file damaged?")

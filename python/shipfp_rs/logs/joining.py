@@ -2,7 +2,7 @@
 
 Also here:
 
-- Detection of evenly spaced rows, and of missing ones, under a clock coarser than the rows, such as whole seconds.
+- Detection of evenly spaced rows, and of missing rows, where the clock is coarser than the rows, such as whole seconds.
 """
 
 from __future__ import annotations
@@ -29,14 +29,14 @@ from shipfp_rs.support.sentences import Sentence
 Rows = npt.NDArray[np.int64]
 
 UNEVEN_TICKS = 0.01
-"""Ticks count as equal where all clock steps are multiples of the shortest step, to within this fraction of it."""
+"""Ticks (clock steps) count as equal where all are multiples of the shortest one, to within this fraction of it."""
 USUAL = 0.9
-"""Where this fraction of the ticks has the same number of rows, ticks with fewer rows lack some."""
+"""Least fraction of ticks with the same number of rows, for rows to count as missing in ticks with fewer rows."""
 WITHIN = 1.05
 """Largest deviation [rows] of evenly spaced rows from a line through the first rows of their ticks."""
 
 EARLY = 0.25
-"""Fraction of a tick by which rows may be stamped early or late."""
+"""Fraction of a tick by which the time stamps of rows may be early or late."""
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ class CoarseClock:
 
 
 def find_coarse(times: Array) -> CoarseClock | None:
-    """Find evenly spaced rows under a clock with fewer steps than rows; None if the rows are not evenly spaced."""
+    """Find evenly spaced rows where several rows have the same time; None if the rows are not evenly spaced."""
     steps = np.diff(times)
     rises = np.flatnonzero(steps != 0.0) + 1
     if len(rises) < 3 or not (steps > 0.0).any():
@@ -76,25 +76,28 @@ def find_coarse(times: Array) -> CoarseClock | None:
     if not alike:  # missing rows can't be found among ticks of different lengths
         return _through(times, rises, tick, [])
     slips, early = _slips(np.rint(passed), np.diff(rises))
-    # Where some rows are stamped early, a tick with fewer rows lacks none, provided that all rows lie on one line.
+    # If some time stamps are early, a tick with fewer rows need not lack any: first try a single line through all rows.
     return (_through(times, rises, tick, []) if early else None) or _through(times, rises, tick, slips)
 
 
 def _through(times: Array, rises: Rows, tick: float, slips: Sequence[_Slip]) -> CoarseClock | None:
-    """Evenly spaced rows that fit all changes of the clock except at slips; None if the rows are not evenly spaced."""
+    """Evenly spaced rows that fit all changes of the clock, except at slips (missing rows or a clock that was set).
+
+    None if the rows are not evenly spaced.
+    """
     ends = [0, *(k for slip in slips for k in (slip.before, slip.behind)), len(rises) - 1]
     spans = rises[np.reshape(ends, (-1, 2))]
     count = int(np.diff(spans).sum())
     period = float(np.diff(times[spans]).sum()) / count if count else 0.0
     if not period > 0.0:
         return None
-    known = 1.5 / count  # accurate to one row; the logger has the roundest rate within it
+    known = 1.5 / count  # times are accurate to one row; take the roundest rate within this error
     rate = next(
         rounded
         for digits in range(1, 13)
         if abs((rounded := float(f"{1.0 / period:.{digits}g}")) * period - 1.0) <= known
     )
-    # The first row of each tick is late by less than a row; one tick in ten may be early.
+    # The first row of each tick follows the change of the clock by less than a row. Quantile 0.9: a tenth may be early.
     behind = times[rises] - rises / rate
     levels = [
         float(np.quantile(behind[first : stop + 1], 0.9, method="higher"))
@@ -113,31 +116,31 @@ def _through(times: Array, rises: Rows, tick: float, slips: Sequence[_Slip]) -> 
 
 
 class _Slip(NamedTuple):
-    """Missing rows or a clock that was set: indices of the last change of the clock before it and the first one after it."""
+    """Missing rows or a clock that was set: indices of the clock's last change before it and first change after it."""
 
     before: int
     behind: int
     at: int
     """Index of the change at which the rows after the slip begin."""
     hides: bool
-    """Whether the times of the rows in between are unknown."""
+    """Whether the times of the rows between these two changes are unknown."""
 
 
 def _rows(slip: _Slip, rises: Rows, count: int) -> tuple[int, int]:
-    """Rows [first, stop) of a slip; at an end of the file, which has no whole tick, all rows up to that end."""
+    """Rows [first, stop) of a slip; near an end of the file, where the tick is not complete, all rows up to that end."""
     first = 0 if slip.before == 0 else int(rises[slip.before])
     return first, count if slip.behind == len(rises) - 1 else int(rises[slip.behind])
 
 
 def _rows_a_tick(counts: Rows) -> float:
-    """Rows in a whole tick: the usual number where other ticks can only lack rows, else the mean."""
+    """Rows in a complete tick: the median where ticks differ from it only by missing rows, else the mean."""
     if not len(counts):
         return np.nan
     usual = float(np.median(counts))
     near = counts[np.abs(counts - usual) <= 2.0]
     mean = float(near.mean()) if len(near) else usual
     fewer = float((usual - near).sum())
-    if fewer >= 2.0:  # at a fractional rate, ticks lack rows at even intervals
+    if fewer >= 2.0:  # with a fractional number of rows per tick, shorter ticks recur evenly
         walk, slopes = np.cumsum(near - mean)[:, None], np.linspace(-1.0, 1.0, 41) / len(near)
         if np.ptp(walk + np.arange(len(near))[:, None] * slopes, axis=0).min() <= WITHIN:
             return mean
@@ -145,24 +148,24 @@ def _rows_a_tick(counts: Rows) -> float:
 
 
 def _slips(passed: Array, counts: Rows) -> tuple[list[_Slip], bool]:
-    """Find slips from the ticks at each change and the rows between changes; also whether some rows are stamped early."""
+    """Find slips from the ticks at each change and the rows between changes; also whether some time stamps are early."""
     steps = passed[1:]
     usual = _rows_a_tick(counts[steps == 1.0])
     lacking = usual * steps - counts
-    # Ticks with a few rows more than usual show how early or late rows are stamped.
+    # Ticks with a few rows more than usual show how early or late time stamps are.
     more = -lacking[(steps == 1.0) & (lacking >= -EARLY * usual)].min(initial=0.0)
     least = 0.5 if usual == round(usual) else 2.0 * WITHIN
     early = bool(more > least)
     least += 2.0 * more if early else 0.0
     odd = np.abs(lacking) > least
-    odd[0] |= passed[0] != 1.0  # no whole tick comes before the first change
+    odd[0] |= passed[0] != 1.0  # the tick before the first change is not complete
     slips: list[_Slip] = []
     for first, stop in (
         np.flatnonzero(np.diff(np.concatenate([[False], odd, [False]]))).reshape(-1, 2).tolist()
     ):
         by, net = steps[first:stop], float(lacking[first:stop].sum())
         if -max(1.5, least) <= net <= least and (by > 0.0).all() and (first or passed[0] == 1.0):
-            continue  # rows stamped early or late
+            continue  # time stamps are early or late
         alone = stop - first == 1 and (by[0] != 1.0 or net < 0.0)
         amid = stop - first == 2 and by[0] != 1.0 and by[1] == 1.0
         at_end = first == 0 or stop == len(steps)
@@ -176,7 +179,7 @@ RATES_AGREE = 1e-4
 LONGEST_GAP = 100.0
 """Most missing samples per recorded sample; beyond it two pieces are two recordings."""
 OFF_GRID = 0.25
-"""Largest offset between the samples of overlapping pieces, in samples, due to rounded times."""
+"""Largest offset between the sample times of overlapping pieces [samples]; rounded times cause such offsets."""
 COMPARED = 1 << 16
 """Samples of an overlap compared at once."""
 
@@ -199,8 +202,8 @@ def join(logs: Sequence[Log], name: str = "") -> Log:
     """Join pieces of one recording.
 
     Pieces are placed by their own times if all have a date, or if time continues from piece to piece; missing stretches
-    are NaN. Samples that two pieces share, such as the last seconds repeated at the start of the next file, count once.
-    Pieces that all start at the same time are joined in the given order, with a note.
+    are NaN. Samples that are in two pieces, such as the last seconds repeated at the start of the next file, are used
+    once. Pieces that all start at the same time are joined in the given order, with a note.
 
     Parameters
     ----------
@@ -254,7 +257,7 @@ def join(logs: Sequence[Log], name: str = "") -> Log:
 
 @dataclass
 class _Placed:
-    """One channel of the pieces placed so far: first sample of each piece, end of the last one, and gaps between them."""
+    """One channel of the pieces placed so far: index of each piece's first sample, end of the last piece, gaps, overlaps."""
 
     rate_hz: float
     start_s: float
@@ -269,10 +272,12 @@ class _Placed:
         return cls(float(np.median([log.channels[own.name].rate_hz for log in logs])), own.start_s + offset)
 
     def add(self, log: Log, at: int, samples: int) -> None:
-        """Add a piece at a sample; samples shared with earlier pieces count once."""
+        """Add a piece that begins at sample `at` of the joined channel; overlapping samples are used once."""
         if at - self.end > LONGEST_GAP * max(samples, self.end):
             late = (at - self.end) / self.rate_hz
-            raise InputError(f"{log.name}: begins {late:.4g} s after the piece before it; open it alone")
+            raise InputError(
+                f"{log.name}: begins {late:.4g} s after the end of the previous piece; open it alone"
+            )
         if at > self.end:
             self.holes.append((self.end, at))
         if min(self.end, at + samples) > at:
@@ -282,7 +287,10 @@ class _Placed:
 
 
 def _faults_of_pieces(placed: dict[str, _Placed]) -> list[Fault]:
-    """Faults recorded in the pieces' logs, by their index in the joined log; clock faults apply to the clock's channels."""
+    """Faults of the pieces' logs, with spans in samples of the joined channel.
+
+    A fault of the clock is placed by the first channel.
+    """
     anywhere = next(iter(placed.values()))
     found: list[Fault] = []
     for number, (_, log) in enumerate(anywhere.pieces):
@@ -304,11 +312,11 @@ def _place(placed: dict[str, _Placed], log: Log, offset: float) -> None:
     if odd and any(own.end - at[label] > 1 for label, own in placed.items()):
         label, own = max(placed.items(), key=lambda item: (item[1].end - at[item[0]]) / item[1].rate_hz)
         raise InputError(
-            f"{log.name}: begins {(own.end - at[label]) / own.rate_hz:g} s before the piece before it has ended, and {odd}; "
-            "expected the same samples in both: cut one of the two where they overlap, or open them alone"
+            f"{log.name}: begins {(own.end - at[label]) / own.rate_hz:g} s before the end of the previous piece, and {odd}; "
+            "expected the same samples in both: cut one of them where they overlap, or open each alone"
         )
     for label, own in placed.items():
-        # Clocks are not exact to a sample.
+        # A gap or overlap of one sample is an error of the clock.
         near = at[label] - own.end == 1 or (odd and abs(at[label] - own.end) <= 1)
         own.add(log, own.end if near else at[label], log.channels[label].samples)
 
@@ -356,7 +364,7 @@ def _require_same(first: Log, other: Log) -> None:
     if first.channels.keys() != other.channels.keys():
         odd = sorted(first.channels.keys() ^ other.channels.keys())
         raise InputError(
-            f"{other.name}: channels {', '.join(odd)} are not in both it and {first.name}; expected the same ones"
+            f"{other.name}: channels {', '.join(odd)} are in only one of this file and {first.name}; expected the same"
         )
     for one, two in zip(
         first.channels.values(), (other.channels[name] for name in first.channels), strict=True
@@ -413,8 +421,8 @@ def merge(logs: Sequence[Log], name: str = "") -> Log:
     Parameters
     ----------
     logs
-        Either all logs have a date, or none; without dates their times are assumed to be of one clock. A channel name
-        that occurs in several logs gets the file's name as a prefix.
+        Either all logs have a date, or none; without dates, all times are assumed to come from one clock. A channel
+        name that occurs in several logs gets the file's name as a prefix.
     name
         Name of the log; by default that of the first one.
 
@@ -429,7 +437,7 @@ def merge(logs: Sequence[Log], name: str = "") -> Log:
     if dated and len(dated) < len(logs):
         bare = next(log for log in logs if log.start_utc is None)
         raise InputError(
-            f"{bare.name}: tells no date where {dated[0].name} does; align them by a common channel ([align] common)"
+            f"{bare.name}: has no date, but {dated[0].name} has one; align them by a common channel ([align] common)"
         )
     zero = min((log.start_utc for log in logs if log.start_utc), default=None)
     counts: dict[str, int] = {}
@@ -450,7 +458,7 @@ def merge(logs: Sequence[Log], name: str = "") -> Log:
     if max(begin for begin, _ in spans) >= min(end for _, end in spans):
         raise InputError(
             f"{logs[0].name}: the logs do not overlap in time ({'; '.join(f'{a:g} to {b:g} s' for a, b in spans)}); do they "
-            "share a clock? Else align them by a common channel ([align] common)"
+            "share a clock? If not, align them by a common channel ([align] common)"
         )
 
     def blocks(channel: str, first: int, size: int) -> Iterator[Samples]:

@@ -46,7 +46,7 @@ class Stopped(Exception):
 
 
 class Rows:
-    """Rows of a channel by first and stop, less its delay; read in ascending order, each sample is decoded once."""
+    """Reader of a channel's rows [first, stop), with its delay removed; in ascending order, each sample is decoded once."""
 
     def __init__(
         self,
@@ -70,7 +70,7 @@ class Rows:
         self._at = -1  # first row of the next chunk
 
     def within(self, start_s: float, stop_s: float) -> tuple[int, int]:
-        """First row of a stretch and one past its last; `InputError` where the channel lacks it."""
+        """Rows [first, stop) of a stretch of time; `InputError` where the channel has no such stretch."""
         first, stop = self.log.rows(self.channel.name, start_s, stop_s)
         late = round((self._start_s - self.channel.start_s) * self.channel.rate_hz)
         last = self.channel.samples
@@ -84,7 +84,7 @@ class Rows:
         return parts[0] if len(parts) == 1 else np.concatenate(parts)
 
     def pieces(self, first: int, stop: int) -> Iterator[Samples]:
-        """Yield rows in pieces of the lengths in which they were read."""
+        """Yield rows [first, stop) in the blocks in which they were read."""
         if self._at < 0 or first < (self._held[0][0] if self._held else self._at):
             channel = self.channel
             self._chunks = self.log.chunks(
@@ -107,7 +107,8 @@ class Rows:
         if chunk is None:
             channel = self.channel
             raise InputError(
-                f"{self.log.name}: channel {channel.name!r} ends at sample {self._at} of {channel.samples}; is it damaged?"
+                f"{self.log.name}: channel {channel.name!r} ends at sample {self._at} of {channel.samples}; "
+                "is the file damaged?"
             )
         self._held.append((self._at, chunk))
         kept_from = self._at - max(KEPT, self._kept_bytes // chunk.itemsize)
@@ -162,7 +163,7 @@ class Log:
                 )
         self.name = name
         self.start_utc = start_utc  # date of the log's time zero, if the file has one
-        self.faults = faults  # of the file as a whole: clock, end
+        self.faults = faults  # faults of the whole file: of the clock, of the end of the file
         self.notes = notes  # assumptions about the file, one line each
         self.channels: Mapping[str, Channel] = MappingProxyType(
             {channel.name: replace(channel, unit=units.told(channel.unit)) for channel in channels}
@@ -192,8 +193,8 @@ class Log:
             format with a registered reader. A pattern with a star or a question mark joins the matching files, the
             pieces of one recording, into one log (`shipfp_rs.logs.joining.join`).
         rate_hz
-            Sample rate of every column [Hz]; needed if the file has neither a rate nor times. It takes precedence over a
-            time column.
+            Sample rate of every column [Hz]; needed if the file has neither a rate nor times. A given rate takes
+            precedence over a time column.
         time
             Time column, if it is not detected or the wrong one is: "COLUMN", "COLUMN [ms]", "DATE [d.m.y] + CLOCK".
         names
@@ -378,7 +379,7 @@ class Log:
         name
             Name of the channel.
         start_s, stop_s
-            Half-open stretch on the log's clock [s]; None: from the channel's start, to its end.
+            Stretch [start_s, stop_s) on the log's clock [s]; None: from the channel's start, to its end.
 
         Raises
         ------
@@ -446,8 +447,8 @@ class Log:
     def write(self, path: str | Path) -> Path:
         """Write all channels to Parquet, block by block; the file is written atomically.
 
-        Unit, rate, start and length are in each field's metadata, as JSON under "shipfp". Channels shorter than the
-        longest are padded with nulls, which take almost no space.
+        Unit, rate, start and length are in each field's metadata, as JSON under "shipfp". Shorter channels are padded
+        with nulls to the length of the longest one; nulls take almost no space.
 
         Raises
         ------
@@ -463,7 +464,7 @@ class Log:
 
 
 Reader = Callable[..., Log]
-"""Function (path, rate_hz) that returns a log; the options it was registered for are passed by keyword."""
+"""Function (path, rate_hz) that returns a log; it gets the options it was registered for as keywords."""
 Writer = Callable[[Log, Path], Path]
 _READERS: dict[str, Reader] = {}
 _WRITERS: dict[str, Writer] = {}

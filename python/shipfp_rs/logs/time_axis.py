@@ -32,15 +32,17 @@ Times = Callable[[], Iterable[Array]]
 """Function that iterates over the times of all rows [s], from the start at each call."""
 
 Same = Callable[[int, int, int], bool]
-"""Function (row, earlier row, count): whether the rows have equal samples in every channel."""
+"""Function (row, earlier row, count): whether `count` rows from both rows on are equal in every channel."""
 GAP = 3.0
 """Steps longer than this multiple of the step that 90 % do not exceed are kept as gaps."""
 MOST_GROWTH = 8.0
-"""Most samples of the even grid per recorded one; samples denser than the grid are averaged over its cells."""
+"""Most samples of the even grid per recorded sample; where rows are denser than this grid, they are averaged over its
+cells.
+"""
 CHANGES_GROWTH = 32.0
 """Most samples of the even grid per recorded change of a state."""
 CHANGE_STEPS = 4.0
-"""Steps of the grid between two changes of a state, except for one in twenty."""
+"""Least number of grid steps between two changes of a state, for all but the shortest twentieth of the changes."""
 FAR_OFF = 1.5
 """Ratio between a given rate and that of a time column, or its inverse, above which a warning is given."""
 MOST_EQUAL = 0.1
@@ -79,11 +81,11 @@ def time_axis(
     Times are even if they deviate from a straight line by less than half a step; single jumps are gaps, rows written twice
     or a temporary error of the clock. A jump backwards, or by more than the file's length, divides the file into stretches
     placed two seconds apart. Under a clock coarser than the rows, such as whole seconds, the rate follows from its
-    changes: rows are missing where it jumps, or where a tick in the middle of the file lacks rows.
-    Other times are resampled at the rate of their shortest steps (one in twenty is shorter), by straight lines between
-    samples, so that nothing is aliased; a channel of two states is held. Where the grid would have more than eight samples
-    per recorded one, it is coarser, and denser samples are averaged over its cells. Steps of more than three times the step
-    that 90 % do not exceed remain gaps.
+    changes: rows are missing where the clock jumps, or where a tick (one step of the clock) inside the file lacks rows.
+    Rows at uneven times are resampled by straight lines between samples, at the rate of their shortest steps (the 5 %
+    quantile), which avoids aliasing. A channel of two states keeps its last value instead. A grid has at most eight
+    samples per recorded sample; where the rows are denser than this grid, they are averaged over its cells. Steps of
+    more than three times the step that 90 % do not exceed remain gaps.
 
     Parameters
     ----------
@@ -92,7 +94,7 @@ def time_axis(
     times
         Times of all rows [s].
     rate_hz
-        Rate that takes precedence over the times, of which only the start counts then.
+        Sample rate [Hz], which takes precedence over the times; only the start is then taken from the times.
     same
         Function (row, earlier row, count): whether the rows have equal samples in every channel.
     changes
@@ -130,14 +132,14 @@ def _even(clock: Clock, rate_hz: float | None) -> TimeAxis:
 
 
 def _uneven(
-    path: Path | str, column: str, times: Array, told: InputError, same: Same, changes: bool
+    path: Path | str, column: str, times: Array, error: InputError, same: Same, changes: bool
 ) -> TimeAxis:
-    """Grid of uneven times; raises `told` if the numbers can't be times."""
+    """Grid of uneven times; raises `error` if the numbers can't be times."""
     known = np.isfinite(times)
     count = len(times) if not known.any() else int(np.flatnonzero(known)[-1]) + 1
-    times = times[:count]  # a shorter column of a table ends in empty cells
+    times = times[:count]  # a column shorter than the table ends in empty cells
     if count < 3 or not known[:count].all():
-        raise told
+        raise error
     steps = np.diff(times)
     back = np.flatnonzero(steps < 0.0)
     if back.size > max(MOST_JUMPS * count, 1):
@@ -145,17 +147,17 @@ def _uneven(
         raise InputError(
             f"{path}: time column {column!r} goes back at row {row + 1}: {times[row]:.12g} s after "
             f"{times[row - 1]:.12g} s, and in {back.size} of {count} rows; cut the file there, or give rate_hz (--rate)"
-        ) from told
+        ) from error
     if not steps.any():
-        raise told
+        raise error
     coarse = find_coarse(times) if np.mean(steps == 0.0) >= MOST_EQUAL else None
     if coarse is not None:
         return _seen_through(path, column, coarse, same)
     if np.mean(steps == 0.0) > MOST_EQUAL:
         raise InputError(
-            f"{path}: time column {column!r} has the same time in {np.count_nonzero(steps == 0.0)} of {count} rows as in "
-            "the row before, and no even rate; give rate_hz (--rate), or a finer column (--time)"
-        ) from told
+            f"{path}: time column {column!r} repeats the previous row's time in {np.count_nonzero(steps == 0.0)} of {count} "
+            "rows and has no even rate; give rate_hz (--rate), or a column with a finer time (--time)"
+        ) from error
     return _resampled(path, column, times, steps, changes=changes)
 
 
@@ -164,7 +166,7 @@ def _plain(start_s: float, rate_hz: float, count: int) -> TimeAxis:
 
 
 def _seen_through(path: Path | str, column: str, coarse: CoarseClock, same: Same) -> TimeAxis:
-    """Grid of even rows under a coarse clock; jumps are treated as those of a fine one."""
+    """Grid of evenly spaced rows under a coarse clock; its jumps are treated like the jumps of a fine clock."""
     rate, resolution = coarse.rate_hz, coarse.resolution_s
     note = (
         f"time column {column!r} has one time for several rows: taken as even at {rate:.6g} Hz, start known to "
@@ -292,9 +294,9 @@ def _has_two_states(blocks: Blocks, channel: str) -> bool:
 
 
 def _on_lines(times: Array, values: Array, at: Array, half: float) -> Array:
-    """Interpolate between rows, and average where a grid cell has several."""
+    """Interpolate between rows, and average where a grid cell has several rows."""
     time, index = np.unique(times, return_inverse=True)
-    if len(time) < len(values):  # mean over rows of the same time
+    if len(time) < len(values):  # mean over rows with the same time
         values = np.bincount(index, values) / np.bincount(index)
     sampled = np.interp(at, time, values)
     dense = np.flatnonzero(np.searchsorted(time, at + half) - np.searchsorted(time, at - half) > 1)

@@ -9,16 +9,16 @@ from shipfp_rs.support.arrays import Array
 LEAST_HALVES = 3
 """Least number of half periods that can show a change of frequency."""
 CHANGES = 1.3
-"""Least ratio between a chirp's frequencies in the first and the last third of a record."""
+"""Least ratio between the frequencies in the first and the last third of a record, or its inverse, for a chirp."""
 HYSTERESIS = 0.2
-"""Fraction of half the swing by which the signal must pass its middle to complete a half period."""
+"""Distance from the middle level that completes a half period, relative to half the peak-to-peak range."""
 
 
 def constant_frequency(samples: Array, rate_hz: float) -> float | None:
     """Frequency of a supposed chirp whose frequency is constant [Hz]; None if the frequency changes.
 
-    Half periods are timed between crossings of the middle, with hysteresis against noise. With fewer than three of them the
-    frequency from the crossings is returned, too (0 without any).
+    Half periods are timed between crossings of the middle level, with hysteresis against noise. With fewer than three
+    half periods, the frequency follows from the number of crossings (0 without a crossing).
     """
     low, high = np.percentile(samples, [2.0, 98.0])
     middle, swing = 0.5 * (low + high), HYSTERESIS * 0.5 * (high - low)
@@ -27,7 +27,7 @@ def constant_frequency(samples: Array, rate_hz: float) -> float | None:
     side = np.where(samples > middle + swing, 1, np.where(samples < middle - swing, -1, 0))
     clear = np.flatnonzero(side)
     turns = np.flatnonzero(np.diff(side[clear]))
-    # The crossing lies halfway between the last sample clearly on one side and the first on the other.
+    # Each crossing is halfway between the last sample outside the hysteresis band and the first one across it.
     crossings = 0.5 * (clear[turns] + clear[turns + 1]) / rate_hz
     halves = np.diff(crossings)
     if len(halves) < LEAST_HALVES:

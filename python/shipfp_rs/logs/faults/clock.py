@@ -19,24 +19,24 @@ Samples = npt.NDArray[Any]
 FIRST = 1024
 """Rows whose median step is accurate enough to detect jumps."""
 MOST_JUMPS = 0.01
-"""Largest fraction of rows at which a clock may jump."""
+"""Largest fraction of rows with a jump of the clock; a column with more is not a clock."""
 MARKED = 64
 """Interval, in rows, at which times are compared with a straight line."""
 BENT = 2e-5
-"""Largest deviation of times from a straight line, relative to the record's length; no clock is better over hours."""
+"""Largest deviation of times from a straight line, relative to the record's length: the error of real clocks over hours."""
 COMPARED = 4096
-"""Most rows that are compared: equal rows were written twice, others with repeated times mean that a clock was set back."""
+"""Most rows compared where times repeat: equal rows were written twice; different rows mean that the clock was set back."""
 FILL = 1 << 16
-"""Missing samples yielded at once."""
+"""Most missing samples in one yielded block."""
 LONGEST_GAP = 100.0
-"""Most missing samples per recorded one in a gap; beyond it the clock was set."""
+"""Most missing samples in a gap per recorded sample; a longer gap means that the clock was set."""
 UNKNOWN_S = 2.0
-"""Distance between two stretches separated by a jump of unknown length [s]; no filter reaches across."""
+"""Distance between two stretches separated by a jump of unknown length [s], longer than any filter."""
 
 
 @dataclass(frozen=True)
 class Segment:
-    """Rows [row, row + count) of a file that are samples [sample, sample + count)."""
+    """Mapping of a file's rows [row, row + count) to samples [sample, sample + count)."""
 
     row: int
     count: int
@@ -116,7 +116,10 @@ class ClockScan:
     def finish(
         self, name: str, column: str, same: Callable[[int, int, int], bool], *, trusted: bool
     ) -> Clock:
-        """Finish the scan; `same` (row, earlier row, count) compares rows, `trusted` is False if the user gave a rate."""
+        """Finish the scan.
+
+        `same` (row, earlier row, count) compares rows, `trusted` is False if the user gave a sample rate.
+        """
         if self._held:
             self._take(self._begin())
         whole = (Segment(0, self._count, 0),)
@@ -138,8 +141,8 @@ class ClockScan:
             worst = int(unknown[0]) if len(unknown) else 0
             raise InputError(
                 f"{name}: time column {column!r} is not uniform at row {rows[worst] + 1}: a step of "
-                f"{jumps[worst]:g} s, expected {self._interval:g} s; {len(rows)} such rows in {self._count} are no "
-                "clock: cut the file there or give rate_hz (--rate)"
+                f"{jumps[worst]:g} s, expected {self._interval:g} s; {len(rows)} of {self._count} rows have such "
+                "steps; cut the file there or give rate_hz (--rate)"
             )
         rate_hz = even / float(self._last - self._start - jumps.sum())
         rate_hz = float(
@@ -227,7 +230,7 @@ class Jump(NamedTuple):
 
 
 def parted_at(column: str, jumps: Sequence[Jump]) -> Fault:
-    """Fault of a log that jumps of its clock divide into stretches."""
+    """Fault "time_jump" with the given jumps, which divide a log into stretches."""
 
     def told(values: Sequence[float]) -> str:
         return ", ".join(f"{round(value, 3):.13g}" for value in values[:SHOWN]) + (
@@ -270,7 +273,7 @@ def spliced(
 
 
 def without(segments: Sequence[Segment], rows: Spans) -> tuple[tuple[Segment, ...], Spans]:
-    """Segments without some rows, and the spans of their samples, which are NaN."""
+    """Remove rows from segments; return the new segments and the spans of the removed rows' samples, which become NaN."""
     kept: list[Segment] = []
     hidden: list[tuple[int, int]] = []
     for segment in segments:

@@ -16,7 +16,7 @@ import numpy.typing as npt
 from shipfp_rs.support.arrays import Spans, joined
 
 TAPS = 8
-"""Samples in a hash of `shipfp_rs._core.RepeatScan`."""
+"""Successive samples in each hash of `shipfp_rs._core.RepeatScan`, which finds candidates of repeated rows."""
 LEAST = 128
 """Shortest repeated stretch [samples]."""
 
@@ -24,7 +24,7 @@ LEAST = 128
 def repeated_rows(
     candidates: npt.NDArray[np.int64], equal: Callable[[int, int, int], npt.NDArray[np.bool_]], samples: int
 ) -> Spans:
-    """Second copies among the candidates of `RepeatScan`, shape (K, 2), compared by `equal` (first, stop, lag).
+    """Spans of second copies, shape (K, 2), among `candidates` (row, lag) of `RepeatScan`, compared by `equal`.
 
     A repeat longer than its own lag is not a copied buffer but a periodic signal without noise.
     """

@@ -27,7 +27,7 @@ ABOVE_SIDES = 4.0
 LEAST_BLOCKS = 3
 """Least number of successive blocks with hum. A jump of the signal looks like hum in one or two."""
 BATCH = 64
-"""Blocks processed together. A fixed number, since rounding depends on it and must not depend on the chunks fed."""
+"""Blocks processed together. The number is fixed, since rounding depends on it and must not depend on the chunks fed."""
 NOTCH_S = 0.5
 """Window for the hum's amplitude and phase [s]. All other content within 4 Hz is removed, too."""
 
@@ -96,7 +96,7 @@ def hum_in(samples: Array, first: int, spans: Spans, rate_hz: float, mains_hz: f
 
 
 Read = Callable[[int, int], Array]
-"""Function (first, stop) that returns samples by the channel's own index."""
+"""Function (first, stop) that returns samples [first, stop) of a channel."""
 
 LEAST_BLOCK, MOST_BLOCK = 8, 128
 """Samples in a block of the first pass. Stuck stretches of twice as many samples are always found."""
@@ -109,25 +109,24 @@ NEARBY = 128
 QUANTA = 3.0
 """Sample-to-sample changes below this multiple of a float's resolution are rounding, not noise."""
 STEPS = 1.5
-"""Changes below this multiple of the channel's own resolution are rounding, too. Rounding alone looks rough up to one step,
-and noise of this size does not stay at one value.
+"""Changes below this multiple of the channel's smallest step are rounding, too: rounding alone causes changes of one step.
 """
 ROUGH = 0.7
-"""Least ratio of the root mean squares of second and first differences of a noisy signal: 1.7 for white noise, near 0 for
-a smooth signal.
+"""Least ratio of the root mean square of a noisy signal's second differences to that of its first differences: the
+ratio is 1.7 for white noise, near 0 for a smooth signal.
 """
 ALONE = 0.25
-"""An extreme is a spike, not a limit of the sensor, where its distance to the next highest block is more than this
-fraction of its distance to the usual one.
+"""A channel's maximum may be a spike, not a limit of the sensor, where its distance to the next highest block maximum
+is more than this fraction of its distance to the median block maximum.
 """
 CROWDED = 0.25
-"""Most samples one step below the limit of a clipped signal, relative to those at the limit."""
+"""Largest number of samples one step below the limit of a clipped signal, relative to the number at the limit."""
 LOOKED_AT = 64
-"""Most blocks and stretches at a limit that are examined."""
+"""Number of blocks and stretches at a limit that are examined; later ones are not."""
 ONE_SIDE = 0.05
-"""Largest fraction of blocks with the other sign in a channel that stays away from zero."""
+"""Largest fraction of blocks of the rarer sign in a channel that is searched for dropouts to zero."""
 NEAR_ZERO = 0.2
-"""Dropouts are searched where a channel's lowest tenth is above this fraction of its typical level."""
+"""Dropouts are searched if the lowest tenth of a channel's magnitudes is above this fraction of their median."""
 
 
 @dataclass(frozen=True)
@@ -145,7 +144,7 @@ class LevelLimits:
     clipped_samples
         Least number of samples at a channel's extreme value for this value to count as a rail.
     spike_s
-        Longest spike [s]: a shorter stretch at a rail is a spike where no other sample comes near that rail.
+        Longest spike [s]: a shorter stretch at an extreme value is a spike if no other sample is near this value.
     """
 
     stuck_s: float = 0.25
@@ -155,7 +154,7 @@ class LevelLimits:
     spike_s: float = 0.05
 
     def still_samples(self, rate_hz: float) -> float:
-        """Shortest stuck stretch, in samples."""
+        """Length of the shortest stuck stretch in samples."""
         return max(self.stuck_s * rate_hz, LEAST_STILL)
 
     def block(self, rate_hz: float) -> int:
@@ -168,15 +167,16 @@ def find_level_faults(
 ) -> dict[str, Spans]:
     """Spans of each kind of level fault in a channel, indexed from the first sample fed to `extremes`.
 
-    A stuck or clipped channel is distinguished from a signal at rest by the noise beside the stretch. A constant signal
-    without noise, such as a simulated set point, is neither.
+    A stuck or clipped channel has noise before or after the stretch; a constant signal without noise, such as a
+    simulated set point, has none and is not reported.
 
     Parameters
     ----------
     extremes
-        Extremes by block, of the searched samples.
+        Minimum and maximum of each block of the searched samples.
     read
-        Samples by the same index; called for suspicious blocks and their neighbours.
+        Function (first, stop) that returns samples by the same index; called for suspicious blocks and their
+        neighbours.
     rate_hz
         Sample rate [Hz].
     limits
@@ -198,7 +198,7 @@ def find_level_faults(
     found["dropout"] = _dropouts(suspects, low, high, rate_hz, limits)
     still = suspects.runs_of(known & (low == high), _repeats, beside=1)
     still = still[still[:, 1] - still[:, 0] >= limits.still_samples(rate_hz)]
-    # A channel that never changes has no noise to compare with, and is always reported.
+    # A channel that never changes is always reported, although it has no noise beside the stretch.
     never_moves = np.nanmin(low) == np.nanmax(high) and len(still)
     found["stuck"] = apart_from(still if never_moves else suspects.beside_noise(still), found["dropout"])
     clipped = [
@@ -224,7 +224,7 @@ class _Suspects:
     def runs_of(
         self, odd: npt.NDArray[np.bool_], flag: Callable[[Array], npt.NDArray[np.bool_]], beside: int = 0
     ) -> Spans:
-        """Runs of flagged samples in the odd blocks and in `beside` blocks on either side."""
+        """Runs of samples flagged by `flag` in the blocks marked in `odd` and in `beside` blocks on either side."""
         stretches = runs(odd) + np.array([-beside, beside])
         found = [
             first + runs(flag(self.read(first, stop)))
@@ -235,7 +235,7 @@ class _Suspects:
     def _pieces(self, stretches: Spans) -> Iterator[tuple[int, int]]:
         for first, stop in np.minimum(stretches, self.count).tolist():
             for start in range(first, stop, PIECE):
-                # One sample more, since pairs of samples are compared across the border.
+                # Pieces overlap by one sample, since `flag` may compare successive samples.
                 yield start, min(start + PIECE + 1, stop)
 
     def beside_noise(self, spans: Spans) -> Spans:
@@ -290,7 +290,7 @@ def _dropouts(suspects: _Suspects, low: Array, high: Array, rate_hz: float, limi
 
 
 def _rail(suspects: _Suspects, high: Array, sign: float, rate_hz: float, limits: LevelLimits) -> Spans:
-    """Stretches at the maximum where the signal is clipped; at the minimum with `sign` -1."""
+    """Stretches at the maximum (with `sign` -1 the minimum) of a clipped signal."""
     top = float(np.nanmax(high))
     at_top = high == top
     runs_at_top = suspects.runs_of(at_top, lambda x: sign * x == top)
@@ -300,7 +300,7 @@ def _rail(suspects: _Suspects, high: Array, sign: float, rate_hz: float, limits:
         length = runs_at_top[:, 1] - runs_at_top[:, 0]
         runs_at_top = runs_at_top[length > limits.spike_s * rate_hz]
     at_rail = int((runs_at_top[:, 1] - runs_at_top[:, 0]).sum())
-    # In a coarsely rounded signal, as many samples lie one step below the maximum.
+    # A coarsely rounded signal that is not clipped has as many samples one step below the maximum as at it.
     blocks = np.flatnonzero(at_top)[:LOOKED_AT].tolist()
     near = sign * np.concatenate([suspects.samples(block, NEARBY) for block in blocks]).astype(np.float64)
     next_to_it = near[near < top]

@@ -52,7 +52,7 @@ class Fault:
     method
         Treatment.
     spans
-        First sample and one past the last, by the channel's own index, shape (K, 2), ascending.
+        Sample indices [first, stop) of each stretch in the channel, shape (K, 2), ascending.
     excluded
         Whether fits omit these samples: true if they were filled in or are doubtful, false if the fault was only
         reported, or removed without changing the measurement.

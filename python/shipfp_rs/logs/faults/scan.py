@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 PIECE = 1 << 18
-"""Samples reread at once, and kept for the next request."""
+"""Samples read at once, and kept in memory for the next request."""
 
 
 def scan(
@@ -31,7 +31,7 @@ def scan(
     least_hum: float = 1e-3,
     repeats: bool = False,
 ) -> dict[str, Spans]:
-    """Faults in samples [first, stop) of an analogue channel: kind to spans by its own index.
+    """Spans of the faults in samples [first, stop) of an analogue channel, by kind of fault.
 
     Hum is detected only with a mains frequency, and repeated rows only on request.
     """
@@ -61,7 +61,7 @@ def scan(
 def _repeated(log: Log, about: Channel, first: int, stop: int, prints: RepeatScan) -> Spans:
     """Rows written twice in every channel of the same rate and length.
 
-    A channel without noise, such as a quantised set point on a bus, may repeat itself; one with noise does not.
+    A channel without noise, such as a quantised set point on a bus, may repeat by chance; a noisy channel does not.
     """
     readers = [
         _Reader(log, other.name)
@@ -82,7 +82,7 @@ def _repeated(log: Log, about: Channel, first: int, stop: int, prints: RepeatSca
 
 
 class _Reader:
-    """Samples by index. It reads ahead, since requests are mostly close together."""
+    """Samples by index. It reads more samples than requested, since successive requests are mostly close together."""
 
     def __init__(self, log: Log, channel: str) -> None:
         self.log, self.channel = log, log.channel(channel)

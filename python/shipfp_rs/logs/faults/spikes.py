@@ -16,11 +16,11 @@ from shipfp_rs.support.units import Calibration
 PIECE = 1 << 18
 """Samples processed together."""
 SHORTEST = 2
-"""Most samples of a spike in a slow channel, even if they last longer than the longest spike."""
+"""Number of samples that a spike may have in a slow channel, even if they last longer than the longest spike."""
 BY_A_CLOCK, LONGEST_HELD_S = 0.9, 0.2
-"""Least fraction of changes at whole periods in a channel with held values, and its longest period [s]."""
+"""A channel holds its values if at least this fraction of its changes is at multiples of one period; longest period [s]."""
 BESIDE_S, LEAST_BESIDE = 2.0, 64
-"""Context on either side of a piece, in seconds and at least in samples, for the noise near its ends."""
+"""Context on either side of a piece, for the noise near its ends: duration [s] and least number of samples."""
 
 
 class SpikeLimits(Protocol):
@@ -43,15 +43,16 @@ def spikes_between(
     *,
     steps: bool = False,
 ) -> Spans:
-    """Spikes of calibrated samples, some missing; interpolated samples in a long gap have none.
+    """Spikes of calibrated samples, of which those in `missing` are interpolated.
 
-    A spike may have `shortest` samples in a slow channel, and may last as long as a held value, as of a power analyser
-    or a bus. `steps`: the signal itself may have steps, as a set point.
+    A spike may have `shortest` samples in a slow channel, and may last as long as each value of a channel that holds
+    its values, such as that of a power analyser or a bus. `steps`: the signal itself may have steps, such as a set
+    point.
     """
     filled = bridge(samples, missing)
     held = 1 if steps else held_samples(filled, rate_hz)
     longest_s = max(limits.longest_s, shortest / rate_hz, held / rate_hz)
-    # Interpolated samples in a long gap have no noise, so the noise of their neighbours would look like spikes.
+    # Long gaps are excluded: beside interpolated samples without noise, normal noise would look like spikes.
     absent = np.zeros(len(samples), dtype=np.bool_)
     gaps = runs(missing)
     for start, stop in gaps[gaps[:, 1] - gaps[:, 0] > longest_s * rate_hz]:
@@ -99,7 +100,7 @@ def spikes_of(
     *,
     steps: bool = False,
 ) -> Spans:
-    """Spikes of a whole channel, by its own index.
+    """Spans of spikes in a whole channel.
 
     Parameters
     ----------
@@ -110,8 +111,8 @@ def spikes_of(
     limits
         Limits of spikes.
     noise
-        Standard deviation of the channel's noise in recorded units. A spike rises above its neighbours by more than
-        `limits.threshold` times this, which also holds at a level near zero.
+        Standard deviation of the channel's noise in recorded units. A spike differs from its neighbours by more than
+        `limits.threshold` times this, also where the level is near zero.
     calibration
         Calibration of the channel, if known; the least relative height of a spike applies to calibrated values.
     steps
@@ -131,7 +132,7 @@ def spikes_of(
             )
             starts, stops = (low + spans).T
             own = (starts >= begin) & (starts < end)
-            own &= (starts > 0) & (stops < count)  # at an end of the log an excursion may not return
+            own &= (starts > 0) & (stops < count)  # an excursion at an end of the log need not be a spike
             stands_out = [not _height(raw, *span) <= limits.threshold * noise for span in spans.tolist()]
             yield low + spans[own & np.array(stands_out, dtype=np.bool_)]
 

@@ -54,5 +54,5 @@ def _reader(path: Path) -> Any:
     if begin.lstrip().startswith(b"("):
         return can.CanutilsLogReader(path)
     raise InputError(
-        f"{path}: no log of a CAN bus that is known: expected BLF, Vector ASC, PEAK TRC or candump"
+        f"{path}: not a CAN log of a supported format: expected BLF, Vector ASC, PEAK TRC or candump"
     )

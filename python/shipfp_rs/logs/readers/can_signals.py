@@ -21,7 +21,9 @@ from shipfp_rs.logs.readers.time_cells import EPOCH
 from shipfp_rs.logs.time_axis import TimeAxis
 
 SPECIAL = 0xFB
-"""J1939 numbers whose first byte is at least this have no value: parameter specific, reserved, error, not available."""
+"""J1939 numbers whose highest byte is at least this are codes without a value: parameter specific, reserved, error, not
+available.
+"""
 EPOCH_S = 9.4e8
 """Time stamps above this are seconds since 1970."""
 
@@ -39,7 +41,7 @@ class Frames:
 
 @dataclass(frozen=True)
 class Signal:
-    """Number in a payload: value = scale * raw + offset."""
+    """Signal in a payload: value = scale * raw + offset."""
 
     name: str
     unit: str
@@ -52,7 +54,7 @@ class Signal:
     is_float: bool = False
     selector: Signal | None = None
     selected: tuple[int, ...] = ()
-    """For a multiplexed signal: index of the selecting signal, and its values for which this one is present."""
+    """For a multiplexed signal: the multiplexer signal, and its values for which the multiplexed signal is present."""
 
     def raw(self, data: npt.NDArray[np.uint8]) -> npt.NDArray[Any]:
         """Recorded integers (or floats) of payloads, shape (N, bytes)."""
@@ -110,14 +112,14 @@ class Message:
 
     @property
     def key(self) -> tuple[str, int]:
-        """Key of the frames of the message."""
+        """Key by which the frames of the message are selected."""
         if self.j1939:
             return "pgn", int(parameter_group(np.array([self.identifier], dtype=np.uint32))[0])
         return ("extended" if self.extended else "standard"), self.identifier
 
 
 def parameter_group(identifier: npt.NDArray[np.uint32]) -> npt.NDArray[np.uint32]:
-    """Parameter group of 29-bit identifiers; below format 240 their second byte is a destination."""
+    """Parameter group (J1939) of 29-bit identifiers; for PDU formats below 240, the PDU-specific byte is an address."""
     pgn = (identifier >> 8) & 0x3FFFF
     return np.where(((identifier >> 16) & 0xFF) < 240, pgn & 0x3FF00, pgn)
 
@@ -164,7 +166,7 @@ def messages_of(path: Path, names: str | None) -> tuple[Message, ...]:
     try:
         base: Any = cantools.database.load_file(names, strict=False)
         definitions = list(base.messages)
-    except Exception as error:  # each file kind raises other errors
+    except Exception as error:  # each file format raises different errors
         raise InputError(f"{names}: can't be read as a DBC: {' '.join(str(error).split())[:300]}") from error
     kind = getattr(getattr(base, "dbc", None), "attributes", None) or {}
     all_j1939 = "J1939" in str(getattr(kind.get("ProtocolType"), "value", ""))
@@ -202,7 +204,7 @@ def _signal(signal: Any) -> Signal:
 
 
 def log_of_frames(path: Path, frames: Frames, names: str | None, zero: datetime | None = None) -> Log:
-    """Signals of a bus as channels, each at the even rate of its message, with its bit as resolution.
+    """Signals of a bus as channels, each on an even grid at the rate of its message; the resolution is one bit.
 
     A signal name shared by several messages or senders gets the message and the sender as a prefix.
     """
@@ -247,7 +249,7 @@ def log_of_frames(path: Path, frames: Frames, names: str | None, zero: datetime 
             held[name] = (axis, axis.on_grid(blocks_of({name: samples})))
     if not channels:
         raise InputError(
-            f"{path}: {', '.join(m.name for m, _, _ in found)} hold no values but 'not available'"
+            f"{path}: {', '.join(m.name for m, _, _ in found)} have only the value 'not available'"
         )
     by = (
         f"DBC {Path(names).name}"
@@ -265,7 +267,7 @@ def log_of_frames(path: Path, frames: Frames, names: str | None, zero: datetime 
 def _found(
     messages: Sequence[Message], frames: Frames
 ) -> Iterator[tuple[Message, str, npt.NDArray[np.intp]]]:
-    """Messages on the bus, with the sender where there are several, and their frames."""
+    """Yield each message on the bus, its sender if several send it, and the indices of its frames."""
     by_key = {message.key: message for message in messages}
     groups = parameter_group(frames.identifier)
     for (kind, number), message in by_key.items():
@@ -284,7 +286,7 @@ def _found(
 def _rows_of(
     message: Message, frames: Frames, rows: npt.NDArray[np.intp]
 ) -> Iterator[tuple[Signal, npt.NDArray[np.intp]]]:
-    """Signals of a message and the frames that contain them: long enough, and with the right multiplexer value."""
+    """Signals of a message and indices of its frames: long enough, and with the right multiplexer value."""
     for signal in message.signals:
         end = (
             signal.start + signal.length

@@ -1,4 +1,4 @@
-"""The child process of `isolation`: opens logs and sends their samples through a pipe."""
+"""Child process started by `child_process`: opens logs and sends their samples through a pipe."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from shipfp_rs.logs.channel import Samples
 from shipfp_rs.logs.log import Log
 
 SPARE_BYTES = 200_000_000
-"""Memory a reader may use in addition to three times the file's size."""
+"""Memory that a reader may use [bytes], in addition to three times the file's size."""
 
 
 def serve() -> None:
@@ -102,7 +102,7 @@ class _Server:
             try:
                 log = self._log = open_log(Path(path), rate_hz, **options)
             except InputError as error:
-                # Warnings about omitted content may explain it.
+                # Warnings about omitted content may explain the error.
                 raise InputError("; ".join([str(error), *(str(note.message) for note in notes)])) from error
         return {
             "channels": [asdict(channel) for channel in log.channels.values()],

@@ -3,7 +3,7 @@
 Readers based on third-party packages, run in a child process.
 
 On damaged files, the native code of these packages may crash, loop forever or request any amount of memory. In a child
-process this ends in an error message, not in the loss of the session.
+process, such a failure becomes an error message and does not end the user's session.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from shipfp_rs.logs.faults.record import Fault
 from shipfp_rs.logs.log import Log, Reader
 
 TIRED_BYTES = 100_000_000
-"""Memory growth above which a child gets no further file."""
+"""Growth of a child's memory [bytes] above which it is ended instead of opening another file."""
 
 START = """
 import json, sys
@@ -49,7 +49,7 @@ class Child:
         environment = {
             **os.environ,
             "OPENBLAS_NUM_THREADS": "1",
-        }  # buffers of each thread would count as used memory
+        }  # the buffers of more threads would count as used memory
         self._process = subprocess.Popen(
             [sys.executable, "-c", START, json.dumps(sys.path)],
             stdin=subprocess.PIPE,
@@ -79,7 +79,7 @@ class Child:
         return self._streams
 
     def dropped(self) -> list[int]:
-        """Return the numbers of streams that nobody reads any more, each number once."""
+        """Return the numbers of the streams closed since the last call."""
         gone, self.drop = self.drop, []
         return gone
 
@@ -178,7 +178,7 @@ _idle: list[Child] = []
 
 
 def take() -> Child:
-    """A child process for the next file."""
+    """Return the idle child process or a new one."""
     while _idle:
         child = _idle.pop()
         if child.fresh():
@@ -196,7 +196,7 @@ def give_back(child: Child) -> None:
 
 
 def idle_process() -> int | None:
-    """Process that would get the next file; None if one has to be started."""
+    """Process number of the idle child; None if there is none."""
     return _idle[-1].pid if _idle else None
 
 
@@ -208,7 +208,7 @@ def end_idle() -> None:
 
 
 LIMIT_S = 30.0
-"""Longest wait for a child's answer, plus one second for every 5 MB of the file."""
+"""Longest wait for a child's answer [s], without the additional second for every 5 MB of the file."""
 
 
 def in_child(package: str, *, extra: str) -> Callable[[Reader], Reader]:
@@ -253,7 +253,7 @@ class _Source:
             faults = tuple(Fault(**fault) for fault in facts["faults"])
         except (KeyError, TypeError, ValueError) as error:
             raise InputError(
-                f"{self.path}: the package {self._package} gives answers that make no sense; is the file damaged?"
+                f"{self.path}: the package {self._package} returned invalid metadata; is the file damaged?"
             ) from error
         for note in told:
             warnings.warn(note, LogWarning, stacklevel=5)
@@ -270,7 +270,7 @@ class _Source:
 
     def _blocks(self, name: str, first: int, size: int) -> Iterator[Samples]:
         with self._reading() as child:
-            with child.lock:  # reopening would end the streams of the first one
+            with child.lock:  # opening the file again would end the streams of other threads
                 if child.opened != self._key():
                     self._open(child)
             stream, start = child.next_stream(), True
@@ -283,7 +283,7 @@ class _Source:
                     yield block
                     start = False
             finally:
-                # Sent with the next request, since another one may be in progress.
+                # The number is sent with the next request, since another request may be in progress.
                 child.drop.append(stream)
 
     @contextlib.contextmanager

@@ -66,7 +66,7 @@ def tell_left_out(path: Path, why: str, names: Sequence[str], *, all_of_them: bo
 
 
 VALUES = ("data", "values", "value", "y", "signal", "samples")
-"""Names of a one-channel struct's field with the samples."""
+"""Names of the field that holds the samples in a struct of one channel."""
 LABELS = frozenset(
     [
         "names",
@@ -81,7 +81,7 @@ LABELS = frozenset(
         "signals",
     ]
 )
-"""Names of the variable with the names of a matrix's columns."""
+"""Names of a variable that lists the names of a matrix's columns."""
 MOST_COLUMNS = 256
 LEAST_ROWS = 8
 """A matrix with more columns, fewer rows, or fewer than two rows per column is not a table of channels."""
@@ -105,7 +105,7 @@ class Row:
 
 
 def column_names(count: int, beside: Mapping[str, Sequence[str]], base: str) -> list[str]:
-    """Names of a matrix's columns: from a list of the same length beside it, else its own name with a number."""
+    """Names of a matrix's columns: from a list of this length in the same struct, else `base` with a number."""
     fitting = {name: words for name, words in beside.items() if len(words) == count}
     chosen = next((fitting[name] for name in fitting if posixpath.basename(name).lower() in LABELS), None)
     if chosen is None and len(fitting) == 1:
@@ -118,14 +118,14 @@ def column_names(count: int, beside: Mapping[str, Sequence[str]], base: str) -> 
 def time_of(
     path: Path, row: Row, rows: Mapping[str, Row], scalars: Sequence[tuple[str, Any]], rate_hz: float | None
 ) -> tuple[str, float | None]:
-    """Return the key of the times that belong to a row, or "" and a sample rate that is stated instead of times.
+    """Return the key of the times that belong to a row, or "" and the sample rate if a rate is stated instead of times.
 
     The nearest times are used: those in the row's struct, else in a neighbouring struct with nothing but times, else in
     the enclosing struct. Ambiguous times are ignored.
     """
     times = {key for key in rows if is_time(split_bracketed(_last(key))[0])}
     plain = {posixpath.dirname(key) for key in rows if key not in times}
-    above = row.name  # first the fields of the row itself, if it is a one-channel struct
+    above = row.name  # start with the fields of the row itself, which may be a struct of one channel
     while True:
         fitting = [key for key in rows if key in times and rows[key].length == row.length]
         own = next((key for key in fitting if posixpath.dirname(key) == above), "")
@@ -148,7 +148,7 @@ def _last(key: str) -> str:
 
 
 def axis_of(path: Path, key: str, row: Row, *, trusted: bool = False) -> tuple[TimeAxis, TimePlan]:
-    """Grid of a row of times, and their interpretation; `trusted` numbers without a unit are seconds."""
+    """Grid of a row of times, and their interpretation; with `trusted`, numbers without a unit are seconds."""
     import pyarrow as pa
 
     def cells(_: str) -> Iterator[Any]:
@@ -169,7 +169,7 @@ def blocks_of_rows(path: Path, rows: Mapping[str, Row]) -> Blocks:
 
 
 def tell_no_time(path: Path, rows: Sequence[Row], *, all_of_them: bool) -> None:
-    """Warn of rows without times, which are not channels; `InputError` if the file has no others."""
+    """Warn of rows without times, which are omitted; `InputError` if all rows of the file lack times."""
     if rows and all_of_them:
         raise no_time(path, rows[0])
     tell_left_out(path, "no time base", [row.name for row in rows], all_of_them=False)

@@ -1,4 +1,4 @@
-"""Delimited text files (CSV): the first pass indexes records and finds number types, later ones read any stretch."""
+"""Delimited text files (CSV): a first pass indexes the records and finds number types, later passes read any stretch."""
 
 from __future__ import annotations
 
@@ -94,19 +94,19 @@ def open_delimited(path: Path, rate_hz: float | None, time: str | None = None) -
 
 
 def _tells_nothing(layout: Layout, place: int) -> bool:
-    """Whether an empty column comes from the line end, or is a time column replaced by a given rate."""
+    """Whether an empty column is omitted silently: a delimiter at the line end, or times replaced by a stated rate."""
     return not layout.named_column(place) or (layout.rate_hz is not None and is_time(layout.headings[place]))
 
 
 def _parts(path: Path, layout: Layout, offset: int) -> Iterator[tuple[int, bytes, int]]:
-    """Yield offset, text and length in the file of each part, in whole lines; UTF-16 becomes UTF-8."""
+    """Yield offset in the file, text and number of bytes of each part, in whole lines; UTF-16 becomes UTF-8."""
     end_of_line = "\n".encode(layout.encoding)
     with path.open("rb") as file:
         file.seek(offset)
         rest = b""
         while read := file.read(max(min(PART, layout.bytes_end - offset - len(rest)), 0)):
             end = read.rfind(end_of_line) + len(end_of_line)
-            while layout.wide == 2 and end > 1 and (len(rest) + end) % 2:  # a character is cut in two
+            while layout.wide == 2 and end > 1 and (len(rest) + end) % 2:  # not a whole character
                 end = read.rfind(end_of_line, 0, end - 1) + len(end_of_line)
             if end < len(end_of_line):
                 end = 0
@@ -251,7 +251,10 @@ def _parse(
     *,
     all_columns: bool = False,
 ) -> pa.Table:
-    """Parse lines from record `row` on, with the types in `only` or inferred ones; only those columns, or all."""
+    """Parse lines, the first of which is record `row`.
+
+    Types are those in `only`, else inferred; other columns are omitted unless `all_columns`.
+    """
     names = [str(k) for k in range(len(layout.headings))]
     types: dict[str, Any] = {names[k]: kind for k, kind in (only or {}).items()}
     try:

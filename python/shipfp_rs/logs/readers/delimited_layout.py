@@ -28,7 +28,7 @@ SAMPLE = 1 << 16
 """Bytes in which the layout is detected."""
 
 SCORED = 200
-"""Number of lines on which delimiters are tried; headers of loggers are shorter."""
+"""Number of lines on which delimiters are tried, more than the headers of loggers have."""
 
 PREAMBLE = 5
 """The records start at this many successive lines with a number."""
@@ -48,7 +48,7 @@ DIALECTS = (
     (" ", ","),
     (",", ","),
 )
-"""Pairs of delimiter and decimal mark, most likely first; where both are commas, the numbers are quoted."""
+"""Pairs of delimiter and decimal mark, most likely first. In files where both are commas, the numbers are quoted."""
 
 NUMBER = re.compile(
     r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?(nan|inf|infinity)|true|false", re.IGNORECASE
@@ -99,7 +99,7 @@ class Layout:
     """Whether the first column counts the records, so that their times follow from the rate."""
 
     def named_column(self, place: int) -> bool:
-        """Whether a column has a name; one with neither name nor numbers comes from the line end."""
+        """Whether a column has a name. A column without name and numbers comes from a delimiter at the line end."""
         return self.headings[place] != f"column {place + 1}"
 
     @property
@@ -128,7 +128,7 @@ def find_layout(path: Path) -> Layout:
         )
     full = [row for row in rows[first:] if len(row) == width]
     above = [_uncommented(line, delimiter) for line in lines[:first]]
-    # long: evaluates the header lines step by step
+    # long function: evaluates the header lines step by step
     beside = _taken_facts(above, [any(row[k] for row in full) for k in range(width)], decimal)
     headings, own, named = _headings(above, width)
 
@@ -181,7 +181,7 @@ def _first_record(rows: Sequence[list[str]], width: int, decimal: str) -> int | 
     """Index of the first record; None if no line is a record."""
     holds_number = [any(is_number(cell, decimal) for cell in row) for row in rows]
     filled = [k for k, row in enumerate(rows) if any(row)]
-    # If records start with a number, a line with a name followed by numbers describes a trace.
+    # If records start with a number, a line that starts with a word is no record but describes the channels.
     worded = [bool(row and row[0]) and not is_number(row[0], decimal) for row in rows]
     full = [worded[k] for k in filled if _is_record(rows[k], width, decimal)]
     may_begin_with_word = 2 * sum(full) > len(full)
@@ -212,7 +212,7 @@ def _encoding(path: Path, sample: bytes) -> tuple[str, int]:
             if zeros[place] > 0.8 * len(sample) / 2 and not zeros[1 - place]:
                 return name, 0
         raise InputError(
-            f"{path}: no text, it holds zero bytes; expected a text file, or the suffix of its format"
+            f"{path}: not a text file, since it contains zero bytes; expected a text file, or the suffix of its format"
         )
     try:
         sample[: sample.rfind(b"\n") + 1 or None].decode()
@@ -242,7 +242,7 @@ def _uncommented(line: str, delimiter: str) -> list[str]:
 
 
 def _score(lines: list[str], delimiter: str, decimal: str) -> tuple[int, int]:
-    """Number of numeric cells minus other cells; most lines after the first few are records."""
+    """Score of a dialect: number of numeric cells minus that of other cells, and the number of columns."""
     rows = [cells_of(line, delimiter) for line in lines]
     numbers = [sum(is_number(cell, decimal) for cell in row) for row in rows]
     others = sum(sum(map(bool, row)) - count for row, count in zip(rows, numbers, strict=True))
@@ -250,7 +250,7 @@ def _score(lines: list[str], delimiter: str, decimal: str) -> tuple[int, int]:
 
 
 def _width(rows: list[list[str]], decimal: str) -> int:
-    """Number of columns in most rows with numbers."""
+    """Most frequent number of columns among rows with numbers."""
     widths = Counter(len(row) for row in rows if any(is_number(cell, decimal) for cell in row))
     return widths.most_common(1)[0][0] if widths else 0
 
@@ -268,10 +268,10 @@ def _headings(above: list[list[str]], width: int) -> tuple[tuple[str, ...], tupl
             if full and len(full) > 1:
                 break
             continue
-        if len(row) == width + 1 and row[-1].lower() == "comment":  # records may lack this column
+        if len(row) == width + 1 and row[-1].lower() == "comment":  # records need not have this column
             row = row[:-1]
         short = width - len(row)
-        # A delimiter at the end of every record may be missing after the names.
+        # Records may end with a delimiter that the line of names lacks.
         if len(full) == HEADING_ROWS or not (short == 0 or (short == 1 and len(row) > 1)):
             break
         full.insert(0, [*row, *[""] * short])
@@ -315,7 +315,10 @@ def _are_units(row: Sequence[str]) -> bool:
 
 
 def _are_under_names(names: Sequence[str], row: Sequence[str]) -> bool:
-    """Whether a row below the names holds units; unknown ones count if a time column has its unit, or one repeats."""
+    """Whether a row below the names holds units.
+
+    Unknown units are accepted if the time's unit is known or a unit repeats.
+    """
     filled = [cell for cell in row if cell]
     given = [name for name in names if name and not is_time(name)]
     below = list(zip(names, row, strict=True))
@@ -336,7 +339,7 @@ def _bare(unit: str) -> str:
 
 
 def _unique(names: list[str]) -> list[str]:
-    """Number time columns of equal name; other channels must have different names."""
+    """Append numbers to equal names of time columns. Equal names of other channels are kept; they are an error later."""
     seen: Counter[str] = Counter()
     found = []
     for name in names:
@@ -362,7 +365,7 @@ def _is_count(cells: list[str], decimal: str) -> bool:
 def _taken_facts(above: list[list[str]], holds: Sequence[bool], decimal: str) -> list[tuple[str, float]]:
     """Remove metadata from the rows of headings, and return the metadata's names and values [s].
 
-    Metadata occur in columns without records: a value below its name, or both in one cell, "tInc = 2e-6 s".
+    Metadata are in columns without records: a value below its name, or name and value in one cell, "tInc = 2e-6 s".
     """
     facts: list[tuple[str, float]] = []
     for upper, lower in pairwise([*above, []]):
@@ -396,7 +399,7 @@ def _facts(line: str, decimal: str) -> list[tuple[str, float]]:
 def _footer(
     path: Path, encoding: str, delimiter: str, decimal: str, before: int
 ) -> tuple[int, tuple[str, ...]]:
-    """Offset of the footer, and its lines: those after the last record that do not start with a number."""
+    """Offset of the footer, and its lines: all lines after the last line that starts with a number."""
     size = path.stat().st_size
     wide = 2 if encoding.startswith("utf-16") else 1
     start = max(before, size - SAMPLE)

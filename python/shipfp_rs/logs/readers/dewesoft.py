@@ -31,7 +31,7 @@ def open_dewesoft(path: Path, rate_hz: float | None) -> Log:
             try:
                 rate = float(channel.sample_rate)
                 if rate > 0.0:
-                    start_s = float(channel.scaled(count=1)[0][0])  # raises if the library can't decode it
+                    start_s = float(channel.scaled(count=1)[0][0])  # raises an error if it can't be decoded
                     each = Found(Channel(name, channel.unit, rate, channel.number_of_samples, start_s))
                 else:
                     times = np.asarray(channel.scaled()[0])

@@ -102,7 +102,7 @@ def _sample_width(file: Any, channel: Any) -> int:
 
 
 def _even(path: Path, channel: Any, later_s: float, rate_hz: float | None) -> Channel:
-    """Channel with its own step, which started `later_s` after the first."""
+    """Channel with a constant time step, which started `later_s` after the first channel."""
     step = channel.x_step_width
     if rate_hz is None and not (math.isfinite(step) and step > 0):
         raise InputError(f"{path}: channel {channel.name!r} has a step of {step:g} s; give rate_hz (--rate)")
@@ -129,7 +129,7 @@ def _pair(path: Path, file: Any, channel: Any, later_s: float) -> tuple[TimeAxis
 
 
 def _sample_bytes(path: Path) -> int:
-    """Bytes of samples in a file: the package would read past the end of a truncated one."""
+    """Bytes of samples in a file, to detect a truncated file; the package would read past its end."""
     held = place = 0
     with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
         while found := BLOCK_START.search(content, place):
@@ -141,9 +141,14 @@ def _sample_bytes(path: Path) -> int:
 
 
 def _cut(path: Path, name: str, samples: int, held: int, *, alone: bool) -> int:
-    """Samples present of a truncated channel; with several channels, which may be interleaved, none may be complete."""
+    """Number of samples present in a truncated channel.
+
+    `InputError` if the file has several channels, which may be interleaved.
+    """
     what = f"{path}: cut short or damaged: channel {name!r} has {samples} samples"
     if not alone:
-        raise InputError(f"{what}, more than the file holds beside the other channels; fetch it again")
+        raise InputError(
+            f"{what}, more than the file holds in addition to its other channels; fetch it again"
+        )
     warnings.warn(f"{what}, the file holds {held}; what came after them is lost", LogWarning, stacklevel=3)
     return held

@@ -41,8 +41,8 @@ def open_hdf5(path: Path, rate_hz: float | None) -> Log:
     """Open an HDF5 file; each one-dimensional dataset, and each field of one, is a channel named by its path.
 
     Unit (`unit`, `units`), sample rate (`rate_hz`, `sample_rate`, `dt` ...) and start (`start_s` [s], `start_utc` in
-    ISO 8601) are attributes of the dataset or of a group above it; MATLAB 7.3 may keep the rate in a scalar. Without
-    a rate, a dataset `time` of the same length, beside or above it, is the time base.
+    ISO 8601) are attributes of the dataset or of a group above it. A MATLAB 7.3 file may state the rate in a scalar.
+    Without a rate, a dataset `time` of the same length, beside or above it, is the time base.
     """
     import h5py
 
@@ -160,7 +160,10 @@ def _find_rows(file: Any) -> tuple[dict[str, _Row], list[str]]:
 
 
 def _leads_out(name: str, link: Any) -> str | None:
-    """Name of a link into another file. Links are not followed, so that a log can't read other files on the disk."""
+    """Name of a link into another file.
+
+    Links into other files are not followed: a log must not give access to other files on the disk.
+    """
     import h5py
 
     return None if isinstance(link, h5py.HardLink | h5py.SoftLink) else name
@@ -175,7 +178,7 @@ def _require_own(dataset: Any) -> None:
 
 
 def _words(dataset: Any) -> dict[str, list[str]]:
-    """Lists of texts that may describe a dataset: among its attributes, and arrays of texts in the same group, by name."""
+    """Lists of texts that may name a dataset's columns, by name: attributes of the dataset, and text arrays in its group."""
     import h5py
 
     found: dict[str, list[str]] = {}
@@ -196,7 +199,7 @@ def _words(dataset: Any) -> dict[str, list[str]]:
 
 
 def _missing_filter(dataset: Any) -> str | None:
-    """Compression filter of a dataset that h5py lacks, if any."""
+    """Name of the dataset's compression filter if h5py lacks this filter, else None."""
     import h5py
 
     created = dataset.id.get_create_plist()

@@ -57,7 +57,7 @@ def open_iso19848(path: Path, rate_hz: float | None, names: str | None = None) -
 
 
 def _row(channels: Sequence[str], stamp: str, values: Sequence[str], qualities: Sequence[str]) -> Values:
-    """Values of one time stamp; a missing quality is empty."""
+    """Yield the values of one time stamp; the quality is empty where it is missing."""
     for channel, value, quality in zip(channels, values, chain(qualities, repeat("")), strict=False):
         yield channel, stamp, value, quality
 
@@ -100,7 +100,9 @@ def _texts(element: ElementTree.Element, name: str) -> list[str]:
 
 def _of_xml(path: Path, text: str) -> Values:
     if re.search(r"<!(?:DOCTYPE|ENTITY)", text):
-        raise InputError(f"{path}: declares entities, which a time series has no use for; expected ISO 19848")
+        raise InputError(
+            f"{path}: declares XML entities, which are not allowed; expected a time series of ISO 19848"
+        )
     try:
         root = ElementTree.fromstring(text)
     except ElementTree.ParseError as error:

@@ -44,7 +44,7 @@ Fields = Mapping[str, tuple[pa.Field, dict[str, Any]]]
 
 
 def long_columns(fields: Fields) -> tuple[str, str, str | None] | None:
-    """Fields of names, values and units, if the table has them besides its time; else None."""
+    """Fields of names, values and units (None without units); None if the table has no names or no values."""
 
     def first(words: frozenset[str], is_kind: Callable[[pa.DataType], bool]) -> str | None:
         found = (
@@ -64,7 +64,7 @@ def log_of_long_table(
     batches: Callable[[str, int, int], Iterator[pa.Array]],
     rate_hz: float | None,
 ) -> Log:
-    """Channel for each name, at the times of its own rows; those without a time base are omitted."""
+    """Log with a channel for each name, at the times of its rows; names without a time base are omitted."""
     names, values, units = columns
     with one_line_errors(path):
         whole = {key: pa.chunked_array(list(batches(key, 0, BLOCK))) for key in columns if key}
@@ -109,12 +109,12 @@ class Series:
 
 
 def log_of_series(path: Path, series: Mapping[str, Series], notes: Sequence[str] = ()) -> Log:
-    """Log of series, each on its own even grid; the notes name those without one.
+    """Log of series, each on its own even grid. Series without such a grid are omitted with a note.
 
     Raises
     ------
     InputError
-        If none has two values or more in order of time.
+        If no series has two or more values at increasing times.
     """
     kept = {
         name: each for name, each in series.items() if len(each.values) > 1 and np.isfinite(each.values).any()
@@ -148,7 +148,7 @@ def log_of_series(path: Path, series: Mapping[str, Series], notes: Sequence[str]
 def own_axis(
     path: Path, name: str, times: npt.NDArray[np.float64], notes: list[str], faults: list[Fault]
 ) -> TimeAxis | None:
-    """Grid of a name's times [s]; None, with a note of the reason, if there is none. Appends to notes and faults."""
+    """Grid of a name's times [s], or None; appends the faults, and the reason for None, to `faults` and `notes`."""
     try:
         axis = time_axis(path, name, partial(iter, (times,)))
     except InputError as error:
@@ -160,7 +160,10 @@ def own_axis(
 
 
 def seconds_since_1970(text: str) -> float:
-    """Seconds since 1970 of an instant in ISO 8601, or with canboat's dash before the clock; UTC without a zone."""
+    """Seconds since 1970 of an instant in ISO 8601 or canboat's form with a dash before the time of day.
+
+    UTC without a zone.
+    """
     text = text.strip()
     if len(text) > 10 and text[10] == "-":
         text = f"{text[:10]}T{text[11:]}"

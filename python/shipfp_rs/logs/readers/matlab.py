@@ -46,9 +46,9 @@ def open_matlab(path: Path, rate_hz: float | None) -> Log:
 def open_matlab_5(path: Path, rate_hz: float | None) -> Log:
     """Open a MATLAB file up to version 7; vectors and matrix columns, also within structs, are channels.
 
-    A vector `time` or `t` is the time base of vectors of its length in the same struct or in a nested one; so is a scalar
-    `fs`, `rate_hz` or `dt`. Names of a matrix's columns come from a cell array of the same length in the same struct.
-    SciPy reads whole variables, of at most 2 GB in these versions; larger logs are saved with -v7.3.
+    A vector `time` or `t` is the time base of vectors of its length in the same or a nested struct. A scalar `fs`,
+    `rate_hz` or `dt` gives their rate. Names of a matrix's columns come from a cell array of the same length in the
+    same struct. SciPy reads whole variables, of at most 2 GB in these versions; larger logs are saved with -v7.3.
     """
     tree = _tree(path)
     rows, plain = tree.rows(), tree.scalars
@@ -125,7 +125,7 @@ class _Tree:
         self.words: dict[str, list[str]] = {}
         self.scalars: list[tuple[str, Any]] = []
         self.skipped: list[str] = []
-        self.opaque: list[str] = []  # kinds that SciPy can't open
+        self.opaque: list[str] = []  # types that SciPy can't open
 
     def add(self, name: str, content: Any, *, logical: bool = False) -> None:
         """Add a variable, or a struct's field under its path."""
@@ -207,7 +207,7 @@ class _Tree:
         return found
 
     def _channel(self, name: str) -> str:
-        """Channel name: that of the struct if its samples are in `data` or the like."""
+        """Channel name: the struct's name if the field of the samples has a general name such as `data`."""
         above, last = posixpath.split(name)
         only = [
             key
@@ -236,7 +236,7 @@ def _word(value: Any) -> str:
 def _whole_variables(path: Path) -> int | None:
     """Number of complete variables in a truncated version 5 file; None if the file is complete.
 
-    SciPy takes truncation for the end of the file. Each variable starts with its type and its length in bytes.
+    SciPy mistakes the truncation for the end of the file. Each variable starts with its type and its length in bytes.
     """
     size = path.stat().st_size
     with path.open("rb") as file:

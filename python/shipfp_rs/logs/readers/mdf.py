@@ -19,13 +19,13 @@ from shipfp_rs.logs.readers.columns import Found, log_of_found, tell_left_out
 from shipfp_rs.logs.time_axis import TimeAxis, time_axis
 
 Key = tuple[int, int, bool]
-"""Group number, channel index in the group, and whether the samples are unconverted."""
+"""Group number, channel index in the group, and whether the samples are read without conversion."""
 
 
 @register_reader(".mf4", ".mdf", takes=("names",))
 @in_child("asammdf", extra="mdf")
 def open_mdf(path: Path, rate_hz: float | None, names: str | None = None) -> Log:
-    """Open an MDF file; values are scaled, texts are replaced by the numbers they stand for.
+    """Open an MDF file; values are scaled, texts are replaced by the numbers that encode them.
 
     A name that occurs in several groups is followed by the group number. Invalidated samples are gaps. Groups
     without a uniform time base, and channels without numbers, are omitted with a warning.
@@ -40,9 +40,7 @@ def open_mdf(path: Path, rate_hz: float | None, names: str | None = None) -> Log
     if frames is not None:
         return log_of_frames(path, frames, names, start_utc)
     if names is not None:
-        raise InputError(
-            f"{path}: holds no frames of a CAN bus, for which {names} would be; leave --names out"
-        )
+        raise InputError(f"{path}: has no frames of a CAN bus, so {names} can't be used; leave --names out")
     found, keys, skipped, reasons = _found(path, file, start_utc, rate_hz)
     if not found and reasons:
         raise InputError(reasons[0])
@@ -61,7 +59,7 @@ def open_mdf(path: Path, rate_hz: float | None, names: str | None = None) -> Log
 def _found(
     path: Path, file: Any, start_utc: datetime, rate_hz: float | None
 ) -> tuple[list[Found], dict[str, Key], list[str], list[str]]:
-    """Channels found and their keys, names of omitted ones, and the reasons for omitted groups."""
+    """Channels with numbers, their keys, names of omitted channels, and reasons for omitted groups."""
     counts = Counter(channel.name for group in file.groups for channel in group.channels)
     found: list[Found] = []
     keys: dict[str, Key] = {}
@@ -142,7 +140,7 @@ def _group_axis(path: Path, file: Any, number: int, count: int, rate_hz: float |
 
 
 def _must_be_raw(file: Any, number: int, index: int) -> bool | None:
-    """Whether a channel is numeric only before conversion, for instance to text; None if the channel never is."""
+    """Whether a channel is numeric only before conversion, for instance to text; None if it is not numeric at all."""
     for raw in (False, True):
         if _values(file, number, index, raw, 0, 1).dtype.kind in "biuf":
             return raw
@@ -155,7 +153,7 @@ def _values(file: Any, number: int, index: int, raw: bool, start: int, count: in
         index=index,
         raw=raw,
         samples_only=True,
-        ignore_invalidation_bits=True,  # else invalid samples are dropped and later ones shifted
+        ignore_invalidation_bits=True,  # otherwise invalid samples are dropped and later samples shifted
         record_offset=start,
         record_count=count,
     )

@@ -17,7 +17,7 @@ from shipfp_rs.logs.readers.can_signals import Signal
 from shipfp_rs.logs.readers.long_table import Series, log_of_series, seconds_since_1970
 
 FAST = frozenset((127489, 127496, 127497, 127498, 129029))
-"""Groups whose messages consist of several frames."""
+"""Parameter groups whose messages consist of several frames."""
 DEGREE = 180.0 / np.pi
 
 GROUPS: dict[int, tuple[int | None, tuple[Signal, ...]]] = {
@@ -43,14 +43,14 @@ GROUPS: dict[int, tuple[int | None, tuple[Signal, ...]]] = {
     129026: (None, (Signal("COG", "deg", 16, 16, 1e-4 * DEGREE), Signal("SOG", "m/s", 32, 16, 0.01))),
     130306: (None, (Signal("Wind Speed", "m/s", 8, 16, 0.01), Signal("Wind Angle", "deg", 24, 16, 1e-4 * DEGREE))),
 }  # fmt: skip
-"""Groups of the drive train and the ship: position of the instance and fields, as in canboat's pgns.json."""
+"""Parameter groups of the drive train and the ship: position of the instance and fields, as in canboat's pgns.json."""
 UNITS = {signal.name.lower(): signal for _, signals in GROUPS.values() for signal in signals}
 JSON_NAMES = {
     "speed": "Engine Speed",
     "enginespeed": "Engine Speed",
     "boostpressure": "Engine Boost Pressure",
 }
-"""Other names for fields of group 127488."""
+"""Alternative names for fields of parameter group 127488."""
 PLAIN = re.compile(r"[\d-]{10}[T-][\d:.]+Z?,\d+,(\d+),(\d+),\d+,\d+,")
 
 

@@ -30,8 +30,8 @@ def open_parquet(path: Path, rate_hz: float | None, time: str | None = None) -> 
         raise InputError(f"{path}: the Parquet file is encrypted; decrypt it first")
     if begin == b"PAR1" and end != begin:
         raise InputError(
-            f"{path}: the Parquet file has no footer, without which nothing of it can be read: it was cut short or "
-            "never closed; fetch it again"
+            f"{path}: the Parquet file has no footer and can't be read: it was cut short or never closed; "
+            "fetch it again"
         )
     file = pa.parquet.ParquetFile(local(path))
     groups = [file.metadata.row_group(index).num_rows for index in range(file.metadata.num_row_groups)]
@@ -42,11 +42,12 @@ def open_parquet(path: Path, rate_hz: float | None, time: str | None = None) -> 
     def batches(column: str, first: int, size: int) -> Iterator[pa.Array]:
         group = int(np.searchsorted(starts, first, side="right")) - 1
         skip = first - int(starts[group])
-        # pre_buffer would load whole row groups, of which a file may have only one.
-        # The footer of a long log takes as long to read as a stretch of it, so it is read once.
+        # pre_buffer would load whole row groups, and the only row group may be the whole file.
+        # Reading the footer of a long log takes as long as reading a stretch, so the footer is read once.
         stream = pa.parquet.ParquetFile(local(path), metadata=file.metadata, pre_buffer=False)
         while group < len(groups):
-            # Selecting all row groups up to the end takes longer than reading a short stretch.
+            # Row groups are selected in small steps: selecting all up to the end takes longer than reading a short
+            # stretch.
             stop = min(max(int(np.searchsorted(starts, first + size)), group + 1), len(groups))
             for batch in stream.iter_batches(size, row_groups=range(group, stop), columns=[column]):
                 if skip < len(batch):

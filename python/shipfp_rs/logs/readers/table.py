@@ -33,21 +33,21 @@ from shipfp_rs.logs.readers.time_cells import (
 from shipfp_rs.logs.readers.time_column import SAMPLE_ROWS, Column, Wish, find_time
 from shipfp_rs.logs.time_axis import TimeAxis, time_axis
 
-# Arrow imports pandas at its first conversion, and takes an interrupt at that moment for a missing package.
+# Arrow imports pandas at its first conversion; an interrupt during this import would look like a missing package.
 with contextlib.suppress(ImportError):
     import pandas  # noqa: F401
 
 LEAST_SCATTERED = 8
-"""Least count of numbers, among the first rows, in a sparse column that is read as a channel."""
+"""Least count of numbers in the first rows of a sparse column that is read as a channel."""
 LEAST_CHANGES = 100
 """Least number of rows in a table of state changes."""
 CHANGING = 0.95
-"""Least fraction of changes in such rows: a logger repeats a state at its start and end."""
+"""Least fraction of rows that change a state in such a table: a logger repeats a state at its start and end."""
 METADATA_KEY = b"shipfp"
 """Metadata key of a field for unit, rate, start and length of its channel, as JSON."""
 
 Batches = Callable[[str, int, int], Iterator[pa.Array]]
-"""Function (column, first row, size) that yields the values from that row on, in arrays of at most the size."""
+"""Function (column, first row, size) that yields the values from the first row on, in arrays of at most `size`."""
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ class Options:
     european: bool = False
     nameless: bool = False
     blank: frozenset[str] | None = None
-    """Columns with empty cells, if the reader knows them."""
+    """Columns with empty cells; None if the reader has not determined them."""
 
 
 def log_of_table(
@@ -104,7 +104,7 @@ def log_of_table(
                 yield _samples(batch[:left])
                 left -= len(batch)
 
-    # long: one loop over the columns, whose three kinds of time end in the same lists
+    # long function: one loop over columns with three kinds of time, which all append to the same lists
     channels: list[Channel] = []
     readers: dict[str, Blocks] = {}
     for name, (field, facts) in fields.items():
@@ -171,9 +171,10 @@ def _rows_apart(
     batches: Batches,
     options: Options,
 ) -> dict[str, tuple[TimeAxis, Blocks] | None]:
-    """Channels with their own rows, as in tables with one signal per row or several rates.
+    """Find channels with numbers in only some rows, as in tables with one signal per row or several rates.
 
-    Each uses the rows where it has a number; None, with a warning, if these are not a time base.
+    The times of a channel are those of the rows where it has a number. The channel is None, with a warning, if these
+    are not a time base.
     """
     columns = {
         name: field.name
@@ -227,7 +228,7 @@ def _is_scattered(known: npt.NDArray[np.bool_]) -> bool:
 
 def _same_rows(batches: Batches, columns: Sequence[str]) -> Callable[[int, int, int], bool]:
     def same(row: int, earlier: int, count: int) -> bool:
-        """Whether all numbers of some rows also occur in earlier ones."""
+        """Whether `count` rows from `row` on equal those from `earlier` on in all columns."""
         for name in columns:
             here, before = (_rows(batches, name, first, count) for first in (row, earlier))
             if not np.array_equal(here, before, equal_nan=here.dtype.kind == "f"):
@@ -240,7 +241,7 @@ def _same_rows(batches: Batches, columns: Sequence[str]) -> Callable[[int, int, 
 def _are_changes(batches: Batches, columns: Sequence[str]) -> bool:
     """Whether columns have two states each, and almost every row is a change: a logic analyser's list of edges."""
     changed: list[npt.NDArray[np.bool_]] = []
-    with contextlib.suppress(InputError):  # a cell that is not a number is reported when the column is read
+    with contextlib.suppress(InputError):  # an error in a cell is reported when the column is read
         for name in columns:
             values = np.ma.filled(
                 np.ma.asarray(_rows(batches, name, 0, SAMPLE_ROWS), dtype=np.float64), np.nan
@@ -253,7 +254,7 @@ def _are_changes(batches: Batches, columns: Sequence[str]) -> bool:
 
 
 def _time_before(column: str, plans: Sequence[TimePlan], order: Sequence[str]) -> int:
-    """Index of the time column of a column: the last one to its left, or the first if there is none."""
+    """Index of the time column that applies to a column: the last one to its left, or the first time column."""
     before = (k for k, plan in enumerate(plans) if order.index(plan.keys[0]) <= order.index(column))
     return max(before, default=0)
 
@@ -295,7 +296,7 @@ def is_time_like(kind: pa.DataType, name: str) -> bool:
 
 
 def _is_other_time(field: pa.Field, batches: Batches) -> bool:
-    """Whether a column holds times that are not used, which is noted."""
+    """Whether a column holds times, though it was not chosen as time column."""
     if pa.types.is_timestamp(field.type) or not pa.types.is_string(field.type):
         return bool(pa.types.is_timestamp(field.type))
     cells = [

@@ -87,7 +87,7 @@ def open_tdms(path: Path, rate_hz: float | None) -> Log:
 
     def rows(name: str, first: int, size: int) -> Iterator[Samples]:
         channel = by_name[name]
-        step = max(size, BLOCK // size * size)  # for each part, the whole piece of the file is read again
+        step = max(size, BLOCK // size * size)  # each read decodes a whole piece of the file again
         parts = in_blocks(
             lambda _: len(channel), lambda _, start, stop: channel.read_data(start, stop - start), path
         )
@@ -99,7 +99,7 @@ def open_tdms(path: Path, rate_hz: float | None) -> Log:
 
 
 def _stepped(path: Path, name: str, channel: Any, rate_hz: float, begins: list[tuple[int, int]]) -> Found:
-    """Channel with its own step and start."""
+    """Channel with a constant time step and a start from its properties."""
     offset = float(channel.properties.get("wf_start_offset", 0.0))
     if not math.isfinite(offset):
         raise InputError(f"{path}: channel {name!r} starts at {offset} s; is the file damaged?")
@@ -110,7 +110,8 @@ def _stepped(path: Path, name: str, channel: Any, rate_hz: float, begins: list[t
 def _begins(path: Path) -> dict[str, list[tuple[int, int]]]:
     """First rows of the segments of each channel, by path, and their start times [us].
 
-    npTDMS keeps only the last value of a property, so its reader is asked for those of each segment.
+    npTDMS keeps only the last value of a property, so methods of its reader are replaced to record the value of each
+    segment.
     """
     from nptdms.reader import TdmsReader
 
@@ -171,7 +172,7 @@ def _unit(channel: Any) -> str:
 
 
 def _tell_cut(path: Path, status: Any) -> None:
-    """Warn of samples that a file announces but lacks."""
+    """Warn of samples that are in a file's metadata but missing in the file."""
     if not status.incomplete_final_segment:
         return
     lost = sum(each.expected_length - each.read_length for each in (status.channel_statuses or {}).values())

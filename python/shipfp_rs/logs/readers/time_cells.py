@@ -91,7 +91,8 @@ UNDERSCORED = re.compile(r"(.*[^\W_])[ _.]+([a-zµμ]+)")
 def split_unit(heading: str) -> tuple[str, str]:
     """Split a heading into name and unit at any usual separator: "torque [V]", "n (1/min)", "t / s", "M in Nm".
 
-    After a slash, a comma or "in" only a known unit counts; after an underscore only a unit of time after a word for time.
+    After a slash, a comma or "in", only a known unit is split off; after an underscore, only a unit of time, if the
+    name means time.
 
     Examples
     --------
@@ -105,7 +106,7 @@ def split_unit(heading: str) -> tuple[str, str]:
         return spaced[1], "rpm"
     for pattern in TAILS:
         found = pattern.fullmatch(heading)
-        # A dash or a single letter in a formula is not a unit here.
+        # Not units here: a dash, and the letters of a time format such as h:m:s.
         if (
             found
             and found[2] != "-"
@@ -120,7 +121,7 @@ def split_unit(heading: str) -> tuple[str, str]:
 
 
 def split_bracketed(heading: str) -> tuple[str, str]:
-    """Split a heading only at a bracket, for names in which a slash has another meaning."""
+    """Split a heading into name and unit only at a bracket, for names in which a slash separates path elements."""
     found = BRACKETED.fullmatch(heading)
     if found is None:
         return heading, ""
@@ -184,7 +185,7 @@ def stated_rate(facts: Iterable[tuple[str, object]]) -> float | None:
 
 
 Order = Literal["y", "d", "m", ""]
-"""First part of a date: year, day or month; empty if unknown, or if there is no date."""
+"""First element of a date: year, day or month; empty if unknown or without a date."""
 Nanoseconds = npt.NDArray[np.int64]
 
 EPOCH = datetime.fromtimestamp(0, UTC)
@@ -242,19 +243,19 @@ _SHAPE = re.compile(
     r"\s*(?:[^\W\d]{2,10}\.?,?\s+)?"
     r"(?:\d{1,4}[-./:]|(?:19|20)\d{6}[T_ -]|[^\W\d]{3,10}\.?,?\s+\d|\d{1,2}\.?[- ]\s?[^\W\d]{3})"
 )
-"""Start of all but compact dates, which distinguishes most cells from times."""
+"""Start of dates and times other than compact ones; a fast test that rejects most cells that are no times."""
 
 
 @dataclass(frozen=True)
 class TextTime:
-    """Format of the cells of a column, or of a date and a clock beside it."""
+    """Format of the cells of a column with dates, times of day or both."""
 
     pattern: str
     """Key of the matching pattern."""
     order: Order = ""
-    """What the first two digits of a date mean: day, month or year."""
+    """Meaning of the first element of a date: day, month or year."""
     sure: bool = True
-    """Whether the order follows from the cells rather than from custom."""
+    """Whether the order follows from the cells; otherwise it is the usual order."""
 
     @property
     def has_date(self) -> bool:
@@ -273,7 +274,7 @@ def looks_like_time(cell: str) -> bool:
 
 
 def find_text_time(cells: Sequence[str], *, dates: bool = True, european: bool = False) -> TextTime | None:
-    """Find the format of cells; None if no pattern fits all. `european`: by custom, dates start with the day."""
+    """Find the format of cells; None if no pattern fits all. `european`: ambiguous dates start with the day."""
     filled = [cell for cell in cells if cell.strip()]
     if not filled:
         return None
@@ -286,7 +287,7 @@ def find_text_time(cells: Sequence[str], *, dates: bool = True, european: bool =
 
 
 def _ordered(found: TextTime, cells: Sequence[str], *, european: bool) -> TextTime:
-    """Decide between day first and month first: by parts above twelve, by successive days, else by custom."""
+    """Decide between day first and month first: by numbers above twelve, by successive days, else by the usual order."""
     if not found.pattern.startswith("two"):
         return replace(found, order="y" if found.pattern.startswith(("ymd", "compact")) else "d")
     match = [_PATTERNS[found.pattern].fullmatch(cell) for cell in cells]
@@ -294,7 +295,7 @@ def _ordered(found: TextTime, cells: Sequence[str], *, european: bool) -> TextTi
     if max(first) > 12 or max(second) > 12:
         return replace(found, order="d" if max(first) > 12 else "m")
     if len(first | second) > 1 and (len(first) > 1) != (len(second) > 1):
-        # A trial lasts days rather than months.
+        # The number that changes is the day: a trial lasts days, not months.
         return replace(found, order="d" if len(first) > 1 else "m")
     american = "/" in cells[0] and re.search(r"[AaPp]\.?\s?[Mm]\.?\s*$", cells[0]) and not european
     return replace(
@@ -351,7 +352,7 @@ def nanoseconds(cells: pa.Array, how: TextTime) -> Nanoseconds:
 
 
 def _arrow_pattern(name: str) -> str:
-    # Arrow's regular expressions use another name for letters of all languages.
+    # In Arrow's regular expressions, the class of letters of all languages has a different name.
     return f"^(?:{_PATTERNS[name].pattern})$".replace(r"[^\W\d]", r"\pL")
 
 
@@ -397,7 +398,7 @@ def _day(part: dict[str, str], order: Order) -> int:
 
 
 Cells = Callable[[str], Iterator[pa.Array]]
-"""Function of a column that yields its cells by block; blocks have the same lengths in all columns."""
+"""Function (column) that yields the column's cells in blocks; blocks have the same lengths in all columns."""
 
 
 @dataclass(frozen=True)
@@ -412,7 +413,7 @@ class TimePlan:
     zero: datetime | None = None
     note: str = ""
     packed: bool = False
-    """Whether a number is hours, minutes and seconds: 100059.5."""
+    """Whether each number is a time of day hhmmss.s, such as 100059.5."""
 
     @property
     def dated(self) -> bool:
@@ -435,7 +436,10 @@ class TimePlan:
             row += len(parts[0])
 
     def stamps(self, path: object, parts: Sequence[pa.Array], row: int = 0) -> Nanoseconds | None:
-        """Nanoseconds since 1970, or midnight without a date, `MISSING` for empty cells; None for numbers."""
+        """Nanoseconds since 1970 (without a date since midnight), `MISSING` for empty cells.
+
+        None if the cells are numbers.
+        """
         if self.how[0] is None:
             kind = parts[0].type
             if not pa.types.is_timestamp(kind):
@@ -453,8 +457,8 @@ class TimePlan:
                 raise
             at, cell = error.args
             raise InputError(
-                f"{path}: time column {self.name!r}: record {row + int(at) + 1} holds {cell!r}, expected a time like "
-                "those before it"
+                f"{path}: time column {self.name!r}: record {row + int(at) + 1} has {cell!r}, expected a time in the "
+                "format of the previous records"
             ) from None
         missing = np.logical_or.reduce([part == MISSING for part in told])
         return np.where(missing, MISSING, np.sum(told, axis=0))
@@ -478,7 +482,7 @@ class TimePlan:
 
 @dataclass
 class _Rollover:
-    """Times of day that pass midnight, in stretches."""
+    """Conversion of times of day to continuous times across midnight, called for successive blocks."""
 
     last: int = MISSING
     days: int = 0

@@ -27,21 +27,23 @@ EPOCHS: tuple[tuple[float, float, float, datetime, str], ...] = (
     (1.25e17, 1.4e17, 1e-7, datetime(1601, 1, 1, tzinfo=UTC), "100 ns since 1601 (Windows)"),
     (6.3e17, 6.5e17, 1e-7, datetime(1, 1, 1, tzinfo=UTC), "100 ns since year 1 (.NET)"),
 )
-"""Ranges of times counted from a year, for dates from about 2000 to 2039; they do not overlap."""
+"""For each epoch: range of values (low, high) for dates from about 2000 to 2039, unit [s], epoch, description. The
+ranges do not overlap.
+"""
 DAYS = (
     (3.6e4, 5.1e4, 25569.0, "days since 1900 (Excel)"),
     (7.3e5, 7.46e5, 719529.0, "days since year 0 (MATLAB)"),
 )
-"""Ranges of times in days, for the same dates, and the day of 1970-01-01."""
+"""For times in days: range of values (low, high) for the same dates, value at 1970-01-01, description."""
 DAY_STEP = 1e-4
-"""Steps of times in days above which they are more than eight seconds; as seconds the rate would exceed 10 kHz."""
+"""Largest plausible step of times in days (8.6 s). Times with such small steps in seconds would have a rate above 10 kHz."""
 LONGEST_STEP_S = 5.0
-"""Longest plausible step of a column without a unit [s]; with longer ones it is not taken for seconds."""
+"""Longest plausible step [s] of a column without a unit; a column with longer steps is not taken as seconds."""
 CENTURIES_S = 6.3e9
 AMBIGUOUS = frozenset(
     ["x", "xvalue", "xvalues", "xdata", "xaxis", "tempo", "clock", "data", "ora", "hora", "saat", "instant"]
 )
-"""Words of time with other meanings as well."""
+"""Words for time that may also have another meaning."""
 WORDS = {"d": "day first", "m": "month first", "y": "year first", "": ""}
 ORDERS: dict[str, Order] = {"d": "d", "t": "d", "j": "d", "m": "m", "y": "y", "a": "y"}
 
@@ -73,7 +75,7 @@ def numbers_of(column: Column) -> Array:
 
 
 def plan_of_numbers(path: object, column: Column, *, trusted: bool = False) -> TimePlan | None:
-    """Distinguish seconds from other units and from times counted from a year."""
+    """Interpret a column of numbers: unit of time, or time since an epoch such as 1970."""
     values = numbers_of(column)
     plan = TimePlan((column.key,), column.name)
     if len(values) < 2:
@@ -88,12 +90,12 @@ def plan_of_numbers(path: object, column: Column, *, trusted: bool = False) -> T
         if not unit and step * scale > LONGEST_STEP_S:
             raise InputError(
                 f"{path}: time column {column.name!r} starts at {first:.10g} in steps of {step:g}: {text}, or another unit? "
-                f"say which, such as --time '{column.name} [us]'"
+                f"give the unit, such as --time '{column.name} [us]'"
             )
         offset = float(np.floor(first)) if scale == 1.0 else first
         zero = year + timedelta(microseconds=round(offset * scale * 1e6))
         contradicts = f", not {column.unit} as its heading says" if unit and not stated else ""
-        # Relative to the first row, seconds keep their last digits; those since a year do not.
+        # Times relative to the first row keep their last digits in float64; times since the epoch would lose them.
         return replace(
             plan,
             factor=scale,
@@ -114,7 +116,7 @@ def plan_of_numbers(path: object, column: Column, *, trusted: bool = False) -> T
             )
     if not unit and not trusted and step > LONGEST_STEP_S:
         raise InputError(
-            f"{path}: time column {column.name!r} tells no unit and rises by {step:g} a row; say which, such as "
+            f"{path}: time column {column.name!r} has no unit and rises by {step:g} per row; give its unit, such as "
             f"--time '{column.name} [ms]'"
         )
     note = f"time from {column.name!r}, taken as seconds" if not unit else ""
@@ -192,7 +194,8 @@ def find_time(
     scored = [(_score(path, plan, columns), -place, plan) for place, plan in enumerate(found)]
     usable = [item for item in scored if item[0] > (0.0,)]
     if not usable:
-        # A column clearly named as time is reported if it is not; an x may be anything.
+        # A column that is clearly named as time is returned, and so reported, even if it is not usable; a column x is
+        # not.
         certain = [plan for plan in numbers if plan and time_cells.plain(plan.name) not in AMBIGUOUS]
         return certain[:1] or (_nameless(columns, names) if nameless else [])
     best = max(usable, key=lambda item: item[:2])[2]
@@ -325,12 +328,12 @@ def _text_plan(path: object, columns: Sequence[Column], european: bool) -> TimeP
 
 
 def _with_zero(path: object, plan: TimePlan, columns: Sequence[Column]) -> TimePlan:
-    """Make the first row of a dated plan its origin."""
+    """Use the first row as origin of a plan with dates."""
     return replace(plan, zero=_zero_of(path, plan, columns))
 
 
 def _zero_of(path: object, plan: TimePlan, columns: Sequence[Column]) -> datetime | None:
-    if plan.offset:  # for numbers counted from a year
+    if plan.offset:  # for numbers since an epoch
         return plan.zero
     by_key = {column.key: column.cells for column in columns}
     told = plan.stamps(path, [by_key[key] for key in plan.keys])
@@ -356,7 +359,7 @@ def _score(path: object, plan: TimePlan, columns: Sequence[Column]) -> tuple[flo
 def _interleaved(
     plans: Sequence[TimePlan], columns: Sequence[Column], names: Mapping[str, str]
 ) -> list[TimePlan]:
-    """Time plans of a table whose columns form groups, each headed by its own time column; else an empty list."""
+    """Time plans of a table with groups of columns that each start with a time column; else an empty list."""
     if len(plans) < 2:
         return []
     keys = list(names.values())
