@@ -132,7 +132,7 @@ def _clock_back(arrays: Arrays, draw: np.random.Generator, window: tuple[int, in
     time = _time(np.arange(len(arrays["PTM_1"])))
     time[start:] -= draw.uniform(0.01, 3.0)
     return Damaged(
-        arrays, refusal="the clock was set anew within it", spans=_span(start, len(time)), time=time
+        arrays, refusal="the clock was reset within it", spans=_span(start, len(time)), time=time
     )
 
 
@@ -170,7 +170,7 @@ def _swapped(arrays: Arrays, draw: np.random.Generator, window: tuple[int, int])
     one, other = draw.choice(5, 2, replace=False)
     arrays[names[one]], arrays[names[other]] = arrays[names[other]], arrays[names[one]]
     return Damaged(
-        arrays, (), spans=_span(*window), refusal=r"channels\.|tells .* rpm|nothing usable|set point"
+        arrays, (), spans=_span(*window), refusal=r"channels\.|gives an engine speed|are masked|set point"
     )
 
 

@@ -154,7 +154,7 @@ def test_cases_a_load_far_below_the_rating_is_refused_and_an_odd_speed_told() ->
         require_load([off, {"M_load": np.full(9, 1.7)}], tug)
     require_load([off, {"M_load": np.full(9, 5e3)}], tug)
     speed = Tacho.model_validate({"column": "n", "unit": "rpm"})
-    with pytest.warns(LogWarning, match=r"channels\.n: some 2\.5e\+04 rpm are odd"):
+    with pytest.warns(LogWarning, match=r"channels\.n: a mean of 2\.5e\+04 rpm is unusual"):
         require_size("C1", "n", speed, np.full(9, 25e3))
     switched_off = Load.model_validate({"column": "P", "unit": "kW", "quantity": "power"})
     require_size("C1", "load", switched_off, np.full(9, 0.3), switched_off.calibration.calibration("W"))

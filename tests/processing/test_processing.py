@@ -409,7 +409,7 @@ def test_trials_that_can_t_be_right_are_refused_in_one_line(
             slice(100_000, 100_800),
             r"set point 'U_setpoint' has a fault, missing samples, from 50 to 50.4 s \(samples 100000 to 100799\)",
         ),
-        ("U_torque", slice(None), "nothing usable is left of 'M_g'"),
+        ("U_torque", slice(None), "all samples of 'M_g' are masked"),
         ("PTM_4", slice(None), "channels.PTM_4"),
     ],
 )

@@ -26,9 +26,9 @@ COARSE_HZ, FINE_HZ = 10.0, 100.0
 COARSE_S, FINE_S = 300.0, 60.0
 """Lengths of the stretches whose lags are estimated [s]; a drift of 100 ppm is 30 ms over the longer ones."""
 SMOOTH_S = 0.03
-"""Standard deviation of the Gaussian that smooths the fine signals [s], so that linear interpolation is accurate."""
+"""Standard deviation [s] of the Gaussian that smooths the fine signals, which makes linear interpolation accurate."""
 ALIKE = 0.8
-"""Least correlation between a stretch of one logger and the other."""
+"""Least correlation between a stretch of one logger's signal and the other logger's signal."""
 MOST_DRIFT = 1e-3
 """Largest relative difference in rate between two working clocks."""
 STEPS = 4
@@ -36,7 +36,7 @@ STEPS = 4
 PASSES = 3
 """Number of times that the lags of all stretches are refitted."""
 NEXT_PULSE = 0.25
-"""Largest distance between the same pulse in two loggers, as a fraction of an interval."""
+"""Largest time difference between the same pulse in two loggers, relative to the pulse interval."""
 
 
 @dataclass(frozen=True)
@@ -46,11 +46,11 @@ class Alignment:
     Parameters
     ----------
     offset_s
-        Time of the reference when the other clock is at zero [s].
+        Time on the reference's clock when the logger's clock is at zero [s].
     drift
         Relative difference in rate.
     std_s
-        Standard deviation of the converted time at the worse end of the log [s].
+        Standard deviation of the converted time at that end of the log where it is larger [s].
     """
 
     offset_s: float
@@ -68,8 +68,8 @@ def align(
     """Estimate one logger's clock relative to another's from a channel with the same name in both.
 
     A coarse lag is found by correlating stretches, and a line through the lags from the median of all slopes (Theil and
-    Sen). The line is refined by fitting the lag of each minute, weighted by its variance: minutes without changes contribute
-    nothing. With a pulse train, the pulses are matched at the end.
+    Sen). The line is refined by fitting the lag of each minute, weighted by its inverse variance; minutes without
+    changes contribute nothing. With a pulse train, the pulses of both loggers are then matched.
 
     Parameters
     ----------
@@ -78,7 +78,7 @@ def align(
     common
         Channel in both, such as the set point's voltage or a pulse train.
     pulses
-        Whether it is a pulse train.
+        Whether the common channel is a pulse train.
     search_s
         Largest difference between the clocks [s].
 
@@ -200,7 +200,7 @@ def _pulses(log: Log, name: str) -> Array:
 
 
 def _frequency(times: Array) -> _Series:
-    """Pulse rate [Hz] at even times."""
+    """Pulse rate [Hz] at evenly spaced times."""
     if len(times) < 3:
         raise InputError("the common pulse train has fewer than three pulses; name another common channel")
     middle = 0.5 * (times[1:] + times[:-1])
@@ -228,7 +228,7 @@ def _coarse(here: _Series, there: _Series, search_s: float) -> Alignment | None:
 
 
 def _correlation(around: Array, part: Array) -> Array:
-    """Correlation coefficient between a part and every stretch of the same length."""
+    """Correlation coefficient between `part` and every stretch of the same length in `around`."""
     count = len(part)
     if len(around) < count or not np.isfinite(part).all() or np.ptp(part) == 0.0:
         return np.empty(0)
@@ -244,8 +244,8 @@ def _correlation(around: Array, part: Array) -> Array:
 def _refined(here: _Series, there: _Series, found: Alignment) -> Alignment:
     """Line through the lags of short stretches, with a resolution finer than a sample.
 
-    The lag belongs to the part of a stretch in which the signal moves, not necessarily its middle, so each pass removes
-    the drift found by the previous one.
+    A lag is assigned to the middle of its stretch, although the signal may change elsewhere in it. Repeated passes,
+    each with the drift of the previous pass removed, make this error small.
     """
     length_s = min(FINE_S, (there.stop_s - there.start_s) / 4.0)
     parts = [
@@ -262,7 +262,7 @@ def _refined(here: _Series, there: _Series, found: Alignment) -> Alignment:
 
 
 def _lag(here: _Series, part: _Series, found: Alignment) -> tuple[float, float, float] | None:
-    """Middle of a stretch, its lag, and the standard deviation of the lag [s]; None if no lag is found."""
+    """Middle of a stretch, its lag, and the standard deviation of the lag [s]; None if the lag can't be determined."""
     time, values = found(part.time_s), part.values
     around = here.cut(time[0] - 1.0, time[-1] + 1.0)
     if len(around.values) < len(values) or not np.isfinite(values.sum() + around.values.sum()):

@@ -52,7 +52,7 @@ def require_size(
     label, key
         Stretch of the log, and the channel's table in TRIAL.toml.
     sensor
-        The table. An unusual mean that is usual with the factor of the unit alone comes from the calibration.
+        The channel's table. The calibration is rejected if only the factor of the unit gives a usual mean.
     samples
         Calibrated samples, shape (N,), of a source of speed in rpm.
     calibration
@@ -72,22 +72,22 @@ def require_size(
             f"channels.{key}.calibration out, or let it lead from {sensor.unit} to {known.unit}"
         )
     if isinstance(sensor, Load) and size < least:
-        return  # it may be switched off
+        return  # the load may be switched off
     least, most = known.possible
     if not least <= size <= most:
         raise InputError(
             f"{found}, where no drive train has more than {most:g} or less than {least:g}{CHECK}"
         )
-    # Without the stretch, so that all windows of a trial give the same warning.
+    # The text does not name the stretch: equal warnings for all windows of a trial are shown once.
     warnings.warn(
-        f"channels.{key}: some {size:.2g} {known.unit} are odd for a drive train{CHECK}",
+        f"channels.{key}: a mean of {size:.2g} {known.unit} is unusual for a drive train{CHECK}",
         LogWarning,
         stacklevel=2,
     )
 
 
 def require_columns(log: Log, channels: Channels) -> None:
-    """Reject a column that is not in the log, by its key."""
+    """Reject a column that is not in the log; the error names its key."""
     tables = {key: getattr(channels, key) for key in type(channels).model_fields}
     columns = {f"{key}.column": table.column for key, table in tables.items() if table is not None}
     for name, tacho in (channels.__pydantic_extra__ or {}).items():
@@ -106,7 +106,7 @@ def require_unit(log: Log, key: str, sensor: Level) -> None:
     """Reject a calibration for another unit than the log's."""
     channel, given = log.channel(sensor.column), told(sensor.unit)
     by_name = named(channel).unit
-    # A unit at the end of a name only counts if the trial has another unit of the same quantity.
+    # The unit at the end of a channel's name is used only if the trial's unit is of the same quantity.
     same = any({by_name, given} <= known.factors.keys() for known in QUANTITIES.values())
     recorded = channel.unit or (by_name if same else "")
     if recorded and recorded != given:
@@ -129,7 +129,7 @@ def require_sense(
     mean = {}
     for name, values in signals.items():
         if np.isnan(values).all():
-            raise InputError(f"{label}: nothing usable is left of {name!r}; choose another stretch")
+            raise InputError(f"{label}: all samples of {name!r} are masked; choose another stretch")
         mean[name] = float(np.nanmean(values))
     if "n_set" in mean and abs(mean["n_set"] / mean["n_e"] - 1.0) > CALIBRATED_WITHIN:
         raise InputError(
@@ -141,7 +141,7 @@ def require_sense(
 
 
 def require_load(windows: Sequence[Mapping[str, Array]], vessel: Vessel) -> None:
-    """Reject a load that is not near the engine's rating in any window; the load may be off in some windows."""
+    """Reject a load that is far from the engine's rating in every window; it may be off in some windows."""
     loads = [np.abs(one["M_load"]) for one in windows if "M_load" in one]
     if largest := max((float(np.nanmax(load)) for load in loads if np.isfinite(load).any()), default=0.0):
         _require_rating("load", "at most", largest, vessel)
@@ -173,7 +173,7 @@ def _slip_of_speed(ratio: float, gear_ratio: float, source: tuple[str, Tacho] | 
         return f"; a machine of {times} times as many pairs of poles? check {count}"
     if hint := hints.likely_ratio(ratio, hints.SPEED_RPM):
         return f"{hint} check channels.set_point.calibration"
-    # A wrong number of pulses is whole; a gear ratio may be near one.
+    # An error in the number of pulses is a whole factor; a gear ratio may be near 1.
     wrong = {"the propeller's shaft for the engine's, or the other way round? check shaft": gear_ratio}
     if kind in ("pulses", "edges"):
         wrong |= {f"a number of pulses wrong by {k}? check pulses_per_rev": float(k) for k in range(2, 9)}
@@ -189,7 +189,7 @@ def _slip_of_speed(ratio: float, gear_ratio: float, source: tuple[str, Tacho] | 
 
 
 OF_A_LEVEL = {"stuck": "stuck_s", "dropout": "dropout_s", "clipped": "clipped_samples"}
-"""Faults that a load's normal level may resemble, and their keys in [processing.faults]."""
+"""Faults that are also normal states of a load, and their keys in [processing.faults]."""
 
 
 def spike_rule(sensor: Level | None, processing: Processing) -> tuple[str, Spikes]:
@@ -244,7 +244,7 @@ class Cleaner:
         self._spike, self.spikes = spike_rule(sensor, processing)
         self.first, self.last = first, last
         self.mains_hz = settings.mains_hz
-        # The low-pass uses samples on either side of the stretch.
+        # Faults are searched also in the samples beside the stretch that the low-pass uses.
         reach = round(MARGIN_S * self.channel.rate_hz)
         begin, end = max(first - reach, 0), min(last + reach, self.channel.samples)
         found = scan(
@@ -262,12 +262,12 @@ class Cleaner:
             repeats=is_set_point,
         )
         if isinstance(sensor, Load):
-            # A load that is switched off stays at zero, and at its rating it stays at a limit: neither is a fault.
+            # A load is constantly zero when switched off and constant at its rating; neither is a fault.
             found = {kind: spans for kind, spans in found.items() if kind not in OF_A_LEVEL}
         if is_set_point and self.channel.resolution:
-            # A quantised set point has no noise, so it may be constant, and flat at its crest.
+            # A quantised set point has no noise: constant stretches and flat crests are not faults.
             found = {kind: spans for kind, spans in found.items() if kind not in ("stuck", "clipped")}
-        # A channel that never changes may be correct. It is reported and kept, since nothing could repair it.
+        # A channel that never changes may be correct, so it is reported but not masked.
         whole = np.array([[begin, end]])
         self.still = np.array_equal(found.get("stuck", whole[:0]), whole)
         self._may_rest = may_rest
@@ -279,7 +279,7 @@ class Cleaner:
             self._require_short(settings.longest_bridge_s)
 
     def __call__(self, first: int, stop: int) -> Array:
-        """Samples [first, stop); missing ones are bridged or NaN."""
+        """Calibrated samples [first, stop); missing samples are bridged (inputs of the model) or NaN."""
         samples = self.calibration(self.rows.read(first, stop))
         missing = ~np.isfinite(samples) | marks(self._lost, first, stop)
         if marks(self._hum, first, stop).any():
@@ -290,7 +290,7 @@ class Cleaner:
         return bridge(samples, lost) if self.drives else np.where(lost, np.nan, samples)
 
     def faults(self) -> list[Fault]:
-        """Faults, complete after all samples of the stretch were read."""
+        """Faults of the stretch; the list is complete after all samples of the stretch were read."""
         method = Sentence("bridged by straight lines") if self.drives else Sentence("masked")
         name = self.channel.name
         found = [Fault(self._spike, name, method, self._within(joined(self._spikes)))]
@@ -321,18 +321,18 @@ class Cleaner:
                 start, stop = long[0].tolist()
                 at, until = (self.channel.start_s + k / self.channel.rate_hz for k in (start, stop))
                 sound = (
-                    f"; if it is sound, raise processing.faults.{OF_A_LEVEL[kind]}"
+                    f"; if the signal is correct, raise processing.faults.{OF_A_LEVEL[kind]}"
                     if kind in OF_A_LEVEL
                     else ""
                 )
                 raise InputError(
                     f"{self.rows.log.name}: {self.what} {self.channel.name!r} has a fault, {KINDS[kind]}, from {at:g} "
-                    f"to {until:g} s (samples {start} to {stop - 1}); it drives the model and no more than "
-                    f"{longest_s:g} s are bridged (processing.faults.longest_bridge_s), cut the window there{sound}"
+                    f"to {until:g} s (samples {start} to {stop - 1}); it is an input of the model, and at most "
+                    f"{longest_s:g} s are bridged (processing.faults.longest_bridge_s); end the window before it{sound}"
                 )
 
     def _without_hum(self, samples: Array, missing: Mask, first: int) -> Array:
-        """Remove hum from a piece; spikes are bridged first, since each would affect a whole filter length."""
+        """Remove hum from a piece; spikes are bridged first, since each would affect samples within the filter's length."""
         filled = bridge(samples, missing | self._spiky(samples, missing)[0])
         return samples - hum_in(filled, first, self._hum, self.channel.rate_hz, self.mains_hz)
 
@@ -341,12 +341,12 @@ class Cleaner:
         spiky = np.zeros(len(samples), dtype=np.bool_)
         found = spikes_between(samples, missing, self.channel.rate_hz, self.spikes, steps=self._spike == "D1")
         for begin, end in found:
-            # One sample more on either side: the receiver's filter widens the foot of a spike.
+            # The mask has an additional sample on either side, since the receiver's filter widens a spike.
             spiky[max(begin - 1, 0) : end + 1] = True
         return spiky, found
 
     def _judged(self, spans: Spans, first: int, size: int) -> Mask:
-        """Whether spans are far enough inside a piece for both sides to be visible; pieces overlap by more."""
+        """Whether spans are far enough from a piece's ends to be judged; others are judged in the overlapping next piece."""
         border = round(0.5 * MARGIN_S * self.channel.rate_hz)
         low = 0 if first == 0 else border
         high = size if first + size == self.channel.samples else size - border

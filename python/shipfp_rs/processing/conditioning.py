@@ -8,9 +8,9 @@ Also here:
 
 Removal of torque ripple that is periodic in the angle of shaft and engine: unbalance, blades, firing.
 
-Blades in the wake and firing cylinders make the torque oscillate at multiples of the rotation frequency. Such a line is of
-no use to a fit, and below half the sample rate it may be twenty times the other noise. Its frequency varies with the
-speed, so no filter removes it, but its angle is known from the tachometers.
+Blades in the wake and firing cylinders make the torque oscillate at multiples of the rotation frequency. Such ripple
+does not help a fit, and below half the sample rate its power may be twenty times that of the other noise. The frequency
+of the ripple varies with the speed, so a fixed filter can't remove it, but the angle is known from the tachometers.
 """
 
 from __future__ import annotations
@@ -37,15 +37,15 @@ from shipfp_rs.support.derivatives import taps
 from shipfp_rs.support.spikes import bridge
 
 FINER = 8
-"""Steps of the angle per sample."""
+"""Steps per sample in which the angle is computed."""
 SLOWEST_HZ = 1.0
 """Lowest mean frequency of a removed line; slower motion may be due to the set point."""
 BESIDE_HZ = 1.0
-"""Bandwidth on either side of a line in which its noise is estimated, in the line's rotating frame."""
+"""Bandwidth on either side of a line in which the noise is estimated, after shifting the line to zero frequency."""
 NEAR = 3
-"""Frequency bins on either side of a line that do not count as noise, since its amplitude may vary slowly."""
+"""Frequency bins on either side of a line that do not count as noise, since the line's amplitude may vary slowly."""
 LINE = 30.0
-"""Least ratio of a line's power to the noise beside it; noise alone reaches it once in 1e13."""
+"""Least ratio of a line's power to that of the noise beside it; noise alone exceeds this ratio with probability 1e-13."""
 SLOW_S = 0.2
 """Length of the running mean of the torque [s]; the amplitude of a line may vary with this mean."""
 LEVEL_S = 1.0
@@ -57,13 +57,13 @@ FINER_LINES = 4
 SHORTEST_S = 20.0
 """Shortest record in which lines can be separated from the response to the set point."""
 TURNS = 24
-"""Highest multiple of the rotation of engine and shaft that is searched: two blade harmonics of any propeller."""
+"""Highest searched multiple of the rotation of engine and shaft, which includes two blade harmonics of any propeller."""
 MOST = 12
 """Most lines that are removed."""
 
 
 class Ripple(NamedTuple):
-    """Line: multiple of the engine's turns, mean frequency [Hz], amplitude in the torque's unit, ratio of power to noise."""
+    """Ripple line: frequency per engine speed, mean frequency [Hz], amplitude in the torque's unit, power over noise."""
 
     order: float
     frequency_hz: float
@@ -75,8 +75,8 @@ def without_ripple(torque: Array, speed: Array, rate_hz: float, ratio: float) ->
     """Remove ripple lines from the torque; also return the lines, strongest first.
 
     Cosine and sine amplitude of a line each have a constant part and a part proportional to the mean torque: four
-    coefficients per line, fitted by least squares. There is no part proportional to the speed: in a step test, speed and
-    torque differ only while the shaft accelerates, so such a part would absorb the motion of the torque.
+    coefficients per line, fitted by least squares. No part is proportional to the speed: in a step test, such a part
+    would also fit the torque's response, since speed and torque differ only while the shaft accelerates.
 
     Parameters
     ----------
@@ -117,7 +117,7 @@ def without_ripple(torque: Array, speed: Array, rate_hz: float, ratio: float) ->
             break
         del turning[nominal]
         found.append(line)
-        # Gear ratio or speeds may be rounded, so the order is estimated from the line itself.
+        # The gear ratio may be rounded, so the order is estimated from the line itself.
         turned = _turning(line.order, angle)
         own = np.array([part * shape for shape in shapes for part in (turned.real, turned.imag)])
         columns = np.vstack([columns, own])
@@ -206,14 +206,14 @@ class Grid:
         return self.start_s + self.count / self.rate_hz
 
     def low_passed(self, channel: Channel, source: Source) -> Array:
-        """Samples of `source`, on the channel's own index, low-passed and sampled on the grid."""
+        """Low-pass the samples of `source`, which are indexed as in the channel, and resample them on the grid."""
         channel, source = on_a_simple_rate(channel, source, self.rate_hz)
         start = (self.start_s - channel.start_s) * channel.rate_hz
         return LowPass(channel, self.rate_hz, start)(source, self.count)
 
 
 def block_means(log: Log, name: str, block: int) -> Array:
-    """Mean of each block of samples, shape (N // block,); NaN where one is missing."""
+    """Mean of each block of samples, shape (N // block,); NaN where a sample is missing."""
     return np.concatenate([np.empty(0), *mean_pieces(log, name, block)])
 
 
@@ -241,28 +241,28 @@ def bridged(values: Array) -> Array:
 
 
 Source = Callable[[int, int], Array]
-"""Function (first, stop) that returns samples by a channel's own index, NaN where masked."""
+"""Function (first, stop) that returns samples [first, stop) of a channel, NaN where masked."""
 
 MARGIN_S = 1.0
-"""Time read before and after each piece, so that running medians settle [s]."""
+"""Time read before and after each piece [s]; running medians need it at the piece's ends."""
 PIECE = 1 << 17
-"""Samples cleaned at once; windows may exceed the memory."""
+"""Samples cleaned at once, since a window may be larger than the memory."""
 MASKED_SHARE = 0.05
-"""Largest fraction of the filter's weight on masked samples; beyond it an output is masked."""
+"""Largest fraction of the filter's weight on masked samples; above it, the output is masked."""
 ALIGNED = 1e-6
 """Largest difference between two clocks due to rounding, in samples."""
 SAME_CLOCK, SAME_RATE = 1e-6, 1e-3
-"""Largest relative difference of rates due to rounding on one clock, and between two clocks of one nominal rate."""
+"""Largest relative difference of two rates: of one clock, due to rounding; of two clocks with one nominal rate."""
 REACH = 16
-"""Samples on either side that contribute to a value between two samples."""
+"""Samples on either side that contribute to an interpolated value."""
 KAISER = 8.0
-"""Parameter of their Kaiser window: the error is at most 1e-3 up to two fifths of the sample rate."""
+"""Parameter of the interpolation's Kaiser window: the error is at most 1e-3 up to two fifths of the sample rate."""
 
 
 def nearest_rate(channel: Channel, wanted_hz: float) -> float:
-    """Rate nearest to the wanted one that is a simple fraction of a channel's rate [Hz].
+    """Rate [Hz] nearest to `wanted_hz` that is a simple fraction of a channel's rate.
 
-    Clocks that differ by a few ppm need no resampling: the signals keep the channel's own time.
+    The signals then keep the channel's clock, without resampling to a clock that differs by a few ppm.
     """
     if wanted_hz > channel.rate_hz * (1.0 + 1e-3):
         raise InputError(
@@ -274,10 +274,11 @@ def nearest_rate(channel: Channel, wanted_hz: float) -> float:
 
 
 def on_a_simple_rate(channel: Channel, source: Source, rate_hz: float) -> tuple[Channel, Source]:
-    """Channel and samples at a rate with a simple ratio to the common rate.
+    """Return a channel and samples at a rate with a simple ratio to the common rate.
 
     The nodes of a bus have separate clocks, which differ by a few to some hundred ppm: a channel on another clock is
-    resampled by a windowed sinc. Channels of any other rate are returned unchanged.
+    resampled by a windowed sinc. Channels whose rate is exactly in a simple ratio, or far from one, are returned
+    unchanged.
     """
     share = rate_hz / channel.rate_hz
     nearest = Fraction(share).limit_denominator(max(500, round(1.0 / share)))
@@ -292,7 +293,7 @@ def on_a_simple_rate(channel: Channel, source: Source, rate_hz: float) -> tuple[
 
 
 def _between(source: Source, samples: int, step: float, first: int, stop: int) -> Array:
-    """Samples [first, stop) of those spaced by `step` samples of a source; NaN beside masked ones."""
+    """Interpolated samples [first, stop), `step` samples of the source apart; NaN beside masked samples."""
     at = np.arange(first, stop) * step
     low = max(int(at[0]) - REACH, 0)
     values = source(low, min(int(at[-1]) + REACH + 2, samples))
@@ -327,17 +328,18 @@ class LowPass:
         inner_rate = channel.rate_hz * self.up
         shift = start - self.start
         self.taps = taps(rate_hz / inner_rate, shift * self.up if abs(shift) > ALIGNED else 0.0)
-        # Runs of masked samples longer than the filter are not bridged, since no output depends on both sides of them.
+        # Masked runs longer than the filter are not bridged, since no output depends on samples on both sides of such a
+        # run.
         self.longest_bridge = math.ceil(len(self.taps) / self.up) + 1
         self.margin = max(round(MARGIN_S * channel.rate_hz), self.longest_bridge + 1)
 
     def __call__(self, source: Source, count: int) -> Array:
-        """Compute `count` outputs; NaN where too many of their samples are masked."""
-        # Start earlier, by the whole number of outputs that the filter needs to fill.
+        """Compute `count` outputs; NaN where too many of the samples under the filter are masked."""
+        # Start earlier, by the number of outputs that the filter needs to settle.
         ahead = min(math.ceil(self.margin / self.down), self.start // self.down)
         begin = self.start - ahead * self.down
         skipped = ahead * self.up
-        # A channel may end a sample before the grid.
+        # A channel may end one sample before the grid ends.
         total = min(skipped + count, math.ceil((self.samples - begin) * self.up / self.down))
         end = min(begin + math.ceil(total * self.down / self.up) + self.margin, self.samples)
         filter_ = Decimator(self.taps, self.up, self.down)
@@ -372,9 +374,9 @@ class LowPass:
         return np.asarray(share / weight[-1])
 
     def _bridged(self, samples: Array, missing: Mask) -> Array:
-        """Bridge masked samples by straight lines; long runs are filled with the adjacent values.
+        """Bridge short runs of masked samples by straight lines; long runs are filled with the nearest values.
 
-        Samples further away than the margin have no effect, so the result does not depend on the pieces.
+        Samples outside the margin have no effect, so the result does not depend on the division into pieces.
         """
         if not missing.any():
             return samples
@@ -398,7 +400,7 @@ class LowPass:
 MOST_DEGREE = 3
 """Highest degree of a trend; a higher polynomial would follow the slow sines of a trial."""
 LEAST_LOADED = 0.5
-"""Least ratio of the operating point's torque to the torque's swing, with a measured load or in open loop."""
+"""Least ratio of the operating point's torque to the torque's range, with a measured load or in open loop."""
 TORQUES = ("M_b", "M_s", "M_g")
 LEAST_OWN = 0.2
 """Least fraction of the set point's power that is not a polynomial trend."""
@@ -408,8 +410,8 @@ def about_local_point(experiment: Experiment) -> Experiment:
     """Return the experiment relative to the means of its own signals, not the trial's operating point.
 
     The offset of the torque differs between experiments (1651 to 1721 Nm in appendix E); deviations from one point for
-    all of them would include it. Over whole periods of an oscillation the mean is the operating point; over steps, or over
-    part of a period, it is not.
+    all of them would include it. The mean is the operating point over whole periods of an oscillation, but not over
+    steps or part of a period.
 
     Examples
     --------
@@ -435,9 +437,9 @@ def driven_point(
 ) -> dict[str, float]:
     """Operating point; the means of the windows if its torque is near zero and there is a load or command.
 
-    Torques are normalised by the torque of the operating point. For an idling engine these ratios are large and of little
-    use, so the mean under load is the better steady state. Quantities missing from the point also take their means. With a
-    given torque, `torque_Nm`, the load's mean is shifted by the same difference as the torque, times `to_shaft`.
+    Torques are normalised by the torque of the operating point. For an idling engine, torques normalised in this way
+    are very large, so the mean under load is the better point. Quantities missing from `point` are also set to their
+    means. If `torque_Nm` is given, its difference from the mean torque, times `to_shaft`, is added to the load's mean.
     """
     every = {name: np.concatenate([signals[name] for signals in windows]) for name in windows[0]}
     means = {name: float(np.nanmean(values)) for name, values in every.items()}
@@ -452,9 +454,9 @@ def driven_point(
 
 
 def conditioned(experiment: Experiment, detrend: int, normalise: Literal["global", "local"]) -> Experiment:
-    """Remove drift of degree `detrend` from an experiment, or of lower degree if the set point is such a trend itself.
+    """Remove drift of degree `detrend` from an experiment, unless the set point itself is such a polynomial of time.
 
-    With `normalise` "local" the result is relative to its own means.
+    With `normalise` "local", the result is relative to the experiment's means.
     """
     if detrend:
         degree = 0 if set_point_is_trend(experiment, detrend) else detrend
@@ -486,7 +488,7 @@ def detrended(experiment: Experiment, degree: int = 1) -> Experiment:
         raise InputError(f"degree: found {degree}, expected 1 to {MOST_DEGREE}")
     if set_point_is_trend(experiment, degree):
         raise InputError(
-            f"experiment {experiment.name!r}: the set point itself is a trend; its answer looks like drift, "
+            f"experiment {experiment.name!r}: the set point itself is a trend, and the response to it looks like drift; "
             "leave the signals as they are"
         )
     polynomials = _polynomials(experiment, degree)

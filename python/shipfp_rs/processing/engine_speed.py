@@ -26,7 +26,7 @@ LEAST_INTERVALS = 8
 
 @dataclass(frozen=True)
 class _Level:
-    """Recorded speed compared with one counted from pulses: scale, standard deviation and scatter."""
+    """Recorded speed compared with a speed counted from pulses: scale, standard deviation and scatter."""
 
     train: SpeedLevel
     speed: IntervalSpeed
@@ -40,8 +40,9 @@ class _Level:
     ) -> _Level | None:
         """Compare with a counted speed [rpm] on a grid of `rate_hz`; None without common times.
 
-        The counted speed determines the scale, since a converter's gain is known only to about one per cent. Scatter beyond
-        both standard deviations is attributed to the recorded speed, so that a slow or late converter has little weight.
+        The counted speed determines the scale, since a converter's gain is known only to about one per cent. Scatter
+        that exceeds both standard deviations increases that of the recorded speed, which gives a slow converter little
+        weight.
         """
         if len(speed.time_s) < LEAST_INTERVALS:
             return None
@@ -115,12 +116,12 @@ class EngineSpeed:
                     else "pulses_per_rev, shaft and the gear ratio"
                 )
                 raise InputError(
-                    f"{label}: {name!r} tells {rpm:.1f} rpm of the engine and {self.train.name!r} "
+                    f"{label}: {name!r} gives an engine speed of {rpm:.1f} rpm, and {self.train.name!r} "
                     f"{self.median_rpm[self.train.name]:.1f}; check {check}"
                 )
 
     def _typical_rpm(self, train: PulseTrain) -> float:
-        """Median engine speed by a train [rpm]: that of the best train, times their ratio over their common time."""
+        """Median engine speed from a train [rpm]: the best train's median times their speed ratio over common times."""
         own, best = self.speeds[train.name], self.speeds[self.train.name]
         typical = best.typical_rps() * self.train.rpm_per_rps
         ratio = (
@@ -131,7 +132,7 @@ class EngineSpeed:
         return typical * ratio if np.isfinite(ratio) else own.typical_rps() * train.rpm_per_rps
 
     def best(self) -> tuple[Source, dict[str, Any]]:
-        """Engine speed [rpm] by the train with the most good intervals, and how it was determined."""
+        """Engine speed [rpm] from the train with the most good intervals, and a record of how it was determined."""
         train, speed, base = self.train, self.speeds[self.train.name], self.base
 
         def sampled(first: int, stop: int) -> Array:
@@ -143,7 +144,7 @@ class EngineSpeed:
         return sampled, self._account(speed.bandwidth_hz)
 
     def fused(self) -> tuple[Source, dict[str, Any]]:
-        """Engine speed [rpm] fused from all trains, and how it was determined, with its standard deviation.
+        """Engine speed [rpm] fused from all trains, and a record of how it was determined, with its standard deviation.
 
         The fused speed is that of the shaft with the best train. The ratio to the other shaft is estimated, since gear
         ratios are usually known to only a few digits.
@@ -176,7 +177,8 @@ class EngineSpeed:
         def sampled(first: int, stop: int) -> Array:
             time = base.start_s + np.arange(first, stop) / base.rate_hz
             rps = fit.fit.speed(time)
-            # The standard deviation is large where the spline only bridges a gap. Computing it takes longer than the speed.
+            # The standard deviation is large where the spline only bridges a gap. Computing the standard deviation
+            # takes longer than computing the speed.
             lost = np.isnan(fit.at(time[::every])[0])
             rps[np.repeat(lost, every)[: len(time)]] = np.nan
             return rps * own.rpm_per_rps
@@ -217,7 +219,7 @@ class EngineSpeed:
         ]
 
     def forget_pulses(self) -> None:
-        """Free the stretch's pulses; those of a log of days take hundreds of MiB."""
+        """Free the stretch's pulses; the pulses of several days take hundreds of MiB."""
         for train in self.trains:
             train.pulses.pop(self.label, None)
 
@@ -240,8 +242,8 @@ class EngineSpeed:
     def _resolution_rpm(self, bandwidth_hz: float) -> float | None:
         """Error of the speed [rpm] below the low-pass due to the sampling of edges; None without sampled pulses.
 
-        Errors of the angle are white between edges. The power of their derivative grows with the square of the frequency,
-        up to the passband or half the intervals per second.
+        Errors of the angle at the edges are white, so the power of their derivative grows with the square of the
+        frequency, up to the passband or half the number of intervals per second.
         """
         if self.train.tacho.kind != "pulses" or not bandwidth_hz > 0.0:
             return None

@@ -15,15 +15,15 @@ from shipfp_rs.support.arrays import Array, ComplexArray
 from shipfp_rs.support.spikes import bridge
 
 RATE_HZ = 800.0
-"""Highest sample rate at which the torque is analysed: stairs of 5 ms then have two harmonics in the band."""
+"""Highest sample rate at which the torque is analysed. Its band contains two harmonics of stairs with a 5 ms period."""
 SHORTEST_S = 10.0
 """Shortest stretch that is analysed."""
 LEAST_TOLD = 0.5
 """Least fraction of unmasked samples."""
 LONGEST_S = 1000.0
-"""Longest stretch that is analysed: it suffices to detect a clock, and longer ones cost memory."""
+"""Longest stretch that is analysed; it suffices to detect a clock, and longer stretches take more memory."""
 DRIVEN_HZ = 6.0
-"""Highest frequency at which the set point moves the shaft, and thus at which the height of the stairs changes."""
+"""Highest frequency of the shaft's response to the set point, and so of changes in the height of the stairs."""
 SLOWEST_HZ, FASTEST_HZ = 14.0, 200.0
 """Range of the search: periods of 5 to 71 ms."""
 HARMONICS = 6
@@ -33,31 +33,39 @@ SEEN = 0.45
 FLOOR_HZ = 2.0
 """Bandwidth in which the noise beside a line is estimated."""
 MEDIAN = 1.678
-"""Median of the statistic under noise alone, for two regressors: a gamma distribution of order two."""
+"""Median of the explained power for noise alone and two regressors, a gamma distribution of order two."""
 LINE = 60.0
-"""Least ratio of power to noise of a clock's second strongest harmonic. Noise alone reaches 25 once in 1e9; firing and blade
-lines, whose frequency varies with the speed, leave more beside their orders.
+"""Least ratio of power to noise of a clock's second strongest harmonic. Noise alone exceeds 25 with probability 1e-9;
+firing and blade lines, whose frequency varies with the speed, spread beside their orders and may exceed it.
 """
 PIECES = 8
-"""Parts of the record with equal activity, over all of which a clock keeps its phase."""
+"""Number of parts of the record, with equal variation of the speed, in all of which a clock has the same phase."""
 COHERENT = 0.75
-"""Least fraction of the power of two harmonics, summed over the parts, that one line over all parts explains."""
+"""Least coherence of two harmonics: power explained by one line over all parts, relative to the sum over separate lines."""
 MANY, COHERENT_MANY = 4, 0.5
-"""Number of harmonics for which a smaller fraction suffices. In 60 records of noise the fourth best of six was below 0.2."""
+"""Number of harmonics for which a smaller coherence suffices. In 60 records of noise, the fourth best of six was below
+0.2.
+"""
 ALONE = 100.0
-"""Least ratio of power to noise of a clock's only visible line: torsion of the shaft may suppress the harmonics."""
+"""Least ratio of power to noise if a clock has only one visible line, since torsion of the shaft may suppress the
+harmonics.
+"""
 STEADY = 0.92
-"""Replaces `COHERENT` for such a line."""
+"""Least coherence of a clock's only visible line."""
 FAR_FROM_ORDERS = 1e-2
-"""Least relative distance of such a line from any order: asymmetric variations of speed shift the lines of orders."""
+"""Least relative distance of a clock's only visible line from any order, since variations of speed shift the lines of
+orders.
+"""
 CHANCE = 20.0
-"""Ratio of power to noise that one of several harmonics may reach by chance."""
+"""Ratio of power to noise that one of several harmonics may reach by noise alone."""
 PART = 0.7
-"""Fraction of the best comb's mean evidence that a lower clock needs to replace it: the best may be its harmonic."""
+"""Fraction of the best candidate's mean evidence that a lower clock frequency needs to replace this candidate, which
+may be a harmonic of the lower one.
+"""
 BESIDE_ORDER = 5e-4
 """Relative distance from an order of shaft or engine within which a line is attributed to the order."""
 QUARTZ = 2e-5
-"""Relative error of a logger's clock, and so of a period measured with it."""
+"""Relative error of a logger's clock, and so of a period measured by this clock."""
 
 
 class GovernorClock(NamedTuple):
@@ -85,16 +93,16 @@ def governor_clock(
     speed
         Engine speed from the same time on, shape (N,), any unit, NaN where masked.
     factor
-        Samples of the torque per sample of the speed.
+        Number of torque samples per speed sample.
     rate_hz
         Sample rate of the torque.
     orders_hz
-        Mean frequencies whose multiples are lines of the rotation: a turn of the shaft, a cycle of the engine.
+        Mean frequencies of a shaft's turn and of the engine's cycle [Hz]; their multiples are lines of the rotation.
 
     Returns
     -------
     GovernorClock or None
-        None if no clock is distinguishable from noise.
+        None if no clock stands out from the noise.
     """
     share = min(np.isfinite(torque).mean(), np.isfinite(speed).mean())
     if share < LEAST_TOLD or len(torque) < SHORTEST_S * rate_hz:
@@ -118,7 +126,7 @@ def governor_clock(
         shares = sorted(_coherence(stairs, slopes, rate_hz, number / told.period_s) for number in numbers)
         if len(shares) > 1 and shares[-2] > COHERENT:
             return told
-        # An oscillating shaft changes the shape of the stairs, equally for all harmonics.
+        # An oscillating shaft changes the shape of the stairs and so reduces the coherence of all harmonics.
         if len(shares) >= MANY and shares[-MANY] > COHERENT_MANY:
             return told
     line = _line(power, step, orders_hz)
@@ -142,7 +150,7 @@ def _slopes(speed: Array, factor: int, rate_hz: float) -> Array:
 
 
 def _without(torque: Array, rate_hz: float) -> Array:
-    """Torque without the frequencies that the set point drives."""
+    """Torque without the frequencies of the response to the set point."""
     spectrum = fft.rfft(torque - torque.mean())
     spectrum[: round(0.5 * (DRIVEN_HZ + SLOWEST_HZ) * len(torque) / rate_hz)] = 0.0
     return np.asarray(fft.irfft(spectrum, len(torque)))
@@ -181,7 +189,8 @@ def _comb(power: Array, step: float, top_hz: float, orders_hz: Array) -> tuple[f
     best = int(np.argmax(second))
     around = (int(np.argmax(teeth[:, best])) + 1) * int(bins[best]) + np.arange(-HARMONICS, HARMONICS + 1)
     strongest = int(around[np.argmax(power[around])])
-    # The best is the clock or one of its harmonics or subharmonics: take the lowest whose harmonics are all present.
+    # The best candidate may be a harmonic or subharmonic of the clock: take the lowest frequency with all harmonics
+    # present.
     candidates = []
     for part in range(1, 2 * HARMONICS + 1):
         place = round(strongest / part) - first
@@ -197,7 +206,7 @@ def _comb(power: Array, step: float, top_hz: float, orders_hz: Array) -> tuple[f
 
 
 def _line(power: Array, step: float, orders_hz: Array) -> float | None:
-    """Strongest line [Hz], if it is strong enough and belongs to no order."""
+    """Frequency [Hz] of the strongest line, if it is strong enough and is not at a multiple of an order."""
     bins = np.arange(round(SLOWEST_HZ / step), min(round(FASTEST_HZ / step), len(power)))
     line = float(bins[np.argmax(power[bins])] * step)
     turns = line / orders_hz
@@ -208,7 +217,7 @@ def _line(power: Array, step: float, orders_hz: Array) -> float | None:
 def _refined(
     stairs: Array, slopes: Array, inverse: Array, rate_hz: float, clock: float, harmonic: int, power: float
 ) -> GovernorClock:
-    """Maximum of the strongest line, with the Cramer-Rao bound of a line of this power as standard deviation."""
+    """Period at the strongest line's maximum; its standard deviation is the Cramer-Rao bound for a line of this power."""
     bin_hz = rate_hz / len(stairs)
     around = harmonic * clock + bin_hz * np.array([-3.0, 3.0])
     count = 601
@@ -222,14 +231,14 @@ def _refined(
     middle = float(weight @ time / weight.sum())
     spread = float(weight @ np.square(time - middle) / weight.sum())
     std = 1.0 / (2.0 * np.pi * np.sqrt(2.0 * power * spread))
-    # The resolution of the search and the logger's clock contribute.
+    # The resolution of the search and the error of the logger's clock are added.
     std = float(np.linalg.norm([std, (frequency[1] - frequency[0]) / np.sqrt(12.0), QUARTZ * top]))
     period = harmonic / top
     return GovernorClock(period, period * std / top, power)
 
 
 def _coherence(stairs: Array, slopes: Array, rate_hz: float, line_hz: float) -> float:
-    """Power explained by one line over the whole record, relative to that by separate lines in each piece."""
+    """Power explained by one line over the whole record, relative to that explained by a separate line in each piece."""
     turned = stairs * np.exp(-2j * np.pi * line_hz / rate_hz * np.arange(len(stairs)))
     lively = np.cumsum(np.square(slopes).sum(axis=0))
     ends = np.searchsorted(lively, lively[-1] * np.arange(PIECES + 1) / PIECES)

@@ -1,7 +1,7 @@
 """Conversion of a raw log to experiments: calibrated, cleaned, on one time base, with a record of each fault.
 
-All channels, pulse speeds included, pass the same zero-phase low-pass, so that responses from one channel to another
-keep their gain and phase.
+The same zero-phase low-pass is applied to all channels, including speeds from pulses, which preserves gain and phase of
+the responses between channels.
 """
 
 from __future__ import annotations
@@ -69,14 +69,14 @@ def process(
     The set point is calibrated, and short jumps of the signal generator's relay are bridged. The torque is calibrated, and
     short spikes of radio interference are masked. Pulse trains become speed; the angles of the reflectors are estimated
     from the log, and double or lost pulses are repaired. Of several trains, the one with the most good intervals per
-    second is used (one per turn for reflectors of unknown angles), and the others must agree with it; with
-    `processing.speed = "fused"` all are fused. All channels then pass the same low-pass and are sampled at
+    second is used (one per turn for reflectors of unknown angles), and the other trains must agree with it; with
+    `processing.speed = "fused"`, all trains are fused. All channels then pass the same low-pass and are sampled at
     `processing.rate_hz`.
 
     Parameters
     ----------
     log
-        The recording; or only the trial, whose logs are then opened.
+        The recording. If only a trial is given, its logs are opened.
     trial
         Channels, windows, operating point and settings; windows of other logs are ignored.
     vessel
@@ -135,7 +135,7 @@ def process(
 
 
 class _Recording:
-    """Log with its trial's settings; channels are read once and in parallel, part of the torque twice."""
+    """Log with its trial's settings. Channels are read once and in parallel; only a stretch of the torque is read twice."""
 
     def __init__(self, log: Log, trial: Trial, vessel: Vessel, chunk: int | None) -> None:
         self.log = log = trial.completed(log)
@@ -151,7 +151,7 @@ class _Recording:
         stretches = {_label(window): (window.start_s, window.stop_s) for window in trial.windows_of(log.name)}
         if trial.operating_point.steady_s is not None:
             stretches[STEADY_STRETCH] = trial.operating_point.steady_s
-        # In order of time, as the channels are read.
+        # Sort the stretches by time, the order in which the channels are read.
         self.stretches = dict(sorted(stretches.items(), key=lambda item: item[1]))
         self.rate_hz = nearest_rate(log.channel(channels.driver.column), trial.processing.rate_hz)
         self.hold: Hold = "zero" if self._shows_stairs() else "first"
@@ -164,7 +164,7 @@ class _Recording:
         self._read()
 
     def _shows_stairs(self) -> bool:
-        """Whether speed or torque was recorded at the rate of a held set point: then it has its stairs and no low-pass."""
+        """Whether speed or torque, recorded at the rate of a held set point, shows the set point's stairs."""
         driver, channels = self.trial.channels.driver, self.trial.channels
         recorded = [one for one in channels.tachos.values() if one.kind != "edges"]
         answers = recorded if channels.torque is None else [channels.torque]
@@ -175,7 +175,8 @@ class _Recording:
         )
 
     def _rows(self, sensor: Level | Tacho, kept_bytes: int = 0) -> Rows:
-        # Responses to the mean of a held sample lag it; visible stairs are left to the model.
+        # A held set point acts half a sample late on average. If the stairs are visible, the model describes this
+        # instead.
         late = getattr(sensor, "late", 0.0) if self.hold == "first" else 0.0
         return Rows(
             self.log,
@@ -206,7 +207,7 @@ class _Recording:
             if fault.kind == "time_jump" and len(over):
                 begin, end = self._base.channel.start_s + over[0] / self._base.channel.rate_hz
                 raise InputError(
-                    f"{label}: the clock was set anew within it; expected a window that ends before {begin:.6g} s or "
+                    f"{label}: the clock was reset within it; expected a window that ends before {begin:.6g} s or "
                     f"begins after {end:.6g} s"
                 )
 
@@ -218,7 +219,7 @@ class _Recording:
 
     @contextmanager
     def naming_the_rate(self) -> Iterator[None]:
-        """Name the assumed rate of a log without times in errors of the block: a wrong rate affects all times and speeds."""
+        """Add the assumed rate of a log without times to errors in the block; a wrong rate changes all times and speeds."""
         try:
             yield
         except InputError as error:
@@ -287,7 +288,7 @@ class _Recording:
             point |= dict.fromkeys({"n_e", self.trial.channels.driver_signal} - {"command"}, given.n_e_rpm)
         for signal, sensor in self.trial.channels.levels.items():
             if isinstance(sensor, Load):
-                continue  # without a steady stretch it follows from the torque
+                continue  # without a steady stretch, the load follows from the torque
             value = given.X_mm if isinstance(sensor, Rack) else given.M_Nm
             point |= {} if value is None else {signal: value}
         return point
@@ -295,7 +296,7 @@ class _Recording:
     def experiment(
         self, window: Window, cut: Cut, point: Mapping[str, float], clock: Mapping[str, float] | None
     ) -> Experiment:
-        """Experiment of a window: signals and provenance; `clock` is that of the governor."""
+        """Experiment of a window, with signals and provenance; `clock` is the governor's sampling period."""
         (signals, account), settings = cut, self.trial.processing
         if (
             window.kind == "chirp"
@@ -395,12 +396,12 @@ class _Recording:
         }
 
     def _drives(self) -> list[str]:
-        """Channels that are inputs of the model; where they are repaired, all outputs are masked."""
+        """Channels that are inputs of the model. Where an input was repaired, all outputs are masked."""
         load = self.trial.channels.load
         return [self._base.channel.name, *([] if load is None else [load.column])]
 
     def _recorded(self, label: str, train: str) -> dict[str, Any]:
-        """Reference of the fault spans: clock, length and rows of every channel, and its signal."""
+        """Signal, clock, length and rows of every channel, to which the spans of faults refer."""
         channels = self.trial.channels
         sensors: list[tuple[Level | Tacho, str]] = [(channels.driver, channels.driver_signal)]
         sensors += [(sensor, signal) for signal, sensor in channels.levels.items()]
@@ -429,7 +430,8 @@ class _Recording:
             about = self._channels[channel]
             spans = joined([fault.spans for fault in faults if fault.excluded and fault.channel == channel])
             at = (about.start_s - grid.start_s + spans / about.rate_hz) * grid.rate_hz
-            # A sample of the grid covers half an interval on either side; a little less, since times are rounded.
+            # A sample of the grid covers half an interval on either side. Positions are rounded to remove errors of the
+            # times.
             at = np.round(at, 6)
             touched = np.column_stack([np.floor(at[:, 0] + 0.5), np.ceil(at[:, 1] + 0.5)]).astype(np.int64)
             for name in names:
@@ -451,7 +453,7 @@ class _Recording:
         return Fault("D3", self._base.channel.name, kept, rows, excluded=False)
 
     def _engine_speed(self, grid: Grid) -> _EngineSpeed:
-        """Engine speed in a stretch, sampled like the set point so as to pass the same filter."""
+        """Engine speed in a stretch, first sampled at the set point's rate to apply the same filter."""
         base = self._base.channel
         speed = EngineSpeed(self.trains, grid.label, (grid.start_s, grid.stop_s), base, self.rate_hz)
         source, account = speed.fused() if self.trial.processing.speed == "fused" else speed.best()
@@ -463,7 +465,7 @@ class _Recording:
 
 @dataclass(frozen=True)
 class _EngineSpeed:
-    """Engine speed [rpm] on the grid of a stretch, the choice of the train, and the faults of all trains."""
+    """Engine speed [rpm] on the grid of a stretch, the record of how it was determined, and the faults of all trains."""
 
     rpm: Array
     account: dict[str, Any]

@@ -26,7 +26,7 @@ from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.units import ELECTRIC, FREQUENCIES, QUANTITIES, TO_RPM, told
 
 LEAST_PART = 4
-"""Least number of letters of a word that is recognised within a longer one."""
+"""Least number of letters of a word that is recognised within a longer word."""
 LETTERS = str.maketrans({"ø": "o", "æ": "ae", "ß": "ss", "ł": "l", "ı": "i", "đ": "d"})
 """Letters that Unicode does not decompose into base letter and accent, and their replacements."""
 WORD_ENDS = re.compile(r"(?<=[^\W\d_A-Z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])")
@@ -44,7 +44,7 @@ TAILS: Mapping[str, str] = {
 
 @functools.cache
 def words() -> Mapping[str, frozenset[str]]:
-    """Words of all languages by meaning."""
+    """Words of channel names in all languages, by meaning."""
     text = (resources.files("shipfp_rs") / "data" / "channel_words.toml").read_text(encoding="utf-8")
     return {
         what: frozenset(word for language in languages.values() for word in language)
@@ -54,7 +54,7 @@ def words() -> Mapping[str, frozenset[str]]:
 
 @dataclass(frozen=True)
 class Named:
-    """Unit and quantity of a channel (None if undetermined), and meanings of its name's words.
+    """Unit and quantity of a channel (None if undetermined), meanings of the words in its name, and the reason.
 
     Meanings are headings of `channel_words.toml`.
     """
@@ -102,7 +102,7 @@ def _of_unit(unit: str, tells: frozenset[str]) -> str | None:
     for quantity, known in QUANTITIES.items():
         if unit in known.factors:
             return quantity
-    # A drive reports torque and speed in per cent of rated values, which the user has to give.
+    # A drive may report torque and speed in per cent of rated values, which the user must give.
     by_name = unit in ELECTRIC or (unit == "%" and tells & {"torque", "speed"})
     return None if by_name else "other"
 
@@ -125,7 +125,7 @@ LEAST_CORRELATION = 0.3
 SAME_SHAFT = 0.1
 """Largest relative difference of a speed's median from the set point's if both are of the same shaft."""
 WHOLE = 0.02
-"""Pulses per turn are whole to within this fraction, or the train is on another shaft."""
+"""Largest distance of the pulses per turn from a whole number for a train that counts as on the engine's shaft."""
 
 Shaft = Literal["engine", "propeller"]
 
@@ -152,7 +152,7 @@ class Roles:
     trains: dict[str, float] = field(default_factory=dict)
     """Pulses per second of each pulse train."""
     pulses: dict[str, int] = field(default_factory=dict)
-    """Pulses per turn of the engine, for trains beside another channel of speed."""
+    """Pulses per turn of the engine of each train, determined with the aid of a channel of speed."""
     reasons: dict[str, str] = field(default_factory=dict)
 
 
@@ -206,7 +206,7 @@ def named_roles(channels: Sequence[Channel], set_point: str | None = None) -> Ro
     for name in wanted if roles.set_point is None else ():
         roles.reasons[name] = f"one of {len(wanted)} that may be the set point: {', '.join(wanted)}; choose"
     for role, names in found.items():
-        # Names of a measured quantity take precedence.
+        # A name that means a measured quantity takes precedence.
         ordered = sorted(names, key=lambda name: "measured" not in roles.named[name].tells)
         setattr(roles, role, ordered[0] if ordered else None)
         for other in ordered[1:]:
@@ -219,7 +219,7 @@ def named_roles(channels: Sequence[Channel], set_point: str | None = None) -> Ro
 
 
 def _of_a_generator(roles: Roles) -> None:
-    """Use the frequency of a generating set as its speed, and the power beside it as its load."""
+    """Use the frequency of a generating set as its speed, and the only power channel as its load."""
     turns = [name for name, given in roles.named.items() if given.quantity == "frequency"]
     powers = [name for name, given in roles.named.items() if given.quantity == "power"]
     if len(turns) != 1 or not (roles.load or len(powers) == 1):
@@ -265,7 +265,7 @@ def set_point_of(log: Log) -> str:
     found = set_points({name: named(channel) for name, channel in log.channels.items()})
     if len(found) != 1:
         raise InputError(
-            f"{log.name}: {'several channels are' if found else 'no channel is'} called a set point, found "
+            f"{log.name}: {'several channels are' if found else 'no channel is'} named as set point; found "
             f"{', '.join(found or log.channels)}; name it with --set-point"
         )
     return found[0]
@@ -307,7 +307,7 @@ def _locate(roles: Roles, torque: str) -> None:
 
 
 def _by_what_it_does(log: Log, roles: Roles) -> None:
-    """Find the set point among the candidates by name and unit: the channel whose changes precede those of the others."""
+    """Find the set point among channels with a suitable name or unit: its changes precede those of the other channels."""
     wanted = set_points(roles.named)
     may_be = wanted or [
         name
@@ -339,7 +339,7 @@ def _by_what_it_does(log: Log, roles: Roles) -> None:
 
 
 def _lag(one: Array, two: Array) -> int | None:
-    """Lag of the second after the first [samples]; None if uncorrelated."""
+    """Lag of the second signal after the first one [samples]; None if uncorrelated."""
     most = round(LONGEST_LAG_S * LAG_RATE_HZ)
     scale = float(np.linalg.norm(one) * np.linalg.norm(two))
     if not scale > 0.0:

@@ -41,14 +41,16 @@ if TYPE_CHECKING:
 
 
 MARGIN_S = 2.0
-"""Time read before and after a stretch, so that its ends lie within an interval [s]."""
+"""Time read before and after a stretch [s]; the ends of the stretch are then inside an interval between pulses."""
 
 SPLINE_REACH = 40
-"""Number of intervals after which a change has no effect on a cubic spline; the effect decays by 3.7 per interval."""
+"""Number of intervals beyond which a change has no effect on a cubic spline; the effect decays by a factor of 3.7 per
+interval.
+"""
 
 
 class PulseTrain:
-    """Pulse train of a log, read once; its reflectors are measured on the longest stretch."""
+    """Pulse train of a log, read once. The angles of its reflectors are estimated from the longest stretch."""
 
     def __init__(
         self,
@@ -62,7 +64,7 @@ class PulseTrain:
         self.channel = rows.channel
         self.tacho = tacho
         self.rpm_per_rps = 60.0 * (gear_ratio if tacho.shaft == "propeller" else 1.0)
-        """Engine rpm per rev/s of the train's own shaft."""
+        """Engine speed [rpm] per speed of the train's shaft [rev/s]."""
         self.pulses = {label: self._pulses(rows, *stretch) for label, stretch in stretches.items()}
         longest = max(stretches, key=lambda label: stretches[label][1] - stretches[label][0])
         self.angles = self._angles(self.pulses[longest])
@@ -72,7 +74,7 @@ class PulseTrain:
         return reflector_angles(longest.times_s, self.tacho.pulses_per_rev, gaps=longest.gaps_s)
 
     def _time_std_s(self, label: str) -> float | None:
-        """Standard deviation of a pulse's time in a stretch [s]; None: that of `PulseTimes`."""
+        """Standard deviation of a pulse's time in a stretch [s]; None: the value of `PulseTimes`."""
         return None
 
     def _pulses(self, rows: Rows, start_s: float, stop_s: float) -> PulseTimes:
@@ -110,12 +112,12 @@ class PulseTrain:
 
     @staticmethod
     def around(speed: IntervalSpeed, start_s: float, stop_s: float) -> IntervalSpeed:
-        """Intervals of a stretch, with as many on either side as affect a spline within it."""
+        """Intervals of a stretch, with those on either side that affect a spline within it."""
         first, last = np.searchsorted(speed.time_s, [start_s, stop_s])
         return speed.part(slice(max(first - SPLINE_REACH, 0), last + SPLINE_REACH))
 
     def score(self, speed: IntervalSpeed) -> float:
-        """Number of good intervals; one per turn for unknown reflector angles."""
+        """Number of good intervals; of good turns if the reflector angles are unknown."""
         good = float(np.count_nonzero(speed.flags == PulseFlag.GOOD))
         return good if self.angles.ok else good / self.tacho.pulses_per_rev
 
@@ -128,7 +130,7 @@ class PulseTrain:
             inside = (ends > start_s) & (begins < stop_s)
             times = np.clip(np.column_stack([begins, ends])[inside], start_s, stop_s) - self.channel.start_s
             spans = np.rint(times * self.channel.rate_hz).astype(np.int64)
-            # Less than a sample at the end of a stretch is not a loss.
+            # Faults of less than a sample, at the end of a stretch, are dropped.
             return Fault(kind, self.channel.name, method, spans[spans[:, 1] > spans[:, 0]])
 
         extra = runs((speed.flags & PulseFlag.EXTRA) > 0)
@@ -202,7 +204,8 @@ def with_missing(times_s: Array, teeth: int, missing: int) -> Array:
     periods = np.diff(times_s)
     if len(periods) < 4:
         return times_s
-    # A gap is missing + 1 pitches long, with teeth on both sides; one with a further lost tooth is repaired later.
+    # A gap is missing + 1 tooth pitches long, with teeth on both sides. A gap with another lost tooth is repaired
+    # later.
     usual = np.minimum(np.append(periods[1:], periods[-1]), np.insert(periods[:-1], 0, periods[0]))
     wide = np.abs(periods / usual - (missing + 1)) < 0.5
     gaps = np.flatnonzero(wide[1:-1]) + 1
@@ -318,10 +321,10 @@ def _is_float(text: str) -> bool:
 
 
 class Encoder(PulseTrain):
-    """Angle of an encoder, wrapped or counting; the times at which it passes even angles are its pulses.
+    """Angle of an encoder, wrapped or counting. Its pulses are the times at which it passes evenly spaced angles.
 
-    The error of an angle is its resolution or its noise, whichever is larger; that of a pulse's time follows by division by
-    the speed.
+    The error of an angle is its resolution or its noise, whichever is larger. Divided by the speed, it is the error of
+    a pulse's time.
     """
 
     def __init__(self, rows: Rows, name: str, tacho: Tacho, gear_ratio: float, stretches: Stretches) -> None:
@@ -345,7 +348,9 @@ class Encoder(PulseTrain):
         recorded = rows.read(first, stop).astype(np.float64)
         known = np.isfinite(recorded)
         if known.sum() < 8:
-            raise InputError(f"channel {channel.name!r}, {start_s:g} to {stop_s:g} s: no angle in it")
+            raise InputError(
+                f"channel {channel.name!r}, {start_s:g} to {stop_s:g} s: fewer than 8 samples of an angle"
+            )
         time = channel.start_s + (first + np.arange(len(recorded))) / channel.rate_hz
         gaps = time[0] + (runs(~known) - np.array([1, 0])) / channel.rate_hz
         values = (recorded if self._line is None else self._line(recorded))[known] * self._rev
@@ -358,7 +363,7 @@ class Encoder(PulseTrain):
         return time[known], values, gaps
 
     def _wrap(self, values: Array) -> float:
-        """Angle after which the encoder wraps [rev]; 0 if it does not."""
+        """Angle at which the encoder's output wraps [rev]; 0 if it does not wrap."""
         span = float(np.ptp(values))
         largest = float(np.abs(np.diff(values)).max())
         if span <= 1.2 and largest > 0.5 * span:
@@ -406,7 +411,7 @@ class Encoder(PulseTrain):
 
 
 def _step(steps: Array) -> float:
-    """Resolution of an angle, of which all its differences are multiples; 0 if there is none."""
+    """Resolution of an angle: the step of which all differences are multiples; 0 if there is no such step."""
     levels = np.unique(np.round(steps, 12))
     apart = np.diff(levels)
     apart = apart[apart > 1e-10]
@@ -455,7 +460,7 @@ class SpeedLevel(PulseTrain):
         means = rps[: count * block].reshape(count, block).mean(axis=1)
         scale = factor * (1.0 if line is None else abs(line.scale))
         noise = ROBUST_SIGMA * float(np.nanmedian(np.abs(np.diff(rps, 2)))) / np.sqrt(6.0) / np.sqrt(block)
-        # Rounding does not average out if the speed stays within a step.
+        # Averaging does not reduce the rounding error while the speed stays within a step.
         rounding = channel.resolution * scale / np.sqrt(12.0)
         std = tacho.std * factor if tacho.std else max(float(np.hypot(noise, rounding)), 1e-9)
         duration = block / channel.rate_hz
@@ -463,7 +468,7 @@ class SpeedLevel(PulseTrain):
             # The mean over T deviates from the speed by T^2 / 24 times its second derivative.
             bend = np.diff(means, 2, prepend=means[:1], append=means[-1:]) / duration**2
             means = means - (tacho.mean_s**2 - duration**2) / 24.0 * bend
-        # A sample represents the interval around it.
+        # A sample is taken as the mean over the interval around its time.
         time = channel.start_s + (first - 0.5) / channel.rate_hz + (np.arange(count) + 0.5) * duration
         known = np.isfinite(means) & (means > 0.0)
         self._held[start_s, stop_s] = IntervalSpeed(
@@ -481,7 +486,7 @@ class SpeedLevel(PulseTrain):
         return ReflectorAngles(np.ones(1), np.zeros(1), ok=True)
 
     def speed(self, label: str) -> IntervalSpeed:
-        """Samples of a stretch as means over their intervals [rev/s]."""
+        """Speeds of a stretch [rev/s], each a mean over its interval."""
         return self._held[self._stretches[label]]
 
     def faults(self, label: str, speed: IntervalSpeed, start_s: float, stop_s: float) -> list[Fault]:
@@ -497,7 +502,7 @@ class SpeedLevel(PulseTrain):
         return [one for one in found if len(one.spans)]
 
     def score(self, speed: IntervalSpeed) -> float:
-        """Score below that of any source that counts turns, since a converter's filter is unknown."""
+        """Score lower than that of any source that counts pulses, since the filter of a speed converter is unknown."""
         return -1.0 / (1.0 + len(speed.time_s))
 
 
@@ -510,7 +515,7 @@ def _require_less(key: str, std: float | None, limit: float, what: str) -> None:
 def source_of(
     rows: Rows | None, name: str, tacho: Tacho, gear_ratio: float, stretches: Stretches, spikes: Spikes
 ) -> PulseTrain:
-    """Source for a table of a trial; `spikes` are the limits for a recorded speed."""
+    """Source of speed for a table of a trial; `spikes` are the limits for a recorded speed."""
     if tacho.kind == "edges" or rows is None:
         return EdgeList(name, tacho, gear_ratio, stretches)
     if tacho.kind == "speed":
@@ -520,7 +525,7 @@ def source_of(
 
 
 def require_one_direction(first: PulseTrain, second: PulseTrain) -> None:
-    """Reject a shaft that reverses: the second train of a pair in quadrature then leads the first."""
+    """Reject a shaft that reverses, which is detected by the second train of a pair in quadrature leading the first."""
     for label, pulses in first.pulses.items():
         one, two = pulses.times_s, second.pulses[label].times_s
         if len(one) < 3 or len(two) < 3:
@@ -531,6 +536,6 @@ def require_one_direction(first: PulseTrain, second: PulseTrain) -> None:
         if 0.05 < leads.mean() < 0.95:
             turned = one[int(np.flatnonzero(leads != leads[0])[0])]
             raise InputError(
-                f"{label}: channels.{first.name} and its quadrature change order at {turned:.3f} s: the shaft turns back "
+                f"{label}: channels.{first.name} and its quadrature change order at {turned:.3f} s: the shaft reverses "
                 "there; choose stretches of one direction"
             )

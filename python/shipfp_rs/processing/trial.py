@@ -328,7 +328,7 @@ class Trial(Section):
         return self
 
     def _require_own_columns(self) -> None:
-        """Reject a column with two roles, and a speed behind a gear without a vessel."""
+        """Reject a column with two roles, and a speed of the propeller's shaft without a vessel for the gear ratio."""
         channels = self.channels
         found: dict[str, str] = {}
         for key in ("set_point", "command", "torque", "rack", "actuator", "load"):
@@ -350,7 +350,7 @@ class Trial(Section):
                 )
 
     def _require_one_place_of_torque(self) -> None:
-        """Reject an [identify] that contradicts the torque channel: its location, or whether there is one."""
+        """Reject an [identify] that contradicts the torque channel's location, or that needs a missing torque channel."""
         measured = self.channels.torque
         options, asked = self.identify, self.identify.torque
         if measured is None and (
@@ -401,7 +401,7 @@ class Trial(Section):
         return read.model_copy(update={"trial": header.model_copy(update=changes), "channels": channels})
 
     def completed(self, log: Log) -> Log:
-        """Add a constant set point to a log, if the trial has one, with the length of the load."""
+        """Add the trial's constant set point, if any, to a log, as a channel as long as the load."""
         asked, load = self.channels.set_point, self.channels.load
         if asked is None or asked.rpm is None or load is None or asked.column in log.channels:
             return log
@@ -430,7 +430,7 @@ class Trial(Section):
 
         wanted = Path(self.align.reference)
         named = [log for log in logs if Path(log.name).name == wanted.name]
-        # Files with the same name in several folders are distinguished by part of their paths.
+        # Files with the same name in several folders are distinguished by the ends of their paths.
         ends = (log for log in named if Path(log.name).parts[-len(wanted.parts) :] == wanted.parts)
         reference = next(ends, named[0])
         others = [log for log in logs if log is not reference]

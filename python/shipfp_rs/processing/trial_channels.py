@@ -23,9 +23,9 @@ from shipfp_rs.support.units import (
 
 Positive = Annotated[float, Field(gt=0.0)]
 Rate = Annotated[float, Field(gt=0.0, le=1e8)]
-"""Samples per second; the range covers every logger."""
+"""Sample rate [Hz], in a range that covers every logger."""
 Delay = Annotated[float, Field(ge=-60.0, le=60.0)]
-"""Delay of a channel [s]; more than a minute would be another clock."""
+"""Delay of a channel [s], less than a minute; a longer delay would mean a different clock."""
 Accuracy = Annotated[float, Field(ge=0.0, le=0.2)]
 """Systematic relative error of a calibrated channel, which varies slowly with frequency: its standard deviation."""
 Pair = Annotated[tuple[float, float], Field(strict=False)]
@@ -37,7 +37,7 @@ KEYS_OF_KIND: Mapping[str, Set[str]] = {
 }
 """Keys of each kind of source of speed, in addition to the common ones."""
 CALIBRATED = {"%", *ELECTRIC} - {"", "counts"}
-"""Units of the reading of a source of speed whose calibration leads to rpm."""
+"""Units of the readings of a source of speed that a calibration converts to rpm."""
 KEYS_OF_ALL = {"kind", "column", "shaft", "delay_s"}
 SIGNAL_OF_LOCATION = {"gauge": "M_g", "brake": "M_b", "shaft": "M_s"}
 
@@ -72,7 +72,7 @@ class Line(Section):
 
 
 def wanted_line(unit: str, to: str) -> str:
-    """Description of the calibration wanted from one unit to another."""
+    """Text for error messages: the calibration that is needed from one unit to another."""
     reading = unit or "reading"
     return (
         f"from {reading} to {to}: {{ scale = {to} per {reading}, offset = {to} at 0 }}, or "
@@ -87,7 +87,7 @@ SCALING: Mapping[str, tuple[Set[str], str]] = {
     "rated_torque_Nm": ({"%"}, "the torque at 100 % [Nm]"),
     "efficiency": ({*TO_W}, "the share of the shaft's power that the channel shows, such as 0.95"),
 }
-"""Keys that convert a unit to the shaft's quantity, the units for which they are valid, and their meaning."""
+"""Keys that convert a unit to a quantity of the shaft, each with its valid units and its meaning."""
 RESTING = "set point at rest"
 """Name of the channel of a constant set point that was not recorded."""
 MOST_RPM = 1e6
@@ -141,14 +141,14 @@ class Level(Section):
 
     @classmethod
     def factor(cls, unit: str, content: Mapping[str, Any]) -> tuple[float | None, str]:
-        """Factor of a unit (None without one), and the resulting unit; `content` is the rest of the channel's table."""
+        """Factor of a unit (None if unknown) and the resulting unit; `content` has the other keys of the channel's table."""
         known = QUANTITIES[content["quantity"] if content.get("quantity") in QUANTITIES else cls.a]
         scaled = {key: content[key] for key in SCALING if isinstance(content.get(key), int | float)}
         if unit == "%" and known.unit == "Nm" and "rated_torque_Nm" in scaled:
             return 0.01 * scaled["rated_torque_Nm"], known.unit
         factor = known.factors.get(unit)
         if factor is not None:
-            # Values out of range are rejected by the validation of the keys.
+            # Values out of range are rejected later, when the keys are validated.
             factor /= abs(scaled.get("pole_pairs", 1.0) * scaled.get("efficiency", 1.0)) or 1.0
         return factor, known.unit
 
@@ -220,7 +220,7 @@ class Torque(Level):
 
     @property
     def place(self) -> Literal["gauge", "brake"]:
-        """Side of the inertias on which the torque acts in the equations."""
+        """Location of the torque in the equations, relative to the inertias."""
         return "gauge" if self.location == "gauge" else "brake"
 
 
@@ -438,7 +438,7 @@ class Channels(Section):
 
     @property
     def levels(self) -> dict[str, Torque | Rack | Load]:
-        """Channels of torque, rack and load, by the names of their signals."""
+        """Tables of torque, rack and load, by the names of their signals."""
         torque = {} if self.torque is None else {SIGNAL_OF_LOCATION[self.torque.location]: self.torque}
         actuator = self.rack or self.actuator
         load = {} if self.load is None else {"M_load": self.load}

@@ -1,4 +1,4 @@
-"""Draft of a TRIAL.toml from a log, each guess with its reason; unknown values are marked as to be given."""
+"""Draft of a TRIAL.toml from a log. Each guess has its reason; values that the user must give are marked."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ from shipfp_rs.support.toml import TO_BE_GIVEN
 from shipfp_rs.support.units import TO_NM, TO_REV, TO_RPM, TO_W
 
 KEPT = ("processing", "processing.torque_spikes", "processing.set_point_jumps", "processing.faults")
-"""Tables of the template with settings only, which state nothing about a log."""
+"""Tables of the template with settings only, which do not depend on a log."""
 SELDOM_HZ = 100.0
-"""Highest rate of a set point that may come from a bus or PLC, with stairs that the torque shows."""
+"""Highest rate [Hz] of a set point that may come from a bus or PLC, whose stairs would be visible in the torque."""
 LEAST_LOAD = 0.1
-"""Least level of a constant load that counts as loaded, relative to the load's largest level."""
+"""Least level of a constant load for a stretch under load, relative to the load's largest level."""
 
 
 def windows_toml(windows: Sequence[FoundWindow]) -> str:
@@ -51,7 +51,7 @@ def _within(window: FoundWindow) -> tuple[float, float]:
 
 
 def moved(log: Log, driver: str | None, load: str | None) -> tuple[str, list[FoundWindow]]:
-    """Channel whose motion defines a log's windows, and the windows: the load's if set point or command is constant.
+    """Channel whose changes define a log's windows, and the windows. The load is used if set point or command is constant.
 
     Raises
     ------
@@ -71,7 +71,7 @@ def moved(log: Log, driver: str | None, load: str | None) -> tuple[str, list[Fou
 
 
 def operating_rest(windows: Sequence[FoundWindow], *, by_load: bool) -> FoundWindow | None:
-    """Stretch at rest whose mean is the operating point; with a moving load, a stretch under load if there is one."""
+    """Stretch at rest whose mean is the operating point; with a varying load, preferably a stretch under load."""
     if by_load:
         largest = max(abs(window.level) for window in windows)
         loaded = [w for w in windows if w.kind != "steady" or abs(w.level) > LEAST_LOAD * largest]
@@ -142,11 +142,11 @@ def _channels(log: Log, roles: Roles, windows: Sequence[FoundWindow]) -> list[st
         power = roles.named[roles.load].unit in TO_W
         units, to, what = (TO_W, "W", "power") if power else (TO_NM, "Nm", "torque")
         table = f'{_level("load", log.channel(roles.load), roles, units, to)}\nquantity = "{what}"'
-        # The power of a generator is measured where its voltage is, so its losses are included.
+        # Electric power is less than the shaft's by the generator's losses, so the template offers the efficiency.
         losses = f"\n# efficiency = 0.95  # {SCALING['efficiency'][1]}" if power else ""
         tables.append(table + losses)
     told = {name for name in roles.speeds if roles.named[name].unit in {*TO_RPM, *TO_REV}}
-    # Sources that need an answer are omitted if another channel gives the speed without one.
+    # Sources that need a value from the user are omitted if another channel gives the speed without it.
     tables += [_speed(name, roles) for name in roles.speeds if name in told or not (told or roles.pulses)]
     tables += [_train(name, roles) for name in roles.trains if name in roles.pulses or not told]
     if not roles.speeds and not roles.trains:
@@ -155,7 +155,7 @@ def _channels(log: Log, roles: Roles, windows: Sequence[FoundWindow]) -> list[st
 
 
 def _held(log: Log, roles: Roles) -> str:
-    """Commented-out key, offered if set point and torque have the low rate of a bus or PLC; else empty."""
+    """Commented-out key `held` if set point and torque have the low rate of a bus or PLC; else an empty text."""
     names = (roles.set_point, roles.torque)
     rates = {log.channel(name).rate_hz for name in names if name is not None}
     if roles.torque is None or len(rates) > 1 or rates.pop() > SELDOM_HZ:
@@ -164,7 +164,7 @@ def _held(log: Log, roles: Roles) -> str:
 
 
 def _resting(log: Log, roles: Roles, windows: Sequence[FoundWindow]) -> str:
-    """Table of a constant set point without a channel: the speed while the load is constant, for a moving load."""
+    """Table of a constant set point that was not recorded: its value is the mean speed while the load is constant."""
     rest = operating_rest(windows, by_load=True) if windows and roles.load is not None else None
     moving = windows if roles.load is not None else []
     rpm = _mean(log, roles, next(iter(roles.speeds), None), moving if rest is None else [rest], TO_RPM)
@@ -212,7 +212,7 @@ def _train(name: str, roles: Roles) -> str:
 
 
 def _operating_point(log: Log, roles: Roles, windows: Sequence[FoundWindow], mover: str | None) -> str:
-    """Table of the operating point: the steady stretch, or means over the windows without one."""
+    """Table of the operating point: the steady stretch, or means over the windows if there is no such stretch."""
     rest = operating_rest(windows, by_load=mover is not None and mover == roles.load)
     if rest is not None:
         start_s, stop_s = _within(rest)
@@ -248,7 +248,7 @@ def _slowest(log: Log, roles: Roles) -> float:
 
 
 def _at_most(table: str, rate_hz: float) -> str:
-    """Table of processing with a common rate that no channel falls below."""
+    """Table of processing, with a common rate of at most `rate_hz`."""
     usual = Processing().rate_hz
     return table if rate_hz >= usual else table.replace(f"rate_hz = {usual}", f"rate_hz = {rate_hz:.9g}", 1)
 
@@ -274,7 +274,7 @@ def _keys(keys: Mapping[str, object]) -> str:
 
 
 def _key(name: str) -> str:
-    """Key of a channel's table: its name, changed if it is that of a role."""
+    """Key of a channel's table: the channel's name, changed if it is a key such as "load"."""
     taken = ("set_point", "command", "torque", "rack", "actuator", "load")
     return tomlkit.item(f"{name} of a shaft" if name in taken else name).as_string()
 

@@ -30,29 +30,31 @@ Kind = Literal["steady", "sine", "sines", "multisine", "chirp", "squares", "prbs
 CROSSED = 0.35
 """Hysteresis of the crossings for frequencies, as a fraction of the amplitude."""
 JUMPED = 1.5
-"""Distance from the mean, in amplitudes, above which a sample is a jump of the generator's relay."""
+"""Distance from the mean, in amplitudes, above which a sample is a jump due to the signal generator's relay."""
 SAME_FREQUENCY = 1.15
 """Largest ratio between the last and first periods of an excitation with one frequency."""
 
 IN_BAND = 0.95
-"""Fraction of an excitation's power in its band."""
+"""Fraction of an excitation's power that defines its band."""
 LINE_BINS, BETWEEN_LINES = 16, 0.4
 """In ranges of this many bins, the median power of a multisine is below this fraction of the mean, since there is no power
 between its lines. For a swept frequency the two are similar, and for noise the median is 0.7 of the mean.
 """
 SAME_LINES = 0.8
-"""Least correlation between the amplitudes of a window's halves: a multisine has all lines all the time."""
+"""Least correlation between the spectral amplitudes of a window's halves; a multisine has the same lines in both."""
 REPEATS = 0.95
 """Least autocorrelation at one period of a periodic excitation."""
 AT_LEVELS = 0.8
 """Least fraction of samples near the extremes in an excitation with two levels."""
 
 IN_RUNS, SHORTEST_RUN = 0.75, 3
-"""Least fraction of half periods in runs of at least this many equal ones, for excitations of successive frequencies."""
+"""An excitation has several successive sines if at least this fraction of its half periods is in runs of equal half
+periods, each run with at least this many.
+"""
 
 
 def middle_of(samples: Array) -> float:
-    """Level halfway between the extremes of an excitation, without outliers."""
+    """Level halfway between the 2 % and 98 % quantiles of an excitation."""
     return 0.5 * float(np.quantile(samples, 0.02) + np.quantile(samples, 0.98))
 
 
@@ -111,7 +113,7 @@ def _lines(samples: Array, rate_hz: float) -> tuple[float, float] | None:
         int(np.searchsorted(held, share)) for share in (0.5 * (1.0 - IN_BAND), 0.5 * (1.0 + IN_BAND))
     )
     blocks = power[low : low + (high - low) // LINE_BINS * LINE_BINS].reshape(-1, LINE_BINS)
-    # Parts without a line have little power, and little weight.
+    # Ranges without a line have little power and so little weight.
     between = np.median(blocks, axis=1).sum() / blocks.mean(axis=1).sum() if len(blocks) > 1 else 1.0
     if _repeats(deviation) or (between < BETWEEN_LINES and _stays(deviation, low // 2, high // 2 + 1)):
         return low * rate_hz / len(samples), high * rate_hz / len(samples)
@@ -147,18 +149,18 @@ def _crossings(deviation: Array) -> Array:
     side[np.abs(deviation) > JUMPED * amplitude] = 0.0
     known = np.flatnonzero(side)
     turns = np.flatnonzero(np.diff(side[known]))
-    # A crossing lies midway between the last sample on one side and the first on the other.
+    # A crossing is midway between the last sample on one side and the first on the other side.
     return np.asarray(0.5 * (known[turns] + known[turns + 1]), dtype=np.float64)
 
 
 SHORTEST_S = 20.5
-"""Shortest window [s], slightly longer than a fit requires for a slow ship; a shorter log is of a fast drive."""
+"""Shortest window [s], slightly longer than the fit of a slow ship requires. In a shorter log, windows may be shorter."""
 LEAST_SWING = 2e-3
 """Smallest standard deviation of an excitation, relative to its level, for units of speed, torque or power."""
 
 
 def proposed(log: Log, drives: Sequence[str], mover: str, found: Sequence[FoundWindow]) -> list[FoundWindow]:
-    """Divide detected windows at gaps, extend short ones into adjacent rests, count those without motion as rests."""
+    """Divide windows at gaps, extend short windows into adjacent rests, and turn windows without motion into rests."""
     whole = _whole(log, drives)
     least_s = min(SHORTEST_S, max((stop - start for start, stop in whole), default=0.0))
     cut = [
@@ -204,7 +206,7 @@ def _whole(log: Log, drives: Sequence[str]) -> list[tuple[float, float]]:
 
 
 def _swings(log: Log, mover: str, window: FoundWindow) -> bool:
-    """Whether a window has enough motion for a fit; always true for volts, whose zero may be anywhere."""
+    """Whether a window has enough motion for a fit. Always true for volts, whose zero is arbitrary."""
     known = any(told(log.channel(mover).unit) in quantity.factors for quantity in QUANTITIES.values())
     if window.kind == "steady" or not known:
         return window.kind != "steady"
@@ -217,21 +219,23 @@ COARSE_HZ = 200.0
 BLOCK_S = 0.5
 """Length of the blocks whose medians are the levels [s]; a jump of a relay is much shorter."""
 LEAST_REST_S = 10.0
-"""Shortest stretch of the set point at rest [s]. The crest of a slow sine is level for a shorter time, or visibly curved."""
+"""Shortest stretch of the set point at rest [s]. The crest of a slow sine is level for less time, or visibly curved."""
 AT_REST = 6.0
 """Largest deviation of a block's median from the level of a stretch at rest, in standard deviations."""
 BEND = 2.5
-"""Rise of a parabola through a stretch at rest [standard deviations]; through the crest of a slow sine it rises by more."""
+"""Largest coefficient of a line or parabola through a stretch at rest [standard deviations]; at a slow sine's crest it
+is larger.
+"""
 SWINGS = 1.5
 """Ratio of a block's spread to the noise above which the set point oscillates faster than blocks can resolve."""
 STEP_WITHIN_S = 1.5
-"""Longest change between two levels that is a step."""
+"""Longest change between two levels that counts as a step [s]."""
 STAIR, RISERS = 0.75, 0.2
-"""A signal is a stair if the `RISERS` of its blocks with the largest changes hold at least `STAIR` of all change. Stairs
-reach 0.8 and more; sines, chirps and noise at most half.
+"""A signal is a stair if the `RISERS` of its blocks with the largest changes contain at least `STAIR` of the total
+change. Stairs reach 0.8 and more; sines, chirps and noise at most half.
 """
 LONG_HOLD = 2.5
-"""A series of steps has ended when no step follows for this multiple of its usual hold."""
+"""A series of steps ends if no step follows for this multiple of the usual time between its steps."""
 LONGEST_S = 4.0 * 3600.0
 """Longest excitation [s]; longer motion without a stretch at rest is the ship's normal operation."""
 _LETTERS: Mapping[Kind, str] = {
@@ -318,7 +322,7 @@ def find_windows(
     rests = trace.rests()
     found = [FoundWindow("", "steady", *trace.times(rest), trace.level(rest)) for rest in rests]
     found += _steps(trace, rests)
-    # What lies between two stretches at rest and is no step.
+    # Every stretch between two stretches at rest is an excitation, unless it is as short as a step.
     borders = [(0, 0), *rests, (len(trace.medians), len(trace.medians))]
     for (_, stop), (start, _) in itertools.pairwise(borders):
         if (start - stop) * BLOCK_S > STEP_WITHIN_S:
@@ -363,7 +367,7 @@ class _Trace:
     spreads: Array
     noise: float
     first: int = 0
-    """Block of the first median."""
+    """Index of the first median's block."""
 
     @classmethod
     def of(cls, log: Log, name: str) -> _Trace:
@@ -379,7 +383,8 @@ class _Trace:
         known = np.isfinite(medians)
         if not known.any():
             raise InputError(f"{log.name}: channel {name!r} holds no finite sample")
-        # The spread of a block scatters by 1.17 / sqrt(its samples); the lowest tenth of many is 1.28 times that too low.
+        # Relative standard deviation of a block's spread: 1.17 / sqrt(samples). The 10 % quantile is 1.28 times this
+        # too low.
         quiet = float(np.quantile(spreads[known], 0.1)) / (1.0 - 1.28 * 1.17 / math.sqrt(block))
         noise = max(quiet, 8.0 * float(np.spacing(largest)))
         return cls(log, channel, ratio, bridged(medians), spreads, noise)
@@ -410,7 +415,7 @@ class _Trace:
         return first, stop
 
     def samples(self, blocks: tuple[int, int]) -> Array:
-        """Stretch at the coarse rate, gaps bridged; empty without samples."""
+        """Samples of a stretch at the coarse rate, gaps bridged; empty if all are missing."""
         start_s, stop_s = self.times(blocks)
         stop_s = min(stop_s, self.channel.stop_s)
         found = np.concatenate([*mean_pieces(self.log, self.channel.name, self.ratio, start_s, stop_s)])
@@ -436,7 +441,7 @@ class _Trace:
         return found
 
     def _rest_from(self, first: int, stop: int) -> int:
-        """End of the blocks at the level of the first ones."""
+        """End of the run of blocks that have the same level as the first blocks."""
         least = round(LEAST_REST_S / BLOCK_S)
         if stop - first < least:
             return first
@@ -470,7 +475,7 @@ class _Trace:
         return FoundWindow("", kind, start_s, stop_s, level, frequency_hz)
 
     def _is_stair(self, first: int, stop: int) -> bool:
-        """Whether levels are held for a while and change at once."""
+        """Whether the set point holds levels and changes between them at once."""
         changes = np.sort(np.abs(np.diff(self.medians[max(first - 1, 0) : stop + 1])))
         risers = max(round(RISERS * len(changes)), 1)
         return bool(changes[-risers:].sum() > STAIR * changes.sum())
@@ -489,7 +494,7 @@ def _levels(pieces: Iterable[Array], block: int) -> tuple[Array, Array, float]:
         some, full = known.any(axis=1), known.all(axis=1)
         for chosen, median in ((full, np.median), (some & ~full, np.nanmedian)):
             middle[chosen] = median(rows[chosen], axis=1)
-            # Absolute deviations: jumps of the relay are rare among them.
+            # The spread is from the median of absolute deviations, since relay jumps are rare.
             spread[chosen] = ROBUST_SIGMA * median(np.abs(rows[chosen] - middle[chosen, None]), axis=1)
         medians.append(middle)
         spreads.append(spread)
@@ -516,7 +521,7 @@ def _steps(trace: _Trace, rests: list[tuple[int, int]]) -> list[FoundWindow]:
     for steps in series:
         edges = np.array([ends[step][0] for step in steps])
         hold = np.median(np.diff(edges)) if len(edges) > 1 else np.inf
-        # A pause much longer than the usual hold separates two series.
+        # A pause much longer than the usual time between steps separates two series.
         for part in np.split(edges, np.flatnonzero(np.diff(edges) > LONG_HOLD * hold) + 1):
             if part.size:
                 stop = dict(ends)[int(part[-1])]
