@@ -26,7 +26,7 @@ Response = Callable[[Values, Array], npt.ArrayLike]
 class MatrixEquations(StateSpaceEquations):
     """x' = A x + B dn_set, y = C x + D dn_set, with matrices that depend on the parameters.
 
-    Derivatives are as accurate as those of the matrices; a complex step is exact to rounding.
+    Derivatives of the outputs are as accurate as those of the matrices, which are exact to rounding by a complex step.
     """
 
     matrices: Matrices
@@ -46,7 +46,10 @@ class MatrixEquations(StateSpaceEquations):
         return self.states
 
     def models(self, values: Values, names: Names) -> list[Model]:
-        """Return the model with its derivative by each name, or without derivative if there are no names."""
+        """Return one model for each name, with its derivative by this parameter.
+
+        Without names, one model without derivative.
+        """
         moved = [p for p in self.parameters if p.name in names]
         matrices = self._matrices(values)
         states = [f"initial x{index + 1}" for index in range(len(matrices[0]))]
@@ -139,7 +142,7 @@ class FunctionEquations(Equations):
             rows = self._rows(respond, own, frequency_hz, len(frequency_hz))
             return np.stack([rows.real, rows.imag])
 
-        # The response is complex itself, so no complex step is possible.
+        # The response is complex, so differences are used instead of a complex step.
         value, slopes = _differentiated(Differences(complex_step=False), at, values, moved)
         return value[0] + 1j * value[1], slopes[:, 0] + 1j * slopes[:, 1]
 
@@ -160,7 +163,7 @@ class FunctionEquations(Equations):
                 f"{', '.join(self.outputs)}"
             )
         if not np.isfinite(rows).all():
-            raise SimulationError(f"function: returned what is not finite with {listed(own)}")
+            raise SimulationError(f"function: returned values that are not finite with {listed(own)}")
         return rows
 
 
@@ -174,7 +177,7 @@ def _differentiated(
 
 
 def _about(values: Values, parameters: Sequence[Parameter]) -> tuple[Array, Array, Array, Array]:
-    """Return the point of differentiation, typical sizes and bounds, each (W,)."""
+    """Return the point of differentiation, typical sizes, and lower and upper bounds, each (W,)."""
     return (
         np.array([values[p.name] for p in parameters], dtype=np.float64),
         np.array([p.scale for p in parameters]),

@@ -2,7 +2,7 @@
 
 Also here:
 
-- Copies of a structure with other starts, bounds, priors, ties and fixed values.
+- Copies of a structure with changed starts, bounds, priors, ties and fixed values.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ class Declared:
     settings: Mapping[str, Any]
 
     def part(self, name: str) -> Self:
-        """Return the structure for data of this name: itself, or a joint structure's component with the joint names."""
+        """Return the structure for data of this name: of a joint structure its component, else the structure itself."""
         parts = bare(self.equations)
         if self.settings["kind"] != "joint":
             return self
@@ -78,7 +78,10 @@ class Declared:
 
     @property
     def free(self) -> tuple[Parameter, ...]:
-        """Estimated parameters, those with a prior included; their bounds respect those of parameters tied to them."""
+        """Estimated parameters, including those with a prior.
+
+        Their bounds also keep the parameters tied to them within bounds.
+        """
         return tuple(
             self._within_ties(parameter)
             for parameter in self.parameters
@@ -87,11 +90,11 @@ class Declared:
 
     @property
     def ties(self) -> dict[str, Tie]:
-        """Tied parameters, each resolved to one that is not tied."""
+        """Ties by parameter; chains are resolved, so that each tie refers to a parameter that is not tied."""
         return resolved({p.name: p.tied for p in self.parameters if p.tied is not None})
 
     def complete(self, values: Values) -> dict[str, float]:
-        """Return values by name with the tied parameters set from the others."""
+        """Return values by name with the tied parameters computed from the parameters they are tied to."""
         return followed(values, self.ties)
 
     def _within_ties(self, parameter: Parameter) -> Parameter:
@@ -193,10 +196,11 @@ class Editable(Declared):
 
     @checked
     def with_tied(self, **ties: tuple[str, float] | tuple[str, float, float]) -> Self:
-        """Return a copy with tied parameters: each (name of the other, factor), or with an offset as third value.
+        """Return a copy with tied parameters: each (name of another parameter, factor) or (name, factor, offset).
 
-        A tie expresses a known ratio, such as the reset time K_p/K_i from a governor's manual. The tied parameter is not
-        searched; its value, interval and status follow from the other's, and its bounds apply to the other.
+        A tie expresses a known ratio, such as the reset time K_p/K_i from a governor's manual. The tied parameter is
+        not estimated: its value, interval and status follow from the other parameter, which is also limited by the
+        bounds of the tied one.
 
         Raises
         ------
@@ -225,7 +229,7 @@ class Editable(Declared):
 
     @checked
     def with_start(self, **values: float) -> Self:
-        """Return a copy with other start values."""
+        """Return a copy with changed start values."""
         structure = self
         for name, value in values.items():
             if (tie := structure[name].tied) is not None:
@@ -235,7 +239,7 @@ class Editable(Declared):
 
     @checked
     def with_bounds(self, **bounds: tuple[float, ...]) -> Self:
-        """Return a copy with other bounds, each (lower, upper) or (lower, start, upper); they must contain the start."""
+        """Return a copy with changed bounds, each (lower, upper) or (lower, start, upper), which must contain the start."""
         structure = self
         for name, limits in bounds.items():
             if len(limits) not in (2, 3):

@@ -23,7 +23,7 @@ class Element:
     parameters
         Parameters that it adds to a structure.
     needs
-        Required "load", a measured load torque, or another element's name; "": nothing.
+        Requirement: "load" (a measured load torque), the name of another element, or "" (none).
     """
 
     name: str
@@ -88,7 +88,7 @@ ELEMENTS: dict[str, Element] = {
 
 
 LATE_CHANNELS = ("T_n", "T_M", "T_B")
-"""Delays of the sensors, which are outside the loop."""
+"""Elements for delays of the sensors, which are outside the control loop."""
 
 
 def chosen(names: Names) -> tuple[Element, ...]:

@@ -10,21 +10,21 @@ from shipfp_rs.support.arrays import Array, ComplexArray, Names, Values
 
 
 class Equations(ABC):
-    """Outputs of a structure and their derivatives; other methods have defaults."""
+    """Outputs of a structure and their derivatives; all other members have default implementations."""
 
     @property
     def states(self) -> tuple[str, ...]:
-        """Names of initial states that may be estimated, zero if not given; all start with "initial"."""
+        """Names of initial states that may be estimated and are zero if not given; the names start with "initial"."""
         return ()
 
     @property
     def linear_in(self) -> tuple[str, ...]:
-        """Initial states in which the outputs are linear."""
+        """Names of the initial states on which the outputs depend linearly."""
         return ()
 
     @property
     def own_offsets(self) -> bool:
-        """Whether the states include errors of the operating point, so that outputs need no offsets."""
+        """Whether the states include errors of the operating point; `identify` then adds no offsets to the outputs."""
         return False
 
     @abstractmethod
@@ -48,5 +48,5 @@ class Equations(ABC):
         raise InputError("this structure has no frequency response; fit it to an Experiment")
 
     def stable(self, values: Values) -> bool:
-        """Whether the closed loop is stable; True where this is unknown."""
+        """Whether the closed loop is stable; True if unknown."""
         return True

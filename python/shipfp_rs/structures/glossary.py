@@ -21,7 +21,7 @@ class Term:
     unit
         Unit in a fingerprint; "-" for a ratio.
     formula
-        Definition in the glossary's symbols; empty where the meaning suffices.
+        Definition in symbols of the glossary; empty if the meaning is a sufficient definition.
     elsewhere
         Name in the thesis, MATLAB's System Identification Toolbox or python-control.
     """
@@ -48,11 +48,11 @@ SIGNALS = _GROUPS["signals"]
 LINEAR = _GROUPS["linear"]
 """Parameters of the linear structure and of the ship."""
 COMBINATIONS = _GROUPS["combinations"]
-"""Combinations that may be known although their parameters are not."""
+"""Combinations of parameters that data may determine although they do not determine the single parameters."""
 OBJECTS = _GROUPS["objects"]
-"""Objects of the package, and the figure of fit."""
+"""Objects of the package, and the measure of fit."""
 FORMULAS = _GROUPS["formulas"]
-"""Symbols in the parameters' formulas that are no parameters."""
+"""Symbols in formulas of parameters that are not parameters themselves."""
 
 GLOSSARY: Mapping[str, Term] = {term.symbol: term for term in (*SIGNALS, *LINEAR, *COMBINATIONS, *OBJECTS)}
 """All terms by symbol."""

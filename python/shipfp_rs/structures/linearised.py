@@ -1,4 +1,4 @@
-"""Linearisation of the drive train: its exact loop, and a state space with approximated dead times."""
+"""Linearisation of the drive train: open loop with exact dead times, and state space with approximated dead times."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from shipfp_rs.structures.transfer import DERIVATIVE_FILTER, Place, TransferFunc
 from shipfp_rs.support.arrays import Array, ComplexArray, Values
 
 Form = Array
-"""A signal as its coefficients of the states and, last, of the input."""
+"""Signal as a linear combination: coefficients of the states, then of the input."""
 
 KINDS = ("linear", "ship")
 """Kinds of structures that can be linearised."""
@@ -48,11 +48,11 @@ class StateSpace:
 
 
 def require_linear(structure: Structure) -> None:
-    """Refuse a structure that has no linear drive train as linearisation."""
+    """Raise `InputError` for a structure that can't be linearised as a drive train."""
     if structure.settings.get("kind") not in KINDS:
         raise InputError(
             f"structure {structure.name!r} of the fingerprint is not linear, expected one of kind {', '.join(KINDS)}; "
-            "another has no poles"
+            "other kinds have no poles"
         )
 
 
@@ -91,7 +91,7 @@ def state_space(
     order
         Order of each dead time's Pade approximation; a sampling governor is a delay of half its period.
     driven_by
-        The input; a load is relative to the operating torque, and acts on the propeller's side.
+        Input: the set point, or a load relative to the operating torque, which acts on the propeller's side.
 
     Raises
     ------
@@ -144,7 +144,7 @@ def state_space(
 
 
 class _Wiring:
-    """Signals as linear combinations of states and input; each element adds its states."""
+    """Builder of the state space: signals are linear combinations of states and input, and each element adds its states."""
 
     def __init__(self, order: int) -> None:
         self.order = order
@@ -176,11 +176,11 @@ class _Wiring:
         return np.asarray(gain / filter_s * (signal - self.lagged(signal, filter_s)))
 
     def delayed(self, signal: Form, dead_time: float) -> Form:
-        """Return a delayed signal by a Pade approximation, whose time unit is the dead time."""
+        """Return a signal delayed by a dead time, as a Pade approximation."""
         if not dead_time:
             return signal
         m = self.order
-        # Coefficients from the highest power. The numerator's order is lower, so that there is no direct feedthrough.
+        # Coefficients from the highest power. The numerator's order is lower, which avoids a direct feedthrough.
         late = np.array([comb(m, k) * factorial(2 * m - 1 - k) for k in range(m, -1, -1)], dtype=np.float64)
         early = [(-1) ** k * comb(m - 1, k) * factorial(2 * m - 1 - k) for k in range(m - 1, -1, -1)]
         late, early = late / late[0], np.array(early) / late[0]

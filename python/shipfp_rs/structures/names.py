@@ -71,7 +71,7 @@ LOOKED_AT = (
 
 
 def as_looked_at(names: Iterable[str]) -> list[str]:
-    """Return parameters in the order of reports; user parameters last, in their own order."""
+    """Return parameters in the order of reports; parameters of user equations follow in the given order."""
 
     def place(name: str) -> int:
         own = name.partition(" (")[0]
@@ -81,9 +81,9 @@ def as_looked_at(names: Iterable[str]) -> list[str]:
 
 
 def plain_name(symbol: str) -> str:
-    """Return a symbol's plain name, or the glossary's meaning; empty for a user parameter.
+    """Return a symbol's plain name, else its meaning in the glossary; empty for a parameter of user equations.
 
-    The trial of a joint structure follows in brackets: "inertia time constant (fast)".
+    In a joint structure, the trial's name follows in brackets: "inertia time constant (fast)".
     """
     own, bracket, part = symbol.partition(" (")
     if own in NAMES:

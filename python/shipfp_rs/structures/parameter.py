@@ -23,11 +23,14 @@ Torque = Literal["brake", "gauge"]
 OUTPUTS = ("dn", "dM", "dE", "dX")
 """Outputs of the ship and of the linear structure: speed, torque, integrated speed error, fuel rack."""
 BRAKE = "dM_b"
-"""Output for the brake's torque, where "dM" is a gauge's."""
+"""Output for the engine's brake torque, in addition to "dM" of a strain gauge."""
 
 
 def signals_of(outputs: Sequence[str], torque: Torque) -> dict[str, tuple[str, ...]]:
-    """Signals that may measure each output, best first; other torque locations are used only if nothing else is there."""
+    """Signals that may measure each output, best first.
+
+    A torque from another location is used only if no better signal exists.
+    """
     candidates = {
         "dn": ("n_e", "n_s"),
         "dM": ("M_g", "M_s", "M_b") if torque == "gauge" else ("M_b", "M_s", "M_g"),
@@ -57,7 +60,10 @@ def own_signals(outputs: Sequence[str] | Mapping[str, str]) -> dict[str, tuple[s
 
 
 def require_outputs(outputs: Sequence[str], *, both_torques: bool = False) -> None:
-    """Refuse unknown or repeated outputs; `both_torques`: the brake's torque is allowed besides a gauge's."""
+    """Raise `InputError` for unknown or repeated outputs.
+
+    `both_torques` allows a gauge's and the brake's torque together.
+    """
     known = (*OUTPUTS, BRAKE) if both_torques else OUTPUTS
     for output in outputs:
         if output not in known:
@@ -67,7 +73,7 @@ def require_outputs(outputs: Sequence[str], *, both_torques: bool = False) -> No
 
 
 def require_no_rack(outputs: Sequence[str], *, dead_time: bool) -> None:
-    """Refuse the rack of a linear structure with dead time in the loop, which models the rack only without that delay."""
+    """Raise `InputError` for the rack output with a dead time in the loop, which the linear structure can't model."""
     if dead_time and "dX" in outputs:
         raise InputError(
             "output 'dX' with dead_time_loop: the linear structure has the governor's command, not the rack behind its dead "
@@ -114,16 +120,16 @@ class Parameter:
 
     @property
     def scale(self) -> float:
-        """Typical size, which makes sensitivities comparable."""
+        """Typical size, used to scale sensitivities."""
         return abs(self.start) if self.start else min(1.0, self.upper - self.lower)
 
     @property
     def logarithmic(self) -> bool:
-        """Whether its logarithm is searched."""
+        """Whether the logarithm of the parameter is searched instead of its value."""
         return self.lower > 0.0 and self.upper / self.lower > DECADES
 
     def drawn(self, random: np.random.Generator) -> float:
-        """Return a random start within the bounds, or near the declared start if there are none."""
+        """Return a random start within the bounds, or near the declared start if there are no bounds."""
         if not np.isfinite([self.lower, self.upper]).all():
             return float(self.start * (1.0 + random.normal()))
         if self.logarithmic:
@@ -132,5 +138,5 @@ class Parameter:
 
     @property
     def meaning(self) -> str:
-        """Short description; empty for a user parameter."""
+        """Short description; empty for a parameter of user equations."""
         return glossary.meaning(self.name)

@@ -12,7 +12,7 @@ from shipfp_rs.structures.structure import Structure
 from shipfp_rs.support.arrays import Array, Values
 
 CURVED, SETTLED = 30, 1e-9
-"""Most iterations for the initial state of a model that is nonlinear in it, and the step size at which they stop."""
+"""For a model that is nonlinear in its initial state: most iterations, and the step size at which they stop."""
 SHORTER = 0.3
 """Ratio of successive steps above which the derivatives are recomputed."""
 
@@ -33,12 +33,12 @@ def simulated_about(structure: Structure, values: Values, experiment: Experiment
     for turn in range(1 if set(state) <= set(equations.linear_in) else CURVED):
         if turn:
             try:
-                # Near convergence the slopes hardly change.
+                # Near convergence the derivatives hardly change and are reused.
                 if longest < SHORTER * before:
                     model = equations.simulate({**values, **state}, experiment)
                 else:
                     model, slopes = equations.sensitivities({**values, **state}, experiment, equations.states)
-            except SimulationError:  # the step was too long: the linear prediction is kept
+            except SimulationError:  # the last step was too long: use the linear prediction
                 break
         basis = np.concatenate([slopes.reshape(len(state), *model.shape), offsets])
         error = (measured - model)[:, valid]

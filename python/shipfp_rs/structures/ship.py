@@ -39,16 +39,16 @@ KERNEL = {
     "k_L": "load_gain",
     "c_2": "curvature",
 }
-"""Parameters whose kernel names differ."""
+"""Kernel's names of parameters that have a different name there."""
 _KERNEL = KERNEL | {
     "initial dn": "initial_N",
     "initial fuel": "initial_F",
     SET_SCALE: "s_u",
     TORQUE_SCALE: "s_M",
 }
-"""`KERNEL` with the unknowns of an experiment."""
+"""`KERNEL`, extended by the unknowns of an experiment."""
 _DEVIATIONS = ("initial dn", SET_SCALE, TORQUE_SCALE)
-"""Unknowns that are zero without effect; the kernel's are one."""
+"""Unknowns without effect at the value 0; the corresponding kernel parameters have no effect at 1."""
 
 
 STEP = 1e-6
@@ -60,7 +60,7 @@ OF_BOTH_SIGNS = {*STATES, BRAKE_SCALE, "g", "p", "damping", "c_2"}
 def with_brake(
     step: Callable[[Array], Array], parameters: Array, outputs: Sequence[str], late_s: float, scale: float
 ) -> Array:
-    """Return the simulated outputs; the kernel's single torque channel is computed for gauge and brake in turn."""
+    """Return the simulated outputs; for both torques the simulation is repeated, since the kernel has one torque channel."""
     rows = step(parameters)
     if BRAKE in outputs:
         other = parameters.copy()
@@ -72,23 +72,23 @@ def with_brake(
 
 @dataclass(frozen=True)
 class ShipEquations(Equations):
-    """The ship of `Structure.ship`; a frequency response is that of its linearisation."""
+    """Equations of `Structure.ship`; the frequency response is that of their linearisation."""
 
     outputs: tuple[str, ...]
     gauge: bool
     propeller_speed: bool = False
     loaded: bool = False
-    """Whether the experiment's load torque drives the model, too."""
+    """Whether the experiment's load torque is a second input of the model."""
     mean_sampling: bool = False
     """Whether a sampling governor is modelled by its mean delay, half a sample period."""
     envelope: tuple[tuple[float, float], ...] = ()
-    """Highest torque at each speed, both over the operating point's; empty: no limit but M_max."""
+    """Pairs (speed, highest torque), each relative to the operating point; empty: only M_max limits the torque."""
     substeps: int = 0
     """Steps per sample; 0: chosen by the kernel."""
     states: tuple[str, ...] = STATES
     linear_in: tuple[str, ...] = ()
     own_offsets: bool = True
-    """The states include errors of the operating point, so that `identify` adds no offsets."""
+    """The states include errors of the operating point; `identify` adds no offsets to the outputs."""
 
     @property
     def _kernel_outputs(self) -> list[int]:
@@ -109,7 +109,7 @@ class ShipEquations(Equations):
             vector[INDEX["T_d"]] += 0.5 * vector[INDEX["T_s"]]
             vector[INDEX["T_s"]] = 0.0
         if values.get("tau_twist") and values["tau_prop"] >= 0.99 * values["tau_n"]:
-            raise SimulationError("nothing is left of the inertia on the engine's side of the twisting shaft")
+            raise SimulationError("the engine's side of the flexible shaft has almost no inertia")
         if "rate" in values:
             vector[INDEX["rate_down"]] = values.get("rate_down", values["rate"])
         return vector
@@ -123,7 +123,7 @@ class ShipEquations(Equations):
         return np.ascontiguousarray(np.array(self.envelope).T) if self.envelope else None
 
     def stable(self, values: Values) -> bool:
-        """Whether the loop is stable about the operating point, without lag and sampling."""
+        """Whether the loop is stable about the operating point; actuator lag and sampling are neglected."""
         known = {
             name: values[name]
             for name in ("tau_n", "g", "v", "K_p", "K_i", "vK_p", "vK_i", "p", "T_d")
@@ -149,7 +149,7 @@ class ShipEquations(Equations):
         for slope, name in zip(slopes, names, strict=True):
             value = values.get(name, 0.0)
             step = STEP * max(abs(value), 1.0)
-            # A parameter with lower bound zero has a one-sided difference there.
+            # At zero, a parameter that can't be negative has a one-sided difference.
             least = value if name in OF_BOTH_SIGNS or value >= step else value + step
             ends = (self.simulate({**values, name: one}, experiment) for one in (value + step, least - step))
             slope[:] = (next(ends) - next(ends)) / (value + 2.0 * step - least)
@@ -168,17 +168,19 @@ class ShipEquations(Equations):
 
 
 KIND = "commanded"
-"""Kind of such a structure in its settings."""
+"""Kind of an open-loop structure, as stored in its settings."""
 ELEMENTS = ("dead_time_loop", "actuator_lag", "damping", "curvature", "late_torque", "load")
 """Elements of the ship that do not need a governor."""
 MOST_TWISTED = 0.98
-"""Largest share of the inertia on a flexible shaft's propeller side: a simulation needs some on the engine's side, too."""
+"""Largest share of the inertia on a flexible shaft's propeller side: a simulation needs inertia on both sides."""
 FEEDBACK = 1e-9
-"""Gain of the kernel's governor. Its set point is scaled by the inverse, so that speed feedback vanishes."""
+"""Gain of the kernel's governor in open loop. The set point is scaled by the inverse of this gain: the command passes
+unchanged, and the speed feedback is negligible.
+"""
 
 
 def stepper_parameters(values: Values, *, open_loop: bool = False) -> Array:
-    """Return the stepper's parameters from a ship's by name; the governor's gains are products with the rack's torque v."""
+    """Return the stepper's parameters for a ship's values by name; `vK_p`, `vK_i` and `vK_d` are products of gain and v."""
     v = values.get("v", 1.0)
     own = {name: value / v if name in ("vK_p", "vK_i", "vK_d") else value for name, value in values.items()}
     if own.get("tau_twist"):
@@ -195,14 +197,14 @@ class CommandedEquations(ShipEquations):
     states: tuple[str, ...] = ("initial dn", "initial fuel", TORQUE_SCALE)
 
     def vector(self, values: Values) -> Array:
-        """Return the kernel's parameters for values by name; the dead time is that of the kernel's set point."""
+        """Return the kernel's parameters for values by name; the dead time T_d becomes the kernel's set-point delay."""
         vector = super().vector({_COMMANDED_KERNEL.get(name, name): value for name, value in values.items()})
         vector[[INDEX["K_p"], INDEX["K_i"]]] = FEEDBACK, 0.0
         vector[[INDEX["s_u"], INDEX["u_0"]]] = 1.0 / FEEDBACK, 1.0 - 1.0 / FEEDBACK
         return vector
 
     def stable(self, values: Values) -> bool:
-        """Whether the drive is stable by itself: the torque balance falls with the speed."""
+        """Whether the drive is stable without a governor: the accelerating torque falls with the speed."""
         return values["p"] + values.get("damping", 0.0) > values["g"]
 
     def response(
@@ -236,7 +238,7 @@ class CommandedEquations(ShipEquations):
 
 
 _COMMANDED_KERNEL = {"T_d": "T_set"}
-"""Parameters whose kernel names differ."""
+"""Kernel's names of parameters that have a different name there."""
 
 
 def commanded(
@@ -256,10 +258,10 @@ def commanded(
     Parameters
     ----------
     elements
-        Of `ELEMENTS`: T_d, tau_act, damping and second-order coefficient of the load, a delayed torque channel, a measured
-        load.
+        Names from `ELEMENTS`: dead time T_d, actuator lag tau_act, damping and second-order coefficient of the load, a
+        delayed torque channel, a measured load.
     torque, outputs, name
-        As of `Structure.ship`; outputs are "dn" and "dM".
+        As for `Structure.ship`; outputs are "dn" and "dM".
 
     Raises
     ------

@@ -22,19 +22,21 @@ from shipfp_rs.structures.transfer import SLOWEST
 from shipfp_rs.support.arrays import Array, ComplexArray, Names, Values
 
 STEP = 1e-30
-"""Complex step of a derivative; its square vanishes, so any analytic computation propagates the derivative."""
+"""Complex step for derivatives. Its square vanishes in rounding, so an analytic computation propagates the derivative
+exactly.
+"""
 WHOLE = 1e-9
 """Distance from a whole number of samples below which a dead time is rounded: 0.3 s at 100 Hz is 30 samples."""
 LATEST = 2.0**50
-"""Longest dead time [samples] at which a double resolves fractions of a sample."""
+"""Longest dead time [samples] at which a float64 resolves fractions of a sample."""
 DEGREE = 14
 """Degree of the exponential's Taylor polynomial: at a norm of 1/2 the first omitted term is below 2e-17."""
 
 
 class Model(NamedTuple):
-    """x' = A x + B u, y = C x + D u from a start x: real, or with a derivative times `STEP` as imaginary part.
+    """Matrices of x' = A x + B u, y = C x + D u and the initial x; imaginary parts are derivatives times `STEP`.
 
-    The inputs u (J,) are the same signal with individual delays [s].
+    The inputs u (J,) are one signal with the delays `late` (J,) [s].
     """
 
     A: npt.NDArray[Any]
@@ -50,7 +52,10 @@ class StateSpaceEquations(Equations):
 
     @abstractmethod
     def models(self, values: Values, names: Names) -> list[Model]:
-        """Return the model with its derivative by each name, or without derivative if there are no names."""
+        """Return one model for each name, with its derivative by this parameter.
+
+        Without names, one model without derivative.
+        """
 
     def simulate(self, values: Values, experiment: Experiment) -> Array:
         """Return the normalised outputs, shape (O, N)."""
@@ -84,7 +89,8 @@ class StateSpaceEquations(Equations):
             poles = np.linalg.eigvals(A[0])
             place = int(np.abs(2j * np.pi * frequency_hz[:, None] - poles).min(axis=1).argmin())
             raise InputError(
-                f"frequency_hz[{place}]: the response is infinite at {frequency_hz[place]:g} Hz, a pole of A; leave it out"
+                f"frequency_hz[{place}]: the response is infinite at {frequency_hz[place]:g} Hz, "
+                "a pole of A; leave this frequency out"
             ) from error
         found = states @ C[0].T + D[0, :, 0]
         slopes = slopes @ C[0].T + states @ C[1:].swapaxes(1, 2) + D[1:, None, :, 0]
@@ -106,7 +112,7 @@ def listed(values: Values) -> str:
 
 
 def _parted(values: npt.NDArray[Any], count: int) -> Array:
-    """Split complex steps into value and derivatives, shape (1 + W, ...)."""
+    """Split arrays with complex steps into the value and the W derivatives, shape (1 + W, ...)."""
     return np.ascontiguousarray(np.concatenate([values[:1].real, values[:count].imag / STEP]))
 
 
@@ -114,7 +120,7 @@ def _sampled(model: Model, dt: float, hold: str) -> tuple[npt.NDArray[Any], list
     """Return the sampled system [F, G; C, D], shape (W, n + O, n + R), and its inputs as shifts of the signal.
 
     Between samples the signal is a polynomial, whose derivatives are additional states (Van Loan 1978,
-    DOI 10.1109/TAC.1978.1101743). A delayed one has a corner inside the sample interval (Astrom and Wittenmark,
+    DOI 10.1109/TAC.1978.1101743). A delayed signal has a corner inside the sample interval (Astrom and Wittenmark,
     Computer-Controlled Systems, 3rd ed., section 3.2). Before the record the signal equals its first sample.
     """
     A, B, C, D, _, late = model
@@ -124,7 +130,7 @@ def _sampled(model: Model, dt: float, hold: str) -> tuple[npt.NDArray[Any], list
     rates[:, :n, :n], rates[:, :n, n : n + inputs] = A * dt, B * dt
     rates[:, n : n + inputs, n + inputs :] = np.eye(inputs)
     step = _exponential(rates)
-    # Response after one sample to a step and a ramp of each input, starting at the sample or at the corner.
+    # Response after one sample to a step and a ramp of each input, which start at the sample or at the corner.
     held, ramp = step[:, :n, n : n + inputs], step[:, :n, n + inputs :]
     held_late, ramp_late = held.copy(), ramp.copy()
     for j in range(inputs):
@@ -134,7 +140,7 @@ def _sampled(model: Model, dt: float, hold: str) -> tuple[npt.NDArray[Any], list
     f = fraction[:, None, :]
     if hold == "zero":
         fed = np.stack([held - held_late, held_late, 0.0 * held], axis=-1)
-        # A step at the sample itself is included.
+        # An output at a sample includes a step of the input at this sample.
         seen = np.stack([f.real != 0.0, f.real == 0.0, 0.0 * f], axis=-1)
     else:
         fed = np.stack(
@@ -172,7 +178,7 @@ def _exponential(matrices: npt.NDArray[Any]) -> npt.NDArray[Any]:
     for term in range(DEGREE, 1, -1):
         series_slopes = (slopes @ series + value @ series_slopes) / term
         series = identity + value @ series / term
-    # exp - 1 is squared instead of exp, where slow modes would be lost in rounding.
+    # Squaring exp - 1 instead of exp avoids rounding errors of slow modes.
     less_one, by = value @ series, slopes @ series + value @ series_slopes
     for _ in range(squarings):
         by = less_one @ by + by @ less_one + 2.0 * by
@@ -186,7 +192,7 @@ ORDER = 6
 """States of the loop's delay, a [5/6] Pade approximation with an error of 2.4e-6 at omega T_d = 3."""
 SHORTEST = 1e-8
 """Dead time of the loop [s] up to which a first-order expansion is used, with an error below 1e-12."""
-# The delay's states, orthonormal (Legendre delay network, Voelker and Eliasmith 2018, DOI 10.1162/neco_a_01046).
+# Orthonormal states of the delay (Legendre delay network, Voelker and Eliasmith 2018, DOI 10.1162/neco_a_01046).
 _ORDERS = np.arange(ORDER)
 _NORM = np.sqrt(2.0 * _ORDERS + 1.0)
 _INTO = (-1.0) ** _ORDERS * _NORM
@@ -217,7 +223,7 @@ class LinearEquations(StateSpaceEquations):
 
     @staticmethod
     def _parameters(q: Any) -> tuple[Any, ...]:
-        """Return tau_n, p, v, K_p and K_i; v K_p and v K_i may replace the last two."""
+        """Return tau_n, p, v, K_p and K_i; without v, the last two are the products vK_p and vK_i, and v is 1."""
         gains = (q.get(name, q.get(f"v{name}", 0.0)) for name in ("K_p", "K_i"))
         return q["tau_n"], q["p"], q.get("v", 1.0), *gains
 
@@ -259,12 +265,12 @@ class LinearEquations(StateSpaceEquations):
         """Return the outputs (O, N) and their derivatives by `names`, shape (W, O, N)."""
         found, slopes = super().sensitivities(values, experiment, names)
         if "T_d" in names and "dM" in self.outputs:
-            # The record starts from rest, so that dead time does not affect its first sample.
+            # The record starts from rest, so its first sample does not depend on the dead time.
             slopes[names.index("T_d"), self.outputs.index("dM"), 0] = 0.0
         return found, slopes
 
     def stable(self, values: Values) -> bool:
-        """Whether the closed loop is stable; exact without dead time, else with the [5/6] Pade approximation of T_d."""
+        """Whether the closed loop is stable: exact without T_d, else with the [5/6] Pade approximation of T_d."""
         (model,) = self.models(values, ())
         return bool(np.linalg.eigvals(model.A.real).real.max() < 0.0)
 

@@ -29,7 +29,7 @@ ROW: Mapping[str, tuple[Any, str]] = {
     "prior": (tuple[float, float] | None, "null or a mean and a standard deviation"),
     "tied": (Mapping[str, Any] | None, "null or a table"),
 }
-"""Annotation and description of each value in a parameter's table."""
+"""Type and description of each value in a parameter's table."""
 TIE: Mapping[str, tuple[Any, str]] = {
     "to": (str, "the name of a parameter"),
     "factor": (float, "a number"),
@@ -38,7 +38,7 @@ TIE: Mapping[str, tuple[Any, str]] = {
 
 
 def to_dict(structure: Any) -> dict[str, Any]:
-    """Return the JSON form that a fingerprint stores; an infinite bound is None."""
+    """Return the structure as JSON tables, as stored in a fingerprint; an infinite bound is None."""
     return {
         "name": structure.name,
         **dict(structure.settings),
@@ -64,7 +64,7 @@ def from_dict(declare: Any, content: Mapping[str, Any]) -> Any:
     Raises
     ------
     InputError
-        For user equations, which JSON can't hold, and for content that `to_dict` did not write.
+        For user equations, which can't be stored, and for tables that are not from `to_dict`.
     """
     ways: Mapping[str, Callable[[Mapping[str, Any]], Any]] = {
         "linear": lambda told: declare.linear(**_options(told, LINEAR_OPTIONS)),
@@ -79,8 +79,8 @@ def from_dict(declare: Any, content: Mapping[str, Any]) -> Any:
     kind = str(content.get("kind"))
     if kind not in ways:
         raise InputError(
-            f"structure {content.get('name')!r} of the fingerprint has equations of its own, and a file can't hold its "
-            "equations; give structure=..."
+            f"structure {content.get('name')!r} of the fingerprint has user equations, which a file can't hold; "
+            "give structure=..."
         )
     try:
         made = ways[kind](content)
@@ -121,7 +121,7 @@ def _parameter(declared: Parameter, row: Mapping[str, Any]) -> Parameter:
     key = f"structure.parameters.{declared.name}"
     expect_row(key, row, ROW)
     lower, upper = declared.lower, declared.upper
-    if row.get("bounds") is not None:  # absent for a fixed parameter in older files
+    if row.get("bounds") is not None:  # older files have no bounds for a fixed parameter
         low, high = row["bounds"]
         lower, upper = -math.inf if low is None else float(low), math.inf if high is None else float(high)
     prior, tie = row.get("prior"), row.get("tied")
@@ -143,7 +143,7 @@ def _parameter(declared: Parameter, row: Mapping[str, Any]) -> Parameter:
 
 
 def expect_row(key: str, row: Any, kinds: Mapping[str, tuple[Any, str]]) -> None:
-    """Refuse a table that lacks one of these keys or has another kind of value."""
+    """Raise `InputError` for a table that lacks a key or has a value of the wrong type."""
     expect(isinstance(row, Mapping), key, row, "a table")
     for part, (kind, words) in kinds.items():
         expect(fits(row.get(part), kind), f"{key}.{part}", row.get(part), words)

@@ -60,7 +60,7 @@ class Structure(Editable):
         ----------
         torque
             "brake": the engine's torque, M_b* = p n* + tau_n dn*/dt (the thesis's structure, eq. 3.38); "gauge": a strain
-            gauge with part of the inertia behind it, M_g* = p n* + tau_prop dn*/dt.
+            gauge with part of the inertia on its propeller side, M_g* = p n* + tau_prop dn*/dt.
         products
             Declare vK_p and vK_i instead of v, K_p and K_i, which speed and torque can't distinguish.
         free_exponent
@@ -144,13 +144,13 @@ class Structure(Editable):
             "rack_rate" (rate), "rack_rate_down" (rate_down, with "rack_rate"), "twist" (tau_twist, zeta_twist; between the
             inertias, of which tau_prop is the propeller's), "damping" (of the load), "load" (measured).
         torque
-            "brake": the engine's, M_b; "gauge": M_g = N^p + tau_prop dN/dt, with part of the inertia behind it.
+            "brake": the engine's, M_b; "gauge": M_g = N^p + tau_prop dN/dt, with part of the inertia on its propeller side.
         outputs
             Some of "dn", "dM", "dX", "dE"; with a gauge's "dM" also the brake's torque, "dM_b".
         products
             Declare vK_p and vK_i instead of v, K_p and K_i, which speed and torque can't distinguish.
         propeller_speed
-            Whether the speed is measured at the propeller's end of a torsionally flexible shaft.
+            Whether the speed is measured on the propeller's side of a torsionally flexible shaft.
         mean_sampling
             Whether a sampling governor is modelled as a delay of half its period T_s, as in records that are low-passed
             below its sample rate.
@@ -221,14 +221,14 @@ class Structure(Editable):
     ) -> Structure:
         """Declare a structure by matrices: x' = A x + B dn_set, y = C x + D dn_set, of any order.
 
-        It supports all features of `linear`: initial states, joint fits, frequency responses. A dead time needs an
-        approximation by states, or `from_function`.
+        It supports all features of `linear`: initial states, joint fits, frequency responses. A dead time must be
+        approximated by states, or needs `from_function`.
 
         Parameters
         ----------
         matrices
             Function from parameter values by name to (A, B, C, D) in continuous time [s], of shapes (n, n), (n,), (O, n),
-            (O,). Functions of NumPy accept complex numbers, too, which makes the derivatives exact.
+            (O,). If it accepts complex values, as NumPy functions do, the derivatives are exact.
         parameters
             Name, unit, start, bounds of each.
         outputs
@@ -281,14 +281,14 @@ class Structure(Editable):
         """Declare a structure by a function that simulates an experiment.
 
         Derivatives are numerical, see `differences.Differences`. The function sets the initial state; unknown initial values
-        are parameters. An offset of each output is estimated as always.
+        are parameters. An offset of each output is estimated, as for other structures.
 
         Parameters
         ----------
         simulate
-            Function from (parameter values by name, `Experiment`) to the normalised outputs, shape (O, N). Where it fails,
-            it raises `SimulationError` or an ArithmeticError, or returns values that are not finite, and the search steps
-            back.
+            Function from (parameter values by name, `Experiment`) to the normalised outputs, shape (O, N). If the
+            function raises `SimulationError` or ArithmeticError, or returns values that are not finite, the search
+            takes a shorter step.
         parameters, outputs, name
             As for `from_matrices`.
         response
@@ -330,10 +330,12 @@ class Structure(Editable):
         Parameters
         ----------
         parts
-            Name of an `Experiment` or `FrequencyResponse` to its structure; all with the same outputs.
+            Structure of each trial, by the name of its `Experiment` or `FrequencyResponse`; all structures have the
+            same outputs.
         shared
-            Names of shared parameters, with the first structure's start, bounds and prior. Other parameters get the trial's
-            name, "tau_n (fast)"; `with_tied` relates those that are equal in some of the trials.
+            Names of shared parameters, with the first structure's start, bounds and prior. The names of all other
+            parameters are extended by the trial's name, as in "tau_n (fast)"; `with_tied` relates parameters that are
+            equal in only some of the trials.
         name
             Name in reports.
 
@@ -383,7 +385,7 @@ class Structure(Editable):
         )
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the JSON form that a fingerprint stores, for `from_dict`; user equations are not included."""
+        """Return the structure as JSON tables for `from_dict`, as stored in a fingerprint, without user equations."""
         return stored.to_dict(self)
 
     @classmethod

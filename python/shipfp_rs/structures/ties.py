@@ -2,7 +2,7 @@
 
 Also here:
 
-- Combinations of the linear parameters, which data may determine where they do not determine the parameters.
+- Combinations of the linear parameters that data may determine although they do not determine the single parameters.
 - A joint structure for several trials with shared and individual parameters.
 """
 
@@ -49,18 +49,18 @@ def true_values(linear: Mapping[str, float]) -> dict[str, float]:
 
 @dataclass(frozen=True)
 class Tie:
-    """A parameter's value as factor times that of parameter `to`, plus an offset in its unit."""
+    """Relation of a tied parameter to the parameter `to`: value = factor * value of `to` + offset."""
 
     to: str
     factor: float
     offset: float = 0.0
 
     def __call__(self, value: float) -> float:
-        """Return the parameter's value for a value of the other."""
+        """Return the tied parameter's value for a value of `to`."""
         return self.factor * value + self.offset
 
     def inverse(self, value: float) -> float:
-        """Return the other's value for a value of the parameter."""
+        """Return the value of `to` for a value of the tied parameter."""
         return (value - self.offset) / self.factor
 
     def __str__(self) -> str:
@@ -85,7 +85,7 @@ def resolved(ties: Ties) -> dict[str, Tie]:
             path.append(tie.to)
             if tie.to in path[:-1]:
                 raise InputError(
-                    f"tied: {' to '.join(path)} in a circle, expected one of them to be tied to none"
+                    f"tied: {' to '.join(path)} in a circle, expected at least one of them without a tie"
                 )
             following = ties[tie.to]
             tie = Tie(following.to, tie.factor * following.factor, tie(following.offset))
@@ -94,7 +94,7 @@ def resolved(ties: Ties) -> dict[str, Tie]:
 
 
 def followed(values: Values, ties: Ties) -> dict[str, float]:
-    """Return values with the tied parameters set by resolved ties."""
+    """Return values by name, with the tied parameters computed by resolved ties."""
     return {**values, **{name: tie(values[tie.to]) for name, tie in ties.items() if tie.to in values}}
 
 
@@ -110,13 +110,13 @@ def bare(equations: Equations) -> Equations:
 
 
 def tied(equations: Equations, ties: Ties) -> Equations:
-    """Return the equations with these ties instead of previous ones."""
+    """Return the equations with these ties; previous ties are replaced."""
     return TiedEquations(bare(equations), ties) if ties else bare(equations)
 
 
 @dataclass(frozen=True)
 class Behind(Equations):
-    """Equations whose parameters are linear functions of the given ones."""
+    """Equations whose parameters are linear functions of outer parameters, such as untied or joint ones."""
 
     equations: Equations
 
@@ -168,7 +168,7 @@ class Behind(Equations):
 
 @dataclass(frozen=True)
 class TiedEquations(Behind):
-    """Equations with tied parameters; a derivative includes those of the tied ones."""
+    """Equations with tied parameters; a derivative includes the effect of the parameters tied to it."""
 
     ties: Ties
     """Resolved ties."""
@@ -189,10 +189,10 @@ class TiedEquations(Behind):
 
 @dataclass(frozen=True)
 class PartEquations(Behind):
-    """Equations of a single trial under the joint parameter names; other trials' parameters have no effect."""
+    """Equations of one trial with the joint structure's parameter names; parameters of other trials have no effect."""
 
     names: Mapping[str, str]
-    """Joint names to the names in the equations."""
+    """Names in the equations, by joint name."""
 
     def own_values(self, values: Values) -> dict[str, float]:
         """Return the values of the equations' parameters."""
@@ -214,7 +214,7 @@ class JointEquations(Equations):
 
     @property
     def states(self) -> tuple[str, ...]:
-        """Initial states of any trial."""
+        """Initial states, equal for all trials."""
         return next(iter(self.parts.values())).states
 
     @property
@@ -241,7 +241,7 @@ class JointEquations(Equations):
         return self.parts[name]
 
     def simulate(self, values: Values, experiment: Experiment) -> Array:
-        """Return the normalised outputs of an experiment with the name of a trial, shape (O, N)."""
+        """Return the normalised outputs of an experiment, shape (O, N); its name selects the trial."""
         return self.part(experiment.name).simulate(values, experiment)
 
     def sensitivities(self, values: Values, experiment: Experiment, names: Names) -> tuple[Array, Array]:
@@ -249,5 +249,5 @@ class JointEquations(Equations):
         return self.part(experiment.name).sensitivities(values, experiment, names)
 
     def response(self, values: Values, frequency_hz: Array, names: Names) -> NoReturn:
-        """Refuse, since a response has no trial without a name."""
-        raise InputError("joint structure: a response is one part's; give structure.part(name)")
+        """Raise `InputError`, since the trial of a frequency response without a name is unknown."""
+        raise InputError("joint structure: has no single response; use structure.part(name)")

@@ -24,12 +24,12 @@ GAINS = ("K_p", "K_i", "K_d")
 
 @dataclass(frozen=True)
 class TransferFunctions:
-    """Transfer functions from the set point to the outputs; elements without parameters are off.
+    """Transfer functions from the set point to the outputs; an element acts if its parameters are given.
 
-    The governor is C = K_p + K_i/s + K_d s/(1 + T_f s); the set point passes its first two terms only. The path to the rack
-    is A = exp(-s T_d) / (1 + tau_act s), times (1 - exp(-s T_s)) / (s T_s) for a governor that samples every T_s and holds.
-    The loop is L = v C A. The propeller's torque is M_g* = (p + tau_prop s) n_s*. The shaft twists by
-    n_e* = (1 + Y (p + tau_prop s)) n_s*, with Y = tau_twist s / (1 + zeta_twist tau_twist s) and
+    The governor is C = K_p + K_i/s + K_d s/(1 + T_f s); only the first two terms act on the set point.
+    The path to the rack is A = exp(-s T_d) / (1 + tau_act s), times (1 - exp(-s T_s)) / (s T_s) for a governor that
+    samples every T_s and holds. The loop is L = v C A. The propeller's torque is M_g* = (p + tau_prop s) n_s*.
+    The shaft twists by n_e* = (1 + Y (p + tau_prop s)) n_s*, with Y = tau_twist s / (1 + zeta_twist tau_twist s) and
     tau_twist = M_s0 / (2 pi n_s0 k) for a stiffness k [Nm/rad]. The governor acts on the engine's side, where
     (tau_n - tau_prop) s n_e* = (g - L) n_e* + v (K_p + K_i/s) A n_set* - M_g*.
     Without these elements: eq. 3.31 and 3.38.
@@ -96,7 +96,7 @@ class TransferFunctions:
         return np.asarray(turned)
 
     def characteristic(self, values: Values, s: Spectrum) -> Spectrum:
-        """Return the characteristic function (F,) at s; its zeros are the closed loop's poles, its poles the actuator's."""
+        """Return the characteristic function (F,) at s: its zeros are the closed loop's poles, its pole the actuator's."""
         loop = _Loop.of(values, s)
         shaft = loop.engine * loop.twisted + loop.propeller
         return np.asarray(s * (shaft + loop.v * loop.governor * loop.path * loop.twisted))
@@ -111,18 +111,18 @@ class _Part:
     integral: float = 0.0
     governor: Part = 0.0
     asked: Part = 0.0
-    """Governor's response to the set point, without the derivative, which acts on the speed only."""
+    """Governor's response to the set point, without the derivative term, which acts only on the speed."""
     path: Part = 0.0
     propeller: Part = 0.0
     twisted: Part = 0.0
     """Engine speed over propeller speed."""
     engine: Part = 0.0
-    """Torque of the engine's side without fuel, over its speed."""
+    """Torque on the engine's side without fuel, divided by its speed."""
 
 
 @dataclass(frozen=True)
 class _Loop(_Part):
-    """Terms of the loop, and the inputs of their derivatives."""
+    """Terms of the loop, and the values from which their derivatives are computed."""
 
     q: Values = field(default_factory=dict)
     s: Spectrum = field(default_factory=lambda: np.empty(0, dtype=np.complex128))
@@ -190,11 +190,11 @@ class _Loop(_Part):
 
 
 def _half_apart(q: Values, s: Spectrum) -> Spectrum:
-    """Half of the delay between two commands that represent a hold, times s."""
+    """Half the delay between the two steps that represent a hold, times s."""
     return np.asarray(s * q.get("T_d", 0.0) * q.get("hold", 0.0) / np.sqrt(3.0))
 
 
 def _yield(q: Values, s: Spectrum) -> Part:
-    """Slip of the flexible shaft over its torque."""
+    """Speed difference across the flexible shaft, divided by its torque."""
     twist = q.get("tau_twist", 0.0) * s
     return twist / (1.0 + q.get("zeta_twist", 0.0) * twist)

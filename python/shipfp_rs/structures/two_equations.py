@@ -1,4 +1,4 @@
-"""A structure's parameters as the kernel's parameters of a ship's two equations, for each trial."""
+"""Conversion of a structure's parameters to kernel parameters of the ship's equations of speed and governor, per trial."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from shipfp_rs.support.arrays import Array, ComplexArray, Values
 
 GAINS = ("K_p", "K_i", "K_d")
 KNOWN = {*_core.EQUATION_PARAMETERS, *GAINS}
-"""Parameters of the two equations, including the gains without v."""
+"""Parameters of the two equations, and the gains that are not products with v."""
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class TwoEquations:
     names
         Names of the searched parameters.
     layers
-        Ties and joint names between these and the ship's parameters, outermost first.
+        Ties and joint names that convert the searched parameters to the ship's parameters, outermost first.
     equations, own
         Equations of the ship, and the names of their parameters.
     """
@@ -42,7 +42,7 @@ class TwoEquations:
 
     @classmethod
     def of(cls, structure: Structure, names: Sequence[str]) -> TwoEquations | None:
-        """Return the equations of a single trial's structure; None if the two equations lack one of its elements."""
+        """Return the equations of a single trial's structure; None if it has an element that the two equations lack."""
         equations: Equations = structure.equations
         layers: list[Behind] = []
         own = set(structure.names)
@@ -80,7 +80,7 @@ class TwoEquations:
 
     @property
     def is_linear(self) -> bool:
-        """Whether the load's law is a straight line."""
+        """Whether the load torque is a linear function of the speed."""
         return isinstance(self.equations, LinearEquations)
 
     @property
@@ -89,7 +89,7 @@ class TwoEquations:
         return isinstance(self.equations, CommandedEquations)
 
     def values(self, values: Values) -> dict[str, float]:
-        """Return the kernel's parameters from a structure's."""
+        """Return the kernel's parameters for a structure's values."""
         found = self._own(values)
         for gain in GAINS:
             if gain in found:
@@ -106,7 +106,7 @@ class TwoEquations:
 
     @cached_property
     def _chain(self) -> tuple[list[str], Array]:
-        """The ship's parameters that depend on the searched ones, and their derivatives, (W, dependent)."""
+        """The ship's parameters that depend on the searched parameters, and their derivatives, shape (W, dependent)."""
         names, found = list(self.names), np.eye(len(self.names))
         for layer in self.layers:
             names, link = layer.chain(names)
@@ -115,14 +115,14 @@ class TwoEquations:
 
     @cached_property
     def moved(self) -> tuple[str, ...]:
-        """The kernel's varied parameters, in the order of `slopes`."""
+        """Names of the kernel parameters that depend on the searched parameters, in the order of `slopes`."""
         own = self._chain[0]
         gains = [gain for gain in GAINS if gain in self.own] if "v" in own else []
         found = [f"v{name}" if name in GAINS else name for name in own]
         return tuple(dict.fromkeys([*found, *(f"v{gain}" for gain in gains)]))
 
     def slopes(self, values: Values) -> Array:
-        """Derivatives of the kernel's parameters `moved` by the structure's, (m, W)."""
+        """Derivatives of the kernel's parameters `moved` with respect to the searched parameters, shape (m, W)."""
         own, chain = self._chain
         known, place = self._own(values), {name: row for row, name in enumerate(self.moved)}
         link = np.zeros((len(place), len(own)))
@@ -139,5 +139,5 @@ class TwoEquations:
         return np.asarray(link @ chain.T)
 
     def response(self, values: Values, frequency_hz: Array) -> ComplexArray:
-        """Response (O, F) of the outputs to the ship's input, for a structure's values."""
+        """Frequency response (O, F) of the outputs to the ship's input, for a structure's values."""
         return self.equations.response(self._own(values), frequency_hz, ())[0]
