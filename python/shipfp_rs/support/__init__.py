@@ -1,1 +1,1 @@
-"""Helpers shared by all packages and independent of ships: files, tables, hints, threads."""
+"""General helpers, independent of ships, used by all subpackages: files, tables, hints, threads."""

@@ -33,7 +33,7 @@ ACCURACIES_PCT = (1e-3, 1e3)
 HIDDEN = frozenset(("Cc", "Cs", "Zl", "Zp"))
 """Unicode categories of control characters, surrogates, and separators of lines and paragraphs."""
 TURNING = frozenset("\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069")
-"""Characters that change the text direction, so that a text differs from its appearance."""
+"""Characters that change the text direction and so may make a text look different from its content."""
 LINES = {ord("\n"): " ", ord("\t"): " "}
 """Translation table for the control characters permitted in texts of several lines."""
 
@@ -63,7 +63,7 @@ def between(name: str, value: float, low: float, high: float) -> None:
 
 
 def accuracy(percent: float) -> None:
-    """Raise `InputError` for a target accuracy outside the range of trials."""
+    """Raise `InputError` for a target accuracy [%] outside the range that is possible in trials."""
     least, most = ACCURACIES_PCT
     if not least <= percent <= most:
         raise InputError(f"accuracy_pct is {percent:g}, expected {least:g} to {most:g} %")
@@ -78,7 +78,7 @@ def one_of(name: str, value: str, known: Iterable[str]) -> str:
 
 
 def expect(holds: bool, key: str, found: object, expected: str) -> None:
-    """Raise `InputError` unless the condition holds: key, value found (shortened), and expectation."""
+    """Raise `InputError` unless a condition holds; the text names the key, the value (shortened) and the expectation."""
     if not holds:
         shown = repr(found)
         raise InputError(
@@ -88,15 +88,15 @@ def expect(holds: bool, key: str, found: object, expected: str) -> None:
 
 F = TypeVar("F", bound=Callable[..., Any])
 Misfit = tuple[tuple[Any, ...], Any, str]
-"""Keys of the entry that does not fit, the entry itself, and what was expected."""
+"""Mismatch: keys that lead to the entry, the entry, and the expected type in words."""
 
 LOOKED_AT = 1000
-"""Most entries of a sequence that are checked against its annotation; arrays are checked where they are used."""
+"""Number of entries of a sequence that are checked against its annotation; the function itself checks arrays."""
 
 
 @dataclass(frozen=True, eq=False)
 class Rule:
-    """Rule from an annotation: expectation in words, test, and rule of each entry; or a choice of several rules."""
+    """Check from an annotation: expectation in words, test, and rules of the entries, or several alternative rules."""
 
     words: str
     holds: Callable[[Any], bool] = lambda value: True
@@ -104,7 +104,7 @@ class Rule:
     options: Sequence[Rule] = ()
 
     def misfit(self, value: Any) -> Misfit | None:
-        """Innermost entry that does not fit; None if the value fits."""
+        """Innermost entry that does not match the rule; None if the value matches."""
         if not self.holds(value):
             return (), value, self.words
         found = []
@@ -122,7 +122,7 @@ class Rule:
 
 
 def _is_number(value: Any, kind: type = numbers.Real) -> bool:
-    """Whether a value is a number to NumPy too, which limits the size of integers; booleans are not."""
+    """Whether a value is a number that NumPy can represent; NumPy limits the size of integers. Booleans are not numbers."""
     if type(value) is float and kind is numbers.Real:  # the usual case
         return True
     if isinstance(value, np.ndarray) and value.ndim == 0 and value.dtype.kind in "iuf":
@@ -147,12 +147,12 @@ Whole = Annotated[int, Rule("a whole number of 0 or more", lambda value: value >
 
 
 def checked(function: F) -> F:
-    """Decorator that rejects arguments which the annotations exclude; the contents of arrays are left to the function.
+    """Decorator that rejects arguments of a type other than annotated; the function itself checks the contents of arrays.
 
     Raises
     ------
     InputError
-        On a call with such an argument, with the function, the argument, the value found and what was expected.
+        For such an argument; the text names the function, the argument, its value and the expected type.
     """
     signature = inspect.signature(function)
     rest = next((one.name for one in signature.parameters.values() if one.kind is one.VAR_KEYWORD), "")
@@ -164,14 +164,14 @@ def checked(function: F) -> F:
         try:
             given = signature.bind(*args, **kwargs).arguments
         except TypeError:
-            return function(*args, **kwargs)  # raises Python's own message on missing or surplus arguments
+            return function(*args, **kwargs)  # raises Python's TypeError for missing or surplus arguments
         given |= given.pop(rest, {})
         _require(function.__name__, function, given)
         try:
             return function(*args, **kwargs)
         except OverflowError as error:
             raise InputError(
-                f"{function.__name__}: a number is too large ({error}), expected one that such data can have"
+                f"{function.__name__}: a number is too large ({error}), expected a number of usual size"
             ) from error
 
     call.__kwdefaults__ = function.__kwdefaults__  # type: ignore[attr-defined]
@@ -179,7 +179,7 @@ def checked(function: F) -> F:
 
 
 def _plain(value: Any) -> Any:
-    """Convert small NumPy numbers, which wrap, to Python numbers, and masked values to NaN."""
+    """Convert NumPy numbers, whose arithmetic may overflow, to Python numbers, and masked values to NaN."""
     if isinstance(value, np.ma.MaskedArray) and value.dtype.kind in "biuf":
         return unmasked(value)
     if isinstance(value, np.integer | np.floating):
@@ -188,9 +188,9 @@ def _plain(value: Any) -> Any:
 
 
 def check_fields(made: Any, label: str) -> None:
-    """Reject values of a dataclass that its annotations exclude; `label` names the object in errors.
+    """Reject fields of a dataclass whose type is not as annotated; `label` names the object in errors.
 
-    NumPy numbers, including 0-d arrays, become Python numbers, which files require.
+    NumPy numbers, including 0-d arrays, are converted to Python numbers, which can be written to files.
     """
     given = {field.name: getattr(made, field.name) for field in fields(made)}
     for name, value in given.items():
@@ -204,7 +204,7 @@ def check_fields(made: Any, label: str) -> None:
 
 
 def fits(value: Any, hint: Any) -> bool:
-    """Whether a value has the annotated type; an uninformative annotation fits all."""
+    """Whether a value has the annotated type; for an annotation that can't be checked, always true."""
     return _rule(hint).misfit(value) is None
 
 
@@ -222,7 +222,7 @@ def _require(label: str, owner: Any, given: Mapping[str, Any]) -> None:
 
 
 def _swapped(rules: Mapping[str, Rule], name: str, other: str, value: Any, its: Any) -> bool:
-    """Whether two arguments would both fit if they were exchanged."""
+    """Whether two arguments would both match their annotations if they were exchanged."""
     if name == other or not {name, other} <= rules.keys() or its is None or value is None:
         return False
     return rules[other].misfit(value) is None and rules[name].misfit(its) is None
@@ -243,7 +243,7 @@ def _rules(owner: Any) -> Mapping[str, Rule]:
 
 @functools.cache
 def _hints(owner: Any) -> Mapping[str, Any]:
-    """Annotations; names imported only for type checkers are looked up among the public ones, or fit all."""
+    """Annotations; a name imported only for type checkers is looked up in the package's public names, else it is `Any`."""
     try:
         return get_type_hints(owner, include_extras=True)
     except NameError:
@@ -255,7 +255,7 @@ def _hints(owner: Any) -> Mapping[str, Any]:
 
 
 class _Names(dict[str, Any]):
-    """Names of a module, extended by the package's public names, which it may import only for type checkers."""
+    """Names of a module, extended by the package's public names, since a module may import those only for type checkers."""
 
     def __missing__(self, name: str) -> Any:
         if hasattr(builtins, name):
@@ -265,7 +265,7 @@ class _Names(dict[str, Any]):
 
 @functools.cache
 def _rule(hint: Any) -> Rule:
-    """Rule of an annotation; an uninformative one fits all."""
+    """Rule of an annotation; for an annotation that can't be checked, a rule that all values match."""
     origin, inner = get_origin(hint), get_args(hint)
     kind = origin if inspect.isclass(origin) else object
     if hint in PLAIN:
@@ -295,7 +295,7 @@ def _rule(hint: Any) -> Rule:
 
 
 def _options(inner: tuple[Any, ...]) -> tuple[Any, ...]:
-    """Options of a union; `ArrayLike`, itself a union with texts, is kept whole."""
+    """Options of a union; `ArrayLike`, which is a union, too, stays one option."""
     of_arrays = get_args(npt.ArrayLike)
     if set(of_arrays) <= set(inner):
         return (npt.ArrayLike, *(one for one in inner if one not in of_arrays))
@@ -334,7 +334,7 @@ def _is_array(value: Any, kinds: str) -> bool:
     except ValueError:  # rows of different lengths
         return False
     if given.dtype.kind == "O":
-        # Integers of any size, or None for missing values, as in pandas and JSON.
+        # Also accepted: integers of any size, and None for missing values, as in pandas and JSON.
         entries = [one for one in given.ravel() if one is not None]
         return bool(entries) and all(isinstance(one, numbers.Real) for one in entries)
     return given.dtype.kind in kinds
@@ -351,12 +351,12 @@ def _is_sequence(value: Any, kind: type, hint: Any) -> bool:
 
 
 def _looked_at(value: Any) -> Iterable[Any]:
-    """Entries to check: none of iterators, which would be consumed, or of arrays, which are checked as a whole."""
+    """Entries to check. Iterators, which would be consumed, and arrays, which are checked as a whole, have none."""
     return () if isinstance(value, Iterator | np.ndarray) else itertools.islice(value, LOOKED_AT)
 
 
 def told(value: Any) -> str:
-    """Short text for the value found."""
+    """Short text for a value, for error messages."""
     if value is None or isinstance(value, bool | numbers.Number | str):
         shown = repr(value)
         return shown if len(shown) <= 60 else f"{shown[:57]}..."

@@ -3,7 +3,7 @@
 Also here:
 
 - Quantiles of the normal distribution.
-- Spans of samples: found from flags, joined, cut, and converted to flags.
+- Spans of samples: from flags, joined, cut, and converted to flags.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ LONGEST = 70
 
 
 class EvenlySampled(ABC):
-    """Base of classes with samples at even times."""
+    """Base of classes with evenly spaced samples."""
 
     rate_hz: float
 
@@ -71,7 +71,7 @@ def unmasked(values: Any) -> Array:
 
 
 def attributes(thing: object, *names: str) -> dict[str, Any]:
-    """Attributes of an object by name, in this order."""
+    """Attributes of an object by name, in the order of `names`."""
     return {name: getattr(thing, name) for name in names}
 
 
@@ -92,7 +92,7 @@ DEVIATIONS_95 = 1.959963984540054
 
 
 Spans = npt.NDArray[np.int64]
-"""First sample and one past the last, shape (K, 2)."""
+"""Sample indices [first, stop) of each span, shape (K, 2)."""
 
 
 def runs(flags: Mask) -> Spans:
@@ -102,7 +102,7 @@ def runs(flags: Mask) -> Spans:
 
 
 def joined(spans: Iterable[Spans], gap: int = 0) -> Spans:
-    """Spans in order; overlapping ones and those at most `gap` samples apart are joined, shape (K, 2)."""
+    """Spans in ascending order, shape (K, 2); overlapping spans, and spans at most `gap` samples apart, are joined."""
     every = np.concatenate([np.empty((0, 2), dtype=np.int64), *spans])
     every = every[np.argsort(every[:, 0], kind="stable")]
     if len(every) < 2:
@@ -113,7 +113,7 @@ def joined(spans: Iterable[Spans], gap: int = 0) -> Spans:
 
 
 def apart_from(spans: Spans, others: Spans) -> Spans:
-    """Spans that do not touch any of `others`, which must be ordered and must not overlap."""
+    """Spans that do not overlap any span in `others`, which must be ascending and must not overlap each other."""
     if not (len(spans) and len(others)):
         return spans
     next_one = np.searchsorted(others[:, 1], spans[:, 0], side="right")

@@ -21,12 +21,14 @@ from scipy.signal import firwin, resample_poly
 from shipfp_rs.support.arrays import Array
 
 PASSBAND, STOPBAND = 0.3, 0.5
-"""Edges of the low-pass as fractions of the output's rate; frequencies above half of it must not alias."""
+"""Edges of the low-pass as fractions of the output's rate; frequencies above half the rate are suppressed to avoid
+aliasing.
+"""
 ATTENUATION_DB = 80.0
 
 
 def taps(rate: float, shift: float) -> Array:
-    """Kaiser-windowed sinc for an output at `rate` times the inner rate, delayed by `shift` inner samples."""
+    """Kaiser-windowed sinc low-pass for an output at `rate` times the filter's rate, delayed by `shift` filter samples."""
     count, beta = signal.kaiserord(ATTENUATION_DB, (STOPBAND - PASSBAND) * rate / 0.5)
     half = count // 2
     time = np.arange(-half, half + 1) + shift
@@ -37,13 +39,14 @@ def taps(rate: float, shift: float) -> Array:
 
 
 EITHER_SIDE, RIPPLE_1E_5 = 32, ("kaiser", 10.0)
-"""Samples on either side of an interpolated one, and the window: flat to 1e-5 up to 0.45 of the rate. The torque follows
-from a small difference of set point and speed: a ripple of 0.1 per cent moves a parameter outside its interval.
+"""Samples on either side that contribute to an interpolated sample, and the window: the response is flat to 1e-5 up to
+0.45 of the rate. The torque follows from a small difference of set point and speed, so a ripple of 0.1 per cent would
+bias a parameter by more than its interval.
 """
 
 
 def interpolated(values: Array, factor: int) -> Array:
-    """Samples of a band-limited signal at `factor` times its rate, with its original ends."""
+    """Samples of a band-limited signal at `factor` times its rate, with the same first and last times."""
     if factor == 1 or not len(values):
         return values
     pad = 200
@@ -56,11 +59,11 @@ def interpolated(values: Array, factor: int) -> Array:
 Function = Callable[[npt.NDArray[Any]], npt.ArrayLike]
 
 COMPLEX_STEP = 1e-30
-"""Relative imaginary step: its square vanishes beside 1, so the derivative is exact to rounding."""
+"""Relative imaginary step: its square is negligible against 1, so the derivative is exact to rounding."""
 STEP = 1e-3
 """Relative real step; the fourth-order error is then near 1e-12 if the function is smooth over a few per cent."""
 SHRINK = 0.1
-"""Factor on the step where two steps differ by more than `AGREE`, applied at most `TRIES` times."""
+"""Factor by which the step is changed where the results of two steps differ by more than `AGREE`, at most `TRIES` times."""
 AGREE = 1e-5
 TRIES = 6
 ROUNDING = 1e-14
@@ -73,9 +76,10 @@ class Differences:
 
     The imaginary part of f(x + ih) gives the derivative, exact to rounding (Squire and Trapp, SIAM Review 40 (1998)
     110-112), if the function accepts complex numbers and is analytic: no abs, no comparison, no table. This is checked
-    once against a central difference and stored in `complex_step`. Otherwise central differences of two steps are
-    extrapolated to fourth order (Richardson). For smooth functions their error is about 1e-10 of the function's size over
-    the parameter's; next to a bound they are one-sided, with an error of about 1e-8.
+    once against a central difference and stored in `complex_step`. Otherwise central differences with two step sizes
+    are extrapolated to fourth order (Richardson). For smooth functions, their error is about 1e-10 times the ratio of
+    the function's to the parameter's size. Next to a bound, one-sided differences are used, with an error of about 1e-8
+    times this ratio.
 
     Parameters
     ----------
@@ -104,7 +108,7 @@ class Differences:
         size
             Typical sizes (Q,), positive, to scale the steps of entries that are zero.
         lower, upper
-            Bounds (Q,) that no step may cross.
+            Bounds (Q,) within which the function is evaluated.
 
         Returns
         -------
@@ -144,7 +148,7 @@ def by_part(
     lower: npt.ArrayLike = -np.inf,
     upper: npt.ArrayLike = np.inf,
 ) -> list[list[Array]]:
-    """Derivatives of a function that returns several arrays: for each entry of the vector, one per array.
+    """Derivatives of a function that returns several arrays: for each entry of the vector, a list with one array for each.
 
     The other arguments are those of `Differences`.
     """

@@ -26,22 +26,25 @@ import numpy as np
 from shipfp_rs.errors import InputError
 
 MOST_BYTES = 64 * 2**20
-"""Most bytes of a description or a result; a longer file was given by mistake."""
+"""Largest size of a configuration or result file [bytes]; a longer file is probably of another kind."""
 LONGEST_NAME = 255
 """Longest file name in bytes."""
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS)
-"""System errors, often without a file name, of a file that can't be written completely."""
+"""System error codes for a file that can't be written completely; these errors often lack the file name."""
 
 
 def read_text(path: Path, expected: str) -> str:
-    """Read a UTF-8 text file; pipes and devices, which may never end, are rejected. Errors name the `expected` content."""
+    """Read a UTF-8 text file.
+
+    Pipes and devices, which may never end, are rejected. Errors mention the `expected` content.
+    """
     try:
         kind = path.stat().st_mode
         content = None
         if stat.S_ISREG(kind) or stat.S_ISDIR(kind):
             with path.open("rb") as file:
                 content = file.read(MOST_BYTES + 1)
-    except (OSError, ValueError) as error:  # ValueError: an impossible file name
+    except (OSError, ValueError) as error:  # ValueError: invalid file name
         raise InputError(
             f"{path}: {getattr(error, 'strerror', None) or error}; expected {expected}"
         ) from error
@@ -62,13 +65,13 @@ def ending_in(path: str | Path, *suffixes: str) -> Path:
     path = Path(path)
     if path.suffix and path.suffix.lower() not in suffixes:
         raise InputError(
-            f"{path}: expected a name ending in {' or '.join(suffixes)}, which is what is written"
+            f"{path}: expected a name ending in {' or '.join(suffixes)}, since such a file is written"
         )
     return path
 
 
 def local(path: Path) -> Path:
-    """Absolute path, since Arrow takes a relative name with a colon, "log 12:30", for a network address."""
+    """Absolute path, since Arrow interprets a relative name with a colon, "log 12:30", as a network address."""
     return path.absolute()
 
 
@@ -76,12 +79,12 @@ def local(path: Path) -> Path:
 def replacing(path: Path) -> Iterator[Path]:
     """Yield a temporary name beside `path`; renamed to `path` on success, removed on error.
 
-    A link is kept and the file that it points to replaced. A device or a pipe is written to, not replaced.
+    If `path` is a link, the file it points to is replaced. If it is a device or a pipe, the content is copied into it.
 
     Raises
     ------
     InputError
-        If such a file is impossible.
+        If such a file can't be created.
     """
     try:
         target = path.resolve()
@@ -114,7 +117,7 @@ def replacing(path: Path) -> Iterator[Path]:
 
 
 def _beside(target: Path) -> Path:
-    """Name of a temporary file or folder, chosen before it is created, so that Ctrl-C during creation leaves none."""
+    """Name of a temporary file or folder; it is known before creation, which allows removal after Ctrl-C during creation."""
     return target.with_name(f"{f'.{target.name}'[:100]}.{secrets.token_hex(4)}")
 
 
@@ -131,7 +134,7 @@ def _cannot(path: Path, error: Exception) -> InputError:
 
 
 def _of_writing(path: Path, temporary: Path, error: OSError) -> Exception:
-    """Name the user's path in an error of writing the temporary file; other errors are unchanged."""
+    """Replace the temporary name by the user's path in errors of writing; other errors are unchanged."""
     about_it = str(error.filename or "").startswith(str(temporary)) or error.filename2 is not None
     return _cannot(path, error) if about_it or error.errno in NO_ROOM else error
 
@@ -176,7 +179,7 @@ def replacing_folder(
         Names of the files to be written; a folder with `marker` and no files other than these is a previous result, which
         may be replaced.
     force
-        Whether to write into a folder with other files, too.
+        Whether to write even into a folder with files other than these.
 
     Raises
     ------
@@ -209,7 +212,7 @@ def replacing_folder(
 def _check_replaceable(path: Path, names: Collection[str], marker: str, force: bool) -> None:
     if not path.exists():
         if path.is_symlink():
-            raise InputError(f"{path}: is a link that leads nowhere, expected a folder or a new name")
+            raise InputError(f"{path}: is a link to a missing file, expected a folder or a new name")
         if len(os.fsencode(path.name)) > LONGEST_NAME:
             raise OSError(errno.ENAMETOOLONG, os.strerror(errno.ENAMETOOLONG))
         return
@@ -232,7 +235,7 @@ def _umask() -> int:
 
 
 HALF = re.compile(r"\\u[dD][89a-fA-F]")
-"""Escape of a surrogate, which UTF-8 files can't hold."""
+"""JSON escape of a surrogate, half a UTF-16 character, which UTF-8 files can't contain."""
 
 
 def finite(content: Any) -> Any:
@@ -262,7 +265,7 @@ def parsed_json(text: str | bytes, source: str, expected: str) -> Any:
     """Parse a JSON text; `source` starts the message of the `InputError`, see `read_json`."""
 
     def refused(word: str) -> NoReturn:
-        raise InputError(f"{source}: found {word[:40]}, expected finite numbers; write the file anew")
+        raise InputError(f"{source}: found {word[:40]}, expected finite numbers; write the file again")
 
     def number(text: str) -> float:
         value = float(text)
@@ -271,7 +274,7 @@ def parsed_json(text: str | bytes, source: str, expected: str) -> Any:
     try:
         text = text if isinstance(text, str) else text.decode()
         content = json.loads(text, parse_constant=refused, parse_float=number)
-        if HALF.search(text):  # most belong to a pair, a whole character
+        if HALF.search(text):  # a pair of surrogates is a whole character
             json.dumps(content, ensure_ascii=False).encode()
     except RecursionError as error:
         raise InputError(f"{source}: nested too deeply, expected {expected}") from error

@@ -6,7 +6,7 @@ import difflib
 from collections.abc import Sequence
 
 Slip = tuple[str, float]
-"""Supposed mistake in words, and the factor that corrects it."""
+"""Possible mistakes in words, each with the factor that corrects the value."""
 
 SPEED_RPM: Sequence[Slip] = (("rev/s for rpm", 60.0), ("rad/s for rpm", 9.549297))
 SPEED_RPS: Sequence[Slip] = (("rpm for rev/s", 1.0 / 60.0), ("rad/s for rev/s", 0.1591549))
@@ -30,7 +30,9 @@ def suggestion(word: str, known: Sequence[str]) -> str:
 
 
 def likely(value: float, low: float, high: float, slips: Sequence[Slip], unit: str = "") -> str:
-    """Name the mistake whose correction brings `value` between `low` and `high`; empty if none does, or none is needed.
+    """Text for the mistake whose correction brings `value` between `low` and `high`.
+
+    Empty if no correction does, or if the value is already in this range.
 
     Examples
     --------
@@ -46,5 +48,5 @@ def likely(value: float, low: float, high: float, slips: Sequence[Slip], unit: s
 
 
 def likely_ratio(ratio: float, slips: Sequence[Slip], within: float = 0.1) -> str:
-    """Name the mistake whose correction brings a ratio to 1; empty if none does."""
+    """Text for the mistake whose correction brings a ratio to 1; empty if no correction does."""
     return next((f"; {name}?" for name, factor in slips if abs(ratio * factor - 1.0) <= within), "")

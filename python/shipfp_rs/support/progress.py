@@ -1,4 +1,4 @@
-"""Progress of long computations, sent to a listener that need not be passed as an argument."""
+"""Progress of long computations, sent to a listener in a context variable instead of an argument."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def said_as(words: Callable[[str], str]) -> Iterator[None]:
 
 @contextlib.contextmanager
 def part(first: float, last: float) -> Iterator[None]:
-    """Scale progress reported within the block to a part of the work, from `first` to `last`."""
+    """Map progress reported within the block, 0 to 1, to the fractions `first` to `last` of the whole work."""
     outer = _LISTENER.get()
     if outer is None:
         yield

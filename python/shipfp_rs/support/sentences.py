@@ -2,7 +2,7 @@
 
 Also here:
 
-- Languages of reports: one catalogue of translations each, in `locale`, with the English sentences as keys.
+- Languages of reports: each has a catalogue of translations in `locale`, with the English sentences as keys.
 """
 
 from __future__ import annotations
@@ -39,19 +39,19 @@ FIELD = re.compile(r"{(\w+)}")
 
 
 def filled(template: str, values: Mapping[str, str]) -> str:
-    """Fill the fields in braces that have a value; values are never read as templates."""
+    """Replace the fields in braces for which there is a value; braces in values are not replaced."""
     return FIELD.sub(lambda field: values.get(field[1], field[0]), template)
 
 
 class Sentence(str):
-    """English sentence, or part of one, with its template and values.
+    """English sentence, or part of a sentence, with its template and values for translation.
 
     Parameters
     ----------
     template
         English text with named fields in braces; the key in the catalogues of other languages.
     values
-        Values of the fields. A `Sentence` among them is translated, any other value is not.
+        Values of the fields. A value that is a `Sentence` is translated, other values are not.
 
     Examples
     --------
@@ -94,7 +94,7 @@ class Sentence(str):
 
 
 def joined(parts: Sequence[str], separator: str = ", ") -> Sentence:
-    """Join parts, which stay translatable."""
+    """Join parts into a sentence in which the parts can still be translated."""
     return Sentence(
         separator.join(f"{{p{place}}}" for place in range(len(parts))),
         **{f"p{place}": part for place, part in enumerate(parts)},
@@ -109,7 +109,7 @@ def listed(parts: Sequence[str]) -> str:
 
 
 def parts_of(content: Any) -> dict[str, Any]:
-    """Templates and values of all sentences in nested tables and lists, by text; sentences without values are omitted."""
+    """Templates and values, by text, of all sentences in nested tables and lists; sentences without values are omitted."""
     if isinstance(content, Sentence) and content.values:
         return {content: content.to_dict()}
     if isinstance(content, Mapping):
@@ -121,7 +121,7 @@ def parts_of(content: Any) -> dict[str, Any]:
 
 
 def with_parts(content: Any, parts: Mapping[str, Sentence]) -> Any:
-    """Replace texts in nested JSON tables and lists by the sentences with known parts."""
+    """Replace texts in nested JSON tables and lists by the sentences whose template and values are given."""
     if isinstance(content, str):
         return parts.get(content, content)
     if isinstance(content, Mapping):

@@ -8,10 +8,12 @@ from shipfp_rs import _core
 from shipfp_rs.support.arrays import Array, Mask, Spans
 
 ROBUST_SIGMA = 1.4826
-"""Standard deviation over median absolute deviation of Gaussian noise."""
+"""Ratio of standard deviation to median absolute deviation for Gaussian noise."""
 
 SWINGS_ON = 0.5
-"""A crest is closer to the curve through its sides than this fraction of its height above the line through them."""
+"""An excursion is the crest of an oscillation, not a spike, if its distance from a cubic through the adjacent samples
+is less than this fraction of its height above a straight line through them.
+"""
 
 JUMPS_S, FLANK, LOW, HIGH = 0.01, 0.15, 0.25, 0.75
 """An excursion longer than this [s] is a spike only if it jumps both up and down: between these two fractions of its height
@@ -22,16 +24,16 @@ SCALE_WINDOW_S = 1.0
 """Length of the stretch in which the spread about the running median is estimated [s]."""
 
 SCALE_SAMPLES, LEAST_SCALE_SAMPLES = 500, 50
-"""Most and fewest samples of that stretch that are used; the stretch of a slow channel is longer accordingly."""
+"""Most and fewest samples used for the spread; in a slow channel, the stretch is longer to have the fewest."""
 
 
 def find_spikes(samples: Array, rate_hz: float, *, longest_s: float, threshold: float, least: float) -> Spans:
     """Find the spikes of a signal: short, high excursions after which the signal continues as before.
 
     A sample is suspect if its distance from the running median exceeds `threshold` robust standard deviations
-    (Hampel's rule) and `least` times the median magnitude. Successive suspects are a spike if they last no longer than
-    `longest_s` above a quarter of their height, and the signal continues as before. A plant's first response to a step is
-    not a spike: it may rise as fast, but does not fall again.
+    (Hampel's rule) and `least` times the median magnitude. Successive suspect samples are a spike if they are above a
+    quarter of their height for at most `longest_s`, and the signal then continues as before. A plant's first response
+    to a step may rise as fast as a spike, but does not return.
 
     Parameters
     ----------

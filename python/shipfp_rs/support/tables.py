@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 
 FACTS = "shipfp"
-"""Attribute, or key of a schema's metadata, with all metadata of the object as JSON."""
+"""Name of the attribute, or key of a schema's metadata, that holds the object's metadata as JSON."""
 
 
 class Columns(NamedTuple):
@@ -40,8 +40,8 @@ class Columns(NamedTuple):
 class Tabular(ABC):
     """Base of classes that convert to tables: one independent column, dependent columns, and metadata.
 
-    Tables hold the metadata (name, operating point, ...) as JSON. For tables from elsewhere, missing or wrong metadata are
-    given by keyword. A method whose package is not installed raises `InputError`.
+    Tables hold the metadata (name, operating point, ...) as JSON. For tables from other programs, missing or wrong
+    metadata are given by keyword. A method whose package is not installed raises `InputError`.
     """
 
     @abstractmethod
@@ -70,7 +70,7 @@ class Tabular(ABC):
         )
 
     def __reduce__(self) -> tuple[Callable[..., Self], tuple[Mapping[str, Array], Mapping[str, Any]]]:
-        """Pickle and copy as a table, since read-only mappings can't be pickled."""
+        """Pickle and copy the object as a table, since read-only mappings can't be pickled."""
         values, _, facts = self._columns()
         return self._from_columns, (values, facts)
 
@@ -177,7 +177,7 @@ class Tabular(ABC):
             own = json.loads(stored or "{}")
         except ValueError as error:
             raise InputError(
-                f"attribute {FACTS!r} is not JSON; remove it and give its facts by name"
+                f"attribute {FACTS!r} is not JSON; remove it and give the metadata by keyword"
             ) from error
         return cls._from_columns(values, own | facts)
 
@@ -194,8 +194,8 @@ def package(name: str, distribution: str | None = None) -> Any:
 
 @cache
 def environment() -> Environment:
-    """Templates of the package; all text except `Markup` is escaped."""
-    # Jinja loads slowly, and every object shown in a notebook has a table.
+    """Jinja environment with the package's templates; all text except `Markup` is escaped."""
+    # Jinja loads slowly, so it is imported only when a first table is shown.
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
     made = Environment(

@@ -1,4 +1,4 @@
-"""Parallel jobs on threads, since kernels and readers release the GIL; BLAS is limited to one thread."""
+"""Parallel jobs on threads, with BLAS limited to one thread. Kernels and readers release the GIL."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ F = TypeVar("F", bound=Callable[..., Any])
 ONE_BLAS_THREAD: Mapping[str, str] = dict.fromkeys(
     ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS"), "1"
 )
-"""Environment of a process in which BLAS has one thread from the start."""
+"""Environment variables for a child process in which BLAS has one thread from the start."""
 
 _own = threading.local()
-"""Thread-local: the event that cancels the jobs."""
+"""Thread-local storage of the event that cancels the jobs."""
 
 
 class _Held:
@@ -55,7 +55,7 @@ _held = _Held()
 def one_blas_thread() -> Iterator[None]:
     """Limit BLAS to one thread: the matrices of a fit are small, and results must not depend on the number of threads.
 
-    The limit applies to the process, until the last of the threads that request it has finished.
+    The limit applies to the whole process, until all threads that requested it have finished.
     """
     _held.enter()
     try:
@@ -98,9 +98,9 @@ def require_going() -> None:
 def side_by_side(jobs: Sequence[Callable[[], T]], stopped: threading.Event) -> list[T]:
     """Run jobs on as many threads as there are processors and return their results in order.
 
-    Jobs start in order; with the longest ones first, no processor is left with a long job at the end. The error raised is
-    that of the first job in order, not in time, so that messages do not depend on timing. Then, and on Ctrl-C, `stopped` is
-    set: jobs check it, or call `require_going`, and end.
+    Jobs start in order; put the longest first to balance the load. If several jobs fail, the error of the first in
+    order is raised, independent of timing. After an error or Ctrl-C, `stopped` is set: jobs check it, or call
+    `require_going`, and end.
     """
     workers = max(min(len(jobs), available_workers()), 1)
     with ThreadPoolExecutor(workers, initializer=_begin, initargs=(stopped,)) as pool:
@@ -115,9 +115,9 @@ def side_by_side(jobs: Sequence[Callable[[], T]], stopped: threading.Event) -> l
 
 
 def where_alone(jobs: Sequence[Callable[[], T]]) -> list[T]:
-    """Run jobs in parallel in the main thread of a process without a parent, else one after another.
+    """Run jobs in parallel if called from the main thread of the main process, else one after another.
 
-    In other threads or processes, such as those of a sweep, the processors are in use. The jobs call `require_going`.
+    Other threads or processes, such as those of a sweep, already share the processors. The jobs call `require_going`.
     """
     alone = threading.current_thread() is threading.main_thread() and multiprocessing.parent_process() is None
     if alone and min(len(jobs), available_workers()) > 1:
@@ -126,10 +126,10 @@ def where_alone(jobs: Sequence[Callable[[], T]]) -> list[T]:
 
 
 def import_beside(*modules: str) -> None:
-    """Import modules in a thread during a computation outside the interpreter, so that their later import is faster."""
+    """Import modules in a thread while the main thread computes without the GIL, which makes the later import faster."""
 
     def load() -> None:
-        with contextlib.suppress(Exception):  # raised again where the module is used
+        with contextlib.suppress(Exception):  # the import where the module is used raises the error again
             for module in modules:
                 importlib.import_module(module)
 

@@ -20,14 +20,14 @@ from shipfp_rs.support.hints import nearest, suggestion
 Model = TypeVar("Model", bound=BaseModel)
 
 LARGEST, SMALLEST = 1e15, 1e-15
-"""Range of the magnitude of numbers, larger than any quantity of a ship or a log; a seed may be larger."""
+"""Range of the magnitude of numbers, wider than that of any quantity of a ship or a log; a seed may be larger."""
 MOST_CHARACTERS = 2000
 """Longest text, such as a path or a description."""
 
 TO_BE_GIVEN = "to be given"
-"""Placeholder in a file for a value that only its user knows; it is rejected when read."""
+"""Placeholder in a template for a value that the user must give; a file that still has it is rejected."""
 SEVERAL_LINES = "description"
-"""Key whose text may contain line ends and tabs."""
+"""The only key whose text may contain line ends and tabs."""
 
 Name = Annotated[str, Field(min_length=1, max_length=200)]
 """Name of a trial, a window or a channel."""
@@ -46,7 +46,7 @@ class Section(BaseModel):
 
 
 def unexpected(key: str, found: object, expected: str) -> PydanticCustomError:
-    """Error for a validator of several keys to raise; `key` is relative to its section."""
+    """Error to be raised by a validator of several keys; `key` is relative to the validator's section."""
     return PydanticCustomError("unexpected", "{expected}", {"key": key, "found": found, "expected": expected})
 
 
@@ -80,7 +80,7 @@ def parsed_toml(text: str, source: str) -> dict[str, Any]:
         return tomllib.loads(text)
     except RecursionError as error:
         raise InputError(f"{source}: nested too deeply, expected tables of keys and values") from error
-    except ValueError as error:  # from tomllib, or for an integer with too many digits for Python
+    except ValueError as error:  # invalid TOML, or an integer with too many digits for Python
         raise InputError(f"{source}: not TOML: {str(error).split(';')[0]}") from error
 
 
@@ -91,7 +91,7 @@ def built_in(kind: str) -> dict[str, Path]:
 
 
 def template(name: str) -> str:
-    """Text of a commented configuration file to fill in, "TRIAL" or "SWEEP"."""
+    """Text of the commented template of a configuration file, "TRIAL" or "SWEEP"."""
     return built_in("templates")[name].read_text(encoding="utf-8")
 
 
@@ -125,7 +125,7 @@ def read_named(name_or_path: str | Path, model: type[Model], kind: str, key: str
     if name not in known and path.suffix != ".toml" and not there:
         raise InputError(
             f"{key} {name!r}: found no built-in {what} of this name, {suggestion(name, [*known])} "
-            f"(a {what} of your own is given by the path of its .toml file)"
+            f"(give your own {what} by the path of its .toml file)"
         )
     return read_toml(path, model)
 
@@ -166,7 +166,7 @@ def _require_plain(content: Mapping[str, Any], source: str) -> None:
 def _first_mistake(error: ValidationError, model: type[BaseModel]) -> str:
     first, *others = error.errors()
     if first["type"] == "missing":
-        # If its section also has an unknown key, the missing one is probably misspelt.
+        # An unknown key in the section of a missing key is probably the missing key, misspelt.
         unknown = [other for other in others if other["type"] == "extra_forbidden"]
         first = next((other for other in unknown if other["loc"][:-1] == first["loc"][:-1]), first)
     missing = [
@@ -193,7 +193,7 @@ def _leaves(content: object, place: tuple[str, ...]) -> Iterator[tuple[str, floa
 
 
 def _one_line(error: ErrorDetails, model: type[BaseModel]) -> str:
-    # For a choice of types pydantic names each of them; the user only knows the key.
+    # For a union of types, pydantic appends the type to the location; the message keeps only the key.
     location = [str(part) for part in error["loc"] if str(part) not in ("float", "int", "bool", "str")]
     key, found, context = ".".join(location), error["input"], error.get("ctx", {})
     match error["type"]:
@@ -220,13 +220,13 @@ def _one_line(error: ErrorDetails, model: type[BaseModel]) -> str:
 
 
 def _near_table(model: type[BaseModel], location: Sequence[str]) -> str:
-    """Name the known table that an unknown one resembles; empty if it resembles none."""
+    """Text with the known table most similar to an unknown table; empty if none is similar."""
     beside = [name for owner in _models_at(model, location[:-1]) for name in owner.model_fields]
     return nearest(location[-1], beside, 0.7) if location and location[-1] not in beside else ""
 
 
 def _expected(error: ErrorDetails) -> str:
-    """Expected value, in terms of the file."""
+    """Expected value in words of TOML."""
     match error["type"]:
         case "model_type" | "dict_type" | "model_attributes_type":
             return "a table"
@@ -267,7 +267,7 @@ def _shown(value: object) -> str:
 
 
 def _models_at(model: type[BaseModel], location: Sequence[int | str]) -> set[type[BaseModel]]:
-    """Models possible at `location`; list indices and tags of unions do not change the model."""
+    """Models that may apply at `location`; list indices and tags of unions in it are skipped."""
     found = {model}
     for part in location:
         inner = {nested for owner in found for nested in _models_in(_annotation(owner, str(part)))}

@@ -1,4 +1,4 @@
-"""Units in loggers' many spellings, repair of damaged characters, and factors to SI and rpm.
+"""Units in the spellings of many loggers, repair of wrongly encoded characters, and factors to SI and rpm.
 
 Also here:
 
@@ -92,7 +92,7 @@ TO_RPM: Mapping[str, float] = {
     "1/s": 60.0,
     "deg/s": 1.0 / 6.0,
 }
-"""Factors from units of speed to turns per minute; for a frequency, with one pair of poles."""
+"""Factors from units of speed to turns per minute; for an electric frequency, those of one pair of poles."""
 FREQUENCIES = ("Hz", "1/s")
 """Units of speed that may also be those of an electric frequency."""
 TO_NM: Mapping[str, float] = {"mNm": 1e-3, "Nm": 1.0, "kNm": 1e3, "MNm": 1e6, "lbf ft": 1.3558179483314004}
@@ -107,7 +107,7 @@ TO_REV: Mapping[str, float] = {
 
 
 class Quantity(NamedTuple):
-    """A physical quantity: its unit (SI or rpm), factors from other units, usual and possible sizes in drive trains."""
+    """A physical quantity: its unit (SI or rpm), factors from other units, and ranges of usual and possible values."""
 
     unit: str
     factors: Mapping[str, float]
@@ -124,7 +124,7 @@ QUANTITIES: Mapping[str, Quantity] = {
 """From a laboratory's motor to the largest ship's propeller: 90 rpm, 8 MNm, 80 MW; a turbine's shaft has 20,000 rpm."""
 
 ELECTRIC = frozenset(("", "V", "mV", "µV", "A", "mA", "mV/V", "counts", "bits"))
-"""Units of an amplifier's or converter's reading, whose meaning depends on a calibration."""
+"""Electrical units of a measuring amplifier or converter, which need a calibration."""
 
 LETTER = "[?�¿]"
 """Replacement of a degree or micro sign in text read with the wrong encoding."""
@@ -164,7 +164,7 @@ def told(unit: str) -> str:
 
 
 def is_unit(text: str) -> bool:
-    """Whether a word is a unit, a dash for none, or the format of a date or clock.
+    """Whether a word is a unit, a dash (no unit), or the format of a date or clock.
 
     Examples
     --------
@@ -222,7 +222,7 @@ class Calibration:
         return unmasked(recorded) * self.scale + self.offset
 
     def inverse(self, value: npt.ArrayLike) -> Array:
-        """Recorded values for calibrated ones, same shape."""
+        """Recorded values for calibrated values, same shape."""
         return (unmasked(value) - self.offset) / self.scale
 
     def standard_error(self, recorded: npt.ArrayLike) -> Array:
