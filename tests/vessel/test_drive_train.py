@@ -205,7 +205,7 @@ def test_only_the_method_that_knows_all_elements_is_taken() -> None:
         InputError, match=r"method is 'euler', expected 'rk4' for vessel 'Stan Tug 1205, full'"
     ):
         simulate(FULL, signals.steps([10.0], 1.0), method="euler")
-    with pytest.raises(InputError, match=r"found elements beyond the plant of eq\. 3\.1-3\.11"):
+    with pytest.raises(InputError, match=r"found elements in addition to the plant of eq\. 3\.1-3\.11"):
         linearise_numerically(FULL)
 
 

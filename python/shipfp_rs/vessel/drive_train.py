@@ -67,21 +67,21 @@ _LARGEST_STEP = 0.15
 _STEPS_A_RIPPLE = 16.0
 """Steps per period of the torque ripple."""
 _LONGEST_STEP_S = 1e-3
-"""Longest step [s]: commands arrive and limits become active within steps, and only this limits the resulting error."""
+"""Longest step [s]. It limits the error from commands that arrive, and limits that become active, within a step."""
 
 
 @dataclass(frozen=True)
 class DriveTrain:
-    """All elements of a drive train.
+    """Parameters of the whole drive train.
 
     Parameters
     ----------
     values
         Parameters by name: kg m2, rev/s, Nm, mm, s, rad, N.
     strength
-        Each cylinder's torque over the mean, in the order of firing, shape (C,).
+        Each cylinder's torque relative to the mean, in the order of firing, shape (C,).
     quadrants
-        Angle [rad], torque and thrust relative to bollard pull, shape (3, K); none: (3, 0).
+        Rows of flow angle [rad], torque and thrust relative to bollard pull, shape (3, K); (3, 0) without a diagram.
     """
 
     values: Mapping[str, float]
@@ -129,7 +129,7 @@ class DriveTrain:
         )
 
     def torque_exponent(self, n_s: float, ship_speed: float) -> float:
-        """Return the relative slope of the propeller's torque over the shaft speed [rev/s] at a ship speed [m/s]."""
+        """Return d ln(propeller torque) / d ln(shaft speed) at a shaft speed [rev/s] and a ship speed [m/s]."""
         if ship_speed == 0.0:
             return self.values["torque_exponent"]
         step = 1e-5
@@ -192,7 +192,7 @@ def _strength(vessel: Vessel) -> Array:
 
 
 def _quadrants(vessel: Vessel) -> Array:
-    """Angles from -pi to pi about the operating point's; torque and thrust relative to the operating point."""
+    """Flow angles relative to the operating point's, -pi to pi; torque and thrust relative to the operating point."""
     table = vessel.propeller.four_quadrant
     if table is None:
         return np.empty((3, 0))
@@ -205,6 +205,6 @@ def _quadrants(vessel: Vessel) -> Array:
         )
     angle = np.unique(np.concatenate([(at - table.bollard_deg + 180.0) % 360.0 - 180.0, [-180.0, 180.0]]))
     values = [np.interp(angle + table.bollard_deg, at, row, period=360.0) for row in rows]
-    # Slightly above pi after rounding, so that the table covers every angle of atan2.
+    # The range -pi to pi covers every angle of atan2.
     radians = np.clip(np.radians(angle), -math.pi, math.pi)
     return np.ascontiguousarray([radians, *(row / value for row, value in zip(values, bollard, strict=True))])

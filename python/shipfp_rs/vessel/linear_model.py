@@ -31,7 +31,7 @@ SIGNALS: Mapping[Output, str] = {"dn": "n_e", "dE": "E_n", "dM_b": "M_b", "dM_g"
 
 @dataclass(frozen=True)
 class LinearModel:
-    """Parameters of the linear structure, whose outputs are deviations relative to the operating point.
+    """Linear model of a drive train, whose outputs are deviations relative to the operating point.
 
     Parameters
     ----------
@@ -78,29 +78,29 @@ class LinearModel:
 
     @checked
     def zeros(self, output: Output) -> ComplexArray:
-        """Zeros of `output` over the set point [rad/s], shape (Z,)."""
+        """Zeros of the transfer function from the set point to `output` [rad/s], shape (Z,)."""
         self._require_no_dead_time()
         return np.roots(self._numerator(output)).astype(np.complex128)
 
     @checked
     def dc_gain(self, output: Output) -> float:
-        """Gain of `output` over a slow set point: dn 1, dE (p - g)/(v K_i), torques p (Table 3.4)."""
+        """Static gain from the set point to `output`: dn 1, dE (p - g)/(v K_i), torques p (Table 3.4)."""
         return float(self._numerator(output)[-1] / self._denominator()[-1])
 
     @checked
     def high_frequency_gain(self, output: Output) -> float:
-        """Gain of `output` over the set point far above the corner: v K_p for the brake torque (eq. 3.40)."""
+        """Gain from the set point to `output` at high frequency: v K_p for the brake torque (eq. 3.40)."""
         numerator, denominator = self._numerator(output), self._denominator()
         return float(numerator[0] / denominator[0]) if len(numerator) == len(denominator) else 0.0
 
     @checked
     def transfer_function(self, output: Output) -> signal.TransferFunction:
-        """Return `output` over the set point as a rational function of s.
+        """Return the transfer function from the set point to `output`.
 
         Raises
         ------
         InputError
-            If the model has a dead time, which is not rational; use `response` instead.
+            If the model has a dead time, which is not a rational function of s; use `response` instead.
         """
         self._require_no_dead_time()
         return signal.TransferFunction(self._numerator(output), self._denominator())
@@ -161,7 +161,7 @@ class LinearModel:
             )
         s = 2j * np.pi * frequency
         shaft = self.tau_n * s + self.p - self.g
-        # Without a division by s, so that 0 Hz gives the static gain.
+        # The equations are multiplied by s: no division by s at 0 Hz.
         rack = (self.K_p * s + self.K_i) * np.exp(-s * self.T_d)
         with np.errstate(all="ignore"):
             common = np.exp(-s * self.T_set) / (s * shaft + self.v * rack)
@@ -186,7 +186,7 @@ class LinearModel:
         Parameters
         ----------
         frequency_hz, outputs
-            As of `response`; the object has the names of measured signals, such as n_e for dn.
+            As for `response`; the object has the names of measured signals, such as n_e for dn.
         name
             Label.
 
@@ -196,7 +196,7 @@ class LinearModel:
         >>> tug.frequency_response([0.1, 1.0])
         FrequencyResponse('model', 2 points from 0.1 to 1 Hz: n_e, M_b)
         """
-        # `frequency` loads SciPy, which a linearisation rarely needs.
+        # Import here, since `frequency` loads SciPy, which a linearisation rarely needs.
         from shipfp_rs.frequency import FrequencyResponse
 
         frequency = np.atleast_1d(np.asarray(frequency_hz, dtype=np.float64))
@@ -211,7 +211,7 @@ class LinearModel:
         Raises
         ------
         InputError
-            If python-control is not installed, or as `state_space`.
+            If python-control is not installed, and as for `state_space`.
         """
         control = package("control", "python-control")
         space = self.state_space(outputs)
@@ -238,7 +238,7 @@ class LinearModel:
         if self.T_d or self.T_set:
             raise InputError(
                 f"linear model: found dead times T_d {self.T_d:g} s, T_set {self.T_set:g} s, expected none; "
-                "a dead time is no rational function, use the frequency response"
+                "a dead time is not a rational function, use the frequency response"
             )
 
 
@@ -299,11 +299,11 @@ def linearise_numerically(vessel: Vessel, n_e_rpm: float | None = None, *, step:
     Raises
     ------
     InputError
-        If the engine can't hold the set point, or the vessel has more than the plant of eq. 3.1-3.11.
+        If the engine can't hold the set point, or the vessel has elements in addition to the plant of eq. 3.1-3.11.
     """
     if drive_train(vessel).extends_the_plant:
         raise InputError(
-            f"vessel {vessel.name!r}: found elements beyond the plant of eq. 3.1-3.11, expected none; use linearise"
+            f"vessel {vessel.name!r}: found elements in addition to the plant of eq. 3.1-3.11, expected none; use linearise"
         )
     point = steady_state(vessel, n_e_rpm)
     # Columns: derivatives of (dn', dX, dM_b, dM_g) by dn, dE and dn_set.
@@ -328,7 +328,7 @@ def linearise_numerically(vessel: Vessel, n_e_rpm: float | None = None, *, step:
 
 
 def _right_hand_side(vessel: Vessel, point: OperatingPoint, deviation: Array) -> Array:
-    """Plant (dn/dt, X, M_b, M_g), normalised about the steady state, at relative deviations of (n, E, n_set)."""
+    """Normalised (dn/dt, X, M_b, M_g) of the plant, at relative deviations of (n, E, n_set) from the steady state."""
     dn, dE, dn_set = deviation
     q = dict(zip(PLANT_PARAMETERS, vessel.plant_parameters().tolist(), strict=True))
     n_s, error = point.n_s * (1.0 + dn), point.n_e * (dn_set - dn)

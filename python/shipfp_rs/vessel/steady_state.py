@@ -1,4 +1,4 @@
-"""Steady states of a vessel in bollard pull, and static curves that a sea trial can check."""
+"""Steady states of a vessel, and static curves in bollard pull for comparison with a sea trial."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _FASTEST_SHIP = 100.0
 """Highest ship speed in the search for a steady state [m/s]."""
 
 SLOWEST = 1e-3
-"""Share of the rated speed below which no engine runs."""
+"""Lowest speed of an engine, relative to its rated speed."""
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ class OperatingPoint:
     thrust
         Propeller thrust [N] (eq. 3.9).
     ship_speed
-        Speed of a moving ship [m/s]; zero in bollard pull.
+        Ship speed [m/s]; zero in bollard pull.
     """
 
     n_e: float
@@ -60,7 +60,7 @@ class OperatingPoint:
 
     @property
     def levels(self) -> dict[str, float]:
-        """Signals of an `Experiment` at this point, in its units; the set point equals the speed."""
+        """Operating-point values of an `Experiment`'s signals, in its units; the set point equals the engine speed."""
         return {
             "n_set": self.n_e_rpm,
             "n_e": self.n_e_rpm,
@@ -87,12 +87,12 @@ def steady_state(vessel: Vessel, n_e_rpm: float | None = None) -> OperatingPoint
     vessel
         The ship.
     n_e_rpm
-        Set point [rpm], which an integrating governor makes the engine's speed. None: the ship's operating point.
+        Set point [rpm], which the engine speed reaches with an integrating governor. None: the ship's operating point.
 
     Raises
     ------
     InputError
-        If the engine can't hold the set point: the torque limit is too low, or the rack would close.
+        If the engine can't hold the set point, due to the torque limit or the rack's limits.
 
     Examples
     --------
@@ -106,7 +106,7 @@ def steady_state(vessel: Vessel, n_e_rpm: float | None = None) -> OperatingPoint
     hint = hints.likely(set_point, 0.1 * rated, 1.5 * rated, hints.SPEED_RPM, "rpm")
     if hint or set_point < SLOWEST * rated:
         raise InputError(
-            f"vessel {vessel.name!r}: set point is {set_point:g} rpm, expected one near {rated:g} rpm{hint}"
+            f"vessel {vessel.name!r}: set point is {set_point:g} rpm, expected a speed near {rated:g} rpm{hint}"
         )
     speed, limit = vessel.envelope()
     n_e = set_point / 60.0
@@ -147,7 +147,7 @@ def steady_state(vessel: Vessel, n_e_rpm: float | None = None) -> OperatingPoint
 
 
 def _ship_speed(vessel: Vessel, n_s: float) -> float:
-    """Ship speed at which the propellers' thrust equals the resistance [m/s]; zero for a held ship."""
+    """Ship speed at which the propellers' thrust equals the resistance [m/s]; zero in bollard pull."""
     if vessel.ship is None:
         return 0.0
     train, resistance = drive_train(vessel), vessel.ship.resistance_N_s2_m2
@@ -160,7 +160,7 @@ def _ship_speed(vessel: Vessel, n_s: float) -> float:
     if surplus(highest) * pull > 0.0:
         raise InputError(
             f"vessel {vessel.name!r}: ship.resistance_N_s2_m2: found {resistance:g}, with which the thrust drives the "
-            f"ship beyond {_FASTEST_SHIP:g} m/s, expected a larger one"
+            f"ship faster than {_FASTEST_SHIP:g} m/s, expected a larger resistance"
         )
     return float(brentq(surplus, 0.0, highest, xtol=1e-14, rtol=1e-15)) if pull else 0.0
 
@@ -168,10 +168,10 @@ def _ship_speed(vessel: Vessel, n_s: float) -> float:
 def ship_about(
     vessel: Vessel, point: OperatingPoint, more: Mapping[str, float] = MappingProxyType({})
 ) -> Array:
-    """Return the kernel's parameters of a ship: eq. 3.1-3.11 relative to the values at `point`, updated by `more`.
+    """Return the kernel's parameters for eq. 3.1-3.11 relative to the values at `point`, updated by `more`.
 
-    The rack is the relative deviation from that at `point`; the envelope is not included. Shaft torques are relative to the
-    engine's at `point` times gear ratio and efficiency, which includes the drag.
+    The rack is its relative deviation from `point`; the torque limit is not included. Shaft torques are relative to the
+    engine torque at `point` times gear ratio and efficiency, including the drag.
     """
     plant = dict(zip(PLANT_PARAMETERS, vessel.plant_parameters().tolist(), strict=True))
     time_per_inertia = 2.0 * math.pi * point.n_s / (point.M_s + vessel.drag_torque(point.n_s))
@@ -190,14 +190,15 @@ def ship_about(
 
 
 def whole_about(vessel: Vessel, point: OperatingPoint) -> tuple[Array, Array]:
-    """Return the kernel's parameters of the whole drive train relative to `point`: of the ship, and of its detail."""
+    """Return the kernel's two parameter vectors of the whole drive train, "ship" and "detail", relative to `point`."""
     train = drive_train(vessel)
     q, unit = train.values, point.M_s + vessel.drag_torque(point.n_s)
     once_a_firing = math.isinf(q["governor_period"])
     T_s = q["firing_interval"] / point.n_e if once_a_firing else q["governor_period"]
     flexible = math.isfinite(q["shaft_stiffness"])
     ship = {
-        # Rectangle rule minus half the last error is the trapezoidal rule: only the hold of the sampling then causes delay.
+        # The kernel integrates by rectangles; minus half the last error this is the trapezoidal rule, which adds no
+        # delay.
         "K_p": (q["Kp_abs"] - 0.5 * T_s * q["Ki_abs"]) * point.n_e / point.X_f,
         "K_d": q["Kd_abs"] * point.n_e / point.X_f,
         "T_d": q["fuel_dead_time"],
@@ -265,7 +266,7 @@ class BollardCurve(Brief):
 def bollard_curve(vessel: Vessel, n_e_rpm: npt.ArrayLike) -> BollardCurve:
     """Return the static curves of bollard pull and brake power (Figs 3.2 and 3.3).
 
-    Speeds beyond the engine's reach are included; there the brake power exceeds its limit.
+    Speeds that the engine can't reach are included; at such speeds the brake power exceeds its limit.
 
     Parameters
     ----------
@@ -277,7 +278,7 @@ def bollard_curve(vessel: Vessel, n_e_rpm: npt.ArrayLike) -> BollardCurve:
     Raises
     ------
     InputError
-        If the speeds are not finite numbers from 0 up, in one dimension.
+        If the speeds are not one-dimensional, or not finite, or negative.
     """
     rpm = np.array(n_e_rpm, dtype=np.float64)
     if rpm.ndim != 1 or not (np.isfinite(rpm) & (rpm >= 0.0)).all():

@@ -1,4 +1,4 @@
-"""Tables of a vessel file: engine, gearbox, shaft, propeller, governor, and what the thesis's plant leaves out.
+"""Tables of a vessel file: engine, gearbox, shaft, propeller, governor, and elements beyond the thesis's plant.
 
 Also here:
 
@@ -31,7 +31,7 @@ class Size(NamedTuple):
     owner: str
 
     def require(self, value: float) -> None:
-        """Refuse a value that a wrong unit explains, or that is ten times beyond its range."""
+        """Raise an error for a value that is probably in a wrong unit, or more than a factor of ten outside its range."""
         hint = hints.likely(value, self.low, self.high, self.slips, self.unit)
         if hint or not 0.1 * self.low < value < 10.0 * self.high:
             expected = f"{self.low:.4g} to {self.high:.4g} {self.unit} as {self.owner} would have{hint}"
@@ -55,7 +55,7 @@ def _no_percentage(value: object) -> object:
 
 
 Fraction = Annotated[float, BeforeValidator(_no_percentage), Field(ge=0.1, le=1.0)]
-# A TOML array is a list; only the container may change its type, the numbers in it stay strict.
+# A TOML array is read as a list, which is converted to a tuple; the numbers in it are not converted.
 Table = Annotated[tuple[Positive, ...], Field(strict=False, min_length=2)]
 
 
@@ -122,7 +122,7 @@ class Ship(Section):
 
 
 def later() -> Any:
-    """Return the default of a key that may be left out until something asks for it."""
+    """Return the field of a key that may be omitted unless a function needs it."""
     return Field(default=None)
 
 
@@ -140,7 +140,7 @@ class Sparse(Section):
 
     @classmethod
     def _needed(cls) -> set[str]:
-        """Keys whose type excludes None: a default of None means only that a vessel file may omit them."""
+        """Keys with default None whose type excludes None: a vessel file may omit them, but None is not a value."""
         return {
             name
             for name, field in cls.model_fields.items()
@@ -150,11 +150,13 @@ class Sparse(Section):
     def __getattr__(self, name: str) -> Any:
         if name in type(self).model_fields:
             key = f"{self.table}.{name}" if self.table else name
-            raise InputError(f"vessel file: {key}: found nothing, expected a value, which this needs; add it")
+            raise InputError(
+                f"vessel file: {key}: found nothing, but this function needs a value; add the key"
+            )
         return super().__getattr__(name)  # type: ignore[misc]
 
     def given(self, *keys: str) -> bool:
-        """Whether all of some keys, such as "propeller.blades", are there."""
+        """Whether all given keys, such as "propeller.blades", have values."""
         for key in keys:
             content: Any = self
             for part in key.split("."):
@@ -387,5 +389,5 @@ class SetPointLine(Section):
 
     @property
     def calibration(self) -> Calibration:
-        """The line, from volts to rpm."""
+        """The calibration from volts to rpm."""
         return Calibration(self.rpm_per_V, self.rpm_at_0_V, "rpm")

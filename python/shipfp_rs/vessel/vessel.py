@@ -122,7 +122,7 @@ class Vessel(Sparse):
             raise unexpected("shaft.inertia_kg_m2", found, "0.001 to 1000 s")
 
     def _require_firing(self) -> None:
-        """Refuse a firing that does not match the cylinders."""
+        """Raise an error for a firing that does not match the cylinders."""
         if not self.given("engine"):
             return
         governed = self.given("governor") and self.governor.once_a_firing
@@ -140,7 +140,7 @@ class Vessel(Sparse):
             raise unexpected("engine.firing.strength", found, f"{self.engine.cylinders} as engine.cylinders")
 
     def _require_sense(self) -> None:
-        """Refuse implausible values, with the wrong unit that may be the cause."""
+        """Raise an error for implausible values; the text names a wrong unit as possible cause."""
 
         def known(key: str) -> float | None:
             value: Any = self
@@ -151,7 +151,7 @@ class Vessel(Sparse):
             return float(value)
 
         speed, power = known("engine.rated_speed_rpm"), known("engine.rated_power_kW")
-        # Without a rating any engine is accepted.
+        # Without a rating, the engine's values can't be checked.
         rated = power * 30e3 / (math.pi * speed) if power and speed else math.nan
         shaft = self.torque_ratio
         checks = (
@@ -182,7 +182,7 @@ class Vessel(Sparse):
                 size.require(value)
 
     def require(self, *keys: str) -> None:
-        """Refuse a ship without some of the dotted keys, such as "propeller.blades".
+        """Raise an error for a ship that lacks any of the dotted keys, such as "propeller.blades".
 
         Raises
         ------
@@ -192,7 +192,7 @@ class Vessel(Sparse):
         lacking = [key for key in keys if not self.given(key)]
         if lacking:
             raise InputError(
-                f"vessel {self.name!r}: lacks {', '.join(lacking)}, which this needs; add them to its file"
+                f"vessel {self.name!r}: lacks {', '.join(lacking)}, which are needed here; add them to its file"
             )
 
     @staticmethod
@@ -232,7 +232,7 @@ class Vessel(Sparse):
             section: Any = content
             for part in sections:
                 if section.get(part) is None and (section is not content or part in type(self).model_fields):
-                    section[part] = {}  # a table that the file lacks
+                    section[part] = {}  # the file does not have this table
                 section = section.get(part)
                 if not isinstance(section, dict):
                     near = hints.nearest(part, list(type(self).model_fields))
@@ -281,13 +281,13 @@ class Vessel(Sparse):
             return point.M_b_Nm
         if point.M_s_Nm is None:
             raise InputError(
-                f"vessel {self.name!r}: operating_point.M_b_Nm: found nothing, expected it or M_s_Nm; add one"
+                f"vessel {self.name!r}: operating_point.M_b_Nm: found nothing, expected M_b_Nm or M_s_Nm; add one of them"
             )
         return (point.M_s_Nm + self.gearbox.drag_Nm) / self.torque_ratio
 
     @property
     def torque_ratio(self) -> float:
-        """Shaft torque over brake torque; without a given efficiency the gearbox has no losses."""
+        """Shaft torque divided by brake torque; if the efficiency is not given, the gearbox has no losses."""
         return self.gearbox.ratio * (self.gearbox.efficiency if self.given("gearbox.efficiency") else 1.0)
 
     @property
@@ -320,12 +320,12 @@ class Vessel(Sparse):
 
     @property
     def torque_coefficient(self) -> float:
-        """Propeller torque over n_s^p [Nm/(rev/s)^p], from the balance at the operating point."""
+        """Propeller torque divided by n_s^p [Nm/(rev/s)^p], from the torque balance at the operating point."""
         return float(self.nominal_propeller_torque / self.nominal_shaft_speed**self.propeller.torque_exponent)
 
     @property
     def K_Q_over_eta_r(self) -> float:
-        """Torque coefficient over relative rotative efficiency at the operating point [-] (eq. 3.8, 3.10)."""
+        """Torque coefficient divided by relative rotative efficiency at the operating point [-] (eq. 3.8, 3.10)."""
         excess = self.nominal_shaft_speed ** (self.propeller.torque_exponent - 2.0)
         return float(
             self.torque_coefficient * excess / (self.water.density_kg_m3 * self.propeller.diameter_m**5)
@@ -347,11 +347,11 @@ class Vessel(Sparse):
         )
 
     def loop_delay(self, n_e: float) -> float:
-        """Return the mean delay from speed to brake torque at an engine speed [rev/s], T_d of slow motions [s].
+        """Return the mean delay [s] from speed to brake torque at an engine speed [rev/s], the T_d for slow motions.
 
         A sampled command is held for half a period on average (Astrom, Wittenmark, "Computer-Controlled Systems", 1997,
-        section 1.4); a firing's torque comes half a stroke after its fuel. A command that is computed once per firing acts
-        at the next firing only if it misses its own.
+        section 1.4); a firing's torque comes half a stroke after its fuel. A command computed at a firing acts at this
+        firing, unless its delay makes it late for it.
         """
         governor, actuator, firing = self.governor, self.actuator, self.engine.firing
         delay = actuator.dead_time_s + governor.computation_delay_s + actuator.lag_s
@@ -363,7 +363,7 @@ class Vessel(Sparse):
         return delay
 
     def envelope(self) -> tuple[Array, Array]:
-        """Return engine speed [rev/s] and highest brake torque [Nm], shape (K,); empty without a limit."""
+        """Return the torque limit: engine speed [rev/s] and highest brake torque [Nm], each (K,); empty without a limit."""
         table = self.engine.envelope
         if table is None:
             return np.empty(0), np.empty(0)
