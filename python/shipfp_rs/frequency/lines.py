@@ -16,14 +16,14 @@ from shipfp_rs.support.arrays import Array, ComplexArray
 
 _ROUNDS = 30
 MOST_HARMONICS = 1000
-"""Most Gauss-Newton steps for a frequency; starting within half a bin, six are usual."""
+"""Most Gauss-Newton steps for a frequency; from a start within half a bin, six are usual."""
 
 
 @dataclass(frozen=True)
 class Lines:
     """Sines a + sum of b sin(2 pi f (t - t_mid) + d), fitted to samples by least squares.
 
-    The phases refer to the middle of the window, where an error of the frequency does not affect them.
+    The phases refer to the middle of the window, where an error of the frequency has no effect on them.
 
     Parameters
     ----------
@@ -34,8 +34,8 @@ class Lines:
     amplitude, phase
         Amplitudes b and phases d [rad], shape (L,).
     amplitude_std, phase_std
-        Their standard deviations for noise with the power of the residuals near each line, shape (L,); that of the phase is
-        amplitude_std / amplitude [rad].
+        Standard deviations of amplitudes and phases, shape (L,), for noise with the power of the residuals near each
+        line; for a phase amplitude_std / amplitude [rad].
     time_mid_s
         Middle of the window, from its first sample [s].
     residual
@@ -76,8 +76,8 @@ def fit_lines(samples: npt.ArrayLike, rate_hz: float, frequencies_hz: npt.ArrayL
     rate_hz
         Sample rate [Hz].
     frequencies_hz
-        Frequencies [Hz], shape (L,), including harmonics and known disturbances. They are at least half a bin 1/T from each
-        other and from zero, and below half the sample rate.
+        Frequencies [Hz], shape (L,), including harmonics and known disturbances. All are below half the sample rate,
+        and at least half a bin, 1/(2T), from each other and from zero.
 
     Raises
     ------
@@ -115,9 +115,9 @@ def fit_sine(
     Parameters
     ----------
     samples, rate_hz
-        As of `fit_lines`.
+        As for `fit_lines`.
     near_hz
-        Initial frequency [Hz], within a bin 1/T of the sine's; None: the highest peak of the spectrum.
+        Initial frequency [Hz], within a bin 1/T of the sine's frequency; None: the highest peak of the spectrum.
     harmonics
         Number of harmonics to fit as well, below half the sample rate; they improve the estimate of the frequency.
     disturbances_hz
@@ -152,7 +152,7 @@ def fit_sine(
         frequency += step
         if not abs(frequency - start) <= 1.5 * bin_hz:
             raise InputError(
-                f"near_hz: no sine within {bin_hz:.3g} Hz of {start:.6g} Hz, the fit runs to {frequency:.6g} Hz; "
+                f"near_hz: no sine within {bin_hz:.3g} Hz of {start:.6g} Hz, the fit gives {frequency:.6g} Hz; "
                 "give its frequency or a longer window"
             )
         if abs(step) < 1e-9 * bin_hz:
@@ -174,7 +174,7 @@ def _checked(samples: npt.ArrayLike, rate_hz: float) -> Array:
 
 
 def _windowed(samples: npt.ArrayLike, rate_hz: float, frequencies: Array) -> tuple[Array, Array, float]:
-    """Return the samples, their times from the middle of the window, and that middle; refuse invalid arguments."""
+    """Return the samples, their times from the middle of the window, and the middle; raise errors for invalid arguments."""
     values = _checked(samples, rate_hz)
     present, unknowns = int(np.isfinite(values).sum()), 2 * len(frequencies) + 1
     if present <= unknowns:
@@ -224,7 +224,7 @@ def _solved(
         rows = np.sum(solve_triangular(triangle, np.eye(len(triangle))) ** 2, axis=1)
         unit = 0.5 * (rows[:count] + rows[count : 2 * count])
         std = np.sqrt(unit * line_noise(residual, rate_hz, frequencies))
-        # An exact sine has residuals of rounding only.
+        # The residuals of an exact sine are only rounding errors.
         std = np.maximum(std, np.finfo(np.float64).eps * np.nanmax(np.abs(values)))
     return Lines(frequencies, float(solution[-1]), np.abs(phasor), np.angle(phasor), std, middle, residual)
 
@@ -237,7 +237,7 @@ def _frequency_slope(lines: Lines, time: Array, multiples: npt.NDArray[np.int64]
 
 
 def _last_coefficient(basis: Array, values: Array) -> tuple[float, float]:
-    """Least-squares coefficient of the last column, and its standard deviation in noise of unit variance."""
+    """Least-squares coefficient of the last column, and its standard deviation for noise of unit variance."""
     present = np.isfinite(values)
     orthogonal, triangle = np.linalg.qr(basis[present])
     last = triangle[-1, -1]
@@ -253,7 +253,7 @@ def _highest_peak(values: Array, rate_hz: float) -> float:
 
 
 def _nearby_peak(values: Array, time: Array, start: float, bin_hz: float) -> float:
-    """Frequency of the highest spectrum within a bin of the start, from which Gauss-Newton steps converge."""
+    """Frequency of the spectrum's maximum within a bin of the start; Gauss-Newton steps converge from there."""
     tried = np.maximum(start + bin_hz * np.linspace(-1.0, 1.0, 17), 0.5 * bin_hz)
     filled = np.nan_to_num(values - np.nanmean(values)) * np.hanning(len(values))
     height = [abs(np.dot(filled, np.exp(-2j * np.pi * frequency * time))) for frequency in tried]

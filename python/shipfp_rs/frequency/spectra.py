@@ -29,7 +29,7 @@ Estimator = Literal["H1", "H2"]
 
 _OVERLAP = 0.5
 _KEPT = 2
-"""Only every second bin is used: with a Hann window these are nearly independent (correlation 1/36)."""
+"""Step between the bins that are used: with a Hann window, every second bin is nearly independent (correlation 1/36)."""
 
 
 @checked
@@ -46,21 +46,22 @@ def spectral_response(
     Parameters
     ----------
     experiments
-        One or several of the same rate, averaged together. Masked samples are interpolated.
+        One experiment, or several with the same rate, which are averaged together. Masked samples are interpolated.
     segment_s
-        Length of the windows [s], much longer than the ship's transient response, which their ends truncate.
+        Length of the windows [s], much longer than the ship's transient response, which the ends of the windows
+        truncate.
     estimator
         "H1": cross spectrum over the set point's, unbiased by noise of the output; "H2": output's spectrum over the cross
-        spectrum, unbiased by noise of the set point. The true response is between them.
+        spectrum, unbiased by noise of the set point. The true response is between H1 and H2.
     signals
-        Outputs; None: all that every experiment has.
+        Outputs; None: all outputs that every experiment has.
     band_hz
         Lowest and highest frequency [Hz] with power of the set point; None: all.
 
     Returns
     -------
     FrequencyResponse
-        At every second bin, so that the points are independent.
+        Response at every second bin; these points are nearly independent.
 
     Raises
     ------
@@ -106,7 +107,7 @@ def spectral_response(
             f"band_hz: {low:g} to {high:g} Hz holds none of the bins every {_KEPT * rate / size:g} Hz"
         )
     U = U[:, bins]
-    # Neighbouring segments share half their samples, but less power because of the window.
+    # Neighbouring segments share half their samples, but less of their power, since the window tapers it.
     shared = float(np.sum(window[step:] * window[: size - step]) / np.sum(window**2))
     independent = len(U) / (1.0 + 2.0 * shared**2 * (len(U) - 1) / len(U))
     power_in = np.sum(np.abs(U) ** 2, axis=0)
@@ -142,14 +143,14 @@ def _samples_of(segment_s: float, experiments: list[Experiment]) -> int:
 
 
 Points = Mapping[str, tuple[ComplexArray, Array, Array | None]]
-"""Signal to its response, the relative standard deviation of each quadrature, and its coherence."""
+"""For each signal: its response, the relative standard deviation of real and imaginary part, and its coherence."""
 
 _MOST_MASKED = 0.05
-"""Largest share of a signal that is interpolated linearly for a spectrum."""
+"""Largest share of a signal's samples that may be masked, and interpolated linearly, for a spectrum."""
 
 
 def chosen_signals(experiments: Sequence[Experiment], signals: Sequence[str] | None) -> tuple[str, ...]:
-    """Names of the outputs: the given ones, or all that every experiment has, without set point and command."""
+    """Names of the outputs: those given, or all signals that every experiment has, without set point and command."""
     if not experiments:
         raise InputError("experiments: found none, expected at least one")
     common = [name for name in experiments[0].signals if all(name in e.signals for e in experiments)]
@@ -187,8 +188,8 @@ def to_response(
     operating_point: Mapping[str, float],
     provenance: Mapping[str, Any],
 ) -> FrequencyResponse:
-    """Assemble a response; amplitude and phase have the standard deviations of the quadratures."""
-    # Residuals of exact data are only rounding; zero standard deviations would give infinite weights.
+    """Assemble a response; the standard deviations of amplitude and phase are those of real and imaginary part."""
+    # Exact data have residuals of rounding only. A lower limit avoids zero deviations, whose weights would be infinite.
     std = {key: np.maximum(deviation, np.finfo(np.float64).eps) for key, (_, deviation, _) in points.items()}
     return FrequencyResponse(
         name=name,
@@ -209,8 +210,8 @@ _REACH = 10
 def line_noise(residual: npt.ArrayLike, rate_hz: float, frequencies_hz: npt.ArrayLike) -> Array:
     """Return for each line the variance of white noise with the same power as the residuals have near the line.
 
-    A power law is fitted to the periodogram at neighbouring bins by maximum likelihood (Whittle). The periodogram has no
-    window, since a steep spectrum leaks into the fitted line in the same way.
+    A power law is fitted to the periodogram at neighbouring bins by maximum likelihood (Whittle). The periodogram has
+    no window: the leakage of a steep spectrum then affects it in the same way as the fitted line.
 
     Parameters
     ----------
@@ -224,9 +225,9 @@ def line_noise(residual: npt.ArrayLike, rate_hz: float, frequencies_hz: npt.Arra
     Returns
     -------
     ndarray
-        Noise variance, shape (L,), unit of the residual squared. Since it is estimated from few bins, it is increased to
-        the variance of Student's distribution with the same degrees of freedom. For a line with neighbours on one
-        side only it is the mean of these bins, without neighbours the residuals' variance.
+        Noise variance, shape (L,), unit of the residual squared. The variance, estimated from few bins, is increased to
+        that of Student's distribution with the same degrees of freedom. For a line with neighbours on only one side,
+        the noise is the mean of these bins; without neighbours, it is the variance of the residuals.
 
     Notes
     -----
@@ -238,13 +239,13 @@ def line_noise(residual: npt.ArrayLike, rate_hz: float, frequencies_hz: npt.Arra
     spectrum = np.abs(np.fft.rfft(np.where(present, values, 0.0))) ** 2 / present.sum()
     found = np.empty(len(lines))
     for k, line in enumerate(lines):
-        # At most an octave: over a wider band the noise is no power law.
+        # At most an octave: over a wider band, the noise does not follow a power law.
         first, last = (
             max(round(line) - _REACH, int(line / 2), 1),
             min(round(line) + _REACH, int(2 * line) + 2),
         )
         bins = np.arange(first, min(last + 1, len(spectrum) - 1))
-        # A bin or more away from every line the fit removes nothing, and the residuals are noise.
+        # At least a bin away from every line, the fit removes no noise from the residuals.
         beside = bins[np.abs(bins[:, None] - lines).min(axis=1, initial=np.inf) > 1.0 - 1e-6]
         below = int(np.sum(beside < line))
         if min(below, len(beside) - below) >= 2:
@@ -257,7 +258,7 @@ def line_noise(residual: npt.ArrayLike, rate_hz: float, frequencies_hz: npt.Arra
 
 
 def _power_law(ratio: Array, power: Array) -> float:
-    """Fit a power law to exponentially distributed periodogram values, and return its value at ratio 1."""
+    """Fit a power law to exponentially distributed periodogram values; return its value at a frequency ratio of 1."""
     floor = np.finfo(np.float64).tiny + 1e-12 * power.max()
     design = np.column_stack([np.ones(len(ratio)), np.log(ratio)])
     # The mean logarithm of an exponential variable is Euler's constant below the logarithm of its mean.
@@ -276,7 +277,7 @@ def _student(variance: float, freedom: float) -> float:
 FREQUENCY = "frequency_hz"
 _PARTS = ("amplitude_std", "phase_std", "coherence")
 MOST_TURNS = 4.0
-"""Number of turns above which a fitted phase is assumed to be in degrees."""
+"""Number of turns (phase / 2 pi) above which a fitted phase is assumed to be in degrees."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -294,13 +295,14 @@ class FrequencyResponse(Tabular):
         point, shape (F,); NaN where a point is missing.
     amplitude_std, phase_std
         Signal name to the relative standard deviation of the amplitude [-] and to that of the phase [rad], shape (F,), where
-        known. They differ: a frequency error of a sine fit affects the phase but not the amplitude.
+        known. The two differ if an error of a sine fit's frequency affects the phase but not the amplitude.
     operating_point
         Signal name to the value by which it was normalised.
     provenance
         Source and processing of the numbers.
     coherence
-        Signal name to the share of its power that the set point explains [-], shape (F,), where known.
+        Signal name to the coherence [-], shape (F,), where known: the share of the signal's power explained by the set
+        point.
     """
 
     name: str
@@ -357,7 +359,7 @@ class FrequencyResponse(Tabular):
                 "phase_std",
                 math.pi / math.sqrt(3.0),
                 "degrees for radians",
-            ),  # the standard deviation of a completely unknown phase
+            ),  # standard deviation of a completely unknown phase
         ):
             for key, values in getattr(self, attribute).items():
                 if len(values) > 1 and values.min() > most:
@@ -471,13 +473,13 @@ def sine_response(
     ----------
     output, set_point
         (offset, amplitude, phase [rad]) of each sine, arrays of the same shape. Each channel is normalised by its offset,
-        the local operating point. The phase of the response is d_out - d_in; appendix E of the thesis prints sin(ct - d), by
-        which the response would lead.
+        the local operating point. The phase of the response is d_out - d_in; appendix E of the thesis prints sin(ct -
+        d), with which the response would lead.
 
     Returns
     -------
     ndarray
-        Complex response, the shape of the inputs.
+        Complex response, same shape as the inputs.
 
     Raises
     ------

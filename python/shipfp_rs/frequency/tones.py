@@ -21,9 +21,9 @@ from shipfp_rs.support.arguments import checked
 from shipfp_rs.support.arrays import Array, ComplexArray
 
 _LEAST_PERIODS = 2
-"""Fewest periods of a multisine: the bins between its lines then show the noise."""
+"""Fewest periods of a multisine; with fewer, there are no bins between its lines to estimate the noise."""
 _EXCITED = 0.05
-"""Share of the set point's highest line above which a line counts as excited."""
+"""Least amplitude of an excited line, relative to the set point's highest line."""
 
 
 @checked
@@ -36,15 +36,15 @@ def stepped_sine_response(
     disturbances_hz: Sequence[float] = (),
     settle_periods: float = 1.0,
 ) -> FrequencyResponse:
-    """Estimate the response to a sequence of sines; all channels are fitted with the frequency of the set point.
+    """Estimate the response to a sequence of sines; the frequency estimated from the set point is used for all channels.
 
     Parameters
     ----------
     experiments
-        One that `segments` divide, or one for each sine.
+        One experiment that `segments` divide, or one for each sine.
     segments
-        Time range of each sine in the experiment [s], as in `Excitation.segments`; its frequency is estimated from the set
-        point, near the given one.
+        Time range of each sine in the experiment [s] and its approximate frequency, as in `Excitation.segments`; the
+        frequency is estimated from the set point.
     signals
         Outputs; None: all that every experiment has.
     harmonics
@@ -57,8 +57,8 @@ def stepped_sine_response(
     Returns
     -------
     FrequencyResponse
-        Each channel normalised by its local offset, about which it oscillates (E_n by its operating point); variances from
-        the noise near the line in set point and output are added.
+        Response of the channels, each normalised by its fitted offset (E_n by its operating point). The variance is the
+        sum of those from noise near the line in set point and output.
 
     Raises
     ------
@@ -124,7 +124,7 @@ def multisine_response(
     period_s
         Period of the excitation [s].
     frequencies_hz
-        Excited lines [Hz], shape (F,); None: those of the set point above a twentieth of its highest.
+        Excited lines [Hz], shape (F,); None: the lines of the set point above a twentieth of its highest line.
     signals
         Outputs; None: all.
     settle_periods
@@ -144,13 +144,14 @@ def multisine_response(
     names = chosen_signals([experiment], signals)
     if not (np.isfinite(period_s) and period_s > 0.0 and settle_periods >= 0.0):
         raise InputError(
-            f"period_s, settle_periods: found {period_s}, {settle_periods}, expected a positive and none negative"
+            f"period_s, settle_periods: found {period_s}, {settle_periods}, "
+            "expected period_s above 0, settle_periods 0 or more"
         )
     periods = int(experiment.duration / period_s - settle_periods + 1e-9)
     if periods < _LEAST_PERIODS:
         raise InputError(
-            f"period_s: {periods} whole periods after settling, expected {_LEAST_PERIODS} or more to tell the noise "
-            "between the lines from them"
+            f"period_s: {periods} whole periods after settling, expected {_LEAST_PERIODS} or more to estimate "
+            "the noise between the lines"
         )
     start_s = settle_periods * period_s
     window = experiment.window(start_s, start_s + periods * period_s)
@@ -213,7 +214,7 @@ def _distortion(fit: Lines) -> float:
 
 
 def _reference(experiment: Experiment, name: str, fit: Lines) -> float:
-    """Normalisation of a channel: its offset, or for the integrated error the engine's speed (eq. 3.15)."""
+    """Divisor that normalises a channel: its offset, or for the integrated error the engine's speed (eq. 3.15)."""
     if name != "E_n":
         return fit.offset
     if name not in experiment.operating_point:
@@ -227,7 +228,7 @@ def _reference(experiment: Experiment, name: str, fit: Lines) -> float:
 def _ratio(
     output: Lines, set_point: Lines, point: float, set_point_point: float
 ) -> tuple[ComplexArray, Array]:
-    """Normalised ratio, and relative standard deviation of its quadratures."""
+    """Normalised ratio, and the relative standard deviation of its real and imaginary part."""
     response = (output.phasor / point) / (set_point.phasor / set_point_point)
     return np.asarray(response), np.hypot(output.phase_std, set_point.phase_std)
 
@@ -236,7 +237,7 @@ def _excited(window: Experiment, period_s: float) -> Array:
     """Multiples of 1/period at which the set point has power."""
     highest = int(0.5 * window.rate_hz * period_s - 1e-9)
     periods = round(window.duration / period_s)
-    # A period that is no whole number of samples would leak; a Hann window over the record reduces this.
+    # A Hann window over the record reduces the leakage of a period that is not a whole number of samples.
     values = window.normalised("n_set")
     spectrum = np.abs(np.fft.rfft((values - values.mean()) * np.hanning(len(values))))
     lines = np.arange(1, highest + 1)
@@ -250,12 +251,16 @@ def _excited(window: Experiment, period_s: float) -> Array:
 
 _DEGREE = 2
 _LEAST_HALF = 6
-"""Least bins on either side: 13 for the six unknowns of two quadratics leave seven for the noise."""
+"""Least number of bins on either side: 13 bins in total, minus the six unknowns of two quadratics, leave seven degrees
+of freedom for the noise.
+"""
 _SHARE = 0.05
-"""Half width of the window as a share of the frequency, if that is larger: curves are smoother at high frequencies."""
+"""Half width of the window relative to the frequency, used where it is wider than the least number of bins: responses
+are smoother at high frequencies.
+"""
 
 _SILENT = 1e-9
-"""Share of the set point's highest spectrum below which a bin is rounding."""
+"""Spectrum of the set point, relative to its maximum, below which a bin has only rounding errors."""
 
 
 @checked
@@ -279,8 +284,8 @@ def local_response(
     Returns
     -------
     FrequencyResponse
-        At independent points, whose bins do not overlap; standard deviations from the fit's residuals. Noise of the set
-        point is not considered.
+        Response at independent points, whose bins do not overlap; standard deviations are from the fit's residuals.
+        Noise of the set point is not considered.
 
     Raises
     ------
@@ -336,11 +341,11 @@ def _spectrum(experiment: Experiment, name: str) -> tuple[ComplexArray, float]:
 
 
 def _windows(first: int, last: int, highest: int) -> list[tuple[int, int, int]]:
-    """Centre, first and last bin of adjacent windows from the first bin to the last."""
+    """Centre, first and last bin of each of the adjacent windows between two bins."""
     windows: list[tuple[int, int, int]] = []
     at = max(first, 1)
     while True:
-        # Half width as a share of the centre: R = share * (at + R), solved for R.
+        # The half width R is a share of the centre: R = share * (at + R), solved for R.
         half = max(_LEAST_HALF, round(_SHARE / (1.0 - _SHARE) * at))
         if at + 2 * half > min(last, highest - 1):
             return windows
@@ -349,7 +354,7 @@ def _windows(first: int, last: int, highest: int) -> list[tuple[int, int, int]]:
 
 
 def _local_fit(U: ComplexArray, Y: ComplexArray, offset: npt.NDArray[np.int64]) -> tuple[complex, float]:
-    """Response at offset zero, and the standard deviation of its real and imaginary parts."""
+    """Response at the window's centre, and the standard deviation of its real and imaginary parts."""
     powers = (offset / np.abs(offset).max())[:, None] ** np.arange(_DEGREE + 1)
     scale = np.abs(U).max()
     basis = np.concatenate([powers * (U / scale)[:, None], powers], axis=1)
