@@ -2,7 +2,7 @@
 
 Also here:
 
-- The measurement chain of section 6.1: the plant's signals in volts, with noise and realistic faults.
+- The measurement chain of section 6.1 (sensors and logger): signals in volts, with noise and realistic faults.
 """
 
 from __future__ import annotations
@@ -36,11 +36,11 @@ Kind = Literal["A", "B", "C", "D1", "D2", "D3", "gap", "dropout", "stuck", "clip
 EQUATION_6_7 = Calibration(-251.38, -85.29, "rpm")
 """Calibration of the set point's voltage."""
 TABLE_6_6 = Calibration(1059.0, 0.0, "Nm")
-"""Calibration of the torque's voltage; printed as 1.059 Nm/mV."""
+"""Calibration of the torque's voltage; the thesis prints 1.059 Nm/mV."""
 MAINS_HZ = 50.0
 PULSE_HEIGHT_V = 5.0
 PULSE_WIDTH = 0.3
-"""Share of a pulse's pitch during which the reflector is detected."""
+"""Width of a pulse relative to the pitch of the reflectors."""
 
 VOLTS = (0.0, 1000.0)
 RANGES: Mapping[str, tuple[float, float]] = MappingProxyType(
@@ -79,16 +79,16 @@ class Sensors:
     receiver_limit_V
         Voltage at which the torque receiver saturates [V].
     ripple_Nm
-        Amplitudes of the torque at shaft rotation, blade passage, engine rotation and firing [Nm] (Table 6.9), each for a
-        vessel whose drive train does not produce it.
+        Amplitudes of the torque at shaft rotation, blade passage, engine rotation and firing [Nm] (Table 6.9). A line
+        that the vessel's drive train itself produces is not added.
     reflector_errors
-        Displacement of the four reflectors as shares of their pitch; the first reflector's position is the origin.
+        Displacements of the four reflectors from even spacing, relative to their pitch; the first one is the origin.
     edge_s
-        Rise and fall time of the pulses [s]; zero for edges between two samples.
+        Rise and fall time of the pulses [s]; with zero, a pulse rises and falls within one sample interval.
     faults_per_minute
-        Frequency of each fault: A and B on every pulse train, gap, dropout or stuck samples on the torque, and rows that
-        are recorded again over the following ones. Hum (D2) lasts through every chirp, D3 makes every chirp a sine, and the
-        torque is clipped wherever it exceeds the sensor's range.
+        Number of faults per minute of each kind: A and B on every pulse train, gap, dropout or stuck samples on the
+        torque, and repeated rows, which overwrite the following rows. Not included: hum (D2), throughout every chirp;
+        D3, which makes every chirp a sine; clipping, where the torque exceeds the sensor's range.
     hum_V
         Amplitude of the mains hum on the set point [V].
     clipped_share
@@ -142,7 +142,7 @@ class TrueWindow:
 
 
 def without_own_ripple(sensors: Sensors, vessel: Vessel) -> Sensors:
-    """Omit torque lines that the vessel's drive train produces itself."""
+    """Set the amplitudes of torque lines that the vessel's drive train itself produces to zero."""
     firing, propeller = vessel.engine.firing, vessel.propeller
     unequal = firing is not None and len(set(firing.strength or ())) > 1
     made = (propeller.shaft_ripple > 0.0, propeller.blade_ripple > 0.0, unequal, firing is not None)
@@ -153,13 +153,13 @@ def without_own_ripple(sensors: Sensors, vessel: Vessel) -> Sensors:
 
 
 class Recorder:
-    """Converts the plant's signals to volts, and lists the faults that it adds."""
+    """Converter of the plant's signals to volts; it adds faults and records where."""
 
     def __init__(self, sensors: Sensors, strikes: frozenset[Kind], duration: float, seed: int) -> None:
         self.sensors = sensors
         self.strikes = strikes
         self.duration = duration
-        # Each channel and purpose has its own random stream, so that adding a fault changes no noise.
+        # Each channel and purpose has its own random stream: the noise does not depend on the faults.
         self._seed = seed
         self._streams = 0
         self.faults: dict[Kind, dict[str, Array]] = {}
@@ -198,7 +198,7 @@ class Recorder:
             volts[start:stop] = self.sensors.receiver_limit_V
         limit = self.sensors.receiver_limit_V
         np.clip(volts, -limit, limit, out=volts)
-        # Separate random streams, so that later faults do not change earlier ones.
+        # Each kind has its own random stream: its faults do not depend on the other kinds.
         for kind in simulated.LOSSES:
             chance = np.random.default_rng([simulated.LOSSES.index(kind), 1, self._seed])
             if lost := self._strike_for(kind, "U_torque", chance, longest_s=2.0):
@@ -217,7 +217,7 @@ class Recorder:
         return twice
 
     def pulses(self, name: str, angle: Array, places: Array) -> Array:
-        """Return a pulse train with a pulse at every whole revolution plus each of `places` [rev]."""
+        """Return a pulse train with pulses at the angles k + `places` [rev] for every revolution k."""
         noise, chance, rate = self._stream(), self._stream(), self.sensors.rate_hz
         start = noise.uniform()
         self.reflectors[name] = places
@@ -226,7 +226,7 @@ class Recorder:
         pitch = PULSE_WIDTH / len(places)
         time = np.arange(len(angle)) / rate
         rise_s, fall_s = np.interp(rising, angle, time), np.interp(rising + pitch, angle, time)
-        # Only whole pulses: interpolation would place the others at the record's ends.
+        # Keep only complete pulses: interpolation would place incomplete ones at the record's ends.
         kept = (rising > angle[0]) & (rising + pitch < angle[-1])
         rise_s, fall_s = rise_s[kept], fall_s[kept]
         if lost := [int(np.searchsorted(rise_s, at / rate)) for at in self._strike("B", name, chance)]:
@@ -235,7 +235,7 @@ class Recorder:
         volts = _trapezoids(len(angle), rate, rise_s, fall_s, self.sensors.edge_s)
         volts += noise.normal(0.0, self.sensors.pulse_noise_V, len(volts))
         if struck := [int(np.searchsorted(rise_s, at / rate)) for at in self._strike("A", name, chance)]:
-            # After the edge has fired, a sample falls below 2 V and the next is high again (Fig. 6.15).
+            # After a rising edge, one sample falls below 2 V and the next sample is high again (Fig. 6.15).
             dips = np.ceil((rise_s[struck] + 0.5 * self.sensors.edge_s) * rate).astype(np.int64) + 1
             volts[dips] = chance.uniform(0.3, 1.8, len(dips))
             self.faults["A"][name] = np.column_stack([dips, dips + 1]) / rate
@@ -269,7 +269,7 @@ class Recorder:
         return [(start, stop) for start, stop in spans.tolist()]
 
     def _strike(self, fault: Kind, channel: str, chance: np.random.Generator) -> list[float]:
-        """Draw the samples at which a fault occurs, one in each of equal slots, so that no two touch."""
+        """Draw the samples at which a fault occurs: one in each of equal time slots, which keeps the faults apart."""
         if fault not in self.strikes:
             return []
         slots = max(int(self.sensors.faults_per_minute[fault] * self.duration / 60.0), 1)
@@ -283,12 +283,12 @@ class Recorder:
 
 
 def _trapezoids(samples: int, rate_hz: float, rise_s: Array, fall_s: Array, edge_s: float) -> Array:
-    """Pulses from 0 to 5 V whose flanks have their middle at the given times, shape (samples,)."""
+    """Pulses from 0 to 5 V, whose edges pass half their height at the given times, shape (samples,)."""
     first = np.ceil((rise_s - 0.5 * edge_s) * rate_hz).astype(np.int64)
     latest = np.cumsum(np.bincount(np.maximum(first, 0), minlength=samples)[:samples]) - 1
     time = np.arange(samples) / rate_hz
     steepness = 1.0 / max(edge_s, 1e-9)
-    # Before the first pulse `latest` is -1 and would index the last one.
+    # Before the first pulse, `latest` is -1, which indexes the last pulse; these samples are set to 0 below.
     height = np.clip((time - rise_s[latest]) * steepness + 0.5, 0.0, 1.0)
     height -= np.clip((time - fall_s[latest]) * steepness + 0.5, 0.0, 1.0)
     height[latest < 0] = 0.0
@@ -296,12 +296,12 @@ def _trapezoids(samples: int, rate_hz: float, rise_s: Array, fall_s: Array, edge
 
 
 EVEN_CYCLES = 4
-"""Periods of a chirp with fault D3 during which the signal generator keeps its frequency constant."""
+"""Number of periods of the sine that replaces a chirp with fault D3."""
 
 
 @dataclass(frozen=True)
 class Truth:
-    """True values behind a simulated log.
+    """True values of a simulated log.
 
     Parameters
     ----------
@@ -312,7 +312,7 @@ class Truth:
     steady_s
         Start and stop of the steady time range [s].
     faults
-        Fault to channel to its time ranges, start and stop [s], shape (K, 2), in order.
+        For each kind of fault and each channel: time ranges, start and stop [s], shape (K, 2), ascending.
     reflector_angles
         Pulse train to the angles of its reflectors [rev], ascending from 0.
     clean
@@ -353,7 +353,7 @@ def simulate_raw_log(
     vessel
         The ship.
     excitations
-        One or several; those of another rate than the logger's are resampled.
+        One excitation or several, which are resampled to the simulation's rate.
     sensors
         The measurement chain.
     faults
@@ -365,7 +365,8 @@ def simulate_raw_log(
     inflow
         Fluctuations of the water's flow into the propeller; None: still water.
     simulated_hz
-        Rate of the drive train's simulation; None: the logger's. For a tug's, 200 Hz are enough, in a fifth of the time.
+        Rate of the drive train's simulation; None: the logger's. For a tug, 200 Hz suffice and take a fifth of the
+        time.
     seed
         Seed of noise, faults and inflow.
 
@@ -412,7 +413,7 @@ def _recorded(
     strikes: frozenset[Kind],
     seed: int,
 ) -> tuple[Log, Recorder]:
-    """Return the recorded channels, and the recorder with the list of their faults."""
+    """Return the recorded channels, and the recorder with the faults it added."""
     sensors = without_own_ripple(sensors, vessel)
     rows = _at_rate(moving, sensors.rate_hz)
     gear = vessel.gearbox.ratio
@@ -513,7 +514,7 @@ def _joined(
 
 
 def _angle(speed: Array, rate_hz: float) -> Array:
-    """Angle [rev], shape (N,): the integral of a speed [rev/s] with end correction, of fourth order."""
+    """Angle [rev], shape (N,): integral of a speed [rev/s] by the trapezoidal rule with end correction, of fourth order."""
     step = 1.0 / rate_hz
     slope = np.gradient(speed, step)
     turned = 0.5 * step * (speed[1:] + speed[:-1]) + step**2 / 12.0 * (slope[:-1] - slope[1:])

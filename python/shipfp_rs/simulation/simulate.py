@@ -2,7 +2,7 @@
 
 Also here:
 
-- Response of a simulated vessel to a record's set point, at the record's samples.
+- Response of a simulated vessel to a record's set point, sampled like the record.
 - Fluctuations of the propeller's torque by uneven inflow, and the response of the drive train.
 """
 
@@ -36,13 +36,13 @@ from shipfp_rs.vessel.vessel import Vessel
 
 @dataclass(frozen=True)
 class Inflow:
-    """A disturbance of the propeller's torque at a given speed, exponentially correlated.
+    """Random disturbance of the propeller's torque at a given speed, with exponential autocorrelation.
 
     Parameters
     ----------
     share
-        Standard deviation of the disturbance over the operating point's torque. With a response as large as the tug's, one
-        per cent scatters the amplitudes of sine fits over 100 to 300 s by 0.5 to 1 %, as in appendix E.
+        Standard deviation of the disturbance, relative to the operating point's torque. For a ship like the tug, one
+        per cent causes a scatter of 0.5 to 1 % in the amplitudes of sine fits over 100 to 300 s, as in appendix E.
     memory_s
         Time in which the correlation falls to 1/e [s].
     """
@@ -51,7 +51,7 @@ class Inflow:
     memory_s: float = 1.0
 
     def samples(self, count: int, rate_hz: float, seed: int) -> Array:
-        """Return the disturbance over the operating point's torque, shape (count,)."""
+        """Return the disturbance relative to the operating point's torque, shape (count,)."""
         correlation = math.exp(-1.0 / (self.memory_s * rate_hz))
         draws = np.random.default_rng([0x1F, seed]).standard_normal(count)
         draws[1:] *= math.sqrt(1.0 - correlation**2)
@@ -62,7 +62,7 @@ def disturbed(experiment: Experiment, model: LinearModel, inflow: Inflow, seed: 
     """Return a simulated experiment in disturbed water, with the linear drive train's response added to n_e, n_s, M_g.
 
     With the propeller's torque M_p* = p n* + w, n* = -w / (tau_n s + p - g + L) and M_g* = w + (p + tau_prop s) n*, where L
-    is the loop with its dead time. The responses are small, so that the drive train is linear.
+    is the loop with its dead time. The linear model suffices, since the responses are small.
     """
     count, rate = len(experiment), experiment.rate_hz
     size = fft.next_fast_len(count, real=True)
@@ -80,7 +80,7 @@ def disturbed(experiment: Experiment, model: LinearModel, inflow: Inflow, seed: 
 
 
 LEAST_RATE_HZ = 100.0
-"""Rate below which a set point is interpolated, so that its shape is kept [Hz]."""
+"""Rate [Hz] below which a set point is interpolated, which preserves its shape between samples."""
 LEAD_S = 10.0
 """Time at the operating point before the record, in which filters settle and levels are measured [s]."""
 
@@ -89,7 +89,7 @@ LEAD_S = 10.0
 def replay(vessel: Vessel, record: Experiment, at_the_shaft: bool = False) -> Experiment:
     """Return the response of a vessel to a record's set point in still water, sampled and masked like the record.
 
-    A set point with linear course between samples (hold "first", as of processed logs) is assumed to be low-passed; the
+    A set point that is linear between samples (hold "first"), as from processed logs, is assumed to be low-passed; the
     response is then low-passed, too.
 
     Parameters
@@ -97,9 +97,9 @@ def replay(vessel: Vessel, record: Experiment, at_the_shaft: bool = False) -> Ex
     vessel
         The ship.
     record
-        Record whose set point, as deviation from its operating point, is applied about the vessel's.
+        Record whose set point is applied, as deviation from its operating point, about the vessel's operating point.
     at_the_shaft
-        Whether the speed is measured at the propeller's end of the torsionally flexible shaft.
+        Whether the speed is measured on the propeller's side of the torsionally flexible shaft.
     """
     up = max(1, math.ceil(LEAST_RATE_HZ / record.rate_hz))
     rate = up * record.rate_hz
@@ -118,7 +118,7 @@ def replay(vessel: Vessel, record: Experiment, at_the_shaft: bool = False) -> Ex
         low_pass = LowPass(channel, record.rate_hz, float(lead))
         rows = {name: low_pass(partial(_stretch, row), len(record)) for name, row in signals.items()}
     rows = {name: np.where(np.isnan(record.signals[name]), np.nan, row) for name, row in rows.items()}
-    # The filtered set point is unknown beyond the record's ends.
+    # The record's set point is returned instead of the simulated one, whose low-passed ends differ.
     rows["n_set"] = record.signals["n_set"] - record.operating_point["n_set"] + point["n_set"]
     return replace(
         record,
@@ -157,7 +157,7 @@ LARGEST_SHARE = 0.9
 """Largest relative deviation of the set point; a larger one would stall an engine."""
 _LARGEST_STEP = 0.025
 _MOST_SUBSTEPS = 20_000
-"""Largest step of RK4 times the fastest pole; its error, a few times (0.025)^4 / 120, is below 1e-8 of the deviation."""
+"""Largest step of RK4 times the fastest pole. The error, a few times (0.025)^4 / 120, is below 1e-8 of the deviation."""
 
 
 @checked
@@ -174,8 +174,8 @@ def simulate(
 ) -> Experiment:
     """Simulate a trial, from the steady state at the operating point.
 
-    A vessel with more than the plant of eq. 3.1-3.11 (dead times, limits, sampling, firing, a flexible shaft, a moving ship)
-    is simulated with all its elements; in bollard pull unless it has a `ship`.
+    A vessel with elements in addition to the plant of eq. 3.1-3.11 (dead times, limits, sampling, firing, a flexible
+    shaft, a moving ship) is simulated with all of them; in bollard pull unless it has a `ship`.
 
     Parameters
     ----------
@@ -186,17 +186,17 @@ def simulate(
     n_e_rpm
         Operating point [rpm]; None: the ship's.
     method
-        "rk4", "heun" or "euler"; "euler" shows the bias of a coarse simulation. A vessel with other elements requires
-        "rk4", and is simulated by the identification's ship model.
+        "rk4", "heun" or "euler"; "euler" shows the bias of a coarse simulation. A vessel with additional elements
+        requires "rk4", and is simulated by the ship model that is also used for identification.
     limits
         Whether the engine's torque limit is active.
     substeps
-        Integration steps per sample. None: for "rk4" as many as keep the error of the thesis's plant below 1e-8 of the
-        deviation unless the torque limit acts (its kinks reduce accuracy), and that of any other vessel at about 1e-5 of the
-        operating point's values, 1e-4 where cylinders fire or signals jump; for other methods one.
+        Integration steps per sample. None: 1 for "heun" and "euler"; for "rk4" chosen by accuracy. The error is then
+        below 1e-8 of the deviation for the thesis's plant (larger where the torque limit acts), and for any other
+        vessel about 1e-5 of the operating point's values, or 1e-4 where cylinders fire or signals jump.
     noise
-        Output to the standard deviation of its noise, relative to that of the clean signal; or to a pair of this and the
-        correlation of successive samples (first-order autoregression).
+        For each output, the standard deviation of its noise relative to that of the clean signal, or a pair of this and
+        the correlation of successive samples (first-order autoregression).
     seed
         Seed of the noise; None draws one, which is stored in the provenance.
 
@@ -231,8 +231,8 @@ def simulate(
     train = drive_train(vessel)
     if train.extends_the_plant and method != "rk4":
         raise InputError(
-            f"method is {method!r}, expected 'rk4' for vessel {vessel.name!r}, which has more than the plant of "
-            "eq. 3.1-3.11"
+            f"method is {method!r}, expected 'rk4' for vessel {vessel.name!r}, which has elements in "
+            "addition to the plant of eq. 3.1-3.11"
         )
     steps = substeps or (_substeps(vessel, train, point, excitation.rate_hz) if method == "rk4" else 1)
     envelope = vessel.envelope() if limits else (np.empty(0), np.empty(0))
@@ -348,8 +348,8 @@ def _substeps(vessel: Vessel, train: DriveTrain, point: OperatingPoint, rate_hz:
         steps = max(steps, math.ceil(1.0 / (rate_hz * train.step_s(point.n_s))))
     if steps > _MOST_SUBSTEPS:
         raise InputError(
-            f"vessel {vessel.name!r}: its fastest part answers within {1.0 / fastest:.2g} s, which takes {steps:.3g} "
-            f"steps a sample, expected at most {_MOST_SUBSTEPS:g}; check inertia and gains, or name substeps"
+            f"vessel {vessel.name!r}: its fastest pole has a time constant of {1.0 / fastest:.2g} s, which takes "
+            f"{steps:.3g} steps per sample, expected at most {_MOST_SUBSTEPS:g}; check inertia and gains, or give substeps"
         )
     return steps
 
@@ -368,7 +368,7 @@ def _noisy(clean: Mapping[str, Array], output: str, level: float | tuple[float, 
         )
     if not abs(correlation) < 1.0:
         raise InputError(f"noise[{output!r}] has correlation {correlation}, expected between -1 and 1")
-    # Each signal has its own random stream, so that noise on one does not change that of the others.
+    # Each signal has its own random stream: its noise does not depend on the noise of other signals.
     generator = np.random.default_rng([list(UNITS).index(output), seed])
     draws = generator.standard_normal(len(clean[output]))
     # The first sample has the stationary distribution, so there is no transient.
