@@ -37,9 +37,9 @@ UNITS: Mapping[str, str] = MappingProxyType(
 DRIVES: Mapping[str, str] = MappingProxyType(
     {"n_set": "set point", "command": "command", "M_load": "load torque"}
 )
-"""Input signals of a model, with their names in words."""
+"""Signals that are inputs of a model, with their names in words."""
 UNLOADED = 0.02
-"""Largest load, relative to the torque of the operating point, that counts as almost none and may have either sign."""
+"""Largest load, relative to the torque of the operating point, that counts as no load; its sign is then ignored."""
 TIME = "time_s"
 _FACTS = ("name", "rate_hz", "operating_point", "hold", "kind", "provenance")
 _SLIPS = {"rpm": hints.SPEED_RPM, "rev/s": hints.SPEED_RPS, "Nm": hints.TORQUE}
@@ -60,7 +60,7 @@ class Experiment(Tabular, EvenlySampled):
     operating_point
         Name to the value by which the signal is normalised, in the same unit.
     hold
-        Course of the set point between samples: "first" (linear; measured signals) or "zero" (stepwise).
+        Interpolation of the set point between samples: "first" (linear; measured signals) or "zero" (stepwise).
     kind
         Kind of excitation, for tables ("chirp", "steps", ...).
     provenance
@@ -108,8 +108,8 @@ class Experiment(Tabular, EvenlySampled):
             missing = np.flatnonzero(np.isnan(frozen.get(name, np.empty(0))))
             if missing.size:
                 raise InputError(
-                    f"experiment {self.name!r}: the {what} {name!r} is NaN at sample {missing[0]}; it drives the model "
-                    "and can't have gaps, bridge it or cut the window"
+                    f"experiment {self.name!r}: the {what} {name!r} is NaN at sample {missing[0]}; an input of the "
+                    "model can't have gaps, bridge them or cut the window"
                 )
         for name, value in self.operating_point.items():
             may_be_zero = name == "M_load" and _torque_point(self.signals, self.operating_point) is not None
@@ -165,7 +165,7 @@ class Experiment(Tabular, EvenlySampled):
 
     @property
     def gauge_accuracy(self) -> Mapping[str, float]:
-        """Systematic relative error of each signal's response that calibration leaves, where the trial gives it."""
+        """Systematic relative error of each signal that remains after calibration, if given in the trial."""
         return {name: float(value) for name, value in (self.provenance.get("gauge_accuracy") or {}).items()}
 
     @property
@@ -175,7 +175,7 @@ class Experiment(Tabular, EvenlySampled):
 
     @cached_property
     def dn_set(self) -> Array:
-        """Normalised deviation of the set point, or in open loop of the command, the input of simulations, shape (N,)."""
+        """Normalised deviation of the set point (in open loop of the command), the input of simulations, shape (N,)."""
         values = self.normalised(self.driver)
         values.flags.writeable = False
         return values
@@ -184,9 +184,9 @@ class Experiment(Tabular, EvenlySampled):
     def normalised(self, name: str) -> Array:
         """Return the relative deviation of a signal from its operating point, as in eq. 3.14 and following, shape (N,).
 
-        A load is divided by the torque of the operating point, if measured, since a load may start from zero. The integrated
-        error E_n is zero there and is divided by the engine speed in rev/s, which is `operating_point["E_n"]`, so that
-        d(dE)/dt = dn_set - dn (eq. 3.15).
+        A load, which may be zero at the operating point, is divided by the torque of the operating point, if measured.
+        The integrated error E_n is zero at the operating point. It is divided by `operating_point["E_n"]`, the engine
+        speed in rev/s, which makes d(dE)/dt = dn_set - dn (eq. 3.15).
 
         Raises
         ------
@@ -202,7 +202,7 @@ class Experiment(Tabular, EvenlySampled):
         value = self.operating_point[name]
         if name == "M_load":
             torque = _torque_point(self.signals, self.operating_point)
-            # The magnitude of a load with negative sign rises as its signal falls.
+            # The scale has the load's sign: the magnitude of a negative load rises when its signal falls.
             scale = (
                 value
                 if torque is None
@@ -227,7 +227,7 @@ class Experiment(Tabular, EvenlySampled):
         unknown = [name for name in facts if name not in _FACTS]
         if unknown:
             raise InputError(
-                f"{unknown[0]!r} is no fact of an experiment, {hints.suggestion(unknown[0], _FACTS)}"
+                f"{unknown[0]!r} is not a field of an experiment, {hints.suggestion(unknown[0], _FACTS)}"
             )
         if "operating_point" not in facts:
             raise InputError(
@@ -267,7 +267,7 @@ class Experiment(Tabular, EvenlySampled):
 
 
 def _torque_point(signals: Mapping[str, Any], operating_point: Mapping[str, float]) -> float | None:
-    """Torque of the operating point, if measured; preferably the shaft's, to which a load refers."""
+    """Torque of the operating point, if measured; preferably the shaft torque, the one that a load changes directly."""
     measured = (name for name in ("M_s", "M_g", "M_b") if name in signals and name in operating_point)
     return next((operating_point[name] for name in measured), None)
 
@@ -284,16 +284,16 @@ def _rate(name: str, time: Array) -> float:
             f"column {name!r} steps by {steps[worst]:.6g} s at row {worst}, expected {1.0 / rate:.6g} s throughout; "
             "resample it first"
         )
-    # Rounding of the times may give 99.99999999999 for 100.
+    # Rounding removes errors of the times, such as 99.99999999999 for 100.
     return float(f"{rate:.9g}")
 
 
 def _require_sense(label: str, signals: Mapping[str, Array], operating_point: Mapping[str, float]) -> None:
-    """Refuse signals in another unit than their operating point, or signals that are already normalised."""
+    """Raise an error for signals in another unit than their operating point, and for normalised signals."""
     for name, value in operating_point.items():
         if name == "M_load" and _torque_point(signals, operating_point) is not None:
             continue
-        # An operating point of exactly 1 means that the signal is not scaled.
+        # An operating point of exactly 1 means that the signal is already normalised on purpose.
         if name not in signals or name == "E_n" or value == 1.0 or np.isnan(signals[name]).all():
             continue
         mean, most = float(np.nanmean(signals[name])), float(np.nanmax(np.abs(signals[name])))
@@ -306,12 +306,12 @@ def _require_sense(label: str, signals: Mapping[str, Array], operating_point: Ma
                 )
         # A gauge may measure only changes and a load may be switched off, so their means may be zero; a ship's
         # speed stays near its operating point.
-        # A constant signal is only a placeholder.
+        # A constant signal is taken as a placeholder and not checked.
         is_speed, size = UNITS[name] in ("rpm", "rev/s"), abs(value)
         low, high = (0.4, 2.5) if is_speed else (0.0, 10.0)
         moves = np.nanmin(signals[name]) < np.nanmax(signals[name])
         if moves and (not low * size <= abs(mean) <= high * size or most < 0.01 * size):
             raise InputError(
                 f"experiment {label!r}: signal {name!r} is {mean:.4g} {UNITS[name]} on average and {most:.4g} at most, "
-                f"its operating point {value:g}, expected one that it is near"
+                f"its operating point {value:g}, expected an operating point near the signal"
             )

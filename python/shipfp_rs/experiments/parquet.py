@@ -57,12 +57,13 @@ def experiment_of(frame: Frame) -> Experiment:
     Returns
     -------
     Experiment
-        About the means of the signals, except for a frame of `Experiment.to_pandas`, which has the operating point.
+        The operating point is the means of the signals, or for a frame from `Experiment.to_pandas` the one stored in
+        it.
 
     Raises
     ------
     InputError
-        If there is no time, it is not equidistant, or a column is no signal.
+        If there is no time, the times are not equidistant, or a column is not a known signal.
 
     Examples
     --------
@@ -95,8 +96,9 @@ METADATA_KEY = b"shipfp_experiments"
 def write_experiments(path: str | Path, experiments: Sequence[Experiment]) -> Path:
     """Write experiments to a Parquet file for any reader; the file is written completely or not at all.
 
-    Columns are `experiment`, `time_s` and the signals, with units in the field metadata. A masked sample is NaN; a signal
-    that an experiment lacks is null. Rate, operating point, hold, kind and provenance are JSON in the file's metadata.
+    Columns are `experiment`, `time_s` and the signals, with units in the field metadata. Masked samples are NaN; the
+    column of a signal that an experiment does not have is null. Rate, operating point, hold, kind and provenance are
+    JSON in the file's metadata.
 
     Parameters
     ----------
