@@ -97,9 +97,9 @@ def _dress(panels: Sequence[Axes], output: str, *, first: bool) -> None:
 
 
 FAR = 1000.0
-"""Largest distance from the estimate that is given as a number [%]."""
+"""Largest distance of an interval's end from the reference [%] that is written as a number."""
 EVEN_PCT, LEAST_PCT, MOST_PCT = 1.0, 40.0, 300.0
-"""End of the linear part of the axis, followed by a logarithmic one, and least and greatest end of the axis [%]."""
+"""End of the axis's linear part, beyond which it is logarithmic, and least and greatest end of the whole axis [%]."""
 TICKS_PCT = (1.0, 5.0, 25.0, 200.0)
 STATES: Mapping[str, tuple[str, str]] = {
     "known well": (BLUE, "o"),
@@ -118,18 +118,18 @@ def intervals(
 ) -> Axes:
     """Draw the 95 % intervals of parameters and combinations relative to the truth, or else to the estimate.
 
-    Distances are in per cent of the reference, or for a reference near zero in per cent of a small value for drive trains
-    (0.05 s, or 0.5): a delay near zero that is known to a millisecond is known well. The axis is linear up to 1 % and
-    logarithmic above. Colour and mark show whether half the interval is within 25 %, within 200 %, or larger, and whether
-    the interval misses the truth. Undetermined parameters have no interval and are omitted. An end of an interval
-    beyond 300 % is drawn as an arrow at the edge of the axes, with the value of the end above it.
+    Distances are in per cent of the reference, at least of 0.05 s, or 0.5 for a parameter without unit: a delay near
+    zero that is known to a millisecond counts as known well. The axis is linear up to 1 % and logarithmic above. Colour
+    and mark show whether half the interval is within 25 %, within 200 %, or larger, and whether the interval misses the
+    truth. Undetermined parameters have no interval and are omitted. An end of an interval beyond 300 % is drawn as an
+    arrow at the edge of the axes, with the value of the end above it.
 
     Parameters
     ----------
     fingerprint
         The estimates.
     truth
-        True values by name, for simulated logs; parameters without one are omitted.
+        True values by name, for simulated logs; parameters without a true value are omitted.
     ax
         Axes; None: new ones.
 
@@ -178,7 +178,7 @@ def intervals(
 
 
 def _row(estimate: Estimate, reference: float | None) -> tuple[float, float, float, str]:
-    """Estimate and ends of its interval, as distances from a reference [%], and accuracy class."""
+    """Estimate and both ends of its interval, as distances from a reference [%], and the accuracy class."""
     assert reference is not None
     assert estimate.value is not None
     assert estimate.ci95 is not None
@@ -204,7 +204,7 @@ def likelihood(found: Likelihood, ax: Axes | None = None) -> Axes:
     -------
     Axes
     """
-    # Imports SciPy, which no other plot needs.
+    # Import here, since this module loads SciPy, which other plots do not need.
     from shipfp_rs.assessment.profile_likelihood import LEVEL
 
     (ax,) = panels_of(None if ax is None else [ax], 1)
@@ -213,7 +213,7 @@ def likelihood(found: Likelihood, ax: Axes | None = None) -> Axes:
     ax.plot(found.values[finite], found.deviance[finite], ".-", color=color, lw=1.2, ms=4, label=found.kind)
     ax.axhline(LEVEL, color=GREY, lw=1.0, ls="--", label="95 %")
     ax.axvline(found.value, color=GREY, lw=0.8)
-    # A steep rise beside the interval must not compress the curve within it.
+    # The limit keeps the curve within the interval visible beside a steep rise.
     ax.set_ylim(-0.1, 3.0 * LEVEL)
     ax.set_xlabel(f"{found.name} [{found.unit}]")
     dress(ax, "deviance [-]")
@@ -222,10 +222,10 @@ def likelihood(found: Likelihood, ax: Axes | None = None) -> Axes:
 
 @checked
 def correlogram(fingerprint: Fingerprint, output: str, axes: Sequence[Axes] | None = None) -> Sequence[Axes]:
-    """Draw the correlations of an output's whitened residuals with their own past and with the set point, by lag.
+    """Draw the autocorrelation of an output's whitened residuals, and their correlation with the set point, by lag.
 
-    For a correct model they are within the band, which contains 95 % of the correlations of white noise that is
-    independent of the set point (Ljung 1999, section 16.6).
+    The band contains 95 % of the correlations of white noise that is independent of the set point, as the residuals of
+    a correct model are (Ljung 1999, section 16.6).
 
     Parameters
     ----------
@@ -234,7 +234,8 @@ def correlogram(fingerprint: Fingerprint, output: str, axes: Sequence[Axes] | No
     output
         Output, such as "dn".
     axes
-        Axes of each correlation: own past (if the noise is assumed white) and set point; None: new ones.
+        Axes of the autocorrelation (if the noise is assumed white) and of the correlation with the set point; None: new
+        ones.
 
     Returns
     -------
@@ -267,7 +268,7 @@ def correlogram(fingerprint: Fingerprint, output: str, axes: Sequence[Axes] | No
         dress(ax, labels[kind], legend=ax is panels[0])
         ax.set_xlabel(f"lag [{unit}]")
     # The residuals are correlated with the set point at geometrically spaced lags, since an unmodelled response may be fast
-    # or slow. So the lag axis is logarithmic.
+    # or slow. The lag axis is logarithmic for this reason.
     panels[-1].set_xscale("symlog", linthresh=step, linscale=0.5)
     panels[-1].set_xlim(-0.5 * step, 1.2 * max(lags[-1], step))
     panels[-1].xaxis.set_major_formatter("{x:g}")
@@ -276,7 +277,7 @@ def correlogram(fingerprint: Fingerprint, output: str, axes: Sequence[Axes] | No
 
 
 def _write_end(ax: Axes, end: float, edge: float, place: int, color: str) -> None:
-    """Write the end of an interval [%] above its arrow; above `FAR` only that it is further away."""
+    """Write the end of an interval [%] above its arrow; for an end beyond `FAR`, write `FAR` with ">" or "<"."""
     shown = f"{end:+.3g} %" if abs(end) < FAR else f"{'>' if end > 0.0 else '<'} {np.sign(end) * FAR:+.0f} %"
     side: Literal["left", "right"] = "right" if edge > 0.0 else "left"
     inwards = -8.0 if edge > 0.0 else 8.0

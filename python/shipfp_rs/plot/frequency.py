@@ -34,10 +34,10 @@ def bode(
     Parameters
     ----------
     measured
-        Points, with bars of two standard deviations if these are known. For a fingerprint, those of the first fitted
-        experiment, with the model's curve.
+        Points, with bars of two standard deviations if these are known. For a fingerprint, the points of the first
+        fitted experiment, with the model's curve.
     model
-        The model's response at its own ascending frequencies; measured phases are shifted by whole turns to match it.
+        The model's response at ascending frequencies; measured phases are shifted by whole turns to match its phase.
     axes
         Two axes, for amplitude and phase; None: new ones.
 
@@ -93,7 +93,7 @@ def _points_and_curves(
         bars = angle_bars = None
         if name in measured.amplitude_std:
             reach = 2.0 * measured.amplitude_std[name]
-            # Bars end at a tenth of the value at the lowest, since a logarithmic axis has no zero.
+            # Lower bars end at a tenth of the value, since a logarithmic axis has no zero.
             bars = size * np.array([np.minimum(reach, 0.9), reach])
             # An unknown phase gets a bar of half a turn in either direction.
             angle_bars = np.minimum(np.degrees(2.0 * measured.phase_std[name]), 180.0)

@@ -43,8 +43,8 @@ def pulse_intervals(
 ) -> Axes:
     """Draw each interval between pulses relative to an equal division of its turn.
 
-    At steady speed the intervals lie on one line per reflector. A missed or extra pulse is a cross at the edge, after
-    which the colours are exchanged.
+    At steady speed the intervals lie on one line per reflector. A missed or extra pulse is a cross at the edge; from
+    there on, the colours of the reflectors are shifted.
 
     Parameters
     ----------
@@ -73,12 +73,12 @@ def pulse_intervals(
     # SciPy is needed only for this plot.
     from scipy.ndimage import median_filter, uniform_filter1d
 
-    # Median over nearby turns, so that a wrong pulse does not change the turn it is compared with.
+    # Median over nearby turns: a wrong pulse does not affect the duration of the turn it is compared with.
     period = np.diff(times)
     share = median_filter(uniform_filter1d(period, pulses_per_rev), 4 * pulses_per_rev + 1)
     deviation = 100.0 * (period / share - 1.0)
     place = np.arange(len(period)) % pulses_per_rev
-    # A few wrong pulses are marked at the edge, so that they do not compress the scale of the others.
+    # A few wrong pulses are marked at the edge; the scale fits the other intervals.
     reach = max(2.0 * float(np.percentile(np.abs(deviation), 98)), 0.1)
     beyond = np.abs(deviation) > reach
     for reflector in range(pulses_per_rev):
@@ -136,7 +136,7 @@ def time_series(experiment: Experiment, axes: Sequence[Axes] | None = None) -> S
 def log(
     log: Log, channels: Sequence[str] | None = None, axes: Sequence[Axes] | None = None
 ) -> Sequence[Axes]:
-    """Draw the channels of a log against its clock, one panel each; long ones as extremes of short stretches.
+    """Draw the channels of a log against its clock, one panel each; long channels as extremes of short stretches.
 
     Parameters
     ----------
@@ -201,14 +201,15 @@ def fit(
     Parameters
     ----------
     measured
-        The measured signals; for a fingerprint, those of the first fitted experiment.
+        The measured signals; for a fingerprint, the signals of the first fitted experiment.
     model
         Result of a fingerprint's `predict` or `simulate`; needed unless `measured` is a fingerprint.
     axes
         One per signal; None: new ones.
     stretch_s
         Start and end of the stretch to draw [s], with a band about the model that should contain 95 % of the measured
-        samples: 1.96 standard deviations of the residuals of the whole record. None: the whole record, without that band.
+        samples: 1.96 standard deviations of the residuals of the whole record. None: the whole record, without the
+        band.
     signals
         Names of the signals to draw; None: all signals of the model.
 
@@ -245,14 +246,14 @@ def fit(
         ax.plot(*envelope(time, recorded[rows]), color=color, lw=3.2, alpha=0.55, label="measured")
         ax.plot(*envelope(time, answer[rows]), color=ink, lw=1.0, label="model")
         dress(ax, f"{LABELS[name]} [{UNITS[name]}]")
-    if stretch_s is None:  # else the legend has its own position
+    if stretch_s is None:  # the figure with a stretch has a different legend
         panels[0].set_title(experiment.name, loc="left", parse_math=False)
     panels[-1].set_xlabel("time [s]")
     return panels
 
 
 def _mark(ax: Axes, experiment: Experiment, masked: Mask) -> None:
-    """Draw a strip along the bottom where samples are masked; its edge keeps single samples visible."""
+    """Draw a strip along the bottom where samples are masked; its outline keeps single samples visible."""
     change = np.flatnonzero(np.diff(np.concatenate([[False], masked, [False]]).astype(np.int8)))
     spans = [
         (first / experiment.rate_hz, (last - first) / experiment.rate_hz)

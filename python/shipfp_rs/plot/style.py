@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 BLUE, ORANGE, GREEN, PURPLE, GREY, RED = "#3f7fbf", "#d9822b", "#4b9b6b", "#9b6fb5", "#8a8f98", "#cf4d4d"
 BROWN = "#9a6b3f"
 SET_POINT = GREEN
-"""Colour of set points, used for nothing else in the same panel."""
+"""Colour of set points, which no other line in the same panel has."""
 LABELS: Mapping[str, str] = {
     "n_set": "set point $n_{set}$",
     "command": "command",
@@ -57,7 +57,7 @@ REFLECTORS = (BLUE, ORANGE, GREEN, PURPLE, GREY, RED)
 COMPARED = (BLUE, ORANGE, GREEN, PURPLE, RED)
 LEGEND_COLUMNS = 5
 ENVELOPE_BINS = 1000
-"""Longer signals are drawn as the extremes of this number of stretches."""
+"""Number of stretches whose extremes are drawn for a long signal."""
 
 
 def envelope(time: Array, samples: npt.ArrayLike, bins: int = ENVELOPE_BINS) -> tuple[Array, Array]:
@@ -89,7 +89,7 @@ def envelope(time: Array, samples: npt.ArrayLike, bins: int = ENVELOPE_BINS) -> 
 
 
 def panels_of(axes: Sequence[Axes] | None, count: int, *, sharex: bool = False) -> Sequence[Axes]:
-    """Return the given axes, which must be `count`, or as many new ones below each other."""
+    """Return the given axes, of which there must be `count`, or `count` new axes below each other."""
     if axes is None:
         from matplotlib import pyplot
 
@@ -103,7 +103,7 @@ def panels_of(axes: Sequence[Axes] | None, count: int, *, sharex: bool = False) 
 
 
 def plain_numbers(ax: Axes) -> None:
-    """Write tick labels in full: for a narrow range, Matplotlib writes a common offset beside the axis."""
+    """Write tick labels in full, without Matplotlib's common offset for a narrow range."""
     from matplotlib.ticker import ScalarFormatter
 
     for axis in (ax.xaxis, ax.yaxis):
@@ -120,7 +120,7 @@ def dress(ax: Axes, ylabel: str, *, legend: bool = True) -> None:
     ax.set_axisbelow(True)
     plain_numbers(ax)
     if legend:
-        # Above the panel, beside the title, so that it never covers a signal.
+        # Above the panel, beside the title, the legend can't cover a signal.
         ax.legend(
             loc="lower right",
             bbox_to_anchor=(1.0, 1.0),
