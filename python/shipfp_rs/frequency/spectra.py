@@ -176,7 +176,7 @@ def whole_signal(experiment: Experiment, name: str) -> tuple[Array, float]:
         raise InputError(
             f"experiment {experiment.name!r}: {share:.0%} of {name!r} is masked, at most {_MOST_MASKED:.0%} can be "
             "bridged for a spectrum; cut the window, or use stepped_sine_response or multisine_response, which need "
-            "no bridge"
+            "no interpolation"
         )
     return bridge(values, missing), share
 

@@ -70,7 +70,7 @@ class Inspection:
     windows
         Stretches of constant set point, and its excitations; empty if no channel is recognised as a set point.
     spectra
-        Frequencies [Hz] and amplitudes of each channel, over a stretch of constant set point.
+        Amplitude spectrum of each channel over a stretch of constant set point: frequencies [Hz] and amplitudes.
     peaks
         Prominent spectral lines of each channel.
     points
@@ -118,11 +118,11 @@ def inspect_log(
     log
         The recording.
     trial
-        Its channels and calibrations; the trial's windows are not needed.
+        Trial with channels and calibrations; its windows are not needed.
     vessel
-        The ship; None: the one named in the trial.
+        The ship; None: the vessel of the trial.
     C_Q
-        Torque coefficient for eq. 6.3; None: that of the vessel's operating point.
+        Torque coefficient for eq. 6.3; None: the coefficient at the vessel's operating point.
 
     Raises
     ------
@@ -144,7 +144,7 @@ def inspect_log(
         every = found_experiments(log, trial, vessel, windows)
         torque = trial.channels.torque
         steady = [experiment for experiment in every if experiment.kind == "steady"]
-        if steady and trial.channels.command is None:  # in open loop there is no set point for the speed
+        if steady and trial.channels.command is None:  # in open loop, no set point of speed exists
             name = SIGNAL_OF_LOCATION[torque.location] if torque is not None else None
             points = tuple(steady_points(steady, name))
             longest = max(steady, key=len)
@@ -154,7 +154,8 @@ def inspect_log(
             if points and tells_static_torque(vessel, C_Q):
                 checks["static_torque"] = static_check(vessel, points, C_Q)
             scale[torque.column] = torque.calibration.calibration("Nm").scale
-        # Stretches at rest are excluded here: whether the set point is stuck or at rest was decided on the whole log.
+        # Not from processing: a stuck set point, since a stretch at rest looks stuck; the scan of the whole log found
+        # real ones.
         known = {("stuck", trial.channels.driver.column)}
         known |= {(fault["kind"], fault["channel"]) for fault in faults}
         faults += _processed(every, known)
@@ -196,7 +197,7 @@ def _at_rest(points: Sequence[SteadyPoint], steady: list[Experiment], longest: E
 
 
 def _windows(log: Log, trial: Trial | None) -> list[FoundWindow]:
-    """Windows of the set point; none if a log without a trial has no such channel, or too few samples."""
+    """Windows of the set point; none if a log without a trial has no recognised set point, or too few samples."""
     if trial is not None:
         return found_or_named(log, trial)
     try:
@@ -232,7 +233,7 @@ def _recorded(log: Log, reports: Sequence[ChannelReport], trial: Trial | None) -
             spans = scan(rows, 0, channel.samples, repeats=True)
             sensor = sensors.get(channel.name)
             if channels is not None and channels.load is not None and sensor is channels.driver:
-                spans.pop("stuck", None)  # beside a moving load a set point may be constant
+                spans.pop("stuck", None)  # with a varying load, the set point may be constant
             kind, limits = spike_rule(sensor, processing)
             line = None if sensor is None else sensor.calibration.calibration("")
             spans[kind] = spikes_of(
@@ -245,7 +246,7 @@ def _recorded(log: Log, reports: Sequence[ChannelReport], trial: Trial | None) -
 
 
 def _processed(experiments: list[Experiment], known: set[tuple[str, str]]) -> list[dict[str, Any]]:
-    """Faults found by processing the stretches, once per kind and channel; without those of the whole log."""
+    """Faults that processing found in the stretches, merged by kind and channel, except those known from the whole log."""
     merged: dict[tuple[str, str], dict[str, Any]] = {}
     for experiment in experiments:
         for fault in experiment.provenance["faults"]:

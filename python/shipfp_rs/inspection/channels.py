@@ -2,8 +2,8 @@
 
 Also here:
 
-- Faults that an inspection searched in each channel, since without a trial the channels' roles are unknown.
-- Recognition of pulse trains: of two levels, or sinusoidal as from a variable-reluctance pick-up.
+- Kinds of faults that an inspection searched in each channel; without a trial, the channels' roles are unknown.
+- Recognition of pulse trains, with two levels or sinusoidal as from a variable-reluctance pick-up.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ OF_ANY = ("gap", "dropout", "stuck", "clipped", "repeated", "spike")
 """Faults of level and spikes, searched in any channel except pulse trains."""
 OF_A_TRAIN = ("gap",)
 SPIKES: Mapping[str, str] = {"set_point": "D1", "torque": "C"}
-"""Kind of a spike in a channel of this role."""
+"""Fault kind of a spike, by role of the channel."""
 OF_ROLES: Mapping[str, tuple[str, ...]] = {
     "set_point": ("D2", "D3"),
     "torque": ("sign",),
@@ -43,7 +43,7 @@ OF_ROLES: Mapping[str, tuple[str, ...]] = {
 
 
 def looked_for(reports: Sequence[ChannelReport], trial: Trial | None) -> dict[str, Any]:
-    """JSON form: "channels", the fault kinds searched in each, and "left_out", the kinds searched in none."""
+    """JSON form: "channels" has the fault kinds searched in each channel, "left_out" the kinds searched in none."""
     found = {
         report.channel.name: [*(OF_ANY if report.pulses_hz is None else OF_A_TRAIN)]
         for report in reports
@@ -64,7 +64,7 @@ def looked_for(reports: Sequence[ChannelReport], trial: Trial | None) -> dict[st
 
 
 def sentences(told: Mapping[str, Any], *, trial: bool) -> list[str]:
-    """Sentences on which faults were searched; channels with the same faults share one."""
+    """Sentences that list the searched faults; channels with the same faults share a sentence."""
     together: dict[tuple[str, ...], list[str]] = {}
     for name, kinds in told["channels"].items():
         together.setdefault(tuple(kinds), []).append(name)
@@ -87,26 +87,26 @@ LEAST_PULSES = 10
 NEAR_A_LEVEL = 0.15
 """A sample is at one of the two levels if it is closer than this fraction of the train's height."""
 AT_LEVELS = 0.75
-"""Least fraction of samples at one of the levels in a train with two levels; for a sine it is one half."""
+"""Least fraction of samples near one of the levels in a train with two levels; a sine has one half."""
 EVEN = 0.3
-"""Largest relative difference of an even period from the median of nine. Teeth and reflectors stay below it, steps of a set
-point or a torque do not.
+"""Largest relative difference of an even period from the median of nine. Teeth and reflectors differ by less, steps of
+a set point or a torque by more.
 """
 EVEN_SHARE = 0.6
 SLOWEST_HZ = 0.2
-"""Shaft speed below which the shaft counts as at rest."""
+"""Pulse rate [Hz] below which a channel does not count as a pulse train."""
 SINE_EVEN_SHARE = 0.9
 SINE_SLOWEST_HZ = 5.0
 """Lowest rate of a sinusoidal pick-up [Hz]; slower oscillations are set points or waves."""
 SINE_SCATTER = 0.15
 """Largest scatter of the heights of neighbouring pulses; a torque's ripple, of several orders, scatters more."""
 SINE_OFFSET = 1.0
-"""Largest offset of a pick-up's middle from zero, in heights; a torque's ripple is small compared to the torque."""
+"""Largest offset of a pick-up's mid-level from zero, relative to the pulse height; a torque's ripple has a larger offset."""
 SINE_DRIFT = 1.5
-"""Largest range of its middle during the middle half of the time, in heights."""
+"""Largest interquartile range of a pick-up's mid-level, relative to the pulse height."""
 MAINS_HZ = (50.0, 60.0)
 MAINS_WITHIN, MAINS_STEADY = 5e-3, 1e-3
-"""Largest distance from the mains frequency, and largest scatter, of mains hum; no shaft is as steady."""
+"""Largest relative deviation from the mains frequency, and largest relative scatter, of mains hum; no shaft is as steady."""
 
 
 def pulse_rate(rows: Rows) -> float | None:
@@ -135,7 +135,7 @@ def pulse_rate(rows: Rows) -> float | None:
 def _even_share(pulses: PulseTimes) -> float:
     periods = np.diff(pulses.times_s)
     usual = median_filter(periods, size=9, mode="nearest")
-    # A difference of one sample does not make a train uneven.
+    # Differences of up to about one sample are allowed.
     return float(np.mean(np.abs(periods - usual) < np.maximum(EVEN * usual, 1.2 / pulses.rate_hz)))
 
 
@@ -176,7 +176,10 @@ def _is_sinusoidal(probe: Array, pulses: PulseTimes) -> bool:
 
 @dataclass(frozen=True)
 class ChannelReport:
-    """Contents of one channel; gaps are spans (K, 2), `pulses_hz` is None except for a pulse train, whose noise is NaN."""
+    """Contents of one channel.
+
+    Gaps are spans (K, 2). For a pulse train `noise` is NaN, for other channels `pulses_hz` is None.
+    """
 
     channel: Channel
     gaps: Spans

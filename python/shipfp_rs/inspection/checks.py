@@ -27,17 +27,17 @@ from shipfp_rs.support.spikes import bridge, find_spikes
 from shipfp_rs.vessel.vessel import PLANT_KEYS, Vessel
 
 SEGMENT_S = 20.0
-"""Length of a segment of the averaged spectrum: lines 0.25 Hz apart are resolved."""
+"""Length of a segment of the averaged spectrum [s]; it resolves lines 0.25 Hz apart."""
 LEAST_SAMPLES = 64
 """Fewest samples of a segment, and of a channel with a spectrum."""
 ABOVE_FLOOR = 4.0
-"""Least ratio of a line to the median around it."""
+"""Least ratio of a line's amplitude to the median amplitude around it."""
 FLOOR_HZ = 4.0
-"""Bandwidth of this median."""
+"""Bandwidth in which this median is taken [Hz]."""
 LOWEST_HZ = 0.5
 MOST_PEAKS = 12
 NAMED_WITHIN = 0.01
-"""Largest relative distance of a line from the known rate that names it."""
+"""Largest relative distance of a line from a known rate, such as blade passage, by which it is named."""
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ class Peak:
 def amplitude_spectrum(samples: npt.ArrayLike, rate_hz: float) -> tuple[Array, Array]:
     """Frequencies [Hz] and averaged amplitudes of a steady signal, with spikes and gaps bridged.
 
-    A sine of amplitude a appears as a at any frequency (flat-top window).
+    The flat-top window shows a sine with its amplitude at any frequency.
     """
     values = np.asarray(samples, dtype=np.float64)
     values = bridge(values, ~np.isfinite(values))
@@ -95,7 +95,7 @@ def find_peaks(frequency: Array, amplitude: Array, known: Mapping[str, float] | 
     half = int(np.clip(0.5 * FLOOR_HZ / step, 1, len(amplitude) - 1))
     padded = np.pad(amplitude, half, mode="reflect")
     floor = np.median(np.lib.stride_tricks.sliding_window_view(padded, 2 * half + 1), axis=1)
-    # The flat top of a line is several bins wide: the highest within half a hertz counts.
+    # A line is several bins wide: take the highest within half a hertz.
     places, _ = signal.find_peaks(amplitude, height=ABOVE_FLOOR * floor, distance=max(round(0.5 / step), 1))
     places = places[frequency[places] >= LOWEST_HZ]
     places = np.sort(places[np.argsort(amplitude[places])[::-1][:MOST_PEAKS]])
@@ -180,7 +180,10 @@ def static_check(vessel: Vessel, points: Sequence[SteadyPoint], C_Q: float | Non
 
 
 def linearity(points: Sequence[SteadyPoint]) -> dict[str, Any]:
-    """Fit n_e = slope n_set + offset over the steady points; its largest residual [rpm] from three points on."""
+    """Fit n_e = slope n_set + offset to the steady points.
+
+    With at least three points, also give the largest residual [rpm].
+    """
     n_set = np.array([point.n_set_rpm for point in points])
     n_e = np.array([point.n_e_rpm for point in points])
     result: dict[str, Any] = {
@@ -199,7 +202,7 @@ def linearity(points: Sequence[SteadyPoint]) -> dict[str, Any]:
 
 
 def found_or_named(log: Log, trial: Trial) -> list[FoundWindow]:
-    """Windows detected in a log; those of its trial if the log is too short, or its set point is never at rest."""
+    """Windows detected in a log; if it is too short, or its set point is never at rest, the windows of the trial."""
     channel = log.channel(trial.channels.driver.column)
     named = [
         (window.name, window.kind, window.start_s, window.stop_s) for window in trial.windows_of(log.name)
@@ -235,7 +238,7 @@ def _lasts(window: FoundWindow) -> bool:
 def found_experiments(
     log: Log, trial: Trial, vessel: Vessel, found: Sequence[FoundWindow]
 ) -> list[Experiment]:
-    """Process each stretch found in a log as a window of the trial; those at rest start after settling."""
+    """Process each detected window as a window of the trial; windows at rest start after the settling time."""
     windows = tuple(
         Window(
             name=window.name,
@@ -246,7 +249,8 @@ def found_experiments(
         for window in found
         if window.kind != "steady" or _lasts(window)
     )
-    # Only absolute signals are needed, so any operating point will do; a load can't be normalised with it.
+    # Only absolute signals are needed, so the operating point is arbitrary; the load, which needs a real one, is
+    # omitted.
     plain = trial.model_copy(
         update={
             "channels": trial.channels.model_copy(update={"load": None}),
@@ -259,7 +263,7 @@ def found_experiments(
 
 
 def steady_points(experiments: Sequence[Experiment], torque: str | None) -> list[SteadyPoint]:
-    """Means of steady experiments in order of speed; experiments at one speed make one point."""
+    """Means of steady experiments in order of speed; experiments at the same speed are merged into one point."""
     groups: list[list[Experiment]] = []
     for experiment in sorted(experiments, key=_speed):
         if groups and _speed(experiment) < (1.0 + SAME_POINT) * _speed(groups[-1][0]):

@@ -19,7 +19,7 @@ WIDTH, HEIGHT = 10.0, 4.0
 
 
 def draw(inspection: Inspection, log: Log, folder: Path) -> list[Path]:
-    """Write all plots with content to a folder; return their paths."""
+    """Write all plots that are not empty to a folder; return their paths."""
     written = []
     if inspection.windows:
         written.append(_saved(_windows(inspection, log), folder / "windows.png"))
@@ -80,7 +80,7 @@ def _spectrum(inspection: Inspection, channel: str) -> Figure:
     figure = _figure()
     axes = figure.add_subplot()
     shown = frequency > 0.2
-    # A channel of zeros has nothing to show on a logarithmic axis.
+    # Zeros can't be drawn on a logarithmic axis.
     plot = axes.loglog if (amplitude[shown] > 0.0).any() else axes.semilogx
     plot(frequency[shown], amplitude[shown], color="#1d3557", linewidth=0.7)
     for peak in inspection.peaks[channel]:
