@@ -193,7 +193,7 @@ def test_breakage_a9_a_structure_of_a_users_own_says_that_a_file_can_not_hold_it
     own = fp.Structure.from_function(
         lambda q, e: None, [fp.Parameter("a", "-", 1.0, 0.0, 2.0)], {"dM": "M_b"}, name="own"
     )
-    with pytest.raises(fp.InputError, match=r"'own'.*a file can't hold its equations; give structure="):
+    with pytest.raises(fp.InputError, match=r"'own'.*which a file can't hold; give structure="):
         fp.Structure.from_dict(own.to_dict())
     with pytest.raises(fp.InputError, match=r"expected what Structure\.to_dict writes"):
         fp.Structure.from_dict({"kind": "linear", "name": "x"})

@@ -154,8 +154,7 @@ def inspect_log(
             if points and tells_static_torque(vessel, C_Q):
                 checks["static_torque"] = static_check(vessel, points, C_Q)
             scale[torque.column] = torque.calibration.calibration("Nm").scale
-        # Not from processing: a stuck set point, since a stretch at rest looks stuck; the scan of the whole log found
-        # real ones.
+        # In a stretch at rest, the set point looks stuck; whether it is stuck was determined from the whole log.
         known = {("stuck", trial.channels.driver.column)}
         known |= {(fault["kind"], fault["channel"]) for fault in faults}
         faults += _processed(every, known)

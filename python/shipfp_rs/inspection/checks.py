@@ -249,8 +249,7 @@ def found_experiments(
         for window in found
         if window.kind != "steady" or _lasts(window)
     )
-    # Only absolute signals are needed, so the operating point is arbitrary; the load, which needs a real one, is
-    # omitted.
+    # Signals are not normalised, so any operating point is valid, except for a load, which is omitted.
     plain = trial.model_copy(
         update={
             "channels": trial.channels.model_copy(update={"load": None}),

@@ -328,8 +328,7 @@ class LowPass:
         inner_rate = channel.rate_hz * self.up
         shift = start - self.start
         self.taps = taps(rate_hz / inner_rate, shift * self.up if abs(shift) > ALIGNED else 0.0)
-        # Masked runs longer than the filter are not bridged, since no output depends on samples on both sides of such a
-        # run.
+        # Masked runs longer than the filter are not bridged: no output depends on samples on both sides.
         self.longest_bridge = math.ceil(len(self.taps) / self.up) + 1
         self.margin = max(round(MARGIN_S * channel.rate_hz), self.longest_bridge + 1)
 

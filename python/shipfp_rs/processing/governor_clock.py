@@ -189,8 +189,7 @@ def _comb(power: Array, step: float, top_hz: float, orders_hz: Array) -> tuple[f
     best = int(np.argmax(second))
     around = (int(np.argmax(teeth[:, best])) + 1) * int(bins[best]) + np.arange(-HARMONICS, HARMONICS + 1)
     strongest = int(around[np.argmax(power[around])])
-    # The best candidate may be a harmonic or subharmonic of the clock: take the lowest frequency with all harmonics
-    # present.
+    # The best candidate may be a (sub)harmonic of the clock: take the lowest frequency with all harmonics.
     candidates = []
     for part in range(1, 2 * HARMONICS + 1):
         place = round(strongest / part) - first

@@ -175,8 +175,7 @@ class _Recording:
         )
 
     def _rows(self, sensor: Level | Tacho, kept_bytes: int = 0) -> Rows:
-        # A held set point acts half a sample late on average. If the stairs are visible, the model describes this
-        # instead.
+        # A held set point acts half a sample late on average; if its stairs are visible, the model includes this.
         late = getattr(sensor, "late", 0.0) if self.hold == "first" else 0.0
         return Rows(
             self.log,
@@ -430,8 +429,7 @@ class _Recording:
             about = self._channels[channel]
             spans = joined([fault.spans for fault in faults if fault.excluded and fault.channel == channel])
             at = (about.start_s - grid.start_s + spans / about.rate_hz) * grid.rate_hz
-            # A sample of the grid covers half an interval on either side. Positions are rounded to remove errors of the
-            # times.
+            # A grid sample covers half an interval on either side; rounding removes errors of the times.
             at = np.round(at, 6)
             touched = np.column_stack([np.floor(at[:, 0] + 0.5), np.ceil(at[:, 1] + 0.5)]).astype(np.int64)
             for name in names:

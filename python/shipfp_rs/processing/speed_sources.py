@@ -204,8 +204,7 @@ def with_missing(times_s: Array, teeth: int, missing: int) -> Array:
     periods = np.diff(times_s)
     if len(periods) < 4:
         return times_s
-    # A gap is missing + 1 tooth pitches long, with teeth on both sides. A gap with another lost tooth is repaired
-    # later.
+    # A gap is missing + 1 pitches long, between teeth; a gap with another lost tooth is repaired later.
     usual = np.minimum(np.append(periods[1:], periods[-1]), np.insert(periods[:-1], 0, periods[0]))
     wide = np.abs(periods / usual - (missing + 1)) < 0.5
     gaps = np.flatnonzero(wide[1:-1]) + 1

@@ -68,8 +68,8 @@ class Align(Section):
     reference: FilePath
     """File name of the log with the reference clock; all windows are on it."""
     common: Name | None = None
-    """Channel in every log, such as the set point's voltage or a pulse train; without one, the logs share a clock and
-    their time stamps count.
+    """Channel that every log has, such as the set point's voltage or a pulse train. Without this key, the logs must
+    share a clock and are merged by their time stamps.
     """
     pulses: bool = False
     """Whether the common channel is a pulse train."""
@@ -81,9 +81,11 @@ class OperatingPoint(Section):
     n_e_rpm: Auto = None
     """Engine speed [rpm]."""
     M_Nm: Auto = None
-    """Torque at the location of the torque channel [Nm]; also that of the load, if the load has no steady stretch."""
+    """Torque at the location of the torque channel [Nm]; without a steady stretch, the load's operating point follows
+    from it.
+    """
     X_mm: Auto = None
-    """Value of the rack's channel, in the unit of its calibration."""
+    """Fuel rack, in the unit of the rack channel's calibration."""
     steady_s: Pair | None = None
     """Start and stop of a stretch with a constant set point, on the log's clock [s]."""
 
@@ -98,7 +100,9 @@ class Spikes(Section):
     """Short excursions from the running median that count as faults."""
 
     longest_s: Stretch = 0.05
-    """Longest spike [s]; motions of the plant last longer. In a channel that holds values longer, a spike is one value."""
+    """Longest spike [s]; motions of the plant last longer. In a channel that holds each value for longer, a spike is a
+    single value.
+    """
     threshold: Sigmas = 6.0
     """Height in robust standard deviations about the running median."""
     least: Share = 0.05
@@ -111,7 +115,7 @@ class Faults(Section):
     stuck_s: Stretch = 0.25
     """Shortest stretch of equal samples in an otherwise noisy channel [s]."""
     dropout_s: Stretch = 0.01
-    """Shortest stretch at zero of a channel that stays away from it [s]."""
+    """Shortest dropout [s]: a stretch at zero in a channel that is otherwise far from zero."""
     clipped_samples: Annotated[int, Field(ge=2, le=1_000_000_000)] = 8
     """Least number of samples at the extreme value of a clipped channel."""
     longest_bridge_s: Stretch = 0.25
@@ -126,14 +130,14 @@ class Processing(Section):
     """Processing of raw channels to signals."""
 
     rate_hz: Rate = 50.0
-    """Common rate of the signals [Hz]. Above the tachometer's bandwidth the speed is only interpolated, and a fit with
-    whitened residuals would take that for signal; four reflectors on a shaft at 5 rev/s give 10 Hz.
+    """Common rate of the signals [Hz]. Above the tachometer's bandwidth, the speed is only interpolated, which a fit
+    with whitened residuals would mistake for signal; four reflectors on a shaft at 5 rev/s have a bandwidth of 10 Hz.
     """
     normalise: Literal["global", "local"] = "global"
     """Normalise with the trial's operating point, or each window with its own means."""
     detrend: Annotated[int, Field(ge=0, le=3)] = 0
-    """Degree of a polynomial drift that is removed from the outputs; 0: none. Outputs of a window whose set point is such a
-    trend itself, a stair of steps, are not changed.
+    """Degree of a polynomial drift that is removed from the outputs; 0: none. If the set point itself is similar to
+    such a polynomial, such as a stair of steps, the window's outputs are not changed.
     """
     speed: Literal["best", "fused"] = "best"
     """"best": the speed of the train with the most good intervals. "fused": from the pulses of all trains, each weighted by
@@ -160,7 +164,7 @@ class Window(Section):
     name: Name
     """Name of the experiment; each name once."""
     kind: Annotated[str, Field(max_length=40), AfterValidator(_no_slip)] = ""
-    """Kind of motion of the set point: any word; the report repeats it."""
+    """Kind of motion of the set point, such as "chirp"; any word, which is shown in the report."""
     start_s: float
     """Start on the log's clock [s]."""
     stop_s: float
@@ -205,7 +209,7 @@ class Identify(Section):
     """The structure to fit, and how; names of elements and parameters are checked by the structure itself.
 
     Without a key other than `NARROWING` the data select the elements of the ship; with such a key, only elements given as
-    true act. A default that is written out changes nothing.
+    true act. A key with its default value has no effect.
     """
 
     elements: dict[str, bool] = Field(default_factory=dict)

@@ -383,8 +383,8 @@ class _Trace:
         known = np.isfinite(medians)
         if not known.any():
             raise InputError(f"{log.name}: channel {name!r} holds no finite sample")
-        # Relative standard deviation of a block's spread: 1.17 / sqrt(samples). The 10 % quantile is 1.28 times this
-        # too low.
+        # A block's spread has the relative deviation 1.17 / sqrt(samples); the 10 % quantile is 1.28 times this too
+        # low.
         quiet = float(np.quantile(spreads[known], 0.1)) / (1.0 - 1.28 * 1.17 / math.sqrt(block))
         noise = max(quiet, 8.0 * float(np.spacing(largest)))
         return cls(log, channel, ratio, bridged(medians), spreads, noise)

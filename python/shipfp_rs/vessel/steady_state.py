@@ -197,8 +197,7 @@ def whole_about(vessel: Vessel, point: OperatingPoint) -> tuple[Array, Array]:
     T_s = q["firing_interval"] / point.n_e if once_a_firing else q["governor_period"]
     flexible = math.isfinite(q["shaft_stiffness"])
     ship = {
-        # The kernel integrates by rectangles; minus half the last error this is the trapezoidal rule, which adds no
-        # delay.
+        # The rectangle rule minus half the last error is the trapezoidal rule, which adds no delay.
         "K_p": (q["Kp_abs"] - 0.5 * T_s * q["Ki_abs"]) * point.n_e / point.X_f,
         "K_d": q["Kd_abs"] * point.n_e / point.X_f,
         "T_d": q["fuel_dead_time"],

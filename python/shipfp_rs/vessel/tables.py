@@ -63,16 +63,16 @@ class Firing(Section):
     """Torque of single cylinders, equally spaced: a raised cosine over each working stroke."""
 
     stroke_deg: Annotated[float, Field(ge=1.0)] = 180.0
-    """Angle of the crankshaft over which a firing gives torque [deg]."""
+    """Crankshaft angle during which a firing produces torque [deg]."""
     strength: Numbers | None = None
-    """Each cylinder's torque over the mean of all, in the order of firing; None: all alike."""
+    """Each cylinder's torque relative to the mean, in the order of firing; None: all equal."""
 
 
 class Actuator(Section):
     """Actuator: from the governor's command to the fuel rack."""
 
     dead_time_s: Wait = 0.0
-    """Time before the rack follows at all [s]."""
+    """Dead time between command and rack [s]."""
     lag_s: Wait = 0.0
     """Time constant of a first-order lag [s]."""
     rate_mm_s: Annotated[float, Field(ge=1e-3, le=1e6)] | None = None
@@ -80,10 +80,10 @@ class Actuator(Section):
 
 
 class FourQuadrant(Section):
-    """Torque and thrust coefficients C_Q*, C_T* over the angle of the flow at 0.7 of the radius, straight between.
+    """Torque and thrust coefficients C_Q*, C_T* over the flow angle at 0.7 of the radius, with linear interpolation.
 
-    The angle is atan2(V_a, 0.7 pi n D), so that ahead in bollard pull is at 0 and astern at 180 degrees. Only ratios
-    to the values at `bollard_deg` act: the scale comes from the operating point and from K_T.
+    The angle is atan2(V_a, 0.7 pi n D), which is 0 degrees ahead in bollard pull and 180 degrees astern. Only ratios to
+    the values at `bollard_deg` are used; the absolute values follow from the operating point and K_T.
     """
 
     angle_deg: Annotated[Numbers, Field(min_length=2)]
@@ -93,7 +93,7 @@ class FourQuadrant(Section):
     C_T: Numbers
     """Thrust coefficient at each angle."""
     bollard_deg: float = 0.0
-    """Angle of the ship's operating point [deg]: 180 for a trial astern, where speeds count positive astern."""
+    """Flow angle at the ship's operating point [deg]; 180 for a trial astern, in which speeds astern are positive."""
 
     @model_validator(mode="after")
     def _is_a_function_of_the_angle(self) -> Self:
@@ -109,16 +109,16 @@ class FourQuadrant(Section):
 
 
 class Ship(Section):
-    """Motion of the ship under the thrust of its propellers, the resistance with the square of its speed."""
+    """Motion of the ship under the thrust of its propellers, with a resistance proportional to the square of its speed."""
 
     mass_kg: Annotated[float, Field(ge=1.0, le=1e10)]
-    """Mass of the ship and of the water that moves with it [kg]."""
+    """Mass of the ship, including the hydrodynamic added mass [kg]."""
     resistance_N_s2_m2: Annotated[float, Field(ge=1e-9, le=1e9)]
-    """Resistance over the square of the ship's speed [N s2/m2]."""
+    """Resistance divided by the square of the ship's speed [N s2/m2]."""
     propellers: Annotated[int, Field(ge=1, le=20)] = 1
-    """Number of propellers that push it."""
+    """Number of equal propellers that push the ship."""
     wake_fraction: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.0
-    """Part of the ship's speed that the water at the propeller lacks."""
+    """Wake fraction w: the speed of the water at the propeller is 1 - w times the ship's speed."""
 
 
 def later() -> Any:
@@ -167,7 +167,7 @@ class Sparse(Section):
 
 
 class Water(Sparse):
-    """The water that the propeller works in."""
+    """The water in which the propeller works."""
 
     table: ClassVar[str] = "water"
 
@@ -176,12 +176,12 @@ class Water(Sparse):
 
 
 class Envelope(Section):
-    """Highest brake torque over engine speed, straight between the points, constant outside (Fig. 3.3)."""
+    """Highest brake torque over engine speed, linear between the points, constant outside (Fig. 3.3)."""
 
     speed_rpm: Table
     """Engine speeds [rpm], ascending."""
     torque_Nm: Table
-    """Highest brake torque at each of them [Nm]."""
+    """Highest brake torque at each speed [Nm]."""
 
     @model_validator(mode="after")
     def _is_a_function_of_speed(self) -> Self:
@@ -196,7 +196,7 @@ class Envelope(Section):
 
 
 class Engine(Sparse):
-    """Diesel engine: rating, torque limit, and what sets its torque ripple (cylinders, strokes)."""
+    """Diesel engine: rating, torque limit, and the numbers that determine its torque ripple (cylinders, strokes)."""
 
     table: ClassVar[str] = "engine"
 
@@ -213,15 +213,15 @@ class Engine(Sparse):
     envelope: Envelope | None = None
     """None: unlimited."""
     minimum_torque_Nm: float | None = None
-    """Lowest brake torque, negative for a dragged engine; None: no lower limit."""
+    """Lowest brake torque [Nm], negative if the engine can be driven by the shaft; None: no lower limit."""
     torque_rate_Nm_s: Annotated[float, Field(ge=1e-3, le=1e12)] | None = None
     """Highest rate of the brake torque [Nm/s]; None: no limit."""
     smoke_margin_mm: Annotated[float, Field(ge=1e-6, le=1e6)] | None = None
-    """Fuel that the smoke limiter allows beyond what the charge air can burn [mm of rack]; None: no smoke limiter."""
+    """Fuel that the smoke limiter allows in excess of that for the charge air [mm of rack]; None: no smoke limiter."""
     turbocharger_lag_s: Annotated[float, Field(ge=1e-3, le=600.0)] = 1.0
-    """Time constant of the charge air behind the rack [s]; it acts with a smoke limiter only."""
+    """Time constant with which the charge air follows the rack [s]; used only with a smoke limiter."""
     firing: Firing | None = None
-    """Torque pulses of the cylinders; default: their mean torque only."""
+    """Torque pulses of the cylinders; default: constant torque, without pulses."""
 
     @model_validator(mode="after")
     def _stays_within_its_rating(self) -> Self:
@@ -244,13 +244,13 @@ class Gearbox(Sparse):
     table: ClassVar[str] = "gearbox"
 
     ratio: Annotated[float, Field(ge=0.01, le=1000.0)]
-    """Turns of the engine for one of the shaft; below 1 for a gear that speeds up."""
+    """Turns of the engine per turn of the shaft; below 1 for a step-up gear."""
     efficiency: Fraction = later()
-    """Shaft power over brake power, `drag_Nm` apart."""
+    """Shaft power divided by brake power, without the loss by `drag_Nm`."""
     drag_Nm: NotNegative = 0.0
     """Torque lost at the shaft at the operating point, in addition to the efficiency [Nm]."""
     drag_exponent: Annotated[float, Field(ge=0.0, le=4.0)] = 1.0
-    """Exponent of the shaft speed with which the drag grows."""
+    """Exponent e of the drag, which is proportional to the shaft speed to the power of e."""
 
 
 class Shaft(Sparse):
@@ -259,11 +259,11 @@ class Shaft(Sparse):
     table: ClassVar[str] = "shaft"
 
     inertia_kg_m2: Positive = later()
-    """Moment of inertia of all that turns [kg m2]."""
+    """Moment of inertia of all rotating parts [kg m2]."""
     propeller_side_inertia_kg_m2: Positive = later()
     """Part of the inertia on the propeller's side of the torque gauge [kg m2]."""
     add_entrained_water: bool = False
-    """Whether the inertia of the water that turns with the propeller is added to both; else they contain it already."""
+    """Whether the propeller's added inertia of entrained water is added to both inertias; if false, they include it."""
     stiffness_Nm_rad: Annotated[float, Field(ge=1e-3)] | None = None
     """Torsional stiffness between the two inertias [Nm/rad]; None: rigid."""
     damping_Nms_rad: Annotated[float, Field(ge=0.0, le=1e9)] = 0.0
@@ -292,23 +292,23 @@ class Propeller(Sparse):
     pitch_ratio: Annotated[float, Field(ge=0.01, le=10.0)] = later()
     """Pitch over diameter."""
     area_ratio: Annotated[float, Field(ge=0.01, le=10.0)] = later()
-    """Expanded blade area over the disc's."""
+    """Expanded blade area divided by the disc area."""
     blades: Annotated[int, Field(ge=2, le=20)] = later()
     """Number of blades."""
     nozzle: str = ""
     """Type of nozzle; empty: none."""
     torque_exponent: Annotated[float, Field(gt=0.0, le=4.0)] = 2.0
-    """p in M_p proportional to n_s |n_s|^(p-1); eq. 3.8 has 2."""
+    """Exponent p of the propeller's torque, M_p proportional to n_s |n_s|^(p-1); 2 in eq. 3.8."""
     thrust_deduction: Annotated[float, BeforeValidator(_no_percentage), Field(ge=0.0, lt=1.0)] = 0.0
     """Thrust deduction fraction t: the share of the thrust that is lost to added resistance of the hull."""
     K_T: Annotated[float, Field(ge=1e-4, le=10.0)] = later()
     """Thrust coefficient at zero speed of advance."""
     shaft_ripple: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.0
-    """Amplitude of the torque once per turn of the shaft, over the mean."""
+    """Amplitude of the torque at the shaft's rotation frequency, relative to the mean."""
     blade_ripple: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.0
-    """Amplitude of the torque at blade passage, over the mean."""
+    """Amplitude of the torque at the blade passage frequency, relative to the mean."""
     four_quadrant: FourQuadrant | None = None
-    """None: bollard pull, the torque odd in the speed."""
+    """Four-quadrant diagram; None: bollard pull, with a torque that is an odd function of the speed."""
 
 
 class Governor(Sparse):
@@ -321,21 +321,21 @@ class Governor(Sparse):
     K_i: Annotated[float, Field(ge=1e-5, le=1e5)] = later()
     """Integral gain [1/s]."""
     K_d: Annotated[float, Field(ge=0.0, le=1e4)] = 0.0
-    """Derivative gain [s], on the filtered speed alone, so that a step of the set point gives no peak."""
+    """Derivative gain [s]. It acts on the filtered speed, not on the set point, whose steps cause no peak."""
     derivative_filter_s: Annotated[float, Field(ge=1e-6, le=60.0)] = 0.05
     """Time constant of the filter of the derivative [s]."""
     sample_rate_hz: Annotated[float, Field(ge=0.1, le=1e5)] | None = None
     """Rate at which the governor computes [Hz]; None: continuously."""
     once_a_firing: bool = False
-    """Whether it computes at each firing instead."""
+    """Whether the governor computes at each firing instead of at a fixed rate."""
     computation_delay_s: Wait = 0.0
-    """Time from a sample to the command that follows from it [s]."""
+    """Time from a sample of the speed to the resulting command [s]."""
     set_point_dead_time_s: Wait = 0.0
     """Dead time of the set point on its way to the governor, T_set [s]."""
     minimum_rack_mm: float | None = None
-    """Lowest rack that it asks for [mm]; None: no limit."""
+    """Lowest rack that the governor commands [mm]; None: no limit."""
     maximum_rack_mm: Annotated[float, Field(gt=0.0, le=1e6)] | None = None
-    """Highest rack that it asks for [mm]; None: no limit."""
+    """Highest rack that the governor commands [mm]; None: no limit."""
     anti_windup: bool = False
     """Whether the integral is held while a limit of the rack or of the torque acts."""
 
@@ -360,11 +360,11 @@ class NominalPoint(Sparse):
     M_b_Nm: Positive | None = None
     """Brake torque [Nm]."""
     M_s_Nm: Positive | None = None
-    """Give either the brake torque or the shaft torque."""
+    """Shaft torque [Nm]. Either the brake torque or the shaft torque is given."""
     v: Annotated[float, Field(ge=0.01, le=100.0)] = later()
-    """Relative slope of brake torque over fuel rack at constant speed."""
+    """Relative slope of brake torque over fuel rack at constant speed: d ln(M_b) / d ln(X)."""
     g: float = later()
-    """Relative slope of brake torque over speed at constant fuel rack."""
+    """Relative slope of brake torque over speed at constant fuel rack: d ln(M_b) / d ln(n_e)."""
 
     @model_validator(mode="after")
     def _has_one_torque(self) -> Self:
@@ -374,7 +374,7 @@ class NominalPoint(Sparse):
 
 
 class SetPointLine(Section):
-    """Engine-speed set point over the voltage on its line: n_set = rpm_per_V U + rpm_at_0_V (eq. 6.7)."""
+    """Engine-speed set point as a function of its voltage: n_set = rpm_per_V U + rpm_at_0_V (eq. 6.7)."""
 
     rpm_per_V: float
     """Slope of the line [rpm/V]."""

@@ -65,9 +65,9 @@ class Vessel(Sparse):
     """
 
     name: Name
-    """What reports call the ship."""
+    """Name of the ship in reports."""
     description: str = ""
-    """What the ship is, in a few words."""
+    """Short description of the ship."""
     water: Water = later()
     engine: Engine = later()
     gearbox: Gearbox

@@ -46,8 +46,7 @@ def open_parquet(path: Path, rate_hz: float | None, time: str | None = None) -> 
         # Reading the footer of a long log takes as long as reading a stretch, so the footer is read once.
         stream = pa.parquet.ParquetFile(local(path), metadata=file.metadata, pre_buffer=False)
         while group < len(groups):
-            # Row groups are selected in small steps: selecting all up to the end takes longer than reading a short
-            # stretch.
+            # Select few row groups at a time: selecting all to the end takes longer than reading a short stretch.
             stop = min(max(int(np.searchsorted(starts, first + size)), group + 1), len(groups))
             for batch in stream.iter_batches(size, row_groups=range(group, stop), columns=[column]):
                 if skip < len(batch):

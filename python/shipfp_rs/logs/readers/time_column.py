@@ -194,8 +194,7 @@ def find_time(
     scored = [(_score(path, plan, columns), -place, plan) for place, plan in enumerate(found)]
     usable = [item for item in scored if item[0] > (0.0,)]
     if not usable:
-        # A column that is clearly named as time is returned, and so reported, even if it is not usable; a column x is
-        # not.
+        # A column clearly named as time is returned although it is not usable: its use raises an error.
         certain = [plan for plan in numbers if plan and time_cells.plain(plan.name) not in AMBIGUOUS]
         return certain[:1] or (_nameless(columns, names) if nameless else [])
     best = max(usable, key=lambda item: item[:2])[2]
