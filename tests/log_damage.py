@@ -131,9 +131,7 @@ def _clock_back(arrays: Arrays, draw: np.random.Generator, window: tuple[int, in
     start, _ = _stretch(draw, window, 200, 9000)
     time = _time(np.arange(len(arrays["PTM_1"])))
     time[start:] -= draw.uniform(0.01, 3.0)
-    return Damaged(
-        arrays, refusal="the clock was reset within it", spans=_span(start, len(time)), time=time
-    )
+    return Damaged(arrays, refusal="the clock was reset within it", spans=_span(start, len(time)), time=time)
 
 
 def _clock_rate(arrays: Arrays, draw: np.random.Generator, window: tuple[int, int]) -> Damaged:

@@ -123,5 +123,7 @@ def test_a_file_in_the_place_of_the_folder_is_refused(tmp_path) -> None:
 @pytest.mark.parametrize(("name", "value"), [("n_e", 3000.0), ("n_e", 1e12), ("M_g", 1e12), ("M_g", 3.0)])
 def test_breakage_a_an_operating_point_far_from_the_signal_is_refused(trial, name, value) -> None:
     signals = {**trial[0].signals, "n_e": np.array([1180.0, 1184.0, 1190.0])}
-    with pytest.raises(InputError, match=f"signal '{name}' is .* expected an operating point near the signal"):
+    with pytest.raises(
+        InputError, match=f"signal '{name}' is .* expected an operating point near the signal"
+    ):
         Experiment("Trial", 50.0, signals, {"n_set": 1184.0, name: value})

@@ -103,7 +103,5 @@ def test_cases_no_window_spans_a_jump_of_the_clock(tmp_path: Path) -> None:
     """
     (tmp_path / "TRIAL.toml").write_text(text)
     trial = Trial.load(tmp_path / "TRIAL.toml")
-    with pytest.raises(
-        InputError, match=r"window 'both': the clock was reset within it; .* before 15.01 s"
-    ):
+    with pytest.raises(InputError, match=r"window 'both': the clock was reset within it; .* before 15.01 s"):
         process(log, trial)

@@ -229,7 +229,11 @@ class TestFunction:
                 InputError,
                 r"returned shape \(2000,\), expected \(1, 2000\), a row for each of dM",
             ),
-            (np.full((1, 2000), np.nan), SimulationError, "returned values that are not finite with gain 1, tau 1"),
+            (
+                np.full((1, 2000), np.nan),
+                SimulationError,
+                "returned values that are not finite with gain 1, tau 1",
+            ),
         ],
     )
     def test_what_it_returns_is_checked(self, lagging, returned, error, message):

@@ -81,7 +81,9 @@ def test_breakage_c6_no_log_is_replaced_by_what_has_another_kind_of_name(tmp_pat
         (steps.to_csv, ".csv or .txt"),
         (lambda path: fp.write_experiments(path.with_suffix(".json"), [record]), ".parquet or .pq"),
     ):
-        with pytest.raises(InputError, match=f"expected a name ending in {ending}, since such a file is written"):
+        with pytest.raises(
+            InputError, match=f"expected a name ending in {ending}, since such a file is written"
+        ):
             write(log)
     assert log.read_bytes() == before
     assert [path.name for path in tmp_path.iterdir()] == ["log.parquet"]

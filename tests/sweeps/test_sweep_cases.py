@@ -80,7 +80,10 @@ def test_cases_a_sweep_of_one_s_own_vessel_names_all_that_its_file_lacks(tmp_pat
         cheap_plan(2, sweep=own, factors=factors)
     with pytest.raises(InputError, match=r"found no section 'shat'; did you mean 'shaft'\?"):
         cheap_plan(2, sweep=own, factors={"vessel.shat.inertia_kg_m2": factors["vessel.shaft.inertia_kg_m2"]})
-    for key, said in (("operating_point.M_b_Nm", "expected M_b_Nm or M_s_Nm"), ("water.density_kg_m3", "water")):
+    for key, said in (
+        ("operating_point.M_b_Nm", "expected M_b_Nm or M_s_Nm"),
+        ("water.density_kg_m3", "water"),
+    ):
         given = {name: value for name, value in REST.items() if name != key}
         with pytest.raises(InputError, match=f"SWEEP.toml: vessel .*{said}"):
             cheap_plan(2, sweep=own, factors=factors, vessel=given)
