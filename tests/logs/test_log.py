@@ -171,7 +171,7 @@ def test_stretches_outside_the_log_are_refused(path: Path, start_s: float, stop_
 
 @pytest.mark.parametrize("start_s", [10.00001, 12.49999])
 def test_a_stretch_between_two_samples_is_refused(path: Path, start_s: float) -> None:
-    with pytest.raises(InputError, match="channel 'torque' holds no sample there"):
+    with pytest.raises(InputError, match="channel 'torque' has no sample in this stretch"):
         Log.open(path).read("torque", start_s, start_s + 1e-6)
 
 

@@ -57,8 +57,8 @@ def experiment_of(frame: Frame) -> Experiment:
     Returns
     -------
     Experiment
-        The operating point is the means of the signals, or for a frame from `Experiment.to_pandas` the one stored in
-        it.
+        Experiment whose operating point is the signals' means. A frame from `Experiment.to_pandas` keeps its stored
+        operating point.
 
     Raises
     ------

@@ -297,7 +297,7 @@ class FrequencyResponse(Tabular):
         Signal name to the relative standard deviation of the amplitude [-] and to that of the phase [rad], shape (F,), where
         known. The two differ if an error of a sine fit's frequency affects the phase but not the amplitude.
     operating_point
-        Signal name to the value by which it was normalised.
+        Signal name to the value by which the signal was normalised.
     provenance
         Source and processing of the numbers.
     coherence

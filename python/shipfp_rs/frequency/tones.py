@@ -41,7 +41,7 @@ def stepped_sine_response(
     Parameters
     ----------
     experiments
-        One experiment that `segments` divide, or one for each sine.
+        One experiment that `segments` divide, or one experiment for each sine.
     segments
         Time range of each sine in the experiment [s] and its approximate frequency, as in `Excitation.segments`; the
         frequency is estimated from the set point.

@@ -178,7 +178,7 @@ def _is_sinusoidal(probe: Array, pulses: PulseTimes) -> bool:
 class ChannelReport:
     """Contents of one channel.
 
-    Gaps are spans (K, 2). For a pulse train `noise` is NaN, for other channels `pulses_hz` is None.
+    Gaps are spans (K, 2). The noise of a pulse train is NaN; `pulses_hz` is None for all other channels.
     """
 
     channel: Channel

@@ -177,7 +177,7 @@ def _slips(passed: Array, counts: Rows) -> tuple[list[_Slip], bool]:
 RATES_AGREE = 1e-4
 """Largest relative difference between the estimated rates of two pieces."""
 LONGEST_GAP = 100.0
-"""Most missing samples per recorded sample; beyond it two pieces are two recordings."""
+"""Most missing samples between two pieces of a recording, per recorded sample."""
 OFF_GRID = 0.25
 """Largest offset between the sample times of overlapping pieces [samples]; rounded times cause such offsets."""
 COMPARED = 1 << 16

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 
 KEPT = 1 << 17
-"""Samples kept in memory before the last one read: stretches overlap by a filter length of a second or two."""
+"""Number of samples kept in memory after reading, since stretches overlap by a filter length of a second or two."""
 STRETCH_BYTES = 1 << 26
 """Memory for a channel whose stretches are read more than once: over two hours at 2 kHz as float32."""
 
@@ -154,7 +154,7 @@ class Log:
             twice = next(channel for channel in names if names.count(channel) > 1)
             raise InputError(f"{name}: channel {twice!r} appears twice; give each channel its own name")
         for channel in channels:
-            # Rows are found by time, so two samples must differ in time.
+            # Samples are addressed by time, so successive samples must differ in time.
             last_s = max(abs(channel.start_s), abs(channel.stop_s)) if channel.rate_hz > 0.0 else np.inf
             if channel.samples < 0 or not last_s * channel.rate_hz < 2.0**50:
                 raise InputError(
@@ -307,7 +307,7 @@ class Log:
 
     @checked
     def rows(self, name: str, start_s: float | None = None, stop_s: float | None = None) -> tuple[int, int]:
-        """Return the index of the first sample of a stretch and of one past its last.
+        """Return the sample indices [first, stop) of a stretch of time.
 
         Parameters
         ----------
@@ -389,7 +389,9 @@ class Log:
         first, last = self.rows(name, start_s, stop_s)
         parts = list(self.chunks(name, min(max(last - first, 1), BLOCK), start_s=start_s, stop_s=stop_s))
         if not parts:
-            raise InputError(f"{self.name}: channel {name!r} holds no sample there; read a longer stretch")
+            raise InputError(
+                f"{self.name}: channel {name!r} has no sample in this stretch; read a longer one"
+            )
         return parts[0] if len(parts) == 1 else np.concatenate(parts)
 
     def __getitem__(self, name: str) -> Samples:
@@ -405,8 +407,8 @@ class Log:
     def to_pandas(self, names: Sequence[str] | None = None) -> pd.DataFrame:
         """Return channels as columns of a `pandas.DataFrame` with the log's clock [s] as index `time_s`.
 
-        Units are in `attrs["units"]`. With channels of different rates or starts there is a row for each of their times,
-        NaN where a channel has no sample.
+        Units are in `attrs["units"]`. For channels of different rates or starts, there is a row for every sample time
+        of any channel, NaN where a channel has no sample.
 
         Parameters
         ----------

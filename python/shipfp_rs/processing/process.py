@@ -326,7 +326,7 @@ class _Recording:
         return conditioned(experiment, settings.detrend, settings.normalise)
 
     def speeds_of_windows(self) -> dict[str, Array]:
-        """Engine speed [rpm] in every window not yet returned by `signals`."""
+        """Engine speed [rpm] in every window whose signals `signals` has not yet returned and freed."""
         return {label: speed.rpm for label, speed in self.speeds.items() if label != STEADY_STRETCH}
 
     def governor_clock(self, speeds: Mapping[str, Array]) -> dict[str, float] | None:

@@ -254,7 +254,7 @@ class _NoRows:
 
 
 def read_edges(path: Path, tacho: Tacho) -> Array:
-    """Times of a list of edges [s]; with levels, only of the edges that rise to the upper level.
+    """Times [s] of a list of edges; if the list has levels, only the times of rising edges.
 
     Raises
     ------

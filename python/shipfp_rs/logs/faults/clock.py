@@ -54,7 +54,7 @@ class Clock:
 
     @property
     def samples(self) -> int:
-        """Number of samples, missing ones included."""
+        """Number of samples, including missing samples."""
         return self.segments[-1].sample + self.segments[-1].count
 
 

@@ -25,7 +25,7 @@ SIDE = 3
 ABOVE_SIDES = 4.0
 """Least ratio of the amplitude of hum to that at the two reference frequencies."""
 LEAST_BLOCKS = 3
-"""Least number of successive blocks with hum. A jump of the signal looks like hum in one or two."""
+"""Least number of successive blocks with hum. A jump of the signal looks like hum in one or two blocks."""
 BATCH = 64
 """Blocks processed together. The number is fixed, since rounding depends on it and must not depend on the chunks fed."""
 NOTCH_S = 0.5
@@ -239,7 +239,7 @@ class _Suspects:
                 yield start, min(start + PIECE + 1, stop)
 
     def beside_noise(self, spans: Spans) -> Spans:
-        """Spans with noise before or after them."""
+        """Select the spans with noise directly before or after."""
 
         def noisy(start: int, stop: int) -> bool:
             before = self.read(max(start - NEARBY, 0), start) if start else np.empty(0)

@@ -33,7 +33,7 @@ KINDS: Mapping[str, str] = MappingProxyType(
         "drift": "clock drift between loggers",
     }
 )
-"""Kinds of faults; A to D3 are those of Table 6.10 of the thesis."""
+"""Kinds of faults, with descriptions; A to D3 are in Table 6.10 of the thesis."""
 
 SHOWN = 5
 """Most stretches listed in a message."""

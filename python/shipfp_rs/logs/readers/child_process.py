@@ -1,4 +1,4 @@
-"""Child processes that open files for their parent and end with it.
+"""Child processes that open files for their parent process and end with the parent.
 
 Readers based on third-party packages, run in a child process.
 
@@ -32,7 +32,7 @@ from shipfp_rs.logs.faults.record import Fault
 from shipfp_rs.logs.log import Log, Reader
 
 TIRED_BYTES = 100_000_000
-"""Growth of a child's memory [bytes] above which it is ended instead of opening another file."""
+"""Growth of a child's memory [bytes] above which the child opens no further file and is ended."""
 
 START = """
 import json, sys
