@@ -119,7 +119,7 @@ impl RepeatScan {
         pairs.sort_unstable();
         for (lag, place) in pairs {
             let run = self.open.entry(lag).or_insert(Run { first: place, last: place, prints: 0 });
-            // Fingerprints of the same repetition are at most a lag apart, since a repetition is no longer than that.
+            // Hashes of one repetition are at most `lag` apart, since a repetition has at most that length.
             if place - run.last > lag {
                 self.found.extend((run.prints >= PRINTS).then_some((lag, run.first)));
                 *run = Run { first: place, last: place, prints: 0 };

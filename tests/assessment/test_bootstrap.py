@@ -84,7 +84,10 @@ def test_the_same_seed_gives_the_same_draws(coloured, drawn):
     ("change", "message"),
     [
         ({"draws": 5}, "draws is 5, expected 20 to 1000000"),
-        ({"block_s": 40.0}, "blocks of 40 s, expected at least a sample and a tenth of its 59.2 s at most"),
+        (
+            {"block_s": 40.0},
+            "blocks of 40 s, expected at least a sample and at most a tenth of the record's 59.2 s",
+        ),
         ({"block_s": 0.001}, "blocks of 0 s, expected at least a sample"),
     ],
 )

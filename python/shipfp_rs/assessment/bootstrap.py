@@ -246,8 +246,8 @@ class _Residuals:
         block = max(map(block_length, kept)) if block_s is None else round(block_s * record.rate_hz)
         if not 1 <= block <= kept.shape[1] // FEWEST_BLOCKS:
             raise InputError(
-                f"{record.name!r}: blocks of {block / record.rate_hz:.3g} s, expected at least a sample and a tenth of its "
-                f"{kept.shape[1] / record.rate_hz:.3g} s at most; give block_s or a longer record"
+                f"{record.name!r}: blocks of {block / record.rate_hz:.3g} s, expected at least a sample and at most a tenth "
+                f"of the record's {kept.shape[1] / record.rate_hz:.3g} s; give block_s or a longer record"
             )
         return cls(record, tuple(simulated), model, kept - kept.mean(axis=1, keepdims=True), valid, block)
 

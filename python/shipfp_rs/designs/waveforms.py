@@ -287,8 +287,8 @@ def _steps(setting: Setting, duration_s: float) -> Excitation:
     smooth = _smoothing_s(limits)
     if smooth > 0.5 * hold:
         raise InputError(
-            f"steps of {hold:.3g} s, each smoothed over {smooth:.3g} s for the rate of change and the excluded bands, "
-            "expected at most half of it; make the trial longer or choose kind 'sines'"
+            f"steps of {hold:.3g} s, each smoothed over {smooth:.3g} s to respect rate of change and excluded bands, "
+            "expected smoothing over at most half a step; make the trial longer or choose kind 'sines'"
         )
     made = signals.steps(limits.amplitude_rpm * np.array(LEVELS), hold, rate_hz=rate, name="steps")
     count = round(smooth * rate)

@@ -141,7 +141,7 @@ def _computed(likelihood: Likelihood, penalty: Penalty | None, vector: Array) ->
     if penalty is None:
         return found, found
     value, slope = penalty(vector)
-    # The penalty's residual is -value, so its derivative equals the model's slope.
+    # As in the likelihood, the residual is data minus model, here -value, and the derivative is the model's, here `slope`.
     return found, found._replace(
         cost=found.cost + value**2,
         downhill=found.downhill - value * slope,

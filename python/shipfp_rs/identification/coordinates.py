@@ -1,6 +1,6 @@
 """Search coordinates: the parameters that a fit searches, and the unknowns of its records, as one bounded vector.
 
-Where no structure asks otherwise, a ship is searched in ratios to the inertia's time constant tau_n. Data determine these
+Without a given structure, the parameters are searched as ratios to the inertia's time constant tau_n. Data determine these
 ratios far better than the parameters. Divided by tau_n, the ship's equations are linear in 1 / tau_n, (p - g) / tau_n,
 vK_p / tau_n and vK_i / tau_n, except for N^p (eq. 3.31). A valley of the deviance along which only the curvature of N^p
 changes is a straight line in these coordinates. A given structure may fix or tie any of these parameters, so its own are

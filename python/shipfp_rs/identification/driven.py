@@ -22,7 +22,7 @@ DRIVES = Sentence(
     "engine = drive; fuel rack = control signal; fuel actuator = actuator; fuel path = actuator path; "
     "fuel's torque = drive's torque; the rack = the control signal"
 )
-"""Replacements of a combustion engine's words for a drive of any kind."""
+"""Replacements of terms of combustion engines for a drive of any kind."""
 COMMANDS = Sentence("set point = command")
 """Replacement of a governor's set point for a drive in open loop."""
 GIVEN = ("propeller", "engine.cylinders")

@@ -23,9 +23,9 @@ STATUS: Mapping[str, str] = {
 }
 
 ALONG = "estimated, without an interval"
-"""Reason of a searched parameter without an interval."""
+"""Reason given for a searched parameter that has no interval."""
 ASSUMED = "assumed"
-"""Reason of a parameter that was neither given nor estimated."""
+"""Reason given for a parameter that was neither given nor estimated."""
 
 KNOWN: tuple[Status, ...] = ("free", "prior")
 """Statuses of an estimate with an interval."""

@@ -238,7 +238,7 @@ class LimitedLikelihood(EquationLikelihood):
         )
 
     def resettled_at(self, vector: Array) -> Self:
-        """Return the likelihood settled at a point of the search again, with the torque disturbance estimated there."""
+        """Return the likelihood with torque disturbance, corrections and noise estimated at a point of the search."""
         return super(LimitedLikelihood, self.driven(vector)).resettled_at(vector)
 
     def with_noise(self, vector: Array) -> Self:

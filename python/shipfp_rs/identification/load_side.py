@@ -326,7 +326,7 @@ class Fit:
 
 
 def _products(B: ComplexArray, told: ComplexArray, A: ComplexArray, bent: ComplexArray, hats: Array) -> Array:
-    """Real products of two sets of columns, each extended by systematic errors: hats times `told` or `bent`, and times i."""
+    """Real products of the columns B, `told` hats and i `told` hats with A, `bent` hats and i `bent` hats."""
     main, knots = len(B), len(hats)
     product = np.empty((main + 2 * knots,) * 2)
     product[:main, :main] = _along(B, A)

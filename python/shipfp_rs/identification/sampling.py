@@ -140,8 +140,8 @@ STRETCHES, EDGE, SHORTEST = 24, 5, 20
 """Number of stretches of the record, stretches at either end that are not searched, and least samples of a stretch."""
 BETTER, AGREED = 1.15, 0.8
 """Least factor by which a shift reduces the residual's variance, and least share of stretches on each side that agree. Of
-176 simulated trials without a shift none was detected. A shift of 0.4 s in the second half was detected in 142, in three of
-these at another time or with another size."""
+176 simulated trials without a shift none was detected. A shift of 0.4 s in the second half was detected in 142 of them, in
+three of these with a wrong time or size."""
 
 
 def moved_from(experiment: Experiment) -> tuple[float, float] | None:

@@ -1,7 +1,7 @@
 """The fit of a ship: the full model without limits; limits and torsional flexibility of the shaft are tried in addition.
 
-Both dead times, the lag and the load's second-order coefficient are always fitted, with "off" as a bound. Other elements
-are tried one by one, since no parameter fades them out: a limit of torque or rate, and a torsionally flexible shaft.
+Both dead times, the lag and the load's second-order coefficient are always fitted; their bounds include the value without
+effect. Limits of torque and rate, and a torsionally flexible shaft, are tried one by one, since they have no such value.
 """
 
 from __future__ import annotations

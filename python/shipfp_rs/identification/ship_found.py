@@ -18,8 +18,8 @@ from shipfp_rs.structures.elements import ELEMENTS
 LIMITED = {"torque_limit", "rack_rate", "rack_rate_down"}
 """Elements whose effect only simulations give."""
 BELIEVED = 25.0
-"""Decrease of the deviance from which a tried element counts as on. By chance, two parameters give 14 once in 1000; other
-errors of the model give as much again."""
+"""Decrease of the deviance from which a tried element counts as on. By chance, two parameters
+give a decrease of 14 once in 1000; other errors of the model may give another 14."""
 DISCREPANCY = 2.0
 """Factor on the standard deviations of a ship with a limit. Errors of its simulation, at corners of the limit and in the
 course of the torque disturbance by moving water, move all parameters together: for some twenty simulated ships the true
@@ -63,7 +63,7 @@ class ShipFit(Minima):
 
     @property
     def along(self) -> frozenset[str]:
-        """Parameters of elements neither required nor excluded; they are searched, so that intervals allow for both."""
+        """Parameters of elements that the data neither require nor exclude; searching them widens the intervals."""
         names = {
             name
             for element in self.elements

@@ -29,8 +29,8 @@ class Score(NamedTuple):
     """Test of a column that the model may lack.
 
     `fall` is the decrease of the deviance. `consistency` is the squared sum over stretches, divided by the sum of squares;
-    one by chance. `size` is the column's coefficient. `share` is the root mean square of its effect over the response's,
-    largest of any output.
+    1 is expected by chance. `size` is the column's coefficient. `share` is the root mean square of its effect over the
+    response's, largest of any output.
     """
 
     fall: float

@@ -65,9 +65,9 @@ CUT = 10.0
 """Along a null direction parameters can move only until one of them meets a bound. A parameter that moves by less than this
 many standard deviations still has an interval."""
 SHORT = 1e-3
-"""Limit of that movement (see `CUT`), as a share of the width between the parameter's bounds."""
+"""A parameter also has an interval if it moves by less than this share of the width between its bounds (see `CUT`)."""
 EDGE = 1e-6
-"""Limit of that movement (see `CUT`), as a share of the parameter's size, where the standard deviation is zero."""
+"""Share of the parameter's size that replaces `CUT` where the standard deviation is zero."""
 SHARPER = 1.0 / 3.0
 """A combination is listed if its relative deviation is below this share of its least known parameter's."""
 STILL = 1e-4

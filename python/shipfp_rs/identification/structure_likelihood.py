@@ -2,8 +2,8 @@
 
 Data in the form compared with a structure: samples, tapered spectra, or frequency responses.
 
-Each kind has a spectrum (O, F), the residual of a model, and the model's derivatives. For samples the "frequencies" are the
-samples: white noise has the same covariance at all of them, so samples and spectra carry the same information.
+Each kind has a spectrum (O, F), the residual of a model, and the model's derivatives. Samples are treated
+as if each were a frequency: white noise has the same covariance at all samples, as at all frequencies.
 """
 
 from __future__ import annotations

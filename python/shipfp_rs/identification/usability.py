@@ -260,5 +260,5 @@ def _why_not(fingerprint: Fingerprint) -> Usability | None:
 
 
 def _known_from_one_side(estimate: Estimate) -> bool:
-    """Whether an estimate is on a bound and has an interval, as a delay that may be zero."""
+    """Whether an estimate is on a bound and has an interval, for example a delay that may be zero."""
     return estimate.status == "at_bound" and estimate.ci95 is not None

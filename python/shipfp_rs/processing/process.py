@@ -218,7 +218,7 @@ class _Recording:
 
     @contextmanager
     def naming_the_rate(self) -> Iterator[None]:
-        """Add the assumed rate of a log without times to errors in the block; a wrong rate changes all times and speeds."""
+        """Add the trial's sample rate to errors raised in the block, since a wrong rate changes all times and speeds."""
         try:
             yield
         except InputError as error:

@@ -125,7 +125,7 @@ LEAST_CORRELATION = 0.3
 SAME_SHAFT = 0.1
 """Largest relative difference of a speed's median from the set point's if both are of the same shaft."""
 WHOLE = 0.02
-"""Largest distance of the pulses per turn from a whole number for a train that counts as on the engine's shaft."""
+"""A pulse train counts as on the engine's shaft if its pulses per turn are within this distance of a whole number."""
 
 Shaft = Literal["engine", "propeller"]
 

@@ -39,7 +39,7 @@ LARGE_NM, LARGE_KW = 1e4, 1e3
 def feeds_a_generator(
     fingerprint: Fingerprint, experiments: Iterable[Experiment], vessel: Vessel | None
 ) -> bool:
-    """Whether a drive train feeds a generator or a brake: a measured load, or an engine without a propeller."""
+    """Whether a drive train feeds a generator or a brake: it has a measured load, or an engine and no propeller."""
     return is_loaded(fingerprint, experiments) or (
         vessel is not None and vessel.given("engine.cylinders") and not vessel.given("propeller")
     )

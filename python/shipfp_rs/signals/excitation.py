@@ -260,7 +260,7 @@ MOST_PERIODS = 100_000
 def repeated(
     name: str, kind: str, rate_hz: float, one_period: Array, periods: int, hold: Hold = "first"
 ) -> Excitation:
-    """Repeat a period [rpm], with a segment for each."""
+    """Repeat the samples of a period [rpm]; each repetition is a segment."""
     if not 1 <= periods <= MOST_PERIODS:
         raise InputError(f"periods is {periods}, expected 1 to {MOST_PERIODS}")
     at_most("periods", periods * len(one_period))

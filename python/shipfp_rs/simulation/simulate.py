@@ -198,7 +198,7 @@ def simulate(
         For each output, the standard deviation of its noise relative to that of the clean signal, or a pair of this and
         the correlation of successive samples (first-order autoregression).
     seed
-        Seed of the noise; None draws one, which is stored in the provenance.
+        Seed of the noise; None: a random seed, which is stored in the provenance.
 
     Returns
     -------

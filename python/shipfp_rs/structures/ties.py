@@ -116,7 +116,7 @@ def tied(equations: Equations, ties: Ties) -> Equations:
 
 @dataclass(frozen=True)
 class Behind(Equations):
-    """Equations whose parameters are linear functions of outer parameters, such as untied or joint ones."""
+    """Equations with parameters that are linear functions of the searched ones, for ties and joint structures."""
 
     equations: Equations
 
@@ -192,7 +192,7 @@ class PartEquations(Behind):
     """Equations of one trial with the joint structure's parameter names; parameters of other trials have no effect."""
 
     names: Mapping[str, str]
-    """Names in the equations, by joint name."""
+    """Joint structure's name of a parameter to its name in the equations."""
 
     def own_values(self, values: Values) -> dict[str, float]:
         """Return the values of the equations' parameters."""

@@ -58,7 +58,7 @@ class Bins:
 
 
 class Tally:
-    """Sums over the draws of each group, a combination of bins."""
+    """Sums over the draws of each group; a group is a combination of bins."""
 
     def __init__(self, bins: Sequence[Bins], names: Sequence[str]) -> None:
         self.bins, self.names = tuple(bins), tuple(names)

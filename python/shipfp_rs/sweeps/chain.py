@@ -48,7 +48,7 @@ class Noise(Section):
     X_f: Share = 0.0
     """Of the fuel rack."""
     level: Annotated[float, Field(ge=0.0, le=1000.0)] = 1.0
-    """Factor on all of them."""
+    """Factor on the noise of all signals."""
     correlation: Annotated[float, Field(gt=-1.0, lt=1.0)] = 0.0
     """Correlation between successive samples (first-order autoregression)."""
 

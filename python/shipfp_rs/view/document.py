@@ -247,6 +247,6 @@ def _found(window: FoundWindow) -> dict[str, Any]:
 def _times(
     channel: Channel | None, spans: list[list[int]], channels: dict[str, Channel]
 ) -> list[list[float]]:
-    """Spans of samples in seconds; spans of the clock, which is not a channel, by the first channel's rate."""
+    """Convert spans of samples to seconds. The clock is no channel; its spans are converted by the first channel's rate."""
     about = channel or next(iter(channels.values()))
     return [[about.start_s + edge / about.rate_hz for edge in span] for span in spans]

@@ -14,7 +14,7 @@ use crate::stop::{CHECK_EVERY, Stop};
 
 /// Longest window [samples] that is allowed for any signal; for a longer signal, up to four times its length.
 const LONGEST: usize = 1 << 20;
-/// Samples sorted between two checks for a stop.
+/// Number of samples that are sorted between two checks for a request to stop.
 const PIECE: usize = 1 << 18;
 
 /// Median of the `window` samples around each one, the signal reflected at its ends (d c b a | a b c d | d c b a).

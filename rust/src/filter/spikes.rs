@@ -8,7 +8,7 @@ use crate::stop::Stop;
 const ROBUST_SIGMA: f64 = 1.4826;
 /// Largest difference of the levels before and after a spike, as a share of its height.
 const COMES_BACK: f64 = 0.3;
-/// Share of the threshold down to which a spike's flanks are part of it.
+/// Share of the threshold above which samples beside a spike belong to the spike.
 const SHOULDER: f64 = 0.5;
 /// Share of the peak at which a spike's length is measured. At lower heights its neighbours may be suspect, too: on a
 /// steep slope a long spike shifts the median.

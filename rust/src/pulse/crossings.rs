@@ -97,7 +97,7 @@ impl PulseCrossings {
     }
 
     /// As [`Self::edges`] for a chunk without gaps whose crossings are `known` if the detector is armed (or not) as in
-    /// `before`. None if this detector's state differs: the chunk must then be searched.
+    /// `before`. None if this detector is not in the state `before`: the chunk must then be searched.
     pub(super) fn timed<T: Sample>(
         &mut self,
         chunk: &[T],

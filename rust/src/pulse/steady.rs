@@ -144,7 +144,7 @@ impl Even {
         others
     }
 
-    /// Whether pulses are evenly spaced from a window's first sample to its last, with at least two in each part.
+    /// Whether pulses are evenly spaced over a whole window, with at least two in each of its parts.
     fn to(&self, length: usize) -> bool {
         let longest = (EVEN * f64::from(self.least) + 1.0).min((PART / 2) as f64);
         let ends = f64::from(self.first).max(length as f64 - f64::from(self.last));

@@ -26,7 +26,7 @@ const LIMIT: f64 = 14.0;
 /// height.
 const SAME_MIDDLE: f64 = 0.5;
 const SAME_HEIGHT: f64 = 0.05;
-/// Number of stretches whose noise is pooled, and least number that each window adds.
+/// Number of stretches whose noise is averaged, and least number of them that each window contributes.
 const STRETCHES: usize = 64;
 const LEAST_STRETCHES: usize = 4;
 /// Ratio of a window's noise to the noise of the previous windows, above which the noise has changed.
@@ -328,7 +328,7 @@ impl PulseTracker {
         pieces
     }
 
-    /// Thresholds between one pair of levels and another, from `start` on; None if a given threshold is not between them.
+    /// Thresholds for the transition between two pairs of levels, from `start` on; None if a given threshold is outside these.
     fn levels_between(&self, one: &Level, other: &Level, start: u64) -> Option<(Levels, f64)> {
         let (bottom, top) = (0.5 * (one.bottom + other.bottom), 0.5 * (one.top + other.top));
         let (height, noise) = (top - bottom, one.noise.max(other.noise));

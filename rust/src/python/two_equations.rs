@@ -24,7 +24,7 @@ fn expect(name: &str, found: &[usize], expected: &[usize]) -> PyResult<()> {
     })?)
 }
 
-/// Arguments for a record that both kernels share, borrowed.
+/// Borrowed arguments for one record; both kernels take the same ones.
 struct Record<'py> {
     equations: Equations,
     signals: Signals<'py>,

@@ -13,8 +13,8 @@ pub fn summed(integral: Dual, held: Dual) -> Dual {
     integral * held * held * (1.0 / 3.0)
 }
 
-/// Ripple of the speed at the samples over the fuel's slope and the inverse inertia [s^2], for a dead time, of which `hold`
-/// is half a period, and a lag after the hold.
+/// Ripple of the speed at the governor's samples, divided by the fuel's slope and the inverse inertia [s^2]. Half a sample
+/// period is the share `hold` of the dead time `dead`; a lag follows.
 ///
 /// Images of the command at multiples z of the sample rate alias through the lag and the inertia at the sampling instants:
 /// the sum of `exp(-z t) / (z^2 (1 + z lag))`, with t the dead time without half a period.

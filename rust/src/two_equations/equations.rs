@@ -71,7 +71,7 @@ pub struct Setup {
     pub steps: bool,
 }
 
-/// Measured outputs; the brake's torque only besides a gauge's.
+/// Measured outputs. The brake's torque `dM_b` is compared only in addition to a gauge's.
 pub const OUTPUTS: [&str; 4] = ["dn", "dM", "dX", "dM_b"];
 /// An output by its index in [`OUTPUTS`].
 pub type Output = usize;

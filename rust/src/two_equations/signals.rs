@@ -233,7 +233,7 @@ fn raised<S: Simd, const LENGTH: usize>(
     }
 }
 
-/// Orders of a signal delayed by t, given exp(-s t).
+/// Spectra of a delayed signal with the taper and its derivatives (`orders`), for a delay t and `turn` = exp(-s t).
 #[inline(always)]
 fn delayed<S: Simd>(simd: S, orders: [Complex<S>; ORDERS], turn: Complex<S>, t: f64) -> [Complex<S>; ORDERS] {
     let steps = [1.0, -t, 0.5 * t * t, -t * t * t / 6.0];
