@@ -128,7 +128,7 @@ def find_layout(path: Path) -> Layout:
         )
     full = [row for row in rows[first:] if len(row) == width]
     above = [_uncommented(line, delimiter) for line in lines[:first]]
-    # long function: evaluates the header lines step by step
+    # long: evaluates the header lines step by step
     beside = _taken_facts(above, [any(row[k] for row in full) for k in range(width)], decimal)
     headings, own, named = _headings(above, width)
 

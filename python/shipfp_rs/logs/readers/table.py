@@ -104,7 +104,7 @@ def log_of_table(
                 yield _samples(batch[:left])
                 left -= len(batch)
 
-    # long function: one loop over columns with three kinds of time, which all append to the same lists
+    # long: one loop over columns with three kinds of time, which all append to the same lists
     channels: list[Channel] = []
     readers: dict[str, Blocks] = {}
     for name, (field, facts) in fields.items():
