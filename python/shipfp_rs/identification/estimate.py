@@ -97,7 +97,8 @@ def with_interval(
     The standard deviation is half the interval's width over the `quantile`.
     """
     least, most = bounds
-    low, high, value = max(interval[0], least), min(interval[1], most), min(max(value, least), most)
+    value = float(min(max(value, least), most))
+    low, high = float(min(max(interval[0], least), value)), float(max(min(interval[1], most), value))
     width, whole = high - low, most - least
     if low > 0.0 and least > 0.0:
         width, whole = math.log(high / low), math.log(most / least)
@@ -106,8 +107,7 @@ def with_interval(
             "the data allow any value between {low} and {high}", low=f"{low:.3g}", high=f"{high:.3g}"
         )
         return unidentifiable(reason, unit)
-    low, high = float(min(low, value)), float(max(high, value))
-    return Estimate(float(value), (high - low) / (2.0 * quantile), (low, high), unit, status)
+    return Estimate(value, (high - low) / (2.0 * quantile), (low, high), unit, status)
 
 
 ROUGH, OPEN = 0.25, 2.0

@@ -8,7 +8,7 @@ Also here:
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -79,7 +79,6 @@ class StructureEstimates:
     """Estimates of each parameter and their covariance at a minimum."""
 
     fit: StructureFit
-    intervals: Mapping[str, Interval] = field(default_factory=dict)
 
     @property
     def structure(self) -> Structure:
@@ -191,16 +190,17 @@ class StructureEstimates:
         """Parameters whose interval is wanted: neither held by a bound nor undetermined."""
         return figures_of([name for name in self.inner.names if name not in self.reasons])
 
-    @cached_property
-    def parameters(self) -> dict[str, Estimate]:
-        """Estimates of all parameters; `intervals` must have those of `figures`."""
-        found = {one.name: self._estimate(index, one) for index, one in enumerate(self.structure.free)}
+    def parameters(self, intervals: Mapping[str, Interval]) -> dict[str, Estimate]:
+        """Return the estimates of all parameters, with the intervals of `figures`."""
+        found = {
+            one.name: self._estimate(index, one, intervals) for index, one in enumerate(self.structure.free)
+        }
         for one in self.structure.parameters:
             if one.fixed:
                 found[one.name] = Estimate(one.start, unit=one.unit, status="fixed", reason="given")
         return with_tied(found, self.structure)
 
-    def _estimate(self, index: int, parameter: Parameter) -> Estimate:
+    def _estimate(self, index: int, parameter: Parameter, intervals: Mapping[str, Interval]) -> Estimate:
         value, unit, bounds = self.values[parameter.name], parameter.unit, (parameter.lower, parameter.upper)
         is_lower = value == parameter.lower
         if self.held[index]:
@@ -213,7 +213,7 @@ class StructureEstimates:
             return Estimate(value, unit=unit, status="at_bound", reason=where)
         if parameter.name in self.reasons:
             return unidentifiable(self.reasons[parameter.name], unit)
-        interval, quantile = self.intervals[parameter.name].ends, self.fit.likelihood.quantile
+        interval, quantile = intervals[parameter.name].ends, self.fit.likelihood.quantile
         status: Status = "free" if parameter.prior is None else "prior"
         estimate = with_interval(value, interval, unit, status, bounds=bounds, quantile=quantile)
         if not self.inward[index] or estimate.ci95 is None:
@@ -226,9 +226,8 @@ class StructureEstimates:
         where = Sentence(said, bound=f"{value:g}", end=f"{estimate.ci95[1 if is_lower else 0]:.4g}")
         return replace(estimate, std=None, status="at_bound", reason=where)
 
-    @cached_property
-    def derived(self) -> dict[str, Estimate]:
-        """Combinations that the data determine although one of their parameters is not identifiable.
+    def derived(self, parameters: Mapping[str, Estimate]) -> dict[str, Estimate]:
+        """Return the combinations that the data determine although one of their parameters is not identifiable.
 
         A nonlinear model makes every parameter slightly identifiable; then also combinations that are much better known than
         one of their parameters.
@@ -244,7 +243,7 @@ class StructureEstimates:
             except (KeyError, ZeroDivisionError):
                 continue
             members = [n for n, slope in zip(self.everything.names, gradient, strict=True) if slope != 0.0]
-            each = all(self.parameters[member].status in ("free", "prior", "fixed") for member in members)
+            each = all(parameters[member].status in ("free", "prior", "fixed") for member in members)
             if (each and not curved) or not self.everything.tells(gradient):
                 continue
             part = np.array([gradient[self.everything.names.index(n)] for n in self.inner.names])
@@ -253,7 +252,7 @@ class StructureEstimates:
             std = float(np.sqrt(max(part @ self.covariance @ part, 0.0)))
             if not np.isfinite(std) or std > abs(value):
                 continue
-            widest = max((_relative(self.parameters[member]) for member in members), default=0.0)
+            widest = max((_relative(parameters[member]) for member in members), default=0.0)
             if each and std / abs(value) > SHARPER * widest:
                 continue
             half = self.fit.likelihood.quantile * std
@@ -338,27 +337,27 @@ def fitted(
     return of_structure(fit_structure(data, structure, options), options, vessel=vessel)
 
 
-def _estimated(fit: StructureFit, options: Options) -> tuple[StructureFit, StructureEstimates]:
-    """Return the fit, which a profile may have lowered, and its estimates."""
+def _with_intervals(fit: StructureFit, options: Options) -> tuple[StructureEstimates, Mapping[str, Interval]]:
+    """Return the estimates and intervals at the minimum, which a profile may have lowered."""
     found = StructureEstimates(fit)
     if options.intervals == "symmetric":
         profiles = Profiles(fit.likelihood, list(fit.basins))
-        return fit, replace(found, intervals={n: profiles.symmetric(one) for n, one in found.figures.items()})
+        return found, {name: profiles.symmetric(figure) for name, figure in found.figures.items()}
     bounds = {one.name: (one.lower, one.upper) for one in fit.structure.free}
-    lower, _, intervals = profiled(fit, found.figures, refined, bounds)
-    if lower is fit:
-        return fit, replace(found, intervals=intervals)
-    again = StructureEstimates(lower)
-    missing = {name: one for name, one in again.figures.items() if name not in intervals}
-    profiles = Profiles(lower.likelihood, list(lower.basins))
-    intervals |= {name: profiles.interval(one) for name, one in missing.items()}
-    return lower, replace(again, intervals=intervals)
+    lower, profiles, intervals = profiled(fit, found.figures, refined, bounds)
+    if lower is not fit:
+        found = StructureEstimates(lower)
+        wanted = {name: figure for name, figure in found.figures.items() if name not in intervals}
+        intervals |= {name: profiles.interval(figure) for name, figure in wanted.items()}
+    return found, intervals
 
 
 def of_structure(fit: StructureFit, options: Options, *, vessel: str | None = None) -> Fingerprint:
     """Return the fingerprint of a fitted structure."""
     structure = fit.structure
-    fit, found = _estimated(fit, options)
+    found, intervals = _with_intervals(fit, options)
+    fit, parameters = found.fit, found.parameters(intervals)
+    derived = found.derived(parameters)
     records, tests = fit.records, residual_tests(fit)
     by_record = _fits(fit)
     rows = _mean_fits(records, structure, by_record)
@@ -375,8 +374,8 @@ def of_structure(fit: StructureFit, options: Options, *, vessel: str | None = No
     misses = dict(zip(structure.outputs, missed, strict=True)) if closed else misses_of(table, samples)
     tested = "structure_p" in overall
     fingerprint = Fingerprint(
-        parameters=found.parameters,
-        derived=found.derived,
+        parameters=parameters,
+        derived=derived,
         covariance=found.covariances(),
         identifiability=found.identifiability,
         fit={**table, "overall": overall},
@@ -399,8 +398,8 @@ def of_structure(fit: StructureFit, options: Options, *, vessel: str | None = No
         seed=options.seed,
         versions=versions(),
         verdict=verdict(
-            found.parameters,
-            found.derived,
+            parameters,
+            derived,
             found.identifiability,
             {**table, "overall": overall},
             structure,

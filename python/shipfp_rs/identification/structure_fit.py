@@ -108,10 +108,8 @@ def fit_structure(data: Data | Sequence[Data], structure: Structure, options: Op
         *guessed_vectors(records, likelihood, structure),
     ]
     likelihood, basins, total = best_basins(likelihood, vectors, until=until, alone=_settled)
-    last = SETTLED if isinstance(likelihood, EquationLikelihood) else LAST
-    settled = max(last, ROUNDING * basins[0].cost)
-    ends = [descend(likelihood, one.vector, steps=STEPS, settled=settled, until=until) for one in basins]
-    return StructureFit(likelihood, tuple(distinct(likelihood, ends)), structure, records, total)
+    basins = _sharpened(likelihood, basins, until)
+    return StructureFit(likelihood, tuple(distinct(likelihood, basins)), structure, records, total)
 
 
 def refined(fit: StructureFit) -> StructureFit:
@@ -120,7 +118,15 @@ def refined(fit: StructureFit) -> StructureFit:
     if not np.isfinite(end.cost):
         raise IdentificationError("identify: the structure cannot be simulated at a lower minimum")
     likelihood = fit.likelihood.settled_at(end.vector)
-    return replace(fit, likelihood=likelihood, basins=(descend(likelihood, end.vector),), settled=end.cost)
+    basins = _sharpened(likelihood, [descend(likelihood, end.vector)], None)
+    return replace(fit, likelihood=likelihood, basins=tuple(basins), settled=end.cost)
+
+
+def _sharpened(likelihood: Fitted, basins: Sequence[Basin], until: float | None) -> list[Basin]:
+    """Return the minima to the precision of the last descent."""
+    last = SETTLED if isinstance(likelihood, EquationLikelihood) else LAST
+    settled = max(last, ROUNDING * basins[0].cost)
+    return [descend(likelihood, one.vector, steps=STEPS, settled=settled, until=until) for one in basins]
 
 
 def _settled(likelihood: Fitted, vector: Array, *, until: float | None) -> Basin:
