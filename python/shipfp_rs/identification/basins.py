@@ -238,8 +238,8 @@ def settle(
 ) -> tuple[Known, Basin]:
     """Descend repeatedly, with noise and corrections of the records re-estimated at each minimum.
 
-    At most `rounds` descents; the last moves by less than `still`, a squared number of standard deviations, or changes no
-    entry of the search vector by more than `least`. Return the last likelihood and its minimum.
+    The search ends after `rounds` descents, or after a descent that moved the minimum by less than `still` (squared distance
+    in standard deviations) or by less than `least` in every entry. Return the last likelihood and its minimum.
     """
     best = start
     for _ in range(rounds):

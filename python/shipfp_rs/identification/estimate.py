@@ -92,9 +92,10 @@ def with_interval(
     bounds: tuple[float, float] = (-math.inf, math.inf),
     quantile: float = DEVIATIONS_95,
 ) -> Estimate:
-    """Return the estimate of an interval, cut by the bounds; not identifiable if it covers nearly all between the bounds.
+    """Return an estimate with this value and interval, both clipped to the bounds.
 
-    The standard deviation is half the interval's width over the `quantile`.
+    The parameter is not identifiable if the interval covers more than `UNKNOWN` of the range between the bounds. The
+    standard deviation is half the interval's width, divided by `quantile`.
     """
     least, most = bounds
     value = float(min(max(value, least), most))

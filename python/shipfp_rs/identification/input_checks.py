@@ -65,7 +65,7 @@ def require_excited(experiments: Sequence[Experiment], *, follows: bool = True) 
         worst = max(experiments, key=_swing)
         raise InputError(
             f"{worst.name!r}: the {DRIVES[worst.driver]} moves by {100 * _swing(worst):.2g} % of the operating point, "
-            f"expected at least {100 * LEAST_SWING:.2g} %; else nothing excites the ship, unless a load does"
+            f"expected at least {100 * LEAST_SWING:.2g} %; a constant set point needs a measured load that changes"
         )
     for experiment in moving:
         _require_following(experiment, follows)

@@ -41,7 +41,7 @@ product of these factors."""
 FURTHER = 1.3
 """Largest extrapolation: distance of an end over that of the last point inside."""
 REACHED = 0.9
-"""Share of the way to a limit of the figure above which a profile counts as having reached the limit."""
+"""A profile has reached a bound if it covers this share of the distance from the minimum to the bound."""
 LOWER, RESTARTS = 0.5, 2
 """Profiles start again where one of them finds a deviance lower by the first; the second is the most restarts."""
 COMBINED_TRIES = 3

@@ -44,8 +44,9 @@ DELAYS = {"T_d", "T_set", "tau_act"}
 WAYS: tuple[Between, ...] = ("band-limited", "straight", "held")
 """Tried courses of a set point between samples, where processing did not low-pass it."""
 HELD = 10.0
-"""Decrease of the deviance from which a smooth set point that is not recorded as held counts as held. At low frequencies a
-held set point and a straight one differ by a delay of half a sample only, which the ship's own dead times compensate."""
+"""Least decrease of the deviance by a zero-order hold, compared with a smooth or piecewise linear course, for a set point
+without steps to count as held. At low frequencies the hold acts as a delay of half a sample, which the dead time of the set
+point compensates, so chance alone would often prefer the hold."""
 SCALES = (0.6, 1.7)
 """Factors of the inertia from which the search of a ship with a gauge restarts."""
 STEPS_ELSEWHERE = 12
