@@ -52,6 +52,7 @@ class Case:
     excitation: str = "chirp"
     propeller: bool = False
     both: bool = False
+    wake: float = 0.0
 
 
 CASES = {
@@ -102,6 +103,14 @@ def excitation(case: Case, t: np.ndarray) -> np.ndarray:
     return case.amplitude * np.sin(2 * np.pi * first * np.expm1(growth * t) / growth)
 
 
+def wake(case: Case, count: int) -> np.ndarray:
+    """Load torque of moving water, 0.05 to 1.5 Hz, that no channel records."""
+    hz = np.fft.rfftfreq(count, 1.0 / FINE_HZ)
+    turns = np.exp(2j * np.pi * np.random.default_rng(4).random(len(hz)))
+    waves = np.fft.irfft(np.where((hz > 0.05) & (hz < 1.5), turns, 0.0), count)
+    return np.asarray(case.wake * waves / waves.std())
+
+
 def simulated(case: Case) -> tuple[dict[str, float], fp.Experiment]:
     """Return truth and record of a case."""
     truth = {**SHIP, **case.own}
@@ -117,14 +126,15 @@ def simulated(case: Case) -> tuple[dict[str, float], fp.Experiment]:
         u = np.repeat(coarse, every)
     hold = "zero" if case.between == "held" else "first"
     parameters = np.array(_core.SHIP_OFF)
-    parameters[INDEX["v"]] = 1.0
+    parameters[[INDEX["v"], INDEX["load_gain"]]] = 1.0
     for name, value in truth.items():
         if name != "T_B":  # as late as the gauge
             parameters[INDEX[KERNEL.get(name, name)]] = value
     torques = ["dM_g", "dM_b"] if case.both else ["dM_g" if case.gauge else "dM_b"]
     speed_name = "dn_prop" if case.propeller else "dn"
     outputs = [_core.SHIP_OUTPUTS.index(name) for name in (speed_name, *torques)]
-    y = _core.simulate_ship(parameters, 1.0 + u, np.empty(0), 1.0 / FINE_HZ, 2, hold, outputs)
+    water = wake(case, len(fine)) if case.wake else np.empty(0)
+    y = _core.simulate_ship(parameters, 1.0 + u, water, 1.0 / FINE_HZ, 2, hold, outputs)
     if case.between == "band-limited" and (case.excitation != "chirp" or "T_s" in case.own):
         taps = fp_low_pass(case.rate_hz)
         u, *y = (np.convolve(np.pad(row, len(taps) // 2, mode="edge"), taps, "valid") for row in (u, *y))
@@ -156,6 +166,26 @@ def fp_low_pass(rate_hz: float) -> np.ndarray:
 
 def left(case: Case) -> dict[str, float]:
     """Return what the two equations leave of each output at the truth, over its signal."""
+    return _left(*at_the_truth(case))
+
+
+def engine_residual(case: Case) -> tuple[float, float]:
+    """Return what is left of the torque, and of the engine's own equation, in moving water, over the torque's signal."""
+    truth, _ = simulated(case)
+    likelihood, vector = at_the_truth(case)
+    record, (speed, torque) = likelihood.records[0], likelihood.residuals(vector)[0]
+    s = 2j * np.pi * record.frequency_hz[1:]
+    way = np.exp(-s * truth["T_d"]) / (1.0 + s * truth.get("tau_act", 0.0))
+    ahead = truth["tau_n"] - truth["tau_prop"] if case.gauge else 0.0
+    governed = ahead * s - truth["g"] + (truth["vK_p"] + truth["vK_i"] / s) * way
+    engine, torque = torque[1:] + governed * speed[1:], torque[1:]
+    kept = record.frequency_hz[1:] > 0.05
+    signal = np.linalg.norm(record.spectrum[1, 1:])
+    return float(np.linalg.norm(torque[kept]) / signal), float(np.linalg.norm(engine[kept]) / signal)
+
+
+def at_the_truth(case: Case) -> tuple[EquationLikelihood, np.ndarray]:
+    """Return the likelihood of a case's record, and the search vector of its true parameters."""
     truth, experiment = simulated(case)
     if case.propeller:
         elements = ("dead_time_loop", "dead_time_set_point", "twist")
@@ -163,7 +193,7 @@ def left(case: Case) -> dict[str, float]:
         likelihood = likelihood_of(experiment, structure, Options())[1]
         assert isinstance(likelihood, EquationLikelihood)
         records = tuple(record.running("band-limited") for record in likelihood.records)
-        return _left(replace(likelihood, records=records), likelihood.coordinates.vector(truth))
+        return replace(likelihood, records=records), likelihood.coordinates.vector(truth)
     fixed = {"damping": truth["damping"]} if "damping" in truth else {}
     question = question_of(
         [experiment],
@@ -179,7 +209,7 @@ def left(case: Case) -> dict[str, float]:
     likelihood = question.likelihood(case.between)
     likelihood = replace(likelihood, steps="T_s" in case.own and case.excitation == "steps")
     vector = likelihood.coordinates.vector({**DEFAULTS, **BARE, "vK_d": 0.0, "T_n": 0.0, **truth})
-    return _left(likelihood, vector)
+    return likelihood, vector
 
 
 def _left(likelihood: EquationLikelihood, vector: np.ndarray) -> dict[str, float]:

@@ -128,7 +128,7 @@ def residuals(parameters, signals, spacing, late, outputs, gauge, open_loop, ste
     if 1 in outputs:
         left.append(acting(stiff, M) - acting(load_n, N) - load_rest)
         matrix.append({0: -load_n[0], 1: stiff[0]})
-    if twists:
+    if 1 in outputs:
         engine, engine_row = M + acting(engine_n, N), {0: engine_n, 1: one}
     else:
         engine, engine_row = acting(load_n + engine_n, N) + load_rest, {0: load_n + engine_n}
@@ -142,8 +142,6 @@ def residuals(parameters, signals, spacing, late, outputs, gauge, open_loop, ste
         on_m = times(on_n, wound)
         engine = acting(whole + times(engine_n, wound), M) + acting(times(engine_n, whole), N)
         engine_row = {0: times(engine_n, whole), 1: whole + times(engine_n, wound)}
-        if not twists:
-            engine, engine_row = acting(load_n + engine_n, N) + load_rest, {0: load_n + engine_n}
         on_n, on_u = times(on_n, whole), times(on_u, whole)
     else:
         whole = one

@@ -289,8 +289,10 @@ fn written(values: &[f64; COUNT], [torque, rack, both]: [bool; 3], setup: Setup)
     let slowed = if gauge { inertia } else { poly(&[zero]) }.plus(&poly(&[q(at::G)]), -1.0);
     engine.add(signal::M, &on_engine.clone().plus(&slowed.times(&wound), 1.0));
     engine.add(signal::N, &on_engine.times(&slowed));
-    // For a stiff shaft the load's equation replaces the torque in the engine's equation, whose scale then has no effect.
-    if !twists {
+    // A measured torque stays in the engine's equation. In moving water that equation's residual is far smaller than the
+    // load's, since the wake moves speed and torque together. Operators and the taper do not commute, so a multiple of the
+    // load's residual would leave a thousandth of the wake in the engine's.
+    if !torque {
         engine = engine.without_torque(&load);
     }
 
