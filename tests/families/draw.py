@@ -193,7 +193,7 @@ def draw(
     Parameters
     ----------
     family
-        One of `FAMILIES`.
+        One of `FAMILIES`, or "strangers", which are of their own class with the same methods.
     seed
         The same seed gives the same trial.
     load
@@ -202,6 +202,8 @@ def draw(
         Kind of excitation and how long it may last [s]; None: drawn, and the family's own.
     """
     module = importlib.import_module(f"tests.families.{family}")
+    if family == "strangers":
+        return module.draw(seed, longest_s=longest_s)
     random = np.random.default_rng([FAMILIES.index(family), seed, 0])
     ranges: Ranges = module.RANGES
     for _ in range(_TRIES):
