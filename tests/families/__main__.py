@@ -2,6 +2,7 @@
 
     python -m tests.families --family tug --draws 20 --seed 1000 --experiments
     python -m tests.families --family all --draws 5 --raw
+    python -m tests.families --family strangers --draws 40 --raw
     python -m tests.families --family wrong --draws 200
     python -m tests.families --family tug --draws 20 --windows
 
@@ -26,7 +27,7 @@ from pathlib import Path
 
 from tests.families.draw import FAMILIES, draw
 from tests.families.late_windows import LATE_S, agreement
-from tests.families.score import is_known, score, summary, table
+from tests.families.score import LOOP, is_known, loop_inside, score, summary, table
 from tests.families.wrong import KINDS
 
 CIRCUMSTANCES = {
@@ -42,7 +43,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m tests.families", description=__doc__.splitlines()[0])
-    parser.add_argument("--family", choices=[*FAMILIES, "all", "wrong"], default="tug")
+    parser.add_argument("--family", choices=[*FAMILIES, "strangers", "all", "wrong"], default="tug")
     parser.add_argument("--draws", type=int, default=20)
     parser.add_argument("--seed", type=int, default=1000)
     mode = parser.add_mutually_exclusive_group()
@@ -82,6 +83,9 @@ def main() -> None:
     if families != ("wrong",):
         print(judged(results))
         print(by_circumstance(results))
+    if families == ("strangers",):
+        print(by_kind(results))
+        print(loops(results))
     if options.windows:
         print(agreement(results))
     print(f"\n{len(results)} draws in {time.perf_counter() - began:.0f} s; wrote {out}")
@@ -107,7 +111,7 @@ def chosen(family, options) -> list[int]:
 
 def is_limited(family, seed, load) -> bool:
     """Whether a draw of a family has a limit of torque or rate."""
-    return bool({"M_max", "rate"} & set(draw(family, seed, load=load).truth()["on"]))
+    return bool({"M_max", "rate", "set_rate"} & set(draw(family, seed, load=load).truth()["on"]))
 
 
 def kept(family, seed, late_s, options, out) -> dict:
@@ -158,6 +162,40 @@ def by_circumstance(results) -> str:
             counts.append(f"{wrong} of {len(mine)}")
         lines.append(f"grossly wrong with {name}: {counts[0]}, without: {counts[1]}")
     return "\n".join(lines)
+
+
+def by_kind(results) -> str:
+    """Return a line for each kind of stranger."""
+    lines = [f"{'kind':12}{'draws':>7}{'answers':>9}{'grossly wrong':>15}{'usable for tuning':>19}"]
+    for kind in dict.fromkeys(one["truth"]["kind"] for one in results if "truth" in one):
+        mine = [one for one in results if "truth" in one and one["truth"]["kind"] == kind]
+        scored = [one for one in mine if "score" in one]
+        wrong = sum(
+            any(row["gross_as_told"] for row in one["score"]["parameters"].values()) for one in scored
+        )
+        lines.append(
+            f"{kind:12}{len(mine):7}{len(scored):9}{wrong:15}{sum(is_for_tuning(one) for one in scored):19}"
+        )
+    return "\n".join(lines)
+
+
+def is_for_tuning(result) -> bool:
+    """Whether an answer is called usable for control tuning."""
+    return bool(result["answer"]) and result["answer"]["usable"].startswith(
+        "Usable for simulation, control tuning"
+    )
+
+
+def loops(results) -> str:
+    """Return on how many ships called usable for tuning the figures of the loop hold."""
+    mine = [
+        loop_inside(one.get("loop"), one["truth"]["loop"])
+        for one in results
+        if "score" in one and is_for_tuning(one)
+    ]
+    each = ", ".join(f"{name} {sum(one[name] for one in mine)}" for name in LOOP)
+    whole = sum(all(one.values()) for one in mine)
+    return f"loop figures inside on {whole} of {len(mine)} ships called usable for tuning ({each})"
 
 
 def answered(family, seed, late_s, options) -> dict:

@@ -17,7 +17,7 @@ import warnings
 from dataclasses import replace
 from pathlib import Path
 
-from tests.families import genset, recording
+from tests.families import genset, recording, score
 from tests.families.draw import draw
 from tests.families.matters import judged
 from tests.families.wrong import wrong
@@ -45,7 +45,8 @@ def main() -> None:
         drawn = draw(options.family, options.seed, load=bool(options.load), longest_s=options.longest)
         drawn = drawn if options.late is None else replace(drawn, late_s=options.late)
         result["truth"] = drawn.truth()
-        result["matters"] = None if options.no_matters else judged(drawn)
+        judging = not options.no_matters and options.family != "strangers"
+        result["matters"] = judged(drawn) if judging else None
         # For the case that no answer comes: the truth is there.
         options.out.write_text(json.dumps(result | {"answer": None, "error": None}), encoding="utf-8")
         if options.mode == "raw":
@@ -54,31 +55,50 @@ def main() -> None:
         else:
             experiment = drawn.experiment()
             for part in ("signals", "operating_point"):
-                if "M_load" in experiment[part]:
+                if "M_load" in experiment[part] and options.load:
                     experiment[part][options.load] = experiment[part].pop("M_load")
-            result |= identified(experiment, result["truth"] if options.structure == "true" else None)
+            given = result["truth"] if options.structure == "true" else None
+            result |= identified(experiment, given, figures="loop" in result["truth"])
     options.out.write_text(json.dumps(result), encoding="utf-8")
 
 
-def identified(experiment, truth) -> dict:
-    """Let the package identify arrays; with `truth`, the elements that are on are given."""
+def identified(experiment, truth, figures=False) -> dict:
+    """Let the package identify arrays; with `truth`, the elements that are on are given; `figures` of the loop, too."""
     import shipfp_rs as fp
 
     began, worked = time.perf_counter(), time.process_time()
-    answer, error = None, None
+    answer, error, loop = None, None, None
     try:
         data = fp.Experiment(**experiment)
         found = fp.identify(data) if truth is None else fp.identify(data, true_structure(fp, truth))
         answer = found.to_dict()
+        loop = loop_told(fp, found) if figures else None
     except Exception as problem:  # every failure is a result here
         error = {"type": type(problem).__name__, "text": str(problem)[:500]}
         error["refused"] = isinstance(problem, fp.errors.InputError)
     return {
         "answer": answer,
+        "loop": loop,
         "error": error,
         "seconds": time.perf_counter() - began,
         "processor_s": time.process_time() - worked,
     }
+
+
+def loop_told(fp, fingerprint) -> dict | None:
+    """Return crossover and margins as the package tells them; None where its model has no loop."""
+    try:
+        figures = fp.closed_loop(fingerprint)
+    except fp.ShipfpError:
+        return None
+    return {name: figures[name].to_dict() for name in score.LOOP if name in figures}
+
+
+def loop_of_file(file) -> dict | None:
+    """Return the figures of a fingerprint that `shipfp run` wrote."""
+    import shipfp_rs as fp
+
+    return loop_told(fp, fp.Fingerprint.load(file))
 
 
 ELEMENTS = {
@@ -112,10 +132,11 @@ def run(drawn, load) -> dict:
         command = [sys.executable, "-m", "shipfp_rs.cli", "run", str(trial), "--out", str(folder / "out")]
         done = subprocess.run(command, capture_output=True, text=True, check=False)
         seconds = time.perf_counter() - made
-        answer, error = None, None
+        answer, error, loop = None, None, None
         file = folder / "out" / "fingerprint.json"
         if done.returncode == 0 and file.is_file():
             answer = json.loads(file.read_text(encoding="utf-8"))
+            loop = loop_of_file(file) if "loop" in drawn.truth() else None
         else:
             error = {
                 "type": f"exit {done.returncode}",
@@ -124,6 +145,7 @@ def run(drawn, load) -> dict:
             }
         return {
             "answer": answer,
+            "loop": loop,
             "error": error,
             "seconds": seconds,
             "made_s": made - began,

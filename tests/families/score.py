@@ -44,8 +44,13 @@ NAMES = {
     "rack_rate": "rate",
     "twist": "tau_twist",
     "shaft_twist": "tau_twist",
+    "speed_filter": "T_f",
 }
 """Other names that a fingerprint may give its elements."""
+OF_STRANGERS = ("set_rate", "T_f")
+"""Elements that only `strangers` have: a ramp of the set point, a filter of the speed."""
+LOOP = {"crossover": "crossover_hz", "phase margin": "phase_margin_deg", "gain margin": "gain_margin"}
+"""Figures of the loop, and what a truth calls them."""
 DELAYS = ("T_d", "T_s", "tau_act")
 _UNSCORED = ("T_0", "k_L")
 """The first sample's instant counts from a window's begin, which the fit chooses; the load's factor is a unit."""
@@ -105,6 +110,17 @@ def as_told(answer: Mapping[str, Any], true: Mapping[str, float]) -> dict[str, f
     if "vK_i" in told:
         told["K_p/K_i"] = told["vK_p"] / told["vK_i"]
     return told
+
+
+def loop_inside(told: Mapping[str, Any] | None, true: Mapping[str, float]) -> dict[str, bool]:
+    """Whether the intervals of crossover, phase margin and gain margin hold the truth; what is not told does not."""
+    found = {}
+    for name, key in LOOP.items():
+        interval = ((told or {}).get(name) or {}).get("ci95")
+        low, high = interval or (math.nan, math.nan)
+        low, high = -math.inf if low is None else low, math.inf if high is None else high
+        found[name] = bool(low <= true[key] <= high)
+    return found
 
 
 def is_known(estimate: Mapping[str, Any]) -> bool:
@@ -173,7 +189,8 @@ def _states(answer):
         return {NAMES.get(name, name): one.get("state") for name, one in answer["elements"].items()}
     parameters = answer.get("parameters", {})
     return {
-        name: "off" if parameters.get(name, {}).get("status", "absent") in _OFF else "on" for name in ELEMENTS
+        name: "off" if parameters.get(name, {}).get("status", "absent") in _OFF else "on"
+        for name in (*ELEMENTS, *OF_STRANGERS)
     }
 
 
@@ -181,7 +198,7 @@ def _elements(answer, on: Sequence[str], verdicts):
     states = _states(answer)
     unfound = [name for name in DELAYS if name in on and states.get(name, "off") != "on"]
     rows = {}
-    for name in ELEMENTS:
+    for name in (*ELEMENTS, *(name for name in OF_STRANGERS if name in states or name in on)):
         state = states.get(name, "off")
         verdict = ((verdicts or {}).get(name) or {}).get("verdict", "matters") if name in on else None
         if name not in on:
