@@ -187,15 +187,21 @@ def is_for_tuning(result) -> bool:
 
 
 def loops(results) -> str:
-    """Return on how many ships called usable for tuning the figures of the loop hold."""
-    mine = [
-        loop_inside(one.get("loop"), one["truth"]["loop"])
-        for one in results
-        if "score" in one and is_for_tuning(one)
-    ]
-    each = ", ".join(f"{name} {sum(one[name] for one in mine)}" for name in LOOP)
-    whole = sum(all(one.values()) for one in mine)
-    return f"loop figures inside on {whole} of {len(mine)} ships called usable for tuning ({each})"
+    """Return on how many ships called usable for tuning the figures of the loop hold, and on how many that tell any."""
+    told = [one for one in results if "score" in one and any_told(one["loop"])]
+    tuning = [one for one in results if "score" in one and is_for_tuning(one)]
+    lines = []
+    for mine, who in ((tuning, "called usable for tuning"), (told, "that tell any of them")):
+        inside = [loop_inside(one["loop"], one["truth"]["loop"]) for one in mine]
+        whole = sum(all(one.values()) for one in inside)
+        each = ", ".join(f"{name} {sum(one[name] for one in inside)}" for name in LOOP)
+        lines.append(f"loop figures inside on {whole} of {len(mine)} ships {who} ({each})")
+    return "\n".join(lines)
+
+
+def any_told(loop) -> bool:
+    """Whether a fingerprint gives an interval of one of the loop's figures."""
+    return any(one["ci95"] for one in (loop or {}).values())
 
 
 def answered(family, seed, late_s, options) -> dict:

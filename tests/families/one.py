@@ -72,7 +72,7 @@ def identified(experiment, truth, figures=False) -> dict:
         data = fp.Experiment(**experiment)
         found = fp.identify(data) if truth is None else fp.identify(data, true_structure(fp, truth))
         answer = found.to_dict()
-        loop = loop_told(fp, found) if figures else None
+        loop = loop_told(found) if figures else None
     except Exception as problem:  # every failure is a result here
         error = {"type": type(problem).__name__, "text": str(problem)[:500]}
         error["refused"] = isinstance(problem, fp.errors.InputError)
@@ -85,10 +85,13 @@ def identified(experiment, truth, figures=False) -> dict:
     }
 
 
-def loop_told(fp, fingerprint) -> dict | None:
+def loop_told(fingerprint) -> dict | None:
     """Return crossover and margins as the package tells them; None where its model has no loop."""
+    import shipfp_rs as fp
+    from shipfp_rs.assessment.closed_loop import closed_loop
+
     try:
-        figures = fp.closed_loop(fingerprint)
+        figures = closed_loop(fingerprint)
     except fp.ShipfpError:
         return None
     return {name: figures[name].to_dict() for name in score.LOOP if name in figures}
@@ -98,7 +101,7 @@ def loop_of_file(file) -> dict | None:
     """Return the figures of a fingerprint that `shipfp run` wrote."""
     import shipfp_rs as fp
 
-    return loop_told(fp, fp.Fingerprint.load(file))
+    return loop_told(fp.Fingerprint.load(file))
 
 
 ELEMENTS = {
