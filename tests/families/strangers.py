@@ -30,6 +30,8 @@ KINDS = ("heavy_tug", "vfd", "cpp_boat", "flywheel")
 STEP_S = 5e-4
 LEAST_PHASE_DEG, LEAST_GAIN = 25.0, 1.4
 """Margins below which a loop is drawn anew."""
+LEAST_GOVERNED = 0.5
+"""Crossover over the corner (p - g) / tau_n below which the drive, and not the governor, makes the loop."""
 SET_POINT_NOISE = 5e-5
 """Of the logged set point in experiments, over the operating point, white."""
 RANGES: dict[str, dict[str, tuple[float, float]]] = {
@@ -38,7 +40,7 @@ RANGES: dict[str, dict[str, tuple[float, float]]] = {
     },
     "vfd": {
         "tau_n": (0.05, 5.0), "T_d": (0.002, 0.05), "tau_act": (0.002, 0.1), "T_set": (0.002, 0.2), "crossover": (0.1, 8.0),
-        "T_f": (0.005, 0.05), "set_rate": (0.01, 1.0),
+        "T_f": (0.005, 0.05),
     },
     "cpp_boat": {"tau_n": (0.2, 10.0), "T_d": (0.01, 0.2), "tau_act": (0.01, 0.2), "crossover": (0.05, 2.0)},
     "flywheel": {
@@ -51,8 +53,8 @@ LOADS = {"heavy_tug": (1.8, 2.4), "vfd": (0.2, 2.2), "cpp_boat": (1.7, 2.4), "fl
 WAKE = {"heavy_tug": (0.01, 0.05), "vfd": (0.001, 0.01), "cpp_boat": (0.003, 0.02), "flywheel": (5e-4, 0.005)}
 """Share of the load that moves by itself, log-uniformly; drives and flywheels have it in half of the draws."""
 WAKE_HZ = (0.05, 1.5)
-ACTS = (0.003, 0.4)
-"""Share of the time that a ramp of the set point acts."""
+ACTS = (0.005, 0.3)
+"""Share of the time that the set point is steeper than a ramp lets through, log-uniformly."""
 ELEMENTS = ("T_d", "T_set", "tau_act", "tau_twist", "set_rate", "T_f")
 _ORDER = (
     *("tau_n", "tau_prop", "p", "g", "vK_p", "vK_i", "T_d", "tau_act"),
@@ -225,7 +227,8 @@ class Stranger:
         turning = plant.engine_speed / (1.0 if self.side == "engine" else plant.ratio)
         motion = self.motion(1.0 / (2000.0 if 60.0 * turning < 400.0 else 5000.0))
         speed, torque = self.met(motion)
-        turns = turning * np.cumsum(speed) * motion.step_s + self.random(4).random()
+        passed = np.r_[0.0, np.cumsum(0.5 * (speed[1:] + speed[:-1]))] * motion.step_s
+        turns = turning * passed + self.random(4).random()
         teeth = sensors.Pulses(sensors.reflectors(random, 60, 0.01), width=0.5, rise_s=5e-5)
         extra = []
         if self.has_load:
@@ -347,7 +350,7 @@ def loop_figures(q) -> dict[str, float] | None:
         "gain_margin": float(1.0 / abs(at(turning))),
     }
     beyond = size[turnings[0] + 1 :].max()
-    kept = figures["phase_margin_deg"] > LEAST_PHASE_DEG and max(beyond, 1e-9) < 1.0 / LEAST_GAIN
+    kept = figures["phase_margin_deg"] > LEAST_PHASE_DEG and beyond < 1.0 / LEAST_GAIN
     return figures if kept else None
 
 
@@ -373,9 +376,9 @@ def _numbers(kind, random):
     """Draw the relative numbers; None for a loop without margins."""
     drawn = {name: _log(random, *ends) for name, ends in RANGES[kind].items()}
     crossover = 2.0 * np.pi * drawn.pop("crossover")
-    for name, default in (("T_set", 0.0), ("T_f", 0.0), ("set_rate", np.inf)):
-        if name in drawn and random.random() < (0.25 if name == "T_set" else 0.5):
-            drawn[name] = default
+    for name, off in (("T_set", 0.25), ("T_f", 0.5)):
+        if name in drawn and random.random() < off:
+            drawn[name] = 0.0
     q = _OFF | drawn
     q["p"] = float(random.uniform(*LOADS[kind]))
     q["g"] = float(random.uniform(-1.5, 0.2)) if kind != "vfd" else float(random.uniform(-0.3, 0.05))
@@ -388,7 +391,8 @@ def _numbers(kind, random):
             "zeta_twist": 2.0 * _log(random, 0.005, 0.05) * w * share,
         }
         q["firing"] = _log(random, 0.003, 0.05) if random.random() < 0.5 else 0.0
-    if q["p"] - q["g"] < 0.1:
+    slope = q["p"] - q["g"]
+    if slope < 0.1 or crossover * q["tau_n"] < LEAST_GOVERNED * slope:
         return None
     corner = crossover * _log(random, 0.02, 0.8)
     q |= {"vK_p": 1.0, "vK_i": corner}
@@ -413,6 +417,10 @@ def _trial(kind, seed, q, random, longest_s):
     )
     held = kind == "vfd" and random.random() < 0.3
     corners = random.uniform(200.0, 400.0, 2)
+    excitation = _excitation(kind, q, random, longest_s)
+    if kind == "vfd" and random.random() < 0.5:
+        slopes = np.abs(np.diff(excitation(np.arange(excitation.start_s, excitation.stop_s, 0.01)))) / 0.01
+        q["set_rate"] = np.quantile(slopes, 1.0 - _log(random, *ACTS))
     wet = kind in ("heavy_tug", "cpp_boat") or random.random() < 0.5
     return Stranger(
         kind=kind,
@@ -421,7 +429,7 @@ def _trial(kind, seed, q, random, longest_s):
         plant=size,
         place="gauge" if kind == "heavy_tug" or (kind == "flywheel" and random.random() < 0.5) else "brake",
         side="propeller" if kind == "heavy_tug" and random.random() < 1.0 / 3.0 else "engine",
-        excitation=_excitation(kind, q, random, longest_s),
+        excitation=excitation,
         wake=_log(random, *WAKE[kind]) if wet else 0.0,
         bus_hz=bus,
         pitch_rate=_log(random, 0.03, 1.0),
@@ -454,15 +462,9 @@ def _excitation(kind, q, random, longest_s):
 
 
 def _can_be(found: Stranger) -> bool:
-    """Whether a drive gives these torques, the speed stays near its operating point, and a ramp acts now and then."""
+    """Whether a drive gives these torques, and the speed moves, but stays near its operating point."""
     motion = found.motion(1e-3)
     torques, speeds = (motion.brake, motion.shaft), (motion.engine, motion.propeller)
     if not all(np.isfinite(one).all() and one.min() > 0.15 and one.max() < 3.0 for one in torques):
         return False
-    rate = found.numbers["set_rate"]
-    if np.isfinite(rate):
-        asked = motion.asked / found.plant.engine_speed
-        acts = np.mean(np.abs(np.diff(ramped(asked, rate * motion.step_s))) > 0.999 * rate * motion.step_s)
-        if not ACTS[0] < acts < ACTS[1]:
-            return False
     return all(one.min() > 0.7 and one.max() < 1.3 and np.std(one) > 5e-4 for one in speeds)

@@ -61,7 +61,7 @@ def swing(signal, hz, step_s, seconds):
 @pytest.mark.parametrize("seed", [0, 1, 3, 4, 9], ids=lambda seed: f"{KINDS[seed % 4]} {seed}")
 def test_a_small_sine_is_answered_as_by_the_transfer_function(seed):
     """N / N_set = K way / (Y + F K way) exp(-s T_set), M / N by the load and the shaft, all from the truth alone."""
-    one = calm(seed)
+    one = calm(seed, T_f=0.03) if KINDS[seed % 4] == "vfd" else calm(seed)
     q, period = one.numbers, 2.0
     sine = Excitation("sines", 1.0, 401.0, np.array([[0.0, 1.0 / period, 1e-4]]))
     one = replace(one, excitation=sine)
@@ -105,6 +105,20 @@ def test_the_shaft_s_torque_is_load_and_propeller_s_inertia(seed):
     # Where a set point or a pitch begins to move, a difference is of the first order.
     middle = slice(10, -10)
     assert np.quantile(np.abs(motion.shaft - balance)[middle], 0.999) < 2e-4
+
+
+def test_a_ramp_follows_at_its_fastest_and_then_stands():
+    jump = np.repeat([1.0, 1.1], [10, 40])
+    followed = strangers.ramped(jump, 0.004)
+    assert followed[10:13] == pytest.approx([1.004, 1.008, 1.012])
+    assert followed[34:] == pytest.approx(1.1)
+
+
+def test_drives_have_ramp_filter_and_bus_in_some_draws_and_not_in_others():
+    some = [draw(seed, longest_s=130.0) for seed in range(1, 49, 4)]
+    for has in ("set_rate", "T_f"):
+        assert 0 < sum(has in one.on for one in some) < len(some)
+    assert {one.bus_hz for one in some} > {None}
 
 
 def test_margins_are_those_of_a_known_loop():
