@@ -25,7 +25,7 @@ pub const PARAMETERS: [&str; 18] = [
     "vK_d",
     "T_d",
     "T_set",
-    "hold",
+    "T_s",
     "tau_act",
     "rate",
     "rate_down",
@@ -71,7 +71,7 @@ pub fn taken_by_limits(
         k_d,
         dead,
         late,
-        hold,
+        period,
         lag,
         rate,
         rate_down,
@@ -96,7 +96,7 @@ pub fn taken_by_limits(
         || "found a step, lag, rate, rounding or scale below zero, expected them above".to_owned(),
     )?;
     let h = data.every;
-    let apart = hold * dead / 3.0_f64.sqrt();
+    let apart = period / 12.0_f64.sqrt();
     let seen = Pair::new((dead - speed_late) / h, apart / h);
     let asked = Pair::new((dead + late) / h, apart / h);
     let read = Taps::new(-torque_late / h);

@@ -248,7 +248,7 @@ def test_a_pole_of_the_dead_times_approximation_is_none_of_the_loop() -> None:
         "p": 1.35028,
         "tau_prop": 0.05626,
     }
-    found = poles_of(ship, {**values, "T_d": 0.01, "hold": 0.0})
+    found = poles_of(ship, {**values, "T_d": 0.01, "T_s": 0.0})
     # Without the dead time: 1.046 s^2 + 9.28 s + 4.97.
     assert found[0] == pytest.approx(-0.5736, rel=1e-3)
     assert found[1].real < -5.0

@@ -32,7 +32,7 @@ def test_the_published_sine_fits_bound_four_parameters_one_side_of_three_and_say
     assert kinds["tau_n"] == kinds["K_p"] == kinds["K_i"] == "one-sided"
     assert tug["K_p"].interval[1] == tug["K_i"].interval[1] == 1000.0
     assert tug["tau_n"].interval[0] == pytest.approx(0.63, abs=0.05)
-    assert tug["v"].interval == (0.01, 10.0)
+    assert tug["v"].interval == (0.01, 300.0)
 
 
 def test_along_a_valley_the_others_keep_what_the_data_tell(tug):

@@ -27,7 +27,10 @@ def test_a_fresh_system_runs_and_its_main_parameters_hold(kind: str, seed: int, 
     assert answered(system, tmp_path, in_process) is None
     found = judged(system, tmp_path / "result")
     assert found["usability"] in ("usable", "usable except")
-    assert all(found["rows"][name]["inside_as_told"] for name in MAIN), found["rows"]
+    # Of four intervals of 95 per cent one in five systems has one that does not hold.
+    inside = [found["rows"][name]["inside_as_told"] for name in MAIN]
+    assert sum(inside) >= len(inside) - 1, found["rows"]
+    assert not any(found["rows"][name]["gross_as_told"] for name in MAIN)
     one = {"kind": kind, "error": None, "true_margins": margins(loop_of(kind, system.true)), **found}
     assert "100 %" in table([one])
 

@@ -19,6 +19,7 @@ from shipfp_rs.identification.equation_likelihood import EquationLikelihood
 from shipfp_rs.identification.question import Options, question_of
 from shipfp_rs.identification.ship_found import DEFAULTS
 from shipfp_rs.identification.structure_fit import likelihood_of
+from shipfp_rs.structures.elements import LATE_CHANNELS
 from shipfp_rs.structures.ship import INDEX, KERNEL
 from shipfp_rs.structures.structure import Structure
 
@@ -35,7 +36,7 @@ SHIP = {
 FINE_HZ = 1000.0
 BETWEEN_S = 0.0005
 """First sample of a governor that samples [s], between those of the simulation."""
-BARE = {"tau_act": 0.0, "c_2": 0.0, "T_M": 0.0, "T_B": 0.0, "hold": 0.0, "T_d": 0.0, "T_set": 0.0}
+BARE = {"tau_act": 0.0, "c_2": 0.0, "T_M": 0.0, "T_B": 0.0, "T_s": 0.0, "T_d": 0.0, "T_set": 0.0}
 
 
 @dataclass(frozen=True)
@@ -153,7 +154,7 @@ def simulated(case: Case) -> tuple[dict[str, float], fp.Experiment]:
         # Half a period is dead time, the sum that is used before it is renewed is half a period late.
         del truth["T_0"]
         truth["T_d"] += 0.5 * every_s
-        truth |= {"hold": 0.5 * every_s / truth["T_d"], "vK_p": truth["vK_p"] - 0.5 * every_s * truth["vK_i"]}
+        truth |= {"T_s": every_s, "vK_p": truth["vK_p"] - 0.5 * every_s * truth["vK_i"]}
     return truth, fp.Experiment("parity", case.rate_hz, signals, operating_point=point, hold=hold)
 
 
@@ -205,6 +206,7 @@ def at_the_truth(case: Case) -> tuple[EquationLikelihood, np.ndarray]:
             if ELEMENT[name] & set(case.own)
         },
         fixed=fixed,
+        priors={name: (0.0, 0.02) for name in LATE_CHANNELS if name in case.own},
     )
     likelihood = question.likelihood(case.between)
     likelihood = replace(likelihood, steps="T_s" in case.own and case.excitation == "steps")

@@ -14,7 +14,7 @@ from shipfp_rs.identification.ship_fit import smooth_ship
 from shipfp_rs.identification.ship_found import likelihood_of
 from shipfp_rs.identification.stretches import Stretches
 from tests.families import other_governors
-from tests.identification.parity import SHIP, Case, simulated
+from tests.identification.parity import Case, simulated
 
 
 def noisy(own, noise=1.0, **recorded):
@@ -57,18 +57,6 @@ def test_a_smooth_ship_shows_nothing():
 )
 def test_a_limit_that_acts_is_shown(own, element):
     assert suspected(engine_tests(smooth_fit(noisy(own)))) == element
-
-
-@pytest.mark.parametrize("down", [0.25, pytest.param(0.5, marks=pytest.mark.slow)])
-def test_a_rack_that_is_slower_down_has_two_rates_and_another_one(down):
-    # Known loads and no other elements: it is the rates that are searched.
-    record = noisy({"rate": 0.5, "rate_down": down}, noise=0.5, rate_hz=25.0)
-    others = dict.fromkeys(("torque_limit", "twist", "actuator_lag", "sampling"), False)
-    known = {name: SHIP[name] for name in ("tau_n", "g", "p", "tau_prop")}
-    found = fp.identify(record, torque="brake", elements=others, fixed=known, intervals="symmetric")
-    assert ("rate_down" in found.parameters) == (down < 0.5)
-    for name, true in {"rate": 0.5, **({"rate_down": down} if down < 0.5 else {})}.items():
-        assert found[name].value == pytest.approx(true, rel=0.1)
 
 
 @pytest.mark.parametrize(
@@ -129,13 +117,3 @@ def test_a_dead_band_bends_the_curve_against_the_error_into_an_s():
 def test_residuals_of_a_ship_in_its_limit_make_no_curve():
     limited = replace(fit_of(), likelihood=likelihood_of(fit_of(), ["rack_rate"]))
     assert engine_curves(limited) == {}
-
-
-def test_a_way_down_of_its_own_needs_a_rate_limit():
-    with pytest.raises(fp.InputError, match="needs 'rack_rate', expected both"):
-        fp.Structure.ship(["rack_rate_down"])
-    with pytest.raises(fp.InputError, match="needs 'rack_rate', expected both"):
-        question_of([noisy({})], elements={"rack_rate": False, "rack_rate_down": True})
-    known = question_of([noisy({})], fixed={"rate_down": 0.3})
-    assert "rate" in known.always
-    assert known.tried == ("torque_limit", "twist")

@@ -20,7 +20,7 @@ def made():
     )
     likelihood = question.likelihood("straight")
     guess = first_guesses(likelihood.records, question.outputs, question.gauge)[0]
-    vector = likelihood.coordinates.vector({"c_2": 0.0, "hold": 0.4, "T_M": 2e-3, **guess})
+    vector = likelihood.coordinates.vector({"c_2": 0.0, "T_s": 0.04, "T_M": 2e-3, **guess})
     states = np.random.default_rng(0).normal(size=likelihood.coordinates.size) * 1e-3
     states[: len(likelihood.coordinates.names)] = 0.0
     return likelihood.with_noise(vector).with_noise(vector + states), vector + 2.0 * states

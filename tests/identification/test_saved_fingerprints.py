@@ -35,9 +35,9 @@ def joint() -> fp.Fingerprint:
 
 KINDS: dict[str, Callable[[], fp.Fingerprint]] = {
     "ship, straight lines": lambda: fp.identify(
-        steps(held=False), elements=FEW, fixed={"T_set": 0.0, "hold": 0.0}, intervals="symmetric"
+        steps(held=False), elements=FEW, fixed={"T_set": 0.0, "T_s": 0.0}, intervals="symmetric"
     ),
-    "ship, profiles": lambda: fp.identify(steps(held=True), elements=FEW, fixed={"T_set": 0.0, "hold": 0.0}),
+    "ship, profiles": lambda: fp.identify(steps(held=True), elements=FEW, fixed={"T_set": 0.0, "T_s": 0.0}),
     "given ship with a limit": lambda: fp.identify(steps(held=True), LIMITED, intervals="symmetric"),
     "linear": lambda: fp.identify(experiment(PLAIN), PLAIN, vessel="launch", time_limit_s=60.0),
     "linear, white": lambda: fp.identify(experiment(PLAIN), PLAIN, noise="white", seed=None),

@@ -73,13 +73,13 @@ def test_what_is_called_not_determined_is_not_listed_as_known(found) -> None:
     open_too = {
         **found.parameters,
         "g": Estimate(-0.5, 1.5, (-3.5, 2.5)),
-        "hold": Estimate(0.28, 0.02, (0.24, 0.32)),
+        "T_s": Estimate(0.28, 0.02, (0.24, 0.32)),
     }
     told = with_verdict(replace(found, parameters=open_too))
     assert "do not determine g" in told.usable
     lines = {line.partition(":")[0]: line for line in told.verdict}
     assert "g = " not in lines["Known"]
-    assert "hold = 0.280 (0.240 to 0.320) of T_d" in lines["Known"]
+    assert "T_s = 0.280 (0.240 to 0.320)" in lines["Known"]
     assert lines["Estimated, but hardly known"].startswith("Estimated, but hardly known: g = -0.5")
 
 

@@ -118,18 +118,19 @@ def whole(found):
 
 
 def told(parameters):
-    """Parameters that have a derivative at these: an element that is off has a kink there."""
-    off = [name for name in ("tau_twist", "zeta_twist", "hold") if parameters[INDEX[name]] == 0.0]
-    return [index for index, name in enumerate(NAMES) if name not in off]
+    """Parameters that have a derivative at these: a governor that begins to sample has a kink, and so has its lag."""
+    samples, lag = parameters[INDEX["T_s"]], parameters[INDEX["tau_act"]]
+    off = {"T_s": not samples, "tau_act": samples and not lag, "t_1": True}
+    return [index for index, name in enumerate(NAMES) if not off.get(name)]
 
 
-def compare(found, expected, tolerance=1e-7):
+def compare(found, expected, tolerance=1e-6):
     scale = np.abs(expected).max(axis=(1, 2)) + 1e-4 * np.abs(expected).max()
     assert (np.abs(found - expected).max(axis=(1, 2)) / scale).max() < tolerance
 
 
 TWIST = {"tau_twist": 0.02, "zeta_twist": 0.7}
-EVERY = {**TWIST, "vK_d": 0.2, "hold": 0.8, "k_L": 0.4, "x_0": 0.01}
+EVERY = {**TWIST, "vK_d": 0.2, "T_s": 0.19, "k_L": 0.4, "x_0": 0.01, "t_1": 0.8}
 CASES = {
     "speed": ([0], {}),
     "speed and torque": ([0, 1], {}),
@@ -137,9 +138,9 @@ CASES = {
     "speed and rack": ([0, 2], {}),
     "speed, torque, rack": ([0, 1, 2], {}),
     "rack, speed, torque": ([2, 0, 1], {}),
-    "hold": ([0, 1], {"hold": 0.8}),
+    "sampling": ([0, 1], {"T_s": 0.19}),
     "derivative": ([0, 1], {"vK_d": 0.2}),
-    "derivative and rack": ([0, 1, 2], {"vK_d": 0.2, "hold": 0.7}),
+    "derivative and rack": ([0, 1, 2], {"vK_d": 0.2, "T_s": 0.17}),
     "twist": ([0, 1], TWIST),
     "twist and all": ([1, 2, 0], EVERY),
     "measured load": ([0, 1], {"k_L": 0.4}),
@@ -179,13 +180,32 @@ def test_residuals_derivatives_and_products_are_those_of_the_twin(case, late):
 
 @pytest.mark.parametrize(("late", "open_loop"), [(False, True), (True, False)])
 @pytest.mark.parametrize("outputs", [[0, 1], [3, 2, 1, 0]])
-@pytest.mark.parametrize("more", [TWIST, EVERY])
-def test_a_propellers_speed_is_that_of_the_twin(more, outputs, open_loop, late):
+@pytest.mark.parametrize("more", [{}, TWIST, EVERY])
+@pytest.mark.parametrize("gauge", [True, False])
+def test_a_propellers_speed_is_that_of_the_twin(gauge, more, outputs, open_loop, late):
     parameters = vector(**LOOP, **(LATE if late else {}), **more)
-    asked = arguments(parameters, record(), outputs, True, open_loop, propeller=True)
+    asked = arguments(parameters, record(), outputs, gauge or 3 in outputs, open_loop, propeller=True)
     wrt = told(parameters)
     # Polynomials of the fifth degree: the taper's fourth derivative, which neither has, differs in delays' derivatives.
     compare(whole(_core.equation_residuals(*asked, wrt)), twin.rows(*asked, wrt), 1e-5)
+
+
+def test_mixtures_of_both_equations_are_the_same_linear_ship():
+    """Where the load's law is a straight line, no noise tells the parameters that a set point can't."""
+    data = record()
+    data[0][[_core.EQUATION_SIGNALS.index(name) for name in ("N2", "N3")]] = 0.0
+    asked = arguments(vector(**LOOP, **LATE, t_1=0.7), data, [0, 1], gauge=True)
+    rows = whole(_core.equation_residuals(*asked, []))
+    q = dict(zip(NAMES, asked[0], strict=True))
+    more = 0.1
+    mixed = {name: (1.0 + more) * q[name] for name in ("vK_p", "vK_i")}
+    mixed["tau_n"] = q["tau_prop"] + (1.0 + more) * (q["tau_n"] - q["tau_prop"]) + more * q["tau_prop"]
+    mixed["g"] = (1.0 + more) * q["g"] - more * (q["p"] + q["damping"])
+    there = asked[0].copy()
+    for name, value in mixed.items():
+        there[INDEX[name]] = value
+    other = whole(_core.equation_residuals(there, *asked[1:], []))
+    np.testing.assert_allclose(other[0], rows[0], atol=1e-12 * np.abs(rows[0]).max())
 
 
 SHIP = vector(**LOOP, **LATE, k_L=0.3)
@@ -237,9 +257,10 @@ class TestSymmetries:
         data = record()
         data[0][_core.EQUATION_SIGNALS.index("load")] = 0.0
         asked = arguments(SHIP, data, [0, 1])
-        wrt = [INDEX[name] for name in ("k_L", "x_0", "hold", "tau_twist", "tau_n")]
+        wrt = [INDEX[name] for name in ("k_L", "x_0", "T_s", "tau_n", "tau_twist")]
         found = _core.equation_residuals(*asked, wrt)
-        assert not found[1:5].any()
+        assert not found[1:4].any()
+        assert found[4].any()
         assert found[5].any()
 
     def test_any_number_of_blocks_gives_the_same_rows(self):
@@ -303,10 +324,10 @@ class TestStability:
         **LOOPS,
         vK_d=st.one_of(st.just(0.0), st.floats(0.02, 5.0)),
         T_d=st.one_of(st.just(0.0), st.floats(0.01, 0.8)),
-        hold=st.one_of(st.just(0.0), st.floats(0.1, 1.0)),
+        share=st.one_of(st.just(0.0), st.floats(0.1, 1.0)),
     )
-    def test_agrees_with_the_roots(self, own, **values):
-        parameters = vector(p=2.0, g=2.0 - own, **values)
+    def test_agrees_with_the_roots(self, own, share, **values):
+        parameters = vector(p=2.0, g=2.0 - own, T_s=2.0 * share * values["T_d"], **values)
         dead = values["T_d"]
         # A late derivative keeps the gain vK_d / tau_n until the lag takes it off: before the approximated delay ends.
         left = np.hypot(1.0, 9.0 * values["tau_act"] / dead) if dead else np.inf
@@ -373,7 +394,7 @@ GOOD = dict(
 LATE_OF_64 = np.zeros((4, 2, 64)), 0.0
 UNITS = dict(zip(("root", "shapes", "hats"), noise(2, 64), strict=True))
 BAD = [
-    ({"parameters": SHIP[1:]}, "parameters: found 24 numbers, expected 25"),
+    ({"parameters": SHIP[1:]}, "parameters: found 25 numbers, expected 26"),
     ({"parameters": vector(**LOOP, T_d=np.nan)}, "parameters: T_d is NaN, expected a number"),
     ({"parameters": vector(s_M=0.0)}, "parameters: s_M is 0, expected"),
     ({"parameters": vector(s_B=0.0)}, "parameters: s_B is 0, expected"),
@@ -385,12 +406,12 @@ BAD = [
     ({"late": [LATE_OF_64, (np.zeros((3, 2, 64)), 0.0)]}, r"late set point: found an array of shape \[3, 2, 64\]"),
     ({"late": [LATE_OF_64, (np.zeros((4, 2, 64)), np.inf)]}, "late signals: .* rest inf"),
     ({"late": [LATE_OF_64]}, "late: found 1 signals, expected speed and set point"),
-    ({"late": [LATE_OF_64] * 3}, "late: .* by the torque of a gauge"),
+    ({"late": [LATE_OF_64] * 3, "outputs": [0]}, "late: .* by the torque, expected both"),
     ({"outputs": [1]}, r"outputs: found \[1\], expected the speed 0"),
     ({"outputs": [0, 0]}, r"outputs: found \[0, 0\]"),
     ({"outputs": [0, 4]}, r"outputs: found \[0, 4\]"),
     ({"outputs": [0, 1, 3]}, r"outputs: found \[0, 1, 3\], expected .* beside the torque 1 of a gauge only"),
-    ({"wrt": [25]}, r"wrt: found \[25\], expected indices below 25"),
+    ({"wrt": [26]}, r"wrt: found \[26\], expected indices below 26"),
 ]  # fmt: skip
 BAD_UNITS = [
     ({"root": np.zeros((1, 1, 2, 64))}, r"root: found an array of shape \[1, 1, 2, 64\]"),

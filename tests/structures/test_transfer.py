@@ -71,18 +71,18 @@ def test_every_element_acts_as_its_closed_form_says():
     assert np.allclose(found, [n_s, M_g], rtol=1e-12)
 
 
-def test_a_share_of_the_dead_time_acts_as_a_governor_that_samples():
-    """Held over 2 hold T_d, the command's amplitude falls as the hold's does: both to (f T_s)^4."""
+def test_the_mean_effect_of_sampling_is_that_of_the_hold_within_the_dead_time():
     late = {name: value for name, value in TUG.items() if name != "T_d"}
-    period, share = 0.05, 0.4
-    equations = Structure.ship([*LOOP, "actuator_lag", "twist"], torque="gauge").equations
-    held, _ = equations.response(late | {"T_d": 0.5 * period / share, "hold": share}, FREQUENCIES[1:], [])
-    sampled = Structure.ship([*LOOP, "actuator_lag", "twist", "sampling"], torque="gauge").equations
-    expected, _ = sampled.response(
-        late | {"T_d": 0.5 * period / share - 0.5 * period, "T_s": period}, FREQUENCIES[1:], []
+    elements = [*LOOP, "actuator_lag", "twist", "sampling"]
+    mean, exact = (
+        Structure.ship(elements, torque="gauge", mean_sampling=one).equations for one in (True, False)
     )
-    plain, _ = equations.response(late | {"T_d": 0.5 * period / share}, FREQUENCIES[1:], [])
-    assert np.abs(held - expected).max() < 1e-2 * np.abs(plain - expected).max()
+    names = ["T_s", "T_d", "tau_n"]
+    found, slopes = mean.response(late | {"T_d": 0.06, "T_s": 0.05}, FREQUENCIES[1:], names)
+    expected, _ = exact.response(late | {"T_d": 0.035, "T_s": 0.05}, FREQUENCIES[1:], [])
+    np.testing.assert_allclose(found, expected, rtol=1e-12)
+    near, _ = mean.response(late | {"T_d": 0.06, "T_s": 0.05 + 1e-6}, FREQUENCIES[1:], [])
+    np.testing.assert_allclose(slopes[0], (near - found) / 1e-6, atol=1e-4 * np.abs(slopes[0]).max())
 
 
 def test_a_slow_set_point_is_followed_in_full():
@@ -96,7 +96,7 @@ def test_a_slow_set_point_is_followed_in_full():
 def test_derivatives_are_those_of_finite_differences(speed, gauge, products):
     gains = {"vK_d": 0.2} if products else {"v": 1.2, "K_p": 4.4, "K_i": 10.5, "K_d": 0.17}
     values = {name: value for name, value in TUG.items() if products or not name.startswith("v")}
-    values |= gains | {"T_s": 0.03, "hold": 0.3}
+    values |= gains | {"T_s": 0.03}
     equations = TransferFunctions(("dn", "dM", "dX"), gauge, speed)
     frequency = np.geomspace(0.01, 5.0, 30)
     _, slopes = equations.response(values, frequency, list(values))

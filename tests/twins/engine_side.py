@@ -29,7 +29,7 @@ def late(row, delay):
 
 def taken_by_limits(q, set_point, speed, torque, every):
     """Return what limits take off the torque (N,) and the rack (N,); `q` has the parameters by name."""
-    apart = q["hold"] * q["T_d"] / np.sqrt(3.0)
+    apart = q["T_s"] / np.sqrt(12.0)
 
     def governed(row, delay):
         return 0.5 * (late(row, (delay - apart) / every) + late(row, (delay + apart) / every))

@@ -15,6 +15,7 @@ NAMES = _core.EQUATION_PARAMETERS
 ORDERS = 4
 POINTS, RADIUS = 8, 0.01
 PERIODS = 0.5
+LEAST_DAMPED = 0.01
 
 
 def times(a, b):
@@ -50,9 +51,9 @@ def acting(operator, orders):
     return found
 
 
-def ripple(hold, dead, lag):
+def ripple(period, dead, lag):
     """What a governor sees of its own stairs, over the fuel's slope and one over the inertia, behind a lag."""
-    period, late = 2.0 * hold * dead, (1.0 - hold) / (2.0 * hold)
+    late = dead / period - 0.5
     if late.real >= 2.0 * PERIODS:
         return 0.0
     y = 1.0 - late
@@ -86,7 +87,7 @@ def residuals(parameters, signals, spacing, late, outputs, gauge, open_loop, ste
     M = scaled(acting(early_torque, spectra["M"]))
     brake = acting(delay(s, -q["T_B"]), spectra["M_b"]) + spectra["one"]
     brake = brake / q["s_B"] - spectra["one"]
-    apart = q["hold"] * q["T_d"] / np.sqrt(3.0)
+    apart = q["T_s"] / np.sqrt(12.0)
     held = 0.5 * (delay(s, apart) + delay(s, -apart))
     fed_n = acting(product(delay(s, q["T_d"] - speed_grid), early, held), late_n)
     way = delay(s, q["T_d"] + q["T_set"] - set_grid)
@@ -94,17 +95,24 @@ def residuals(parameters, signals, spacing, late, outputs, gauge, open_loop, ste
     asked = asked + q["u_0"] * spectra["one"]
 
     # The load's side: shaft torque of speed and load, a shaft that twists in between.
-    s_of = polynomial(s, 0.0, 1.0)
+    s_of, zero = polynomial(s, 0.0, 1.0), 0.0 * one
     law = polynomial(s, q["p"] + q["damping"], q["tau_prop"])
     ahead = (q["tau_n"] - q["tau_prop"]) * s_of
-    twists = q["tau_twist"] != 0.0
-    whole = one + q["zeta_twist"] * q["tau_twist"] * s_of if twists else one
-    damped = one if propeller else whole
-    stiff = damped + q["tau_twist"] * times(s_of, law) if twists and not propeller else one
+    damped, wind = one + q["zeta_twist"] * q["tau_twist"] * s_of, q["tau_twist"] * s_of
+    # The engine's speed times `whole` is the propeller's times `damped`, and the torque times `wound`.
+    turned = damped if gauge else damped + times(ahead, wind)
+    whole, seen, wound = (turned, damped, wind) if propeller else (one, one, zero)
+    flexible = damped + times(law, wind)
+    inertia = zero if gauge else ahead
+    if propeller:
+        by_torque, on_load = (one, one) if gauge else (damped, turned)
+        load_n = times(on_load, law) + times(inertia, damped)
+    else:
+        by_torque, on_load = flexible, damped
+        load_n = times(damped, law) + times(inertia, flexible)
     p = q["p"]
     bent = (p * (p - 1) / 2 + q["c_2"]) * N2 + p * (p - 1) * (p - 2) / 6 * N3 + q["k_L"] * spectra["load"]
-    load_n = times(damped, law) + (0.0 * one if gauge else times(ahead, stiff))
-    load_rest = acting(damped, bent)
+    load_rest = acting(on_load, bent)
     # The engine's side: brake torque less its own slope is what the fuel makes.
     engine_n = (ahead if gauge else zero) - q["g"] * one
 
@@ -113,38 +121,40 @@ def residuals(parameters, signals, spacing, late, outputs, gauge, open_loop, ste
         cleared, on_n, on_u = lag, zero, q["v"] * one
     else:
         cleared = times(s_of, lag)
-        half = q["hold"] * q["T_d"]
+        half = 0.5 * q["T_s"]
         on_u = polynomial(s, q["vK_i"], q["vK_p"], q["vK_i"] * half**2 / 3.0)
         on_n = on_u + polynomial(s, 0.0, 0.0, q["vK_d"])
         if half.real and not propeller:
-            near = q["tau_n"] - q["tau_prop"] if twists else q["tau_n"]
+            flexes = q["tau_twist"] * q["tau_prop"] * (2.0 * np.pi / q["T_s"]) ** 2
+            near = q["tau_n"] - q["tau_prop"] * flexes / (1.0 + flexes)
             fuel = polynomial(s, 0.0, q["p"] + q["damping"] - q["g"], q["tau_n"])
-            sees = ripple(q["hold"], q["T_d"], q["tau_act"]) / near
+            sees = ripple(q["T_s"], q["T_d"], q["tau_act"]) / near
             on_n = times(on_n, one + sees * times(fuel, polynomial(s, 1.0, q["tau_act"])))
 
     columns = sorted(outputs)
     dead = times(delay(s, q["T_d"]), held)[0]
     left, matrix = [], []
     if 1 in outputs:
-        left.append(acting(stiff, M) - acting(load_n, N) - load_rest)
-        matrix.append({0: -load_n[0], 1: stiff[0]})
-    if 1 in outputs:
-        engine, engine_row = M + acting(engine_n, N), {0: engine_n, 1: one}
-    else:
-        engine, engine_row = acting(load_n + engine_n, N) + load_rest, {0: load_n + engine_n}
-    fed, on_m = acting(on_n, fed_n), zero
+        left.append(acting(by_torque, M) - acting(load_n, N) - load_rest)
+        matrix.append({0: -load_n[0], 1: by_torque[0]})
+    fed, on_m = acting(times(on_n, seen), fed_n), times(on_n, wound)
     if propeller:
-        # The engine's speed, times what damps the twist: N damped + tau_twist s M.
-        wound = q["tau_twist"] * s_of
         late_m, torque_grid = late_torque[0]
         moved = product(delay(s, q["T_d"] - torque_grid), early_torque, held)
-        fed = acting(times(on_n, whole), fed_n) + acting(times(on_n, wound), scaled(acting(moved, late_m)))
-        on_m = times(on_n, wound)
-        engine = acting(whole + times(engine_n, wound), M) + acting(times(engine_n, whole), N)
-        engine_row = {0: times(engine_n, whole), 1: whole + times(engine_n, wound)}
-        on_n, on_u = times(on_n, whole), times(on_u, whole)
+        fed = fed + acting(on_m, scaled(acting(moved, late_m)))
+    of_torque, of_speed = whole + times(engine_n, wound), times(engine_n, seen)
+    if 1 in outputs:
+        more = 0.0
+        if gauge and q["t_1"].real > 0.0 and 2 not in outputs:
+            more = (q["tau_n"] - q["tau_prop"] - q["t_1"]) / (q["tau_prop"] + q["t_1"])
+        of_torque, of_speed = of_torque + more * by_torque, of_speed - more * load_n
+        engine, engine_row = acting(of_torque, M) + acting(of_speed, N), {0: of_speed, 1: of_torque}
+        engine = engine - more * load_rest
     else:
-        whole = one
+        # The load's equation stands for a torque that is not measured.
+        engine = acting(times(of_torque, load_n) + of_speed, N) + acting(of_torque, load_rest)
+        engine_row = {0: times(of_torque, load_n) + of_speed}
+    on_n, on_u = times(on_n, seen), times(on_u, whole)
     fuel = acting(on_u, asked) - fed
     if 2 in outputs:
         X = spectra["X"]
@@ -165,9 +175,8 @@ def residuals(parameters, signals, spacing, late, outputs, gauge, open_loop, ste
 
     if 3 in outputs:
         # The engine's inertia takes the difference of both torques.
-        wind = q["tau_twist"] * s_of if propeller else zero
-        left.append(acting(whole, brake - M) - acting(ahead, acting(whole, N) + acting(wind, M)))
-        matrix.append({0: -times(ahead, whole)[0], 1: -(whole + times(ahead, wind))[0], 3: whole[0]})
+        left.append(acting(whole, brake - M) - acting(ahead, acting(seen, N) + acting(wound, M)))
+        matrix.append({0: -times(ahead, seen)[0], 1: -(whole + times(ahead, wound))[0], 3: whole[0]})
 
     own = {
         0: np.exp(-s * q["T_n"]),
@@ -204,7 +213,7 @@ def rows(
     found = [of(np.array(parameters, dtype=complex))]
     turns = np.exp(2j * np.pi * np.arange(POINTS) / POINTS)
     for by in wrt:
-        radius = RADIUS * max(abs(parameters[by]), 0.1)
+        radius = RADIUS * max(abs(parameters[by]), 0.01 if NAMES[by] == "tau_twist" else 0.1)
         total = 0.0
         for turn in turns:
             moved = np.array(parameters, dtype=complex)
@@ -245,11 +254,13 @@ def loop_roots(parameters):
     """Roots of the closed loop about the operating point, exact without a dead time."""
     q = dict(zip(NAMES, parameters, strict=True))
     law, ahead = P([q["p"] + q["damping"], q["tau_prop"]]), P([-q["g"], q["tau_n"] - q["tau_prop"]])
-    damped = P([1.0, q["tau_twist"] * q["zeta_twist"]])
+    inertias = q["tau_n"] - q["tau_prop"], q["tau_prop"]
+    swings = np.sqrt(sum(1.0 / one for one in inertias) / q["tau_twist"]) if q["tau_twist"] else np.inf
+    damped = P([1.0, max(q["tau_twist"] * q["zeta_twist"], 2.0 * LEAST_DAMPED / swings)])
     speed = damped + q["tau_twist"] * P([0.0, 1.0]) * law
     plant = (ahead * speed + damped * law) * P([1.0, q["tau_act"]]) * P([0.0, 1.0])
     governor = P([q["vK_i"], q["vK_p"], q["vK_d"]]) * speed
-    apart = q["hold"] * q["T_d"] / np.sqrt(3.0)
+    apart = q["T_s"] / np.sqrt(12.0)
     (first, under), (second, below) = pade(q["T_d"] - apart), pade(q["T_d"] + apart)
     whole = plant * under * below + 0.5 * governor * (first * below + second * under)
     return whole.trim(1e-300).roots()

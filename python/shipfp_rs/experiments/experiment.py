@@ -158,6 +158,12 @@ class Experiment(Tabular, EvenlySampled):
         return len(self.signals[self.driver])
 
     @property
+    def speed_side(self) -> Literal["engine", "propeller"]:
+        """End of the shaft at which the speed is measured; a speed in rpm of the engine may come from either end."""
+        told = (self.provenance.get("speed") or {}).get("shaft")
+        return "propeller" if told == "propeller" or "n_e" not in self.signals else "engine"
+
+    @property
     def governor_clock(self) -> tuple[float, float] | None:
         """Sample period of the governor and its standard deviation [s], if processing detected them in the raw torque."""
         found = self.provenance.get("governor_clock")

@@ -8,16 +8,14 @@ Also here:
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from dataclasses import replace
 from typing import Any, Literal
 
 import numpy as np
 
-from shipfp_rs.errors import IdentificationError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.identification.basins import Basin, descend
-from shipfp_rs.identification.coordinates import Figure
+from shipfp_rs.identification.coordinates import WITHOUT_EFFECT, Figure
 from shipfp_rs.identification.engine_tests import engine_curves
 from shipfp_rs.identification.estimate import (
     ALONG,
@@ -40,7 +38,6 @@ from shipfp_rs.identification.profiles import NEAR, RISE, Interval, Profiles, fi
 from shipfp_rs.identification.question import (
     BOUNDS,
     OF_LOADED,
-    PRIORS,
     Options,
     Question,
     question_of,
@@ -54,7 +51,7 @@ from shipfp_rs.identification.structure_estimates import fitted, of_structure
 from shipfp_rs.identification.structure_fit import StructureFit, likelihood_of
 from shipfp_rs.identification.usability import SMALL_MISS_PCT, explained_pct, misses_pct, strain
 from shipfp_rs.identification.verdict import element_rows, with_verdict
-from shipfp_rs.structures.elements import ELEMENTS
+from shipfp_rs.structures.elements import ELEMENTS, QUANTITIES
 from shipfp_rs.structures.parameter import Parameter
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.structures.ties import COMBINATIONS
@@ -67,8 +64,8 @@ TOGETHER = ("K_p/K_i", "(p-g)/tau_n", "vK_p/tau_n", "vK_i/tau_n", "(p-g)/(vK_i)"
 """Combinations of parameters that a fingerprint also gives."""
 FULL_SHIP = "the full ship"
 """Name, in a fingerprint's settings, of the structure that is fitted where none is given."""
-NUISANCES = {one.name for element in ELEMENTS.values() for one in element.parameters if one.fixed}
-"""Parameters that elements declare as fixed: where the search includes them, they are estimated without an interval."""
+NUISANCES = {one.name for one in QUANTITIES.values() if one.nuisance}
+"""Parameters that are searched along, and told without an interval."""
 EXPLAINED = 0.3
 """Share of the speed that the set point explains in the load's equation, above which the speed counts as following it."""
 
@@ -106,18 +103,13 @@ def answered(
     fit, (missed, rows), kind = _described(fit)
     before, values, c = fit, fit.values, fit.likelihood.coordinates
     gains = ("K_p", "K_i") if "v" in c.free else ()
-    names = [name for name in c.names if name not in NUISANCES | fit.along]
+    names = [name for name in c.names if name not in NUISANCES]
     values = {name: values[name] for name in structure_of(fit).names if name in values}
     figures = figures_of([*names, *gains]) | {
         name: COMBINATIONS[name][1] for name in TOGETHER if _applies(name, values)
     }
     # If the data contradict the engine's model, its intervals are not reported, and need no profiles.
     fit, found, possible = intervals_of(fit, figures, "symmetric" if kind else intervals)
-    if fit.stiff is not None and "tau_twist" in fit.along and fit.is_smooth:
-        # The data reject neither model: intervals cover both.
-        with suppress(IdentificationError):
-            _, other, _ = intervals_of(refined(fit.stiff), figures, "symmetric")
-            found = {name: _either(one, other[name]) for name, one in found.items()}
     for one in fit.also:
         if one.total < fit.total + RISE:
             _, other, _ = intervals_of(one, figures, "symmetric")
@@ -125,6 +117,8 @@ def answered(
     profiles = Profiles(fit.likelihood, list(fit.basins))
     structure = structure_of(fit)
     told = {name: _estimate(fit, name, found[name]) for name in (*names, *gains)}
+    if fit.ramp is not None:
+        told["set_rate"] = with_interval(fit.ramp.value, fit.ramp.ends, _unit("set_rate"))
     parameters = {one.name: told.get(one.name) or _fixed(fit, one) for one in structure.parameters}
     if "dM" not in question.outputs and question.structure is None:
         parameters = _without_torque(parameters, question)
@@ -247,25 +241,27 @@ def structure_of(fit: ShipFit) -> Structure:
     acting = [
         name
         for name, element in ELEMENTS.items()
-        if name != "sampling" and any(parameter.name in names for parameter in element.parameters)
+        if any(parameter.name in names for parameter in element.parameters)
     ]
     structure = Structure.ship(
         acting,
         torque="gauge" if question.gauge else "brake",
         outputs=question.outputs,
         products="v" not in names,
+        propeller_speed=question.propeller,
+        mean_sampling=True,
         name="ship",
     )
     given = {
         name: value for name, value in fit.likelihood.coordinates.given.items() if name in structure.names
     }
-    given |= {name: value for name, value in fit.values.items() if name in NUISANCES | fit.along}
+    given |= {name: value for name, value in fit.values.items() if name in NUISANCES & set(structure.names)}
     return structure.with_fixed(**given) if given else structure
 
 
 def _named(fit: ShipFit, structure: Structure, values: Mapping[str, float]) -> dict[str, float]:
     """Return the parameters of the structure; searched ones within their bounds, nuisance parameters as fitted."""
-    found, along = {}, (NUISANCES | fit.along) & set(fit.likelihood.coordinates.names)
+    found, along = {}, NUISANCES & set(fit.likelihood.coordinates.names)
     for one in structure.parameters:
         if one.fixed and one.name not in along:
             found[one.name] = float(one.start)
@@ -283,10 +279,7 @@ def _applies(name: str, values: Mapping[str, float]) -> bool:
 
 
 def _unit(name: str) -> str:
-    units = {
-        parameter.name: parameter.unit for element in ELEMENTS.values() for parameter in element.parameters
-    }
-    return units.get(name, {"tau_n": "s", "tau_prop": "s", "vK_i": "1/s"}.get(name, "-"))
+    return QUANTITIES[name].unit
 
 
 def _estimate(fit: ShipFit, name: str, interval: Interval) -> Estimate:
@@ -294,7 +287,7 @@ def _estimate(fit: ShipFit, name: str, interval: Interval) -> Estimate:
     unit, least, most = _unit(name), max(interval.low, low), min(interval.high, high)
     c, best = fit.likelihood.coordinates, fit.best.products
     flat = name in c.free and best is not None and best.matrix[c.place(name), c.place(name)] == 0.0
-    if name in ("M_max", "rate", "rate_down") and (flat or most >= high):
+    if name in ("M_max", "rate") and (flat or most >= high):
         # For a limit far above everything in the record, no profile finds the level at which it would act.
         reason = (
             Sentence("no limit was reached in the data")
@@ -306,8 +299,9 @@ def _estimate(fit: ShipFit, name: str, interval: Interval) -> Estimate:
         return unidentifiable(reason, unit)
     if flat:
         return unidentifiable(Sentence("the data do not depend on it"), unit)
-    prior = name in fit.question.priors or name in PRIORS or (fit.question.loaded and name in OF_LOADED)
-    status: Status = "prior" if prior else "free"
+    loaded = fit.question.loaded and name in OF_LOADED
+    prior = name in fit.likelihood.priors and (loaded or not QUANTITIES[name].loose)
+    status: Status = "prior" if prior or name in fit.question.priors else "free"
     return with_interval(interval.value, interval.ends, unit, status, bounds=bounds)
 
 
@@ -331,8 +325,7 @@ def _of_a_stiff_shaft(parameters: Mapping[str, Estimate], question: Question) ->
         or part.value is None
     ):
         return {}
-    stiffest = question.bounds["tau_twist"][0]
-    if twist.status == "fixed" or (twist.ci95 is not None and twist.ci95[0] > stiffest):
+    if twist.status == "fixed" or (twist.ci95 is not None and twist.ci95[0] > 0.0):
         return {}
     reason = Sentence("a stiff shaft fits as well, of which the engine's torque tells no part")
     return {"tau_prop": unidentifiable(reason, part.unit)}
@@ -417,10 +410,6 @@ def _settings(fit: ShipFit, intervals: str) -> dict[str, Any]:
     }
 
 
-ABSENT = {"T_d": 0.0, "T_set": 0.0, "tau_act": 0.0, "c_2": 0.0}
-"""Values without effect of the elements that the full ship always has."""
-
-
 @with_one_blas_thread
 def foresee(
     experiments: Sequence[Experiment],
@@ -468,7 +457,7 @@ def foresee(
 def _at(question: Question, values: Mapping[str, float]) -> ShipFit:
     """Return the fit with its minimum at the values, under the noise of their residuals."""
     likelihood = question.likelihood(None)
-    vector = likelihood.coordinates.vector({**DEFAULTS, **ABSENT, **values})
+    vector = likelihood.coordinates.vector({**DEFAULTS, **WITHOUT_EFFECT, **values})
     likelihood = likelihood.settled_at(vector)
     return ShipFit(likelihood, (_end(likelihood, vector),), question)
 

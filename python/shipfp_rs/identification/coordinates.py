@@ -17,6 +17,7 @@ from typing import Self
 
 import numpy as np
 
+from shipfp_rs.structures.elements import ABSENT, QUANTITIES
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.structures.ties import Ties, followed
 from shipfp_rs.support.arrays import Array, Values
@@ -29,19 +30,28 @@ STATE_REACH, STATE_DEVIATION = 0.3, 0.1
 """Of a ship's unknowns of records: largest value, and prior standard deviation, relative to the operating point."""
 WIDE = 1.0
 """Prior deviation of a structure's initial states and offsets, relative to the operating point, too wide to matter."""
-LOGARITHMS = frozenset({"tau_n", "rate", "rate_down", "tau_twist", "v", "M_soft"})
+LOGARITHMS = frozenset(one.name for one in QUANTITIES.values() if one.scale == "log")
 """Parameters of a ship that are searched as logarithms."""
-SQUARES = frozenset({"hold"})
-"""Parameters of a ship that are searched as squares: their effect is quadratic, so their derivative vanishes at zero."""
+SHARE_BOUNDS = (1e-4, 1.0)
+"""Bounds of the squared share of T_d that half a sampling period is: the square, since its effect is quadratic, too."""
 GAINS = ("vK_p", "vK_i")
 """Gains that are searched as a ratio to tau_n, without a logarithm. Along a valley (p - g) / tau_n and vK_i / tau_n
 rise in proportion; a logarithm would bend that valley."""
-RATIO_BOUNDS = {"g": (-50.0, 500.0), **dict.fromkeys(GAINS, (1e-3, 5e3))}
+RATIO_BOUNDS = {"g": (-50.0, 500.0), **dict.fromkeys(GAINS, (1e-5, 5e3))}
 """Bounds of the ratios, wide, since intervals apply the parameters' own."""
 LEAST = 1e-9
 """Least value of a logarithm's argument where the parameter's bound is zero."""
-MOST_BEHIND, WALL = 0.95, 0.01
-"""Largest share of the inertia behind a gauge, and width of the penalty near it."""
+MOST_BEHIND, WALL, WALL_S = 0.95, 0.01, 1e-3
+"""Largest share of the inertia behind a gauge, and widths of the penalties: near it, and near the longest period [s]."""
+
+
+WITHOUT_EFFECT = {
+    **dict.fromkeys(ABSENT, 0.0),
+    "zeta_twist": QUANTITIES["zeta_twist"].start,
+    "T_M": 0.0,
+    "T_B": 0.0,
+}
+"""Values of elements that a search vector leaves out."""
 
 
 @dataclass(frozen=True)
@@ -67,10 +77,10 @@ class Coordinates:
         Name to value of the parameters that are not searched.
     unknowns
         Names of the unknowns of each record.
-    logarithms, squares
-        Parameters that are searched as logarithms or squares.
+    logarithms
+        Parameters that are searched as logarithms.
     in_ratios
-        Whether gains and slopes are searched as ratios to tau_n.
+        Whether gains and slopes are searched as ratios to tau_n, and a sampling period as a share of T_d.
     ties
         Parameters that follow from others.
     reach, state_deviation
@@ -81,7 +91,6 @@ class Coordinates:
     given: Mapping[str, float]
     unknowns: tuple[tuple[str, ...], ...]
     logarithms: frozenset[str] = LOGARITHMS
-    squares: frozenset[str] = SQUARES
     in_ratios: bool = True
     ties: Ties = field(default_factory=dict)
     reach: float = STATE_REACH
@@ -95,7 +104,6 @@ class Coordinates:
             given={one.name: one.start for one in structure.parameters if one.fixed},
             unknowns=tuple(unknowns),
             logarithms=frozenset(one.name for one in structure.free if one.logarithmic),
-            squares=frozenset(),
             in_ratios=False,
             ties=structure.ties,
             reach=math.inf,
@@ -125,12 +133,13 @@ class Coordinates:
         return self.in_ratios and "g" in self.free
 
     @cached_property
+    def _period_is_share(self) -> bool:
+        return self.in_ratios and "T_s" in self.free
+
+    @cached_property
     def _from_entry(self) -> tuple[Callable[[float], float], ...]:
         """Functions that map entries of a search vector to parameters, ratios excepted."""
-        return tuple(
-            math.exp if name in self.logarithms else math.sqrt if name in self.squares else float
-            for name in self.names
-        )
+        return tuple(math.exp if name in self.logarithms else float for name in self.names)
 
     def place(self, name: str) -> int:
         """Index of a parameter in a search vector."""
@@ -152,9 +161,11 @@ class Coordinates:
     def _entry_bounds(self, name: str, low: float, high: float) -> tuple[float, float]:
         if self.in_ratios and name in RATIO_BOUNDS:
             return RATIO_BOUNDS[name]
+        if name == "T_s" and self.in_ratios:
+            return SHARE_BOUNDS
         if name in self.logarithms:
             return math.log(low if low > 0.0 else LEAST), math.log(high)
-        return (low**2, high**2) if name in self.squares else (low, high)
+        return low, high
 
     def values(self, vector: Array) -> dict[str, float]:
         """Return the parameters in their units, given and tied ones included."""
@@ -166,6 +177,8 @@ class Coordinates:
             values[name] = min(max(values[name], low), high)  # exp(log(x)) may exceed a bound by rounding
         for name in self._ratios:
             values[name] *= values["tau_n"]
+        if self._period_is_share:
+            values["T_s"] = 2.0 * math.sqrt(values["T_s"]) * values["T_d"]
         if self._slope_is_ratio:
             values["g"] = values["p"] - values["g"] * values["tau_n"]
         return self._completed(values)
@@ -184,8 +197,11 @@ class Coordinates:
         ]
 
     def vector(self, values: Mapping[str, float], states: Sequence[Mapping[str, float]] = ()) -> Array:
-        """Return the search vector for values within the bounds; unknowns of records are zero unless given."""
-        known = {**self.given, **values}
+        """Return the search vector for values within the bounds.
+
+        Elements that `values` leave out have no effect; unknowns of records are zero unless given.
+        """
+        known = {**WITHOUT_EFFECT, **self.given, **values}
         vector = np.zeros(self.size)
         for index, name in enumerate(self.names):
             value = known[name]
@@ -195,8 +211,10 @@ class Coordinates:
                 vector[index] = math.log(max(value, self.free[name][0] or LEAST))
             elif name in self._ratios:
                 vector[index] = value / known["tau_n"]
+            elif name == "T_s" and self.in_ratios:
+                vector[index] = min(0.25 * (value / max(known["T_d"], LEAST)) ** 2, 1.0)
             else:
-                vector[index] = value**2 if name in self.squares else value
+                vector[index] = value
         for record, row in enumerate(states):
             vector[self.states(record)] = [row.get(name, 0.0) for name in self.unknowns[record]]
         return np.clip(vector, *self.bounds)
@@ -204,7 +222,7 @@ class Coordinates:
     def jacobian(self, values: Mapping[str, float]) -> Array:
         """Derivatives of the free parameters by their entries of a search vector, (W, W)."""
         own = [
-            values[name] if way is math.exp else 0.5 / values[name] if way is math.sqrt else 1.0
+            values[name] if way is math.exp else 1.0
             for name, way in zip(self.names, self._from_entry, strict=True)
         ]
         found, index = np.zeros((len(own), len(own))), self._index
@@ -214,6 +232,11 @@ class Coordinates:
             found[index[name], index[name]] = values["tau_n"]
             if tau is not None:
                 found[index[name], tau] = values[name]
+        if self._period_is_share:
+            period, dead = index["T_s"], max(values["T_d"], LEAST)
+            found[period, period] = 2.0 * dead**2 / max(values["T_s"], 2.0 * LEAST * dead)
+            if "T_d" in index:
+                found[period, index["T_d"]] = values["T_s"] / dead
         if g is not None and self.in_ratios:
             found[g, g] = -values["tau_n"]
             if tau is not None:
@@ -244,28 +267,55 @@ class Coordinates:
         return found
 
 
+Slopes = Mapping[str, float]
+COMBINED: Mapping[str, Callable[[Mapping[str, float]], tuple[float, Slopes]]] = {
+    "tau_prop/tau_n": lambda q: (
+        q["tau_prop"] / q["tau_n"],
+        {"tau_prop": 1.0 / q["tau_n"], "tau_n": -q["tau_prop"] / q["tau_n"] ** 2},
+    ),
+    "tau_n-tau_prop": lambda q: (q["tau_n"] - q["tau_prop"], {"tau_n": 1.0, "tau_prop": -1.0}),
+}
+"""Combinations of parameters that have priors or limits: value, and derivatives by the parameters."""
+
+
+def row_of(c: Coordinates, name: str, values: Mapping[str, float], by: Array) -> Array:
+    """Return value and derivatives (1 + P,) of a parameter or combination; `by` is the Jacobian of the coordinates."""
+    value, slopes = COMBINED[name](values) if name in COMBINED else (values[name], {name: 1.0})
+    row = np.zeros(c.size + 1)
+    row[0] = value
+    for one, slope in slopes.items():
+        if one in c.free:
+            row[1 : 1 + len(by)] += slope * by[c.place(one)]
+    return row
+
+
+def prior_row(
+    c: Coordinates, name: str, prior: tuple[float, float], values: Mapping[str, float], by: Array
+) -> Array:
+    """Return residual and derivatives (1 + P,) of a prior (mean, standard deviation), in its standard deviations."""
+    row = row_of(c, name, values, by) / prior[1]
+    row[0] = prior[0] / prior[1] - row[0]
+    return row
+
+
+def wall_rows(c: Coordinates, values: Mapping[str, float], by: Array) -> list[Array]:
+    """Return the rows of active penalties: on the inertia behind the shaft, and on a sampling period beyond its bound."""
+    rows, share = [], "tau_prop/tau_n"
+    if "tau_prop" in c.free and "tau_n" in values and COMBINED[share](values)[0] > MOST_BEHIND:
+        rows.append(prior_row(c, share, (MOST_BEHIND, WALL), values, by))
+    if c.in_ratios and "T_s" in c.free and values["T_s"] > (longest := c.free["T_s"][1]):
+        rows.append(prior_row(c, "T_s", (longest, WALL_S), values, by))
+    return rows
+
+
 def loop_of(values: Values) -> dict[str, float]:
-    """Return the parameters of transfer functions: p includes the damping; where v is known, gains exclude it."""
+    """Return the parameters of transfer functions from those of the two equations.
+
+    There p includes the damping, gains exclude v where it is known, and the dead time excludes half of a sampling period.
+    """
     found = {**values, "p": values["p"] + values.get("damping", 0.0)}
+    found["T_d"] = values.get("T_d", 0.0) - 0.5 * values.get("T_s", 0.0)
     for gain in ("vK_p", "vK_i", "vK_d"):
         if "v" in found and gain in found:
             found[gain[1:]] = found.pop(gain) / found["v"]
     return found
-
-
-def wall_row(c: Coordinates, vector: Array, values: Mapping[str, float], by: Array) -> Array | None:
-    """Residual and derivatives (1 + P,) of the penalty on the inertia behind the gauge; None if the penalty is inactive.
-
-    `by` is the Jacobian of the coordinates.
-    """
-    if "tau_prop" not in c.free or "tau_n" not in values:
-        return None
-    behind, whole = values["tau_prop"], values["tau_n"]
-    if behind <= MOST_BEHIND * whole:
-        return None
-    row = np.zeros(c.size + 1)
-    row[0] = (MOST_BEHIND - behind / whole) / WALL
-    row[1 : 1 + len(by)] = by[c.place("tau_prop")] / (whole * WALL)
-    if "tau_n" in c.free:
-        row[1 : 1 + len(by)] -= behind * by[c.place("tau_n")] / (whole**2 * WALL)
-    return row

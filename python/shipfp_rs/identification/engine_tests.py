@@ -131,7 +131,7 @@ def touched(fit: ShipFit, element: str) -> float:
             near = 1.0 + engine > values["M_max"] - ROUNDED * values["M_soft"]
         else:
             slope = np.gradient(rack) * record.rate_hz
-            up, down = values["rate"], values.get("rate_down", values["rate"])
+            up, down = values["rate"], values["rate"]
             near = slope < -NEARLY * down
             if element == "rack_rate":
                 near |= slope > NEARLY * up
@@ -224,6 +224,11 @@ def suspected(scores: Mapping[str, Score], beyond: float = 1.0) -> str | None:
         and score.share > ACCURACY * beyond
     }
     return max(sure, key=lambda kind: sure[kind], default=None)
+
+
+def lacks_something(fit: ShipFit) -> bool:
+    """Whether any test of the engine's side shows an effect that chance does not explain."""
+    return any(score.fall > BELIEVED for score in engine_tests(fit).values())
 
 
 def limit_to_try(scores: Mapping[str, Score], among: Container[str]) -> str | None:

@@ -6,6 +6,7 @@ kernel's parameters. This module transforms the products to search coordinates.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
@@ -17,8 +18,9 @@ import numpy.typing as npt
 from shipfp_rs import _core
 from shipfp_rs.errors import SimulationError
 from shipfp_rs.experiments.experiment import Hold
-from shipfp_rs.identification.coordinates import Coordinates, loop_of, wall_row
+from shipfp_rs.identification.coordinates import Coordinates, loop_of, wall_rows
 from shipfp_rs.identification.likelihood import (
+    OCTAVE,
     Likelihood,
     Products,
     quantile_of,
@@ -26,12 +28,14 @@ from shipfp_rs.identification.likelihood import (
     turned,
     white_root,
 )
+from shipfp_rs.identification.moving_water import BAND, Water, water_of
 from shipfp_rs.identification.spectra import Spectra
+from shipfp_rs.structures.elements import QUANTITIES
 from shipfp_rs.structures.parameter import BRAKE
-from shipfp_rs.structures.ship import BRAKE_SCALE, CommandedEquations, stepper_parameters, with_brake
+from shipfp_rs.structures.ship import BRAKE_SCALE, CommandedEquations, observed, stepper_parameters
 from shipfp_rs.structures.ship import INDEX as SHIP_INDEX
 from shipfp_rs.structures.structure import Structure
-from shipfp_rs.structures.transfer import Place, TransferFunctions
+from shipfp_rs.structures.transfer import SLOWEST, Place, TransferFunctions
 from shipfp_rs.structures.two_equations import TwoEquations
 from shipfp_rs.support.arrays import Array, ComplexArray, Numbers
 from shipfp_rs.support.derivatives import interpolated
@@ -52,12 +56,29 @@ only to parts in a thousand. Set point and speed therefore differ by an offset, 
 than the load's."""
 
 
+MOVED_BY_WATER = (
+    *(
+        "tau_n",
+        "tau_prop",
+        "g",
+        "vK_p",
+        "vK_i",
+        "vK_d",
+        "T_d",
+        "T_s",
+        "tau_act",
+        "tau_twist",
+        "zeta_twist",
+        "v",
+    ),
+)
+"""Parameters that change the ratio of torque to speed in moving water."""
 Asked = tuple[Array, Array, float, list[tuple[Array, float]], list[int], bool, bool, bool]
 """Arguments that the kernel's functions share."""
 LATE = {"dn": "T_n", "dM": "T_M", BRAKE: "T_B"}
 """Delay parameter of each output's sensor."""
 STEP = 1e-4
-"""Step of a search vector's entry for a difference quotient."""
+"""Step of a search vector's entry for a difference quotient, over the width of its bounds if that is below 1."""
 QUICK = 60_000
 """Size of a derivative matrix below which threads do not pay off, since a kernel call takes half a millisecond."""
 FINE_HZ = 200.0
@@ -70,6 +91,11 @@ class EquationLikelihood(Likelihood):
 
     Parameters
     ----------
+    waters
+        What moving water tells about each record's engine side, where the noise was estimated.
+    ahead
+        Inertia ahead of the gauge where the noise was estimated, for each record; empty: not estimated yet. It decides how
+        the two equations are mixed, which changes rounding alone.
     gauge
         Whether the torque is measured between the inertias.
     unknowns
@@ -80,6 +106,8 @@ class EquationLikelihood(Likelihood):
         Whether each record's noise is white, with one covariance for all frequencies.
     steps
         Whether a sampling governor delays the set point's steps instead of smoothing them.
+    propeller
+        Whether the speed is measured on the propeller's side of the flexible shaft.
     about
         Point of the search at which the derivatives of the effects that `taken` subtracts from the residuals are computed;
         None: at the current point.
@@ -87,11 +115,14 @@ class EquationLikelihood(Likelihood):
 
     records: tuple[Spectra, ...]
     coordinates: Coordinates
+    waters: tuple[Water | None, ...] = ()
+    ahead: tuple[float, ...] = ()
     gauge: bool
     unknowns: tuple[str, ...]
     ships: tuple[TwoEquations, ...] = ()
     white: bool = False
     steps: bool = False
+    propeller: bool = False
     about: Array | None = None
 
     @cached_property
@@ -116,9 +147,14 @@ class EquationLikelihood(Likelihood):
         return bool(self.ships) and self.ships[0].open_loop
 
     @property
+    def place(self) -> Place:
+        """Side of the flexible shaft on which the speed is measured."""
+        return "propeller" if self.behind_twist else "engine"
+
+    @property
     def behind_twist(self) -> bool:
         """Whether the speed is measured on the propeller's side of a torsionally flexible shaft."""
-        return bool(self.ships) and self.ships[0].behind_twist
+        return self.ships[0].behind_twist if self.ships else self.propeller
 
     def values_of(self, vector: Array, record: int) -> dict[str, float]:
         """Return a record's parameters by the kernel's names."""
@@ -134,6 +170,7 @@ class EquationLikelihood(Likelihood):
         for name, value in own.items():
             if name in INDEX:
                 parameters[INDEX[name]] = value
+        parameters[INDEX["t_1"]] = self.ahead[record] if self.ahead else 0.0
         parameters[self._unknowns] += vector[self.coordinates.states(record)]
         dead = own.get("T_d", 0.0)
         late = [data.delayed("speed", dead), data.delayed("set point", dead + own.get("T_set", 0.0))]
@@ -406,11 +443,12 @@ class EquationLikelihood(Likelihood):
 
     def _moves(self, vector: Array, record: int, taken: ComplexArray) -> ComplexArray:
         """Derivatives (P, O, F) of the subtracted effects, by difference quotients."""
-        states, (_, high) = self.coordinates.states(record), self.coordinates.bounds
+        states, (low, high) = self.coordinates.states(record), self.coordinates.bounds
         places = [*range(len(self.coordinates.names)), *range(states.start, states.stop)]
 
         def move(place: int) -> ComplexArray:
-            step = STEP if vector[place] + STEP <= high[place] else -STEP
+            step = STEP * min(high[place] - low[place], 1.0)
+            step = step if vector[place] + step <= high[place] else -step
             moved = vector.copy()
             moved[place] += step
             return np.asarray((self.taken(moved, record) - taken) / step)
@@ -473,11 +511,7 @@ class EquationLikelihood(Likelihood):
     ) -> Array:
         """Simulate outputs; `beyond` is a load torque that the law does not explain, at the simulation's rate."""
         data, values = self.records[record], self.values_of(vector, record)
-        values = {
-            name: value
-            for name, value in values.items()
-            if name not in ("M_max", "M_soft", "rate", "rate_down")
-        }
+        values = {name: value for name, value in values.items() if name not in ("M_max", "M_soft", "rate")}
         if self.ships and self.ships[record].is_linear:
             # This c_2 cancels the second-order term of the law, which leaves a straight line.
             values["c_2"] = -0.5 * values["p"] * (values["p"] - 1.0)
@@ -496,12 +530,13 @@ class EquationLikelihood(Likelihood):
             parameters[SHIP_INDEX["load_gain"]] = values.get("k_L", 1.0)
         hold: Hold = "zero" if data.between == "held" else "first"
         dt = 1.0 / (data.data_hz * fine)
-        return with_brake(
+        return observed(
             lambda vector: _core.simulate_ship(vector, set_point, load, dt, 0, hold, outputs)[:, ::fine],
             parameters,
             data.outputs,
             values.get("T_B", 0.0),
             1.0 + own.get(BRAKE_SCALE, 0.0),
+            1.0 / data.data_hz,
         )
 
     @property
@@ -523,11 +558,10 @@ class EquationLikelihood(Likelihood):
     def _response(self, values: Mapping[str, float], frequency_hz: Array) -> ComplexArray:
         """Response (O, F) of the outputs to the ship's input, delays of the sensors included, by kernel parameters."""
         outputs = self.records[0].outputs
-        place: Place = "propeller" if self.behind_twist else "engine"
         if self.open_loop:
             found, _ = CommandedEquations(outputs, self.gauge).response(values, frequency_hz, ())
         else:
-            loop = TransferFunctions(outputs, self.gauge, place)
+            loop = TransferFunctions(outputs, self.gauge, self.place)
             found, _ = loop.response(loop_of(values), frequency_hz, ())
         late = np.array([values.get(LATE.get(name, ""), 0.0) for name in outputs])
         return np.asarray(found * np.exp(-2j * np.pi * late[:, None] * frequency_hz))
@@ -588,12 +622,74 @@ class EquationLikelihood(Likelihood):
     def prior_rows(
         self, vector: Array, values: Mapping[str, float] | None = None, jacobian: Array | None = None
     ) -> Array:
-        """Rows of the priors, and of a penalty that keeps the inertia behind the gauge below the total."""
+        """Rows of the priors, and of active penalties."""
         values = self.coordinates.values(vector) if values is None else values
         jacobian = self.coordinates.jacobian(values) if jacobian is None else jacobian
         rows = super().prior_rows(vector, values, jacobian)
-        wall = wall_row(self.coordinates, vector, values, jacobian)
-        return rows if wall is None else np.vstack([rows, wall])
+        water = self._water_rows(vector, values, jacobian) if any(self.waters) else []
+        return np.vstack([rows, *wall_rows(self.coordinates, values, jacobian), *water])
+
+    def _water_rows(self, vector: Array, values: Mapping[str, float], jacobian: Array) -> list[Array]:
+        """Rows (2 B, 1 + P) of each record in moving water."""
+        found = []
+        for index, water in enumerate(self.waters):
+            if water is None:
+                continue
+            names = [_core.EQUATION_PARAMETERS[place] for place in self._moving[index]]
+            rows = water.rows(*self._torque_over_speed(vector, index, water.s, names))
+            whole = np.zeros((rows.shape[1], 1 + self.coordinates.size))
+            columns = np.append(0, 1 + self._places(index))
+            whole[:, columns] = rows.T @ self._turn(values, jacobian, index)
+            found.append(whole)
+        return found
+
+    def _torque_over_speed(
+        self, vector: Array, record: int, s: ComplexArray, names: Sequence[str]
+    ) -> tuple[ComplexArray, ComplexArray]:
+        """Torque over speed (F,) in moving water, as measured, and its derivatives by kernel parameters, (W, F)."""
+        values = self.values_of(vector, record)
+        own = dict(zip(self.unknowns, vector[self.coordinates.states(record)], strict=True))
+        inside = [name for name in names if name in MOVED_BY_WATER]
+        loop = TransferFunctions(self.records[record].outputs, self.gauge, self.place)
+        ratio, told = loop.torque_over_speed(loop_of(values), s, [*inside, "T_d"])
+        late = np.exp(s * (values.get("T_n", 0.0) - values.get("T_M", 0.0)))
+        late *= 1.0 + own.get("torque scale", 0.0)
+        slopes = np.zeros((len(names), len(s)), dtype=np.complex128)
+        slopes[[names.index(name) for name in inside]] = told[:-1]
+        for name, by in (("T_M", -s * ratio), ("T_n", s * ratio), ("s_M", ratio), ("T_s", -0.5 * told[-1])):
+            if name in names:
+                slopes[names.index(name)] += by
+        return ratio * late, slopes * late
+
+    def with_noise(self, vector: Array) -> Self:
+        """Return the likelihood with noise, and what moving water tells, of the residuals at a point of the search."""
+        own = [self.values_of(vector, record) for record in range(len(self.records))]
+        ahead = tuple(one.get("tau_n", 0.0) - one.get("tau_prop", 0.0) for one in own) if self.gauge else ()
+        found = super(EquationLikelihood, replace(self, ahead=ahead)).with_noise(vector)
+        outputs = self.records[0].outputs
+        # At the brake a set point tells the whole engine's side.
+        if not self.gauge or self.open_loop or set(outputs) != {"dn", "dM"}:
+            return found
+        left, _ = found._left(found.residuals(vector))
+        # Errors of gauge and calibration are alike in all bands of an octave.
+        accuracy, waters = float(np.hypot(*self.accuracy)) * math.sqrt(OCTAVE / math.log2(BAND)), []
+        late = QUANTITIES["T_M"].prior
+        late_s = late[1] if late and "T_M" not in self.coordinates.free else 0.0
+        for index, (record, one) in enumerate(zip(self.records, left, strict=True)):
+            s = 1j * np.maximum(2.0 * np.pi * record.frequency_hz, SLOWEST)
+            model, _ = self._torque_over_speed(vector, index, s, [])
+            rows = one[outputs.index("dn")], one[outputs.index("dM")]
+            load = own[index]["p"] + own[index]["tau_prop"] * s
+            waters.append(water_of(record.frequency_hz, *rows, model, load, accuracy, late_s))
+        return replace(found, waters=tuple(waters))
+
+    def own_total(self, vector: Array) -> float:
+        """Deviance under the likelihood's noise, with its log determinant; residuals count once, not as water, too."""
+        values = self.coordinates.values(vector)
+        water = (
+            self._water_rows(vector, values, self.coordinates.jacobian(values)) if any(self.waters) else []
+        )
+        return super().own_total(vector) - sum(float(rows[:, 0] @ rows[:, 0]) for rows in water)
 
 
 def _parts(values: Numbers, padded: int) -> Array:

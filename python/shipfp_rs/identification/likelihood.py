@@ -17,7 +17,7 @@ import numpy as np
 from scipy.stats import t as student
 
 from shipfp_rs.errors import SimulationError
-from shipfp_rs.identification.coordinates import Coordinates
+from shipfp_rs.identification.coordinates import Coordinates, prior_row
 from shipfp_rs.support.arrays import DEVIATIONS_95, Array, Numbers
 from shipfp_rs.support.threads import where_alone
 
@@ -198,10 +198,13 @@ class Likelihood:
         Minima are compared by this total, since the noise estimated at a minimum favours that minimum.
         """
         try:
-            own = self.with_noise(vector)
-            return own.cost(vector) + own.spread()
+            return self.with_noise(vector).own_total(vector)
         except (SimulationError, np.linalg.LinAlgError):
             return np.inf
+
+    def own_total(self, vector: Array) -> float:
+        """Deviance under the likelihood's noise, with that noise's log determinant."""
+        return self.cost(vector) + self.spread()
 
     def spread(self) -> float:
         """Log determinants of the noise, as part of the deviance."""
@@ -212,30 +215,15 @@ class Likelihood:
         self, vector: Array, values: Mapping[str, float] | None = None, jacobian: Array | None = None
     ) -> Array:
         """Residuals and derivatives of the priors, in units of their deviations, shape (K, 1 + P)."""
-        c, first = self.coordinates, len(self.priors)
+        c = self.coordinates
         values = c.values(vector) if values is None else values
         jacobian = c.jacobian(values) if jacobian is None else jacobian
-        constant, moving, entries, deviations = self._prior_frame
-        own, rows = len(jacobian), constant.copy()
-        rows[:first, 0] = [(mean - values[name]) / by for name, (mean, by) in self.priors.items()]
-        rows[moving, 1 : 1 + own] = jacobian[entries] / deviations
-        rows[first:, 0] = vector[own:] / -c.state_deviation
-        return rows
-
-    @cached_property
-    def _prior_frame(self) -> tuple[Array, list[int], list[int], Array]:
-        """Constant part of the priors' rows; then indices, search entries and deviations of the variable rows."""
-        c, first = self.coordinates, len(self.priors)
-        own = c.size - len(c.names)
-        rows = np.zeros((first + own, 1 + c.size))
-        rows[first:, 1 + len(c.names) :] = np.eye(own) / c.state_deviation
-        free = [(row, name) for row, name in enumerate(self.priors) if name in c.free]
-        return (
-            rows,
-            [row for row, _ in free],
-            [c.place(name) for _, name in free],
-            np.array([self.priors[name][1] for _, name in free]).reshape(-1, 1),
-        )
+        own = len(jacobian)
+        states = np.zeros((c.size - own, 1 + c.size))
+        states[:, 0] = vector[own:] / -c.state_deviation
+        np.fill_diagonal(states[:, 1 + own :], 1.0 / c.state_deviation)
+        rows = [prior_row(c, name, prior, values, jacobian) for name, prior in self.priors.items()]
+        return np.vstack([*rows, states])
 
     def root(self, record: int) -> Numbers:
         """Root of the inverse spectral matrix of a record's noise; a guess before the first estimate."""

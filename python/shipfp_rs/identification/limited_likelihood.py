@@ -29,7 +29,7 @@ from shipfp_rs.structures.transfer import SLOWEST, TransferFunctions
 from shipfp_rs.support.arrays import Array, ComplexArray
 from shipfp_rs.support.derivatives import interpolated
 
-LIMITS = ("M_max", "M_soft", "rate", "rate_down")
+LIMITS = ("M_max", "M_soft", "rate")
 """Parameters of limits."""
 FINE_HZ = 100.0
 """Rate of the simulations [Hz]; linear interpolation between their samples affects only the limits' effect."""
@@ -125,7 +125,7 @@ class LimitedLikelihood(EquationLikelihood):
         finer = self._side_finer(data)
         torque, rack = (data.see(data.low_passed(one[::finer])) for one in self._clamped(vector, record))
         s = 1j * np.maximum(2.0 * np.pi * data.frequency_hz, SLOWEST)
-        answer = TransferFunctions(data.outputs, self.gauge, "engine").answer_to_torque(loop_of(values), s)
+        answer = TransferFunctions(data.outputs, self.gauge, self.place).answer_to_torque(loop_of(values), s)
         scales = {"dM": 1.0 + own.get("torque scale", 0.0), BRAKE: 1.0 + own.get(BRAKE_SCALE, 0.0)}
         for row, name in zip(answer, data.outputs, strict=True):
             row *= torque * scales.get(name, 1.0) * np.exp(-s * values.get(LATE.get(name, ""), 0.0))
@@ -194,7 +194,7 @@ class LimitedLikelihood(EquationLikelihood):
             return np.zeros((PHASES, self.coordinates.size))
         dead = self.values_of(vector, 0).get("T_d", 0.0)
         every = float(np.clip(2.0 * dead, *SAMPLING_S))
-        clock = {"T_s": every, "T_d": max(dead - 0.5 * every, 0.0), "hold": 0.0}
+        clock = {"T_s": every, "T_d": max(dead - 0.5 * every, 0.0)}
         phases = [replace(self, governor={**clock, "T_0": every * place / PHASES}) for place in range(PHASES)]
         rows = []
         for index in range(len(self.records)):
@@ -274,7 +274,7 @@ class LimitedLikelihood(EquationLikelihood):
         found = 0.0
         for index, (record, share) in enumerate(zip(self.records, self.held, strict=True)):
             s = 1j * np.maximum(2.0 * np.pi * record.frequency_hz[1:], SLOWEST)
-            loop = TransferFunctions(record.outputs, self.gauge, "engine")
+            loop = TransferFunctions(record.outputs, self.gauge, self.place)
             turned = loop.return_difference(loop_of(self.values_of(vector, index)), s)
             found += 4.0 * share * float(np.sum(np.log(np.abs(turned))))
         return float(np.sqrt(max(found, 0.0)))

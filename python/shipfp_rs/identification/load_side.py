@@ -30,7 +30,7 @@ from shipfp_rs.experiments.experiment import DRIVES, Experiment
 from shipfp_rs.identification.estimate import Estimate, rounded_rows, with_interval
 from shipfp_rs.identification.input_checks import LEAST_SWING, is_loaded, require_plausible
 from shipfp_rs.identification.likelihood import ACCURACY, noise_root
-from shipfp_rs.identification.question import BOUNDS, LAW_DEVIATION, PRIORS, SIGNALS, Question
+from shipfp_rs.identification.question import BOUNDS, PRIORS, SIGNALS, Question
 from shipfp_rs.identification.spectra import Spectra
 from shipfp_rs.structures.parameter import Torque
 from shipfp_rs.support.arguments import checked
@@ -158,7 +158,7 @@ class Fit:
         self.hats = [np.maximum(1.0 - np.abs(row - knots[:, None]), 0.0) for row in octaves]
         self.main = len(SHARED) + len(records)
         deviations = np.full(self.main, SCALE_DEVIATION)
-        own = np.array((LAW_DEVIATION, PRIORS["T_M"][1], np.inf, FIXED if gauge else BEHIND_DEVIATION))
+        own = np.array((PRIORS["c_2"][1], PRIORS["T_M"][1], np.inf, FIXED if gauge else BEHIND_DEVIATION))
         deviations[: len(SHARED)] = (np.inf, np.inf, *own, FIXED if records[0].load is None else np.inf)
         self.prior = np.concatenate([deviations**-2.0, np.ones(2 * len(knots))])
         self.start = np.zeros(self.main)

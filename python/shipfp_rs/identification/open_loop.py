@@ -78,7 +78,7 @@ def structure_in_open_loop(
     acting = [name for name, on in {**acts, **(elements or {})}.items() if on]
     place = torque or (SIGNALS[measured] if measured else "brake")
     structure: Structure = commanded(Structure, acting, torque=place, outputs=outputs)
-    known = {name: prior for name, prior in PRIORS.items() if name in structure.names}
+    known = {name: PRIORS[name] for name in structure.names if name in ("c_2", "T_M")}
     structure = structure.with_prior(**{**known, **(priors or {})})
     given = {} if "dM" in outputs else {"g": 0.0} | ({"k_L": 1.0} if "load" in acting else {})
     if "dM" not in outputs and not {"tau_n", "v"} & {*(fixed or {}), *(priors or {})}:

@@ -7,7 +7,8 @@ Also here:
 
 from __future__ import annotations
 
-from collections.abc import Container, Mapping, Sequence
+import math
+from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from typing import Any, Literal, get_args
 
@@ -23,9 +24,9 @@ from shipfp_rs.identification.likelihood import ACCURACY
 from shipfp_rs.identification.limited_likelihood import LimitedLikelihood
 from shipfp_rs.identification.sampling import Between
 from shipfp_rs.identification.spectra import Spectra
-from shipfp_rs.structures.elements import ELEMENTS
+from shipfp_rs.structures.elements import ABSENT, ELEMENTS, LATE_CHANNELS, QUANTITIES
 from shipfp_rs.structures.parameter import BRAKE, Torque
-from shipfp_rs.structures.ship import BRAKE_SCALE, ShipEquations
+from shipfp_rs.structures.ship import BRAKE_SCALE, ShipEquations, rate_limited
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.support.arrays import Array
 
@@ -72,56 +73,27 @@ def _require_one_of(name: str, found: str, known: Any) -> None:
         raise InputError(f"{name} {found!r}, expected one of {', '.join(get_args(known))}")
 
 
-LAW_DEVIATION = 0.25
-"""Prior deviation of c_2, a quadratic term added to N^p in the load's law: a fifth of the second-order coefficient of N^2.2,
-by about which open-water torque curves differ from a power of the speed."""
-PRIORS: Mapping[str, tuple[float, float]] = {
-    "c_2": (0.0, LAW_DEVIATION),
-    "T_M": (0.0, 3e-3),
-    "T_B": (0.0, 3e-3),
-}
-"""Prior mean and deviation of parameters that are never known exactly. Filters, hold and telemetry at 500 Hz delay a torque
-channel by 1 to 5 ms; a delay reduces tau_prop by p times as much."""
-WIDE: Mapping[str, tuple[float, float]] = {"g": (-1.0, 4.0)}
-"""Prior that is too wide to matter for most data: an engine's torque changes with its speed by a few times the operating
-point's ratio, between the bounds -10 and 3."""
+PRIORS = {one.name: one.prior for one in QUANTITIES.values() if one.prior is not None}
+"""Prior mean and deviation of parameters, and of combinations, that no ship is far from."""
 OF_LOADED: Mapping[str, tuple[float, float]] = {"p": (0.5, 0.5), "g": (-0.5, 0.7)}
 """Priors with a measured load: p then belongs to the shaft's losses, near zero to one, and g to an engine at constant
 fuel."""
+REACH = 4.0
+"""Distance of a search bound from a prior's mean, in the prior's standard deviations."""
+
+
+def within_reach(bounds: tuple[float, float], prior: tuple[float, float] | None) -> tuple[float, float]:
+    """Return search bounds within reach of a prior: beyond, a parameter would take over what the model lacks."""
+    if prior is None:
+        return bounds
+    return max(bounds[0], prior[0] - REACH * prior[1]), min(bounds[1], prior[0] + REACH * prior[1])
+
+
+BEHIND_SHAFT = {"tau_prop/tau_n": (0.4, 0.12)}
+"""Prior of the inertia's share behind a flexible shaft, where the torque is the engine's."""
 SIGNALS: Mapping[str, Torque] = {"M_b": "brake", "M_s": "brake", "M_g": "gauge"}
 """Torque signals, best first, with the location of their sensor."""
-SMOOTH = ("dead_time_loop", "dead_time_set_point", "actuator_lag", "curvature")
-"""Elements of the full model."""
-SHARPEST = 2e-4
-"""Least rounding of a torque limit, over the operating torque: no gauge resolves less, and sharper limits stop descents."""
-BOUNDS: Mapping[str, tuple[float, float]] = {
-    "tau_n": (0.01, 20.0),
-    "g": (-10.0, 3.0),
-    "vK_p": (1e-4, 1e3),
-    "vK_i": (1e-4, 1e3),
-    "K_p": (1e-4, 1e3),
-    "K_i": (1e-4, 1e3),
-    "p": (-1.0, 5.0),
-    "tau_prop": (1e-3, 20.0),
-    "T_d": (0.0, 0.6),
-    "hold": (0.01, 1.0),
-    "T_set": (0.0, 2.0),
-    "tau_act": (0.0, 1.0),
-    "c_2": (-2.0, 2.0),
-    "k_L": (0.01, 10.0),
-    "vK_d": (0.0, 10.0),
-    "damping": (-5.0, 10.0),
-    "T_M": (0.0, 0.05),
-    "T_B": (0.0, 0.05),
-    "T_n": (0.0, 0.05),
-    "v": (0.01, 10.0),
-    "M_max": (1.005, 5.0),
-    "M_soft": (SHARPEST, 0.1),
-    "rate": (0.01, 100.0),
-    "rate_down": (0.01, 100.0),
-    "tau_twist": (3e-4, 0.1),
-    "zeta_twist": (0.0, 6.0),
-}
+BOUNDS: Mapping[str, tuple[float, float]] = {one.name: (one.lower, one.upper) for one in QUANTITIES.values()}
 """Search bounds of parameters, the same as those that structures declare."""
 OF_SIGNALS: Mapping[str, str] = {
     "n_e": "dn",
@@ -136,10 +108,9 @@ RACK_OFFSET = "rack offset"
 TRIED: Mapping[str, tuple[str, ...]] = {
     "torque_limit": ("M_max", "M_soft"),
     "rack_rate": ("rate",),
-    "rack_rate_down": ("rate_down",),
-    "twist": ("tau_twist", "zeta_twist"),
+    "set_rate": ("set_rate",),
 }
-"""Elements that are tried, and their parameters."""
+"""Limits, which are tried since they have no value without effect, and their parameters."""
 
 
 @dataclass(frozen=True)
@@ -164,6 +135,8 @@ class Question:
         Parameter to its search bounds.
     structure
         The given structure; None: the full ship.
+    propeller
+        Whether the speed is measured on the propeller's side of the flexible shaft.
     """
 
     experiments: tuple[Experiment, ...]
@@ -178,12 +151,13 @@ class Question:
     loaded: bool = False
     bounds: Mapping[str, tuple[float, float]] = field(default_factory=lambda: BOUNDS)
     structure: Structure | None = None
+    propeller: bool = False
 
     def __post_init__(self) -> None:
         for name in (
             "tau_n",
             "v",
-            *(limit for limit in ("M_max", "rate", "rate_down") if limit in self.always),
+            *(limit for limit in ("M_max", "rate", "set_rate") if limit in self.always),
         ):
             if self.fixed.get(name, 1.0) <= 0.0:
                 raise InputError(f"parameter {name}: fixed at {self.fixed[name]:g}, expected more than 0")
@@ -214,23 +188,37 @@ class Question:
     def coordinates(self, elements: Sequence[str], unknowns: tuple[str, ...]) -> Coordinates:
         """Return the coordinates of the ship with the given tried elements, and the unknowns of each record."""
         names = [*self.always, *(name for element in elements for name in TRIED[element])]
-        if "tau_twist" in names and "tau_prop" not in names:
-            names.append("tau_prop")
-        free = {name: self.bounds[name] for name in names if name not in self.fixed}
-        given = {"c_2": 0.0, "p": 2.0, "T_d": 0.0, "T_set": 0.0, "tau_act": 0.0, "tau_prop": 0.0} | dict(
-            self.fixed
-        )
+        priors = self._priors(names)
+        free = {
+            name: self.bounds[name]
+            if name in self.priors
+            else within_reach(self.bounds[name], priors.get(name))
+            for name in names
+            if name not in self.fixed
+        }
+        given = {**dict.fromkeys(ABSENT, 0.0), "p": 2.0, **self.fixed}
         given = {name: value for name, value in given.items() if name not in free}
         return Coordinates(free, given, (unknowns,) * len(self.experiments))
 
     def _priors(self, free: Container[str]) -> dict[str, tuple[float, float]]:
+        own = self.structure is None
         every = {
             **PRIORS,
-            **WIDE,
-            **(OF_LOADED if self.loaded and self.structure is None else {}),
+            **(OF_LOADED if self.loaded and own else {}),
+            **(BEHIND_SHAFT if not self.gauge and own else {}),
             **self.priors,
         }
-        return {name: prior for name, prior in every.items() if name in free or name == "g"}
+        late = max((apart_s(one, self.signals.values()) for one in self.experiments), default=0.0)
+        every |= {
+            name: (every[name][0], float(np.hypot(every[name][1], late)))
+            for name in LATE_CHANNELS
+            if name not in self.priors
+        }
+        return {
+            name: prior
+            for name, prior in every.items()
+            if all(one in free for one in name.replace("-", "/").split("/"))
+        }
 
     def likelihood(self, between: Between | None) -> EquationLikelihood:
         """Return the likelihood of the ship without tried elements; `between`: course of set points between samples."""
@@ -240,16 +228,26 @@ class Question:
         coordinates = self.coordinates((), unknowns)
         smooth = EquationLikelihood(
             records=tuple(
-                Spectra.of(one, self.outputs, self._measured(one), load=self.loaded, between=between)
+                self._behind_ramp(
+                    Spectra.of(one, self.outputs, self._measured(one), load=self.loaded, between=between)
+                )
                 for one in self.experiments
             ),
             coordinates=coordinates,
             gauge=self.gauge,
+            propeller=self.propeller,
             unknowns=unknowns,
             accuracy=np.array([self._accuracy(output) for output in self.outputs]),
             priors=self._priors(coordinates.free),
         )
         return self.with_elements(smooth, ())
+
+    def _behind_ramp(self, record: Spectra) -> Spectra:
+        """Return a record behind a known ramp of the set point."""
+        rate = self.fixed.get("set_rate")
+        if rate is None:
+            return record
+        return record.with_set_point(rate_limited(record.set_point, rate, record.data_hz))
 
     def with_elements(self, likelihood: EquationLikelihood, elements: Sequence[str]) -> EquationLikelihood:
         """Return the likelihood of the same records with the given tried elements."""
@@ -289,9 +287,6 @@ def question_of(
     _require_parameters({"fixed": known, "priors": priors or {}})
     _require_values(known, priors or {})
     elements = _known_elements(known) | elements
-    for name in [name for name, acts in elements.items() if acts and ELEMENTS[name].needs in TRIED]:
-        if not elements.setdefault(needs := ELEMENTS[name].needs, True):
-            raise InputError(f"elements: {name!r} needs {needs!r}, expected both")
     common = set.intersection(*(set(one.signals) for one in experiments))
     speed = next((name for name in ("n_e", "n_s") if name in common), None)
     if speed is None:
@@ -303,9 +298,9 @@ def question_of(
     beside = ["v"] if "dX" in outputs else []
     always = ["tau_n", "g", *beside, "vK_p", "vK_i", "p", *(["tau_prop"] if gauge else [])]
     elements.setdefault("late_brake", BRAKE in outputs)
-    if "dM" in outputs:
-        elements.setdefault("late_torque", True)
-    else:
+    if "dM" not in outputs:
+        # Only speed and torque together show when a torque channel is late, and a shaft that twists.
+        elements |= {"late_torque": False, "twist": False}
         # The speed alone determines ratios to the inertia; with a measured load it determines the inertia.
         known = {"tau_n": 1.0, "p": 2.0, **known} if not loaded else {"k_L": 1.0, **known}
         elements.setdefault("curvature", False)
@@ -314,16 +309,15 @@ def question_of(
         if not set_point_moves(experiments):
             elements.setdefault("dead_time_set_point", False)
     for name, element in ELEMENTS.items():
-        if name in TRIED and not elements.get(name, False):
-            continue
-        if elements.get(name, name in SMOOTH) and name != "sampling":
-            always += [parameter.name for parameter in element.parameters if parameter.name not in always]
+        if elements.get(name, element.always):
+            always += [one.name for one in element.parameters if one.name not in always and one.name != "T_0"]
     if known.get("T_d") == 0.0:
-        known.setdefault("hold", 0.0)  # there is no delay to share
-    # Only speed and torque together show torsional flexibility of the shaft.
-    tried = tuple(name for name in TRIED if name not in elements and (name != "twist" or "dM" in outputs))
-    if "tau_twist" in always and "tau_prop" not in always:
+        known.setdefault("T_s", 0.0)  # there is no delay to share
+    if known.get("tau_twist") == 0.0:
+        always = [name for name in always if name != "zeta_twist"]
+    elif "tau_twist" in always and "tau_prop" not in always:
         always.append("tau_prop")
+    tried = tuple(name for name in TRIED if name not in elements)
     return Question(
         experiments=tuple(experiments),
         outputs=tuple(outputs),
@@ -335,6 +329,7 @@ def question_of(
         priors=dict(priors or {}),
         accuracy=dict(accuracy or {}),
         loaded=loaded,
+        propeller="tau_twist" in always and all(one.speed_side == "propeller" for one in experiments),
     )
 
 
@@ -351,9 +346,8 @@ def question_of_ship(experiments: Sequence[Experiment], structure: Structure) ->
     own_gains = {"K_p", "K_i", "K_d"} & {parameter.name for parameter in structure.free}
     if (
         not isinstance(equations, ShipEquations)
-        or equations.mean_sampling
         or equations.envelope
-        or equations.propeller_speed
+        or ("T_s" in names and not equations.mean_sampling)
         or set(structure.outputs) - set(_core.EQUATION_OUTPUTS)
         or own_gains
         or "dn" not in structure.outputs
@@ -362,7 +356,7 @@ def question_of_ship(experiments: Sequence[Experiment], structure: Structure) ->
         return None
     fixed = {name: one.start for name, one in names.items() if one.fixed}
     if "M_soft" in fixed:
-        fixed["M_soft"] = max(fixed["M_soft"], SHARPEST)
+        fixed["M_soft"] = max(fixed["M_soft"], BOUNDS["M_soft"][0])
     first = experiments[0]
     signals = {
         output: structure.signal_for(output, first.signals, first.name) for output in structure.outputs
@@ -379,7 +373,15 @@ def question_of_ship(experiments: Sequence[Experiment], structure: Structure) ->
         loaded=equations.loaded,
         bounds={name: (one.lower, one.upper) for name, one in names.items()},
         structure=structure,
+        propeller=equations.propeller_speed and "tau_twist" in names,
     )
+
+
+def apart_s(experiment: Experiment, signals: Iterable[str]) -> float:
+    """Standard deviation of the delay between a log's sampled channels, half a sample of the slowest either way [s]."""
+    recorded = experiment.provenance.get("recorded") or {}
+    rates = [float(one["rate_hz"]) for one in recorded.values() if one.get("signal") in set(signals)]
+    return 1.0 / (min(rates, default=math.inf) * math.sqrt(12.0))
 
 
 def _require_parameters(tables: Mapping[str, Mapping[str, object]]) -> None:

@@ -1,7 +1,7 @@
-"""The fit of a ship: the full model without limits; limits and torsional flexibility of the shaft are tried in addition.
+"""The fit of a ship: the full model without limits, which are tried in addition.
 
-Both dead times, the lag and the load's second-order coefficient are always fitted; their bounds include the value without
-effect. Limits of torque and rate, and a torsionally flexible shaft, are tried one by one, since they have no such value.
+Dead times, lag, sampling, the shaft's flexibility and the load's second-order coefficient are always fitted, since they have
+a value without effect. Limits of torque and rate have none and are tried one by one.
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -23,20 +24,22 @@ from shipfp_rs.identification.basins import (
     descend,
     distinct,
 )
+from shipfp_rs.identification.engine_tests import lacks_something
 from shipfp_rs.identification.equation_likelihood import EquationLikelihood
 from shipfp_rs.identification.first_guesses import first_guesses
 from shipfp_rs.identification.limited_likelihood import LimitedLikelihood
 from shipfp_rs.identification.load_side import BEHIND, LoadSide, load_side_of
 from shipfp_rs.identification.question import TRIED, Question
 from shipfp_rs.identification.sampling import Between
+from shipfp_rs.identification.set_rate import with_set_rate
 from shipfp_rs.identification.ship_found import (
     DEFAULTS,
-    LIMITED,
     ShipFit,
     likelihood_of,
     settled,
 )
-from shipfp_rs.identification.trials import lowest, with_given_limits, with_limits, with_twist
+from shipfp_rs.identification.trials import lowest, with_given_limits, with_limits
+from shipfp_rs.structures.elements import ELEMENTS
 from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.progress import part, tell
 
@@ -87,23 +90,34 @@ def fit_ship(
         If no start leads to a ship that can be simulated.
     """
     until = None if time_limit_s is None else time.monotonic() + time_limit_s
-    given = tuple(element for element in sorted(LIMITED) if TRIED[element][0] in question.always)
+    given = tuple(
+        element
+        for element in TRIED
+        if TRIED[element][0] in question.always and TRIED[element][0] not in question.fixed
+    )
     names = {name for element in given for name in TRIED[element]}
     # A given limit is searched like one that is tried: the fit without limits comes first.
     question = replace(question, always=tuple(name for name in question.always if name not in names))
     with part(0.0, 0.4):
-        smooth = smooth_ship(question, starts=starts, seed=seed, until=until, side=side)
+        fit = smooth_ship(question, starts=starts, seed=seed, until=until, side=side)
         tell("parting the delays otherwise", 0.9)
-        fit = with_steps_in_time(with_other_delays(smooth, until), until)
+        fit = with_steps_in_time(with_other_delays(fit, until), until)
     fit = replace(fit, side=load_side_of(question, fit.likelihood.records))
     with part(0.4, 0.8):
-        fit = with_twist(fit, smooth, until)
-        fit = with_other_delays(fit, until) if fit.elements else fit
-        fit = with_given_limits(fit, given, until)
+        surely = "set_rate" in given
+        if surely or ("set_rate" in question.tried and lacks_something(fit)):
+            tell(f"trying {ELEMENTS['set_rate'].words}", 0.0)
+            fit = with_set_rate(fit, partial(_searched, until=until), until, surely=surely)
+        fit = with_given_limits(fit, [one for one in given if one != "set_rate"], until)
         fit = with_limits(fit, until)
         fit = fit if fit.is_smooth else _with_limits_elsewhere(fit, until)
     tell("settling", 0.8)
     return refined(fit, until)
+
+
+def _searched(question: Question, until: float | None) -> ShipFit:
+    """Search the smooth ship of a question, and its delays."""
+    return with_other_delays(smooth_ship(question, until=until), until)
 
 
 def first_look(
@@ -214,7 +228,7 @@ def with_steps_in_time(fit: ShipFit, until: float | None = None) -> ShipFit:
     """
     likelihood, values = fit.likelihood, fit.values
     c = likelihood.coordinates
-    if not ({"T_d", "hold"} <= set(c.free) and all(one.goes_in_steps for one in likelihood.records)):
+    if not ({"T_d", "T_s"} <= set(c.free) and all(one.goes_in_steps for one in likelihood.records)):
         return fit
     late = replace(likelihood, steps=True)
     states = c.states_at(fit.best.vector)
@@ -236,10 +250,7 @@ def _within_a_period(values: Mapping[str, float]) -> list[dict[str, float]]:
     """Starts with a sampling governor, whose period replaces some of the delays."""
     dead, late = values.get("T_d", 0.0), values.get("T_set", 0.0)
     moved = [min(late, part) for part in HALF_PERIODS_S]
-    return [
-        {"T_d": dead + more, "T_set": late - more, "hold": min(more / (dead + more + 1e-9), 1.0)}
-        for more in moved
-    ]
+    return [{"T_d": dead + more, "T_set": late - more, "T_s": 2.0 * more} for more in moved]
 
 
 def _elsewhere(fit: ShipFit, starts: Sequence[Array], until: float | None) -> tuple[ShipFit, float]:
@@ -354,8 +365,8 @@ def _redivided(values: Mapping[str, float]) -> list[dict[str, float]]:
     # Dead times, lag, common shift of lead and lag, and other changes.
     ways: list[tuple[float, float, float, float, dict[str, float]]] = [
         (late, dead, lag, 0.0, {}),
-        (inside, late, 0.0, 0.0, {"hold": 0.1}),
-        (inside, late, 0.0, 0.0, {"hold": 1.0}),
+        (inside, late, 0.0, 0.0, {"T_s": 0.005}),
+        (inside, late, 0.0, 0.0, {"T_s": min(2.0 * inside, 0.05)}),
         (0.3 * inside, late, 0.7 * inside, 0.0, {}),
         (inside + late, 0.0, 0.0, 0.0, {}),
         (0.0, inside + late, 0.0, 0.0, {}),

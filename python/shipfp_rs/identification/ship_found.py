@@ -10,13 +10,12 @@ from shipfp_rs.identification.basins import Minima, descend, distinct, settle
 from shipfp_rs.identification.equation_likelihood import EquationLikelihood
 from shipfp_rs.identification.limited_likelihood import LimitedLikelihood
 from shipfp_rs.identification.load_side import LoadSide
-from shipfp_rs.identification.question import TRIED, Question
+from shipfp_rs.identification.profiles import Interval
+from shipfp_rs.identification.question import Question
 from shipfp_rs.identification.sampling import Between
 from shipfp_rs.identification.stretches import Score
-from shipfp_rs.structures.elements import ELEMENTS
+from shipfp_rs.structures.elements import QUANTITIES
 
-LIMITED = {"torque_limit", "rack_rate", "rack_rate_down"}
-"""Elements whose effect only simulations give."""
 BELIEVED = 25.0
 """Decrease of the deviance from which a tried element counts as on. By chance, two parameters
 give a decrease of 14 once in 1000; other errors of the model may give another 14."""
@@ -27,23 +26,18 @@ values were twice as far away as chance explains."""
 RECORRECTED, STILL = 8, 0.1
 """Most descents with noise and corrections re-estimated, and the squared step, in standard deviations, below which they
 stop."""
-DEFAULTS: Mapping[str, float] = {
-    **{parameter.name: parameter.start for element in ELEMENTS.values() for parameter in element.parameters},
-    "tau_n": 1.2, "g": -0.5, "vK_p": 5.0, "vK_i": 5.0, "p": 2.0, "tau_prop": 0.4,
-    "vK_d": 0.01, "damping": 0.0, "T_M": 1e-3, "T_n": 1e-3, "v": 1.2, "k_L": 1.0,
-    "M_max": 1.2, "M_soft": 5e-3, "hold": 0.5, "rate": 1.0, "tau_twist": 2e-3, "zeta_twist": 0.5,
-}  # fmt: skip
-"""Starting values of parameters without a regression: those of the elements, overridden by those named here."""
+DEFAULTS: Mapping[str, float] = {one.name: one.start for one in QUANTITIES.values()}
+"""Starting values of parameters without a regression."""
 
 
 @dataclass(frozen=True)
 class ShipFit(Minima):
     """The result of the search of a ship.
 
-    `gains` is the decrease of the deviance for each tried element; `elements` are those that act. `stiff` is the fit with a
-    stiff shaft, before flexibility was added. `scores` are the engine-side effects that the model lacks, by kind. `side` is
-    the load identified by `load_side`, without engine and governor. `also` are other, equally likely minima, each under its
-    own noise.
+    `gains` is the decrease of the deviance for each tried element; `elements` are those that act. `scores` are the
+    engine-side effects that the model lacks, by kind. `side` is the load identified by `load_side`, without engine and
+    governor. `also` are other, equally likely minima, each under its own noise. `ramp` is
+    the interval of the set point's rate, if limited.
     """
 
     likelihood: EquationLikelihood
@@ -51,26 +45,15 @@ class ShipFit(Minima):
     elements: tuple[str, ...] = ()
     gains: Mapping[str, float] = field(default_factory=dict)
     between: Between | None = None
-    stiff: ShipFit | None = None
     scores: Mapping[str, Score] = field(default_factory=dict)
     side: LoadSide | None = None
     also: tuple[ShipFit, ...] = ()
+    ramp: Interval | None = None
 
     @property
     def is_smooth(self) -> bool:
         """Whether no limit acts."""
         return not isinstance(self.likelihood, LimitedLikelihood)
-
-    @property
-    def along(self) -> frozenset[str]:
-        """Parameters of elements that the data neither require nor exclude; searching them widens the intervals."""
-        names = {
-            name
-            for element in self.elements
-            if self.gains[element] <= BELIEVED
-            for name in (*TRIED[element], *(["tau_prop"] if element == "twist" else []))
-        }
-        return frozenset(names - set(self.question.always))
 
 
 def likelihood_of(

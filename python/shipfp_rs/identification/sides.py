@@ -12,6 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from shipfp_rs.identification.coordinates import COMBINED
 from shipfp_rs.identification.engine_tests import suspected
 from shipfp_rs.identification.estimate import ASSUMED, Estimate, unidentifiable
 from shipfp_rs.identification.load_side import SHARED, LoadSide
@@ -31,6 +32,9 @@ KINDS: Mapping[str, Sentence] = {
     "torque_limit": Sentence("the engine's torque is limited, but by no limit that was tried"),
     "rack_rate": Sentence("the rack's rate is limited, but by no limit that was tried"),
     "misfit": Sentence("the model misses too much of the drive train's response"),
+    "prior": Sentence(
+        "a channel's delay, the shaft or the share of the inertia behind it would be as in no ship"
+    ),
     "sides": Sentence("speed and torque alone give another load than the whole model"),
 }
 """Sentence about the engine's side for each kind of contradiction."""
@@ -43,7 +47,19 @@ def undescribed(fit: ShipFit, misses_pct: Sequence[float], explained_pct: Sequen
     poor = max(misses_pct) > LARGE_MISS_PCT or min(explained_pct) < LEAST_EXPLAINED_PCT
     if poor and fit.side is not None and _is_a_load(fit.side):
         return "misfit"
+    if _contradicts_priors(fit):
+        return "prior"
     return None if fit.side is None or _agree(fit, fit.side) else "sides"
+
+
+def _contradicts_priors(fit: ShipFit) -> bool:
+    """Whether a parameter is far from what is known of every ship: it has taken over what the model lacks."""
+    values, known = fit.values, fit.likelihood.priors
+    return any(
+        abs((COMBINED[name](values)[0] if name in COMBINED else values[name]) - mean) > APART * deviation
+        for name, (mean, deviation) in known.items()
+        if name not in fit.question.priors
+    )
 
 
 def _is_a_load(side: LoadSide) -> bool:

@@ -1,4 +1,4 @@
-"""Tries elements that the full model lacks: limits of torque and rate, and torsional flexibility of the shaft.
+"""Tries elements that the full model lacks: limits of torque and rate.
 
 An element stays in the fit where it lowers the deviance by more than chance does, so that intervals allow for it. The
 element is called "on" where the deviance falls by much more (`ship_found.BELIEVED`). Minima are compared by their total
@@ -7,23 +7,22 @@ deviance, each with the noise estimated from its own residuals.
 
 from __future__ import annotations
 
-from collections.abc import Container, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
 from shipfp_rs.errors import IdentificationError, SimulationError
-from shipfp_rs.identification.basins import LIKELY, Basin, best_basins, descend, each
+from shipfp_rs.identification.basins import Basin, descend
 from shipfp_rs.identification.engine_tests import engine_tests, limit_to_try, touched
 from shipfp_rs.identification.equation_likelihood import EquationLikelihood
-from shipfp_rs.identification.first_guesses import first_guesses, guesses_by_bandwidth
+from shipfp_rs.identification.first_guesses import guesses_by_bandwidth
 from shipfp_rs.identification.limited_likelihood import WATERS_HZ, LimitedLikelihood
 from shipfp_rs.identification.question import TRIED
 from shipfp_rs.identification.ship_found import (
     BELIEVED,
     DEFAULTS,
-    LIMITED,
     ShipFit,
     likelihood_of,
     settled,
@@ -34,17 +33,11 @@ from shipfp_rs.support.progress import tell
 
 CHANCE = 6.0
 """Decrease of the deviance that two parameters exceed by chance once in twenty; a smaller one is no evidence."""
-LEAST_FALL = {"torque_limit": CHANCE, "rack_rate": 2.0 * BELIEVED, "rack_rate_down": 2.0 * BELIEVED}
+LEAST_FALL = {"torque_limit": CHANCE, "rack_rate": 2.0 * BELIEVED}
 """Least decrease of the total deviance for a limit to stay in the fit; higher for rate limits, whose intervals are
 approximate."""
 LEAST_TOUCHED = 10.0
 """Least samples at a limit; a limit that the record hardly reaches may compensate for another error of the model."""
-TWISTS_S, DAMPINGS = (1e-3, 4e-3), (0.3, 2.0)
-"""Starting values of the shaft's torsional compliance tau_twist [s] and of its damping zeta_twist."""
-BEHIND_TWIST = 0.3
-"""Starting value of the share of the inertia behind a flexible shaft, where the torque is measured ahead of the shaft."""
-GUESSES = 8
-"""Number of starts with a flexible shaft that do not come from the fit with a stiff one."""
 ROUNDS, STEPS, STILL = 6, 12, 1.0
 """Most rounds of descents with a limit, most steps of each, and decrease of the deviance below which they stop."""
 BEHIND = 0.2
@@ -60,16 +53,14 @@ STEEP, RATES = 0.99, (0.6, 1.0, 1.6, 2.5)
 times the rack's, noise steeper ones."""
 GAINS = (1.0, 2.0, 4.0)
 """Factors of the governor's gains in starts with a limited rate: a fit without the limit underestimates them."""
-WAYS_DOWN = (0.5, 0.7, 1.0, 1.4, 2.0)
-"""Starting values of the rack's downward rate, over the rate found for both directions."""
 
 
 def with_limits(fit: ShipFit, until: float | None) -> ShipFit:
     """Add the limits that the data support, one after the other; the returned fit has its engine-side tests."""
-    tried, scores = set(fit.question.tried) & LIMITED, engine_tests(fit)
+    tried, scores = set(fit.question.tried), engine_tests(fit)
     falls = {name: scores[name].fall for name in sorted(tried) if name in scores}
     fit = replace(fit, scores=scores, gains={**fit.gains, **falls})
-    while (suspect := _suspect(fit, tried)) is not None:
+    while (suspect := limit_to_try(fit.scores, tried)) is not None:
         tell(f"trying {ELEMENTS[suspect].words}", 0.3 * len(fit.elements))
         tried.remove(suspect)
         taken = _worthy(fit, suspect, until)
@@ -97,13 +88,6 @@ def _worthy(fit: ShipFit, element: str, until: float | None) -> ShipFit | None:
     return replace(taken, gains={**fit.gains, element: gain})
 
 
-def _suspect(fit: ShipFit, tried: Container[str]) -> str | None:
-    """Return the limit to try next, or None."""
-    if "rack_rate_down" in tried and "rack_rate" in fit.elements:
-        return "rack_rate_down"
-    return limit_to_try(fit.scores, tried)
-
-
 def with_given_limits(fit: ShipFit, given: Sequence[str], until: float | None) -> ShipFit:
     """Return the fit with given limits.
 
@@ -121,76 +105,12 @@ def with_given_limits(fit: ShipFit, given: Sequence[str], until: float | None) -
     return fit
 
 
-def with_twist(fit: ShipFit, before: ShipFit, until: float | None) -> ShipFit:
-    """Return the fit with a torsionally flexible shaft, if the data support the flexibility.
-
-    `before` is the fit with other shares of the delays, since a fit with a stiff shaft may divide the delays wrongly.
-    """
-    if "twist" not in fit.question.tried:
-        return fit
-    tell(f"trying {ELEMENTS['twist'].words}", 0.0)
-    gain, best = 0.0, fit
-    least = fit.total
-    for one in (fit,) if before is fit else (fit, before):
-        found = _trial(one, "twist", until)
-        if found is None or one.best.cost - found[1].cost <= CHANCE:
-            continue
-        taken = _taken(one, "twist", *found, until)
-        if taken.total < least - CHANCE and _is_inside(taken.likelihood, taken.best, "twist"):
-            gain, best, least = fit.total - taken.total, replace(taken, stiff=fit), taken.total
-    elsewhere = _twist_elsewhere(fit, until)
-    # A wholly other loop fits better by chance more often than the same loop with a twist.
-    if elsewhere is not None and elsewhere[1].cost < least - BELIEVED:
-        taken = _taken(fit, "twist", *elsewhere, until)
-        if taken.total < least - BELIEVED and _is_inside(taken.likelihood, taken.best, "twist"):
-            gain, best = fit.total - taken.total, replace(taken, stiff=fit)
-    return replace(best, gains={**fit.gains, "twist": gain})
-
-
-def _twist_elsewhere(fit: ShipFit, until: float | None) -> tuple[EquationLikelihood, Basin] | None:
-    """Return the best minimum with a flexible shaft, searched from the first guesses; its cost is the total deviance.
-
-    Torsional flexibility of the shaft may lead the fit with a stiff shaft to a wrong minimum, from which no descent finds
-    the ship with a flexible shaft.
-    """
-    question, likelihood = fit.question, likelihood_of(fit, (*fit.elements, "twist"))
-    c, law = likelihood.coordinates, None if fit.side is None else fit.side.law
-    guesses = first_guesses(likelihood.records, question.outputs, question.gauge, law)[:GUESSES]
-    behind = {} if question.gauge else {"tau_prop": BEHIND_TWIST * guesses[0]["tau_n"]}
-    starts = [c.vector({**DEFAULTS, "c_2": 0.0, **guess, **behind}) for guess in guesses]
-    try:
-        likelihood, basins, _ = best_basins(likelihood, starts, until=until)
-    except IdentificationError:
-        return None
-    return likelihood, replace(basins[0], cost=likelihood.total(basins[0].vector))
-
-
 def _taken(
     fit: ShipFit, element: str, likelihood: EquationLikelihood, end: Basin, until: float | None
 ) -> ShipFit:
     """Return the fit with an element, settled again: with less residual noise, other elements may become significant."""
     elements = (*fit.elements, element)
     return settled(replace(fit, likelihood=likelihood, basins=(end,), elements=elements, also=()), until)
-
-
-def _trial(fit: ShipFit, element: str, until: float | None) -> tuple[EquationLikelihood, Basin] | None:
-    """Return the best minimum with one more element, under the noise estimated without that element.
-
-    Returns None if no start is near an effect of the element, or if its first parameter ends on a bound, where the element
-    is off or compensates for another error.
-    """
-    starts = [start for basin in fit.basins[:2] for start in _starts(fit, element, basin)]
-    if not starts:
-        return None
-    likelihood = likelihood_of(fit, (*fit.elements, element))
-    c = likelihood.coordinates
-    vectors = [c.vector({**DEFAULTS, **values}, states) for values, states in starts]
-    ends = each(likelihood, sorted(vectors, key=likelihood.cost)[:KEPT], until, 8, 10.0)
-    ends = [end for end in ends[:2] if end.cost < fit.best.cost + LIKELY]
-    if not ends:
-        return None
-    best = each(likelihood, [end.vector for end in ends], until, 40, 0.1)[0]
-    return (likelihood, best) if _is_inside(likelihood, best, element) else None
 
 
 def _is_inside(likelihood: EquationLikelihood, end: Basin, element: str) -> bool:
@@ -213,13 +133,11 @@ def _limited(fit: ShipFit, element: str, until: float | None, *, surely: bool = 
     c = likelihood.coordinates
     vectors = [c.vector({**DEFAULTS, **values}, states) for values, states in starts]
     best = lowest(likelihood, vectors, until)
-    if element != "rack_rate_down":  # the upward limit has already chosen the method
-        # Noise of the speed may hide a limit from the engine's equation; slow simulations still show it.
-        simulated = replace(likelihood, water_hz=WATERS_HZ[0]).driven(vectors[0])
-        pairs = (likelihood, best), (simulated, lowest(simulated, vectors, until))
-        likelihood, best = min(pairs, key=lambda pair: pair[1].cost)
-    least = LEAST_FALL[element] if element == "rack_rate_down" else 0.0
-    if not surely and not best.cost < fit.total - least:
+    # Noise of the speed may hide a limit from the engine's equation; slow simulations still show it.
+    simulated = replace(likelihood, water_hz=WATERS_HZ[0]).driven(vectors[0])
+    pairs = (likelihood, best), (simulated, lowest(simulated, vectors, until))
+    likelihood, best = min(pairs, key=lambda pair: pair[1].cost)
+    if not surely and not best.cost < fit.total:
         return None
     likelihood, best = _other_way(likelihood, best, fit.total, until)
     if not (np.isfinite(best.cost) if surely else _is_inside(likelihood, best, element)):
@@ -259,8 +177,7 @@ def _other_way(
 def _total(likelihood: EquationLikelihood, vector: Array) -> float:
     """Total deviance at a point of the search, with corrections and noise estimated at that point."""
     try:
-        own = likelihood.resettled_at(vector)
-        return own.cost(vector) + own.spread()
+        return likelihood.resettled_at(vector).own_total(vector)
     except (SimulationError, np.linalg.LinAlgError):
         return np.inf
 
@@ -295,18 +212,8 @@ def _starts(
     c = fit.likelihood.coordinates
     values = c.values(basin.vector)
     states = c.states_at(basin.vector)
-    if element == "twist":
-        least = 0.0 if fit.question.gauge else BEHIND_TWIST * values["tau_n"]
-        behind = max(values["tau_prop"], least)
-        return [
-            ({**values, "tau_twist": twist, "zeta_twist": damping, "tau_prop": behind}, states)
-            for twist in TWISTS_S
-            for damping in DAMPINGS
-        ]
     if "dM" not in fit.question.outputs:
         return []
-    if element == "rack_rate_down":
-        return [({**values, "rate_down": values["rate"] * factor}, states) for factor in WAYS_DOWN]
     records, place = fit.likelihood.records, fit.question.outputs.index("dM")
     every = [values, *({**values, **one} for one in _other_loops(fit))]
     if element == "torque_limit":

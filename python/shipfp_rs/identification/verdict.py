@@ -16,7 +16,7 @@ import numpy as np
 from shipfp_rs.identification.estimate import KNOWN, OPEN, Estimate, is_rough, rounded_rows
 from shipfp_rs.identification.fingerprint import ALARM, Fingerprint, Identifiability
 from shipfp_rs.identification.fit_statistics import missed_pct
-from shipfp_rs.identification.question import BOUNDS, TRIED
+from shipfp_rs.identification.question import BOUNDS, PRIORS, TRIED, within_reach
 from shipfp_rs.identification.ship_found import BELIEVED, ShipFit
 from shipfp_rs.identification.sides import KINDS
 from shipfp_rs.identification.usability import Usability, misfit, usability
@@ -228,8 +228,6 @@ def shown(name: str, estimate: Estimate) -> Sentence:
     return Sentence(text, name=name, value=row.value, spread=spread, unit=unit)
 
 
-OFF_S = 1e-3
-"""Lower end of a delay's interval below which the delay may be zero [s]."""
 SHORT_S = 0.02
 """Largest value of a delay that may be zero, for it to be called off [s]."""
 
@@ -269,26 +267,23 @@ UNDECIDED = 6.0
 def element_rows(fit: ShipFit, parameters: Mapping[str, Estimate]) -> dict[str, dict[str, Any]]:
     """Return each element's state by its interval: on, open or off, with an upper limit unless it is on."""
     rows: dict[str, dict[str, Any]] = {}
-    for name in ("dead_time_loop", "dead_time_set_point", "actuator_lag"):
+    for name in ("dead_time_loop", "dead_time_set_point", "actuator_lag", "twist"):
         parameter = ELEMENTS[name].parameters[0]
         estimate = parameters.get(parameter.name)
         if estimate is None or estimate.ci95 is None:
             continue
         low, high = estimate.ci95
-        state = "on" if low > OFF_S else "off" if high <= SHORT_S else "open"
+        state = "on" if low > 0.0 else "off" if high <= SHORT_S else "open"
         limit = None if state == "on" else _limit(parameter.name, high, parameter.unit)
         rows[name] = _row(name, state, limit)
     for name in TRIED:
-        if (needs := ELEMENTS[name].needs) and TRIED[needs][0] not in parameters:
-            continue
         told = parameters.get(TRIED[name][0])
-        acts = told is not None and told.status != "unidentifiable" and TRIED[name][0] not in fit.along
+        gain = fit.gains.get(name, np.inf)
+        acts = told is not None and told.status != "unidentifiable" and gain > BELIEVED
         if acts or name in fit.question.tried:
             # The decrease by a limit changes once others act.
-            gain = fit.gains.get(name, np.inf)
             gain = fit.scores[name].fall if name in fit.scores and name not in fit.elements else gain
-            undecided = np.isfinite(gain) and gain > (UNDECIDED if TRIED[name][0] in fit.along else BELIEVED)
-            undecided |= any(ELEMENTS[other].needs == name for other in fit.elements)
+            undecided = np.isfinite(gain) and gain > (UNDECIDED if name in fit.elements else BELIEVED)
             state = "on" if acts else "open" if undecided else "off"
             rows[name] = _row(name, state, None, gain if np.isfinite(gain) else None)
     if fit.question.loaded:
@@ -309,7 +304,7 @@ def _is_on_bound(name: str, estimate: Estimate) -> bool:
     """Whether a parameter that every ship has is at an end of the search range."""
     if name not in ALWAYS or estimate.status not in KNOWN or estimate.value is None:
         return False
-    low, high = BOUNDS[name]
+    low, high = within_reach(BOUNDS[name], PRIORS.get(name))
     return min(estimate.value - low, high - estimate.value) <= AT_BOUND * (high - low)
 
 
@@ -340,8 +335,7 @@ def _element(row: Mapping[str, Any]) -> Sentence:
 def _is_limited(fingerprint: Fingerprint) -> bool:
     """Whether a limit of torque or rate acts."""
     return any(
-        fingerprint.elements.get(name, {}).get("state") == "on"
-        for name in ("torque_limit", "rack_rate", "rack_rate_down")
+        fingerprint.elements.get(name, {}).get("state") == "on" for name in TRIED if name != "set_rate"
     )
 
 

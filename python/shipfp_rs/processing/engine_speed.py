@@ -228,6 +228,7 @@ class EngineSpeed:
         return {
             "train": train.name,
             "channel": train.channel.name,
+            "shaft": train.tacho.shaft,
             "pulses_per_rev": train.tacho.pulses_per_rev,
             "bandwidth_hz": bandwidth_hz,
             "reflectors": {

@@ -48,7 +48,7 @@ CHIRP, ALL = "chirp C11", "all"
 STEPS = ("St1", "St2")
 FREE = ("p", "tau_prop", "vK_p", "vK_i", "T_d", "T_set")
 SHOWN = ("tau_n", "g", *FREE)
-ELEMENTS = ("dead_time_loop", "dead_time_set_point", "actuator_lag", "twist")
+ELEMENTS = ("dead_time_loop", "dead_time_set_point", "actuator_lag", "twist", "late_torque")
 KNOWN = ("tau_n", "g", "tau_act", "tau_twist")
 """Parameters that are given, not estimated. The actuator's lag and the shaft's twist are known from drawings, the inertia
 (tau_n) from a torsional vibration calculation, the engine's slope (g) from its factory test. Speeds and gauge torque do
@@ -68,7 +68,7 @@ def fitted_parts(twin: Twin, parts: Sequence[str]) -> dict[str, Fingerprint]:
     """
     known = {name: twin.truth[name] for name in KNOWN}
     ship = Structure.ship(ELEMENTS, torque="gauge", propeller_speed=True)
-    structure = ship.with_fixed(**known, zeta_twist=0.5)
+    structure = ship.with_fixed(**known, zeta_twist=0.5).with_prior(T_M=(0.0, 3e-3))
     told: dict[str, Fingerprint] = {}
     for part in sorted(parts, key=lambda part: part != CHIRP):
         records = twin.experiments(experiments_of(part))

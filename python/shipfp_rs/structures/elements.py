@@ -2,12 +2,87 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any, Literal
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.structures.parameter import Parameter
 from shipfp_rs.support import hints
 from shipfp_rs.support.arrays import Names
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """What is known of a parameter before any data: unit, start, bounds, and the prior and scale of a ship's search.
+
+    Parameters
+    ----------
+    start, lower, upper
+        Declared start and bounds, which are wide: bounds are no knowledge.
+    prior
+        Mean and standard deviation where no ship is outside a few of them; None: bounds alone.
+    scale
+        What is searched: the value or its logarithm.
+    loose
+        Whether the prior is too wide to matter for most data.
+    nuisance
+        Whether it is searched along, but told without an interval.
+    """
+
+    name: str
+    unit: str
+    start: float
+    lower: float
+    upper: float
+    prior: tuple[float, float] | None = None
+    scale: Literal["linear", "log"] = "linear"
+    loose: bool = False
+    nuisance: bool = False
+
+    def parameter(self, **changes: Any) -> Parameter:
+        """Return the parameter that structures declare."""
+        return replace(Parameter(self.name, self.unit, self.start, self.lower, self.upper), **changes)
+
+
+QUANTITIES: dict[str, Quantity] = {
+    one.name: one
+    for one in (
+        Quantity("tau_n", "s", 1.2, 3e-3, 300.0, scale="log"),
+        # The slope of an engine's torque is a few times the operating point's ratio of torque to speed.
+        Quantity("g", "-", -0.5, -30.0, 10.0, prior=(-1.0, 4.0), loose=True),
+        Quantity("v", "-", 1.2, 0.01, 300.0, scale="log"),
+        Quantity("K_p", "-", 5.0, 1e-4, 1e3),
+        Quantity("K_i", "1/s", 5.0, 1e-4, 1e3),
+        Quantity("vK_p", "-", 5.0, 1e-4, 1e3),
+        Quantity("vK_i", "1/s", 5.0, 1e-4, 1e3),
+        Quantity("p", "-", 2.0, -1.0, 5.0),
+        Quantity("tau_prop", "s", 0.4, 1e-3, 300.0),
+        Quantity("T_d", "s", 0.05, 0.0, 2.0),
+        Quantity("T_set", "s", 0.05, 0.0, 3.0),
+        Quantity("tau_act", "s", 0.05, 0.0, 2.0),
+        Quantity("vK_d", "s", 0.01, 0.0, 100.0),
+        # Governors sample every 5 to 50 ms.
+        Quantity("T_s", "s", 0.02, 0.0, 0.5, prior=(0.0, 0.03), nuisance=True),
+        Quantity("T_0", "s", 0.0, 0.0, 0.5, nuisance=True),
+        Quantity("M_max", "-", 1.2, 0.5, 10.0),
+        # No gauge resolves a sharper corner of a limit than 2e-4, and sharper ones stop descents.
+        Quantity("M_soft", "-", 5e-3, 2e-4, 0.1, scale="log", nuisance=True),
+        Quantity("rate", "1/s", 1.0, 1e-3, 100.0, scale="log"),
+        Quantity("set_rate", "1/s", 1.0, 1e-5, 100.0, scale="log"),
+        # Shafts swing at 4 Hz or more, those of ships with little inertia included.
+        Quantity("tau_twist", "s", 0.0, 0.0, 0.2, prior=(0.0, 5e-3), loose=True),
+        Quantity("zeta_twist", "-", 0.5, 0.0, 10.0, prior=(0.0, 1.0), nuisance=True),
+        Quantity("damping", "-", 0.0, -5.0, 10.0),
+        # A fifth of the second-order coefficient of N^2.2, by about which open-water curves differ from a power.
+        Quantity("c_2", "-", 0.0, -5.0, 5.0, prior=(0.0, 0.25)),
+        # Filters, hold and telemetry at 500 Hz delay a torque channel by 1 to 5 ms.
+        Quantity("T_M", "s", 1e-3, -0.5, 0.5, prior=(0.0, 3e-3)),
+        Quantity("T_B", "s", 1e-3, -0.5, 0.5, prior=(0.0, 3e-3)),
+        Quantity("T_n", "s", 1e-3, -0.5, 0.5, prior=(0.0, 3e-3)),
+        Quantity("k_L", "-", 1.0, 1e-3, 100.0),
+    )
+}
+"""All parameters of a ship: the one table that structures, search and reports read."""
 
 
 @dataclass(frozen=True)
@@ -24,64 +99,47 @@ class Element:
         Parameters that it adds to a structure.
     needs
         Requirement: "load" (a measured load torque), the name of another element, or "" (none).
+    always
+        Whether the full ship always has it, since it has a value without effect.
     """
 
     name: str
     words: str
     parameters: tuple[Parameter, ...]
     needs: str = ""
+    always: bool = False
+
+
+def _element(
+    name: str, words: str, *names: str, needs: str = "", always: bool = False, **fixed: float
+) -> Element:
+    """Return an element; `fixed` are parameters that structures hold at a value unless they are freed."""
+    free = tuple(QUANTITIES[one].parameter() for one in names)
+    held = tuple(
+        QUANTITIES[one].parameter(start=value, lower=min(value, QUANTITIES[one].lower), fixed=True)
+        for one, value in fixed.items()
+    )
+    return Element(name, words, free + held, needs, always)
 
 
 ELEMENTS: dict[str, Element] = {
     element.name: element
     for element in (
-        Element(
-            "dead_time_loop",
-            "dead time in the loop",
-            (Parameter("T_d", "s", 0.05, 0.0, 0.5), Parameter("hold", "-", 0.0, 0.0, 1.0, fixed=True)),
-        ),
-        Element(
-            "dead_time_set_point", "dead time of the set point", (Parameter("T_set", "s", 0.05, 0.0, 2.0),)
-        ),
-        Element("actuator_lag", "lag of the fuel actuator", (Parameter("tau_act", "s", 0.05, 0.0, 1.0),)),
-        Element("derivative", "derivative gain", (Parameter("vK_d", "s", 0.05, 0.0, 10.0),)),
-        Element(
-            "sampling",
-            "sampling of the governor",
-            (Parameter("T_s", "s", 0.02, 1e-3, 0.5), Parameter("T_0", "s", 0.0, 0.0, 0.5, fixed=True)),
-        ),
-        Element(
-            "torque_limit",
-            "upper torque limit",
-            (
-                Parameter("M_max", "-", 1.1, 0.5, 5.0),
-                Parameter("M_soft", "-", 0.0, 0.0, 0.1, fixed=True),
-            ),
-        ),
-        Element("rack_rate", "rate limit of the fuel rack", (Parameter("rate", "1/s", 1.0, 1e-3, 100.0),)),
-        Element(
-            "rack_rate_down",
-            "other rate limit of the fuel rack on its way down",
-            (Parameter("rate_down", "1/s", 1.0, 1e-3, 100.0),),
-            "rack_rate",
-        ),
-        Element(
-            "twist",
-            "torsionally flexible shaft",
-            (Parameter("tau_twist", "s", 1e-3, 3e-4, 0.1), Parameter("zeta_twist", "-", 0.5, 0.0, 6.0)),
-        ),
-        Element("damping", "load damping", (Parameter("damping", "-", 0.1, -5.0, 10.0),)),
-        Element(
-            "curvature", "second-order coefficient of the load", (Parameter("c_2", "-", 0.0, -2.0, 2.0),)
-        ),
-        Element("late_torque", "delay of the torque channel", (Parameter("T_M", "s", 2e-3, 0.0, 0.05),)),
-        Element(
-            "late_brake",
-            "delay of the brake's torque channel",
-            (Parameter("T_B", "s", 2e-3, 0.0, 0.05),),
-        ),
-        Element("late_speed", "delay of the speed channel", (Parameter("T_n", "s", 2e-3, 0.0, 0.05),)),
-        Element("load", "measured load torque", (Parameter("k_L", "-", 1.0, 0.01, 10.0),), "load"),
+        _element("dead_time_loop", "dead time in the loop", "T_d", always=True),
+        _element("dead_time_set_point", "dead time of the set point", "T_set", always=True),
+        _element("actuator_lag", "lag of the fuel actuator", "tau_act", always=True),
+        _element("derivative", "derivative gain", "vK_d"),
+        _element("sampling", "sampling of the governor", "T_s", T_0=0.0, always=True),
+        _element("torque_limit", "upper torque limit", "M_max", M_soft=0.0),
+        _element("rack_rate", "rate limit of the fuel rack", "rate"),
+        _element("set_rate", "rate limit of the set point", "set_rate"),
+        _element("twist", "torsionally flexible shaft", "tau_twist", "zeta_twist", always=True),
+        _element("damping", "load damping", "damping"),
+        _element("curvature", "second-order coefficient of the load", "c_2", always=True),
+        _element("late_torque", "delay of the torque channel", "T_M", always=True),
+        _element("late_brake", "delay of the brake's torque channel", "T_B"),
+        _element("late_speed", "delay of the speed channel", "T_n"),
+        _element("load", "measured load torque", "k_L", needs="load"),
     )
 }
 """All elements by name, in the order in which structures list their parameters."""
@@ -89,6 +147,8 @@ ELEMENTS: dict[str, Element] = {
 
 LATE_CHANNELS = ("T_n", "T_M", "T_B")
 """Elements for delays of the sensors, which are outside the control loop."""
+ABSENT = ("T_d", "T_set", "T_s", "tau_act", "c_2", "tau_prop", "tau_twist")
+"""Parameters without effect at zero that the full ship always has."""
 
 
 def chosen(names: Names) -> tuple[Element, ...]:

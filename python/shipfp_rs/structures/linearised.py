@@ -64,6 +64,8 @@ def loop_of(structure: Structure, values: Values) -> tuple[TransferFunctions, di
         place = "propeller"
     known = structure.complete(values)
     known["p"] = known["p"] + known.pop("damping", 0.0)
+    if structure.settings.get("mean_sampling"):
+        known["T_d"] = known.get("T_d", 0.0) - 0.5 * known.get("T_s", 0.0)
     return TransferFunctions(structure.outputs, "tau_prop" in structure.names, place), known
 
 

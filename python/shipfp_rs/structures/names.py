@@ -23,7 +23,6 @@ NAMES: Mapping[str, str] = {
     "T_s": "sampling period of the governor",
     "T_0": "first sample of the governor",
     "c_2": "second-order coefficient of the load",
-    "hold": "share of the dead time in the loop that the governor's sampling causes",
     "M_soft": "rounding of the torque limit",
     "T_M": "delay of the torque channel",
     "T_B": "delay of the brake's torque channel",
@@ -34,7 +33,7 @@ NAMES: Mapping[str, str] = {
     "damping": "load damping",
     "M_max": "upper torque limit",
     "rate": "rate limit of the fuel rack",
-    "rate_down": "other rate limit of the fuel rack on its way down",
+    "set_rate": "rate limit of the set point",
     "k_L": "gain of the measured load",
     "dM_b(0)": "torque over speed, for slow motions",
     "dM_g(0)": "torque over speed, for slow motions",
@@ -54,7 +53,6 @@ NAMES: Mapping[str, str] = {
 """Symbol, or name of a loop figure, to plain name."""
 
 OF_WHAT: Mapping[str, str] = {
-    "hold": "of T_d",
     "tau_prop/tau_n": "of tau_n",
     "M_max": "times the operating torque",
     "M_soft": "times the operating torque",
@@ -63,7 +61,7 @@ OF_WHAT: Mapping[str, str] = {
 
 LOOKED_AT = (
     *("k_L", "tau_prop", "T_M", "T_B", "T_n", "T_0"),
-    *("v", "T_set", "T_d", "hold", "T_s", "tau_act", "M_max", "M_soft", "rate", "rate_down"),
+    *("v", "T_set", "T_d", "T_s", "tau_act", "M_max", "M_soft", "rate", "set_rate"),
     *("tau_n", "g", "p", "c_2", "damping", "tau_twist", "zeta_twist"),
     *("K_p", "K_i", "K_d", "vK_p", "vK_i", "vK_d"),
 )

@@ -8,21 +8,24 @@ Also here:
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from shipfp_rs import _core
 from shipfp_rs.errors import InputError, SimulationError
 from shipfp_rs.experiments.experiment import Experiment, Hold
-from shipfp_rs.structures.elements import chosen
+from shipfp_rs.structures.elements import QUANTITIES, chosen
 from shipfp_rs.structures.equations import Equations
-from shipfp_rs.structures.parameter import BRAKE, Parameter, Torque, require_outputs, signals_of
+from shipfp_rs.structures.parameter import BRAKE, Torque, require_outputs, signals_of
 from shipfp_rs.structures.state_space import LinearEquations
 from shipfp_rs.structures.transfer import Place, TransferFunctions
 from shipfp_rs.support.arrays import Array, ComplexArray, Names, Values
+from shipfp_rs.support.derivatives import interpolated
 
 SET_SCALE, TORQUE_SCALE, BRAKE_SCALE = "set point scale", "torque scale", "brake torque scale"
 STATES = ("initial dn", "initial fuel", SET_SCALE, TORQUE_SCALE)
@@ -51,23 +54,54 @@ _DEVIATIONS = ("initial dn", SET_SCALE, TORQUE_SCALE)
 """Unknowns without effect at the value 0; the corresponding kernel parameters have no effect at 1."""
 
 
+RAMP_HZ = 400.0
+"""Least rate of the computation of a ramp [Hz]: the instants at which it begins and ends decide the gains."""
 STEP = 1e-6
 """Relative step of a difference quotient."""
-OF_BOTH_SIGNS = {*STATES, BRAKE_SCALE, "g", "p", "damping", "c_2"}
+STIFF_HZ, LEAST_DAMPED = 200.0, 0.01
+"""Natural frequency of a shaft above which it is simulated as stiff, since below 2 Hz its flexibility changes 1e-4; and its
+least damping ratio, without which the start of a simulation makes it ring."""
+OF_BOTH_SIGNS = {*STATES, BRAKE_SCALE, "g", "p", "damping", "c_2", "T_M", "T_n", "T_B"}
 """Parameters that may be negative."""
 
 
-def with_brake(
-    step: Callable[[Array], Array], parameters: Array, outputs: Sequence[str], late_s: float, scale: float
+def observed(
+    step: Callable[[Array], Array],
+    parameters: Array,
+    outputs: Sequence[str],
+    late_s: float,
+    scale: float,
+    dt: float,
 ) -> Array:
-    """Return the simulated outputs; for both torques the simulation is repeated, since the kernel has one torque channel."""
-    rows = step(parameters)
+    """Return the simulated outputs (O, N) as their sensors see them, every `dt` [s].
+
+    The kernel has one torque channel and no channel that leads: for the brake's torque in addition to a gauge's the
+    simulation is repeated, and leading channels are interpolated.
+    """
+    known = parameters.copy()
+    delays = {"dn": known[INDEX["T_n"]], "dM": known[INDEX["T_M"]], BRAKE: late_s}
+    late = [INDEX["T_n"], INDEX["T_M"]]
+    known[late] = np.maximum(known[late], 0.0)
+    rows = step(known)
     if BRAKE in outputs:
-        other = parameters.copy()
-        other[[INDEX["T_M"], INDEX["s_M"]]] = late_s, scale
+        known[[INDEX["T_M"], INDEX["s_M"]]] = max(late_s, 0.0), scale
         place = list(outputs).index(BRAKE)
-        rows[place] = step(other)[place]
+        rows[place] = step(known)[place]
+    at = dt * np.arange(rows.shape[1])
+    for row, output in zip(rows, outputs, strict=True):
+        if delays.get(output, 0.0) < 0.0:
+            row[:] = CubicSpline(at, row)(np.minimum(at - delays[output], at[-1]))
     return rows
+
+
+def rate_limited(signal: Array, rate: float, rate_hz: float) -> Array:
+    """Return a signal (N,) that follows another at most at `rate` per second, computed between its samples, too."""
+    finer = max(math.ceil(RAMP_HZ / rate_hz), 1)
+    most, now, found = rate / (rate_hz * finer), float(signal[0]), []
+    for value in interpolated(signal, finer).tolist():
+        now = min(max(value, now - most), now + most)
+        found.append(now)
+    return np.array(found[::finer][: len(signal)])
 
 
 @dataclass(frozen=True)
@@ -80,7 +114,7 @@ class ShipEquations(Equations):
     loaded: bool = False
     """Whether the experiment's load torque is a second input of the model."""
     mean_sampling: bool = False
-    """Whether a sampling governor is modelled by its mean delay, half a sample period."""
+    """Whether a sampling governor is modelled by its mean effect: T_d then includes half of the period T_s."""
     envelope: tuple[tuple[float, float], ...] = ()
     """Pairs (speed, highest torque), each relative to the operating point; empty: only M_max limits the torque."""
     substeps: int = 0
@@ -106,17 +140,27 @@ class ShipEquations(Equations):
             if name in STATES or name in INDEX or name in _KERNEL:
                 vector[INDEX[_KERNEL.get(name, name)]] = value + (name in _DEVIATIONS)
         if self.mean_sampling:
-            vector[INDEX["T_d"]] += 0.5 * vector[INDEX["T_s"]]
+            period, dead = vector[[INDEX["T_s"], INDEX["T_d"]]]
+            vector[INDEX["hold"]] = min(0.5 * period / dead, 1.0) if dead > 0.0 else 0.0
             vector[INDEX["T_s"]] = 0.0
-        if values.get("tau_twist") and values["tau_prop"] >= 0.99 * values["tau_n"]:
-            raise SimulationError("the engine's side of the flexible shaft has almost no inertia")
+        if twist := values.get("tau_twist", 0.0):
+            whole, behind = values["tau_n"], values["tau_prop"]
+            if behind >= 0.99 * whole:
+                raise SimulationError("the engine's side of the flexible shaft has almost no inertia")
+            swings = np.sqrt(whole / (behind * (whole - behind)) / twist)
+            vector[INDEX["tau_twist"]] = twist if swings < 2.0 * np.pi * STIFF_HZ else 0.0
+            place = INDEX["zeta_twist"]
+            vector[place] = max(vector[place], 2.0 * LEAST_DAMPED / (swings * twist))
         if "rate" in values:
-            vector[INDEX["rate_down"]] = values.get("rate_down", values["rate"])
+            vector[INDEX["rate_down"]] = values["rate"]
         return vector
 
-    def _inputs(self, experiment: Experiment) -> tuple[Array, Array, float, int, Hold]:
+    def _inputs(self, experiment: Experiment, values: Values) -> tuple[Array, Array, float, int, Hold]:
         load = experiment.normalised("M_load") if self.loaded else np.empty(0)
-        return 1.0 + experiment.dn_set, load, 1.0 / experiment.rate_hz, self.substeps, experiment.hold
+        set_point = experiment.dn_set
+        if "set_rate" in values:
+            set_point = rate_limited(set_point, values["set_rate"], experiment.rate_hz)
+        return 1.0 + set_point, load, 1.0 / experiment.rate_hz, self.substeps, experiment.hold
 
     @property
     def _limit(self) -> Array | None:
@@ -133,13 +177,14 @@ class ShipEquations(Equations):
 
     def simulate(self, values: Values, experiment: Experiment) -> Array:
         """Return the normalised outputs, shape (O, N)."""
-        inputs = self._inputs(experiment)
-        return with_brake(
+        inputs = self._inputs(experiment, values)
+        return observed(
             lambda vector: _core.simulate_ship(vector, *inputs, self._kernel_outputs, self._limit),
             self.vector(values),
             self.outputs,
             values.get("T_B", 0.0),
             1.0 + values.get(BRAKE_SCALE, 0.0),
+            1.0 / experiment.rate_hz,
         )
 
     def sensitivities(self, values: Values, experiment: Experiment, names: Names) -> tuple[Array, Array]:
@@ -164,7 +209,12 @@ class ShipEquations(Equations):
         damping = values.get("damping", 0.0)
         known = {**values, "p": values["p"] + damping}
         asked = ["p" if name == "damping" else name for name in names]
-        return linear.response(known, frequency_hz, asked)
+        if not (self.mean_sampling and values.get("T_s")):
+            return linear.response(known, frequency_hz, asked)
+        known["T_d"] = known.get("T_d", 0.0) - 0.5 * known["T_s"]
+        found, slopes = linear.response(known, frequency_hz, [*asked, "T_d"])
+        slopes[[name == "T_s" for name in names] + [False]] -= 0.5 * slopes[-1]
+        return found, slopes[:-1]
 
 
 KIND = "commanded"
@@ -180,14 +230,17 @@ unchanged, and the speed feedback is negligible.
 
 
 def stepper_parameters(values: Values, *, open_loop: bool = False) -> Array:
-    """Return the stepper's parameters for a ship's values by name; `vK_p`, `vK_i` and `vK_d` are products of gain and v."""
+    """Return the stepper's parameters for a ship's values by name; `vK_p`, `vK_i` and `vK_d` are products of gain and v.
+
+    Without a first instant T_0, a sampling governor acts by its mean effect.
+    """
     v = values.get("v", 1.0)
     own = {name: value / v if name in ("vK_p", "vK_i", "vK_d") else value for name, value in values.items()}
     if own.get("tau_twist"):
         own["tau_prop"] = min(own["tau_prop"], MOST_TWISTED * own["tau_n"])
     if open_loop:
         return CommandedEquations((), gauge=False).vector(own)
-    return ShipEquations((), gauge=False).vector(own)
+    return ShipEquations((), gauge=False, mean_sampling="T_0" not in own).vector(own)
 
 
 @dataclass(frozen=True)
@@ -280,12 +333,10 @@ def commanded(
     return declare(
         name=name or "open loop",
         parameters=(
-            Parameter("tau_n", "s", 1.2, 0.003, 300.0),
-            Parameter("g", "-", -0.5, -300.0, 3.0),
-            Parameter("v", "-", 1.2, 0.01, 300.0),
-            Parameter("p", "-", 2.0, -1.0, 5.0),
-            *((Parameter("tau_prop", "s", 0.5, 1e-3, 300.0),) if gauge else ()),
-            *(one for element in acting for one in element.parameters if one.name != "hold"),
+            QUANTITIES["tau_n"].parameter(),
+            QUANTITIES["g"].parameter(lower=-300.0),
+            *(QUANTITIES[one].parameter() for one in ("v", "p", *(["tau_prop"] if gauge else []))),
+            *(one for element in acting for one in element.parameters),
         ),
         signals=signals_of(outputs, torque),
         equations=CommandedEquations(

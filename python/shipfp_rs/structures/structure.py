@@ -10,7 +10,7 @@ from shipfp_rs.errors import InputError
 from shipfp_rs.structures import stored
 from shipfp_rs.structures.custom import FunctionEquations, Matrices, MatrixEquations, Response, Simulate
 from shipfp_rs.structures.declared import Editable
-from shipfp_rs.structures.elements import chosen
+from shipfp_rs.structures.elements import QUANTITIES, chosen
 from shipfp_rs.structures.parameter import (
     BRAKE,
     Torque,
@@ -27,12 +27,8 @@ from shipfp_rs.support.arguments import checked
 
 
 def _gains(products: bool) -> tuple[Parameter, ...]:
-    letter = "v" if products else ""
-    return (
-        *(() if products else (Parameter("v", "-", 1.5, 0.01, 10.0),)),
-        Parameter(f"{letter}K_p", "-", 5.0, 1e-4, 1e3),
-        Parameter(f"{letter}K_i", "1/s", 5.0, 1e-4, 1e3),
-    )
+    names = ("vK_p", "vK_i") if products else ("v", "K_p", "K_i")
+    return tuple(QUANTITIES[name].parameter() for name in names)
 
 
 class Structure(Editable):
@@ -141,8 +137,8 @@ class Structure(Editable):
         elements
             Names of elements, of `structures.elements.ELEMENTS`: "dead_time_loop" (T_d), "dead_time_set_point" (T_set),
             "actuator_lag" (tau_act), "derivative" (vK_d, on the speed), "sampling" (T_s), "torque_limit" (M_max),
-            "rack_rate" (rate), "rack_rate_down" (rate_down, with "rack_rate"), "twist" (tau_twist, zeta_twist; between the
-            inertias, of which tau_prop is the propeller's), "damping" (of the load), "load" (measured).
+            "rack_rate" (rate), "twist" (tau_twist, zeta_twist; between the inertias, of which tau_prop is the propeller's),
+            "damping" (of the load), "load" (measured).
         torque
             "brake": the engine's, M_b; "gauge": M_g = N^p + tau_prop dN/dt, with part of the inertia on its propeller side.
         outputs
@@ -152,8 +148,8 @@ class Structure(Editable):
         propeller_speed
             Whether the speed is measured on the propeller's side of a torsionally flexible shaft.
         mean_sampling
-            Whether a sampling governor is modelled as a delay of half its period T_s, as in records that are low-passed
-            below its sample rate.
+            Whether a sampling governor is modelled by its mean effect, as in records that are low-passed below its sample
+            rate. T_d then includes half of the period T_s.
 
         Raises
         ------
@@ -172,15 +168,13 @@ class Structure(Editable):
         """
         gauge = torque == "gauge" and "dM" in outputs
         require_outputs(outputs, both_torques=gauge and not propeller_speed)
-        acting = chosen(elements)
+        acting, behind = chosen(elements), gauge or "twist" in elements
         parameters = (
-            Parameter("tau_n", "s", 1.2, 0.01, 20.0),
-            Parameter("g", "-", -0.5, -10.0, 3.0),
+            *(QUANTITIES[one].parameter() for one in ("tau_n", "g")),
             *_gains(products),
-            Parameter("p", "-", 2.0, -1.0, 5.0),
-            *((Parameter("tau_prop", "s", 0.5, 1e-3, 20.0),) if gauge or "twist" in elements else ()),
+            *(QUANTITIES[one].parameter() for one in ("p", *(["tau_prop"] if behind else []))),
             *(
-                replace(parameter, fixed=True) if mean_sampling and element.name == "sampling" else parameter
+                parameter
                 for element in acting
                 for parameter in element.parameters
                 if not (mean_sampling and parameter.name == "T_0")

@@ -87,6 +87,29 @@ class TransferFunctions:
         M_b = np.asarray((loop.engine + loop.g) * n_e + M_g)
         return self._measured(n_e, n_s, M_b, M_g, np.asarray(-loop.governor * loop.path * n_e))
 
+    def torque_over_speed(self, values: Values, s: Spectrum, names: Names) -> tuple[Spectrum, ComplexArray]:
+        """Return the torque over the speed (F,) that a load disturbance causes, and its derivatives by `names`, (W, F).
+
+        The engine's side alone decides this ratio: M_g = -((tau_n - tau_prop) s - g + L) n_e, M_b = (g - L) n_e.
+        """
+        loop = _Loop.of(values, s)
+        fuel = loop.v * loop.governor * loop.path
+        slip = np.asarray(_yield(values, s) if self.speed == "propeller" else 0.0 * s)
+        side = loop.engine + fuel
+        seen, under = side if self.gauge else fuel - loop.g, 1.0 + slip * side
+        slopes = np.zeros((len(names), len(s)), dtype=np.complex128)
+        for slope, name in zip(slopes, names, strict=True):
+            d = loop.change(name)
+            dfuel = d.v * loop.governor * loop.path + loop.v * (
+                d.governor * loop.path + loop.governor * d.path
+            )
+            dside, dslip = d.engine + dfuel, np.asarray(0.0 * s)
+            if self.speed == "propeller" and name in ("tau_twist", "zeta_twist"):
+                dslip = np.asarray(d.twisted / loop.propeller)
+            dunder = dslip * side + slip * dside
+            slope[:] = (seen * dunder / under - (dside if self.gauge else dfuel - d.g)) / under
+        return np.asarray(-seen / under), slopes
+
     def return_difference(self, values: Values, s: Spectrum) -> Spectrum:
         """Return 1 + L n_e*/M_b* (F,)."""
         loop = _Loop.of(values, s)
@@ -136,9 +159,7 @@ class _Loop(_Part):
         if derivative:
             governor = asked + derivative * s / (1.0 + DERIVATIVE_FILTER * derivative / proportional * s)
         path = np.exp(-s * q.get("T_d", 0.0)) / (1.0 + q.get("tau_act", 0.0) * s)
-        if q.get("hold"):
-            path = path * np.cosh(_half_apart(q, s))
-        if "T_s" in q:
+        if q.get("T_s"):
             path = path * -np.expm1(-s * q["T_s"]) / (s * q["T_s"])
         propeller = q["p"] + q.get("tau_prop", 0.0) * s
         twisted = 1.0 + _yield(q, s) * propeller
@@ -150,7 +171,7 @@ class _Loop(_Part):
         q, s = self.q, self.s
         if name.removeprefix("v") in GAINS:
             return self._change_of_governor(name.removeprefix("v"))
-        if name in ("T_d", "hold", "tau_act", "T_s"):
+        if name in ("T_d", "tau_act", "T_s"):
             return _Part(path=self.path * self._relative_change_of_path(name))
         propeller = {"p": 1.0 + 0.0 * s, "tau_prop": s}.get(name, 0.0 * s)
         twisted = _yield(q, s) * propeller
@@ -171,11 +192,12 @@ class _Loop(_Part):
 
     def _relative_change_of_path(self, name: str) -> Spectrum:
         q, s = self.q, self.s
-        if name in ("T_d", "hold"):
-            bend = np.tanh(_half_apart(q, s)) * s / np.sqrt(3.0)
-            return np.asarray(q.get("T_d", 0.0) * bend if name == "hold" else q.get("hold", 0.0) * bend - s)
+        if name == "T_d":
+            return -s
         if name == "tau_act":
             return np.asarray(-s / (1.0 + q["tau_act"] * s))
+        if not q["T_s"]:
+            return -0.5 * s
         return np.asarray(s / np.expm1(s * q["T_s"]) - 1.0 / q["T_s"])
 
     def _change_of_governor(self, gain: str) -> _Part:
@@ -187,11 +209,6 @@ class _Loop(_Part):
         if gain == "K_d":
             return _Part(governor=filtered * (1.0 - lag * filtered))
         return _Part(governor=1.0 + derivative * lag / proportional * filtered**2, asked=1.0)
-
-
-def _half_apart(q: Values, s: Spectrum) -> Spectrum:
-    """Half the delay between the two steps that represent a hold, times s."""
-    return np.asarray(s * q.get("T_d", 0.0) * q.get("hold", 0.0) / np.sqrt(3.0))
 
 
 def _yield(q: Values, s: Spectrum) -> Part:

@@ -53,14 +53,12 @@ class TwoEquations:
             equations = equations.equations
         if not isinstance(equations, LinearEquations | ShipEquations):
             return None
-        outputs, known = set(equations.outputs), KNOWN
-        if isinstance(equations, ShipEquations):
-            behind = equations.propeller_speed and "tau_twist" in own
-            if equations.envelope or (behind and not equations.gauge):
-                return None
-            known = KNOWN | ({"T_s"} if equations.mean_sampling else set())
+        outputs = set(equations.outputs)
+        exact = isinstance(equations, ShipEquations) and "T_s" in own and not equations.mean_sampling
+        if exact or (isinstance(equations, ShipEquations) and equations.envelope):
+            return None
         twists = "tau_twist" in own and "dM" not in outputs
-        if twists or "dn" not in outputs or outputs - set(_core.EQUATION_OUTPUTS) or own - known:
+        if twists or "dn" not in outputs or outputs - set(_core.EQUATION_OUTPUTS) or own - KNOWN:
             return None
         return cls(tuple(names), tuple(layers), equations, frozenset(own))
 
@@ -94,8 +92,6 @@ class TwoEquations:
         for gain in GAINS:
             if gain in found:
                 found[f"v{gain}"] = found.pop(gain) * found.get("v", 1.0)
-        if "T_s" in found:
-            found["T_d"] = found.get("T_d", 0.0) + 0.5 * found.pop("T_s")
         return found
 
     def _own(self, values: Values) -> dict[str, float]:

@@ -10,8 +10,9 @@ use super::clock;
 use super::dual::Dual;
 
 named_places! {
-    /// Names of the parameters: `u_0` set-point offset, `s_M` and `m_0` scale and offset of the torque, `x_0` offset of rack
-    /// or fuel, `T_B` and `s_B` delay and scale of the brake's torque measured besides a gauge's.
+    /// Names of the parameters: `T_s` sampling period of the governor, half of which is part of `T_d`; `u_0` set-point offset, `s_M` and `m_0` scale and offset of the torque, `x_0` offset of rack
+    /// or fuel, `T_B` and `s_B` delay and scale of the brake's torque measured besides a gauge's;
+    /// `t_1` reference of the inertia ahead of the gauge, a constant of the fit, or 0.
     PARAMETERS:
     TAU_N "tau_n",
     G "g",
@@ -25,7 +26,7 @@ named_places! {
     K_L "k_L",
     T_D "T_d",
     T_SET "T_set",
-    HOLD "hold",
+    T_S "T_s",
     TAU_ACT "tau_act",
     T_M "T_M",
     T_N "T_n",
@@ -38,6 +39,7 @@ named_places! {
     M_0 "m_0",
     T_B "T_B",
     S_B "s_B",
+    T_1 "t_1",
 }
 pub const COUNT: usize = PARAMETERS.len();
 
@@ -78,6 +80,9 @@ pub type Output = usize;
 
 /// Most coefficients of a polynomial.
 pub const DEGREES: usize = 7;
+
+/// Half of the time between the two commands that represent a hold, over the hold's period: 1 / (2 sqrt(3)).
+pub const HALF_APART: f64 = 0.288_675_134_594_812_9;
 
 /// A polynomial in s on a signal of an equation.
 #[derive(Debug, Clone, PartialEq)]
@@ -145,10 +150,13 @@ impl Equation {
         }
     }
 
-    /// Add another equation times a factor.
-    fn add_all(&mut self, other: &Self, factor: &Polynomial) {
+    fn times(&self, factor: &Polynomial) -> Self {
+        Self(self.0.iter().map(|(signal, polynomial)| (*signal, polynomial.times(factor))).collect())
+    }
+
+    fn add_all(&mut self, other: &Self) {
         for (signal, polynomial) in &other.0 {
-            self.add(*signal, &polynomial.times(factor));
+            self.add(*signal, polynomial);
         }
     }
 
@@ -201,9 +209,8 @@ impl Equations {
         require(torque || own[at::TAU_TWIST] == 0.0, || {
             "tau_twist: a shaft that twists needs a measured torque, expected 0".to_owned()
         })?;
-        require(!setup.propeller || (torque && setup.gauge), || {
-            "late: the engine's speed follows from the propeller's by the torque of a gauge, expected both"
-                .to_owned()
+        require(!setup.propeller || torque, || {
+            "late: the engine's speed follows from the propeller's by the torque, expected both".to_owned()
         })?;
         let equations = written(&own, [torque, outputs.contains(&2), both], setup);
         let terms = equations
@@ -228,7 +235,7 @@ impl Equations {
     /// Half of the time between the two commands that represent a hold [s].
     #[must_use]
     pub fn apart(&self) -> f64 {
-        self.values[at::HOLD] * self.values[at::T_D] / 3.0_f64.sqrt()
+        self.values[at::T_S] * HALF_APART
     }
 }
 
@@ -250,48 +257,45 @@ fn written(values: &[f64; COUNT], [torque, rack, both]: [bool; 3], setup: Setup)
     let poly = |numbers: &[Dual]| Polynomial(numbers.to_vec());
     let (zero, one) = (Dual::new(0.0), Dual::new(1.0));
     let Setup { gauge, open_loop, propeller, .. } = setup;
-    let twists = values[at::TAU_TWIST] != 0.0;
 
     let (p, ahead) = (q(at::P), q(at::TAU_N) - q(at::TAU_PROP));
     let second = p * (p + -1.0) * 0.5 + q(at::C_2);
     let third = p * (p + -1.0) * (p + -2.0) * (1.0 / 6.0);
     let law = poly(&[p + q(at::DAMPING), q(at::TAU_PROP)]);
     let inertia = poly(&[zero, ahead]);
-    let damped = if twists { poly(&[one, q(at::ZETA_TWIST) * q(at::TAU_TWIST)]) } else { poly(&[one]) };
+    let damped = poly(&[one, q(at::ZETA_TWIST) * q(at::TAU_TWIST)]);
+    let twist = poly(&[zero, q(at::TAU_TWIST)]);
 
-    // If the propeller's speed is measured, the shaft's flexibility does not enter the load's law. The engine's speed
-    // times `damped` is then the propeller's speed plus the rate at which the torque twists the shaft.
-    let on_load = if propeller { poly(&[one]) } else { damped.clone() };
-    let wound = if propeller && twists { poly(&[zero, q(at::TAU_TWIST)]) } else { poly(&[zero]) };
+    // The shaft turns the engine's end ahead of the propeller's: `damped` (n_e - n_s) = `twist` M_g. If the propeller's speed
+    // is measured, the engine's speed times `on_engine` is `damped` n_s + `wound` M.
+    let turned = if gauge { damped.clone() } else { damped.clone().plus(&inertia.times(&twist), 1.0) };
+    let (on_engine, wound) =
+        if propeller { (turned.clone(), twist.clone()) } else { (poly(&[one]), poly(&[zero])) };
 
     // The gauge's torque is the brake's minus the acceleration torque of the engine's side.
     let mut load = Equation::default();
-    let by_torque = if twists && !propeller {
-        damped.clone().plus(&law.times(&poly(&[zero, q(at::TAU_TWIST)])), 1.0)
-    } else {
-        poly(&[one])
+    let flexible = damped.clone().plus(&law.times(&twist), 1.0);
+    let (by_torque, by_speed, on_load) = match (propeller, gauge) {
+        (false, true) => (flexible, damped.times(&law), damped.clone()),
+        (false, false) => (flexible.clone(), damped.times(&law).plus(&inertia.times(&flexible), 1.0), damped.clone()),
+        (true, true) => (poly(&[one]), law, poly(&[one])),
+        (true, false) => (damped.clone(), turned.times(&law).plus(&inertia.times(&damped), 1.0), turned),
     };
     load.add(signal::M, &by_torque);
-    load.add(signal::N, &on_load.times(&law).negative());
-    if !gauge {
-        load.add(signal::N, &inertia.times(&by_torque).negative());
-    }
+    load.add(signal::N, &by_speed.negative());
     load.add(signal::N2, &on_load.times(&poly(&[second])).negative());
     load.add(signal::N3, &on_load.times(&poly(&[third])).negative());
     load.add(signal::LOAD, &on_load.times(&poly(&[q(at::K_L)])).negative());
 
     let mut engine = Equation::default();
-    let on_engine = if propeller { damped } else { poly(&[one]) };
+    let seen = if propeller { damped } else { poly(&[one]) };
     let mut between = Equation::default();
     between.add(signal::M_B, &on_engine);
     between.add(signal::M, &on_engine.clone().plus(&inertia.times(&wound), 1.0).negative());
-    between.add(signal::N, &inertia.times(&on_engine).negative());
+    between.add(signal::N, &inertia.times(&seen).negative());
     let slowed = if gauge { inertia } else { poly(&[zero]) }.plus(&poly(&[q(at::G)]), -1.0);
     engine.add(signal::M, &on_engine.clone().plus(&slowed.times(&wound), 1.0));
-    engine.add(signal::N, &on_engine.times(&slowed));
-    // A measured torque stays in the engine's equation. In moving water that equation's residual is far smaller than the
-    // load's, since the wake moves speed and torque together. Operators and the taper do not commute, so a multiple of the
-    // load's residual would leave a thousandth of the wake in the engine's.
+    engine.add(signal::N, &seen.times(&slowed));
     if !torque {
         engine = engine.without_torque(&load);
     }
@@ -302,13 +306,13 @@ fn written(values: &[f64; COUNT], [torque, rack, both]: [bool; 3], setup: Setup)
         fed.add(signal::LATE_U, &on_engine.times(&poly(&[q(at::V)])).negative());
         lag
     } else {
-        let held = q(at::HOLD) * q(at::T_D);
-        let asked = poly(&[q(at::VK_I), q(at::VK_P), clock::summed(q(at::VK_I), held)]);
+        let period = q(at::T_S);
+        let asked = poly(&[q(at::VK_I), q(at::VK_P), clock::summed(q(at::VK_I), period * 0.5)]);
         fed.add(signal::LATE_U, &on_engine.times(&asked).negative());
         let asked = asked.plus(&poly(&[zero, zero, q(at::VK_D)]), 1.0);
-        let samples = held.value > 0.0 && !propeller;
-        let seen = if samples { poly(&[one]).plus(&rippled(values, twists), 1.0) } else { poly(&[one]) };
-        fed.add(signal::LATE_N, &on_engine.times(&asked).times(&seen));
+        let samples = period.value > 0.0 && !propeller;
+        let seen = if samples { seen.plus(&rippled(values), 1.0) } else { seen };
+        fed.add(signal::LATE_N, &asked.times(&seen));
         if propeller {
             fed.add(signal::LATE_M, &wound.times(&asked));
         }
@@ -321,10 +325,19 @@ fn written(values: &[f64; COUNT], [torque, rack, both]: [bool; 3], setup: Setup)
         fed.add(signal::X, &cleared.times(&on_engine.times(&poly(&[q(at::V)]))));
         equations.extend([engine, fed]);
     } else {
+        // In moving water the engine's residual is far smaller than the load's, since the wake moves speed and torque
+        // together. Operators and the taper do not commute, so a multiple of the load's equation, times `cleared`, leaves
+        // its noise in the engine's. A set point can't tell this multiple. The engine's equation therefore always has the
+        // multiple that `t_1` says, whatever the parameters are, and its noise does not tell the multiple either.
+        if gauge && values[at::T_1] > 0.0 {
+            let known = Dual::new(values[at::T_1]);
+            let multiple = (ahead + known * -1.0) * (q(at::TAU_PROP) + known).inverse();
+            engine.add_all(&equations[0].times(&poly(&[multiple])));
+        }
         if open_loop {
             engine.add(signal::ONE, &poly(&[q(at::X_0)]).negative());
         }
-        fed.add_all(&engine, &cleared);
+        fed.add_all(&engine.times(&cleared));
         equations.push(fed);
     }
     if both {
@@ -333,13 +346,16 @@ fn written(values: &[f64; COUNT], [torque, rack, both]: [bool; 3], setup: Setup)
     equations
 }
 
-/// Ripple of the speed at the governor's samples due to the held fuel, as a polynomial that acts on the speed. At the
-/// sample rate, a flexible shaft decouples the propeller's inertia.
-fn rippled(values: &[f64; COUNT], twists: bool) -> Polynomial {
+/// Ripple of the speed at the governor's samples due to the held fuel, as a polynomial that acts on the speed. A shaft that
+/// is flexible at the sample rate decouples the propeller's inertia.
+fn rippled(values: &[f64; COUNT]) -> Polynomial {
     let q = |place: usize| Dual::parameter(values, place);
     let (lag, zero) = (q(at::TAU_ACT), Dual::new(0.0));
-    let near = if twists { q(at::TAU_N) - q(at::TAU_PROP) } else { q(at::TAU_N) }.inverse();
-    let sees = clock::ripple(q(at::HOLD), q(at::T_D), lag) * near;
+    let rate = q(at::T_S).inverse() * std::f64::consts::TAU;
+    let flexible = q(at::TAU_TWIST) * q(at::TAU_PROP) * rate * rate;
+    let apart = flexible * (flexible + 1.0).inverse();
+    let near = (q(at::TAU_N) - q(at::TAU_PROP) * apart).inverse();
+    let sees = clock::ripple(q(at::T_S), q(at::T_D), lag) * near;
     let own = q(at::P) + q(at::DAMPING) - q(at::G);
     let fuel = Polynomial(vec![zero, own, q(at::TAU_N)]);
     fuel.times(&Polynomial(vec![sees, sees * lag]))
@@ -373,7 +389,6 @@ fn slope_terms(
             add(equation, *signal, coefficients);
         }
     }
-    let share = 1.0 / 3.0_f64.sqrt();
     for one in terms {
         let mut risen = [0.0; DEGREES];
         risen[1..].copy_from_slice(&one.coefficients[..DEGREES - 1]);
@@ -383,20 +398,13 @@ fn slope_terms(
             _ => signal::APART_U,
         };
         let delayed = matches!(one.signal, signal::LATE_N | signal::LATE_U | signal::LATE_M);
-        let parted = delayed && values[at::HOLD] != 0.0 && !(steps && one.signal == signal::LATE_U);
+        let parted = delayed && values[at::T_S] != 0.0 && !(steps && one.signal == signal::LATE_U);
         let (set, torque) = (one.signal == signal::LATE_U, matches!(one.signal, signal::M | signal::LATE_M));
         let speed = matches!(one.signal, signal::N | signal::N2 | signal::N3 | signal::LATE_N);
         let brake = one.signal == signal::M_B;
         match by {
-            at::T_D if delayed => {
-                add(one.equation, one.signal, risen.map(|c| -c));
-                if parted {
-                    add(one.equation, apart, risen.map(|c| c * share * values[at::HOLD]));
-                }
-            }
-            at::HOLD if parted => {
-                add(one.equation, apart, risen.map(|c| c * share * values[at::T_D]));
-            }
+            at::T_D if delayed => add(one.equation, one.signal, risen.map(|c| -c)),
+            at::T_S if parted => add(one.equation, apart, risen.map(|c| c * HALF_APART)),
             at::T_SET if set => add(one.equation, one.signal, risen.map(|c| -c)),
             at::T_M if torque => add(one.equation, one.signal, risen),
             at::T_N if speed => add(one.equation, one.signal, risen),

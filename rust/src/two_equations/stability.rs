@@ -1,7 +1,7 @@
 //! Stability of the loop about the operating point, by the encirclements of its return difference (Nyquist 1932,
 //! doi:10.1002/j.1538-7305.1932.tb02344.x): the closed form has a finite cost even for an unstable loop.
 
-use super::equations::{COUNT, at};
+use super::equations::{COUNT, HALF_APART, at};
 
 /// Number of frequencies at which the return difference is evaluated: per decade, and the limit in all.
 const PER_DECADE: f64 = 24.0;
@@ -13,6 +13,8 @@ const SMALL: f64 = 0.9;
 const COUNTS: f64 = 0.3;
 /// Slope of load minus engine torque that replaces a slope of exactly zero.
 const NEUTRAL: f64 = 1e-9;
+/// Damping ratio that every shaft has at least; without damping any governor makes a shaft swing.
+const LEAST_DAMPED: f64 = 0.01;
 /// Least relative frequency step.
 const FINEST: f64 = 1e-5;
 
@@ -47,20 +49,21 @@ impl Shaft {
     /// `more`: additional inertia of the engine's side by a derivative that acts immediately.
     fn new(q: &[f64; COUNT], more: f64) -> Self {
         let law = q[at::P] + q[at::DAMPING];
-        let (twist, damped) = (q[at::TAU_TWIST], q[at::TAU_TWIST] * q[at::ZETA_TWIST]);
+        let twist = q[at::TAU_TWIST];
         let (ahead, behind) = (q[at::TAU_N] - q[at::TAU_PROP] + more, q[at::TAU_PROP]);
         if twist <= 0.0 || ahead <= 0.0 || behind <= 0.0 {
             let torque = [law - q[at::G], q[at::TAU_N] + more, 0.0, 0.0];
             return Self { speed: [1.0, 0.0, 0.0, 0.0], torque, resonance: [0.0; 2] };
         }
+        // Resonance [rad/s], and decay rate: half of the sum of the poles without the slow pole.
+        let square = (1.0 / ahead + 1.0 / behind) / twist;
+        let damped = (twist * q[at::ZETA_TWIST]).max(2.0 * LEAST_DAMPED / square.sqrt());
         let speed = [1.0, damped + twist * law, twist * behind, 0.0];
         let ends = product([1.0, damped, 0.0, 0.0], [law, behind, 0.0, 0.0]);
         let mut torque = product([-q[at::G], ahead, 0.0, 0.0], speed);
         for (mine, more) in torque.iter_mut().zip(ends) {
             *mine += more;
         }
-        // Resonance [rad/s], and decay rate: half of the sum of the poles without the slow pole.
-        let square = (1.0 / ahead + 1.0 / behind) / twist;
         let slow = torque[0] / torque[1].abs().max(1e-12);
         let fades = 0.5 * (torque[2] / torque[3] - slow).abs();
         Self { speed, torque, resonance: [square.sqrt(), fades.max(1e-4 * square.sqrt())] }
@@ -96,7 +99,7 @@ pub fn is_stable(q: &[f64; COUNT], open_loop: bool) -> bool {
         shaft.torque[0] = NEUTRAL; // a pole at zero does not turn it
     }
     let own = shaft.torque[0];
-    let apart = q[at::HOLD] * q[at::T_D] / 3.0_f64.sqrt();
+    let apart = q[at::T_S] * HALF_APART;
     // The function s / (s + c) (1 + L(s)), with the loop's transfer function L, has no pole at 0 and tends to 1.
     let corner = (ki / (own.abs() + kp.abs())).max(1e-6);
     // A number with the direction of that function, computed without a division, and the loop gain.

@@ -1,0 +1,117 @@
+"""A ramp on the set point: a drive or governor that lets its set point rise and fall at a limited rate only.
+
+The limit acts on a known signal before everything else, so that a ship behind it is smooth: for each rate, the record has
+another set point. The rate alone is searched outside the descents.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from shipfp_rs.identification.basins import descend
+from shipfp_rs.identification.profiles import RISE, Interval
+from shipfp_rs.identification.question import Question
+from shipfp_rs.identification.ship_found import BELIEVED, ShipFit, settled
+from shipfp_rs.structures.ship import rate_limited
+from shipfp_rs.support.arrays import Array
+
+STEEPEST, GRID = 0.97, 14
+"""Highest tried rate, as a quantile of the set point's slopes, and number of tried rates."""
+ROUNDS, STEPS = 2, 12
+"""Descents of each rate, each under the noise of the last, and their most steps."""
+REFINED, NEAR = 8, (0.97, 1.0, 1.03)
+"""Number of rates by which the best one is refined, and rates that are tried again about it."""
+LEAST_ACTING = 10
+"""Least number of samples at which a ramp acts."""
+
+
+Search = Callable[[Question], ShipFit]
+"""Maps a question to the fit of the smooth ship."""
+
+
+def with_set_rate(fit: ShipFit, search: Search, until: float | None, *, surely: bool = False) -> ShipFit:
+    """Return the fit with a ramp on the set point, if the ramp makes it likelier; `surely`: in any case.
+
+    A fit without the ramp is misled by it, so that the ship is searched again behind the ramp first found.
+    """
+    records = fit.likelihood.records
+    slopes = np.concatenate([np.abs(np.diff(one.set_point)) * one.data_hz for one in records])
+    steepest = float(np.quantile(slopes[slopes > 1e-3 * slopes.max()], STEEPEST)) if slopes.any() else 0.0
+    if steepest <= 0.0:
+        return fit
+    known, found = _searched(fit, fit.best.vector, np.geomspace(1e-2 * steepest, steepest, GRID), until)
+    rate = min(known, key=lambda one: known[one])
+    acting = sum(
+        int(np.count_nonzero(np.abs(np.diff(one.set_point)) * one.data_hz > rate)) for one in records
+    )
+    if not surely and (fit.total - known[rate] < 2.0 * BELIEVED or acting < LEAST_ACTING):
+        return fit
+    behind = search(replace(fit.question, fixed={**fit.question.fixed, "set_rate": rate}))
+    start = behind.best.vector if behind.total < known[rate] else found[rate]
+    known, found = _searched(fit, start, rate * np.array(NEAR), until)
+    rate = min(known, key=lambda one: known[one])
+    best = settled(behind_ramp(fit, rate, found[rate]), until)
+    return replace(best, gains={**fit.gains, "set_rate": fit.total - best.total}, ramp=_interval(known, rate))
+
+
+def _searched(
+    fit: ShipFit, start: Array, grid: Array, until: float | None
+) -> tuple[dict[float, float], dict[float, Array]]:
+    """Return the total deviance and the search vector for rates on a grid, refined about the best."""
+    known: dict[float, float] = {}
+    found: dict[float, Array] = {}
+
+    def tried(rate: float) -> None:
+        near = min(found, key=lambda other: abs(np.log(other / rate)), default=None)
+        one = behind_ramp(fit, rate, start if near is None else found[near])
+        likelihood, end = one.likelihood, one.best
+        for _ in range(ROUNDS):
+            if not np.isfinite(end.cost):
+                break
+            likelihood = likelihood.resettled_at(end.vector)
+            end = descend(likelihood, end.vector, steps=STEPS, settled=1.0, until=until)
+        known[rate] = likelihood.total(end.vector) if np.isfinite(end.cost) else np.inf
+        found[rate] = end.vector
+
+    # Slow ramps come last: each descent begins at the minimum of the next faster one.
+    for rate in sorted(grid.tolist(), reverse=True):
+        tried(rate)
+    for _ in range(REFINED):
+        best = min(known, key=lambda one: known[one])
+        ends = [
+            max((one for one in known if one < best), default=best),
+            min((one for one in known if one > best), default=best),
+        ]
+        wider = max(ends, key=lambda one: abs(np.log(one / best)))
+        tried(float(np.sqrt(best * wider)))
+    return known, found
+
+
+def behind_ramp(fit: ShipFit, rate: float, vector: Array) -> ShipFit:
+    """Return the fit of the records behind a ramp, begun at a search vector."""
+    likelihood = fit.likelihood
+    records = tuple(
+        one.with_set_point(rate_limited(one.set_point, rate, one.data_hz)) for one in likelihood.records
+    )
+    c = replace(likelihood.coordinates, given={**likelihood.coordinates.given, "set_rate": rate})
+    question = replace(fit.question, fixed={**fit.question.fixed, "set_rate": rate})
+    likelihood = replace(likelihood, records=records, coordinates=c).settled_at(vector)
+    end = descend(likelihood, vector)
+    return replace(fit, likelihood=likelihood, basins=(end,), question=question, also=())
+
+
+def _interval(known: dict[float, float], best: float) -> Interval:
+    """Return the interval of the rate, where the total deviance has risen by the quantile's square."""
+    ends = []
+    for side in (-1.0, 1.0):
+        beyond = {
+            abs(np.log(one / best)): known[one] - known[best] for one in known if (one - best) * side > 0.0
+        }
+        # Near the minimum the deviance is a parabola; the first point with a clear rise has its curvature.
+        risen = next((one for one in sorted(beyond) if beyond[one] > 0.5 * RISE), None)
+        reach = np.inf if risen is None else risen * np.sqrt(RISE / beyond[risen])
+        ends.append(float(best * np.exp(side * reach)))
+    return Interval(best, ends[0], ends[1], ("data", "data"))
