@@ -187,3 +187,15 @@ def test_moving_water_is_no_answer_that_comes_too_early(seed):
 def test_a_late_clock_is_found_in_moving_water(seed):
     with pytest.raises(fp.InputError, match=r"n_e moves .* s before the set point"):
         input_checks.require_excited([in_waves(seed, 0.8)])
+
+
+def test_a_step_early_in_its_window_is_no_answer_that_comes_too_early():
+    """The check reads the whole window: a drive's step at 2 s of 30 s, with a slow end, is a clean step test."""
+    rate_hz = 50.0
+    for seed in range(8):
+        random = np.random.default_rng(seed)
+        asked = np.repeat([0.0, 0.03], [100, 1400])
+        late = np.r_[np.zeros(5), asked[:-5]]
+        answer = 0.67 * lfilter([0.2], [1.0, -0.8], late) + 0.33 * lfilter([0.006], [1.0, -0.994], late)
+        signals = {"n_set": 1.0 + asked, "n_e": 1.0 + answer + 2e-4 * random.standard_normal(len(asked))}
+        input_checks.require_excited([fp.Experiment("step", rate_hz, signals, dict.fromkeys(signals, 1.0))])

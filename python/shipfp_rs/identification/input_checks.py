@@ -235,18 +235,18 @@ def _require_cause(experiment: Experiment, name: str, asked: Array, speed: Array
     causes, answers = np.gradient(asked), np.gradient(speed)
     step = max(1, round(0.05 * rate))
     longest = min(round(LONGEST_DELAY_S * rate), len(speed) // 4)
-    middle = slice(longest, len(speed) - longest)
-    size = np.linalg.norm(causes[middle])
-    agreement = {}
-    for lag in range(-longest, longest + 1, step):
-        moved = answers[middle.start + lag : middle.stop + lag]
-        agreement[lag / rate] = float(causes[middle] @ moved / max(size * np.linalg.norm(moved), 1e-300))
+    size = max(float(np.linalg.norm(causes) * np.linalg.norm(answers)), 1e-300)
+    padded = np.pad(answers, longest)  # the whole window counts, with a step near its start
+    agreement = {
+        lag / rate: float(causes @ padded[longest + lag :][: len(causes)]) / size
+        for lag in range(-longest, longest + 1, step)
+    }
     early = max((lag for lag in agreement if lag < -EARLY_S), key=agreement.__getitem__, default=None)
     if early is None:
         return
     late = max(value for lag, value in agreement.items() if lag >= -EARLY_S)
     rest = max(1.0 - agreement[early] ** 2, 0.0)
-    chance = np.sqrt(rest) * _chance(causes[middle], answers[middle])
+    chance = np.sqrt(rest) * _chance(causes, answers)
     if agreement[early] > late + CLEARLY + BY_CHANCE * chance:
         raise InputError(
             f"{experiment.name!r}: {name} moves {-early:.2g} s before the {DRIVES[experiment.driver]}, expected after it; "
