@@ -15,6 +15,7 @@ from shipfp_rs.identification.question import question_of
 from shipfp_rs.processing.process import process
 from shipfp_rs.processing.trial import Trial
 from shipfp_rs.runs.run import run
+from shipfp_rs.vessel.vessel import Vessel
 from tests.families.plant import physical
 from tests.families.small_steps import simulate
 
@@ -143,6 +144,24 @@ def test_a_loads_deviation_is_over_the_torque_and_rises_with_it(sign: float, poi
     signals = {"n_set": np.ones(50), "M_b": np.full(50, 955.0), "M_load": load}
     experiment = Experiment("x", 50.0, signals, {"n_set": 1.0, "M_b": 955.0, "M_load": point})
     assert experiment.normalised("M_load")[[0, -1]] == pytest.approx([0.0, 0.1])
+
+
+@pytest.mark.parametrize("told", [True, False])
+def test_a_load_behind_a_gearbox_is_divided_by_the_torque_of_its_own_shaft(told: bool) -> None:
+    """Whether the vessel file has the ratio, or the load at rest is larger than the engine's torque."""
+    load = np.linspace(4.9 * 955.0, 4.9 * 955.0 * 1.1, 50)
+    signals = {"n_set": np.ones(50), "M_b": np.full(50, 955.0), "M_load": load}
+    source = {"load": {"quantity": "torque", "torque_ratio": 4.9}} if told else {}
+    point = {"n_set": 1.0, "M_b": 955.0, "M_load": 4.9 * 955.0}
+    experiment = Experiment("x", 50.0, signals, point, provenance=source)
+    assert experiment.normalised("M_load")[[0, -1]] == pytest.approx([0.0, 0.1])
+
+
+def test_processing_tells_the_ratio_between_a_load_and_the_engines_torque(folder: Path) -> None:
+    trial = Trial.load(folder / "TRIAL.toml")
+    geared = Vessel.load("direct-drive").replace({"gearbox.ratio": 2.5, "gearbox.efficiency": 0.96})
+    (experiment,) = process(trial.logs()[0], trial, geared)
+    assert experiment.provenance["load"] == {"quantity": "power", "torque_ratio": pytest.approx(2.4)}
 
 
 def test_a_set_point_that_rests_while_the_load_moves_is_no_fault(folder: Path, tmp_path: Path) -> None:

@@ -190,7 +190,8 @@ class Experiment(Tabular, EvenlySampled):
     def normalised(self, name: str) -> Array:
         """Return the relative deviation of a signal from its operating point, as in eq. 3.14 and following, shape (N,).
 
-        A load, which may be zero at the operating point, is divided by the torque of the operating point, if measured.
+        A load, which may be zero at the operating point, is divided by the torque of its own shaft at the operating point,
+        if measured: by an engine's torque times `provenance["load"]["torque_ratio"]`, or the load's own if that is larger.
         The integrated error E_n is zero at the operating point. It is divided by `operating_point["E_n"]`, the engine
         speed in rev/s, which makes d(dE)/dt = dn_set - dn (eq. 3.15).
 
@@ -208,6 +209,10 @@ class Experiment(Tabular, EvenlySampled):
         value = self.operating_point[name]
         if name == "M_load":
             torque = _torque_point(self.signals, self.operating_point)
+            if torque is not None and "M_s" not in self.signals and "M_g" not in self.signals:
+                torque *= self.provenance.get("load", {}).get("torque_ratio", 1.0)
+                # At rest, no load is larger than the torque of its shaft: the gear ratio is not known.
+                torque = math.copysign(max(abs(torque), abs(value)), torque)
             # The scale has the load's sign: the magnitude of a negative load rises when its signal falls.
             scale = (
                 value

@@ -355,9 +355,12 @@ class _Recording:
         told_by = {speed.account["channel"]: ["n_e"]}
         calibration = {"set_point": dataclasses.asdict(set_point.calibration)}
         ripple: list[Ripple] = []
+        load: dict[str, Any] = {}
         for name, sensor in self.trial.channels.levels.items():
             cleaned, is_torque = self.levels[name].pop(label), isinstance(sensor, Torque)
             signals[name] = cleaned.samples
+            if isinstance(sensor, Load):
+                load["load"] = {"quantity": sensor.quantity, "torque_ratio": self.vessel.torque_ratio}
             if is_torque:
                 ratio = self.vessel.gearbox.ratio
                 signals[name], ripple = without_ripple(cleaned.samples, speed.rpm, self.rate_hz, ratio)
@@ -388,6 +391,7 @@ class _Recording:
             "filter": f"zero-phase FIR low-pass on every channel, {PASSBAND * self.rate_hz:g} Hz passed, "
             f"{ATTENUATION_DB:g} dB from {STOPBAND * self.rate_hz:g} Hz on",
             "calibration": calibration,
+            **load,
             "speed": speed.account,
             "ripple": [line._asdict() for line in ripple],
             "faults": [fault.to_dict() for fault in faults + self._faults_of_the_file(label)],
