@@ -181,8 +181,9 @@ def _roots(structure: Structure, values: Values) -> ComplexArray:
     for _ in range(20):
         step = 1e-6 * np.maximum(np.abs(poles), 1e-3)
         asked = np.concatenate([poles, poles + step, poles - step])
-        value, above, below = np.split(equations.characteristic(known, asked), 3)
-        moved = value * 2.0 * step / (above - below)
+        with np.errstate(over="ignore", invalid="ignore"):  # far poles do not converge and are left out
+            value, above, below = np.split(equations.characteristic(known, asked), 3)
+            moved = value * 2.0 * step / (above - below)
         poles = poles - moved
     # For a root of the approximation without a nearby exact pole, the iteration does not converge.
     poles = poles[np.abs(moved) < SETTLED * np.abs(poles)]

@@ -112,7 +112,7 @@ class Experiment(Tabular, EvenlySampled):
                     "model can't have gaps, bridge them or cut the window"
                 )
         for name, value in self.operating_point.items():
-            may_be_zero = name == "M_load" and _torque_point(self.signals, self.operating_point) is not None
+            may_be_zero = name == "M_load" and self._load_torque() is not None
             if not np.isfinite(value) or (value == 0.0 and not may_be_zero):
                 raise InputError(
                     f"experiment {self.name!r}: operating point of {name!r} is {value}, expected finite, not zero"
@@ -192,6 +192,7 @@ class Experiment(Tabular, EvenlySampled):
 
         A load, which may be zero at the operating point, is divided by the torque of its own shaft at the operating point,
         if measured: by an engine's torque times `provenance["load"]["torque_ratio"]`, or the load's own if that is larger.
+        A load that is no torque is divided by its own value.
         The integrated error E_n is zero at the operating point. It is divided by `operating_point["E_n"]`, the engine
         speed in rev/s, which makes d(dE)/dt = dn_set - dn (eq. 3.15).
 
@@ -208,19 +209,34 @@ class Experiment(Tabular, EvenlySampled):
             )
         value = self.operating_point[name]
         if name == "M_load":
-            torque = _torque_point(self.signals, self.operating_point)
-            if torque is not None and "M_s" not in self.signals and "M_g" not in self.signals:
-                torque *= self.provenance.get("load", {}).get("torque_ratio", 1.0)
-                # At rest, no load is larger than the torque of its shaft: the gear ratio is not known.
-                torque = math.copysign(max(abs(torque), abs(value)), torque)
+            torque = self._load_torque() or value
             # The scale has the load's sign: the magnitude of a negative load rises when its signal falls.
-            scale = (
-                value
-                if torque is None
-                else math.copysign(torque, value if abs(value) > UNLOADED * abs(torque) else 1.0)
-            )
+            scale = math.copysign(torque, value if abs(value) > UNLOADED * abs(torque) else 1.0)
             return np.asarray((self.signals[name] - value) / scale)
         return np.asarray(self.signals[name] / value - (0.0 if name == "E_n" else 1.0))
+
+    def _load_torque(self) -> float | None:
+        """Torque of the load's shaft at the operating point; None if unknown, or if the load is no torque."""
+        torque, told = _torque_point(self.signals, self.operating_point), self.provenance.get("load", {})
+        if torque is None or told.get("quantity") == "other":
+            return None
+        if not {"M_s", "M_g"} & set(self.signals):
+            # At rest, no load is larger than the torque of its shaft, where the gear ratio is not known.
+            torque = max(abs(torque) * told.get("torque_ratio", 1.0), abs(self.operating_point["M_load"]))
+        return torque
+
+    @property
+    def load(self) -> dict[str, Any]:
+        """Quantity of the measured load if known, and its share of the shaft's torque at the operating point; else empty."""
+        if "M_load" not in self.signals or "M_load" not in self.operating_point:
+            return {}
+        point = self.operating_point["M_load"]
+        share = abs(point / (self._load_torque() or point or 1.0))
+        return {"quantity": self.provenance.get("load", {}).get("quantity"), "share": share}
+
+    def unit(self, name: str) -> str:
+        """Unit of a signal; empty for a load that is neither torque nor power."""
+        return "" if name == "M_load" and self.load.get("quantity") == "other" else UNITS[name]
 
     def _columns(self) -> Columns:
         facts = {

@@ -25,6 +25,11 @@ DRIVES = Sentence(
 """Replacements of terms of combustion engines for a drive of any kind."""
 COMMANDS = Sentence("set point = command")
 """Replacement of a governor's set point for a drive in open loop."""
+METER = Sentence(
+    "inertia of the whole drive train = inertia before the load's torque meter; "
+    "the whole drive train's inertia = the inertia before the load's torque meter"
+)
+"""Replacements where the model ends at the load's torque meter."""
 GIVEN = ("propeller", "engine.cylinders")
 """Keys of a vessel file that imply a propeller and a combustion engine."""
 
@@ -48,6 +53,10 @@ class Identified(Protocol):
     def settings(self) -> Mapping[str, Any]:
         """Settings of the fit."""
 
+    @property
+    def ends_at_meter(self) -> bool:
+        """Whether the model ends at the load's torque meter."""
+
 
 @dataclass(frozen=True)
 class Asked:
@@ -57,6 +66,7 @@ class Asked:
     structure: Mapping[str, Any] = field(default_factory=dict)
     data: tuple[Mapping[str, Any], ...] = ()
     settings: Mapping[str, Any] = field(default_factory=dict)
+    ends_at_meter: bool = False
 
 
 @contextmanager
@@ -110,7 +120,7 @@ def instead(
     gives = told.get("vessel_gives")
     signals = {name for experiment in experiments for name in experiment.signals}
     signals |= {name for record in fingerprint.data for name in record.get("signals", {}).values()}
-    words: list[str] = []
+    words: list[str] = [METER] if fingerprint.ends_at_meter else []
     turns = bool(fingerprint.vessel) if gives is None else "propeller" in gives
     if is_loaded(fingerprint, experiments) or not turns:
         words.append(LOADS)

@@ -292,4 +292,5 @@ def record_row(
     }
     if isinstance(data, Experiment):
         row |= {"rate_hz": data.rate_hz, "duration_s": data.duration, "kind": data.kind}
+        row |= {"load": data.load} if data.load else {}
     return row

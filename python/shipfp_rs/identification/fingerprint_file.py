@@ -54,6 +54,10 @@ LATEX = {
 LOAD_ALONE = "The load's side by itself (speed and torque alone, no model of the engine):"
 
 
+WHOLE, LAWLESS = 0.8, 0.5
+"""Least share of a shaft's torque that is all of it, and largest exponent of what is left of the load's law beside it."""
+
+
 class FingerprintTables:
     """Text and tables of a fingerprint; mixed into `Fingerprint`."""
 
@@ -71,6 +75,16 @@ class FingerprintTables:
     load_side: Mapping[str, Estimate]
     usable: str
     experiments: tuple[Experiment, ...]
+
+    @property
+    def ends_at_meter(self) -> bool:
+        """Whether the model ends at a torque meter: its load is all the torque of a shaft, with the load's law in it."""
+        loads, p = [row.get("load", {}) for row in self.data], self.parameters.get("p")
+        return (
+            "load" in self.structure.get("elements", ())
+            and all(one.get("quantity") == "torque" and one["share"] >= WHOLE for one in loads)
+            and (p is None or p.value is None or abs(p.value) < LAWLESS)
+        )
 
     @property
     def engine_described(self) -> bool:

@@ -251,6 +251,13 @@ NO_GAUGE = Sentence(
 BEHIND_A_GAUGE = 0.9
 """Share of the inertia behind the sensor, above which a torque called gauge is probably the brake's: brake torques show 0.95
 to 1, gauges of the test ships up to 0.7."""
+TO_THE_METER = Sentence(
+    "Usable for simulation and comparison, but not for control tuning: the model ends at the load's torque meter."
+)
+AT_THE_METER = Sentence(
+    "The load is all the torque of a shaft, so the model ends at its meter: tau_n is the inertia before it, and gains, "
+    "margins and steps are those of the engine without its propeller."
+)
 STATES: Mapping[str, str] = {
     "on": Sentence("Acting elements: {elements}."),
     "off": Sentence("Not found to act: {elements}."),
@@ -288,6 +295,8 @@ def element_rows(fit: ShipFit, parameters: Mapping[str, Estimate]) -> dict[str, 
             rows[name] = _row(name, state, None, gain if np.isfinite(gain) else None)
     if fit.question.loaded:
         rows["load"] = _row("load", "on", None)
+        if any(one.load.get("quantity") == "other" for one in fit.question.experiments):
+            rows["load"]["words"] = Sentence("measured load")
     # A governor's sampling period is visible in the raw torque at best. The fit cannot determine it, since half the period
     # is part of T_d.
     clocks = [one.governor_clock[0] for one in fit.question.experiments if one.governor_clock]
@@ -368,11 +377,14 @@ def with_verdict(fingerprint: Fingerprint, strain: float = 0.0, kind: str | None
         share = min(share, 1.0)
         figures = {"share": f"{100.0 * share:.0f}", "over": f"{100.0 / share - 100.0:.1f}"}
         found = Usability("usable except", Sentence(NO_GAUGE, **figures))
+    elif kind is None and found.state == "usable" and fingerprint.ends_at_meter:
+        found = Usability("usable except", TO_THE_METER)
     elif kind is None and strain > 1.0 and found.state == "usable":
         found = replace(found, state="usable except", sentence=BENT)
     elif _is_limited(fingerprint) and found.state == "usable":
         found = replace(found, state="usable except", sentence=LIMITED)
-    lines = [found.sentence, *([] if found.state == "not usable" else known(fingerprint.parameters))]
+    lines = [found.sentence, *([AT_THE_METER] if fingerprint.ends_at_meter else [])]
+    lines += [] if found.state == "not usable" else known(fingerprint.parameters)
     if fingerprint.derived and found.state != "not usable":
         estimates = [shown(*item) for item in fingerprint.derived.items()]
         lines.append(Sentence("Known together: {estimates}.", estimates=joined(estimates, "; ")))

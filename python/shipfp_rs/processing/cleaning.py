@@ -238,8 +238,8 @@ class Cleaner:
             if isinstance(sensor, Rack)
             else "Nm"
         )
-        if isinstance(sensor, Load) and sensor.quantity == "power":
-            unit = "W"
+        if isinstance(sensor, Load):
+            unit = {"torque": "Nm", "power": "W", "other": ""}[sensor.quantity]
         self.calibration = sensor.calibration.calibration(unit)
         self._spike, self.spikes = spike_rule(sensor, processing)
         self.first, self.last = first, last

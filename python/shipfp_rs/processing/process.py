@@ -126,8 +126,11 @@ def process(
         point, speeds = recording.operating_point(), recording.speeds_of_windows()
         clock = beside.submit(recording.governor_clock, speeds)
         cut = [recording.signals(_label(window)) for window in windows]
-    require_load([signals for signals, _ in cut], recording.vessel)
     shaft = recording.vessel.torque_ratio if "M_b" in point else 1.0
+    if trial.channels.load is not None and trial.channels.load.quantity == "other":
+        shaft = 0.0  # it does not follow from the torque
+    else:
+        require_load([signals for signals, _ in cut], recording.vessel)
     point = driven_point(point, [signals for signals, _ in cut], trial.operating_point.M_Nm, shaft)
     if trial.channels.asks_for_torque:
         point.setdefault("M_b", point["command"])  # reference of tau_n in SI units
@@ -377,7 +380,7 @@ class _Recording:
                     "kept: negative on average, which makes no difference once it is normalised by its mean"
                 )
                 faults = [*faults, Fault("sign", sensor.column, kept, rows, excluded=False)]
-            if isinstance(sensor, Torque | Load):
+            if isinstance(sensor, Torque | Load) and getattr(sensor, "quantity", "") != "other":
                 require_size(label, kind, sensor, cleaned.samples, cleaned.calibration)
         tacho = self.trial.channels.tachos.get(speed.account["train"])
         source = None if tacho is None else (speed.account["train"], tacho)

@@ -243,13 +243,19 @@ class Rack(Level):
 class Load(Level):
     """The load of a dynamometer, a generator or a hydraulic brake: torque of the shaft behind a gearbox, or power."""
 
-    quantity: Literal["torque", "power"]
-    """Torque [Nm], or power [W], which is divided by the shaft's speed."""
+    quantity: Literal["torque", "power", "other"]
+    """Torque [Nm]; power [W], which is divided by the shaft's speed; or another cause of load, such as a pitch, in any unit,
+    relative to its own operating value; its gain is found beside a measured torque."""
     a = "torque"
     rated_torque_Nm: Annotated[float, Field(gt=0.0, lt=1e9)] | None = None
     """Rated torque [Nm], for a torque in per cent of it."""
     efficiency: Annotated[float, Field(ge=0.2, le=1.0)] = 1.0
     """Efficiency of a generator: electric power over shaft power."""
+
+    @classmethod
+    def factor(cls, unit: str, content: Mapping[str, Any]) -> tuple[float | None, str]:
+        """Factor and resulting unit, as of a level; one for a load that is neither torque nor power."""
+        return (1.0, "") if content.get("quantity") == "other" else super().factor(unit, content)
 
 
 class Tacho(Section):
@@ -419,6 +425,12 @@ class Channels(Section):
     def driver_signal(self) -> str:
         """Name of the input channel's signal."""
         return "command" if self.set_point is None else "n_set"
+
+    @model_validator(mode="after")
+    def _has_a_torque_beside_a_load_of_another_kind(self) -> Self:
+        if self.load is not None and self.load.quantity == "other" and self.torque is None:
+            raise unexpected("load.quantity", "'other' without a torque", "a table [channels.torque] as well")
+        return self
 
     @model_validator(mode="after")
     def _has_one_actuator(self) -> Self:

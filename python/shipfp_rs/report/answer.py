@@ -96,7 +96,8 @@ def answer(
     tables = [piece("facts", heading, [*top, *ship_rows(fingerprint, say)], failed)] if told else []
     # The loop is omitted for a failed fit: a reader would take the model's loop for the ship's.
     if loop and not failed:
-        tables.append(piece("facts", say("What it means for the speed loop"), loop_rows(loop, say), False))
+        rows = loop_rows(loop, say, of_ship=not fingerprint.ends_at_meter)
+        tables.append(piece("facts", say("What it means for the speed loop"), rows, False))
     drawn = [_picture(experiments, simulated, pictures, say), "" if failed else step]
     columns = [Markup("\n").join(part for part in parts if part) for parts in (tables, drawn)]
     yield piece("columns", [column for column in columns if column])
@@ -265,11 +266,16 @@ def may_be_zero(row: Row, estimate: Estimate) -> bool:
     return low >= 0.0 and float(row.value) == 0.0
 
 
-def loop_rows(loop: Mapping[str, Estimate], say: Say) -> list[tuple[str, str, str, str, str]]:
-    """Main figures for a control engineer: name, no symbol, value with unit, interval, and meaning."""
+def loop_rows(
+    loop: Mapping[str, Estimate], say: Say, *, of_ship: bool = True
+) -> list[tuple[str, str, str, str, str]]:
+    """Main figures for a control engineer: name, no symbol, value with unit, interval, and meaning.
+
+    Without `of_ship` they are those of the engine without its propeller, whose damping is not judged.
+    """
     meanings = {
         "bandwidth": say("up to this frequency the speed follows the set point"),
-        "phase margin": _damped(loop["phase margin"].value, say),
+        "phase margin": _damped(loop["phase margin"].value, say) if of_ship else say("of the engine alone"),
         "gain margin": say("factor on the gains at which the loop begins to oscillate")
         if loop["gain margin"].value is not None
         else say("no gain was found at which the loop oscillates"),
@@ -450,7 +456,8 @@ def _draw_load(ax: Axes, experiment: Experiment, stretch: tuple[float, float]) -
     rows = slice(*(round(edge * experiment.rate_hz) for edge in stretch))
     load = experiment.signals["M_load"][rows]
     ax.plot(*envelope(experiment.time[rows], load), color=COLOURS["M_load"], lw=1.4, label="measured")
-    dress(ax, f"{LABELS['M_load']} [{UNITS['M_load']}]")
+    unit = experiment.unit("M_load")
+    dress(ax, f"{LABELS['M_load']} [{unit}]" if unit else "load")
 
 
 def _stretch_csv(experiment: Experiment, model: Mapping[str, Array], stretch: tuple[float, float]) -> str:
@@ -459,7 +466,7 @@ def _stretch_csv(experiment: Experiment, model: Mapping[str, Array], stretch: tu
     columns = {"time_s": np.arange(len(experiment)) / experiment.rate_hz}
     for name in ("n_set", "M_load"):
         if name in experiment.signals:
-            columns[f"{name}_{UNITS[name]}"] = experiment.signals[name]
+            columns[f"{name}_{experiment.unit(name)}".rstrip("_")] = experiment.signals[name]
     for name, fitted in model.items():
         columns[f"{name}_{UNITS[name]}"] = experiment.signals[name]
         columns[f"{name}_model"] = fitted

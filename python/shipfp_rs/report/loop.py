@@ -124,6 +124,7 @@ def classes(
 
 def steps(experiments: Iterable[Experiment], say: Say) -> Iterable[str]:
     """Yield the table of measured load steps; empty if there are none."""
+    experiments = list(experiments)
     rows: list[Row] = [
         [
             experiment.name,
@@ -142,7 +143,9 @@ def steps(experiments: Iterable[Experiment], say: Say) -> Iterable[str]:
             say.each(
                 "experiment",
                 "at [s]",
-                "load step [% of the operating torque]",
+                "load step [% of the operating torque]"
+                if all(experiment.unit("M_load") for experiment in experiments)
+                else "load step [% of its operating value]",
                 "speed deviates by [%]",
                 "back within 2 % after [s]",
             ),

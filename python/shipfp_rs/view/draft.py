@@ -128,7 +128,7 @@ class DraftChannel(Section):
     unit: Short = ""
     calibration: DraftCalibration = DraftCalibration()
     location: Literal["gauge", "brake", "shaft"] = "gauge"
-    quantity: Literal["torque", "power"] = "torque"
+    quantity: Literal["torque", "power", "other"] = "torque"
     """Quantity of a load."""
     name: Short = ""
     """Name of the table of a pulse train or speed; if empty, the column's name."""

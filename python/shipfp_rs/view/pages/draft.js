@@ -204,7 +204,7 @@ const round = (seconds) => Math.round(seconds * 1000) / 1000;
 
 const READINGS = ["", "%", "V", "mV", "A", "mA"];
 export const unitOf = ({ role, quantity, unit = "" }) =>
-  ({ set_point: "rpm", torque: "Nm", load: quantity === "power" ? "W" : "Nm", speed: READINGS.includes(unit) ? "rpm" : unit })[role] ?? "";
+  ({ set_point: "rpm", torque: "Nm", load: { power: "W", other: "" }[quantity] ?? "Nm", speed: READINGS.includes(unit) ? "rpm" : unit })[role] ?? "";
 
 // The straight line of a calibration: as given, or by least squares through its table; nothing where it is not complete.
 export const lineOf = (channel) => {

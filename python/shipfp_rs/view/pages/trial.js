@@ -78,7 +78,7 @@ export class ChannelsPanel {
     }
     if (channel.role === "load") {
       make(line, "span", { class: "soft" }, "measured as");
-      menu(line, `quantity of ${name}`, [["torque", "torque of the shaft"], ["power", "power"]], channel.quantity, (value) => { channel.quantity = value; draft.change(); });
+      menu(line, `quantity of ${name}`, [["torque", "torque of the shaft"], ["power", "power"], ["other", "another cause, such as pitch"]], channel.quantity, (value) => { channel.quantity = value; draft.change(); });
     }
     if (!series.unit || channel.unit !== series.unit) {
       make(line, "span", { class: "soft" }, "recorded in");
