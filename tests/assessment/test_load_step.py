@@ -32,6 +32,8 @@ def fingerprint(*, possible=(), **values):
         identifiability=SimpleNamespace(null_space=()),
         covariance={"names": [], "matrix": []},
         why_not="",
+        data=(),
+        ends_at_meter=False,
     )
 
 

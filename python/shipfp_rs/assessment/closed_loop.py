@@ -329,13 +329,22 @@ def _step(structure: Structure, values: Values) -> tuple[float, float]:
     off = (weights @ _powers(np.exp(poles * times[1]), INSTANTS)).real + still
     last = int(np.flatnonzero(np.abs(off) > RECOVERED)[-1])
     if last + 1 >= INSTANTS:
-        return float("nan"), float(max(off.max(), 0.0))
+        return float("nan"), max(_peak(off), 0.0)
     recovery = brentq(
         lambda at: abs(float((weights @ np.exp(poles * at)).real) + still) - RECOVERED,
         times[last],
         times[last + 1],
     )
-    return float(recovery), float(max(off.max(), 0.0))
+    return float(recovery), max(_peak(off), 0.0)
+
+
+def _peak(off: Array) -> float:
+    """Largest value of an evenly sampled signal, between its samples: by the parabola through the largest three."""
+    at = int(np.argmax(off))
+    if not 0 < at < len(off) - 1:
+        return float(off[at])
+    rise, bend = 0.5 * (off[at + 1] - off[at - 1]), off[at + 1] - 2.0 * off[at] + off[at - 1]
+    return float(off[at] - 0.5 * rise**2 / bend) if bend else float(off[at])
 
 
 def _decay(space: StateSpace) -> tuple[ComplexArray, ComplexArray, float]:
@@ -502,7 +511,7 @@ def governing(fingerprint: Fingerprint, structure: Structure | None = None) -> d
     def told(unit: str, figure: Callable[[Array, Array], float], least: float | None) -> Estimate:
         return estimated(fingerprint, model, unit, lambda values: figure(*falls(values)), least)
 
-    deviation = told("%", lambda _, off: float(off.max()) * STEP_PCT / 100.0, None)
+    deviation = told("%", lambda _, off: _peak(off) * STEP_PCT / 100.0, None)
     bands = {limits.band_pct for limits in CLASSES.values()}
     recoveries = {band: told("s", partial(_recovery, band), 0.0) for band in bands}
     found = {}
@@ -547,5 +556,5 @@ def _recovery(band_pct: float, times: Array, off: Array) -> float:
 def _largest(limits: Limits, times: Array, off: Array) -> float:
     """Largest load step within both limits of a class [% of the operating torque]."""
     late = max(np.interp(limits.recovery_s, times, off), *off[times > limits.recovery_s], 0.0)
-    most = min(limits.deviation_pct / off.max(), limits.band_pct / max(late, 1e-9))
+    most = min(limits.deviation_pct / _peak(off), limits.band_pct / max(late, 1e-9))
     return float(min(100.0 * most, WHOLE_PCT))

@@ -8,8 +8,9 @@ Also here:
 
 from __future__ import annotations
 
+import contextlib
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from shipfp_rs.assessment.closed_loop import structure_of
-from shipfp_rs.errors import InputError
+from shipfp_rs.errors import InputError, SimulationError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.frequency import FrequencyResponse
 from shipfp_rs.identification.fingerprint import Fingerprint
@@ -25,7 +26,7 @@ from shipfp_rs.identification.first_guesses import ENGINE_SIDE, operating_point,
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.structures.ties import true_values
 from shipfp_rs.support.arguments import checked
-from shipfp_rs.support.arrays import Array
+from shipfp_rs.support.arrays import DEVIATIONS_95, Array, Values
 from shipfp_rs.support.sentences import Sentence
 from shipfp_rs.vessel.linear_model import linearise
 from shipfp_rs.vessel.steady_state import steady_state
@@ -243,7 +244,7 @@ def response_with_deviation(
     Returns
     -------
     FrequencyResponse
-        Response by output ("dn", "dM", ...), with relative `amplitude_std` and `phase_std` in rad, to first order.
+        Response by output ("dn", "dM", ...), with relative `amplitude_std` and `phase_std` in rad.
 
     Raises
     ------
@@ -251,10 +252,14 @@ def response_with_deviation(
         If the structure is not linear and not given.
     """
     structure = structure or structure_of(fingerprint)
-    names, covariance = _covariance(fingerprint)
     frequency = np.atleast_1d(np.asarray(frequency_hz, dtype=np.float64))
-    response, slopes = structure.equations.response(fingerprint.optimum, frequency, names)
-    relative = slopes / response
+
+    def seen(values: Values) -> Array:
+        found, _ = structure.equations.response(values, frequency, ())
+        return np.array([np.log(np.abs(found)), np.unwrap(np.angle(found))])
+
+    response, _ = structure.equations.response(fingerprint.optimum, frequency, ())
+    amplitude, phase = _deviation(fingerprint, structure, seen)
     return FrequencyResponse(
         structure.name,
         frequency,
@@ -262,8 +267,8 @@ def response_with_deviation(
             name: np.asarray(row, dtype=np.complex128)
             for name, row in zip(structure.outputs, response, strict=True)
         },
-        amplitude_std=dict(zip(structure.outputs, _deviation(relative.real, covariance), strict=True)),
-        phase_std=dict(zip(structure.outputs, _deviation(relative.imag, covariance), strict=True)),
+        amplitude_std=dict(zip(structure.outputs, amplitude, strict=True)),
+        phase_std=dict(zip(structure.outputs, phase, strict=True)),
     )
 
 
@@ -288,24 +293,44 @@ def step_with_deviation(
         See `response_with_deviation`.
     """
     structure = structure or structure_of(fingerprint)
-    names, covariance = _covariance(fingerprint)
     time = np.arange(-LEAD_S, duration_s, 1.0 / rate_hz)
     step = Experiment(
         "step", rate_hz, {"n_set": np.where(time >= 0.0, 2.0, 1.0)}, {"n_set": 1.0}, hold="zero"
     )
-    model, slopes = structure.equations.sensitivities(fingerprint.optimum, step, names)
+    deviation = _deviation(fingerprint, structure, lambda values: structure.equations.simulate(values, step))
     return StepResponse(
         time,
-        dict(zip(structure.outputs, model, strict=True)),
-        dict(zip(structure.outputs, _deviation(slopes, covariance), strict=True)),
+        dict(zip(structure.outputs, structure.equations.simulate(fingerprint.optimum, step), strict=True)),
+        dict(zip(structure.outputs, deviation, strict=True)),
     )
 
 
-def _covariance(fingerprint: Fingerprint) -> tuple[list[str], Array]:
-    names = list(fingerprint.covariance["names"])
-    return names, np.array(fingerprint.covariance["matrix"], dtype=np.float64).reshape(len(names), len(names))
+def _deviation(fingerprint: Fingerprint, structure: Structure, seen: Callable[[Values], Array]) -> Array:
+    """Standard deviation of what a model shows, by steps of one deviation along the axes of the parameters' covariance.
 
-
-def _deviation(slopes: Array, covariance: Array) -> Array:
-    """First-order standard deviation (O, N) from derivatives (W, O, N)."""
-    return np.asarray(np.sqrt(np.maximum(np.einsum("won,wv,von->on", slopes, covariance, slopes), 0.0)))
+    Not by derivatives: a torque jumps where a dead time ends. Steps end at the parameters' bounds. A parameter that a bound
+    holds is not in the covariance; it adds the way to its interval's end.
+    """
+    values, names = dict(fingerprint.optimum), list(fingerprint.covariance["names"])
+    matrix = np.array(fingerprint.covariance["matrix"], dtype=np.float64).reshape(len(names), len(names))
+    size = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
+    strength, axes = np.linalg.eigh(matrix / np.outer(size, size))
+    here = seen(values)
+    variance = np.zeros_like(here)
+    for axis in (axes * np.sqrt(np.maximum(strength, 0.0))).T:
+        ways = [np.zeros_like(here)]
+        for step in (size * axis, -size * axis):
+            moved = {
+                name: float(np.clip(values[name] + by, structure[name].lower, structure[name].upper))
+                for name, by in zip(names, step, strict=True)
+            }
+            with contextlib.suppress(SimulationError):  # no model that far
+                ways.append(np.abs(seen({**values, **moved}) - here))
+        variance += np.max(ways, axis=0) ** 2
+    for name, estimate in fingerprint.parameters.items():
+        if name in names or name not in values or name in structure.ties or estimate.ci95 is None:
+            continue
+        ends = np.clip(estimate.ci95, structure[name].lower, structure[name].upper) - values[name]
+        far = seen({**values, name: values[name] + float(ends[np.argmax(np.abs(ends))])})
+        variance += ((far - here) / DEVIATIONS_95) ** 2
+    return np.asarray(np.sqrt(variance))

@@ -21,6 +21,8 @@ Form = Array
 KINDS = ("linear", "ship")
 """Kinds of structures that can be linearised."""
 MOST_STATES = 64
+LEAST_S = 1e-6
+"""Delays below this are none [s]: their poles would be too fast for double precision."""
 
 
 @dataclass(frozen=True)
@@ -166,7 +168,7 @@ class _Wiring:
 
     def lagged(self, signal: Form, time_constant: float) -> Form:
         """Return a signal filtered by 1 / (1 + time_constant s)."""
-        if not time_constant:
+        if time_constant < LEAST_S:
             return signal
         state = self.state()
         self.rates[state] = (signal - self.form(state)) / time_constant
@@ -179,7 +181,7 @@ class _Wiring:
 
     def delayed(self, signal: Form, dead_time: float) -> Form:
         """Return a signal delayed by a dead time, as a Pade approximation."""
-        if not dead_time:
+        if dead_time < LEAST_S:
             return signal
         m = self.order
         # Coefficients from the highest power. The numerator's order is lower, which avoids a direct feedthrough.
