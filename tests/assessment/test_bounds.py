@@ -118,7 +118,7 @@ def found_at(place: str, *, held: bool = True) -> fp.Fingerprint:
 def test_bands_of_a_step_stay_within_the_step_where_delays_are_zero(place: str, held: bool) -> None:
     step = step_with_deviation(found_at(place, held=held), 8.0, structure=SHIP)
     assert step.std["dn"].max() < 0.2
-    assert step.std["dM"].max() < 1.5 * np.abs(step.mean["dM"]).max()
+    assert step.std["dM"].max() <= np.abs(step.mean["dM"]).max()
 
 
 def test_a_delay_on_its_bound_widens_the_bands_by_its_interval() -> None:
@@ -128,5 +128,5 @@ def test_a_delay_on_its_bound_widens_the_bands_by_its_interval() -> None:
     ends = [
         SHIP.equations.response({**values, "T_d": late}, np.array([1.0]), ())[0][0, 0] for late in (0.0, 0.03)
     ]
-    assert wide[0] >= abs(np.angle(ends[1] / ends[0])) / 1.96
+    assert wide[0] >= 0.8 * abs(np.angle(ends[1] / ends[0])) / 1.96
     assert response_with_deviation(inside, [1.0], SHIP).phase_std["dn"][0] < wide[0]

@@ -214,8 +214,8 @@ def _changes(vessel: Vessel, values: Mapping[str, float]) -> dict[str, float]:
     return changes
 
 
-LEAD_S = 1.0
-"""Time before the step."""
+LEAD_S, DRAWS, ONE_DEVIATION = 1.0, 100, 0.6827
+"""Time before the step, half the number of ships whose responses make a band, and share of them within one deviation."""
 
 
 @dataclass(frozen=True)
@@ -306,31 +306,29 @@ def step_with_deviation(
 
 
 def _deviation(fingerprint: Fingerprint, structure: Structure, seen: Callable[[Values], Array]) -> Array:
-    """Standard deviation of what a model shows, by steps of one deviation along the axes of the parameters' covariance.
+    """Change of what a model shows that 68 % of draws of its parameters from their covariance, within bounds, do not exceed.
 
-    Not by derivatives: a torque jumps where a dead time ends. Steps end at the parameters' bounds. A parameter that a bound
-    holds is not in the covariance; it adds the way to its interval's end.
+    Draws, and no derivatives: a torque jumps where a dead time ends, and a stiff shaft's simulation may fail. A parameter
+    that a bound holds is not in the covariance; its draws reach to its interval's end.
     """
     values, names = dict(fingerprint.optimum), list(fingerprint.covariance["names"])
     matrix = np.array(fingerprint.covariance["matrix"], dtype=np.float64).reshape(len(names), len(names))
-    size = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
-    strength, axes = np.linalg.eigh(matrix / np.outer(size, size))
-    here = seen(values)
-    variance = np.zeros_like(here)
-    for axis in (axes * np.sqrt(np.maximum(strength, 0.0))).T:
-        ways = [np.zeros_like(here)]
-        for step in (size * axis, -size * axis):
-            moved = {
-                name: float(np.clip(values[name] + by, structure[name].lower, structure[name].upper))
-                for name, by in zip(names, step, strict=True)
-            }
-            with contextlib.suppress(SimulationError):  # no model that far
-                ways.append(np.abs(seen({**values, **moved}) - here))
-        variance += np.max(ways, axis=0) ** 2
+    random = np.random.default_rng(0)
+    draws = random.multivariate_normal(
+        np.zeros(len(names)), matrix, DRAWS, method="eigh", check_valid="ignore"
+    )
+    moves = dict(zip(names, np.concatenate([draws, -draws]).T, strict=True))
     for name, estimate in fingerprint.parameters.items():
-        if name in names or name not in values or name in structure.ties or estimate.ci95 is None:
-            continue
-        ends = np.clip(estimate.ci95, structure[name].lower, structure[name].upper) - values[name]
-        far = seen({**values, name: values[name] + float(ends[np.argmax(np.abs(ends))])})
-        variance += ((far - here) / DEVIATIONS_95) ** 2
-    return np.asarray(np.sqrt(variance))
+        if estimate.status == "at_bound" and estimate.ci95 is not None and name not in names:
+            low, high = np.array(estimate.ci95) - values[name]
+            far = high if high > -low else low
+            moves[name] = np.abs(random.standard_normal(2 * DRAWS)) * far / DEVIATIONS_95
+    here, found = seen(values), []
+    for draw in range(2 * DRAWS):
+        moved = {
+            name: float(np.clip(values[name] + by[draw], structure[name].lower, structure[name].upper))
+            for name, by in moves.items()
+        }
+        with contextlib.suppress(SimulationError):  # no such ship
+            found.append(np.abs(seen({**values, **moved}) - here))
+    return np.asarray(np.quantile(found or [np.zeros_like(here)], ONE_DEVIATION, axis=0))
