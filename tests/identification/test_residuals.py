@@ -10,7 +10,8 @@ from scipy.stats import chi2, kstest
 
 from shipfp_rs import signals
 from shipfp_rs.identification.identify import identify
-from shipfp_rs.identification.residual_tests import whiteness
+from shipfp_rs.identification.residual_tests import OutputTests, ResidualTest, whiteness
+from shipfp_rs.identification.verdict import _contradictions
 from shipfp_rs.structures.structure import Structure
 from tests.launch import LAUNCH, noise, noisy_record
 
@@ -105,3 +106,28 @@ def test_without_excitation_there_is_nothing_to_correlate_with():
     experiment = replace(experiment, signals={**experiment.signals, "n_set": 1300.0 + still.samples})
     fingerprint = identify(experiment, STRUCTURE.with_fixed(tau_n=1.5, g=-0.5, vK_i=1.5))
     assert fingerprint.fit["dn"]["input_correlation_p"] is None
+
+
+def test_a_record_too_short_for_the_test_is_said_and_tunes_no_governor():
+    """Without a test nothing shows whether the structure is right, so no gain is called known."""
+    short = noisy_record(signals.chirp(0.3, 5.0, 0.6, 0.1, rate_hz=50.0), 0.01, 0.0, 3)
+    found = identify(short, STRUCTURE, noise="white", intervals="symmetric")
+    assert "structure_p" not in found.fit["overall"]
+    assert found.usability in ("usable except", "not usable")
+    assert not any(line.startswith("Known: ") for line in found.verdict)
+    if found.usability == "usable except":
+        assert "too short for a test of its residuals" in found.verdict[0]
+
+
+def test_what_the_set_point_explains_of_residuals_is_a_share_of_all_of_them():
+    lags = np.arange(13)
+    some = OutputTests(ResidualTest(lags, np.zeros(13), np.ones(13), 987.0, 13), None, 1000)
+    assert some.figures()["input_explained_pct"] == pytest.approx(50.0)
+    most = OutputTests(ResidualTest(lags, np.zeros(13), np.ones(13), 1e5, 13), None, 1000)
+    assert 98.0 < most.figures()["input_explained_pct"] < 100.0
+
+
+def test_residuals_that_follow_by_a_trifle_are_said_to():
+    row = {"nrmse_pct": 99.98, "input_correlation_p": 3e-110, "input_explained_pct": 99.0}
+    (line,) = _contradictions({"dn": row, "dM": {"nrmse_pct": 99.9, "input_correlation_p": 0.5}}, STRUCTURE)
+    assert line == "The residuals follow the set point in dn, by less than 0.1 % of it: too little to matter."

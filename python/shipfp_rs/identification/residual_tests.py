@@ -129,10 +129,14 @@ class OutputTests:
     def figures(self) -> dict[str, float | None]:
         """Return the p-values, and the residual's share that the set point explains [%], for the fingerprint's fit."""
         white = {} if self.whiteness is None else {"whiteness_p": self.whiteness.p}
+        # What no set point explains is noise, of one unit a sample.
+        rest = max(self.samples - self.by_input.freedom, 0)
         return {
             **white,
             "input_correlation_p": self.by_input.p,
-            "input_explained_pct": 100.0 * min(self.by_input.statistic / self.samples, 1.0),
+            "input_explained_pct": 100.0
+            * self.by_input.statistic
+            / max(self.by_input.statistic + rest, 1e-300),
         }
 
     def correlograms(self) -> dict[str, dict[str, list[float]]]:

@@ -142,6 +142,32 @@ def judged(fingerprint: Fingerprint, misses: Mapping[str, float], *, tested: boo
     )
 
 
+UNTESTED = Sentence(
+    "Usable for simulation and comparison, but not for control tuning: the record is too short for a test of its residuals."
+)
+
+
+def untested(fingerprint: Fingerprint) -> Fingerprint:
+    """Return the fingerprint of a given structure whose record is too short for residual tests, with its usability."""
+    found = usability(replace(fingerprint, adequate={"stands": True, "misses_pct": {}, "dispersion": 1.0}))
+    if found.state != "not usable":
+        found = Usability("usable except", UNTESTED)
+    lines = [
+        Sentence("Estimated, if the structure is right: {estimates}.", **line.values)
+        if isinstance(line, Sentence) and line.template == "Known: {estimates}."
+        else line
+        for line in fingerprint.verdict
+    ]
+    first = () if found.why_not == "no minimum" else (found.sentence,)
+    return replace(
+        fingerprint,
+        verdict=(*first, *lines),
+        usable=found.sentence,
+        usability=found.state,
+        why_not=found.why_not,
+    )
+
+
 def misses_of(fit: Mapping[str, Mapping[str, float | None]], samples: int) -> dict[str, float]:
     """Return the misfit of each output, in per cent of its spread.
 

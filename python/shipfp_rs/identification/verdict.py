@@ -176,16 +176,29 @@ def _contradictions(fit: Mapping[str, Mapping[str, float | None]], structure: St
     """Say where the residuals contradict the structure, or else the noise model."""
     threshold = ALARM / len(structure.outputs)
     rows = {output: row for output, row in fit.items() if output in structure.outputs}
+    follows = {
+        output: _chance(p)
+        for output, row in rows.items()
+        if (p := row.get("input_correlation_p")) is not None and p < threshold
+    }
     followed = [
         Sentence(
             "{output} ({chance}, it explains {share} % of the residuals)",
             output=output,
-            chance=_chance(p),
-            share=f"{row['input_explained_pct']:.2g}",
+            chance=chance,
+            share=f"{rows[output]['input_explained_pct']:.2g}",
         )
-        for output, row in rows.items()
-        if (p := row.get("input_correlation_p")) is not None and p < threshold and missed_pct(row) > SMALL_PCT
+        for output, chance in follows.items()
+        if missed_pct(rows[output]) > SMALL_PCT
     ]
+    if follows and not followed:
+        return [
+            Sentence(
+                "The residuals follow the set point in {outputs}, by less than {share} % of it: too little to matter.",
+                outputs=joined([*follows]),
+                share=f"{SMALL_PCT:g}",
+            )
+        ]
     if followed:
         return [
             Sentence(

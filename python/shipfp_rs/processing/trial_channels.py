@@ -227,6 +227,7 @@ class Torque(Level):
 class Rack(Level):
     """The fuel rack, or a CAN bus's fuel signal: zero without fuel, and proportional to it.
 
+    It is what acts on the torque: behind the dead time T_d and the lag tau_act of the actuator, not the command before them.
     Only its ratio to the operating point counts, so per cent or mg per stroke serve as well as mm, without a calibration.
     For a bus, half of its repetition period is part of `delay_s`.
     """
@@ -382,7 +383,7 @@ class Channels(Section):
     torque: Torque | None = None
     rack: Rack | None = None
     actuator: Rack | None = None
-    """Another name of `rack`: throttle, fuel, or a motor's current or torque command."""
+    """Another name of `rack`: throttle, fuel, or a motor's current or voltage, as it acts, not as it is commanded."""
     load: Load | None = None
     """Measured load of the machine: an input in addition to the set point."""
 
