@@ -12,6 +12,7 @@ import contextlib
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -297,12 +298,9 @@ def step_with_deviation(
     step = Experiment(
         "step", rate_hz, {"n_set": np.where(time >= 0.0, 2.0, 1.0)}, {"n_set": 1.0}, hold="zero"
     )
-    deviation = _deviation(fingerprint, structure, lambda values: structure.equations.simulate(values, step))
-    return StepResponse(
-        time,
-        dict(zip(structure.outputs, structure.equations.simulate(fingerprint.optimum, step), strict=True)),
-        dict(zip(structure.outputs, deviation, strict=True)),
-    )
+    seen = partial(structure.equations.simulate, experiment=step)
+    found = (seen(fingerprint.optimum), _deviation(fingerprint, structure, seen))
+    return StepResponse(time, *(dict(zip(structure.outputs, rows, strict=True)) for rows in found))
 
 
 def _deviation(fingerprint: Fingerprint, structure: Structure, seen: Callable[[Values], Array]) -> Array:

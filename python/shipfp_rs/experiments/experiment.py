@@ -218,21 +218,18 @@ class Experiment(Tabular, EvenlySampled):
     def _load_torque(self) -> float | None:
         """Torque of the load's shaft at the operating point; None if unknown, or if the load is no torque."""
         torque, told = _torque_point(self.signals, self.operating_point), self.provenance.get("load", {})
-        if torque is None or told.get("quantity") == "other":
-            return None
-        if not {"M_s", "M_g"} & set(self.signals):
-            # At rest, no load is larger than the torque of its shaft, where the gear ratio is not known.
-            torque = max(abs(torque) * told.get("torque_ratio", 1.0), abs(self.operating_point["M_load"]))
-        return torque
+        if torque is None or told.get("quantity") == "other" or {"M_s", "M_g"} & set(self.signals):
+            return None if told.get("quantity") == "other" else torque
+        # At rest, no load is larger than the torque of its shaft, where the gear ratio is not known.
+        return float(max(abs(torque) * told.get("torque_ratio", 1.0), abs(self.operating_point["M_load"])))
 
     @property
     def load(self) -> dict[str, Any]:
         """Quantity of the measured load if known, and its share of the shaft's torque at the operating point; else empty."""
-        if "M_load" not in self.signals or "M_load" not in self.operating_point:
+        if not (point := self.operating_point.get("M_load")) or "M_load" not in self.signals:
             return {}
-        point = self.operating_point["M_load"]
-        share = abs(point / (self._load_torque() or point or 1.0))
-        return {"quantity": self.provenance.get("load", {}).get("quantity"), "share": share}
+        told = self.provenance.get("load", {}).get("quantity")
+        return {"quantity": told, "share": abs(point / (self._load_torque() or point))}
 
     def unit(self, name: str) -> str:
         """Unit of a signal; empty for a load that is neither torque nor power."""

@@ -52,7 +52,7 @@ from shipfp_rs.identification.question import Options
 from shipfp_rs.identification.residual_tests import residual_tests
 from shipfp_rs.identification.structure_fit import StructureFit, fit_structure, refined
 from shipfp_rs.identification.structure_likelihood import Data, InBand, Response, Samples, Seen
-from shipfp_rs.identification.usability import SMALL_MISS_PCT, judged, misses_of, misses_pct, untested
+from shipfp_rs.identification.usability import SMALL_MISS_PCT, judged, misses_of, misses_pct
 from shipfp_rs.identification.verdict import structure_test, verdict
 from shipfp_rs.structures.structure import Parameter, Structure
 from shipfp_rs.structures.ties import COMBINATIONS
@@ -407,9 +407,9 @@ def of_structure(fit: StructureFit, options: Options, *, vessel: str | None = No
             contradicted=not closed or max(misses.values()) > SMALL_MISS_PCT,
         ),
     )
-    if closed or tested:
-        return judged(fingerprint, misses, tested=tested and not closed)
-    return untested(fingerprint) if any(isinstance(one, Samples) for one in records) else fingerprint
+    if not (closed or tested or any(isinstance(one, Samples) for one in records)):
+        return fingerprint
+    return judged(fingerprint, misses if closed or tested else None, tested=tested and not closed)
 
 
 def _noise(records: Sequence[Seen]) -> str:

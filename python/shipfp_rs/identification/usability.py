@@ -120,52 +120,42 @@ class Usability:
     why_not: WhyNot = ""
 
 
-def judged(fingerprint: Fingerprint, misses: Mapping[str, float], *, tested: bool) -> Fingerprint:
-    """Return the fingerprint of a given structure with its usability.
-
-    `misses` is the misfit of each output [%]; `tested`: a structure that its residuals do not contradict stands anyway.
-    """
-    stands = (tested and bool(fingerprint.model_adequate)) or max(
-        misses.values(), default=0.0
-    ) <= SMALL_MISS_PCT
-    adequate = {"stands": stands, "misses_pct": dict(misses), "bias": {}, "dispersion": 1.0}
-    found = usability(replace(fingerprint, adequate=adequate))
-    # A search that did not end in a minimum has a first sentence of its own.
-    first = () if found.why_not == "no minimum" else (found.sentence,)
-    return replace(
-        fingerprint,
-        adequate=adequate,
-        verdict=(*first, *fingerprint.verdict),
-        usable=found.sentence,
-        usability=found.state,
-        why_not=found.why_not,
-    )
-
-
 UNTESTED = Sentence(
     "Usable for simulation and comparison, but not for control tuning: the record is too short for a test of its residuals."
 )
 
 
-def untested(fingerprint: Fingerprint) -> Fingerprint:
-    """Return the fingerprint of a given structure whose record is too short for residual tests, with its usability."""
-    found = usability(replace(fingerprint, adequate={"stands": True, "misses_pct": {}, "dispersion": 1.0}))
-    if found.state != "not usable":
-        found = Usability("usable except", UNTESTED)
-    lines = [
-        Sentence("Estimated, if the structure is right: {estimates}.", **line.values)
-        if isinstance(line, Sentence) and line.template == "Known: {estimates}."
-        else line
-        for line in fingerprint.verdict
-    ]
+def judged(fingerprint: Fingerprint, misses: Mapping[str, float] | None, *, tested: bool) -> Fingerprint:
+    """Return the fingerprint of a given structure with its usability.
+
+    `misses` is the misfit of each output [%], None for a record too short for residual tests; `tested`: a structure that its
+    residuals do not contradict stands anyway.
+    """
+    stands = (tested and bool(fingerprint.model_adequate)) or max(
+        (misses or {}).values(), default=0.0
+    ) <= SMALL_MISS_PCT
+    adequate = {"stands": stands, "misses_pct": dict(misses or {}), "bias": {}, "dispersion": 1.0}
+    found, lines = usability(replace(fingerprint, adequate=adequate)), fingerprint.verdict
+    if misses is None:
+        found = found if found.state == "not usable" else Usability("usable except", UNTESTED)
+        adequate, lines = dict(fingerprint.adequate), tuple(map(_doubted, lines))
+    # A search that did not end in a minimum has a first sentence of its own.
     first = () if found.why_not == "no minimum" else (found.sentence,)
     return replace(
         fingerprint,
+        adequate=adequate,
         verdict=(*first, *lines),
         usable=found.sentence,
         usability=found.state,
         why_not=found.why_not,
     )
+
+
+def _doubted(line: str) -> str:
+    """Return a sentence of the verdict that calls no parameter known."""
+    if isinstance(line, Sentence) and line.template == "Known: {estimates}.":
+        return Sentence("Estimated, if the structure is right: {estimates}.", **line.values)
+    return line
 
 
 def misses_of(fit: Mapping[str, Mapping[str, float | None]], samples: int) -> dict[str, float]:

@@ -40,8 +40,9 @@ def feeds_a_generator(
     fingerprint: Fingerprint, experiments: Iterable[Experiment], vessel: Vessel | None
 ) -> bool:
     """Whether a drive train feeds a generator or a brake: it has a measured load, or an engine and no propeller."""
-    other = any(row.get("load", {}).get("quantity") == "other" for row in fingerprint.data)
-    if fingerprint.ends_at_meter or other:
+    if fingerprint.ends_at_meter or any(
+        row.get("load", {}).get("quantity") == "other" for row in fingerprint.data
+    ):
         return False
     return is_loaded(fingerprint, experiments) or (
         vessel is not None and vessel.given("engine.cylinders") and not vessel.given("propeller")
