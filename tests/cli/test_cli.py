@@ -261,6 +261,12 @@ class TestDemo:
         assert sorted(file.name for file in out.iterdir()) == names.split()
         assert [entry.name for entry in out.parent.iterdir()] == [out.name]
 
+    def test_its_last_line_names_the_page_to_open(self, tmp_path) -> None:
+        out = tmp_path / "shown"
+        last = shipfp("demo", "--out", out).stdout.splitlines()[-1]
+        assert last == f"Open {out / 'report.html'} in a browser."
+        assert (out / "report.html").is_file()
+
     def test_what_the_data_tell_agrees_with_the_truth(self, shown) -> None:
         told, _ = shown
         estimates = {**told["fingerprint"]["parameters"], **told["fingerprint"]["derived"]}

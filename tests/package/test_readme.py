@@ -135,7 +135,7 @@ def test_what_a_page_has_its_reader_type_runs(page, tmp_path):
     printed = run_page(page, tmp_path, typed)
     assert not before
     if page.name == "README.md":
-        assert "inertia time constant" in printed
+        assert "tau_n" in printed
         assert (tmp_path / "my-result" / "report.html").is_file()
     if page.parent.name == "tutorials":
         assert printed
@@ -150,6 +150,18 @@ def test_what_a_page_has_its_reader_type_runs(page, tmp_path):
             assert (tmp_path / place.removeprefix(f"{made_by(page)}/")).is_file(), picture
         else:
             assert f"made/{place}" in maker.read_text(encoding="utf-8"), picture
+
+
+def test_the_readme_is_short():
+    assert len(README.split()) <= 600
+
+
+def test_the_readme_s_program_prints_what_the_readme_shows(tmp_path):
+    """Warnings are errors here; the figures have the digits that neither machine nor build changes."""
+    page = tmp_path / "page.md"
+    program, shown = re.search(r"(?s)```python\n(.*?)```\s+```text\n(.*?)```", README).groups()
+    page.write_text(f"```python\n{program}```\n", encoding="utf-8")
+    assert run_page(page, tmp_path) == shown
 
 
 def made_by(page: Path) -> str:

@@ -14,7 +14,7 @@ from shipfp_rs.reproduce.fullscale import measured_response
 from shipfp_rs.reproduce.fullscale_figures import Material
 from tests.pictures import check_figures
 
-README = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
+PAGE = (Path(__file__).parents[2] / "docs" / "tutorials" / "full-scale.md").read_text(encoding="utf-8")
 
 
 @pytest.fixture
@@ -196,8 +196,8 @@ def test_the_table_of_full_scale_results_is_what_the_command_prints(reproduction
         for key in (("ii", "printed"), ("ii", "thesis"), ("ii", "ours"), ("ii, ten points", "ours"))
     ]
     for figures in printed:
-        assert figures in README
+        assert figures in PAGE
     assert (
         f"{found['ii', 'ours'].parameters['p']:.2f} | {found['ii', 'ours'].parameters['tau_prop']:.2f}"
-        in README
+        in PAGE
     )

@@ -195,8 +195,8 @@ def test_the_verdict_says_what_is_wrong_in_print(reproduction) -> None:
         assert said in text
 
 
-def test_the_readme_shows_these_figures(reproduction) -> None:
-    text = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
+def test_the_page_of_differences_shows_these_figures(reproduction) -> None:
+    text = (Path(__file__).parents[2] / "docs" / "background" / "differences.md").read_text(encoding="utf-8")
     for found in (
         row(reproduction, "ii", "thesis", "linear, sampled exactly"),
         row(reproduction, "ii, Euler model", "thesis", "linear, sampled by Euler"),

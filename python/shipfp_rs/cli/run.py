@@ -154,6 +154,8 @@ def demo(
 
     found = {"fingerprint": result.fingerprint.to_dict(), "fullscale": published.to_dict()}
     print_results({"folder": str(out), "truth": truth, **found}, show, out, json=json)
+    if not json:
+        print_text(f"Open {out / 'report.html'} in a browser.")
 
 
 def _write_log(folder: Path, seed: int) -> dict[str, float]:
