@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -127,6 +127,30 @@ def doubts(fingerprint: Fingerprint, vessel: Vessel) -> list[str]:
             )
         )
     return found
+
+
+def vessel_priors(
+    vessel: Vessel, experiments: Sequence[Experiment], std_pct: float | None
+) -> dict[str, tuple[float, float]]:
+    """Return what a vessel's inertias and stiffness say of the parameters, as (mean, standard deviation).
+
+    A side of the gauge that is not given tells nothing; without `std_pct` nothing is said. Eq. 3.23 of the thesis gives
+    the time constants, from the operating point of the first experiment.
+    """
+    point = experiments[0].operating_point
+    signal = next((name for name in ("M_g", "M_s", "M_b") if name in point), None)
+    if std_pct is None or signal is None or "n_e" not in point:
+        return {}
+    shaft_torque = abs(point[signal]) * (vessel.torque_ratio if signal == "M_b" else 1.0)
+    turn = 2.0 * math.pi * abs(point["n_e"]) / 60.0 / vessel.gearbox.ratio
+    found = {}
+    if vessel.given("shaft.inertia_kg_m2"):
+        found["tau_n"] = turn * vessel.inertia / shaft_torque
+    if vessel.given("shaft.propeller_side_inertia_kg_m2"):
+        found["tau_prop"] = turn * vessel.propeller_side_inertia / shaft_torque
+    if vessel.given("shaft.stiffness_Nm_rad"):
+        found["tau_twist"] = shaft_torque / (turn * (vessel.shaft.stiffness_Nm_rad or math.inf))
+    return {name: (value, 0.01 * std_pct * value) for name, value in found.items()}
 
 
 @checked

@@ -315,7 +315,7 @@ def _fixed(fit: ShipFit, parameter: Parameter) -> Estimate:
 
 
 def _of_a_stiff_shaft(parameters: Mapping[str, Estimate], question: Question) -> dict[str, Estimate]:
-    """Return the inertia on one side of a stiff shaft as unidentifiable, if a stiff shaft fits as well as a flexible one."""
+    """Return the inertia on one side of a shaft without an interval, if a stiff shaft fits as well as a flexible one."""
     part, twist = parameters.get("tau_prop"), parameters.get("tau_twist")
     if (
         question.gauge
@@ -327,8 +327,7 @@ def _of_a_stiff_shaft(parameters: Mapping[str, Estimate], question: Question) ->
         return {}
     if twist.status == "fixed" or (twist.ci95 is not None and twist.ci95[0] > 0.0):
         return {}
-    reason = Sentence("a stiff shaft fits as well, of which the engine's torque tells no part")
-    return {"tau_prop": unidentifiable(reason, part.unit)}
+    return {"tau_prop": Estimate(part.value, unit=part.unit, status="fixed", reason=ALONG)}
 
 
 def _without_torque(parameters: Mapping[str, Estimate], question: Question) -> dict[str, Estimate]:
@@ -451,7 +450,11 @@ def foresee(
         if given is None:
             return _of_structure(experiments, structure, values)
         question = given
-    return answered(first_look(question) if values is None else _at(question, values), "symmetric")
+    if values is not None:
+        return answered(_at(question, values), "symmetric")
+    # Other minima of a first look are not settled yet.
+    first = first_look(question)
+    return answered(replace(first, basins=first.basins[:1]), "symmetric")
 
 
 def _at(question: Question, values: Mapping[str, float]) -> ShipFit:

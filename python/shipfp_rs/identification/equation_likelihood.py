@@ -684,12 +684,8 @@ class EquationLikelihood(Likelihood):
         return replace(found, waters=tuple(waters))
 
     def own_total(self, vector: Array) -> float:
-        """Deviance under the likelihood's noise, with its log determinant; residuals count once, not as water, too."""
-        values = self.coordinates.values(vector)
-        water = (
-            self._water_rows(vector, values, self.coordinates.jacobian(values)) if any(self.waters) else []
-        )
-        return super().own_total(vector) - sum(float(rows[:, 0] @ rows[:, 0]) for rows in water)
+        """Deviance under the likelihood's noise, with its log determinant; what water tells counts beyond its expectation."""
+        return super().own_total(vector) - sum(2 * len(water.s) for water in self.waters if water is not None)
 
 
 def _parts(values: Numbers, padded: int) -> Array:

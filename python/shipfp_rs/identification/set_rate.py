@@ -24,8 +24,9 @@ ROUNDS, STEPS = 2, 12
 """Descents of each rate, each under the noise of the last, and their most steps."""
 REFINED, NEAR = 8, (0.97, 1.0, 1.03)
 """Number of rates by which the best one is refined, and rates that are tried again about it."""
-LEAST_ACTING = 10
-"""Least number of samples at which a ramp acts."""
+LEAST_ACTING, LASTING, APART = 10, 5, 0.01
+"""Least number of samples at which a ramp acts, and least mean number in a row, since a jump of a low-passed set point has a
+slope, too; difference of both set points from which it acts, over the set point's swing."""
 
 
 Search = Callable[[Question], ShipFit]
@@ -44,10 +45,7 @@ def with_set_rate(fit: ShipFit, search: Search, until: float | None, *, surely: 
         return fit
     known, found = _searched(fit, fit.best.vector, np.geomspace(1e-2 * steepest, steepest, GRID), until)
     rate = min(known, key=lambda one: known[one])
-    acting = sum(
-        int(np.count_nonzero(np.abs(np.diff(one.set_point)) * one.data_hz > rate)) for one in records
-    )
-    if not surely and (fit.total - known[rate] < 2.0 * BELIEVED or acting < LEAST_ACTING):
+    if not surely and (fit.total - known[rate] < 2.0 * BELIEVED or not _lasts(fit, rate)):
         return fit
     behind = search(replace(fit.question, fixed={**fit.question.fixed, "set_rate": rate}))
     start = behind.best.vector if behind.total < known[rate] else found[rate]
@@ -55,6 +53,17 @@ def with_set_rate(fit: ShipFit, search: Search, until: float | None, *, surely: 
     rate = min(known, key=lambda one: known[one])
     best = settled(behind_ramp(fit, rate, found[rate]), until)
     return replace(best, gains={**fit.gains, "set_rate": fit.total - best.total}, ramp=_interval(known, rate))
+
+
+def _lasts(fit: ShipFit, rate: float) -> bool:
+    """Whether a ramp acts for long enough to be told from a jump."""
+    acting = [
+        np.abs(one.set_point - rate_limited(one.set_point, rate, one.data_hz)) > APART * np.ptp(one.set_point)
+        for one in fit.likelihood.records
+    ]
+    samples = sum(int(one.sum()) for one in acting)
+    runs = sum(int(np.count_nonzero(np.diff(one.astype(int)) > 0)) for one in acting)
+    return samples >= max(LEAST_ACTING, LASTING * runs)
 
 
 def _searched(

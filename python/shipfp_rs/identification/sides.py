@@ -58,7 +58,7 @@ def _contradicts_priors(fit: ShipFit) -> bool:
     return any(
         abs((COMBINED[name](values)[0] if name in COMBINED else values[name]) - mean) > APART * deviation
         for name, (mean, deviation) in known.items()
-        if name not in fit.question.priors
+        if name not in fit.question.priors and name != "g"
     )
 
 

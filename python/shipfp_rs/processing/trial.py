@@ -181,7 +181,7 @@ class Window(Section):
 
 HOW = ("noise", "starts")
 """Keys of [identify] that are options of `identify` with the same name."""
-NARROWING = frozenset(("elements", "torque", "outputs", "fixed", "priors", "seed"))
+NARROWING = frozenset(("elements", "torque", "outputs", "fixed", "priors", "seed", "vessel_std_pct"))
 """Keys of [identify] that limit the data's selection of a structure; any other key declares the structure."""
 OF_THE_FULL_SHIP: Mapping[str, tuple[Any, ...]] = {
     "products": (True,),
@@ -224,6 +224,8 @@ class Identify(Section):
     """Known value of each fixed parameter."""
     priors: dict[str, Pair] = Field(default_factory=dict)
     """Mean and standard deviation of each parameter known beforehand."""
+    vessel_std_pct: Annotated[float, Field(gt=0.0, le=100.0)] | None = None
+    """Standard deviation of the vessel's inertias and stiffness, in per cent, as priors; without it they are not used."""
     tied: dict[str, Relation] = Field(default_factory=dict)
     """Relation of each tied parameter: [name of another one, factor] or [name, factor, offset]."""
     noise: Literal["coloured", "white"] | None = None

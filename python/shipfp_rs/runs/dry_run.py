@@ -104,7 +104,11 @@ def check(path: str | Path, *, notify: Notify = lambda _: None) -> Check:
         experiments = [experiment for log in logs for experiment in process(log, trial, vessel)]
     notify("taking a first look")
     tell("taking a first look", 0.6)
-    expected = foresee(experiments, **choice(trial)) if declared is None else foresee(experiments, declared)
+    expected = (
+        foresee(experiments, **choice(trial, experiments, vessel))
+        if declared is None
+        else foresee(experiments, declared)
+    )
     return Check(
         trial.trial.name,
         vessel.name,

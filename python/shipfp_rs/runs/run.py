@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from shipfp_rs.assessment.closed_loop import structure_of as rebuilt
-from shipfp_rs.assessment.si import doubts, in_si
+from shipfp_rs.assessment.si import doubts, in_si, vessel_priors
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.experiments.parquet import write_experiments
 from shipfp_rs.identification.driven import of_vessel, progress_of
@@ -31,7 +31,7 @@ from shipfp_rs.support.threads import import_beside
 from shipfp_rs.vessel.vessel import Vessel
 
 
-def choice(trial: Trial) -> dict[str, Any]:
+def choice(trial: Trial, experiments: Sequence[Experiment], vessel: Vessel) -> dict[str, Any]:
     """Arguments of `identify` from a trial's [identify] table, for a selection by the data."""
     options, place = trial.identify, located(trial)
     outputs = list(options.outputs) if "outputs" in options.model_fields_set else None
@@ -40,7 +40,7 @@ def choice(trial: Trial) -> dict[str, Any]:
         "torque": options.torque or place,
         "outputs": outputs if outputs is None else _measured(outputs, place),
         "fixed": {**({"v": 1.0, "g": 0.0} if trial.channels.asks_for_torque else {}), **options.fixed},
-        "priors": options.priors,
+        "priors": {**vessel_priors(vessel, experiments, options.vessel_std_pct), **options.priors},
     }
 
 
@@ -82,6 +82,9 @@ NO_TORQUE = Sentence(
 NO_TORQUE_BUT_LOAD = Sentence(
     "No torque was fitted, since the trial has no table [channels.torque]: the measured load determines tau_n and the "
     "gains, but of p and g only their difference."
+)
+UNUSED = Sentence(
+    "Inertia or stiffness of the vessel's file was not used; identify.vessel_std_pct = 5 makes it a prior of 5 %."
 )
 ASSUMED = Sentence("Assumed, not given: {values}.")
 
@@ -163,7 +166,9 @@ def evaluate(
     with part(0.15, 0.7), progress_of(experiments, vessel.name, vessel):
         if declared is None:
             notify("choosing the elements and identifying")
-            fingerprint = identify(experiments, vessel=vessel.name, seed=own_seed, **choice(trial))
+            fingerprint = identify(
+                experiments, vessel=vessel.name, seed=own_seed, **choice(trial, experiments, vessel)
+            )
         else:
             fingerprint = identify(
                 experiments, declared, vessel=vessel.name, seed=own_seed, **options.options
@@ -173,6 +178,8 @@ def evaluate(
         fingerprint = replace(
             fingerprint, verdict=(*fingerprint.verdict, *_without_torque(fingerprint, trial))
         )
+    if options.vessel_std_pct is None and vessel_priors(vessel, experiments, 5.0):
+        fingerprint = replace(fingerprint, verdict=(*fingerprint.verdict, UNUSED))
     fingerprint = replace(fingerprint, verdict=(*fingerprint.verdict, *doubts(fingerprint, vessel)))
     settings = {**fingerprint.settings, **of_vessel(vessel)}
     fingerprint = replace(fingerprint, si=in_si(fingerprint, vessel), settings=settings)
