@@ -144,3 +144,12 @@ def test_the_command_prints_json_and_tables_and_draws(recorded, tmp_path, capsys
 def test_a_trial_in_place_of_the_log_is_told(recorded, capsys):
     assert cli.main(["inspect", str(recorded[1])]) == 2
     assert "expected the log first" in capsys.readouterr().err
+
+
+def test_spikes_of_a_torque_in_volts_are_listed_without_a_trial():
+    """Ripple of the shaft with spikes of one height has two levels and an even period, as a train has."""
+    chirp = signals.chirp(0.01, 1.5, 240.0, 40.0, rate_hz=2000.0)
+    log, _ = simulate_raw_log(Vessel.load("stan-tug-1205"), chirp, seed=0)
+    found = inspect_log(log)
+    assert "U_torque" in {fault["channel"] for fault in found.faults if fault["kind"] == "spike"}
+    assert {one.channel.name for one in found.channels if one.pulses_hz} == {"PTM_1", "PTM_4", "PTM_e"}

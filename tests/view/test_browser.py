@@ -194,6 +194,8 @@ def test_names_are_text_and_nothing_else(visits):
     for one in (page, other.page):
         assert one.locator("img").count() == 0
         assert one.evaluate("window.broken") is None
+    card = other.page.locator("#results .card").first
+    assert card.locator("a, button").first.inner_text() == "open the report"
     other.page.get_by_role("button", name="report beside").click()
     frame = other.page.frame_locator("iframe")
     assert frame.locator("p").inner_text() == "a report"
@@ -354,6 +356,9 @@ def test_a_newcomer_gets_from_a_csv_to_a_report_without_a_text_editor(browser, t
         visit = Visit(browser, f"{caller.server.origin}/{caller.server.token}/look.html?doc={doc}")
         page = visit.page
         page.get_by_role("button", name="take the roles that names and units tell").click()
+        page.get_by_label("pulses a turn of PTM_e").fill("1")
+        page.get_by_label("pulses a turn of PTM_e").press("Tab")
+        page.get_by_label("shaft of PTM_e").select_option("engine")
         page.get_by_role("tab", name="Trial").click()
         page.get_by_label("end of steady").wait_for()  # found in the set point
         page.get_by_role("button", name="mark a window").click()
@@ -380,6 +385,50 @@ def test_a_newcomer_gets_from_a_csv_to_a_report_without_a_text_editor(browser, t
         json.loads((tmp_path / name / "fingerprint.json").read_text()) for name in ("shipfp-run", "again")
     )
     assert page_made == command_made
+
+
+def test_what_is_missing_stands_at_its_field_and_a_reload_loses_nothing(browser, tmp_path):
+    write_csv(tmp_path / "my.csv")
+    with served(tmp_path) as caller:
+        doc = caller.server.desk.open(tmp_path / "my.csv")
+        visit = Visit(browser, f"{caller.server.origin}/{caller.server.token}/look.html?doc={doc}")
+        page = visit.page
+        page.get_by_role("button", name="take the roles that names and units tell").click()
+        pulses, shaft = page.get_by_label("pulses a turn of PTM_e"), page.get_by_label("shaft of PTM_e")
+        page.wait_for_selector("[aria-label='pulses a turn of PTM_e'][aria-invalid]")
+        assert (pulses.input_value(), shaft.input_value()) == ("", "")
+        for field in (pulses, shaft):
+            told = page.locator(f"#{field.get_attribute('aria-describedby')}").inner_text()
+            assert re.fullmatch(r"[A-Z][\w ]+\.", told)
+        page.get_by_role("tab", name="Trial").click()
+        assert page.get_by_role("button", name="run").is_disabled()
+        assert page.locator("#trial li").count() >= 3
+        page.get_by_role("button", name="pulses a turn of PTM_e").click()
+        assert page.evaluate("document.activeElement.getAttribute('aria-label')") == "pulses a turn of PTM_e"
+        pulses.fill("1")
+        pulses.press("Tab")
+        shaft.select_option("engine")
+        page.reload()
+        page.wait_for_selector("body[data-ready]")
+        page.get_by_label("role of n_set").wait_for()
+        assert [
+            page.get_by_label(f"role of {name}").input_value() for name in ("n_set", "shaft torque", "PTM_e")
+        ] == [
+            "set_point",
+            "torque",
+            "train",
+        ]
+        assert (pulses.input_value(), shaft.input_value()) == ("1", "engine")
+        # The pulses of the whole log are a solid block; its speed is drawn.
+        page.wait_for_function(
+            "() => shipfp.view.rows[2].rate && shipfp.view.rows[2].unit.textContent === 'rpm'"
+        )
+        low, high = page.evaluate("shipfp.view.rows[2].range")
+        assert 1000.0 < low < high < 1400.0
+        if folder := os.environ.get("VIEW_SCREENSHOTS"):
+            page.screenshot(path=Path(folder) / "view-reload.png")
+        assert visit.complaints == []
+        page.close()
 
 
 def test_a_folder_lists_its_logs_trials_and_runs(browser, tug):

@@ -147,3 +147,18 @@ def test_faults_that_the_eye_sees_are_listed_by_page_and_inspect_alike_at_any_ra
     assert found["flat", "stuck"] == [[still.start, still.stop]]
     assert ("clipped", "clipped") in found
     assert {channel for channel, _ in found} == {"spiky", "flat", "clipped"}
+
+
+def test_a_train_of_many_pulses_is_told_as_pulses_a_second(tmp_path):
+    time = np.arange(0.0, 200.0, 1e-3)
+    turns = np.cumsum(np.where(time < 100.0, 10.0, 20.0)) * 1e-3
+    Log.from_arrays({"P": np.where(turns % 1.0 < 0.4, 5.0, 0.0)}, rate_hz=1000.0).write(
+        tmp_path / "p.parquet"
+    )
+    document = Document(tmp_path / "p.parquet")
+    told = document.pulses(0, 0.0, 200.0)
+    assert 200 < len(told["time"]) <= 400
+    for at, rate in zip(told["time"], told["rate"], strict=True):
+        if abs(at - 100.0) > 1.0:
+            assert rate == pytest.approx(10.0 if at < 100.0 else 20.0, rel=0.01)
+    assert document.pulses(0, 10.0, 12.0) == {"time": [], "rate": []}  # few enough to be seen one by one

@@ -7,7 +7,16 @@ import pytest
 from shipfp_rs.errors import InputError
 from shipfp_rs.logs.channel import Channel
 from shipfp_rs.processing.trial import Trial
-from shipfp_rs.view.draft import Draft, DraftCalibration, checked, factors, guessed, read_draft, written
+from shipfp_rs.view.draft import (
+    Draft,
+    DraftCalibration,
+    checked,
+    factors,
+    guessed,
+    problems,
+    read_draft,
+    written,
+)
 
 DRAFT = {
     "name": "My trial",
@@ -150,7 +159,8 @@ def test_what_is_missing_is_told_in_a_line(changes, told):
 
 def test_names_of_channels_may_be_anything(tmp_path):
     name = 'a "b" [c] # <script>\\ ü'
-    channels = [*DRAFT["channels"][:2], {"column": name, "role": "train"}]
+    train = {"column": name, "role": "train", "pulses_per_rev": 2, "shaft": "engine"}
+    channels = [*DRAFT["channels"][:2], train]
     text = written(draft(channels=channels), None, "my.csv")
     assert checked(text, "TRIAL.toml").channels.tachos[name].column == name
 
@@ -245,3 +255,50 @@ def test_a_speed_that_a_calibration_leads_to_is_edited_and_its_other_keys_stay(t
     text = written(Draft(channels=(changed,)), path.read_text(), "x")
     assert tomllib.loads(text)["channels"]["n"]["calibration"] == {"scale": 3.0, "offset": 0.0}
     assert "std = 1.0 # by hand" in text
+
+
+def test_a_train_has_no_pulses_and_no_shaft_until_somebody_gives_them(tmp_path):
+    """One pulse a turn of the engine, taken for granted, made an inertia of 16 out of 62."""
+    (train,) = guessed([Channel("Shaft pulses", "V", 2000.0, 1)])
+    assert (train.role, train.pulses_per_rev, train.shaft) == ("train", None, "")
+    text = written(draft(channels=[*DRAFT["channels"][:2], train.model_dump()]), None, "my.csv")
+    with pytest.raises(InputError, match="to be given"):
+        checked(text, "TRIAL.toml")
+    (tmp_path / "TRIAL.toml").write_text(text)
+    assert read_draft(tmp_path / "TRIAL.toml").channels[-1] == train.model_copy(
+        update={"name": "Shaft pulses"}
+    )
+
+
+def test_all_that_is_missing_is_told_at_once_at_its_field_and_without_toml():
+    channels = [
+        {"column": "M", "role": "torque", "unit": "V"},
+        {"column": "P", "role": "train"},
+        {"column": "Q", "role": "train", "pulses_per_rev": 4, "shaft": "propeller"},
+    ]
+    wrong = draft(
+        channels=channels, vessel="", steady_s=None, windows=[{"name": "A", "start_s": 9, "stop_s": 3}]
+    )
+    told = problems(written(wrong, None, "my.csv"), "TRIAL.toml")
+    assert [one["at"] for one in told] == [
+        "",
+        "mark the steady stretch",
+        "calibration of M",
+        "pulses a turn of P",
+        "shaft of P",
+        "ship",
+        "end of A",
+    ]
+    said = " ".join(one["text"] for one in told)
+    assert "No channel is the set point yet." in said
+    assert not {"[", "=", "_", ".toml", "found"} & {
+        part for part in ("[", "=", "_", ".toml", "found") if part in said
+    }
+    assert problems(OWN, "TRIAL.toml") == []  # keys that the page does not know count, too
+    assert problems(written(draft(), None, "my.csv"), "TRIAL.toml") == []
+
+
+def test_a_set_point_in_a_unit_of_speed_needs_no_calibration():
+    (asked,) = guessed([Channel("n_set", "rev/s", 100.0, 1)])
+    assert (asked.role, asked.calibration.scale) == ("set_point", 60.0)
+    assert factors("rpm")["set_point"]["factor"] == 1.0

@@ -27,7 +27,7 @@ TRIAL = {
     "channels": [
         {"column": "n_set", "role": "set_point", "unit": "rpm", "calibration": {"scale": 1.0}},
         {"column": "shaft torque", "role": "torque", "unit": "Nm", "calibration": {"scale": 1.0}},
-        {"column": "PTM_e", "role": "train"},
+        {"column": "PTM_e", "role": "train", "pulses_per_rev": 1, "shaft": "engine"},
     ],
     "steady_s": [2.0, 38.0],
     "windows": [{"name": "C1", "kind": "chirp", "start_s": 40.0, "stop_s": 90.0}],
@@ -156,3 +156,18 @@ def test_a_job_has_one_blas_thread_unless_the_environment_says_how_many(folder, 
     with pytest.raises(OSError, match="not begun"):
         Jobs().begin("check", folder / "TRIAL.toml")
     assert begun[0]["OPENBLAS_NUM_THREADS"] == threads
+
+
+def test_a_set_point_that_is_not_the_speed_leads_the_verdict(tmp_path):
+    """A governor with an integral part leaves no difference, so one of the two calibrations is wrong."""
+    write_csv(tmp_path / "my.csv")
+    wrong = [TRIAL["channels"][0] | {"calibration": {"scale": 1.04}}, *TRIAL["channels"][1:]]
+    (tmp_path / "TRIAL.toml").write_text(
+        written(Draft.model_validate(TRIAL | {"channels": wrong}), None, "my.csv")
+    )
+    with served(tmp_path) as caller:
+        told = follow(caller, caller.post("job", {"kind": "run", "file": "TRIAL.toml"}))
+        assert told["state"] == "done", told
+        assert told["done"]["verdict"][0].startswith("Set point and speed differ")
+        (run,) = caller.get("results")["results"]
+        assert run["verdict"] == told["done"]["verdict"][0]

@@ -12,7 +12,7 @@ from tests.view.serving import Caller, served
 
 CHANNELS = [
     {"column": "n", "role": "set_point", "unit": "rpm", "calibration": {"scale": 1.0}},
-    {"column": "P", "role": "train", "pulses_per_rev": 1},
+    {"column": "P", "role": "train", "pulses_per_rev": 1, "shaft": "engine"},
 ]
 DRAFT = {
     "name": "Trial",

@@ -23,6 +23,7 @@ from shipfp_rs.errors import InputError
 from shipfp_rs.logs.channel import Channel
 from shipfp_rs.logs.faults.record import KINDS
 from shipfp_rs.logs.log import Log, Rows
+from shipfp_rs.processing.roles import named
 from shipfp_rs.processing.trial import Trial
 from shipfp_rs.support.arrays import Array, Spans, joined, runs
 from shipfp_rs.support.spikes import ROBUST_SIGMA
@@ -225,7 +226,9 @@ def _described(log: Log, name: str, stopped: threading.Event) -> ChannelReport:
         if len(present):
             low, high = min(low, float(present.min())), max(high, float(present.max()))
             noises.append(_noise(present[: 1 << 17].astype(np.float64)))
-    pulses = pulse_rate(rows)
+    tells = named(channel).tells
+    # The ripple of a torque, with spikes of one height, looks like a train.
+    pulses = None if "torque" in tells and "pulses" not in tells else pulse_rate(rows)
     return ChannelReport(
         channel,
         joined(gaps),

@@ -48,9 +48,10 @@ def main(arguments: list[str]) -> int:
                 tell(done=check(Path(path)).to_dict())
             else:
                 from shipfp_rs.runs.run import run
+                from shipfp_rs.view.results import doubt_first
 
-                found = run(path, rest[0])
-                tell(done={"folder": Path(rest[0]).name, "verdict": list(found.fingerprint.verdict)})
+                verdict = doubt_first(run(path, rest[0]).fingerprint.verdict)
+                tell(done={"folder": Path(rest[0]).name, "verdict": verdict})
     except KeyboardInterrupt:
         tell(stopped=True)
         return 130

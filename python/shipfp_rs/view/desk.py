@@ -64,6 +64,7 @@ class Desk:
             ),
             "within": self._within,
             "mean": lambda asked: self._document(asked).mean(_whole(asked, "series"), *_stretch(asked)),
+            "pulses": lambda asked: self._document(asked).pulses(_whole(asked, "series"), *_stretch(asked)),
             "spectrum": lambda asked: self._document(asked).spectrum(
                 _whole(asked, "series"), *_stretch(asked)
             ),
@@ -186,7 +187,7 @@ class Desk:
         channels = [one.channel for one in document.raw.wait()]
         path = document.trial or self._new_name(document)
         known = document.trial is not None
-        draft = drafts.read_draft(path) if known else drafts.new_draft(document.path.stem)
+        draft = drafts.read_draft(path) if known else Draft(name=document.path.stem)
         return {
             "draft": draft.model_dump(mode="json"),
             "file": path.name,
@@ -271,12 +272,13 @@ class Desk:
 
     def _preview(self, content: Mapping[str, Any]) -> dict[str, Any]:
         _, path, text = self._text_of(content)
-        error = None
-        try:
-            Vessel.load(self._trial(text, path).trial.vessel)
-        except InputError as wrong:
-            error = str(wrong)
-        return {"text": text, "error": error}
+        problems = drafts.problems(text, path.name)
+        if not problems:
+            try:
+                Vessel.load(self._trial(text, path).trial.vessel)
+            except InputError as wrong:
+                problems = [{"at": "", "text": str(wrong)}]
+        return {"text": text, "problems": problems}
 
     def _save(self, content: Mapping[str, Any]) -> dict[str, Any]:
         with self._saving:

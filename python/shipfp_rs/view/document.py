@@ -19,6 +19,7 @@ from shipfp_rs.logs.log import Log
 from shipfp_rs.processing.trial import Trial
 from shipfp_rs.processing.trial_template import moved, operating_rest
 from shipfp_rs.processing.windows import FoundWindow, find_windows
+from shipfp_rs.tacho import pulse_times
 from shipfp_rs.view import pyramid
 from shipfp_rs.view.jobs import Background, Progress
 from shipfp_rs.view.results import Series
@@ -28,6 +29,7 @@ SPECTRUM_S = 300.0
 SPECTRUM_POINTS = 2000
 LEAST_SPECTRUM = 64
 """Fewest samples for a spectrum."""
+DRAWN_RATES = 400  # points of a train's rate
 OTHER_SIGNALS = ("n_set", "n_e", "M_g", "M_b", "M_s", "X_f")
 
 
@@ -42,6 +44,7 @@ class Document:
         self.raw = Background(self._raw)
         self.faults = Background(self._faults)
         self._windows: dict[tuple[str, str | None], Background[tuple[str, list[FoundWindow]]]] = {}
+        self._edges: dict[str, Background[npt.NDArray[np.float64]]] = {}
         self._processed: Background[list[Series]] | None = None
         self.processed: list[Series] = []
         self.processed_version = 0
@@ -176,6 +179,19 @@ class Document:
             "amplitude": np.maximum.reduceat(amplitude, firsts).tolist(),
             "peaks": [peak.to_dict() for peak in peaks],
         }
+
+    def pulses(self, index: int, start_s: float, stop_s: float) -> dict[str, Any]:
+        """Pulses a second of a train along a stretch, where they are too many to be drawn one by one."""
+        channel = self._one(index).channel
+        search = Background(lambda _: pulse_times(self.log().chunks(channel.name), channel.rate_hz).times_s)
+        edges = channel.start_s + self._edges.setdefault(channel.name, search).wait()
+        bounds = np.searchsorted(edges, np.linspace(start_s, stop_s, DRAWN_RATES + 1))
+        bounds = np.unique(np.minimum(bounds, max(len(edges) - 1, 0)))
+        if bounds[-1] - bounds[0] < 2 * DRAWN_RATES:
+            return {"time": [], "rate": []}
+        ends = edges[bounds]
+        middle, rate = 0.5 * (ends[1:] + ends[:-1]), np.diff(bounds) / np.diff(ends)
+        return {"time": middle.tolist(), "rate": rate.tolist()}
 
     def process(self, trial: Trial) -> dict[str, Any]:
         """Start processing the windows of a trial; one trial at a time."""

@@ -132,8 +132,9 @@ class DraftChannel(Section):
     """Quantity of a load."""
     name: Short = ""
     """Name of the table of a pulse train or speed; if empty, the column's name."""
-    pulses_per_rev: Annotated[int, Field(ge=1, le=100_000)] = 1
-    shaft: Literal["engine", "propeller"] = "engine"
+    pulses_per_rev: Annotated[int, Field(ge=1, le=100_000)] | None = None
+    shaft: Literal["engine", "propeller", ""] = ""
+    """Pulses and shaft of a train: None and empty until the user gives them."""
     threshold: Number | None = None
 
 
@@ -178,6 +179,7 @@ def read_draft(path: Path) -> Draft:
             for name in DraftChannel.model_fields
             if table.get(name, TO_BE_GIVEN) != TO_BE_GIVEN
         }
+        known.setdefault("shaft", "" if "shaft" in table else "engine")  # what a file without the key means
         channels.append({"column": "", **known, "role": role} | ({} if role in LEVELS else {"name": key}))
     marked = content.get("windows", [])
     if not isinstance(marked, list) or not all(isinstance(window, Mapping) for window in marked):
@@ -230,6 +232,33 @@ def written(
 def checked(text: str, source: str) -> Trial:
     """Trial that a text describes; `InputError` with the first wrong or missing value."""
     return validated(parsed_toml(text, source), Trial, source)
+
+
+def problems(text: str, source: str) -> list[dict[str, str]]:
+    """All that a text lacks, in words: "at" is the label of the field on the page, empty for what has none."""
+    content = parsed_toml(text, source)
+    tables, point = _table(content, "channels"), _table(content, "operating_point")
+    windows, shipless = content.get("windows", []), "vessel" not in content["trial"]
+    rests = "steady_s" in point or "command" in tables or isinstance(point.get("n_e_rpm"), int | float)
+    found = [
+        (not {"set_point", "command"} & tables.keys(), "", "No channel is the set point yet."),
+        (not tables.keys() - {*LEVELS, "actuator"}, "", "No channel is a speed or a pulse train yet."),
+        (not rests, "mark the steady stretch", "Mark a stretch where the set point is constant."),
+        (not windows, "mark a window", "No window yet: mark a stretch where the set point moves."),
+    ]
+    for key, table in tables.items():
+        name, unit, shaft = table.get("column"), told(str(table.get("unit", ""))), table.get("shaft")
+        level, line, pulses = LEVELS.get(key), table.get("calibration"), table.get("pulses_per_rev")
+        asks = level.factor(unit, table)[0] is None if level else unit in CALIBRATED and not pulses
+        found += [
+            (asks and name and not line, f"calibration of {name}", "Say what a reading means."),
+            (pulses == TO_BE_GIVEN, f"pulses a turn of {name}", "Give the pulses in a turn."),
+            (shaft == TO_BE_GIVEN, f"shaft of {name}", "Say on which shaft it is."),
+            (shaft == "propeller" and shipless, "ship", f"{name} is behind a gear: choose the ship."),
+        ]
+    late = [window["name"] for window in windows if window["start_s"] >= window["stop_s"]]
+    found += [(True, f"end of {name}", "It is not after the start.") for name in late]
+    return [{"at": at, "text": said} for lacks, at, said in found if lacks]
 
 
 def _role(key: str, table: Mapping[str, Any]) -> str | None:
@@ -292,8 +321,8 @@ def _put_channels(tables: Any, channels: Sequence[DraftChannel]) -> None:
 def _put_channel(table: Table, channel: DraftChannel) -> None:
     _put(table, "column", channel.column)
     if channel.role == "train":
-        _put(table, "pulses_per_rev", channel.pulses_per_rev)
-        _put(table, "shaft", channel.shaft)
+        _put(table, "pulses_per_rev", channel.pulses_per_rev or TO_BE_GIVEN)
+        _put(table, "shaft", channel.shaft or TO_BE_GIVEN)
         if channel.threshold is not None:
             _put(table, "threshold", channel.threshold)
         elif "threshold" in table:
@@ -301,7 +330,7 @@ def _put_channel(table: Table, channel: DraftChannel) -> None:
         return
     _put(table, "unit", channel.unit)
     if channel.role == "speed":
-        _put(table, "shaft", channel.shaft)
+        _put(table, "shaft", channel.shaft or "engine")
     line, old = _line(channel.calibration), table.get("calibration")
     if line is None:
         table.pop("calibration", None)
@@ -356,11 +385,6 @@ def _put_windows(document: Any, windows: Sequence[DraftWindow]) -> None:
     document["windows"] = tables
 
 
-def new_draft(name: str) -> Draft:
-    """Draft for a log without a trial."""
-    return Draft(name=name)
-
-
 def guessed(channels: Sequence[Channel]) -> list[DraftChannel]:
     """Channels whose roles are guessed from names and units; channels without a guess are omitted."""
     roles = named_roles(channels)
@@ -375,7 +399,7 @@ def guessed(channels: Sequence[Channel]) -> list[DraftChannel]:
                 content["location"] = roles.location
             found.append(DraftChannel.model_validate(content | {"calibration": {"scale": known["factor"]}}))
         elif name in roles.speeds and (one.unit in TO_RPM or one.unit == "%"):
-            found.append(DraftChannel(column=name, role="speed", unit=one.unit))
+            found.append(DraftChannel(column=name, role="speed", unit=one.unit, shaft=roles.speeds[name]))
         elif one.is_open and "pulses" in one.tells:
             found.append(DraftChannel(column=name, role="train"))
     return found
@@ -391,5 +415,6 @@ def factors(unit: str) -> dict[str, dict[str, Any]]:
     """
     unit = told(unit)
     given = {"quantity": "power" if unit in TO_W else "torque"}
-    levels = {role: {"factor": level.factor(unit, given)[0], **given} for role, level in LEVELS.items()}
+    own = {level: given if level is Load else {} for level in LEVELS.values()}
+    levels = {role: {"factor": one.factor(unit, own[one])[0], **given} for role, one in LEVELS.items()}
     return {**levels, "speed": {"asks": unit not in TO_RPM}}

@@ -14,7 +14,7 @@ import os
 import stat
 import threading
 from collections import OrderedDict
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -256,14 +256,24 @@ def _run(folder: Path) -> dict[str, Any] | None:
     found = _json(folder / "fingerprint.json")
     if found is None:
         return None
-    verdict = found.get("usable") or found.get("verdict")
-    first = next(iter(verdict), "") if isinstance(verdict, list) else verdict
+    verdict = found.get("verdict")
+    told = [found.get("usable"), *(verdict if isinstance(verdict, list) else [verdict])]
+    first = next(iter(doubt_first([str(line) for line in told if line])), "")
     return {
         "kind": "run",
         "about": f"{_short(found.get('vessel')) or 'drive train not named'}, {_text(found.get('structure'))}",
         "verdict": _short(first),
         "changed": (folder / "fingerprint.json").stat().st_mtime,
     }
+
+
+DOUBT = "Set point and speed differ"
+"""Beginning of a line of a verdict that puts all others in doubt: under an integral governor, one calibration is wrong."""
+
+
+def doubt_first(verdict: Sequence[str]) -> list[str]:
+    """Lines of a verdict, a doubt of the measurement before what was made of it."""
+    return sorted(verdict, key=lambda line: not line.startswith(DOUBT))
 
 
 def _text(structure: Any) -> str:

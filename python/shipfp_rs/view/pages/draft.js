@@ -12,7 +12,7 @@ export const ROLES = {
 export class Draft extends EventTarget {
   constructor(view, doc, say) {
     super();
-    Object.assign(this, { view, doc, say, state: null, error: null, changed: false, found: null });
+    Object.assign(this, { view, doc, say, state: null, problems: [], changed: false, found: null });
     view.addEventListener("marked", (event) => this.mark(event.detail));
     view.addEventListener("layers", () => this.show());
   }
@@ -20,10 +20,17 @@ export class Draft extends EventTarget {
   async load() {
     const told = await ask("draft", { doc: this.doc });
     Object.assign(this, told, { state: told.draft, from: told.version ? told.file : null });
+    const kept = JSON.parse(sessionStorage.getItem(this.key));
+    if (kept?.version === told.version) Object.assign(this, kept, { changed: true });
     this.show();
     this.dispatchEvent(new Event("loaded"));
     this.findWindows();
     this.preview();
+  }
+
+  // What is not saved yet is kept for this tab under this name, and is here again after a reload.
+  get key() {
+    return `${location.pathname} ${this.doc}`;
   }
 
   channel(column) {
@@ -50,7 +57,7 @@ export class Draft extends EventTarget {
     if (role) {
       const { factor = null, quantity = "torque" } = this.factors[column]?.[role] ?? {};
       this.state.channels.push({
-        column, role, unit, calibration: { scale: factor, offset: 0, table: null }, location: "gauge", quantity, name: "", pulses_per_rev: 1, shaft: "engine", threshold: null,
+        column, role, unit, calibration: { scale: factor, offset: 0, table: null }, location: "gauge", quantity, name: "", pulses_per_rev: null, shaft: role === "speed" ? "engine" : "", threshold: null,
       });
     }
     this.change();
@@ -65,23 +72,24 @@ export class Draft extends EventTarget {
 
   change() {
     this.changed = true;
+    sessionStorage.setItem(this.key, JSON.stringify({ state: this.plain, file: this.file, version: this.version, steadyFound: this.steadyFound }));
     this.show();
     this.dispatchEvent(new Event("changed"));
     clearTimeout(this.timer);
     this.timer = setTimeout(() => this.preview(), PREVIEW_MS);
   }
 
-  // What the server would write, and the first thing that is wrong with it.
+  // What the server would write, and all that is missing or wrong, each with the label of its field.
   async preview() {
     const turn = (this.turn = (this.turn ?? 0) + 1);
     let told;
     try {
       told = await tell("preview", { doc: this.doc, draft: this.plain, file: this.file });
     } catch (error) {
-      told = { text: "", error: error.message };
+      told = { text: "", problems: [{ at: "", text: error.message }] };
     }
     if (turn !== this.turn) return;
-    Object.assign(this, { text: told.text, error: told.error });
+    Object.assign(this, { text: told.text, problems: told.problems });
     this.dispatchEvent(new Event("previewed"));
   }
 
@@ -94,6 +102,9 @@ export class Draft extends EventTarget {
       const channel = this.channel(row.series[0].name);
       row.role.textContent = channel ? ROLES[channel.role] : "";
       row.calibration = channel && view.layers.calibrated ? lineOf(channel) : null;
+      row.train = (channel ?? this.guess.find((one) => one.column === row.series[0].name))?.role === "train";
+      row.turns = view.layers.calibrated ? channel?.pulses_per_rev : null;
+      if (!row.train) row.rate = null;
     }
     view.marks = this.state.windows.filter((window) => this.isHere(window)).map((window) => ({ ...window, kind: "window" }));
     if (this.state.steady_s) view.marks.push({ start_s: this.state.steady_s[0], stop_s: this.state.steady_s[1], kind: "steady" });

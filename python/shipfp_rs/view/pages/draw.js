@@ -90,6 +90,9 @@ export class Row {
       }
     }
     [least, most] = least <= most ? [value(least), value(most)].sort((a, b) => a - b) : [0, 1];
+    const rates = this.rates();
+    if (this.train) this.unit.textContent = !rates ? this.recorded : this.turns ? "rpm" : "pulses/s";
+    if (rates) [least, most] = [Math.min(...rates), Math.max(...rates)];
     if (most - least < 1e-12 * Math.max(Math.abs(most), 1e-300)) [least, most] = [least - 0.5 * (Math.abs(least) || 1), most + 0.5 * (Math.abs(most) || 1)];
     const space = 0.04 * (most - least);
     this.range = [least - space, most + space];
@@ -103,7 +106,8 @@ export class Row {
     context.beginPath();
     context.rect(LEFT, 0, inner, tall);
     context.clip();
-    this.columns.forEach((drawn, index) => {
+    if (rates) this.samples(context, this.rate.time.flatMap((time, k) => [time, rates[k]]), view, inner, y, colours.raw);
+    else this.columns.forEach((drawn, index) => {
       const colour = this.series[index].layer === "raw" ? colours.raw : colours.done;
       if (drawn.sparse) this.samples(context, drawn.points, view, inner, (number) => y(value(number)), colour);
       else this.spans(context, drawn, ratio, (number) => y(value(number)), colour);
@@ -111,6 +115,11 @@ export class Row {
     context.restore();
     const what = this.series.map((series) => series.name).join(", ");
     this.canvas.setAttribute("aria-label", `${what}: ${least.toPrecision(4)} to ${most.toPrecision(4)} ${this.unit.textContent}`);
+  }
+
+  // Speed of a train instead of a solid block: rpm where its pulses a turn are known.
+  rates() {
+    return this.rate?.rate.map((rate) => (this.turns ? (60 * rate) / this.turns : rate));
   }
 
   grid(context, view, y, wide, tall) {
@@ -206,7 +215,12 @@ export class Row {
 
   // Least and greatest at a time, as they are drawn; of samples the nearest one.
   at(view, seconds) {
-    const value = line(this.calibration);
+    const value = line(this.calibration), rates = this.rates();
+    if (rates) {
+      const later = this.rate.time.findIndex((time) => time >= seconds);
+      const rate = rates.at(later);
+      return [rate, rate];
+    }
     for (const drawn of this.columns) {
       let found = null;
       if (drawn.points?.length && drawn.sparse) {

@@ -4,9 +4,9 @@ import { ask, button, make } from "./tools.js";
 
 export const verdictBox = (parent, folder, verdict, open) => {
   make(parent, "p", { class: "told good" }, `wrote ${folder}`);
+  button(parent, "open the report beside", open, { class: "main" });
   const list = make(parent, "ul");
   for (const line of verdict) make(list, "li", { class: "told" }, line);
-  button(parent, "open the report beside", open, { class: "main" });
 };
 
 export class ResultsPanel {
@@ -40,8 +40,10 @@ export class ResultsPanel {
     make(card, "p", { class: "soft told" }, one.about);
     make(card, "p", { class: "told" }, one.verdict);
     const links = make(card, "div", { class: "line" });
+    const link = (file, text, kind) => make(links, "a", { class: kind, href: `${base}${one.id}/${encodeURIComponent(file)}`, target: "_blank", rel: "noopener noreferrer" }, text);
+    if (one.files.includes("report.html")) link("report.html", "open the report", "main");
     if (one.files.includes("report.html") && this.beside) button(links, "report beside", () => this.show(one, base));
-    for (const file of one.files) make(links, "a", { href: `${base}${one.id}/${encodeURIComponent(file)}`, target: "_blank", rel: "noopener noreferrer" }, file);
+    for (const file of one.files.filter((file) => file !== "report.html")) link(file, file);
   }
 
   show(one, base) {

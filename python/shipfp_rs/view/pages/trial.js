@@ -8,6 +8,20 @@ import { vesselForm } from "./vessel.js";
 const PLACES = [["gauge", "strain gauge between the inertias"], ["brake", "engine's brake torque"], ["shaft", "shaft behind the gearbox"]];
 const number = (text) => (text.trim() === "" ? null : Number.isFinite(Number(text.replace(",", "."))) ? Number(text.replace(",", ".")) : null);
 
+// Each problem stands at its field, as soon as the field is there.
+const showProblems = ({ problems }) => {
+  for (const old of document.querySelectorAll(".problem")) old.remove();
+  for (const field of document.querySelectorAll("[aria-invalid]")) for (const name of ["aria-invalid", "aria-describedby"]) field.removeAttribute(name);
+  [...problems].reverse().forEach(({ at, text }, index) => { // the first one of a line comes next to it
+    const field = fieldOf(at);
+    if (!field) return;
+    field.setAttribute("aria-invalid", "true");
+    field.setAttribute("aria-describedby", `problem-${index}`);
+    field.closest(".line").after(make(null, "p", { class: "told bad problem", id: `problem-${index}` }, text));
+  });
+};
+const fieldOf = (at) => at && document.querySelector(`[aria-label="${CSS.escape(at)}"]`);
+
 export class ChannelsPanel {
   constructor(view, draft) {
     Object.assign(this, { view, draft, box: document.getElementById("channels") });
@@ -26,6 +40,7 @@ export class ChannelsPanel {
       button(box, "take the roles that names and units tell", () => draft.take(draft.guess));
     }
     view.rows.forEach((row, index) => this.card(row, index));
+    showProblems(draft);
     box.scrollTop = scrolled;
     if (focused) box.querySelector(`[data-key="${CSS.escape(focused)}"]`)?.focus();
   }
@@ -65,11 +80,11 @@ export class ChannelsPanel {
     const isTrain = channel.role === "train";
     if (isTrain) {
       make(line, "span", { class: "soft" }, "pulses a turn");
-      field(line, `pulses a turn of ${name}`, channel.pulses_per_rev, (text) => { channel.pulses_per_rev = Math.max(1, Math.round(number(text) ?? 1)); draft.change(); }, { type: "number", min: 1, step: 1 });
+      field(line, `pulses a turn of ${name}`, channel.pulses_per_rev, (text) => { channel.pulses_per_rev = Math.round(number(text) ?? 0) || null; draft.change(); }, { type: "number", min: 1, step: 1, required: true });
     }
     if (isTrain || channel.role === "speed") {
       make(line, "span", { class: "soft" }, "of the");
-      menu(line, `shaft of ${name}`, [["engine", "engine"], ["propeller", "propeller shaft"]], channel.shaft, (value) => { channel.shaft = value; draft.change(); });
+      menu(line, `shaft of ${name}`, [...(channel.shaft ? [] : [["", "— which shaft?"]]), ["engine", "engine"], ["propeller", "propeller shaft"]], channel.shaft, (value) => { channel.shaft = value; draft.change(); });
     }
     if (isTrain) return;
     if (channel.role === "torque") {
@@ -134,6 +149,7 @@ export class TrialPanel {
     draft.addEventListener("loaded", () => vesselForm(this.own, draft), { once: true });
     this.own = make(this.box, "details", { class: "card" });
     this.state = make(this.box, "p", { class: "told", role: "status" });
+    this.list = make(this.box, "ul");
     this.acts = make(this.box, "div", { class: "line" });
     this.work = make(this.box, "div");
     this.text = make(this.box, "details");
@@ -203,7 +219,7 @@ export class TrialPanel {
       if (window.holds) make(card, "p", { class: "soft told" }, `found in it: ${draft.kindOf(window.holds)}`);
     }
     const line = make(form, "div", { class: "line" });
-    button(line, "mark a window", () => view.setMode("window"));
+    button(line, "mark a window", () => view.setMode("window"), { "aria-label": "mark a window" });
     const left = (draft.found ?? []).filter((found) => !state.windows.some((window) => window.start_s < found.stop_s && window.stop_s > found.start_s));
     if (left.length) {
       button(line, `add all ${left.length} that were found`, () => draft.addFound());
@@ -224,10 +240,27 @@ export class TrialPanel {
   tellState() {
     const { draft } = this;
     this.shown.textContent = draft.text ?? "";
-    this.state.className = draft.error ? "told bad" : "told good";
+    const { problems } = draft;
+    showProblems(draft);
+    this.list.replaceChildren();
+    for (const { at, text } of problems) {
+      const line = make(this.list, "li", { class: "told bad" });
+      if (at) button(line, at.startsWith("mark") ? text : `${at}: ${text}`, () => this.lead(at), { class: "link" });
+      else line.textContent = text;
+    }
+    this.state.className = problems.length ? "told bad" : "told good";
     const saved = draft.version && !draft.changed;
-    this.state.textContent = draft.error ? `Missing or wrong: ${draft.error}` : saved ? `${draft.file} is saved.` : "Complete; not saved yet.";
-    for (const act of [this.save, this.check, this.run, this.make]) act.disabled = Boolean(draft.error);
+    this.state.textContent = problems.length ? "Still to be given:" : draft.text === undefined ? "" : saved ? `${draft.file} is saved.` : "Complete; not saved yet.";
+    for (const act of [this.save, this.check, this.run, this.make]) act.disabled = problems.length > 0 || draft.text === undefined;
+  }
+
+  // Show the field of a problem.
+  lead(at) {
+    const field = fieldOf(at);
+    if (!field) return;
+    this.showPanel(field.closest("[role=tabpanel]").id);
+    field.focus();
+    field.scrollIntoView({ block: "center" });
   }
 
   async attempt(act) {
@@ -244,6 +277,7 @@ export class TrialPanel {
     const { draft } = this;
     return this.attempt(async () => {
       const told = await tell("save", { doc: this.doc, draft: draft.plain, file: draft.file, version: draft.version });
+      sessionStorage.removeItem(draft.key);
       Object.assign(draft, { file: told.file, version: told.version, changed: false });
       // From now on this page is the trial's: another one that opens the log alone does not touch it.
       if (told.doc !== this.doc) { history.replaceState(null, "", `?doc=${told.doc}`); this.doc = draft.doc = told.doc; }

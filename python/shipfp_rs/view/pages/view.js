@@ -2,7 +2,7 @@
 
 import { Row, LEFT, RIGHT } from "./draw.js";
 import { Tiles, levelFor, tilesOf, FACTOR } from "./tiles.js";
-import { clock, day, niceTime, short } from "./tools.js";
+import { ask, clock, day, niceTime, short } from "./tools.js";
 
 const LEAST_SAMPLES = 4;
 const IDLE_MS = 80;
@@ -183,6 +183,20 @@ export class View extends EventTarget {
     this.settled = performance.now();
     this.settling.splice(0).forEach((resolve) => resolve(this.settled));
     if (!this.turn) this.lookAhead();
+    clearTimeout(this.asking);
+    this.asking = setTimeout(() => this.askRates(), IDLE_MS);
+  }
+
+  // The rate of each train whose pulses are too many to be told apart.
+  async askRates() {
+    const { from, to } = this, shown = `${from} ${to}`;
+    for (const row of this.visible().filter((one) => one.train && one.asked !== shown)) {
+      row.asked = shown;
+      const told = await ask("pulses", { doc: this.tiles.doc, series: row.series[0].index, from, to }).catch(() => null);
+      if (from !== this.from || to !== this.to) return;
+      row.rate = row.train && told?.time.length ? told : null;
+      this.later();
+    }
   }
 
   // Resolves when what is shown is drawn from its own tiles.
