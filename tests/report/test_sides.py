@@ -129,8 +129,9 @@ def test_an_engine_that_is_not_described_is_not_said_to_lack_excitation(page) ->
 def test_a_reason_that_several_parameters_share_is_told_once(page) -> None:
     table = page[page.index('id="parameters"') : page.index("What the symbols mean")]
     assert table.count("engine and governor are not described") == 1
-    assert "g, vK_p, vK_i, T_d, T_set, tau_act: engine and governor are not described" in table
-    assert table.count(">not identifiable</td>") == 7
+    names = re.search(r"(g, vK_p[^:<]*): engine and governor are not described", table)[1].split(", ")
+    assert {"vK_i", "T_d", "T_set", "tau_act"} <= set(names)
+    assert table.count(">not identifiable</td>") == len(names)
 
 
 def test_measured_load_steps_are_a_table() -> None:

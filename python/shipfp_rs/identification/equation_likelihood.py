@@ -684,7 +684,7 @@ class EquationLikelihood(Likelihood):
         return replace(found, waters=tuple(waters))
 
     def own_total(self, vector: Array) -> float:
-        """Deviance under the likelihood's noise, with its log determinant; what water tells counts beyond its expectation."""
+        """Deviance under the likelihood's noise, with its log determinant; water counts beyond its expectation."""
         return super().own_total(vector) - sum(2 * len(water.s) for water in self.waters if water is not None)
 
 
