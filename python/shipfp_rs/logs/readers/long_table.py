@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
 from functools import partial
+from itertools import combinations, product
 from pathlib import Path
 from typing import Any
 
@@ -24,75 +25,194 @@ from shipfp_rs.logs.faults.record import Fault
 from shipfp_rs.logs.formats import one_line_errors
 from shipfp_rs.logs.log import Log
 from shipfp_rs.logs.readers.columns import tell_left_out
-from shipfp_rs.logs.readers.time_cells import EPOCH, TimePlan, plain
+from shipfp_rs.logs.readers.time_cells import EPOCH, TimePlan, split_unit
 from shipfp_rs.logs.time_axis import TimeAxis, time_axis
-from shipfp_rs.support.units import told
-
-NAMES_TEXT = """
-name tag tagname tagid signal signalname channel channelname variable variablename parameter point
-pointname bezeichnung kanal kanalname naam signaal variabele nom nombre señal nome segnale nazwa
-sygnał navn namn nimi имя сигнал
-"""
-NAMES = frozenset(NAMES_TEXT.split())
-VALUES_TEXT = "value val wert messwert waarde valeur valor valore wartość verdi værdi värde arvo значение"
-VALUES = frozenset(VALUES_TEXT.split())
-UNITS_TEXT = "unit units einheit eenheid unité unidad unità unidade jednostka enhet enhed yksikkö единица"
-UNITS = frozenset(UNITS_TEXT.split())
-"""Column names for signal names, values and units, in lower case without punctuation."""
+from shipfp_rs.support.arrays import Array
+from shipfp_rs.support.units import is_unit, told
 
 Fields = Mapping[str, tuple[pa.Field, dict[str, Any]]]
+Batches = Callable[[str, int, int], Iterator[pa.Array]]
+EVEN = 0.1
+"""Largest deviation of an even step from the median step, as a fraction of it."""
 
 
-def long_columns(fields: Fields) -> tuple[str, str, str | None] | None:
-    """Fields of names, values and units (None without units); None if the table has no names or no values."""
+@dataclass(frozen=True)
+class LongTable:
+    """Rows of a long table: times, the code of each row's name, numbers, and the name and unit of each code."""
 
-    def first(words: frozenset[str], is_kind: Callable[[pa.DataType], bool]) -> str | None:
-        found = (
-            field.name for name, (field, _) in fields.items() if plain(name) in words and is_kind(field.type)
-        )
-        return next(found, None)
-
-    names = first(NAMES, pa.types.is_string)
-    values = first(VALUES, lambda kind: pa.types.is_floating(kind) or pa.types.is_integer(kind))
-    return (names, values, first(UNITS, pa.types.is_string)) if names and values else None
+    times: Array
+    codes: npt.NDArray[np.int64]
+    values: Array
+    names: Sequence[str]
+    units: Sequence[str]
 
 
-def log_of_long_table(
-    path: Path,
-    columns: tuple[str, str, str | None],
-    plan: TimePlan,
-    batches: Callable[[str, int, int], Iterator[pa.Array]],
-    rate_hz: float | None,
-) -> Log:
-    """Log with a channel for each name, at the times of its rows; names without a time base are omitted."""
-    names, values, units = columns
+def find_long_table(path: Path, fields: Fields, plan: TimePlan, batches: Batches) -> LongTable | None:
+    """Rows of a table with one value a row; None for other tables.
+
+    Its structure decides. One column of numbers stands beside words or small integers, and these repeat as names of
+    signals do: either names share times that rise within each name, or the names alternate and each has steps at
+    least as even as those of all rows.
+    """
+    numbers = [field for field, facts in fields.values() if _is_value(field.type) and "rate_hz" not in facts]
+    words = [field for field, _ in fields.values() if pa.types.is_string(field.type)]
+    if not 1 <= len(numbers) <= MOST_NUMBERS or (not words and len(numbers) < 2):
+        return None
+
+    def whole(key: str) -> pa.Array:
+        return pa.chunked_array([*batches(key, 0, BLOCK)]).combine_chunks()
+
     with one_line_errors(path):
-        whole = {key: pa.chunked_array(list(batches(key, 0, BLOCK))) for key in columns if key}
         times = np.concatenate(list(plan.seconds(path, lambda key: batches(key, 0, BLOCK))))
-    numbers = np.asarray(whole[values].to_numpy(), dtype=np.float64)
-    coded = whole[names].combine_chunks().dictionary_encode()
-    codes = np.asarray(coded.indices.fill_null(-1).to_numpy(zero_copy_only=False))
+        columns = {field.name: whole(field.name) for field in (*numbers, *words)}
+    coded = {key: _coded(cells) for key, cells in columns.items()}
+    floats = [field.name for field in numbers if pa.types.is_floating(field.type)]
+    texts = sorted((field.name for field in words), key=lambda key: -len(coded[key][1]))
+    candidates = [*((key,) for key in texts), *combinations(texts, 2)]
+    candidates += [
+        (field.name,)
+        for field, facts in fields.values()
+        if field in numbers and pa.types.is_integer(field.type) and not facts["unit"]
+    ]
+    for rising, keys in product((True, False), candidates):
+        codes = _joined([coded[key][0] for key in keys])
+        rest = [field.name for field in numbers if field.name not in keys]
+        rest = [key for key in rest if len(rest) == 1 or not _follows(coded[key][0], codes)]
+        rest = [key for key in rest if key in floats] or rest
+        if len(rest) != 1:
+            continue
+        values = np.asarray(columns[rest[0]].to_numpy(zero_copy_only=False), dtype=np.float64)
+        worded = pa.types.is_string(columns[keys[0]].type)
+        if not _are_names(times, codes, values, worded=worded, rising=rising):
+            continue
+        rows = np.unique(codes, return_index=True)[1]
+        rows = rows[codes[rows] >= 0]
+        own_names = [" ".join(_name(key, columns[key][int(row)]) for key in keys) for row in rows]
+        split = [split_unit(text) for text in own_names]
+        if len({name for name, _ in split}) < len(split):  # names that differ only in their unit
+            split = [(text, split_unit(text)[1]) for text in own_names]
+        beside = next(
+            (f.name for f in words if f.name not in keys and _are_units(*coded[f.name], codes)), None
+        )
+        units = [str(columns[beside][int(row)].as_py() or "") if beside else "" for row in rows]
+        return LongTable(
+            times,
+            codes,
+            values,
+            [name for name, _ in split],
+            [told(unit) or own for unit, (_, own) in zip(units, split, strict=True)],
+        )
+    return None
+
+
+MOST_NUMBERS = 4
+"""Most columns of numbers in a long table: value, name, quality and row number."""
+
+
+def _is_value(kind: pa.DataType) -> bool:
+    return bool(pa.types.is_floating(kind) or pa.types.is_integer(kind))
+
+
+def _name(key: str, cell: pa.Scalar) -> str:
+    value = cell.as_py()
+    return value if isinstance(value, str) else f"{key} {value}"
+
+
+def _coded(cells: pa.Array) -> tuple[npt.NDArray[np.int64], list[Any]]:
+    """Code of each cell in order of appearance, -1 for an empty one, and the cell of each code."""
+    told = cells.dictionary_encode()
+    codes = np.asarray(told.indices.fill_null(-1).to_numpy(zero_copy_only=False), dtype=np.int64)
+    return codes, told.dictionary.to_pylist()
+
+
+def _joined(codes: Sequence[npt.NDArray[np.int64]]) -> npt.NDArray[np.int64]:
+    """One code for each combination in order of appearance; -1 where a part is empty."""
+    if len(codes) == 1:
+        return codes[0]
+    _, first, each = np.unique(np.column_stack(codes), axis=0, return_index=True, return_inverse=True)
+    known = np.all([part >= 0 for part in codes], axis=0)
+    places = np.argsort(np.argsort(np.where(known[first], first, len(known))))
+    return np.asarray(np.where(known, places[each.reshape(-1)], -1))
+
+
+def _follows(own: npt.NDArray[np.int64], names: npt.NDArray[np.int64]) -> bool:
+    """Whether a column has one value for each name, or one throughout."""
+    pairs = np.unique(np.column_stack([names, own])[own >= 0], axis=0)
+    return len(np.unique(pairs[:, 0])) == len(pairs)
+
+
+def _are_units(own: npt.NDArray[np.int64], words: list[str], names: npt.NDArray[np.int64]) -> bool:
+    return bool(words) and _follows(own, names) and 2 * sum(map(is_unit, words)) >= len(words)
+
+
+def _are_names(
+    times: Array, codes: npt.NDArray[np.int64], values: Array, *, worded: bool, rising: bool
+) -> bool:
+    """Whether codes name signals: by the times of their rows; of integers by the values, too.
+
+    With `rising`, only names whose own times rise.
+    """
+    known = np.isfinite(times) & np.isfinite(values) & (codes >= 0)
+    times, codes, values = times[known], codes[known], values[known]
+    count = len(np.unique(codes))
+    if not 1 < count <= len(codes) // 2:
+        return False
+    changed = np.diff(codes) != 0
+    order = np.lexsort((np.arange(len(codes)), codes))
+    order = order[_is_new(times, codes, values, order)]
+    inside = np.diff(codes[order]) == 0
+    if not inside.any() or not (worded or np.diff(values[order])[inside].any()):
+        return False
+    steps, own = np.diff(times), np.diff(times[order])[inside]
+    across, within = np.abs(np.diff(values))[changed], np.abs(np.diff(values[order]))[inside]
+    finer = float(np.median(within)) / max(float(np.median(across)) if len(across) else 0.0, 1e-300)
+    shared = int(np.count_nonzero((steps <= 0.0) & changed))
+    if 20 * np.count_nonzero(own <= 0.0) > len(own) and (rising or not worded):
+        return False
+    if shared >= count - 1 and rising:
+        return worded or finer < 2.0
+    each, ends = np.unique(codes[order][1:][inside], return_inverse=True)
+    middle = np.array([np.median(own[ends == k]) for k in range(len(each))])[ends]
+    uneven = np.abs(own - middle) > EVEN * middle
+    mixed = np.abs(steps - np.median(steps)) > EVEN * np.median(steps)
+    gained = int(np.count_nonzero(mixed)) - int(np.count_nonzero(uneven))
+    often = 2 * np.count_nonzero(changed) >= len(changed) and -4 * gained <= len(steps)
+    return bool((gained >= count or often) and (worded or finer < 0.5))
+
+
+def _is_new(
+    times: Array, codes: npt.NDArray[np.int64], values: Array, order: npt.NDArray[np.intp]
+) -> npt.NDArray[np.bool_]:
+    """Whether each row differs from the row before it in `order`: a logger may write each row twice."""
+    same = [np.diff(each[order]) == 0 for each in (times, codes, values)]
+    return np.append(True, ~np.logical_and.reduce(same))
+
+
+def log_of_long_table(path: Path, table: LongTable, plan: TimePlan, rate_hz: float | None) -> Log:
+    """Log with a channel for each name, at the times of its rows; names without a time base are omitted."""
     channels: list[Channel] = []
     held: dict[str, Blocks] = {}
     axes: list[TimeAxis] = []
     lost: list[str] = []
-    for code, name in enumerate(coded.dictionary.to_pylist()):
-        rows = np.flatnonzero((codes == code) & np.isfinite(numbers) & np.isfinite(times))
-        rows = rows[np.argsort(times[rows], kind="stable")]
+    present = np.unique(table.codes[table.codes >= 0])
+    for code, name, unit in zip(present.tolist(), table.names, table.units, strict=True):
+        rows = np.flatnonzero((table.codes == code) & np.isfinite(table.values) & np.isfinite(table.times))
+        rows = rows[np.argsort(table.times[rows], kind="stable")]
+        rows = rows[_is_new(table.times, table.codes, table.values, rows)]
+        times = table.times[rows]
         try:
-            axis = time_axis(path, f"{plan.name} of {name}", partial(iter, (times[rows],)), rate_hz=rate_hz)
+            axis = time_axis(path, f"{plan.name} of {name}", partial(iter, (times,)), rate_hz=rate_hz)
         except InputError:
             lost.append(name)
             continue
-        unit = whole[units][int(rows[0])].as_py() if units else None
-        channels.append(Channel(name, told(unit or ""), axis.rate_hz, axis.samples, axis.start_s))
-        held[name] = axis.on_grid(blocks_of({name: numbers[rows]}))
+        channels.append(Channel(name, unit, axis.rate_hz, axis.samples, axis.start_s))
+        held[name] = axis.on_grid(blocks_of({name: table.values[rows]}))
         axes.append(axis)
     tell_left_out(path, "no time base in rows of their own", lost, all_of_them=not channels)
     for axis in axes:
         axis.tell(path)
     faults = tuple(fault for axis in axes for fault in axis.faults)
-    notes = (f"one value a row, a channel for each {names!r}", *filter(None, (plan.note,)))
+    notes = ("one value a row, a channel for each name", *filter(None, (plan.note,)))
     return Log(
         str(path), channels, lambda name, *rows: held[name](name, *rows), plan.zero, faults, notes=notes
     )

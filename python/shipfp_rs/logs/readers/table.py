@@ -21,7 +21,7 @@ from shipfp_rs.logs.channel import BLOCK, Blocks, Channel, Samples
 from shipfp_rs.logs.formats import one_line_errors
 from shipfp_rs.logs.log import Log
 from shipfp_rs.logs.readers.columns import tell_left_out
-from shipfp_rs.logs.readers.long_table import log_of_long_table, long_columns
+from shipfp_rs.logs.readers.long_table import find_long_table, log_of_long_table
 from shipfp_rs.logs.readers.time_cells import (
     TimePlan,
     is_date,
@@ -76,8 +76,8 @@ def log_of_table(
     plans = find_plans(path, fields, rows, batches, options)
     times = {key for plan in plans for key in plan.keys}
     fields = {name: entry for name, entry in fields.items() if entry[0].name not in times}
-    if len(plans) == 1 and (long := long_columns(fields)):
-        return log_of_long_table(path, long, plans[0], batches, rate_hz)
+    if len(plans) == 1 and (long := find_long_table(path, fields, plans[0], batches)):
+        return log_of_long_table(path, long, plans[0], rate_hz)
     same = _same_rows(batches, [field.name for field, _ in fields.values() if _is_number(field.type)])
     apart: dict[str, tuple[TimeAxis, Blocks] | None] = {}
     if len(plans) == 1 and rate_hz is None:
