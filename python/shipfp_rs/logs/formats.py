@@ -32,7 +32,10 @@ MODULES = {suffix: module for module, suffixes in SUFFIXES.items() for suffix in
 
 FORMATS: tuple[tuple[re.Pattern[bytes], str], ...] = (
     (re.compile(rb"\s*date [A-Za-z0-9 :.]+\r?\n\s*base (?:hex|dec)", re.IGNORECASE), "can_file"),
-    (re.compile(rb"\s*\(\d+\.\d+\)\s+\w*can\w*\s+[0-9A-Fa-f]+#"), "can_file"),
+    (
+        re.compile(rb"\s*\([\d.: -]+\)\s+\S+\s+(?:[RT]X[ \-BE]+)?[0-9A-Fa-f]{3,8}(?:#|\s+\[\d+\])"),
+        "can_file",
+    ),
     (
         re.compile(rb"\s*(?:#.*\n)*\s*\d{4}-\d\d-\d\d[T-]\d\d:\d\d:[\d.]+Z?,\d,\d{4,6}(?:,\d{1,3}){3},"),
         "nmea2000",

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import io
+import re
+from itertools import accumulate
 from pathlib import Path
 from typing import Any
 
@@ -11,16 +14,22 @@ from shipfp_rs.errors import InputError
 from shipfp_rs.logs.log import Log, register_reader
 from shipfp_rs.logs.readers.can_signals import Frames, log_of_frames
 from shipfp_rs.logs.readers.child_process import in_child
+from shipfp_rs.logs.readers.long_table import seconds_since_1970
 
-WIDEST = 64
-"""Bytes of the longest CAN FD frame."""
+CONSOLE = re.compile(
+    r"\s*\((?P<time>[^)]+)\)\s+(?P<bus>\S+)(?:\s+[RT]X\b[ \-BE]*)?\s+(?P<id>[0-9A-Fa-f]{3,8})"
+    r"\s+\[\d+\]\s+(?P<data>(?:[0-9A-Fa-f]{2}\s+)+)"
+)
+"""A frame as candump prints it on a console."""
+STAMP = re.compile(r"\s*(\d+\.\d+)(?=\s)")
+"""Time of a line of Vector ASC."""
 
 
 @register_reader(".blf", ".trc", takes=("names",))
 @in_child("can", extra="can")
 def open_can(path: Path, rate_hz: float | None, names: str | None = None) -> Log:
     """Open a log of frames; each signal of the DBC, or of J1939's engine messages, becomes a channel."""
-    times, identifiers, extended, payloads = [], [], [], []
+    times, identifiers, extended, payloads, buses = [], [], [], [], []
     for message in _reader(path):
         if message.is_error_frame or message.is_remote_frame:
             continue
@@ -28,6 +37,7 @@ def open_can(path: Path, rate_hz: float | None, names: str | None = None) -> Log
         identifiers.append(message.arbitration_id)
         extended.append(message.is_extended_id)
         payloads.append(bytes(message.data))
+        buses.append(str(message.channel))
     width = max(8, max(map(len, payloads), default=0))
     data = np.frombuffer(b"".join(part.ljust(width, b"\0") for part in payloads), dtype=np.uint8)
     frames = Frames(
@@ -36,6 +46,7 @@ def open_can(path: Path, rate_hz: float | None, names: str | None = None) -> Log
         np.array(extended, dtype=np.bool_),
         data.reshape(-1, width),
         np.array([len(part) for part in payloads], dtype=np.int64),
+        np.array(buses, dtype=np.str_),
     )
     return log_of_frames(path, frames, names)
 
@@ -49,10 +60,45 @@ def _reader(path: Path) -> Any:
         return can.BLFReader(path)
     if begin.lstrip().startswith(b";$FILEVERSION") or path.suffix.lower() == ".trc":
         return can.TRCReader(path)
+    text = path.read_text(encoding="utf-8", errors="replace")
     if begin.lstrip()[:4].lower() == b"date":
-        return can.ASCReader(path, relative_timestamp=False)
+        return can.ASCReader(io.StringIO(_absolute(text)), relative_timestamp=False)
     if begin.lstrip().startswith(b"("):
-        return can.CanutilsLogReader(path)
+        return can.CanutilsLogReader(io.StringIO(_logged(path, text)))
     raise InputError(
         f"{path}: not a CAN log of a supported format: expected BLF, Vector ASC, PEAK TRC or candump"
     )
+
+
+def _absolute(text: str) -> str:
+    """Text of Vector ASC whose times count from its start, also if each counts from the line before."""
+    lines = text.splitlines()
+    if not any(re.match(r"base\s+\w+\s+timestamps\s+relative", line.strip()) for line in lines[:5]):
+        return text
+    stamps = [STAMP.match(line) for line in lines]
+    times = accumulate(float(stamp[1]) if stamp else 0.0 for stamp in stamps)
+    return "\n".join(
+        f"{time:.6f}{line[stamp.end() :]}" if stamp else line
+        for line, stamp, time in zip(lines, stamps, times, strict=True)
+    )
+
+
+def _logged(path: Path, text: str) -> str:
+    """Text of candump as it logs frames, also if it was printed on a console."""
+    lines = text.splitlines()
+    shown = [CONSOLE.match(f"{line} ") for line in lines]
+    if not any(shown[:20]):
+        return text
+    try:
+        times = [_seconds(each["time"]) for each in shown if each]
+    except ValueError as error:
+        raise InputError(f"{path}: {error}, expected seconds or a date with a time (candump -tA)") from None
+    frames = [each for each in shown if each]
+    return "\n".join(
+        f"({time:.6f}) {each['bus']} {each['id']}#{'#0' * (len(each['data'].split()) > 8)}{''.join(each['data'].split())}"
+        for time, each in zip(times, frames, strict=True)
+    )
+
+
+def _seconds(stamp: str) -> float:
+    return float(stamp) if re.fullmatch(r"[\d.]+", stamp) else seconds_since_1970(stamp)

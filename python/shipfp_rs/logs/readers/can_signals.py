@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any
@@ -24,6 +23,8 @@ SPECIAL = 0xFB
 """J1939 numbers whose highest byte is at least this are codes without a value: parameter specific, reserved, error, not
 available.
 """
+ECHO_S = 5e-3
+"""Longest time between a frame and its echo on another interface."""
 EPOCH_S = 9.4e8
 """Time stamps above this are seconds since 1970."""
 
@@ -37,6 +38,12 @@ class Frames:
     extended: npt.NDArray[np.bool_]
     data: npt.NDArray[np.uint8]
     length: npt.NDArray[np.int64]
+    bus: npt.NDArray[np.str_]
+    """Interface or channel of the bus."""
+
+    def take(self, rows: npt.NDArray[np.intp]) -> Frames:
+        """Frames of some rows."""
+        return Frames(*(getattr(self, each.name)[rows] for each in fields(self)))
 
 
 @dataclass(frozen=True)
@@ -128,10 +135,22 @@ def _percent(name: str, byte: int) -> Signal:
     return Signal(name, "%", 8 * (byte - 1), 8, 1.0, -125.0)
 
 
+def _requests(signals: Sequence[Signal]) -> Iterator[Signal]:
+    """Signals of TSC1, each where the override asks for it: control of speed (1), of torque (2), or their limits (3)."""
+    mode = Signal("EngOverrideCtrlMode", "", 0, 2)
+    for signal in signals:
+        asked = {(8, 16): 1, (24, 8): 2}.get((signal.start, signal.length))
+        if asked is None or signal.selector is not None:
+            yield signal
+        else:
+            yield replace(signal, selector=mode, selected=(asked,))
+            yield replace(signal, name=f"{signal.name}Limit", selector=mode, selected=(3,))
+
+
 J1939 = (
-    Message("TSC1", 0x0C000000, True, True, (
+    Message("TSC1", 0x0C000000, True, True, tuple(_requests((
         Signal("EngRequestedSpeed", "rpm", 8, 16, 0.125), _percent("EngRequestedTorque", 4),
-    )),
+    )))),
     Message("EEC1", 0x0CF00400, True, True, (
         _percent("DriversDemandEngPercentTorque", 2), _percent("ActualEngPercentTorque", 3),
         Signal("EngSpeed", "rpm", 24, 16, 0.125), _percent("EngDemandPercentTorque", 8),
@@ -173,9 +192,12 @@ def messages_of(path: Path, names: str | None) -> tuple[Message, ...]:
     found = []
     for each in definitions:
         j1939 = bool(each.is_extended_frame and (all_j1939 or each.protocol == "j1939"))
-        found.append(
-            Message(each.name, each.frame_id, bool(each.is_extended_frame), j1939, tuple(_signals(each)))
+        message = Message(
+            each.name, each.frame_id, bool(each.is_extended_frame), j1939, tuple(_signals(each))
         )
+        if message.key == J1939[0].key:
+            message = replace(message, signals=tuple(_requests(message.signals)))
+        found.append(message)
     return tuple(found)
 
 
@@ -206,15 +228,12 @@ def _signal(signal: Any) -> Signal:
 def log_of_frames(path: Path, frames: Frames, names: str | None, zero: datetime | None = None) -> Log:
     """Signals of a bus as channels, each on an even grid at the rate of its message; the resolution is one bit.
 
-    A signal name shared by several messages or senders gets the message and the sender as a prefix.
+    A signal name shared by several buses, messages or senders gets those that tell it apart as a prefix.
     """
     messages = messages_of(path, names)
     if not len(frames.time_s):
         raise InputError(f"{path}: no frames in it")
-    order = np.argsort(frames.time_s, kind="stable")
-    frames = Frames(
-        *(getattr(frames, name)[order] for name in ("time_s", "identifier", "extended", "data", "length"))
-    )
+    frames = frames.take(np.argsort(frames.time_s, kind="stable"))
     first = float(frames.time_s[0])
     if zero is None and first > EPOCH_S:
         zero = EPOCH + timedelta(microseconds=round(first * 1e6))
@@ -222,22 +241,18 @@ def log_of_frames(path: Path, frames: Frames, names: str | None, zero: datetime 
     found = list(_found(messages, frames))
     if not found:
         raise InputError(f"{path}: {_nothing(frames, names)}")
-    counts: dict[str, int] = defaultdict(int)
-    for message, _, _ in found:
-        for signal in message.signals:
-            counts[signal.name] += 1
     channels: list[Channel] = []
     held: dict[str, tuple[TimeAxis, Blocks]] = {}
     notes: list[str] = []
     faults: list[Fault] = []
-    for message, sender, rows in found:
-        for signal, own in _rows_of(message, frames, rows):
+    for key, rows in found:
+        for signal, own in _rows_of(key.message, frames, rows):
             if len(own) < 2:
                 continue
-            name = signal.name if counts[signal.name] == 1 else f"{message.name}{sender}.{signal.name}"
+            name = _name(key, signal, [other for other, _ in found])
             if name in held:
                 continue
-            samples = signal.values(frames.data[own], j1939=message.j1939)
+            samples = signal.values(frames.data[own], j1939=key.message.j1939)
             if not np.isfinite(samples).any():
                 continue
             axis = own_axis(path, name, time[own], notes, faults)
@@ -249,7 +264,7 @@ def log_of_frames(path: Path, frames: Frames, names: str | None, zero: datetime 
             held[name] = (axis, axis.on_grid(blocks_of({name: samples})))
     if not channels:
         raise InputError(
-            f"{path}: {', '.join(m.name for m, _, _ in found)} have only the value 'not available'"
+            f"{path}: {', '.join(key.message.name for key, _ in found)} have only the value 'not available'"
         )
     by = (
         f"DBC {Path(names).name}"
@@ -264,23 +279,62 @@ def log_of_frames(path: Path, frames: Frames, names: str | None, zero: datetime 
     return Log(str(path), channels, blocks, zero, tuple(faults), told)
 
 
-def _found(
-    messages: Sequence[Message], frames: Frames
-) -> Iterator[tuple[Message, str, npt.NDArray[np.intp]]]:
-    """Yield each message on the bus, its sender if several send it, and the indices of its frames."""
-    by_key = {message.key: message for message in messages}
+@dataclass(frozen=True)
+class Key:
+    """What tells a message apart: bus, message, source address, and destination of a group that has one; -1 without."""
+
+    bus: str
+    message: Message
+    source: int = -1
+    destination: int = -1
+
+
+def _name(key: Key, signal: Signal, others: Sequence[Key]) -> str:
+    """Name of a signal, after those parts of its key in which others with a signal of this name differ."""
+    alike = [other for other in others if any(own.name == signal.name for own in other.message.signals)]
+    own = [other for other in alike if other.message.key == key.message.key]
+    parts = [key.message.name if len({other.message.key for other in alike}) > 1 or len(own) > 1 else ""]
+    parts += [f"@{key.source}" if len({other.source for other in own}) > 1 else ""]
+    parts += [f">{key.destination}" if len({other.destination for other in own}) > 1 else ""]
+    if not any(parts[1:]) and len({other.message.key for other in alike}) == 1:
+        parts = []
+    buses = f"{key.bus}." if len({other.bus for other in alike}) > 1 else ""
+    return f"{buses}{''.join(parts)}.{signal.name}" if any(parts) else f"{buses}{signal.name}"
+
+
+def _found(messages: Sequence[Message], frames: Frames) -> list[tuple[Key, npt.NDArray[np.intp]]]:
+    """Each message on each bus, by its source and destination, with the indices of its frames.
+
+    A bus that was heard twice counts once: its frames have the same bytes at nearly the same times.
+    """
+    found: list[tuple[Key, npt.NDArray[np.intp]]] = []
     groups = parameter_group(frames.identifier)
-    for (kind, number), message in by_key.items():
+    for (kind, number), message in {message.key: message for message in messages}.items():
         if kind == "pgn":
             own = np.flatnonzero(frames.extended & (groups == number))
-            senders = np.unique(frames.identifier[own] & 0xFF)
-            for sender in senders.tolist():
-                rows = own[(frames.identifier[own] & 0xFF) == sender]
-                yield message, f"@{sender}" if len(senders) > 1 else "", rows
+            keys = np.where(number >> 8 & 0xFF < 240, frames.identifier & 0xFFFF, frames.identifier & 0xFF)
         else:
             own = np.flatnonzero((frames.extended == (kind == "extended")) & (frames.identifier == number))
-            if len(own):
-                yield message, "", own
+            keys = np.zeros(len(groups), np.uint32)
+        for key in np.unique(keys[own]).tolist():
+            heard: list[npt.NDArray[np.intp]] = []
+            for bus in np.unique(frames.bus[own]).tolist():
+                rows = own[(keys[own] == key) & (frames.bus[own] == bus)]
+                if not len(rows) or any(_is_echo(frames.take(rows), frames.take(other)) for other in heard):
+                    continue
+                heard.append(rows)
+                address = (key & 0xFF, key >> 8) if kind == "pgn" else ()
+                found.append((Key(bus, message, *address), rows))
+    return found
+
+
+def _is_echo(frames: Frames, others: Frames) -> bool:
+    """Whether nearly all frames are those of another bus, at nearly the same times."""
+    after = np.clip(np.searchsorted(others.time_s, frames.time_s), 1, len(others.time_s) - 1)
+    before = frames.time_s - others.time_s[after - 1] < others.time_s[after] - frames.time_s
+    nearest = others.take(after - before)
+    same = (nearest.data == frames.data).all(axis=1) & (np.abs(nearest.time_s - frames.time_s) < ECHO_S)
+    return bool(np.mean(same) > 0.95)
 
 
 def _rows_of(

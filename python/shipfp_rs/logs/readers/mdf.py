@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator
+from dataclasses import fields
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -109,6 +110,8 @@ def _frames(file: Any) -> Frames | None:
         data = np.asarray(data, dtype=np.uint8).reshape(len(identifier), -1)
         length = read("DataLength")
         length = np.full(len(data), data.shape[1]) if length is None else np.asarray(length)
+        bus = read("BusChannel")
+        bus = np.full(len(data), group.channel_group.acq_name or "") if bus is None else np.asarray(bus)
         wide = np.zeros((len(data), 64), dtype=np.uint8)
         wide[:, : data.shape[1]] = data
         parts.append(
@@ -118,12 +121,12 @@ def _frames(file: Any) -> Frames | None:
                 np.asarray(extended, dtype=np.bool_),
                 wide,
                 length.astype(np.int64),
+                bus.astype(np.str_),
             )
         )
     if not parts:
         return None
-    fields = ("time_s", "identifier", "extended", "data", "length")
-    return Frames(*(np.concatenate([getattr(part, name) for part in parts]) for name in fields))
+    return Frames(*(np.concatenate([getattr(part, each.name) for part in parts]) for each in fields(Frames)))
 
 
 def _group_axis(path: Path, file: Any, number: int, count: int, rate_hz: float | None) -> TimeAxis:
