@@ -107,7 +107,7 @@ def time_axis(
         If the times do not increase, apart from single jumps.
     """
     scan = ClockScan()
-    for part in times():
+    for part in _ended(times()):
         scan.feed(part)
     try:
         clock = scan.finish(str(path), column, same, trusted=rate_hz is None)
@@ -117,6 +117,18 @@ def time_axis(
         told = InputError(f"{path}: time column {column!r} is not uniform: its rate changes by and by")
         return _uneven(path, column, np.concatenate(list(times())), told, same, changes)
     return _even(clock, rate_hz)
+
+
+def _ended(times: Iterable[Array]) -> Iterator[Array]:
+    """Times without the empty cells at the end of a column that is shorter than its table."""
+    empty: list[Array] = []
+    for part in times:
+        count = int(np.max(np.flatnonzero(np.isfinite(part)), initial=-1)) + 1
+        if count:
+            yield from empty
+            yield part[:count]
+            empty = []
+        empty.append(part[count:])
 
 
 def _even(clock: Clock, rate_hz: float | None) -> TimeAxis:

@@ -21,7 +21,7 @@ import numpy.typing as npt
 from shipfp_rs.errors import InputError, LogWarning
 from shipfp_rs.logs.channel import BLOCK, Blocks, Channel, Samples, in_blocks
 from shipfp_rs.logs.log import Log
-from shipfp_rs.logs.readers.time_cells import TimePlan, is_time, split_bracketed, stated_rate
+from shipfp_rs.logs.readers.time_cells import TimePlan, is_time, split_bracketed, stated_rate, timed_by
 from shipfp_rs.logs.readers.time_column import SAMPLE_ROWS, Column, find_time
 from shipfp_rs.logs.time_axis import TimeAxis, time_axis
 
@@ -115,14 +115,22 @@ def column_names(count: int, beside: Mapping[str, Sequence[str]], base: str) -> 
     return [str(word).strip() or f"{base} {k + 1}" for k, word in enumerate(chosen)]
 
 
+def named_time(row: Row, rows: Mapping[str, Row]) -> str:
+    """Key of the times named after a row; "" without."""
+    fits = (key for key in rows if row.name.lower() in timed_by(key) and rows[key].length == row.length)
+    return next(fits, "")
+
+
 def time_of(
     path: Path, row: Row, rows: Mapping[str, Row], scalars: Sequence[tuple[str, Any]], rate_hz: float | None
 ) -> tuple[str, float | None]:
     """Return the key of the times that belong to a row, or "" and the sample rate if a rate is stated instead of times.
 
-    The nearest times are used: those in the row's struct, else in a neighbouring struct with nothing but times, else in
-    the enclosing struct. Ambiguous times are ignored.
+    The nearest times are used: those named after the row, else those in the row's struct, else in a neighbouring
+    struct with nothing but times, else in the enclosing struct. Ambiguous times are ignored.
     """
+    if named := named_time(row, rows):
+        return named, None
     times = {key for key in rows if is_time(split_bracketed(_last(key))[0])}
     plain = {posixpath.dirname(key) for key in rows if key not in times}
     above = row.name  # start with the fields of the row itself, which may be a struct of one channel

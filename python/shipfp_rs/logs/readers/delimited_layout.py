@@ -283,7 +283,7 @@ def _headings(above: list[list[str]], width: int) -> tuple[tuple[str, ...], tupl
     if at is not None and (len(full) > 1 or _is_bracketed(full[at])):
         own = [_bare(cell) for cell in full[at]]
         full = full[:at] or full[at + 1 :]
-    names = full[-1] if full else [""] * width
+    names = _in_pairs(above, width) or (full[-1] if full else [""] * width)
     names = [label or name for label, name in zip(_line_of(NAME_LINES, above, width), names, strict=True)]
     own = [unit or cell for unit, cell in zip(_line_of(UNIT_LINES, above, width), own, strict=True)]
     split = [split_unit(name or f"column {k + 1}") for k, name in enumerate(names)]
@@ -292,6 +292,19 @@ def _headings(above: list[list[str]], width: int) -> tuple[tuple[str, ...], tupl
         for unit, (name, inner) in zip(own, split, strict=True)
     ]
     return tuple(_unique([name for name, _ in split])), tuple(map(units.told, both)), any(names)
+
+
+def _in_pairs(above: list[list[str]], width: int) -> list[str]:
+    """Names of pairs of columns, time and values, below lines of pairs of a key and its value; empty for other headers.
+
+    The first such line has the names; a step in brackets, "SampleTime[ms];1", tells the unit of the times.
+    """
+    lines = [row for row in above if len(row) == width > 3 and row[0] and len(set(row[::2])) == 1]
+    if width % 2 or len(lines) < 2 or len(set(lines[0][1::2])) < width // 2:
+        return []
+    steps = (split_unit(row[0]) for row in lines)
+    unit = next((f" [{unit}]" for name, unit in steps if unit.lower() in SECONDS and unit), "")
+    return [cell for name in lines[0][1::2] for cell in (f"time{unit}", name)]
 
 
 def _line_of(words: frozenset[str], above: list[list[str]], width: int) -> list[str]:

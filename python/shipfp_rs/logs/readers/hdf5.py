@@ -22,11 +22,12 @@ from shipfp_rs.logs.readers.columns import (
     column_names,
     is_table,
     log_of_found,
+    named_time,
     tell_left_out,
     tell_no_time,
     time_of,
 )
-from shipfp_rs.logs.readers.time_cells import is_time, split_bracketed, stated_rate
+from shipfp_rs.logs.readers.time_cells import is_time, split_bracketed, stated_rate, timed_by
 from shipfp_rs.logs.time_axis import TimeAxis
 
 START_NAMES = ("start_utc", "start_time", "wf_start_time")
@@ -54,7 +55,12 @@ def open_hdf5(path: Path, rate_hz: float | None) -> Log:
         raise InputError(f"{path}: {leads_out!r} leads into another file, {OWN}")
     rows, skipped = _find_rows(file)
     scalars = [(posixpath.basename(key), row.dataset[()]) for key, row in rows.items() if row.length == 1]
-    times = {key: row for key, row in rows.items() if is_time(split_bracketed(posixpath.basename(key))[0])}
+    lower = {key.lower() for key in rows}
+    times = {
+        key: row
+        for key, row in rows.items()
+        if is_time(split_bracketed(posixpath.basename(key))[0]) or timed_by(key) & lower
+    }
     bases = {key: Row(key, "", row.length, row.read) for key, row in rows.items()}
     clocks: dict[str, tuple[TimeAxis, datetime | None]] = {}
     timeless: list[Row] = []
@@ -68,9 +74,13 @@ def open_hdf5(path: Path, rate_hz: float | None) -> Log:
         start_s = float(np.asarray(facts.get("start_s", 0.0)).reshape(-1)[0])
         stamp = next((facts[each] for each in START_NAMES if each in facts), None)
         start_utc = None if stamp is None else _instant(path, stamp)
-        rate = rate_hz or stated_rate(facts.items()) or stated_rate(scalars)
+        own = Row(key, "", row.length, row.read)
+        rate = (
+            rate_hz
+            or stated_rate(facts.items())
+            or (None if named_time(own, bases) else stated_rate(scalars))
+        )
         if rate is None:
-            own = Row(key, "", row.length, row.read)
             time, _ = time_of(path, own, bases, (), None)
             if not time:
                 timeless.append(own)

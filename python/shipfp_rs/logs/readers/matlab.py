@@ -29,7 +29,7 @@ from shipfp_rs.logs.readers.columns import (
     time_of,
 )
 from shipfp_rs.logs.readers.hdf5 import open_hdf5
-from shipfp_rs.logs.readers.time_cells import TimePlan, is_time, split_bracketed, split_unit
+from shipfp_rs.logs.readers.time_cells import TimePlan, is_time, split_bracketed, split_unit, timed_by
 from shipfp_rs.logs.time_axis import TimeAxis
 
 
@@ -55,8 +55,10 @@ def open_matlab_5(path: Path, rate_hz: float | None) -> Log:
     clocks: dict[str, tuple[TimeAxis, TimePlan]] = {}
     found: list[Found] = []
     timeless: list[Row] = []
+    names = {name.lower() for name in rows}
     for name, row in rows.items():
-        if is_time(split_bracketed(posixpath.basename(name))[0]) and (row.length > 1 and len(rows) > 1):
+        own = is_time(split_bracketed(posixpath.basename(name))[0]) or timed_by(name) & names
+        if own and row.length > 1 and len(rows) > 1:
             continue
         key, beside = time_of(path, row, rows, plain, None)
         rate = rate_hz or beside

@@ -30,7 +30,7 @@ from shipfp_rs.logs.readers.time_cells import (
     split_unit,
     stated_rate,
 )
-from shipfp_rs.logs.readers.time_column import SAMPLE_ROWS, Column, Wish, find_time
+from shipfp_rs.logs.readers.time_column import SAMPLE_ROWS, Column, Wish, find_time, timed_key
 from shipfp_rs.logs.time_axis import TimeAxis, time_axis
 
 # Arrow imports pandas at its first conversion; an interrupt during this import would look like a missing package.
@@ -75,6 +75,8 @@ def log_of_table(
     fields = _named_fields(path, schema, rows)
     plans = find_plans(path, fields, rows, batches, options)
     times = {key for plan in plans for key in plan.keys}
+    keys = {name: field.name for name, (field, _) in fields.items()}
+    named = [timed_key(plan.keys[0], keys) for plan in plans]
     fields = {name: entry for name, entry in fields.items() if entry[0].name not in times}
     if len(plans) == 1 and (long := find_long_table(path, fields, plans[0], batches)):
         return log_of_long_table(path, long, plans[0], rate_hz)
@@ -119,7 +121,7 @@ def log_of_table(
             rate, begin, count = axis.rate_hz, axis.start_s, axis.samples
             axes.append(axis)
         elif axes and "rate_hz" not in facts:  # a column with its own rate needs no time column
-            place = _time_before(field.name, plans, schema.names)
+            place = _time_before(field.name, plans, schema.names, named)
             axis, own = axes[place], plans[place].zero
             readers[name] = axis.on_grid(blocks)
             later = (own - zero).total_seconds() if own and zero else 0.0
@@ -253,8 +255,12 @@ def _are_changes(batches: Batches, columns: Sequence[str]) -> bool:
     return False
 
 
-def _time_before(column: str, plans: Sequence[TimePlan], order: Sequence[str]) -> int:
-    """Index of the time column that applies to a column: the last one to its left, or the first time column."""
+def _time_before(
+    column: str, plans: Sequence[TimePlan], order: Sequence[str], named: Sequence[str | None]
+) -> int:
+    """Index of the time column of a column: that named after it, the last one to its left, or the first."""
+    if column in named:
+        return named.index(column)
     before = (k for k, plan in enumerate(plans) if order.index(plan.keys[0]) <= order.index(column))
     return max(before, default=0)
 
@@ -269,20 +275,22 @@ def find_plans(
     """Find the time columns; only columns that may be times are read."""
     if not rows:
         return []
-    columns = []
+    columns: list[Column] = []
     first = next(iter(fields), "")
+    names = {name: field.name for name, (field, _) in fields.items()}
     wished = Wish.of(options.time).columns if options.time else ()
     for name, (field, facts) in fields.items():
         asked = name in wished or field.name in wished or name.lower() in {text.lower() for text in wished}
+        of_another = timed_key(field.name, names) is not None
         likely = (
             not wished
             and "rate_hz" not in facts
-            and (is_time_like(field.type, name) or (options.nameless and name == first))
+            and (is_time_like(field.type, name) or of_another or (options.nameless and name == first))
         )
         if asked or likely:
             cells = pa.concat_arrays(_first(batches(field.name, 0, SAMPLE_ROWS)))
-            columns.append(Column(name, facts["unit"], field.name, cells))
-    names = {name: field.name for name, (field, _) in fields.items()}
+            own = f"time ({len(columns) + 1})" if of_another and not wished else name
+            columns.append(Column(own, facts["unit"], field.name, cells))
     return find_time(
         path, columns, names, wish=options.time, european=options.european, nameless=options.nameless
     )

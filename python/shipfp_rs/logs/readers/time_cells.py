@@ -147,6 +147,20 @@ def is_time(name: str) -> bool:
     return plain(counted[1] if counted else name) in WORDS
 
 
+def timed_by(name: str) -> set[str]:
+    """Names of the channel that a column of times may belong to, in lower case: its own without a word for time.
+
+    Examples
+    --------
+    >>> timed_by("Data1_time_U_Pickup"), timed_by("Speed")
+    ({'data1_u_pickup'}, set())
+    """
+    words = re.split(r"[\s_.-]+", name.lower())
+    return {"_".join(words[:k] + words[k + 1 :]) for k, word in enumerate(words) if plain(word) in WORDS} - {
+        ""
+    }
+
+
 def is_date(name: str) -> bool:
     """Whether a column's name means a date."""
     return plain(name) in DATES

@@ -187,10 +187,10 @@ def find_time(
         for c in columns
         if time_cells.is_time(c.name) and is_number(c) and fits_time(c)
     ]
-    groups = _interleaved([plan for plan in numbers if plan], columns, names)
-    if groups:
+    texts = _texts(path, columns, european)
+    found = [plan for plan in [*numbers, *texts] if plan is not None]
+    if groups := _interleaved(path, found, columns, names):
         return groups
-    found = [plan for plan in [*numbers, *_texts(path, columns, european)] if plan is not None]
     scored = [(_score(path, plan, columns), -place, plan) for place, plan in enumerate(found)]
     usable = [item for item in scored if item[0] > (0.0,)]
     if not usable:
@@ -355,14 +355,37 @@ def _score(path: object, plan: TimePlan, columns: Sequence[Column]) -> tuple[flo
     return (1.0, round(rising, 1), round(even, 1), float(named))
 
 
+def timed_key(key: str, names: Mapping[str, str]) -> str | None:
+    """Key of the column that a column of times is named after."""
+    name = next(name for name, own in names.items() if own == key)
+    lower = {other.lower().replace(" ", "_"): own for other, own in names.items()}
+    return next((lower[part] for part in sorted(time_cells.timed_by(name)) if part in lower), None)
+
+
 def _interleaved(
-    plans: Sequence[TimePlan], columns: Sequence[Column], names: Mapping[str, str]
+    path: object, plans: Sequence[TimePlan], columns: Sequence[Column], names: Mapping[str, str]
 ) -> list[TimePlan]:
-    """Time plans of a table with groups of columns that each start with a time column; else an empty list."""
-    if len(plans) < 2:
-        return []
+    """Time plans of a table with groups of columns that each start with a time column; else an empty list.
+
+    Each is named after a column, or their names are alike, or their first rows rise at rates of their own.
+    """
     keys = list(names.values())
+    own = {column.key: column for column in columns}
+    single = [(plan, own[plan.keys[0]]) for plan in plans if len(plan.keys) == 1]
+    plans = [plan for plan, column in single if time_cells.is_time(column.name) or not is_number(column)]
+    if len(after := [plan for plan in plans if timed_key(plan.keys[0], names)]) > 1:
+        return after
+    plans = sorted(plans, key=lambda plan: keys.index(plan.keys[0]))
     places = [keys.index(plan.keys[0]) for plan in plans]
-    apart = all(after - before > 1 for before, after in zip(places, [*places[1:], len(keys)], strict=True))
-    words = {time_cells.plain(re.sub(r"\s*\(\d+\)$", "", plan.name)) for plan in plans}
-    return list(plans) if places[0] == 0 and apart and len(words) == 1 else []
+    if len(plans) < 2 or places[0] or min(np.diff([*places, len(keys)])) < 2:
+        return []
+    words = {time_cells.plain(re.sub(r"\s*\(\d+\)$", "", own[plan.keys[0]].name)) for plan in plans}
+    if len(words) == 1:
+        return plans
+    steps = []
+    for plan in plans:
+        (seconds,) = plan.seconds(path, lambda key: iter([own[key].cells]))
+        each = np.diff(seconds[np.isfinite(seconds)])
+        steps.append(float(np.median(each)) if len(each) and (each > 0.0).all() else 0.0)
+    apart = min(steps) > 0.0 and len(np.unique(np.round(np.log(steps), 1))) == len(plans)
+    return plans if apart else []
