@@ -41,6 +41,10 @@ cells.
 """
 CHANGES_GROWTH = 32.0
 """Most samples of the even grid per recorded change of a state."""
+MOST_EVEN = 1.01
+"""Ratio of a long to a short step up to which rows beside gaps are even."""
+HELD_GROWTH = 1000.0
+"""Most samples of the even grid per recorded change of a channel that is held."""
 CHANGE_STEPS = 4.0
 """Least number of grid steps between two changes of a state, for all but the shortest twentieth of the changes."""
 FAR_OFF = 1.5
@@ -75,6 +79,7 @@ def time_axis(
     rate_hz: float | None = None,
     same: Same = lambda row, earlier, count: False,
     changes: bool = False,
+    held: bool = False,
 ) -> TimeAxis:
     """Find the grid of a time column.
 
@@ -100,6 +105,8 @@ def time_axis(
     changes
         Whether rows record only the state changes of two-state channels: then the grid is finer, and a long step is not a
         gap.
+    held
+        Whether rows record only the changes of a channel at an even scan: each value is held until the next.
 
     Raises
     ------
@@ -112,10 +119,10 @@ def time_axis(
     try:
         clock = scan.finish(str(path), column, same, trusted=rate_hz is None)
     except InputError as error:
-        return _uneven(path, column, np.concatenate([np.empty(0), *times()]), error, same, changes)
+        return _uneven(path, column, np.concatenate([np.empty(0), *times()]), error, same, changes, held)
     if rate_hz is None and scan.bends():
         told = InputError(f"{path}: time column {column!r} is not uniform: its rate changes by and by")
-        return _uneven(path, column, np.concatenate(list(times())), told, same, changes)
+        return _uneven(path, column, np.concatenate(list(times())), told, same, changes, held)
     return _even(clock, rate_hz)
 
 
@@ -144,7 +151,7 @@ def _even(clock: Clock, rate_hz: float | None) -> TimeAxis:
 
 
 def _uneven(
-    path: Path | str, column: str, times: Array, error: InputError, same: Same, changes: bool
+    path: Path | str, column: str, times: Array, error: InputError, same: Same, changes: bool, held: bool
 ) -> TimeAxis:
     """Grid of uneven times; raises `error` if the numbers can't be times."""
     known = np.isfinite(times)
@@ -170,7 +177,7 @@ def _uneven(
             f"{path}: time column {column!r} repeats the previous row's time in {np.count_nonzero(steps == 0.0)} of {count} "
             "rows and has no even rate; give rate_hz (--rate), or a column with a finer time (--time)"
         ) from error
-    return _resampled(path, column, times, steps, changes=changes)
+    return _resampled(path, column, times, steps, changes=changes, held=held)
 
 
 def _plain(start_s: float, rate_hz: float, count: int) -> TimeAxis:
@@ -198,7 +205,9 @@ def _seen_through(path: Path | str, column: str, coarse: CoarseClock, same: Same
     return TimeAxis(clock.start_s, rate, clock.samples, faults, note, lambda blocks: spliced(blocks, known))
 
 
-def _resampled(path: Path | str, column: str, times: Array, steps: Array, *, changes: bool) -> TimeAxis:
+def _resampled(
+    path: Path | str, column: str, times: Array, steps: Array, *, changes: bool, held: bool
+) -> TimeAxis:
     positive = steps[steps > 0.0]
     median, short, long = (float(value) for value in np.quantile(positive, (0.5, 0.05, 0.9), method="lower"))
     far = LONGEST_GAP * float(np.minimum(positive, GAP * long).sum())
@@ -208,12 +217,13 @@ def _resampled(path: Path | str, column: str, times: Array, steps: Array, *, cha
     later = np.cumsum(apart - by)
     times = times + np.concatenate([[0.0], later])[np.searchsorted(parts, np.arange(len(times)))]
     steps = np.diff(times)
-    gaps = parts if changes else np.flatnonzero(steps > GAP * long)
+    gaps = parts if changes or held else np.flatnonzero(steps > GAP * long)
     covered = float(times[-1] - times[0] - steps[gaps].sum())
     if not covered > 0.0:
         raise InputError(f"{path}: time column {column!r} has nothing but gaps; give rate_hz (--rate)")
-    step = median if short > 0.8 * median else short
-    growth = CHANGES_GROWTH if changes else MOST_GROWTH
+    even = not held and long < MOST_EVEN * short
+    step = median if short > 0.8 * median and not held else short
+    growth = HELD_GROWTH if held else CHANGES_GROWTH if changes else MOST_GROWTH
     step = max(short / CHANGE_STEPS if changes else step, covered / (growth * len(times)))
     rate = float(f"{1.0 / step:.6g}")
     samples = int(np.floor((times[-1] - times[0]) * rate + 1e-6)) + 1
@@ -225,8 +235,8 @@ def _resampled(path: Path | str, column: str, times: Array, steps: Array, *, cha
         )
     at = (np.column_stack([times[gaps], times[gaps + 1]]) - times[0]) * rate
     spans = np.column_stack([np.floor(at[:, 0] + 1e-6) + 1, np.ceil(at[:, 1] - 1e-6)]).astype(np.int64)
-    held = spans[:, 1] > spans[:, 0]
-    gaps, spans = gaps[held], spans[held]
+    wide = spans[:, 1] > spans[:, 0]
+    gaps, spans = gaps[wide], spans[wide]
     known = ~np.isin(gaps, parts)
     jumps = [Jump(*each) for each in zip(own, by, later, spans[~known].tolist(), strict=True)]
     method = Sentence("masked: steps of more than {step} s", step=f"{GAP * long:.3g}")
@@ -235,9 +245,12 @@ def _resampled(path: Path | str, column: str, times: Array, steps: Array, *, cha
         f"time column {column!r} is not uniform, steps of {short:.3g} to {long:.3g} s: resampled at {rate:.6g} Hz by "
         "straight lines, means where samples are denser, two states held; give rate_hz (--rate) to take the rows as even"
     )
-    grid = _Grid(times, float(times[0]), rate, samples, spans, changes)
+    grid = _Grid(times, float(times[0]), rate, samples, spans, changes, held)
     told = tuple(fault for fault in faults if len(fault.spans))
-    return TimeAxis(grid.start_s, rate, samples, told, "" if changes else note, grid.on_grid)
+    note = (
+        f"{column} is recorded on change: held at {rate:.6g} Hz" if held else "" if changes or even else note
+    )
+    return TimeAxis(grid.start_s, rate, samples, told, note, grid.on_grid)
 
 
 @dataclass(frozen=True)
@@ -251,13 +264,15 @@ class _Grid:
     gaps: npt.NDArray[np.int64]
     changes: bool
     """Whether each row is a change of a state."""
+    held: bool
+    """Whether each value is held until the next row."""
 
     def on_grid(self, blocks: Blocks) -> Blocks:
         held: dict[str, bool] = {}
 
         def read(channel: str, first: int, size: int) -> Iterator[Samples]:
             if channel not in held:
-                held[channel] = _has_two_states(blocks, channel)
+                held[channel] = self.held or _has_two_states(blocks, channel)
             for start in range(first, self.samples, size):
                 yield self._block(blocks, channel, start, min(start + size, self.samples), held[channel])
 

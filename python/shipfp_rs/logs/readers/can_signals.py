@@ -12,12 +12,11 @@ import numpy as np
 import numpy.typing as npt
 
 from shipfp_rs.errors import InputError
-from shipfp_rs.logs.channel import Blocks, Channel, Samples, blocks_of
+from shipfp_rs.logs.channel import Blocks, Channel, Samples
 from shipfp_rs.logs.faults.record import Fault
 from shipfp_rs.logs.log import Log
-from shipfp_rs.logs.readers.long_table import own_axis
+from shipfp_rs.logs.readers.long_table import noted_grid
 from shipfp_rs.logs.readers.time_cells import EPOCH
-from shipfp_rs.logs.time_axis import TimeAxis
 
 SPECIAL = 0xFB
 """J1939 numbers whose highest byte is at least this are codes without a value: parameter specific, reserved, error, not
@@ -242,7 +241,7 @@ def log_of_frames(path: Path, frames: Frames, names: str | None, zero: datetime 
     if not found:
         raise InputError(f"{path}: {_nothing(frames, names)}")
     channels: list[Channel] = []
-    held: dict[str, tuple[TimeAxis, Blocks]] = {}
+    held: dict[str, Blocks] = {}
     notes: list[str] = []
     faults: list[Fault] = []
     for key, rows in found:
@@ -255,13 +254,13 @@ def log_of_frames(path: Path, frames: Frames, names: str | None, zero: datetime 
             samples = signal.values(frames.data[own], j1939=key.message.j1939)
             if not np.isfinite(samples).any():
                 continue
-            axis = own_axis(path, name, time[own], notes, faults)
-            if axis is None:
+            grid = noted_grid(path, name, time[own], samples, notes, faults)
+            if grid is None:
                 continue
+            axis, held[name] = grid
             channels.append(
                 Channel(name, signal.unit, axis.rate_hz, axis.samples, axis.start_s, abs(signal.scale))
             )
-            held[name] = (axis, axis.on_grid(blocks_of({name: samples})))
     if not channels:
         raise InputError(
             f"{path}: {', '.join(key.message.name for key, _ in found)} have only the value 'not available'"
@@ -274,7 +273,7 @@ def log_of_frames(path: Path, frames: Frames, names: str | None, zero: datetime 
     told = (f"signals by {by}", *notes)
 
     def blocks(name: str, first: int, size: int) -> Iterator[Samples]:
-        return held[name][1](name, first, size)
+        return held[name](name, first, size)
 
     return Log(str(path), channels, blocks, zero, tuple(faults), told)
 

@@ -80,17 +80,10 @@ def open_delimited(path: Path, rate_hz: float | None, time: str | None = None) -
             skip = max(skip - len(values), 0)
 
     blank = frozenset(name for name, k in places.items() if k in index.blank)
-    options = Options(time, european=layout.decimal == ",", nameless=not layout.named, blank=blank)
+    stated = None if time else layout.rate_hz
+    options = Options(time, layout.decimal == ",", not layout.named, blank, stated)
     notes = () if layout.named else ("no headings: columns are counted",)
-    return log_of_table(
-        path,
-        schema,
-        index.rows[-1],
-        batches,
-        rate_hz or layout.rate_hz if not time else rate_hz,
-        options,
-        notes,
-    )
+    return log_of_table(path, schema, index.rows[-1], batches, rate_hz, options, notes)
 
 
 def _tells_nothing(layout: Layout, place: int) -> bool:

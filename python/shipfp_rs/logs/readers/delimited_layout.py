@@ -65,6 +65,8 @@ RATE = re.compile(
 INLINE = re.compile(r"(?P<name>\w+)\s*=\s*(?P<value>[+-]?\d[\d.]*(?:[eE][+-]?\d+)?)\s*s?")
 SCALES = {"kHz": 1e3, "ms": 1e-3}
 COMMENT = "#%!/"
+TITLE = re.compile(r"\s*\[[^\[\]]+\]\s*")
+"""Line with the title of a section, "[data]"."""
 NAME_LINES = frozenset(("label", "labels", "tracename"))
 UNIT_LINES = frozenset(("vertical units", "y_unit_label", "vunit"))
 """First words of header lines with the names or units of the columns."""
@@ -127,7 +129,7 @@ def find_layout(path: Path) -> Layout:
             f"{path}: empty or without rows of numbers; expected a header line with channel names and lines of numbers"
         )
     full = [row for row in rows[first:] if len(row) == width]
-    above = [_uncommented(line, delimiter) for line in lines[:first]]
+    above = [[] if TITLE.fullmatch(line) else _uncommented(line, delimiter) for line in lines[:first]]
     # long: evaluates the header lines step by step
     beside = _taken_facts(above, [any(row[k] for row in full) for k in range(width)], decimal)
     headings, own, named = _headings(above, width)

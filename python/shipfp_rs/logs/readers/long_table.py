@@ -32,6 +32,8 @@ from shipfp_rs.support.units import is_unit, told
 
 Fields = Mapping[str, tuple[pa.Field, dict[str, Any]]]
 Batches = Callable[[str, int, int], Iterator[pa.Array]]
+LEAST_CHANGES, LONGEST_SCANS, OFTEN = 8, 4.0, 0.1
+"""Least rows, and fraction of steps longer than these scans, of a channel that is recorded on change."""
 EVEN = 0.1
 """Largest deviation of an even step from the median step, as a fraction of it."""
 
@@ -159,7 +161,8 @@ def _are_names(
         return False
     changed = np.diff(codes) != 0
     order = np.lexsort((np.arange(len(codes)), codes))
-    order = order[_is_new(times, codes, values, order)]
+    news = np.any([np.diff(each[order]) != 0 for each in (times, codes, values)], axis=0)
+    order = order[np.append(True, news)]  # a logger may write each row twice
     inside = np.diff(codes[order]) == 0
     if not inside.any() or not (worded or np.diff(values[order])[inside].any()):
         return False
@@ -180,14 +183,6 @@ def _are_names(
     return bool((gained >= count or often) and (worded or finer < 0.5))
 
 
-def _is_new(
-    times: Array, codes: npt.NDArray[np.int64], values: Array, order: npt.NDArray[np.intp]
-) -> npt.NDArray[np.bool_]:
-    """Whether each row differs from the row before it in `order`: a logger may write each row twice."""
-    same = [np.diff(each[order]) == 0 for each in (times, codes, values)]
-    return np.append(True, ~np.logical_and.reduce(same))
-
-
 def log_of_long_table(path: Path, table: LongTable, plan: TimePlan, rate_hz: float | None) -> Log:
     """Log with a channel for each name, at the times of its rows; names without a time base are omitted."""
     channels: list[Channel] = []
@@ -197,16 +192,14 @@ def log_of_long_table(path: Path, table: LongTable, plan: TimePlan, rate_hz: flo
     present = np.unique(table.codes[table.codes >= 0])
     for code, name, unit in zip(present.tolist(), table.names, table.units, strict=True):
         rows = np.flatnonzero((table.codes == code) & np.isfinite(table.values) & np.isfinite(table.times))
-        rows = rows[np.argsort(table.times[rows], kind="stable")]
-        rows = rows[_is_new(table.times, table.codes, table.values, rows)]
-        times = table.times[rows]
         try:
-            axis = time_axis(path, f"{plan.name} of {name}", partial(iter, (times,)), rate_hz=rate_hz)
+            axis, held[name] = own_grid(
+                path, f"{plan.name} of {name}", name, table.times[rows], table.values[rows], rate_hz
+            )
         except InputError:
             lost.append(name)
             continue
         channels.append(Channel(name, unit, axis.rate_hz, axis.samples, axis.start_s))
-        held[name] = axis.on_grid(blocks_of({name: table.values[rows]}))
         axes.append(axis)
     tell_left_out(path, "no time base in rows of their own", lost, all_of_them=not channels)
     for axis in axes:
@@ -245,15 +238,11 @@ def log_of_series(path: Path, series: Mapping[str, Series], notes: Sequence[str]
     told = list(notes)
     faults: list[Fault] = []
     for name, each in kept.items():
-        time = np.asarray(each.times) - zero
-        order = np.argsort(time, kind="stable")
-        samples = np.asarray(each.values, dtype=np.float64)[order]
-        time = time[order]
-        axis = own_axis(path, name, time, told, faults)
-        if axis is None:
+        grid = noted_grid(path, name, np.asarray(each.times) - zero, np.asarray(each.values), told, faults)
+        if grid is None:
             continue
+        axis, held[name] = grid
         channels.append(Channel(name, each.unit, axis.rate_hz, axis.samples, axis.start_s, each.resolution))
-        held[name] = axis.on_grid(blocks_of({name: samples}))
     if not channels:
         why = told[-1] if len(told) > len(notes) else "no name has two values or more"
         raise InputError(f"{path}: no series of numbers in it ({why}); is it the right file?")
@@ -265,18 +254,42 @@ def log_of_series(path: Path, series: Mapping[str, Series], notes: Sequence[str]
     return Log(str(path), channels, blocks, start if zero else None, tuple(faults), tuple(told))
 
 
-def own_axis(
-    path: Path, name: str, times: npt.NDArray[np.float64], notes: list[str], faults: list[Fault]
-) -> TimeAxis | None:
-    """Grid of a name's times [s], or None; appends the faults, and the reason for None, to `faults` and `notes`."""
+def own_grid(
+    path: Path, column: str, name: str, times: Array, values: Array, rate_hz: float | None = None
+) -> tuple[TimeAxis, Blocks]:
+    """Grid of a channel's own times [s] and its samples there; rows that a logger wrote twice count once."""
+    order = np.argsort(times, kind="stable")
+    times, values = times[order], np.asarray(values, dtype=np.float64)[order]
+    at_once = np.diff(times) == 0.0
+    again = at_once & ((values[1:] == values[:-1]) | (np.isnan(values[1:]) & np.isnan(values[:-1])))
+    if 4 * again.sum() > len(times) and (again == at_once).all() and not (again[1:] & again[:-1]).any():
+        times, values = (each[np.append(True, ~again)] for each in (times, values))
+    axis = time_axis(path, column, partial(iter, (times,)), rate_hz=rate_hz, held=are_on_change(times))
+    return axis, axis.on_grid(blocks_of({name: values}))
+
+
+def are_on_change(times: Array) -> bool:
+    """Whether a channel is recorded when it changes: its steps are one scan, or often many, of an even scan."""
+    steps = np.diff(times)
+    if len(steps) < LEAST_CHANGES or not (steps > 0.0).all():
+        return False
+    scans = steps / np.quantile(steps, 0.05, method="lower")
+    whole = np.abs(scans - np.round(scans)) < EVEN * scans
+    return bool(whole.mean() > 0.95 and np.mean(scans > LONGEST_SCANS) > OFTEN)
+
+
+def noted_grid(
+    path: Path, name: str, times: Array, values: Array, notes: list[str], faults: list[Fault]
+) -> tuple[TimeAxis, Blocks] | None:
+    """`own_grid`, or None; appends the faults, and the reason for None, to `faults` and `notes`."""
     try:
-        axis = time_axis(path, name, partial(iter, (times,)))
+        axis, blocks = own_grid(path, name, name, times, values)
     except InputError as error:
         notes.append(f"{name} left out: {str(error).removeprefix(f'{path}: ')}")
         return None
     notes += [axis.note] if axis.note else []
     faults += axis.faults
-    return axis
+    return axis, blocks
 
 
 def seconds_since_1970(text: str) -> float:

@@ -21,7 +21,7 @@ from shipfp_rs.logs.channel import BLOCK, Blocks, Channel, Samples
 from shipfp_rs.logs.formats import one_line_errors
 from shipfp_rs.logs.log import Log
 from shipfp_rs.logs.readers.columns import tell_left_out
-from shipfp_rs.logs.readers.long_table import find_long_table, log_of_long_table
+from shipfp_rs.logs.readers.long_table import are_on_change, find_long_table, log_of_long_table
 from shipfp_rs.logs.readers.time_cells import (
     TimePlan,
     is_date,
@@ -31,7 +31,7 @@ from shipfp_rs.logs.readers.time_cells import (
     stated_rate,
 )
 from shipfp_rs.logs.readers.time_column import SAMPLE_ROWS, Column, Wish, find_time, timed_key
-from shipfp_rs.logs.time_axis import TimeAxis, time_axis
+from shipfp_rs.logs.time_axis import FAR_OFF, TimeAxis, time_axis
 
 # Arrow imports pandas at its first conversion; an interrupt during this import would look like a missing package.
 with contextlib.suppress(ImportError):
@@ -59,6 +59,8 @@ class Options:
     nameless: bool = False
     blank: frozenset[str] | None = None
     """Columns with empty cells; None if the reader has not determined them."""
+    stated_hz: float | None = None
+    """Rate that the header states; a clock with gaps is preferred to it."""
 
 
 def log_of_table(
@@ -82,13 +84,13 @@ def log_of_table(
         return log_of_long_table(path, long, plans[0], rate_hz)
     same = _same_rows(batches, [field.name for field, _ in fields.values() if _is_number(field.type)])
     apart: dict[str, tuple[TimeAxis, Blocks] | None] = {}
-    if len(plans) == 1 and rate_hz is None:
+    given = rate_hz or options.stated_hz
+    if len(plans) == 1 and given is None:
         apart = _rows_apart(path, fields, plans[0], batches, options)
     shared = [name for name, (field, _) in fields.items() if _is_number(field.type) and name not in apart]
     changes = rows >= LEAST_CHANGES and _are_changes(batches, [fields[name][0].name for name in shared])
-    axes = (
-        [_axis(path, plan, batches, rate_hz, same, changes) for plan in plans] if shared or not apart else []
-    )
+    rates = (rate_hz, options.stated_hz)
+    axes = [_axis(path, plan, batches, rates, same, changes) for plan in plans if shared or not apart]
     zero = min((plan.zero for plan in plans if plan.zero), default=None)
     without = [name for name, (field, _) in fields.items() if not _is_number(field.type)]
     if without and len(without) == len(fields):
@@ -128,7 +130,7 @@ def log_of_table(
             rate, begin, count = axis.rate_hz, axis.start_s + later, axis.samples
         else:
             rate = (
-                facts.get("rate_hz", rate_hz) or _stated_rate(field.metadata) or _stated_rate(schema.metadata)
+                facts.get("rate_hz", given) or _stated_rate(field.metadata) or _stated_rate(schema.metadata)
             )
             begin = facts.get("start_s", 0.0)
             count = min(facts["samples"], rows)
@@ -205,7 +207,8 @@ def _rows_apart(
                     yield _samples(batch.filter(pa.array(_known(batch))))
 
         try:
-            axis = time_axis(path, f"{plan.name} of {name}", partial(iter, (times[rows],)))
+            own = times[rows]
+            axis = time_axis(path, f"{plan.name} of {name}", partial(iter, (own,)), held=are_on_change(own))
             apart[name] = (axis, axis.on_grid(blocks))
         except InputError:
             apart[name] = None
@@ -327,7 +330,7 @@ def _axis(
     path: Path,
     plan: TimePlan,
     batches: Batches,
-    rate_hz: float | None,
+    rates_hz: tuple[float | None, float | None],
     same: Callable[[int, int, int], bool],
     changes: bool,
 ) -> TimeAxis:
@@ -338,7 +341,13 @@ def _axis(
         with one_line_errors(path):
             yield from plan.seconds(path, cells)
 
-    return time_axis(path, plan.name, times, rate_hz=rate_hz, same=same, changes=changes)
+    given, stated = rates_hz
+    if given is None and stated is not None:
+        with contextlib.suppress(InputError):
+            axis = time_axis(path, plan.name, times, same=same)
+            if axis.faults and max(axis.rate_hz / stated, stated / axis.rate_hz) < FAR_OFF:
+                return axis
+    return time_axis(path, plan.name, times, rate_hz=given or stated, same=same, changes=changes)
 
 
 def _without_time(fields: Mapping[str, tuple[pa.Field, dict[str, Any]]], without: Sequence[str]) -> str:

@@ -124,12 +124,13 @@ def plan_of_numbers(path: object, column: Column, *, trusted: bool = False) -> T
 
 
 def _is_packed(values: Array) -> bool:
-    """Whether numbers are times of day such as 100059.5 (hhmmss.s), which jump from 59.9 to 100.0."""
+    """Whether numbers are times of day such as 100059.5 (hhmmss.s), which are more even as such: 59.9 is next to 100.0."""
     inside = (values >= 0.0) & (values < 240000.0) & (values % 100 < 60) & (values // 100 % 100 < 60)
     steps = np.diff(values)
-    step = float(np.median(steps))
-    jumps = np.abs(steps - step - 40.0) < 0.5 * max(step, 0.0)
-    return bool(inside.all() and jumps.any() and (steps >= 0.0).all())
+    told = np.diff(values // 1e4 * 3600.0 + values // 100 % 100 * 60.0 + values % 100)
+    middle = float(np.median(steps))
+    even, packed = (np.abs(each - middle) < 0.5 * max(middle, 0.0) for each in (steps, told))
+    return bool(inside.all() and packed.sum() > even.sum() and (steps >= 0.0).all())
 
 
 @dataclass(frozen=True)

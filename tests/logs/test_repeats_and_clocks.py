@@ -1,0 +1,75 @@
+"""Clocks of other makes, rows that are written twice, and values that are recorded when they change."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from shipfp_rs.errors import LogWarning
+from shipfp_rs.logs.log import Log
+
+
+def test_a_packed_clock_counts_on_over_the_hour(tmp_path: Path) -> None:
+    seconds = 35998.0 + 0.05 * np.arange(80)
+    rows = [f"8,{int(t // 3600):02d}{int(t // 60 % 60):02d}{t % 60:05.2f},{1500 + k % 4}"
+            for k, t in enumerate(np.round(seconds, 2))]  # fmt: skip
+    (tmp_path / "log.csv").write_text("\n".join(["sats,time,Engine_Speed (rpm)", *rows, ""]))
+    log = Log.open(tmp_path / "log.csv")
+    channel = log.channel("Engine_Speed")
+    assert (round(channel.rate_hz, 6), channel.start_s, channel.samples) == (20.0, 35998.0, 80)
+    np.testing.assert_array_equal(log.read("Engine_Speed"), 1500 + np.arange(80) % 4)
+
+
+def test_a_clock_with_a_gap_wins_over_the_rate_of_a_comment(tmp_path: Path) -> None:
+    clock = [
+        "095557.00",
+        "095558.00",
+        "095559.00",
+        "095600.00",
+        "095959.00",
+        "100000.00",
+        "100001.00",
+        "100002.00",
+    ]
+    rows = [f"008 {time} {1500 + k}" for k, time in enumerate(clock)]
+    head = [
+        "[comments]",
+        "Log Rate (Hz) : 1.00",
+        "",
+        "[column names]",
+        "sats time Engine_Speed",
+        "",
+        "[data]",
+    ]
+    (tmp_path / "log.txt").write_text("\n".join([*head, *rows, ""]))
+    with pytest.warns(LogWarning, match="rows missing at samples 4 to 241"):
+        log = Log.open(tmp_path / "log.txt")
+    speed = log.read("Engine_Speed")
+    assert log.channel("Engine_Speed").rate_hz == 1.0
+    np.testing.assert_array_equal(speed[[0, 3, 242, 245]], [1500, 1503, 1504, 1507])
+    assert np.isnan(speed[4:242]).all()
+
+
+@pytest.mark.parametrize("times", [1, 2])
+def test_a_line_that_is_written_twice_is_one(times: int, tmp_path: Path) -> None:
+    lines = [f"2024-03-05T09:59:{10 + k // 10}.{k % 10}00Z,2,127488,5,255,8,00,{0x70 + 4 * (k % 8):02x},17,ff,ff,7f,ff,ff"
+             for k in range(40) for _ in range(times)]  # fmt: skip
+    (tmp_path / "bus.raw").write_text("\n".join([*lines, ""]))
+    log = Log.open(tmp_path / "bus.raw")
+    assert log.channel("Engine Speed").rate_hz == pytest.approx(10.0)
+    np.testing.assert_array_equal(log.read("Engine Speed"), 1500.0 + np.arange(40) % 8)
+
+
+def test_a_value_recorded_on_change_is_held_at_the_rate_of_its_scan(tmp_path: Path) -> None:
+    moved = np.sort(np.random.default_rng(1).choice(np.arange(1, 1199), 200, replace=False))
+    at = np.concatenate([[0], moved, [1199]])
+    level = 50.0 + np.cumsum(np.resize([1.0, -2.0, 1.5, -0.25], len(at)))
+    rows = [(0.05 * k, f"{0.05 * k:.3f};Setpoint [%];{x:.2f}") for k, x in zip(at, level, strict=True)]
+    rows += [(0.05 * k + 0.013, f"{0.05 * k + 0.013:.3f};Speed [rpm];{600 + k % 7}") for k in range(1200)]
+    (tmp_path / "log.csv").write_text(
+        "\n".join(["t [s];Variable;Value", *(row for _, row in sorted(rows)), ""])
+    )
+    with pytest.warns(LogWarning, match="Setpoint is recorded on change: held at 20 Hz"):
+        log = Log.open(tmp_path / "log.csv")
+    expected = level[np.searchsorted(at, np.arange(1200), side="right") - 1]
+    np.testing.assert_allclose(log.read("Setpoint"), expected, atol=1e-9)
