@@ -33,10 +33,11 @@ from shipfp_rs.logs.faults.scan import scan
 from shipfp_rs.logs.faults.spikes import spikes_of
 from shipfp_rs.logs.log import STRETCH_BYTES, Log, Rows
 from shipfp_rs.processing.cleaning import spike_rule
-from shipfp_rs.processing.roles import set_point_of
+from shipfp_rs.processing.roles import named_roles
 from shipfp_rs.processing.trial import Processing, Trial
 from shipfp_rs.processing.trial_channels import SIGNAL_OF_LOCATION
-from shipfp_rs.processing.windows import FoundWindow, find_windows, longest_rest
+from shipfp_rs.processing.trial_template import moved
+from shipfp_rs.processing.windows import FoundWindow, longest_rest
 from shipfp_rs.support.arrays import Array, joined
 from shipfp_rs.support.derivatives import PASSBAND
 from shipfp_rs.vessel.vessel import Vessel
@@ -133,7 +134,7 @@ def inspect_log(
         log = trial.completed(log)
     reports = describe(log)
     faults = [fault.to_dict() for fault in [*log.faults, *_recorded(log, reports, trial)]]
-    windows = _windows(log, trial)
+    mover, windows = _windows(log, trial)
     rest = longest_rest(windows)
     checks: dict[str, Any] = {}
     points: tuple[SteadyPoint, ...] = ()
@@ -175,7 +176,7 @@ def inspect_log(
     if rates:
         checks["rates_hz"] = rates
     if windows:
-        checks["set_point_channel"] = trial.channels.driver.column if trial is not None else set_point_of(log)
+        checks["set_point_channel"] = mover
     return Inspection(log.name, tuple(reports), tuple(faults), tuple(windows), spectra, peaks, points, checks)
 
 
@@ -195,14 +196,15 @@ def _at_rest(points: Sequence[SteadyPoint], steady: list[Experiment], longest: E
     }
 
 
-def _windows(log: Log, trial: Trial | None) -> list[FoundWindow]:
-    """Windows of the set point; none if a log without a trial has no recognised set point, or too few samples."""
+def _windows(log: Log, trial: Trial | None) -> tuple[str, list[FoundWindow]]:
+    """Channel that moves and its windows, as `init` finds them; none without a recognised set point or load."""
     if trial is not None:
-        return found_or_named(log, trial)
+        return trial.channels.driver.column, found_or_named(log, trial)
     try:
-        return find_windows(log, set_point_of(log))
+        roles = named_roles(list(log.channels.values()))
+        return moved(log, roles.set_point or roles.command, roles.load)
     except InputError:
-        return []
+        return "", []
 
 
 def _spectrum(log: Log, report: ChannelReport, rest: FoundWindow | None, scale: float) -> tuple[Array, Array]:

@@ -207,6 +207,8 @@ def _comb(power: Array, step: float, top_hz: float, orders_hz: Array) -> tuple[f
 def _line(power: Array, step: float, orders_hz: Array) -> float | None:
     """Frequency [Hz] of the strongest line, if it is strong enough and is not at a multiple of an order."""
     bins = np.arange(round(SLOWEST_HZ / step), min(round(FASTEST_HZ / step), len(power)))
+    if not bins.size:  # the torque is too slow to show any clock
+        return None
     line = float(bins[np.argmax(power[bins])] * step)
     turns = line / orders_hz
     is_order = (np.abs(turns - np.round(turns)) < FAR_FROM_ORDERS * turns).any()

@@ -18,7 +18,6 @@ from typing import Literal
 
 import numpy as np
 
-from shipfp_rs.errors import InputError
 from shipfp_rs.logs.channel import Channel
 from shipfp_rs.logs.log import Log
 from shipfp_rs.processing.conditioning import block_means, bridged
@@ -258,17 +257,6 @@ def set_points(given: Mapping[str, Named]) -> list[str]:
 def _may_ask(given: Named) -> bool:
     """Whether a channel in an electrical unit may be a set point of speed; a current [A] is never one."""
     return given.is_open and given.unit != "A"
-
-
-def set_point_of(log: Log) -> str:
-    """The only channel whose name means a set point; `InputError` if there is none or several."""
-    found = set_points({name: named(channel) for name, channel in log.channels.items()})
-    if len(found) != 1:
-        raise InputError(
-            f"{log.name}: {'several channels are' if found else 'no channel is'} named as set point; found "
-            f"{', '.join(found or log.channels)}; name it with --set-point"
-        )
-    return found[0]
 
 
 def _role(given: Named) -> str:

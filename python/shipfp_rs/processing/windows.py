@@ -34,6 +34,10 @@ JUMPED = 1.5
 SAME_FREQUENCY = 1.15
 """Largest ratio between the last and first periods of an excitation with one frequency."""
 
+SWEPT, GROWTHS, REFINED = 0.1, np.geomspace(0.3, 12.0, 30), 3
+"""Largest deviation of a sweep's crossings from their fit [turns], logarithms of the frequency ratios that are
+tried, and rounds of it."""
+
 IN_BAND = 0.95
 """Fraction of an excitation's power that defines its band."""
 LINE_BINS, BETWEEN_LINES = 16, 0.4
@@ -83,7 +87,36 @@ def kind_of(deviation: Array, rate_hz: float, *, swings: bool) -> tuple[Kind, tu
     # The periods of a chirp change monotonically.
     logs = np.log(halves)
     order = np.corrcoef(np.arange(len(logs)), logs)[0, 1] if len(logs) > 2 else 1.0
-    return "chirp" if ratio >= SAME_FREQUENCY and abs(order) > 0.5 else "other", frequencies
+    if ratio < SAME_FREQUENCY or abs(order) <= 0.5:
+        return "other", frequencies
+    return "chirp", _swept(crossings, len(deviation) / rate_hz) or frequencies
+
+
+def _swept(crossings: Array, duration_s: float) -> tuple[float, float] | None:
+    """First and last frequency [Hz] of a linear or exponential sweep through these crossings [s]; None for others."""
+    turns = 0.5 * np.arange(len(crossings))
+    time = crossings / duration_s
+
+    def fitted(terms: Array, slopes: Array) -> tuple[float, Array]:
+        weights = np.linalg.lstsq(terms, turns, rcond=None)[0]
+        rates = slopes @ weights / duration_s
+        miss = float(np.sqrt(np.mean((terms @ weights - turns) ** 2)))
+        return miss if rates.min() > 0.0 else math.inf, rates
+
+    def grown(growth: float) -> tuple[float, Array]:
+        slopes = np.column_stack([np.zeros(2), growth * np.exp([0.0, growth])])
+        return fitted(np.column_stack([np.ones_like(time), np.exp(growth * time)]), slopes)
+
+    tried = [fitted(np.vander(time, 3), np.array([[0.0, 1.0, 0.0], [2.0, 1.0, 0.0]]))]
+    growths = np.concatenate([-GROWTHS[::-1], GROWTHS])
+    for _ in range(REFINED):
+        found = [grown(float(growth)) for growth in growths]
+        best = int(np.argmin([miss for miss, _ in found]))
+        tried.append(found[best])
+        near = growths[[max(best - 1, 0), min(best + 1, len(growths) - 1)]]
+        growths = np.linspace(near[0], near[1], len(GROWTHS))
+    miss, rates = min(tried, key=lambda one: one[0])
+    return (float(rates[0]), float(rates[1])) if miss < SWEPT else None
 
 
 def _has_two_levels(samples: Array) -> bool:
@@ -216,10 +249,12 @@ def _swings(log: Log, mover: str, window: FoundWindow) -> bool:
 
 COARSE_HZ = 200.0
 """Rate to which the set point is averaged; it preserves sines of 30 Hz."""
-BLOCK_S = 0.5
-"""Length of the blocks whose medians are the levels [s]; a jump of a relay is much shorter."""
-LEAST_REST_S = 10.0
-"""Shortest stretch of the set point at rest [s]. The crest of a slow sine is level for less time, or visibly curved."""
+BLOCK_S, BLOCK_SAMPLES = 0.5, 5
+"""Least length [s] and samples of the blocks whose medians are the levels; a jump of a relay is much shorter."""
+LEAST_REST_S, REST_BLOCKS = 10.0, 8
+"""Shortest stretch of the set point at rest [s], and its least blocks. The crest of a slow sine is level for less time,
+or visibly curved.
+"""
 AT_REST = 6.0
 """Largest deviation of a block's median from the level of a stretch at rest, in standard deviations."""
 BEND = 2.5
@@ -228,8 +263,8 @@ is larger.
 """
 SWINGS = 1.5
 """Ratio of a block's spread to the noise above which the set point oscillates faster than blocks can resolve."""
-STEP_WITHIN_S = 1.5
-"""Longest change between two levels that counts as a step [s]."""
+STEP_BLOCKS = 3
+"""Longest change between two levels that counts as a step [blocks]."""
 STAIR, RISERS = 0.75, 0.2
 """A signal is a stair if the `RISERS` of its blocks with the largest changes contain at least `STAIR` of the total
 change. Stairs reach 0.8 and more; sines, chirps and noise at most half.
@@ -325,7 +360,7 @@ def find_windows(
     # Every stretch between two stretches at rest is an excitation, unless it is as short as a step.
     borders = [(0, 0), *rests, (len(trace.medians), len(trace.medians))]
     for (_, stop), (start, _) in itertools.pairwise(borders):
-        if (start - stop) * BLOCK_S > STEP_WITHIN_S:
+        if start - stop > STEP_BLOCKS:
             found.append(trace.excitation(stop, start))
     return numbered(found)
 
@@ -373,11 +408,11 @@ class _Trace:
     def of(cls, log: Log, name: str) -> _Trace:
         channel = log.channel(name)
         ratio = max(math.floor(channel.rate_hz / COARSE_HZ), 1)
-        block = round(BLOCK_S * channel.rate_hz / ratio)
-        if block < 8 or channel.samples < LEAST_REST_S * channel.rate_hz:
+        block = _block(channel, ratio)
+        if channel.samples < max(LEAST_REST_S * channel.rate_hz, REST_BLOCKS * block):
             raise InputError(
                 f"{log.name}: channel {name!r} has {channel.samples} samples at {channel.rate_hz:g} Hz, expected "
-                f"{LEAST_REST_S:g} s or more at 20 Hz or more to find windows in"
+                f"{LEAST_REST_S:g} s and {REST_BLOCKS * BLOCK_SAMPLES} samples or more to find windows in"
             )
         medians, spreads, largest = _levels(mean_pieces(log, name, ratio), block)
         known = np.isfinite(medians)
@@ -391,8 +426,7 @@ class _Trace:
 
     def part(self, start_s: float, stop_s: float) -> _Trace:
         """Whole blocks of a stretch."""
-        block_s = self.block / self.rate_hz
-        edges = (np.array([start_s, stop_s]) - self.channel.start_s) / block_s
+        edges = (np.array([start_s, stop_s]) - self.channel.start_s) / self.block_s
         first, stop = np.clip(np.round(edges), 0, len(self.medians)).astype(int).tolist()
         return replace(self, medians=self.medians[first:stop], spreads=self.spreads[first:stop], first=first)
 
@@ -402,7 +436,17 @@ class _Trace:
 
     @property
     def block(self) -> int:
-        return round(BLOCK_S * self.rate_hz)
+        return _block(self.channel, self.ratio)
+
+    @property
+    def block_s(self) -> float:
+        """Length of a block [s]."""
+        return self.block / self.rate_hz
+
+    @property
+    def least_rest(self) -> int:
+        """Least blocks of a stretch at rest."""
+        return max(math.ceil(LEAST_REST_S / self.block_s - 1e-6), REST_BLOCKS)
 
     @property
     def level_noise(self) -> float:
@@ -433,7 +477,7 @@ class _Trace:
         for first, stop in runs(still).tolist():
             while first < stop:
                 end = self._rest_from(first, stop)
-                if (end - first) * BLOCK_S >= LEAST_REST_S and not self._bends(first, end):
+                if end - first >= self.least_rest and not self._bends(first, end):
                     found.append((first, end))
                     first = end
                 else:
@@ -442,7 +486,7 @@ class _Trace:
 
     def _rest_from(self, first: int, stop: int) -> int:
         """End of the run of blocks that have the same level as the first blocks."""
-        least = round(LEAST_REST_S / BLOCK_S)
+        least = self.least_rest
         if stop - first < least:
             return first
         values = self.medians[first:stop]
@@ -481,6 +525,11 @@ class _Trace:
         return bool(changes[-risers:].sum() > STAIR * changes.sum())
 
 
+def _block(channel: Channel, ratio: int) -> int:
+    """Samples of a block, at the coarse rate."""
+    return max(round(BLOCK_S * channel.rate_hz / ratio), BLOCK_SAMPLES)
+
+
 def _levels(pieces: Iterable[Array], block: int) -> tuple[Array, Array, float]:
     """Median and robust spread of each block, and the largest magnitude; NaN and zero for an empty block."""
     medians, spreads, largest, held = [np.empty(0)], [np.empty(0)], 0.0, np.empty(0)
@@ -508,9 +557,9 @@ def _steps(trace: _Trace, rests: list[tuple[int, int]]) -> list[FoundWindow]:
     series: list[list[int]] = [[]]
     ends: list[tuple[int, int]] = []
     for before, after in itertools.pairwise(rests):
-        apart = (after[0] - before[1]) * BLOCK_S
+        apart = after[0] - before[1]
         if (
-            apart <= STEP_WITHIN_S
+            apart <= STEP_BLOCKS
             and abs(trace.level(after) - trace.level(before)) > AT_REST * trace.level_noise
         ):
             series[-1].append(len(ends))

@@ -239,12 +239,24 @@ class _Suspects:
                 yield start, min(start + PIECE + 1, stop)
 
     def beside_noise(self, spans: Spans) -> Spans:
-        """Select the spans with noise directly before or after."""
+        """Select the spans with noise directly before or after, which begin or end with more than a smallest step.
+
+        The crest of a slow, coarsely rounded sine begins and ends with a smallest step.
+        """
 
         def noisy(start: int, stop: int) -> bool:
             before = self.read(max(start - NEARBY, 0), start) if start else np.empty(0)
             after = self.read(stop, min(stop + NEARBY, self.count)) if stop < self.count else np.empty(0)
-            return is_rough(before) or is_rough(after)
+            if not (is_rough(before) or is_rough(after)):
+                return False
+            around = self.read(max(start - NEARBY, 0), min(stop + NEARBY, self.count)).astype(np.float64)
+            steps = np.abs(np.diff(around))
+            moved = steps[np.isfinite(steps) & (steps > 0.0)]
+            ends = steps[[k for k in (len(before) - 1, len(steps) - len(after)) if 0 <= k < len(steps)]]
+            return (
+                bool(np.nanmax(ends, initial=0.0) > STEPS * np.quantile(moved, 0.1))
+                or not np.isfinite(ends).all()
+            )
 
         return spans[[noisy(start, stop) for start, stop in spans.tolist()]] if len(spans) else spans
 
