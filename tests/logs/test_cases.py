@@ -197,3 +197,10 @@ def test_cases_channels_with_rows_of_their_own_go_by_these(tmp_path: Path, suffi
     }
     np.testing.assert_array_equal(log.read("Torque")[:4], [200, 201, 202, 200])
     np.testing.assert_array_equal(np.concatenate(list(log.chunks("Speed", 7))), log.read("Speed"))
+
+
+def test_cases_vectors_beside_an_object_of_matlab_are_read() -> None:
+    with pytest.warns(LogWarning, match="left out, no vectors of numbers; save tables .* an object"):
+        log = Log.open(CASES / "mcos_beside_vectors.mat")
+    channel = log.channel("speed")
+    assert (channel.rate_hz, channel.samples) == (pytest.approx(10.0), 200)

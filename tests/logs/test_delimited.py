@@ -98,14 +98,34 @@ def test_a_number_type_holds_in_every_part_of_the_file(
         np.testing.assert_array_equal(log.read(name, 60.0, 80.0), np.array(values, dtype)[60:80])
 
 
-def test_a_word_far_down_is_named_by_its_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_word_far_down_is_a_gap_that_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(delimited, "PART", 64)
     path = tmp_path / "log.csv"
     path.write_text("time,u\n" + "".join(f"{k},{'abc' if k == 70 else k}\n" for k in range(100)))
-    log = Log.open(path)
-    np.testing.assert_array_equal(log.read("u", 0.0, 40.0), np.arange(40))
-    with pytest.raises(InputError, match="channel 'u': line 72 holds 'abc', expected a number"):
-        log.read("u")
+    with pytest.warns(LogWarning, match="1 cells of 'u' are no numbers and taken as missing: 'abc'"):
+        log = Log.open(path)
+    values = log.read("u")
+    np.testing.assert_array_equal(np.flatnonzero(np.isnan(values)), [70])
+    np.testing.assert_array_equal(values[71:], np.arange(71, 100))
+
+
+@pytest.mark.parametrize(
+    ("head", "row", "units"),
+    [("time;n;M", "{t:.1f} s;{n} rpm;{M} %", ("rpm", "%")), ("time;n [rpm];M", "{t:.1f};{n} rpm;+ {M}", ("rpm", "")),
+     ("Source,CH1,CH2\nSecond,Volt,Volt", "{t:.1f},{n},{M}", ("V", "V")), ("time;n;M", "{t:.1f};+ {n},00;{M},0", ("", ""))],
+)  # fmt: skip
+def test_units_and_signs_may_stand_apart_in_cells(
+    head: str, row: str, units: tuple[str, str], tmp_path: Path
+) -> None:
+    rows = [row.format(t=0.1 * k, n=1500 + k % 3, M=40 + k % 2) for k in range(40)]
+    if "+ {n}" in row:
+        rows = [each.replace(".", ",") for each in rows]
+    (tmp_path / "log.csv").write_text("\n".join([head, *rows, ""]))
+    log = Log.open(tmp_path / "log.csv")
+    assert tuple(channel.unit for channel in log.channels.values()) == units
+    speed, torque = (log.read(name) for name in log.channels)
+    np.testing.assert_array_equal(speed, 1500.0 + np.arange(40) % 3)
+    np.testing.assert_array_equal(torque, 40.0 + np.arange(40) % 2)
 
 
 def test_a_file_cut_anywhere_loses_one_record_at_most(tmp_path: Path) -> None:

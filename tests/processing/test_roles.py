@@ -161,3 +161,15 @@ def test_a_speed_behind_a_gear_is_left_out_or_wants_a_vessel(
     path.write_text(path.read_text().replace("# No window was found", f"{window}# No window was found"))
     assert cli.main(["check", str(path)]) == 2
     assert "trial.vessel: found nothing beside channels.n_prop.shaft" in capsys.readouterr().err
+
+
+def test_the_torque_of_a_shaft_is_the_load_where_no_set_point_moves_and_pitch_is_none() -> None:
+    channels = {"EEC1.EngineSpeed": (1600.0, "rpm"), "EEC1.ActualEngPercentTorque": (57.0, "%"),
+                "ShaftTorque": (11.0, "kNm"), "PitchCommand": (70.0, "%"), "PitchFeedback": (70.0, "%")}  # fmt: skip
+    roles = guess_roles(rpm_log(**channels))
+    assert (roles.set_point, roles.torque, roles.load) == (None, "EEC1.ActualEngPercentTorque", "ShaftTorque")
+    assert roles.location == "brake"
+    resting = guess_roles(rpm_log(**channels, n_set=(1600.0, "rpm")))
+    assert (resting.set_point, resting.load) == ("n_set", "ShaftTorque")
+    lever = guess_roles(rpm_log(EngineSpeed=(1600.0, "rpm"), EngineCommand=(70.0, "%")))
+    assert lever.set_point == "EngineCommand"

@@ -118,6 +118,8 @@ def _told_by(name: str) -> frozenset[str]:
     )
 
 
+RESTING = 1e-3
+"""Largest range of a set point at rest, as a fraction of its level."""
 LAG_RATE_HZ = 20.0
 LONGEST_LAG_S = 3.0
 LEAST_CORRELATION = 0.3
@@ -174,8 +176,27 @@ def guess_roles(
     roles.speeds = {name: shaft for name, shaft in roles.speeds.items() if name not in roles.trains}
     if not (roles.set_point or roles.command or roles.load):
         _by_what_it_does(log, roles)
+    if roles.load is None and (roles.set_point is None or _rests(log, roles.set_point)):
+        _shaft_as_load(roles)
     _find_shafts(log, roles)
     return roles
+
+
+def _rests(log: Log, name: str) -> bool:
+    values = _coarse(log, name)
+    return values is not None and float(np.ptp(values)) <= RESTING * float(np.abs(values).max())
+
+
+def _shaft_as_load(roles: Roles) -> None:
+    """Take the torque of the shaft as the load, where that of the engine is recorded as well."""
+    torques = [name for name, given in roles.named.items() if _role(given) == "torque"]
+    shafts = [name for name in torques if "gauge" in roles.named[name].tells]
+    engines = [name for name in torques if name not in shafts]
+    if roles.command is None and len(shafts) == 1 and len(engines) == 1:
+        roles.torque, roles.load = engines[0], shafts[0]
+        roles.reasons[shafts[0]] = "load: torque of the shaft by its name, where the set point rests"
+        roles.reasons[engines[0]] = roles.reasons[engines[0]].partition(";")[0]
+        _locate(roles, engines[0])
 
 
 def named_roles(channels: Sequence[Channel], set_point: str | None = None) -> Roles:
@@ -250,8 +271,19 @@ def set_points(given: Mapping[str, Named]) -> list[str]:
         and "measured" not in one.tells
         and (one.quantity == "speed" or (one.quantity is None and _may_ask(one)) or one.unit == "%")
     }
+    # A demand beside a feedback of its own, as PitchCommand beside PitchFeedback, asks for no speed.
+    others = {
+        _stem(name) for name, one in given.items() if "measured" in one.tells and one.quantity != "speed"
+    }
+    wanted = {n: one for n, one in wanted.items() if one.quantity == "speed" or _stem(n) not in others - {""}}
     sure = [name for name, one in wanted.items() if one.quantity == "speed" and one.unit in TO_RPM]
     return sure or [name for name, one in wanted.items() if one.quantity == "speed"] or list(wanted)
+
+
+def _stem(name: str) -> str:
+    """Words of a name that tell neither demand nor measurement."""
+    alone = re.findall(r"[^\W_]+", WORD_ENDS.sub(" ", name).casefold())
+    return " ".join(word for word in alone if not _told_by(word) & {"wanted", "measured"})
 
 
 def _may_ask(given: Named) -> bool:

@@ -17,7 +17,7 @@ import pyarrow.csv
 
 from shipfp_rs.errors import InputError, LogWarning
 from shipfp_rs.logs.log import Log, register_reader
-from shipfp_rs.logs.readers.delimited_layout import GROUPED, NUMBER, Layout, find_layout
+from shipfp_rs.logs.readers.delimited_layout import GROUPED, Layout, bare_number, find_layout
 from shipfp_rs.logs.readers.table import METADATA_KEY, Options, log_of_table
 from shipfp_rs.logs.readers.time_cells import is_time
 
@@ -45,6 +45,14 @@ def open_delimited(path: Path, rate_hz: float | None, time: str | None = None) -
         )
     else:
         _warn_of_rest(path, layout, index.end)
+    for place, cells in index.others.items():
+        if cells:
+            warnings.warn(
+                f"{path}: {len(cells)} cells of {layout.headings[place]!r} are no numbers and taken as missing: "
+                f"{', '.join(map(repr, sorted(set(cells))[:3]))}",
+                LogWarning,
+                stacklevel=5,
+            )
     kept = [
         k
         for k in range(len(layout.headings))
@@ -69,9 +77,8 @@ def open_delimited(path: Path, rate_hz: float | None, time: str | None = None) -
         for row, (_, text, _) in zip(
             index.rows[part:], _parts(path, layout, index.offsets[part]), strict=False
         ):
-            if place in index.grouped:
-                told = _parse(path, layout, text, row, {place: pa.string()}).column(0).combine_chunks()
-                values = _ungrouped(path, layout, place, told, row)
+            if place in index.loose:
+                values, _ = _numbers(layout, _parse(path, layout, text, row, {place: pa.string()}).column(0))
             else:
                 values = _parse(path, layout, text, row, {place: kind}).column(0)
             for start in range(skip, len(values), size):
@@ -156,8 +163,10 @@ class _Index:
         self.kinds = [pa.null()] * len(self.layout.headings)
         self._least = [0] * len(self.kinds)
         self._end = self.layout.bytes_before
-        self.grouped: set[int] = set()
-        """Columns of numbers with thousands separators."""
+        self.loose: set[int] = set()
+        """Columns of numbers with thousands separators, units or words among them."""
+        self.others: dict[int, list[str]] = {}
+        """Cells of such columns that are no numbers."""
         self.blank: set[int] = set()
         """Columns with empty cells."""
 
@@ -167,9 +176,11 @@ class _Index:
         for k, numeric in enumerate(self.layout.numeric):
             kind, values = table.schema.types[k], table.column(k)
             if numeric and not _is_known(kind):
-                if pa.types.is_string(kind) and _is_grouped(self.layout, values):
-                    self.grouped.add(k)
-                kind = pa.float64()  # reading the column raises an error that names the cell
+                if pa.types.is_string(kind):
+                    self.loose.add(k)
+                    values, others = _numbers(self.layout, values)
+                    self.others.setdefault(k, []).extend(others)
+                kind = pa.float64()
             elif not numeric and not _is_known(kind):
                 kind = pa.string()
             elif kind == pa.float64() and (pc.max(pc.abs(values)).as_py() or 0.0) >= 2.0**63:
@@ -192,29 +203,25 @@ class _Index:
         return pa.uint64()
 
 
-def _is_grouped(layout: Layout, values: pa.ChunkedArray) -> bool:
-    """Whether all cells are numbers, some with thousands separators."""
-    cells = pc.utf8_trim_whitespace(values).drop_null().to_pylist()
-    pattern = re.compile(
-        f"(?:{NUMBER.pattern})" if layout.decimal == "." else "[+-]?\\d*(?:,\\d*)?(?:[eE][+-]?\\d+)?",
-        re.IGNORECASE,
+def _numbers(layout: Layout, cells: pa.ChunkedArray | pa.Array) -> tuple[pa.Array, list[str]]:
+    """Numbers in cells with thousands separators, units or a sign apart, and the cells that are none, which are null."""
+    coded = pc.utf8_trim_whitespace(cells).dictionary_encode()
+    coded = coded.combine_chunks() if isinstance(coded, pa.ChunkedArray) else coded
+    others, values = [], []
+    for cell in coded.dictionary.to_pylist():
+        digits = bare_number(cell)[0]
+        if grouped := GROUPED[layout.decimal].fullmatch(digits):
+            digits = digits.replace(grouped[1], "")
+        try:
+            values.append(float(digits.replace(layout.decimal, ".")) if cell else None)
+        except ValueError:
+            values.append(None)
+            others.append(cell)
+    counts = dict(
+        zip(*(part.to_pylist() for part in pc.value_counts(coded.cast(pa.string())).flatten()), strict=True)
     )
-    return bool(cells) and all(
-        not cell or pattern.fullmatch(cell) or GROUPED[layout.decimal].fullmatch(cell) for cell in cells
-    )
-
-
-def _ungrouped(path: Path, layout: Layout, place: int, cells: pa.Array, row: int) -> pa.Array:
-    """Convert numbers with thousands separators."""
-    bare = pc.replace_substring_regex(cells, "[^0-9eE+\\-" + layout.decimal + "]", "")
-    bare = pc.replace_substring(bare, layout.decimal, ".")
-    bare = pc.if_else(pc.equal(bare, ""), pa.scalar(None, pa.string()), bare)
-    try:
-        return bare.cast(pa.float64())
-    except pa.ArrowInvalid as error:
-        raise InputError(
-            f"{path}: channel {layout.headings[place]!r}, from line {layout.lines_before + row + 1} on: {error}"
-        ) from error
+    told = [cell for cell in others for _ in range(counts[cell])]
+    return pa.array(values, pa.float64()).take(coded.indices), told
 
 
 def _is_known(kind: pa.DataType) -> bool:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -53,6 +53,10 @@ DIALECTS = (
 NUMBER = re.compile(
     r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?(nan|inf|infinity)|true|false", re.IGNORECASE
 )
+LOOSE = re.compile(
+    r"(?P<sign>[+-])?\s*(?P<digits>\d[\d.,]*(?:[eE][+-]?\d+)?)(?:\s+(?P<unit>[^\W\d_%°][^\s\d]*|[%°]\S*))?"
+)
+"""Number with its sign apart, or with a unit behind it."""
 GROUPED = {
     ".": re.compile(r"[+-]?[1-9]\d{0,2}([, '\u2019\u00a0\u202f])\d{3}(?:\1\d{3})*(?:\.\d*)?"),
     ",": re.compile(r"[+-]?[1-9]\d{0,2}([. '\u2019\u00a0\u202f])\d{3}(?:\1\d{3})*(?:,\d*)?"),
@@ -144,6 +148,9 @@ def find_layout(path: Path) -> Layout:
     numeric = tuple(
         (not any(row[k] for row in full) or most(k, "number")) and not timelike[k] for k in range(width)
     )
+    own = tuple(
+        unit or (numeric[k] and _unit_of_cells(row[k] for row in full)) or "" for k, unit in enumerate(own)
+    )
     before = mark + sum(len((line + "\n").encode(encoding)) for line in whole.split("\n")[:first])
     end, footer = _footer(path, encoding, delimiter, decimal, before)
     across = [
@@ -234,9 +241,24 @@ def cells_of(line: str, delimiter: str) -> list[str]:
 
 def is_number(cell: str, decimal: str) -> bool:
     """Whether a cell is a number, with or without thousands separators, or a time."""
+    cell = bare_number(cell)[0]
     if NUMBER.fullmatch(cell.replace(decimal, ".") if decimal == "." or "." not in cell else "no"):
         return True
     return bool(GROUPED[decimal].fullmatch(cell)) or looks_like_time(cell)
+
+
+def bare_number(cell: str) -> tuple[str, str]:
+    """Number and unit of a cell such as "1500 rpm" or "+ 1499.75"; other cells as they are.
+
+    Examples
+    --------
+    >>> bare_number("1500 rpm"), bare_number("+ 1499.75"), bare_number("5 Fish")
+    (('1500', 'rpm'), ('+1499.75', ''), ('5 Fish', ''))
+    """
+    found = LOOSE.fullmatch(cell)
+    if found is None or (found["unit"] and not units.is_unit(found["unit"])):
+        return cell, ""
+    return (found["sign"] or "") + found["digits"], units.told(found["unit"] or "")
 
 
 def _uncommented(line: str, delimiter: str) -> list[str]:
@@ -307,6 +329,13 @@ def _in_pairs(above: list[list[str]], width: int) -> list[str]:
     steps = (split_unit(row[0]) for row in lines)
     unit = next((f" [{unit}]" for name, unit in steps if unit.lower() in SECONDS and unit), "")
     return [cell for name in lines[0][1::2] for cell in (f"time{unit}", name)]
+
+
+def _unit_of_cells(cells: Iterable[str]) -> str:
+    """Unit that the cells of a column have in common; empty if there is none."""
+    found = Counter(bare_number(cell)[1] for cell in cells if cell)
+    (unit, count), *_ = found.most_common(1) or [("", 0)]
+    return unit if 2 * count > found.total() else ""
 
 
 def _line_of(words: frozenset[str], above: list[list[str]], width: int) -> list[str]:

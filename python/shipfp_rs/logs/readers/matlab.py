@@ -77,7 +77,7 @@ def open_matlab_5(path: Path, rate_hz: float | None) -> Log:
         "; save tables and timeseries as structs (table2struct(T, 'ToScalar', true))" if tree.opaque else ""
     )
     tell_no_time(path, timeless, all_of_them=not found)
-    skipped = [*tree.skipped, *tree.opaque]
+    skipped = [*tree.skipped, *("an object" if name == "None" else name for name in tree.opaque)]
     tell_left_out(path, f"no vectors of numbers{hint}", skipped, all_of_them=not found)
     notes = [plan.note for _, plan in clocks.values() if plan.note]
     return log_of_found(path, found, blocks_of_rows(path, rows), notes)
@@ -87,7 +87,12 @@ def _tree(path: Path) -> _Tree:
     """Read all complete variables of a file, with a warning if it is truncated."""
     from scipy.io import loadmat, whosmat
 
-    kinds = {name: kind for name, _, kind in whosmat(path)}
+    try:
+        kinds = {name: kind for name, _, kind in whosmat(path)}
+    except TypeError:  # objects have no shape; SciPy reads them under the name "None"
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            kinds = {name: "opaque" if name == "None" else "" for name in loadmat(path)}
     whole = _whole_variables(path)
     if whole is not None and len(kinds) > whole:
         lost = list(kinds)[whole]

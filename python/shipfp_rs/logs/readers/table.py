@@ -288,7 +288,7 @@ def find_plans(
         likely = (
             not wished
             and "rate_hz" not in facts
-            and (is_time_like(field.type, name) or of_another or (options.nameless and name == first))
+            and (is_time_like(field.type, name) or of_another or name == first)
         )
         if asked or likely:
             cells = pa.concat_arrays(_first(batches(field.name, 0, SAMPLE_ROWS)))

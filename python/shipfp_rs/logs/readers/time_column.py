@@ -197,7 +197,16 @@ def find_time(
     if not usable:
         # A column clearly named as time is returned although it is not usable: its use raises an error.
         certain = [plan for plan in numbers if plan and time_cells.plain(plan.name) not in AMBIGUOUS]
-        return certain[:1] or (_nameless(columns, names) if nameless else [])
+        by_unit = [
+            plan
+            for c in columns
+            if c.unit
+            and is_number(c)
+            and fits_time(c)
+            and (plan := plan_of_numbers(path, c))
+            and _score(path, plan, columns)[:3] == (1.0, 1.0, 1.0)
+        ]
+        return certain[:1] or by_unit[:1] or (_nameless(columns, names) if nameless else [])
     best = max(usable, key=lambda item: item[:2])[2]
     others = [plan for _, _, plan in usable if plan is not best]
     zero = best.zero or next((_zero_of(path, plan, columns) for plan in others if plan.zero), None)
