@@ -295,7 +295,7 @@ CLASSES: dict[str, Callable[..., Damaged]] = {
     "clipped torque": _clipped,
     "NaN stretch": _lost("gap"),
     "infinite values": _lost("gap", np.inf),
-    "text among numbers": _text(_word, r"line {line} holds 'overload'"),
+    "text among numbers": _text(_word, r"no numbers and taken as missing: 'overload'"),
     "decimal comma in a line": _text(_comma, r"line {line}"),
     "truncated file": _truncated,
     "wrong unit": _wrong_unit,
@@ -346,6 +346,8 @@ def outcome(kind: str, seed: int, folder: Path) -> str:
         for record in records
         if record["kind"] in case.kinds and case.channel in ("", record["channel"])
     ]
+    if case.refusal and any(_says(case.refusal, str(warning.message)) for warning in told):
+        return "told"
     if not spans:
         return f"silent, {sorted({record['kind'] for record in records})}"
     return "told" if _covers(np.concatenate(spans), case) else "told elsewhere"

@@ -58,7 +58,16 @@ def find_long_table(path: Path, fields: Fields, plan: TimePlan, batches: Batches
     """
     numbers = [field for field, facts in fields.values() if _is_value(field.type) and "rate_hz" not in facts]
     words = [field for field, _ in fields.values() if pa.types.is_string(field.type)]
-    if not 1 <= len(numbers) <= MOST_NUMBERS or (not words and len(numbers) < 2):
+    counted = [
+        field.name
+        for field, facts in fields.values()
+        if field in numbers
+        and len(numbers) <= MOST_NUMBERS
+        and pa.types.is_integer(field.type)
+        and not facts["unit"]
+        if len(next(batches(field.name, 0, BLOCK), pa.array([])).unique()) <= MOST_NAMES
+    ]
+    if not 1 <= len(numbers) <= MOST_NUMBERS or not (words or (counted and len(numbers) > 1)):
         return None
 
     def whole(key: str) -> pa.Array:
@@ -71,11 +80,7 @@ def find_long_table(path: Path, fields: Fields, plan: TimePlan, batches: Batches
     floats = [field.name for field in numbers if pa.types.is_floating(field.type)]
     texts = sorted((field.name for field in words), key=lambda key: -len(coded[key][1]))
     candidates = [*((key,) for key in texts), *combinations(texts, 2)]
-    candidates += [
-        (field.name,)
-        for field, facts in fields.values()
-        if field in numbers and pa.types.is_integer(field.type) and not facts["unit"]
-    ]
+    candidates += [(key,) for key in counted]
     for rising, keys in product((True, False), candidates):
         codes = _joined([coded[key][0] for key in keys])
         rest = [field.name for field in numbers if field.name not in keys]
@@ -107,8 +112,8 @@ def find_long_table(path: Path, fields: Fields, plan: TimePlan, batches: Batches
     return None
 
 
-MOST_NUMBERS = 4
-"""Most columns of numbers in a long table: value, name, quality and row number."""
+MOST_NUMBERS, MOST_NAMES = 4, 256
+"""Most columns of numbers in a long table (value, name, quality and row number), and most integers that are names."""
 
 
 def _is_value(kind: pa.DataType) -> bool:

@@ -101,7 +101,13 @@ class _Rows:
             parts.append(self._held[:missing])
             self._held = self._held[missing:]
             missing -= len(parts[-1])
-        return pa.concat_arrays([*(pa.array(part, type=kind) for part in parts), pa.nulls(missing, kind)])
+        return pa.concat_arrays([*(_stored(part, kind) for part in parts), pa.nulls(missing, kind)])
+
+
+def _stored(part: Samples, kind: pa.DataType) -> pa.Array:
+    """Samples of one type; where a channel of integers lacks rows, they are filled with NaN."""
+    lost = part.dtype.kind == "f" and not pa.types.is_floating(kind)
+    return pa.array(np.ma.masked_invalid(part) if lost else part, type=None if lost else kind).cast(kind)
 
 
 def _field(channel: Channel, dtype: np.dtype[Any]) -> pa.Field:
