@@ -144,10 +144,7 @@ class ShipEquations(Equations):
             vector[INDEX["hold"]] = min(0.5 * period / dead, 1.0) if dead > 0.0 else 0.0
             vector[INDEX["T_s"]] = 0.0
         if twist := values.get("tau_twist", 0.0):
-            whole, behind = values["tau_n"], values["tau_prop"]
-            if behind >= 0.99 * whole:
-                raise SimulationError("the engine's side of the flexible shaft has almost no inertia")
-            swings = np.sqrt(whole / (behind * (whole - behind)) / twist)
+            swings = swings_at(values)
             vector[INDEX["tau_twist"]] = twist if swings < 2.0 * np.pi * STIFF_HZ else 0.0
             place = INDEX["zeta_twist"]
             vector[place] = max(vector[place], 2.0 * LEAST_DAMPED / (swings * twist))
@@ -221,6 +218,8 @@ KIND = "commanded"
 """Kind of an open-loop structure, as stored in its settings."""
 ELEMENTS = ("dead_time_loop", "actuator_lag", "damping", "curvature", "late_torque", "load")
 """Elements of the ship that do not need a governor."""
+STEPPED_HZ = 50.0
+"""Natural frequency of a shaft above which a fit's simulations take it as stiff; each needs a step of its own length."""
 MOST_TWISTED = 0.98
 """Largest share of the inertia on a flexible shaft's propeller side: a simulation needs inertia on both sides."""
 FEEDBACK = 1e-9
@@ -229,15 +228,26 @@ unchanged, and the speed feedback is negligible.
 """
 
 
+def swings_at(values: Values) -> float:
+    """Natural frequency of a flexible shaft between its two inertias [rad/s]."""
+    whole, behind = values["tau_n"], values["tau_prop"]
+    if behind >= 0.99 * whole:
+        raise SimulationError("the engine's side of the flexible shaft has almost no inertia")
+    return float(np.sqrt(whole / (behind * (whole - behind)) / values["tau_twist"]))
+
+
 def stepper_parameters(values: Values, *, open_loop: bool = False) -> Array:
     """Return the stepper's parameters for a ship's values by name; `vK_p`, `vK_i` and `vK_d` are products of gain and v.
 
-    Without a first instant T_0, a sampling governor acts by its mean effect.
+    Without a first instant T_0, a sampling governor acts by its mean effect. A shaft that swings faster than `STEPPED_HZ` is
+    stiff: what a fit simulates are gaps and the effect of limits.
     """
     v = values.get("v", 1.0)
     own = {name: value / v if name in ("vK_p", "vK_i", "vK_d") else value for name, value in values.items()}
     if own.get("tau_twist"):
         own["tau_prop"] = min(own["tau_prop"], MOST_TWISTED * own["tau_n"])
+        if swings_at(own) > 2.0 * np.pi * STEPPED_HZ:
+            own["tau_twist"] = 0.0
     if open_loop:
         return CommandedEquations((), gauge=False).vector(own)
     return ShipEquations((), gauge=False, mean_sampling="T_0" not in own).vector(own)
