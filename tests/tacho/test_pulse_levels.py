@@ -5,13 +5,17 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from shipfp_rs import tacho
+from shipfp_rs.logs.log import Log
 from tests.tacho.pick_ups import KINDS, outcome, record
 
 RATE = 2000.0
+CASES = Path(__file__).parents[1] / "data" / "cases"
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -115,3 +119,10 @@ def test_the_parts_of_a_gap_have_their_reasons():
     assert len(found.gaps_s) == 1 + len(found.faint_s)
     assert 0.1 < found.limit < 0.2
     assert len(found.time_std_s) == len(found.times_s)
+
+
+def test_a_train_of_zero_and_one_has_no_faint_pulses_beside_the_gap_of_its_wheel():
+    log = Log.open(CASES / "changes_36_1.csv")
+    pulses = tacho.pulse_times(log["Channel 0"], log.channel("Channel 0").rate_hz)
+    assert len(pulses.faint_s) == 0
+    assert len(pulses.times_s) == pytest.approx(1434, abs=1)

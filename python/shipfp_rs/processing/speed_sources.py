@@ -205,8 +205,10 @@ def with_missing(times_s: Array, teeth: int, missing: int) -> Array:
     if len(periods) < 4:
         return times_s
     # A gap is missing + 1 pitches long, between teeth; a gap with another lost tooth is repaired later.
-    usual = np.minimum(np.append(periods[1:], periods[-1]), np.insert(periods[:-1], 0, periods[0]))
-    wide = np.abs(periods / usual - (missing + 1)) < 0.5
+    after, before = np.append(periods[1:], periods[-1]), np.insert(periods[:-1], 0, periods[0])
+    # The mean of both sides holds where the speed changes, the lesser one beside a lost tooth.
+    usual = np.array([0.5 * (before + after), np.minimum(before, after)])
+    wide = (np.abs(periods / usual - (missing + 1)) < 0.5).any(axis=0)
     gaps = np.flatnonzero(wide[1:-1]) + 1
     at = np.array([-1.0, 0.0, missing + 1.0, missing + 2.0])
     wanted = np.arange(1.0, missing + 1.0)

@@ -78,7 +78,7 @@ def reflector_angles(
     def refused(reason: str) -> ReflectorAngles:
         return ReflectorAngles(even, np.full(pulses_per_rev, np.nan), ok=False, reason=reason)
 
-    tracks = cut_tracks(times, gap_times)
+    tracks = cut_tracks(times, gap_times, pulses_per_rev)
     if not tracks:
         return refused("no two pulses in a row")
     track = max(tracks, key=lambda track: track.count.sum())

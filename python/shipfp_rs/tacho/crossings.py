@@ -155,16 +155,16 @@ def pulse_times(
     found = _Found()
     if isinstance(samples, np.ndarray) and samples.ndim == 1:
         whole = _for_kernel([samples])
-        found.take(tracker.follow(whole, size), whole[-((len(whole) - 1) % size + 1) :], len(whole))
+        found.take(tracker.follow(whole, size), whole[-((len(whole) - 1) % size + 1) :], whole)
     else:
         held: npt.NDArray[Any] | None = None
         for window in _windows(samples, size):
             tracker.look(window)
             if held is not None:
-                found.take(tracker.cross(held), held, len(held))
+                found.take(tracker.cross(held), held, held)
             held = window
         if held is not None:
-            found.take(tracker.cross(held), held, len(held))
+            found.take(tracker.cross(held), held, held)
     if not found.levels:
         raise InputError(_complaint(*found.silent_levels(), threshold))
     missing = tracker.gaps
@@ -199,17 +199,22 @@ class _Found:
         self.columns: list[tuple[Array, Array, Array, Array]] = []
         self.levels: list[Array] = []
         self.samples = 0
+        self._states = True
         self._windows: list[Array] = []
         self._silent: npt.NDArray[Any] = np.empty(0)
 
     def take(
-        self, crossed: tuple[Array, Array, Array, Array, Array, Array], last: npt.NDArray[Any], samples: int
+        self,
+        crossed: tuple[Array, Array, Array, Array, Array, Array],
+        last: npt.NDArray[Any],
+        samples: npt.NDArray[Any],
     ) -> None:
-        """Add the crossings of windows of `samples` samples; `last` is the last window."""
+        """Add the crossings of windows of these samples; `last` is the last window."""
         *columns, levels, windows = crossed
         self.columns.append((columns[0], columns[1], columns[2], columns[3]))
         self._windows.append(windows)
-        self.samples += samples
+        self.samples += len(samples)
+        self._states = self._states and _of_two_values(samples)
         if len(levels):
             self.levels.append(levels)
         elif not self.levels:
@@ -231,6 +236,9 @@ class _Found:
 
     def clear(self, times: Array) -> tuple[Flags, Flags]:
         """Mark the crossings that are pulses, and the crossings barely higher than noise, shape (N,)."""
+        if self._states:
+            # A train of two values, such as 0 and 1, has no noise; what is estimated as noise is the sampling of its edges.
+            return np.ones(len(times), dtype=np.bool_), np.zeros(len(times), dtype=np.bool_)
         count, limit, least, known = self.windows.T
         known = known[count > 0]
         # The largest median height of the windows; one or two disturbed windows are ignored.
@@ -251,6 +259,15 @@ def _gaps(missing: Spans, faint: Array) -> Array:
     reach = np.maximum.accumulate(gaps[:, 1])
     apart = gaps[1:, 0] >= reach[:-1]
     return np.column_stack([gaps[np.r_[True, apart], 0], reach[np.r_[apart, True]]])
+
+
+def _of_two_values(samples: npt.NDArray[Any]) -> bool:
+    """Whether samples are at one of two values or missing, but for two at each edge; the first ones tell most others."""
+    for part in (samples[:64], samples) if len(samples) else ():
+        between = (part > np.fmin.reduce(part)) & (part < np.fmax.reduce(part))
+        if (between[2:] & between[1:-1] & between[:-2]).any():
+            return False
+    return True
 
 
 def _complaint(bottom: float, top: float, threshold: float | None) -> str:

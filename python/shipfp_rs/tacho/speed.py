@@ -181,7 +181,7 @@ def speed_from_pulses(
         raise InputError(f"angles: not known ({angles.reason}); leave them out for even spacing")
     if len(angles.fractions) != pulses_per_rev:
         raise InputError(f"angles: found {len(angles.fractions)}, expected pulses_per_rev = {pulses_per_rev}")
-    parts = [_track_speed(track, angles, timing) for track in cut_tracks(times, gap_times)]
+    parts = [_track_speed(track, angles, timing) for track in cut_tracks(times, gap_times, pulses_per_rev)]
     middle, speed, std, duration, flags, angle, ends = (
         (part[0] if len(part) == 1 else np.concatenate(part)) if parts else np.empty(0)
         for part in (zip(*parts, strict=True) if parts else [()] * 7)

@@ -33,6 +33,10 @@ _END_ZONE = _MEDIAN_WINDOW // 2
 _TREND = 4
 """Intervals whose speeds define the trend, a straight line over time as under a constant torque."""
 _PART_OF_A_PULSE = 0.1
+_SAME_NEXT_TURN = 0.25
+"""Largest relative difference of a period and the one a turn apart in irregular rotation, such as of an engine cranked."""
+_GENTLE = 1.9
+"""Largest ratio of successive periods in irregular rotation; a missed or extra pulse halves or doubles a period."""
 
 
 class PulseFlag(IntFlag):
@@ -84,13 +88,31 @@ def checked_times(
     return times, gap_times
 
 
-def _running_median(periods: Array) -> Array:
-    return running_median(periods, _MEDIAN_WINDOW)
+def _usual(periods: Array, pulses_per_rev: int) -> tuple[Array, npt.NDArray[np.bool_]]:
+    """Periods expected, and which of them differ from the running median since the rotation is irregular in each turn.
+
+    Such a period is like that of the same tooth a turn before or after, as are those beside it, and not far from them.
+    """
+    median = running_median(periods, _MEDIAN_WINDOW)
+    lag = pulses_per_rev
+    odd = np.abs(np.log(periods / median)) > _SAME_NEXT_TURN
+    if lag < 3 or len(periods) <= lag or not odd.any():
+        return median, np.zeros(len(periods), dtype=np.bool_)
+
+    def with_both_sides(fits: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
+        return np.asarray(fits & np.append(True, fits[:-1]) & np.append(fits[1:], True))
+
+    same = with_both_sides(np.abs(np.log(periods[lag:] / periods[:-lag])) < _SAME_NEXT_TURN)
+    apart = np.zeros(lag, dtype=np.bool_)
+    gentle = np.abs(np.diff(np.log(periods))) < np.log(_GENTLE)
+    irregular = (np.append(apart, same) | np.append(same, apart)) & odd
+    irregular &= np.append(True, gentle) & np.append(gentle, True)
+    return np.where(irregular, periods, median), irregular
 
 
-def _without_extra(times: Array) -> tuple[Array, npt.NDArray[np.bool_]]:
+def _without_extra(times: Array, pulses_per_rev: int) -> tuple[Array, npt.NDArray[np.bool_]]:
     """Remove extra crossings; also mark the remaining intervals that contained one."""
-    median = _running_median(np.diff(times))
+    median, _ = _usual(np.diff(times), pulses_per_rev)
     if not (np.diff(times) < _EXTRA_BELOW * median).any():
         return times, np.zeros(len(times) - 1, dtype=np.bool_)
     kept = [times[0]]
@@ -112,7 +134,7 @@ def _without_extra(times: Array) -> tuple[Array, npt.NDArray[np.bool_]]:
     return np.array(kept), np.array(merged[1:])
 
 
-def cut_tracks(times: Array, gaps: Array) -> list[Track]:
+def cut_tracks(times: Array, gaps: Array, pulses_per_rev: int) -> list[Track]:
     """Cut the pulses at breaks, count the true intervals in each, and flag the repairs."""
     if len(times) < 2:
         return []
@@ -121,11 +143,12 @@ def cut_tracks(times: Array, gaps: Array) -> list[Track]:
         size = len(times) - 1
         one, good = np.ones(size, dtype=np.int64), np.zeros(size, dtype=np.uint8)
         return [Track(times, one, good, np.ones(size, dtype=np.bool_))]
-    times, merged = _without_extra(times)
+    times, merged = _without_extra(times, pulses_per_rev)
     if len(times) < 2:
         return []
     periods = np.diff(times)
-    ratio = periods / _running_median(periods)
+    usual, irregular = _usual(periods, pulses_per_rev)
+    ratio = periods / usual
     count = np.where(ratio < _MISSED_FROM, 1, np.rint(ratio)).astype(np.int64)
     over_gap = np.searchsorted(gaps[:, 0], times[1:]) > np.searchsorted(gaps[:, 1], times[:-1], side="right")
     # Counting continues across a gap only where the number of pulses in it is certain.
@@ -137,18 +160,21 @@ def cut_tracks(times: Array, gaps: Array) -> list[Track]:
         if last > first:
             span = slice(first, last)
             track = Track(times[first : last + 1], count[span], flags[span].astype(np.uint8), ~over_gap[span])
-            tracks.append(_judged_by_trend(track, ratio[span]))
+            tracks.append(_judged_by_trend(track, ratio[span], irregular[span]))
     return tracks
 
 
-def _judged_by_trend(track: Track, ratio: Array) -> Track:
+def _judged_by_trend(track: Track, ratio: Array, irregular: npt.NDArray[np.bool_]) -> Track:
     """Repeat the count of intervals where the median fails: at both ends, and where the shaft nearly comes to rest."""
     if len(track.count) <= _TREND:
         return replace(track, doubt=1.0 - 1.0 / track.count)
     whole = _near_rest(track, ratio)
-    for _ in range(2):
+    reach = _END_ZONE + _TREND
+    for end in (irregular[-reach:], irregular[:reach]):
         size = len(whole.count)
-        whole = _turned(_outwards(whole, size - min(_END_ZONE, size // 2), size))
+        # Irregular rotation has no trend.
+        zone = 0 if end.any() else min(_END_ZONE, size // 2)
+        whole = _turned(_outwards(whole, size - zone, size))
     return whole
 
 

@@ -1,0 +1,39 @@
+"""Rotation that is irregular within each turn, as of an engine that is cranked or fires on one cylinder."""
+
+import numpy as np
+import pytest
+
+from shipfp_rs import tacho
+from shipfp_rs.processing.speed_sources import with_missing
+from shipfp_rs.tacho import PulseFlag
+
+TURNS_PER_S = 250.0 / 60.0
+
+
+def teeth(pulses_per_rev, missing, depth, order):
+    """Return times [s] of a wheel's teeth at a speed of 250 rpm (1 - depth cos(order angle)), and the turns in 4 s."""
+    angle = np.linspace(0.0, 20.0, 400_001)
+    slowness = 1.0 / (TURNS_PER_S * (1.0 - depth * np.cos(2.0 * np.pi * order * angle)))
+    time = np.append(0.0, np.cumsum(0.5 * (slowness[1:] + slowness[:-1]) * np.diff(angle)))
+    count = np.arange(20 * pulses_per_rev)
+    times = np.interp(count[count % pulses_per_rev < pulses_per_rev - missing] / pulses_per_rev, angle, time)
+    times = times[times < 4.0]
+    return times, np.interp(times[-1], time, angle)
+
+
+@pytest.mark.parametrize("order", [1, 2, 3])
+@pytest.mark.parametrize(("pulses_per_rev", "missing"), [(12, 0), (36, 1), (60, 2)])
+def test_irregular_rotation_of_forty_per_cent_loses_no_tooth(pulses_per_rev, missing, order):
+    times, turned = teeth(pulses_per_rev, missing, 0.4, order)
+    every = with_missing(times, pulses_per_rev, missing) if missing else times
+    speed = tacho.speed_from_pulses(every, pulses_per_rev)
+    assert speed.turned_rev.sum() == pytest.approx(turned, rel=1e-6)
+
+
+def test_teeth_lost_and_doubled_in_irregular_rotation_are_still_repaired():
+    times, turned = teeth(12, 0, 0.4, 3)
+    worn = np.sort(np.append(np.delete(times, [76]), times[120] + 1e-6))
+    speed = tacho.speed_from_pulses(worn, 12)
+    assert (speed.flags & PulseFlag.EXTRA).any()
+    assert (speed.flags & PulseFlag.MISSED).any()
+    assert speed.turned_rev.sum() == pytest.approx(turned, abs=0.2)
