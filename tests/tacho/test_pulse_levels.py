@@ -12,6 +12,7 @@ import pytest
 
 from shipfp_rs import tacho
 from shipfp_rs.logs.log import Log
+from shipfp_rs.processing.speed_sources import with_missing
 from tests.tacho.pick_ups import KINDS, outcome, record
 
 RATE = 2000.0
@@ -126,3 +127,11 @@ def test_a_train_of_zero_and_one_has_no_faint_pulses_beside_the_gap_of_its_wheel
     pulses = tacho.pulse_times(log["Channel 0"], log.channel("Channel 0").rate_hz)
     assert len(pulses.faint_s) == 0
     assert len(pulses.times_s) == pytest.approx(1434, abs=1)
+
+
+def test_edges_doubled_in_a_channel_of_states_leave_its_speed():
+    log = Log.open(CASES / "double_edge.csv")
+    pulses = tacho.pulse_times(log["Channel 0"], log.channel("Channel 0").rate_hz)
+    speed = tacho.speed_from_pulses(pulses.at(with_missing(pulses.times_s, 60, 2)), 60)
+    assert speed.turned_rev.sum() == pytest.approx(24.93, abs=0.02)
+    np.testing.assert_allclose(speed.speed_rps * 60.0, 300.0, rtol=2e-3)

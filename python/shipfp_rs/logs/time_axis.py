@@ -45,6 +45,8 @@ MOST_EVEN = 1.01
 """Ratio of a long to a short step up to which rows beside gaps are even."""
 HELD_GROWTH = 1000.0
 """Most samples of the even grid per recorded change of a channel that is held."""
+BOUNCE = 0.05
+"""Changes of a state closer than this fraction of a grid step are one edge, doubled."""
 CHANGE_STEPS = 4.0
 """Least number of grid steps between two changes of a state, for all but the shortest twentieth of the changes."""
 FAR_OFF = 1.5
@@ -335,12 +337,17 @@ def _on_lines(times: Array, values: Array, at: Array, half: float) -> Array:
 def _on_ramps(times: Array, values: Array, at: Array, step: float) -> Array:
     """Samples of a two-state channel with ramps over two grid steps, which preserve the times of its changes.
 
+    Of changes that follow each other far faster than the grid, as at a doubled edge, the first counts if the state differs
+    after the last, and none if not.
+
     Examples
     --------
     >>> _on_ramps(np.array([0.0, 2.3]), np.array([0.0, 1.0]), np.arange(5.0), 1.0)
     array([0.  , 0.  , 0.35, 0.85, 1.  ])
     """
     rows = np.flatnonzero(values[1:] != values[:-1]) + 1
+    first = np.flatnonzero(np.diff(times[rows], prepend=-np.inf) >= BOUNCE * step)
+    rows = rows[first[np.diff(first, append=len(rows)) % 2 == 1]]
     if not rows.size:
         return np.full(len(at), values[0])
     apart = np.diff(times[rows], prepend=-np.inf, append=np.inf)
