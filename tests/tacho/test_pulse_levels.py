@@ -135,3 +135,17 @@ def test_edges_doubled_in_a_channel_of_states_leave_its_speed():
     speed = tacho.speed_from_pulses(pulses.at(with_missing(pulses.times_s, 60, 2)), 60)
     assert speed.turned_rev.sum() == pytest.approx(24.93, abs=0.02)
     np.testing.assert_allclose(speed.speed_rps * 60.0, 300.0, rtol=2e-3)
+
+
+def test_the_gap_of_a_wheel_at_constant_speed_is_no_missing_row(tmp_path):
+    teeth = np.arange(3600)
+    rises = teeth[teeth % 60 < 58] / 300.0
+    rows = np.column_stack([rises, rises + 0.5 / 300.0]).ravel()
+    path = tmp_path / "states.csv"
+    lines = "".join(f"{time:.7f},{(k + 1) % 2}\n" for k, time in enumerate(rows))
+    path.write_text("Time [s],Channel 0\n" + lines)
+    log = Log.open(path)
+    assert not log.faults
+    pulses = tacho.pulse_times(log["Channel 0"], log.channel("Channel 0").rate_hz)
+    speed = tacho.speed_from_pulses(pulses.at(with_missing(pulses.times_s, 60, 2)), 60)
+    np.testing.assert_allclose(speed.speed_rps * 60.0, 300.0, rtol=2e-3)

@@ -122,7 +122,8 @@ def time_axis(
         clock = scan.finish(str(path), column, same, trusted=rate_hz is None)
     except InputError as error:
         return _uneven(path, column, np.concatenate([np.empty(0), *times()]), error, same, changes, held)
-    if rate_hz is None and scan.bends():
+    # Where each row changes a state, a long step is a state that lasts, such as the gap of a wheel, and no row is missing.
+    if rate_hz is None and (scan.bends() or (changes and clock.faults)):
         told = InputError(f"{path}: time column {column!r} is not uniform: its rate changes by and by")
         return _uneven(path, column, np.concatenate(list(times())), told, same, changes, held)
     return _even(clock, rate_hz)
