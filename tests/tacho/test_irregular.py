@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 from shipfp_rs import tacho
-from shipfp_rs.processing.speed_sources import with_missing
+from shipfp_rs.logs.log import Log, Rows
+from shipfp_rs.processing.speed_sources import MarkedWheel, with_missing
+from shipfp_rs.processing.trial_channels import Tacho
 from shipfp_rs.tacho import PulseFlag
 
 TURNS_PER_S = 250.0 / 60.0
@@ -37,3 +39,21 @@ def test_teeth_lost_and_doubled_in_irregular_rotation_are_still_repaired():
     assert (speed.flags & PulseFlag.EXTRA).any()
     assert (speed.flags & PulseFlag.MISSED).any()
     assert speed.turned_rev.sum() == pytest.approx(turned, abs=0.2)
+
+
+def test_a_wheel_says_which_turns_it_counts_wrong():
+    rate_hz = 20_000.0
+    # The fifth turn has 33 teeth at even distances where the others have 35.
+    turns = [
+        (turn + np.arange(count) / (count + 1)) / 5.0
+        for turn, count in enumerate([35] * 5 + [33] + [35] * 14)
+    ]
+    times, at = np.concatenate(turns) + 1e-3, np.arange(round(4.0 * rate_hz)) / rate_hz
+    since = at - times[np.maximum(np.searchsorted(times, at, side="right") - 1, 0)]
+    log = Log.from_arrays({"teeth": ((since >= 0.0) & (since < 2e-3)).astype(np.float64)}, rate_hz=rate_hz)
+    table = Tacho.model_construct(pulses_per_rev=36, missing=1, shaft="engine")
+    wheel = MarkedWheel(Rows(log, "teeth"), "teeth", table, 1.0, {"all": (0.0, 4.0)})
+    found = wheel.faults("all", wheel.speed("all"), 0.0, 4.0)
+    (fault,) = (one for one in found if "gap to gap" in str(one.method))
+    (span,) = fault.spans / rate_hz
+    assert span[0] < 1.1 < span[1]

@@ -354,7 +354,7 @@ def _on_ramps(times: Array, values: Array, at: Array, step: float) -> Array:
     apart = np.diff(times[rows], prepend=-np.inf, append=np.inf)
     half = np.minimum(step, 0.5 * np.minimum(apart[1:], apart[:-1]))
     ends = np.column_stack([times[rows] - half, times[rows] + half]).ravel()
-    return np.interp(at, ends, np.column_stack([values[rows - 1], values[rows]]).ravel())
+    return np.asarray(np.interp(at, ends, np.column_stack([values[rows - 1], values[rows]]).ravel()))
 
 
 def _means(time: Array, values: Array, begins: Array, ends: Array) -> Array:

@@ -180,9 +180,41 @@ Stretches = Mapping[str, tuple[float, float]]
 class MarkedWheel(PulseTrain):
     """Toothed wheel with a gap of missing teeth, such as 60-2; the missing teeth are interpolated."""
 
+    def __init__(self, rows: Rows, name: str, tacho: Tacho, gear_ratio: float, stretches: Stretches) -> None:
+        self._found_s: list[Array] = []
+        """Times of the gaps found in each stretch [s]: the first missing tooth."""
+        self._labels = tuple(stretches)
+        super().__init__(rows, name, tacho, gear_ratio, stretches)
+
     def _pulses(self, rows: Rows, start_s: float, stop_s: float) -> PulseTimes:
         pulses = super()._pulses(rows, start_s, stop_s)
-        return pulses.at(with_missing(pulses.times_s, self.tacho.pulses_per_rev, self.tacho.missing))
+        every = with_missing(pulses.times_s, self.tacho.pulses_per_rev, self.tacho.missing)
+        self._found_s.append(np.setdiff1d(every, pulses.times_s)[:: self.tacho.missing])
+        return pulses.at(every)
+
+    def faults(self, label: str, speed: IntervalSpeed, start_s: float, stop_s: float) -> list[Fault]:
+        """Faults of a stretch, and the turns from gap to gap that are not whole ones."""
+        channel, spans = self.channel, self._not_whole(label, speed)
+        spans = spans[(spans[:, 1] > start_s) & (spans[:, 0] < stop_s)].clip(start_s, stop_s)
+        lost = np.rint((spans - channel.start_s) * channel.rate_hz).astype(np.int64)
+        method = Sentence("kept: the teeth from gap to gap are not those of whole turns")
+        found = super().faults(label, speed, start_s, stop_s)
+        return [*found, Fault("B", channel.name, method, lost)] if len(lost) else found
+
+    def _not_whole(self, label: str, speed: IntervalSpeed) -> Array:
+        """Stretches [s] from one gap found to the next that count no whole number of turns, shape (K, 2)."""
+        gaps = self._found_s[list(self._labels).index(label)]
+        if len(gaps) < 2 or not len(speed.time_s):
+            return np.empty((0, 2))
+        ends = speed.time_s + 0.5 * speed.duration_s
+        turned, lasted = (
+            np.diff(np.interp(gaps, ends, np.cumsum(column)))
+            for column in (speed.turned_rev, speed.duration_s)
+        )
+        # What is masked is told elsewhere.
+        counted = np.abs(lasted / np.diff(gaps) - 1.0) < 1e-3
+        wrong = np.abs(turned - np.rint(turned)) * self.tacho.pulses_per_rev > 0.5
+        return np.column_stack([gaps[:-1], gaps[1:]])[counted & wrong]
 
 
 def with_missing(times_s: Array, teeth: int, missing: int) -> Array:
