@@ -277,7 +277,9 @@ fn written(values: &[f64; COUNT], [torque, rack, both]: [bool; 3], setup: Setup)
     let flexible = damped.clone().plus(&law.times(&twist), 1.0);
     let (by_torque, by_speed, on_load) = match (propeller, gauge) {
         (false, true) => (flexible, damped.times(&law), damped.clone()),
-        (false, false) => (flexible.clone(), damped.times(&law).plus(&inertia.times(&flexible), 1.0), damped.clone()),
+        (false, false) => {
+            (flexible.clone(), damped.times(&law).plus(&inertia.times(&flexible), 1.0), damped.clone())
+        }
         (true, true) => (poly(&[one]), law, poly(&[one])),
         (true, false) => (damped.clone(), turned.times(&law).plus(&inertia.times(&damped), 1.0), turned),
     };
