@@ -331,10 +331,10 @@ fn written(values: &[f64; COUNT], [torque, rack, both]: [bool; 3], setup: Setup)
         // together. Operators and the taper do not commute, so a multiple of the load's equation, times `cleared`, leaves
         // its noise in the engine's. A set point can't tell this multiple. The engine's equation therefore always has the
         // multiple that `t_1` says, whatever the parameters are, and its noise does not tell the multiple either.
-        if gauge && values[at::T_1] > 0.0 {
+        if let Some(load) = equations.first().filter(|_| gauge && values[at::T_1] > 0.0) {
             let known = Dual::new(values[at::T_1]);
             let multiple = (ahead + known * -1.0) * (q(at::TAU_PROP) + known).inverse();
-            engine.add_all(&equations[0].times(&poly(&[multiple])));
+            engine.add_all(&load.times(&poly(&[multiple])));
         }
         if open_loop {
             engine.add(signal::ONE, &poly(&[q(at::X_0)]).negative());
