@@ -100,6 +100,12 @@ def fit_ship(
     question = replace(question, always=tuple(name for name in question.always if name not in names))
     with part(0.0, 0.4):
         fit = smooth_ship(question, starts=starts, seed=seed, until=until, side=side)
+        if question.propeller and question.structure is None:
+            # Pulses behind the gear may be counted at either end of the flexible shaft: the likelier end is kept.
+            other = replace(question, propeller=False)
+            near = smooth_ship(other, starts=starts, seed=seed, until=until, side=side)
+            fit = min((fit, near), key=lambda one: one.total)
+            question = fit.question
         tell("parting the delays otherwise", 0.9)
         fit = with_steps_in_time(with_other_delays(fit, until), until)
     fit = replace(fit, side=load_side_of(question, fit.likelihood.records))
