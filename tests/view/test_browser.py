@@ -66,6 +66,11 @@ class Visit:
         self.page.mouse.up()
 
 
+def visit_of(browser, server, path: Path, viewport=DESKTOP) -> Visit:
+    doc = server.desk.open(path)
+    return Visit(browser, f"{server.origin}/{server.token}/look.html?doc={doc}", viewport)
+
+
 @pytest.fixture(scope="module")
 def spiky(tmp_path_factory) -> tuple[Path, np.ndarray, np.ndarray]:
     """A million samples with a thousand spikes of one sample each, of different heights, both ways."""
@@ -82,8 +87,7 @@ def test_every_spike_is_on_the_screen_at_every_zoom(browser, spiky):
     """In each column of pixels with a spike, what is drawn reaches the highest and the lowest one."""
     path, samples, places = spiky
     with served(path.parent) as caller:
-        doc = caller.server.desk.open(path)
-        visit = Visit(browser, f"{caller.server.origin}/{caller.server.token}/look.html?doc={doc}")
+        visit = visit_of(browser, caller.server, path)
         page = visit.page
         page.evaluate("shipfp.view.layers.faults = false")
         seen = 0
@@ -238,8 +242,7 @@ def test_it_obeys_keys_wheel_and_drag(visits):
 def test_the_next_turns_of_the_wheel_find_their_tiles_here(browser, spiky):
     """Where the pointer rests, what four turns of a quarter each show is asked for ahead."""
     with served(spiky[0].parent) as caller:
-        doc = caller.server.desk.open(spiky[0])
-        visit = Visit(browser, f"{caller.server.origin}/{caller.server.token}/look.html?doc={doc}")
+        visit = visit_of(browser, caller.server, spiky[0])
         visit.page.evaluate("shipfp.view.setPointer(321.0)")
         held = (
             "() => [1, 4, 16, 64, 256].every((part) => shipfp.view.keys(321 - 321 / part, 321 + 679 / part)"
@@ -282,8 +285,7 @@ def test_no_number_at_an_axis_is_cut(browser, tmp_path):
     samples = -987_654.0 + 0.003 * np.sin(np.arange(6000) / 50.0)
     Log.from_arrays({"far from zero": samples}, rate_hz=100.0, units={"far from zero": "Nm"}).write(path)
     with served(path.parent) as caller:
-        doc = caller.server.desk.open(path)
-        visit = Visit(browser, f"{caller.server.origin}/{caller.server.token}/look.html?doc={doc}", PHONE)
+        visit = visit_of(browser, caller.server, path, PHONE)
         visit.page.evaluate(WRITTEN)
         visit.show(10.0, 40.0)
         assert visit.page.evaluate("window.outside") == []
@@ -336,8 +338,7 @@ def test_a_speed_in_per_cent_is_calibrated_on_the_page(browser, tmp_path):
     columns = np.column_stack((time, share, share, 20.0 * share))
     np.savetxt(tmp_path / "pod.csv", columns, fmt="%.3f", delimiter=",", comments="", header=heads)
     with served(tmp_path) as caller:
-        doc = caller.server.desk.open(tmp_path / "pod.csv")
-        visit = Visit(browser, f"{caller.server.origin}/{caller.server.token}/look.html?doc={doc}")
+        visit = visit_of(browser, caller.server, tmp_path / "pod.csv")
         page = visit.page
         page.get_by_role("button", name="take the roles that names and units tell").click()
         page.get_by_label("scale of POD_SPEED_ACT_PCT").fill("20")
@@ -352,8 +353,7 @@ def test_a_newcomer_gets_from_a_csv_to_a_report_without_a_text_editor(browser, t
     """One button for the roles, one drag, run, report; and the file that was written says the same on the command line."""
     write_csv(tmp_path / "my.csv")
     with served(tmp_path) as caller:
-        doc = caller.server.desk.open(tmp_path / "my.csv")
-        visit = Visit(browser, f"{caller.server.origin}/{caller.server.token}/look.html?doc={doc}")
+        visit = visit_of(browser, caller.server, tmp_path / "my.csv")
         page = visit.page
         page.get_by_role("button", name="take the roles that names and units tell").click()
         page.get_by_label("pulses a turn of PTM_e").fill("1")
@@ -390,8 +390,7 @@ def test_a_newcomer_gets_from_a_csv_to_a_report_without_a_text_editor(browser, t
 def test_what_is_missing_stands_at_its_field_and_a_reload_loses_nothing(browser, tmp_path):
     write_csv(tmp_path / "my.csv")
     with served(tmp_path) as caller:
-        doc = caller.server.desk.open(tmp_path / "my.csv")
-        visit = Visit(browser, f"{caller.server.origin}/{caller.server.token}/look.html?doc={doc}")
+        visit = visit_of(browser, caller.server, tmp_path / "my.csv")
         page = visit.page
         page.get_by_role("button", name="take the roles that names and units tell").click()
         pulses, shaft = page.get_by_label("pulses a turn of PTM_e"), page.get_by_label("shaft of PTM_e")

@@ -131,10 +131,7 @@ def touched(fit: ShipFit, element: str) -> float:
             near = 1.0 + engine > values["M_max"] - ROUNDED * values["M_soft"]
         else:
             slope = np.gradient(rack) * record.rate_hz
-            up, down = values["rate"], values["rate"]
-            near = slope < -NEARLY * down
-            if element == "rack_rate":
-                near |= slope > NEARLY * up
+            near = np.abs(slope) > NEARLY * values["rate"]
         found += float(np.count_nonzero(near)) * record.down
     return found
 

@@ -56,8 +56,8 @@ only to parts in a thousand. Set point and speed therefore differ by an offset, 
 than the load's."""
 
 
-MOVED_BY_WATER = (
-    *(
+MOVED_BY_WATER = frozenset(
+    {
         "tau_n",
         "tau_prop",
         "g",
@@ -70,7 +70,7 @@ MOVED_BY_WATER = (
         "tau_twist",
         "zeta_twist",
         "v",
-    ),
+    }
 )
 """Parameters that change the ratio of torque to speed in moving water."""
 Asked = tuple[Array, Array, float, list[tuple[Array, float]], list[int], bool, bool, bool]
