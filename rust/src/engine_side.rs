@@ -1,7 +1,7 @@
 //! Effect of rate and torque limits on the engine, simulated without the shaft from measured set point and speed.
 //!
 //! ```text
-//! e(t) = u(t - T_set) + u_0 - N       X = K_p e + K_i I - K_d dN/dt       dI/dt = e
+//! T_f dS/dt = N - S    e(t) = u(t - T_set) + u_0 - S    X = K_p e + K_i I - K_d dS/dt    dI/dt = e
 //! tau_act dF/dt = X(t - T_d) - F      A follows as F does, -rate_down <= dA/dt <= rate       M = min(1 + g (N - 1) + A, M_max)
 //! ```
 //!
@@ -9,16 +9,17 @@
 //! measured error drifts; the difference between the measured torque and `M` corrects it slowly. The governor's hold acts
 //! as the mean of two delays around `T_d`, as in the ship's stepper.
 
+use std::borrow::Cow;
 use std::fmt::Debug;
 
 use crate::error::{Result, require};
 use crate::finite::all_finite;
-use crate::stepper::{Pace, paced, softly_within};
+use crate::stepper::{Lag, Pace, paced, softly_within};
 use crate::stop::{CHECK_EVERY, Stop};
 
 /// Names of the parameters: `ahead` is the inertia between engine and gauge [s], `s_M` the scale of the torque reading, and
 /// `leads` the rate at which the measured torque corrects the integral [1/s].
-pub const PARAMETERS: [&str; 18] = [
+pub const PARAMETERS: [&str; 19] = [
     "g",
     "vK_p",
     "vK_i",
@@ -37,6 +38,7 @@ pub const PARAMETERS: [&str; 18] = [
     "s_M",
     "ahead",
     "leads",
+    "T_f",
 ];
 
 /// Deviations from the operating point, one value per sample.
@@ -83,6 +85,7 @@ pub fn taken_by_limits(
         scale,
         ahead,
         leads,
+        filter,
     ] = *parameters;
     let samples = data.speed.len();
     require(data.set_point.len() == samples && data.torque.len() == samples, || {
@@ -92,7 +95,13 @@ pub fn taken_by_limits(
         "found samples that are not finite, expected numbers".to_owned()
     })?;
     require(
-        data.every > 0.0 && lag >= 0.0 && rate > 0.0 && rate_down > 0.0 && softness >= 0.0 && scale > 0.0,
+        data.every > 0.0
+            && lag >= 0.0
+            && filter >= 0.0
+            && rate > 0.0
+            && rate_down > 0.0
+            && softness >= 0.0
+            && scale > 0.0,
         || "found a step, lag, rate, rounding or scale below zero, expected them above".to_owned(),
     )?;
     let h = data.every;
@@ -105,6 +114,7 @@ pub fn taken_by_limits(
     let stays = if lag > 0.0 { (-h / lag).exp() } else { 0.0 };
     let led = leads * h;
     let within = |slope: f64, over: f64| (-rate_down * over..=rate * over).contains(&slope);
+    let filtered = filtered(data.speed, filter / h);
     let mut found = [Vec::with_capacity(samples), Vec::with_capacity(samples)];
     let (mut sum, mut before, mut commanded, mut free, mut rack) = (0.0, 0.0, 0.0, 0.0, 0.0);
     for k in 0..samples {
@@ -114,11 +124,11 @@ pub fn taken_by_limits(
         let speed = data.speed[k];
         let slope = (data.speed[(k + 1).min(samples - 1)] - data.speed[k.saturating_sub(1)]) * half_rate;
         let engine = (1.0 + read.of(data.torque, k)) / scale - 1.0 + ahead * slope;
-        let error = asked.of(data.set_point, k) + offset - seen.of(data.speed, k);
+        let error = asked.of(data.set_point, k) + offset - seen.of(&filtered, k);
         let mut command = k_p * error;
         if k_d != 0.0 {
             command -=
-                k_d * half_rate * (seen.of(data.speed, k + 1) - seen.of(data.speed, k.saturating_sub(1)));
+                k_d * half_rate * (seen.of(&filtered, k + 1) - seen.of(&filtered, k.saturating_sub(1)));
         }
         if k == 0 {
             sum = engine - g * speed - command;
@@ -154,6 +164,22 @@ pub fn taken_by_limits(
         (before, commanded) = (error, command);
     }
     Ok(found)
+}
+
+/// A signal behind a first-order filter with a time constant in samples, exact for a signal that is linear in between.
+fn filtered(signal: &[f64], time: f64) -> Cow<'_, [f64]> {
+    if time <= 0.0 {
+        return Cow::Borrowed(signal);
+    }
+    let lag = Lag::new(time, 1.0);
+    let mut state = signal.first().copied().unwrap_or(0.0);
+    let mut before = state;
+    let follow = |&value: &f64| {
+        state = lag.over(state, value, 0.5 * (before + value));
+        before = value;
+        state
+    };
+    Cow::Owned(signal.iter().map(follow).collect())
 }
 
 /// Delayed samples by cubic interpolation.

@@ -14,7 +14,7 @@ NAMES = [
     "case, way, structure",
     "tau_n",
     "vK_p/tau_n",
-    "(p-g)/(vK_i)+T_set",
+    "(p-g)/(vK_i)+T_set-T_f",
     "validation n [%]",
     "validation M [%]",
 ]

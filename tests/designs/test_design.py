@@ -115,7 +115,7 @@ class TestPlan:
         assert {"p", "tau_prop", "vK_p/tau_n"} <= set(plan.designed_for)
         assert "tau_n" not in plan.designed_for
         # Behind a gauge the whole inertia follows from the curvature of the propeller's law, and no better than that.
-        assert plan.prediction.relative_pct["tau_n"] > 10.0 * plan.prediction.relative_pct["vK_p/tau_n"]
+        assert plan.prediction.relative_pct["tau_n"] > 5.0 * plan.prediction.relative_pct["vK_p/tau_n"]
         assert any("tau_n, g, vK_p, vK_i follow" in note for note in plan.notes)
 
     def test_a_known_parameter_closes_the_gap(self) -> None:
@@ -159,12 +159,12 @@ class TestPlan:
 
     def test_the_time_for_an_accuracy_is_found_and_kept(self) -> None:
         exact = {"n_e": Noise(0.003, 10.0, 0.0), "M_g": Noise(0.01, 10.0, 0.0)}
-        plan = fp.design(TUG, amplitude_rpm=76.0, accuracy_pct=3.0, kind="sines", sensors=exact)
-        assert max(plan.prediction.relative_pct[name] for name in plan.designed_for) <= 3.0
+        plan = fp.design(TUG, amplitude_rpm=76.0, accuracy_pct=5.0, kind="sines", sensors=exact)
+        assert max(plan.prediction.relative_pct[name] for name in plan.designed_for) <= 5.0
         assert plan.needed.met
         half = 0.5 * plan.excitation.duration
         shorter = fp.design(
-            TUG, amplitude_rpm=76.0, accuracy_pct=3.0, duration_s=half, kind="sines", sensors=exact
+            TUG, amplitude_rpm=76.0, accuracy_pct=5.0, duration_s=half, kind="sines", sensors=exact
         )
         assert not shorter.needed.met
         assert shorter.needed.duration_s == pytest.approx(plan.excitation.duration, rel=0.12)

@@ -71,7 +71,7 @@ def score(
     verdicts
         As `matters.judged` returns them; None: every element that is on is taken to matter.
     """
-    true = {
+    true = {"T_f": 0.0} | {
         name: value
         for name, value in truth["parameters"].items()
         if value is not None and name not in _UNSCORED

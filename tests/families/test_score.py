@@ -63,7 +63,9 @@ def test_binomial_intervals_are_clopper_and_pearson_s():
 
 def test_combinations_are_read_as_arithmetic_only():
     assert score.evaluated("(p-g)/tau_n", BASE) == pytest.approx(2.65 / 1.2)
-    assert score.evaluated("(p-g)/(vK_i)+T_set", BASE | {"T_set": 0.1}) == pytest.approx(0.365)
+    assert score.evaluated("(p-g)/(vK_i)+T_set-T_f", BASE | {"T_set": 0.1, "T_f": 0.0}) == pytest.approx(
+        0.365
+    )
     assert score.evaluated("v", BASE) is None
     assert score.evaluated("__import__('os')", BASE) is None
 

@@ -36,7 +36,7 @@ SHIP = {
 FINE_HZ = 1000.0
 BETWEEN_S = 0.0005
 """First sample of a governor that samples [s], between those of the simulation."""
-BARE = {"tau_act": 0.0, "c_2": 0.0, "T_M": 0.0, "T_B": 0.0, "T_s": 0.0, "T_d": 0.0, "T_set": 0.0}
+BARE = {"tau_act": 0.0, "T_f": 0.0, "c_2": 0.0, "T_M": 0.0, "T_B": 0.0, "T_s": 0.0, "T_d": 0.0, "T_set": 0.0}
 
 
 @dataclass(frozen=True)

@@ -146,5 +146,5 @@ def test_the_instants_of_a_sampling_governor_move_the_end_about_nothing(water):
     assert moves.shape == (PHASES, likelihood.coordinates.size)
     assert np.abs(moves.sum(axis=0)).max() < 1e-6 * np.abs(moves).max()
     # An instant of some milliseconds is a delay of less, however dead time and lag share it.
-    late = sum(moves[:, likelihood.coordinates.place(name)] for name in ("T_d", "tau_act"))
+    late = sum(moves[:, likelihood.coordinates.place(name)] for name in ("T_d", "tau_act", "T_f"))
     assert 0.0 < np.abs(late).max() < 0.01

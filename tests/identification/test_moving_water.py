@@ -35,7 +35,8 @@ def test_a_heavy_tug_in_wake_is_told_with_its_inertia_and_its_shaft(name):
         assert low <= true <= high, one
     assert found.usability == "usable"
     assert found["tau_n"].std < 0.02 * truth["tau_n"]
-    assert found["T_d"].std < 0.03 * truth["T_d"]
+    # An unknown filter of the speed, of up to 30 ms, is part of it.
+    assert found["T_d"].std < 0.12 * truth["T_d"]
     assert found.elements["twist"]["state"] == "on"
 
 
@@ -108,5 +109,5 @@ def test_calm_water_tells_nothing():
 
 def test_a_search_stays_within_reach_of_what_is_known_of_every_ship():
     c = question_of([tug("tug15", "propeller")[0]]).likelihood(None).coordinates
-    assert c.free["T_M"] == pytest.approx((-0.012, 0.012), rel=0.01)
+    assert c.free["T_M"] == pytest.approx((-0.037, 0.043), rel=0.01)
     assert c.free["tau_twist"] == (0.0, pytest.approx(0.02))

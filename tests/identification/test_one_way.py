@@ -61,7 +61,7 @@ def test_a_profile_ends_where_the_interval_does(record, alone):
 
 
 def test_a_ship_whose_structure_is_found_answers_as_where_it_is_given(record, alone):
-    delays = {"T_d": 0.0, "T_set": 0.0, "T_s": 0.0, "tau_act": 0.0, "c_2": 0.0, "T_M": 0.0}
+    delays = {"T_d": 0.0, "T_set": 0.0, "T_s": 0.0, "tau_act": 0.0, "T_f": 0.0, "c_2": 0.0, "T_M": 0.0}
     absent = dict.fromkeys(("torque_limit", "rack_rate", "twist"), False)
     found = identify(record, fixed=delays, elements=absent)
     for name in FREE:

@@ -28,7 +28,7 @@ def recorded(own, excitation, seed=1, *, gauge=False, quiet=1.0):
 
 
 def test_steps_that_keep_the_clocks_time_bias_no_gain():
-    own = {"T_s": 0.05, "T_0": 0.025 + BETWEEN_S, "T_d": 0.02, "T_set": 0.1, "vK_p": 4.2, "vK_i": 20.0}
+    own = {"T_s": 0.04, "T_0": 0.02 + BETWEEN_S, "T_d": 0.02, "T_set": 0.1, "vK_p": 4.2, "vK_i": 20.0}
     truth, experiment = recorded(own, "steps", quiet=0.1)
     found = fp.identify(experiment)
     for name in NAMES:

@@ -30,6 +30,7 @@ LATE = {
     "T_d": 0.12,
     "T_set": 0.035,
     "tau_act": 0.06,
+    "T_f": 0.04,
     "T_M": 0.03,
     "T_n": 0.02,
     "u_0": 0.002,
@@ -286,6 +287,7 @@ def test_residuals_of_a_simulated_ship_vanish(gauge):
         "T_d": 0.12,
         "T_set": 0.035,
         "tau_act": 0.06,
+        "T_f": 0.04,
     }
     parameters = ship.vector(**told, K_p=6.3, K_i=1.6, v=1.0)
     names = ("dn", *(("dM_g", "dX", "dM_b") if gauge else ("dM_b", "dX")))
@@ -314,6 +316,7 @@ LOOPS = {
     "vK_i": st.floats(0.02, 12.0),
     "tau_n": st.floats(0.2, 5.0),
     "tau_act": st.one_of(st.just(0.0), st.floats(0.01, 1.0)),
+    "T_f": st.one_of(st.just(0.0), st.floats(0.01, 1.0)),
 }
 
 
@@ -330,7 +333,8 @@ class TestStability:
         parameters = vector(p=2.0, g=2.0 - own, T_s=2.0 * share * values["T_d"], **values)
         dead = values["T_d"]
         # A late derivative keeps the gain vK_d / tau_n until the lag takes it off: before the approximated delay ends.
-        left = np.hypot(1.0, 9.0 * values["tau_act"] / dead) if dead else np.inf
+        lags = values["tau_act"], values["T_f"]
+        left = np.prod([np.hypot(1.0, 9.0 * one / dead) for one in lags]) if dead else np.inf
         assume(values["vK_d"] < 0.8 * values["tau_n"] * left)
         roots = twin.loop_roots(parameters)
         roots = roots[np.abs(roots) * dead < 9.0]
@@ -394,7 +398,7 @@ GOOD = dict(
 LATE_OF_64 = np.zeros((4, 2, 64)), 0.0
 UNITS = dict(zip(("root", "shapes", "hats"), noise(2, 64), strict=True))
 BAD = [
-    ({"parameters": SHIP[1:]}, "parameters: found 25 numbers, expected 26"),
+    ({"parameters": SHIP[1:]}, "parameters: found 26 numbers, expected 27"),
     ({"parameters": vector(**LOOP, T_d=np.nan)}, "parameters: T_d is NaN, expected a number"),
     ({"parameters": vector(s_M=0.0)}, "parameters: s_M is 0, expected"),
     ({"parameters": vector(s_B=0.0)}, "parameters: s_B is 0, expected"),
@@ -411,7 +415,7 @@ BAD = [
     ({"outputs": [0, 0]}, r"outputs: found \[0, 0\]"),
     ({"outputs": [0, 4]}, r"outputs: found \[0, 4\]"),
     ({"outputs": [0, 1, 3]}, r"outputs: found \[0, 1, 3\], expected .* beside the torque 1 of a gauge only"),
-    ({"wrt": [26]}, r"wrt: found \[26\], expected indices below 26"),
+    ({"wrt": [27]}, r"wrt: found \[27\], expected indices below 27"),
 ]  # fmt: skip
 BAD_UNITS = [
     ({"root": np.zeros((1, 1, 2, 64))}, r"root: found an array of shape \[1, 1, 2, 64\]"),

@@ -69,7 +69,7 @@ def test_weighing_each_point_supports_two_dead_times_and_an_exponent_of_2_17(rep
     assert best["p"].value == pytest.approx(2.17, abs=0.02)
     assert best["p"].ci95[0] > 2.0
     assert best["tau_prop"].value == pytest.approx(0.43, abs=0.03)
-    assert best["(p-g)/(vK_i)+T_set"].value == pytest.approx(0.47, abs=0.03)
+    assert best["(p-g)/(vK_i)+T_set-T_f"].value == pytest.approx(0.47, abs=0.03)
     assert best["tau_n"].status == "unidentifiable"
 
 

@@ -27,6 +27,19 @@ def late(row, delay):
     return b + 0.5 * x * (c - a + x * (2.0 * a - 5.0 * b + 4.0 * c - d + x * (3.0 * (b - c) + d - a)))
 
 
+def behind_filter(row, time):
+    """A signal (N,) behind a first-order filter with a time constant in samples, by small steps."""
+    if time == 0.0:
+        return row
+    found = row.copy()
+    for k in range(1, len(row)):
+        state = found[k - 1]
+        for value in row[k - 1] + (row[k] - row[k - 1]) * (np.arange(SUBSTEPS) + 0.5) / SUBSTEPS:
+            state += (value - state) / (time * SUBSTEPS + 0.5)
+        found[k] = state
+    return found
+
+
 def taken_by_limits(q, set_point, speed, torque, every):
     """Return what limits take off the torque (N,) and the rack (N,); `q` has the parameters by name."""
     apart = q["T_s"] / np.sqrt(12.0)
@@ -34,7 +47,7 @@ def taken_by_limits(q, set_point, speed, torque, every):
     def governed(row, delay):
         return 0.5 * (late(row, (delay - apart) / every) + late(row, (delay + apart) / every))
 
-    seen = governed(speed, q["T_d"] - q["T_n"])
+    seen = governed(behind_filter(speed, q["T_f"] / every), q["T_d"] - q["T_n"])
     error = governed(set_point, q["T_d"] + q["T_set"]) + q["u_0"] - seen
     turning = np.gradient(np.pad(speed, 1, mode="edge"))[1:-1] / every
     engine = (1.0 + late(torque, -q["T_M"] / every)) / q["s_M"] - 1.0 + q["ahead"] * turning

@@ -23,9 +23,10 @@ OFF = {
     "X_min": -math.inf, "anti_windup": 0.0, "damping": 0.0, "load_gain": 0.0, "tau_twist": 0.0, "zeta_twist": 0.0,
     "T_n": 0.0, "T_M": 0.0, "s_u": 1.0, "s_M": 1.0, "initial_N": 1.0, "initial_F": 0.0, "update": 0.0,
     "curvature": 0.0, "initial_E": 0.0, "u_0": 0.0, "M_soft": 0.0, "hold": 0.0,
+    "T_f": 0.0,
 }  # fmt: skip
 SHIP = {"tau_n": 1.44, "g": -0.58, "v": 1.58, "K_p": 4.0, "K_i": 3.0, "p": 2.17, "tau_prop": 0.4}
-N, P, SPRING, SUM, RACK = range(5)
+N, P, SPRING, SUM, RACK, SEEN = range(6)
 TINY = 1e-9
 """Times closer than this [s] are one."""
 
@@ -55,7 +56,7 @@ class _Simulation:
         self.standing = self.before - v["K_p"] * (v["s_u"] * u[0] + v["u_0"] - v["initial_N"])
         against = self.resisting(v["initial_N"], 0.0, 1)
         rate = (1.0 + v["g"] * (v["initial_N"] - 1.0) + v["initial_F"] - against) / v["tau_n"]
-        self.standing += v["K_d"] * rate
+        self.standing += v["K_d"] * rate * (v["T_f"] == 0.0)
         self.x = np.array(
             [
                 v["initial_N"],
@@ -63,6 +64,7 @@ class _Simulation:
                 against + v["tau_prop"] * rate,
                 self.standing / v["K_i"] + v["initial_E"],
                 self.before,
+                v["initial_N"],
             ]
         )
         self.held = self.before
@@ -123,8 +125,13 @@ class _Simulation:
 
     def command(self, t: float, x: Array, side: int, rate: float) -> float:
         v = self.v
-        error = v["s_u"] * self.at(self.u, t, v["T_set"], side)[0] + v["u_0"] - x[N]
+        error = v["s_u"] * self.at(self.u, t, v["T_set"], side)[0] + v["u_0"] - self.seen(x)
+        rate = (x[N] - x[SEEN]) / v["T_f"] if v["T_f"] else rate
         return v["K_p"] * error + v["K_i"] * x[SUM] - v["K_d"] * rate
+
+    def seen(self, x: Array) -> float:
+        """The speed that the governor sees."""
+        return float(x[SEEN if self.v["T_f"] else N])
 
     def past(self, t: float, side: int) -> float:
         """The continuous governor's command T_d before a time, of a hold that of Gauss's two points."""
@@ -193,8 +200,10 @@ class _Simulation:
         v = self.v
         rate, asked, _, _ = self.signals(t, x, side)
         slip = x[N] - x[P]
-        found = np.zeros(5)
+        found = np.zeros(6)
         found[N] = rate
+        if v["T_f"]:
+            found[SEEN] = (x[N] - x[SEEN]) / v["T_f"]
         if v["tau_twist"] > 0.0:
             found[SPRING] = slip / v["tau_twist"]
             twisting = x[SPRING] + v["zeta_twist"] * slip
@@ -211,7 +220,7 @@ class _Simulation:
     def sum_rate(self, t: float, x: Array, side: int, rate: float) -> float:
         v = self.v
         set_point, slope = self.at(self.u, t, v["T_set"], side)
-        error = v["s_u"] * set_point + v["u_0"] - x[N]
+        error = v["s_u"] * set_point + v["u_0"] - self.seen(x)
         if self.sum_mode == "runs":
             return error
         if self.sum_mode == "stands":
@@ -315,8 +324,9 @@ class _Simulation:
 
     def sample(self, t: float) -> float:
         v = self.v
-        error = v["s_u"] * self.at(self.u, t, v["T_set"], 1)[0] + v["u_0"] - self.x[N]
+        error = v["s_u"] * self.at(self.u, t, v["T_set"], 1)[0] + v["u_0"] - self.seen(self.x)
         rate = self.signals(t, self.x, -1)[0]
+        rate = (self.x[N] - self.x[SEEN]) / v["T_f"] if v["T_f"] else rate
         updated = self.x[SUM] + v["T_s"] * error
 
         def order(total: float) -> float:

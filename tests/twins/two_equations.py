@@ -120,10 +120,12 @@ def residuals(parameters, signals, spacing, late, outputs, gauge, open_loop, ste
     if open_loop:
         cleared, on_n, on_u = lag, zero, q["v"] * one
     else:
-        cleared = times(s_of, lag)
+        filtered = polynomial(s, 1.0, q["T_f"])
+        cleared = product(s_of, lag, filtered)
         half = 0.5 * q["T_s"]
         on_u = polynomial(s, q["vK_i"], q["vK_p"], q["vK_i"] * half**2 / 3.0)
         on_n = on_u + polynomial(s, 0.0, 0.0, q["vK_d"])
+        on_u = times(on_u, filtered)
         if half.real and not propeller:
             flexes = q["tau_twist"] * q["tau_prop"] * (2.0 * np.pi / q["T_s"]) ** 2
             near = q["tau_n"] - q["tau_prop"] * flexes / (1.0 + flexes)
@@ -258,7 +260,7 @@ def loop_roots(parameters):
     swings = np.sqrt(sum(1.0 / one for one in inertias) / q["tau_twist"]) if q["tau_twist"] else np.inf
     damped = P([1.0, max(q["tau_twist"] * q["zeta_twist"], 2.0 * LEAST_DAMPED / swings)])
     speed = damped + q["tau_twist"] * P([0.0, 1.0]) * law
-    plant = (ahead * speed + damped * law) * P([1.0, q["tau_act"]]) * P([0.0, 1.0])
+    plant = (ahead * speed + damped * law) * P([1.0, q["tau_act"]]) * P([1.0, q["T_f"]]) * P([0.0, 1.0])
     governor = P([q["vK_i"], q["vK_p"], q["vK_d"]]) * speed
     apart = q["T_s"] / np.sqrt(12.0)
     (first, under), (second, below) = pade(q["T_d"] - apart), pade(q["T_d"] + apart)

@@ -45,6 +45,7 @@ QUANTITIES: Mapping[str, str] = {
     "T_d": "dead_time_loop",
     "T_set": "dead_time_set_point",
     "tau_act": "actuator_lag",
+    "T_f": "speed_filter",
     "M_max": "torque_limit",
 }
 """Quantity in SI units for each parameter."""
@@ -88,6 +89,7 @@ def in_si(fingerprint: Fingerprint, vessel: Vessel) -> dict[str, dict[str, Any]]
         "T_d": (1.0, "s"),
         "T_set": (1.0, "s"),
         "tau_act": (1.0, "s"),
+        "T_f": (1.0, "s"),
         "M_max": (abs(shaft_torque) / vessel.torque_ratio, "Nm"),
     }
     rows = {}

@@ -52,7 +52,7 @@ COLUMNS = {
         "T_d",
         "T_set",
         "vK_p/tau_n",
-        "(p-g)/(vK_i)+T_set",
+        "(p-g)/(vK_i)+T_set-T_f",
     ),
     "twin": ("tau_n", "g", "p", "tau_prop", "vK_p", "vK_i", "T_d", "T_set"),
 }

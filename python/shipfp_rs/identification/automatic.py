@@ -60,7 +60,7 @@ from shipfp_rs.support.progress import part
 from shipfp_rs.support.sentences import Sentence
 from shipfp_rs.support.threads import with_one_blas_thread
 
-TOGETHER = ("K_p/K_i", "(p-g)/tau_n", "vK_p/tau_n", "vK_i/tau_n", "(p-g)/(vK_i)", "(p-g)/(vK_i)+T_set")
+TOGETHER = ("K_p/K_i", "(p-g)/tau_n", "vK_p/tau_n", "vK_i/tau_n", "(p-g)/(vK_i)", "(p-g)/(vK_i)+T_set-T_f")
 """Combinations of parameters that a fingerprint also gives."""
 FULL_SHIP = "the full ship"
 """Name, in a fingerprint's settings, of the structure that is fitted where none is given."""

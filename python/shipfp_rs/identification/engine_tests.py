@@ -148,8 +148,9 @@ def _signals(fit: ShipFit, index: int) -> tuple[Array, Array, Array]:
 
 
 def _governor(values: Values, s: ComplexArray) -> ComplexArray:
-    """Transfer function (F,) from the governor's error to the torque."""
+    """Transfer function (F,) from minus the speed to the governor's torque."""
     fuel = np.exp(-s * values.get("T_d", 0.0)) / (1.0 + s * values.get("tau_act", 0.0))
+    fuel = fuel / (1.0 + s * values.get("T_f", 0.0))
     return np.asarray(fuel * (values["vK_p"] + values["vK_i"] / s))
 
 

@@ -67,6 +67,7 @@ MOVED_BY_WATER = frozenset(
         "T_d",
         "T_s",
         "tau_act",
+        "T_f",
         "tau_twist",
         "zeta_twist",
         "v",

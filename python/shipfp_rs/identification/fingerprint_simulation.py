@@ -20,7 +20,7 @@ from shipfp_rs.structures.structure import Structure
 from shipfp_rs.support.arguments import Count, checked
 from shipfp_rs.support.tables import package
 
-DELAYS = ("T_d", "T_set", "tau_act", *LATE_CHANNELS)
+DELAYS = ("T_d", "T_set", "tau_act", "T_f", *LATE_CHANNELS)
 """Delays that a linearisation approximates."""
 SHORT_S = 1e-3
 """Estimated delay below which a linearisation omits it, since it does not affect the loop [s]."""

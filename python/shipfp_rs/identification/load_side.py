@@ -30,7 +30,7 @@ from shipfp_rs.experiments.experiment import DRIVES, Experiment
 from shipfp_rs.identification.estimate import Estimate, rounded_rows, with_interval
 from shipfp_rs.identification.input_checks import LEAST_SWING, is_loaded, require_plausible
 from shipfp_rs.identification.likelihood import ACCURACY, noise_root
-from shipfp_rs.identification.question import BOUNDS, PRIORS, SIGNALS, Question
+from shipfp_rs.identification.question import BOUNDS, PRIORS, SIGNALS, Question, within_reach
 from shipfp_rs.identification.spectra import Spectra
 from shipfp_rs.structures.parameter import Torque
 from shipfp_rs.support.arguments import checked
@@ -38,9 +38,9 @@ from shipfp_rs.support.arrays import Array, ComplexArray
 from shipfp_rs.support.threads import with_one_blas_thread
 from shipfp_rs.vessel.vessel import Vessel
 
-SCALE_DEVIATION, LATEST_S = 0.02, 0.02
-"""Prior deviation of the torque's scale, and largest delay of a torque [s]. The scale is uncertain since the torque is
-relative to a mean over a minute in moving water."""
+SCALE_DEVIATION = 0.02
+"""Prior deviation of the torque's scale, which is uncertain since the torque is relative to a mean over a minute in moving
+water."""
 SOFT_HZ, FROM_SHAFT = 5.5, 0.6
 """Prior of the shaft's torsional compliance: natural frequency [Hz] of the shaft whose compliance is one prior standard
 deviation, and share of the inertia on the engine's side."""
@@ -166,7 +166,7 @@ class Fit:
             1.5,
             0.5,
             0.0,
-            0.0,
+            PRIORS["T_M"][0],
             0.0,
             1.0 if gauge else BEHIND,
             records[0].load is not None,
@@ -251,6 +251,7 @@ class Fit:
         x[:2] = np.linalg.lstsq(square, along, rcond=1e-12)[0]
         behind = x[5] * np.clip(x[1], *INERTIA)
         self.prior[4] = ((2.0 * np.pi * SOFT_HZ) ** 2 * FROM_SHAFT * behind) ** 2
+        x[4] = self.prior[4] ** -0.5  # from a stiff shaft a late torque takes a soft one's place
         self._normal(x)
         self._weigh(np.zeros(len(self.prior)), 1.0)
         return x
@@ -259,7 +260,11 @@ class Fit:
         """Keep delay and compliance within bounds in a step, since fast motions that no set point explains mislead them."""
         fastest = max(abs(record.s[record.count - 1]) for record in self.records)
         most = SOFTEST / (x[5] * max(abs(x[1] + found[1]), 0.05) * fastest**2)
-        bounds = {3: (-LATEST_S, LATEST_S), 4: (-SOFT_BELOW * most, most), 5: self.behind_ends}
+        bounds = {
+            3: within_reach(BOUNDS["T_M"], PRIORS["T_M"]),
+            4: (-SOFT_BELOW * most, most),
+            5: self.behind_ends,
+        }
         moved = {at: float(np.clip(x[at] + found[at], *ends) - x[at]) for at, ends in bounds.items()}
         held = np.array([at for at in bounds if moved[at] != found[at]], int)
         if len(held):

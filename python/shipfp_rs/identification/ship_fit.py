@@ -256,7 +256,7 @@ def _within_a_period(values: Mapping[str, float]) -> list[dict[str, float]]:
     """Starts with a sampling governor, whose period replaces some of the delays."""
     dead, late = values.get("T_d", 0.0), values.get("T_set", 0.0)
     moved = [min(late, part) for part in HALF_PERIODS_S]
-    return [{"T_d": dead + more, "T_set": late - more, "T_s": 2.0 * more} for more in moved]
+    return [{"T_d": dead + more, "T_set": late - more, "T_s": 2.0 * more, "T_f": 0.0} for more in moved]
 
 
 def _elsewhere(fit: ShipFit, starts: Sequence[Array], until: float | None) -> tuple[ShipFit, float]:

@@ -58,7 +58,7 @@ AT_REST = 1e-4
 CHANNELS = (*LATE_CHANNELS, "T_0")
 """Parameters of the measurement, not of the ship."""
 WORTH = ("bandwidth", "phase margin", "gain margin", "recovery time")
-DELAYS = ("T_d", "T_set", "tau_act", "T_s")
+DELAYS = ("T_d", "T_set", "tau_act", "T_f", "T_s")
 """Parameters that may be zero, for which the data give only an upper limit."""
 NONE = 0.02
 """Fraction of a delay's upper limit below which its lower limit counts as zero."""

@@ -242,7 +242,7 @@ def _interval(name: str, estimate: Estimate, unit: str = "") -> str:
 
 def _told(found: Fingerprint, held: Fingerprint) -> tuple[str, ...]:
     open_ = [name for name, estimate in found.parameters.items() if estimate.status == "unidentifiable"]
-    units = {"p": "", "tau_prop": " s", "T_d": " s", "T_set": " s", "(p-g)/(vK_i)+T_set": " s"}
+    units = {"p": "", "tau_prop": " s", "T_d": " s", "T_set": " s", "(p-g)/(vK_i)+T_set-T_f": " s"}
     p, tau_prop, T_d, T_set, late = (_interval(name, found[name], unit) for name, unit in units.items())
     loop = closed_loop(found)
     bandwidth, phase, gain = (

@@ -60,6 +60,8 @@ QUANTITIES: dict[str, Quantity] = {
         Quantity("T_d", "s", 0.05, 0.0, 2.0),
         Quantity("T_set", "s", 0.05, 0.0, 3.0),
         Quantity("tau_act", "s", 0.05, 0.0, 2.0),
+        # Electric drives filter the measured speed by 5 to 50 ms.
+        Quantity("T_f", "s", 0.01, 0.0, 0.5, prior=(0.0, 0.015)),
         Quantity("vK_d", "s", 0.01, 0.0, 100.0),
         # Governors sample every 5 to 50 ms.
         Quantity("T_s", "s", 0.02, 0.0, 0.5, prior=(0.0, 0.03), nuisance=True),
@@ -75,9 +77,9 @@ QUANTITIES: dict[str, Quantity] = {
         Quantity("damping", "-", 0.0, -5.0, 10.0),
         # A fifth of the second-order coefficient of N^2.2, by about which open-water curves differ from a power.
         Quantity("c_2", "-", 0.0, -5.0, 5.0, prior=(0.0, 0.25)),
-        # Filters, hold and telemetry at 500 Hz delay a torque channel by 1 to 5 ms.
-        Quantity("T_M", "s", 1e-3, -0.5, 0.5, prior=(0.0, 3e-3)),
-        Quantity("T_B", "s", 1e-3, -0.5, 0.5, prior=(0.0, 3e-3)),
+        # Filters and hold of a fast telemetry delay a torque channel by 1 to 5 ms, slow ones by some 20 ms.
+        Quantity("T_M", "s", 1e-3, -0.5, 0.5, prior=(3e-3, 1e-2)),
+        Quantity("T_B", "s", 1e-3, -0.5, 0.5, prior=(3e-3, 1e-2)),
         Quantity("T_n", "s", 1e-3, -0.5, 0.5, prior=(0.0, 3e-3)),
         Quantity("k_L", "-", 1.0, 1e-3, 100.0),
     )
@@ -128,6 +130,7 @@ ELEMENTS: dict[str, Element] = {
         _element("dead_time_loop", "dead time in the loop", "T_d", always=True),
         _element("dead_time_set_point", "dead time of the set point", "T_set", always=True),
         _element("actuator_lag", "lag of the fuel actuator", "tau_act", always=True),
+        _element("speed_filter", "filter of the measured speed", "T_f", always=True),
         _element("derivative", "derivative gain", "vK_d"),
         _element("sampling", "sampling of the governor", "T_s", T_0=0.0, always=True),
         _element("torque_limit", "upper torque limit", "M_max", M_soft=0.0),
@@ -147,7 +150,7 @@ ELEMENTS: dict[str, Element] = {
 
 LATE_CHANNELS = ("T_n", "T_M", "T_B")
 """Elements for delays of the sensors, which are outside the control loop."""
-ABSENT = ("T_d", "T_set", "T_s", "tau_act", "c_2", "tau_prop", "tau_twist")
+ABSENT = ("T_d", "T_set", "T_s", "tau_act", "T_f", "c_2", "tau_prop", "tau_twist")
 """Parameters without effect at zero that the full ship always has."""
 
 

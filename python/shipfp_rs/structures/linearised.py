@@ -116,10 +116,11 @@ def state_space(
     n_e, error = wiring.state(), wiring.state()
     v = q.get("v", 1.0)
     gains = {name: q.get(f"v{name}", v * q.get(name, 0.0)) for name in ("K_p", "K_i", "K_d")}
-    wiring.rates[error] = set_point - wiring.form(n_e)
-    command = gains["K_p"] * (set_point - wiring.form(n_e)) + gains["K_i"] * wiring.form(error)
+    seen = wiring.lagged(wiring.form(n_e), q.get("T_f", 0.0))
+    wiring.rates[error] = set_point - seen
+    command = gains["K_p"] * (set_point - seen) + gains["K_i"] * wiring.form(error)
     if gains["K_d"]:
-        command -= wiring.differentiated(wiring.form(n_e), gains["K_d"], gains["K_p"])
+        command -= wiring.differentiated(seen, gains["K_d"], gains["K_p"])
     fuel = wiring.delayed(command, q.get("T_d", 0.0) + 0.5 * q.get("T_s", 0.0))
     fuel = wiring.lagged(fuel, q.get("tau_act", 0.0))
     brake = q["g"] * wiring.form(n_e) + fuel
@@ -175,7 +176,7 @@ class _Wiring:
         return self.form(state)
 
     def differentiated(self, signal: Form, gain: float, proportional: float) -> Form:
-        """Return a signal filtered by gain s / (1 + T_f s), with the filter of `TransferFunctions`."""
+        """Return a signal filtered by gain s / (1 + filter s), with the filter of `TransferFunctions`."""
         filter_s = DERIVATIVE_FILTER * gain / proportional
         return np.asarray(gain / filter_s * (signal - self.lagged(signal, filter_s)))
 

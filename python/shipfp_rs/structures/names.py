@@ -28,6 +28,7 @@ NAMES: Mapping[str, str] = {
     "T_B": "delay of the brake's torque channel",
     "T_n": "delay of the speed channel",
     "tau_act": "lag of the fuel actuator",
+    "T_f": "filter time of the measured speed",
     "tau_twist": "torsional compliance of the shaft",
     "zeta_twist": "damping of the flexible shaft",
     "damping": "load damping",
@@ -48,7 +49,7 @@ NAMES: Mapping[str, str] = {
     "vK_i/tau_n": "integral gain over inertia",
     "tau_prop/tau_n": "share of the whole inertia that is behind the gauge",
     "(p-g)/(vK_i)": "lag behind a slow ramp of the set point",
-    "(p-g)/(vK_i)+T_set": "lag behind a slow ramp of the set point, dead time included",
+    "(p-g)/(vK_i)+T_set-T_f": "lag behind a slow ramp of the set point, delays included",
 }
 """Symbol, or name of a loop figure, to plain name."""
 
@@ -61,7 +62,7 @@ OF_WHAT: Mapping[str, str] = {
 
 LOOKED_AT = (
     *("k_L", "tau_prop", "T_M", "T_B", "T_n", "T_0"),
-    *("v", "T_set", "T_d", "T_s", "tau_act", "M_max", "M_soft", "rate", "set_rate"),
+    *("v", "T_set", "T_d", "T_s", "tau_act", "T_f", "M_max", "M_soft", "rate", "set_rate"),
     *("tau_n", "g", "p", "c_2", "damping", "tau_twist", "zeta_twist"),
     *("K_p", "K_i", "K_d", "vK_p", "vK_i", "vK_d"),
 )

@@ -29,7 +29,10 @@ COMBINATIONS: Mapping[str, tuple[str, Callable[[Mapping[str, float]], float]]] =
     "vK_i/tau_n": ("1/s2", lambda q: _product(q, "i") / q["tau_n"]),
     "tau_prop/tau_n": ("-", lambda q: q["tau_prop"] / q["tau_n"]),
     "(p-g)/(vK_i)": ("s", lambda q: (q["p"] - q["g"]) / _product(q, "i")),
-    "(p-g)/(vK_i)+T_set": ("s", lambda q: (q["p"] - q["g"]) / _product(q, "i") + q["T_set"]),
+    "(p-g)/(vK_i)+T_set-T_f": (
+        "s",
+        lambda q: (q["p"] - q["g"]) / _product(q, "i") + q["T_set"] - q.get("T_f", 0.0),
+    ),
 }
 """Unit and value of each tried combination of the linear structure's parameters. A KeyError means not applicable."""
 

@@ -26,7 +26,7 @@ GAINS = ("K_p", "K_i", "K_d")
 class TransferFunctions:
     """Transfer functions from the set point to the outputs; an element acts if its parameters are given.
 
-    The governor is C = K_p + K_i/s + K_d s/(1 + T_f s); only the first two terms act on the set point.
+    The governor is C = (K_p + K_i/s + K_d s/(1 + 0.1 K_d/K_p s)) / (1 + T_f s); on the set point K_p + K_i/s alone act.
     The path to the rack is A = exp(-s T_d) / (1 + tau_act s), times (1 - exp(-s T_s)) / (s T_s) for a governor that
     samples every T_s and holds. The loop is L = v C A. The propeller's torque is M_g* = (p + tau_prop s) n_s*.
     The shaft twists by n_e* = (1 + Y (p + tau_prop s)) n_s*, with Y = tau_twist s / (1 + zeta_twist tau_twist s) and
@@ -134,7 +134,7 @@ class _Part:
     integral: float = 0.0
     governor: Part = 0.0
     asked: Part = 0.0
-    """Governor's response to the set point, without the derivative term, which acts only on the speed."""
+    """Governor's response to the set point, without derivative and filter, which act only on the speed."""
     path: Part = 0.0
     propeller: Part = 0.0
     twisted: Part = 0.0
@@ -158,6 +158,7 @@ class _Loop(_Part):
         governor = asked
         if derivative:
             governor = asked + derivative * s / (1.0 + DERIVATIVE_FILTER * derivative / proportional * s)
+        governor = governor / (1.0 + q.get("T_f", 0.0) * s)
         path = np.exp(-s * q.get("T_d", 0.0)) / (1.0 + q.get("tau_act", 0.0) * s)
         if q.get("T_s"):
             path = path * -np.expm1(-s * q["T_s"]) / (s * q["T_s"])
@@ -171,6 +172,8 @@ class _Loop(_Part):
         q, s = self.q, self.s
         if name.removeprefix("v") in GAINS:
             return self._change_of_governor(name.removeprefix("v"))
+        if name == "T_f":
+            return _Part(governor=-s / (1.0 + q.get("T_f", 0.0) * s) * self.governor)
         if name in ("T_d", "tau_act", "T_s"):
             return _Part(path=self.path * self._relative_change_of_path(name))
         propeller = {"p": 1.0 + 0.0 * s, "tau_prop": s}.get(name, 0.0 * s)
@@ -202,13 +205,14 @@ class _Loop(_Part):
 
     def _change_of_governor(self, gain: str) -> _Part:
         proportional, derivative = (self.q.get(f"v{name}", self.q.get(name, 0.0)) for name in ("K_p", "K_d"))
+        seen = 1.0 / (1.0 + self.q.get("T_f", 0.0) * self.s)
         if gain == "K_i":
-            return _Part(integral=1.0, governor=1.0 / self.s, asked=1.0 / self.s)
+            return _Part(integral=1.0, governor=seen / self.s, asked=1.0 / self.s)
         lag = DERIVATIVE_FILTER * derivative / proportional
         filtered = self.s / (1.0 + lag * self.s)
         if gain == "K_d":
-            return _Part(governor=filtered * (1.0 - lag * filtered))
-        return _Part(governor=1.0 + derivative * lag / proportional * filtered**2, asked=1.0)
+            return _Part(governor=seen * filtered * (1.0 - lag * filtered))
+        return _Part(governor=seen * (1.0 + derivative * lag / proportional * filtered**2), asked=1.0)
 
 
 def _yield(q: Values, s: Spectrum) -> Part:

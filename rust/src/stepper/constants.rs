@@ -17,6 +17,8 @@ pub struct Constants {
     pub load_gain: f64,
     pub s_m: f64,
     pub lag: Lag,
+    /// Filter of the measured speed in the governor.
+    pub filter: Lag,
     pub highest: f64,
     pub highest_slope: f64,
     pub softness: f64,
@@ -27,7 +29,7 @@ pub struct Constants {
     pub rack_least: f64,
 }
 
-/// Response of an actuator's lag over a step.
+/// Response of a first-order lag over a step.
 pub struct Lag {
     /// Time constant [s], and its ratio to the step.
     pub time: f64,
@@ -41,11 +43,17 @@ pub struct Lag {
 }
 
 impl Lag {
-    fn new(time: f64, h: f64) -> Self {
+    pub fn new(time: f64, h: f64) -> Self {
         let stays = if time > 0.0 { (-h / time).exp() } else { 0.0 };
         let in_steps = time * (1.0 / h);
         let behind = in_steps * (1.0 - stays);
         Self { time, in_steps, stays, bend: (stays - behind) * 2.0, follows: 1.0 - behind }
+    }
+
+    /// State at the end of a step, for a linear input with an end and a mean.
+    #[inline(always)]
+    pub fn over(&self, state: f64, end: f64, mean: f64) -> f64 {
+        end + (state - end) * self.stays + (end - mean) * self.bend
     }
 }
 
@@ -65,6 +73,7 @@ impl Constants {
             load_gain: parameters.of(at::LOAD_GAIN),
             s_m: parameters.of(at::S_M),
             lag: Lag::new(parameters.of(at::TAU_ACT), h),
+            filter: Lag::new(parameters.of(at::T_F), h),
             highest: parameters.of(at::M_MAX),
             highest_slope: parameters.of(at::M_MAX_SLOPE),
             softness: parameters.of(at::M_SOFT),
@@ -82,7 +91,9 @@ impl Constants {
 #[allow(clippy::struct_excessive_bools)]
 pub struct Acting {
     pub gain: bool,
+    /// The derivative acts on the speed itself.
     pub derivative: bool,
+    pub filter: bool,
     pub curvature: bool,
     pub damping: bool,
     pub lag: bool,
@@ -106,7 +117,8 @@ impl Acting {
         let rate = acts(at::RATE_UP) || acts(at::RATE_DOWN);
         Self {
             gain: parameters.of(at::V) != 1.0,
-            derivative: acts(at::K_D) && run.detail.is_none(),
+            derivative: acts(at::K_D) && run.detail.is_none() && !acts(at::T_F),
+            filter: acts(at::T_F),
             curvature: acts(at::CURVATURE),
             damping: acts(at::DAMPING),
             lag: acts(at::TAU_ACT),

@@ -12,6 +12,8 @@ impl<const D: bool> Ship<'_, D> {
             command - self.c.k_d * acceleration
         } else if D {
             self.eased(command)
+        } else if self.acting.filter {
+            command - self.c.k_d * (self.speed - self.filtered) / self.c.filter.time
         } else {
             command
         }
@@ -21,13 +23,18 @@ impl<const D: bool> Ship<'_, D> {
     #[inline(always)]
     pub(super) fn fed(&mut self, ahead: &Ahead) -> [f64; 2] {
         let Ahead { speed, rise, against } = *ahead;
+        let seen = self.seen_after(speed);
         if !self.winds_up {
             let error = self.set_span.mean - self.speed;
             self.sum = self.sum + error * self.h - rise * (0.5 * self.h);
+            // The integral of the filtered speed is that of the speed, less what the filter holds back.
+            self.sum += self.c.filter.time * (seen - self.filtered);
         }
-        let mut command = self.c.k_p * (self.set_span.end - speed) + self.c.k_i * self.sum;
+        let mut command = self.c.k_p * (self.set_span.end - seen) + self.c.k_i * self.sum;
         if D {
             command = self.eased(command);
+        } else if self.acting.filter {
+            command -= self.c.k_d * (speed - seen) / self.c.filter.time;
         }
         let mut found = self.followed(self.dead_time.over(self.at, self.start, command));
         if self.acting.derivative {
@@ -52,7 +59,7 @@ impl<const D: bool> Ship<'_, D> {
             return [late.end, late.mean];
         }
         let lag = &self.c.lag;
-        let rack = late.end + (self.lagged - late.end) * lag.stays + (late.end - late.mean) * lag.bend;
+        let rack = lag.over(self.lagged, late.end, late.mean);
         [rack, late.mean + (self.lagged - rack) * lag.in_steps]
     }
 
@@ -102,7 +109,8 @@ impl<const D: bool> Ship<'_, D> {
             let since = clock.next - begin;
             let grown = self.growth * since * (1.0 / h);
             let speed = self.speed + (self.acceleration + grown * 0.5) * since;
-            let (acceleration, error) = (self.acceleration + grown, self.set.at(clock.next) - speed);
+            let seen = self.seen_within(speed, since);
+            let (acceleration, error) = (self.acceleration + grown, self.set.at(clock.next) - seen);
             if D {
                 self.sample_detail(speed, clock.period);
             }

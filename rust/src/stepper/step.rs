@@ -3,7 +3,7 @@
 use crate::subnormal::cut;
 
 use super::command::{Clock, DeadTime};
-use super::constants::{Acting, Constants};
+use super::constants::{Acting, Constants, Lag};
 use super::detail::Detail;
 use super::envelope::Envelope;
 use super::inputs::{Input, Span};
@@ -53,6 +53,8 @@ pub struct Ship<'a, const D: bool> {
     pub(super) h: f64,
     pub(super) at: usize,
     pub(super) speed: f64,
+    /// Speed behind the governor's filter.
+    pub(super) filtered: f64,
     pub(super) sum: f64,
     pub(super) rack: f64,
     /// Rack before an input jumps.
@@ -112,6 +114,7 @@ impl<'a, const D: bool> Ship<'a, D> {
             h,
             at: 0,
             speed,
+            filtered: speed,
             sum: 0.0,
             rack,
             lagged: rack,
@@ -220,7 +223,7 @@ impl<'a, const D: bool> Ship<'a, D> {
             Some(twist) => twist.torque(self.speed),
             None => self.law_with_load(self.load_span.start),
         };
-        let error = self.set_span.start - self.speed;
+        let error = self.set_span.start - self.seen();
         if self.acting.at_once && self.clock.is_none() {
             let mut command = self.commanded(error, self.sum, 0.0);
             if self.acting.derivative {
@@ -263,7 +266,7 @@ impl<'a, const D: bool> Ship<'a, D> {
     #[inline(always)]
     pub fn step(&mut self) {
         if self.clock.is_none() {
-            self.winds_up = self.stands(self.start, self.set_span.start - self.speed);
+            self.winds_up = self.stands(self.start, self.set_span.start - self.seen());
         }
         let rise = self.acceleration * self.h + self.growth * (0.5 * self.h);
         let speed = self.speed + rise;
@@ -275,7 +278,7 @@ impl<'a, const D: bool> Ship<'a, D> {
             self.rigid(Ahead { speed, rise, against: speed });
         }
         if self.clock.is_none() {
-            self.command = self.commanded(self.set_span.end - self.speed, self.sum, self.ended);
+            self.command = self.commanded(self.set_span.end - self.seen(), self.sum, self.ended);
             self.dead_time.keep(self.at, self.start, self.command);
         }
         self.at += 1;
@@ -357,17 +360,47 @@ impl<'a, const D: bool> Ship<'a, D> {
     #[inline(always)]
     pub(super) fn arrived(&mut self, speed: f64, ended: f64, more: f64, rack: f64) {
         let h = self.h;
+        let foreseen = self.seen_after(speed - more);
         self.growth = ended - self.acceleration;
+        let seen = self.seen_after(speed);
         if self.clock.is_none() && !self.winds_up {
             self.sum = self.sum - more * (0.5 * h) + self.growth * (h * h / 12.0);
+            self.sum += self.c.filter.time * (seen - foreseen);
         }
+        self.filtered = seen;
         (self.speed, self.ended, self.rack, self.lagged) = (speed, ended, rack, rack);
+    }
+
+    /// Speed that the governor sees.
+    #[inline(always)]
+    pub(super) fn seen(&self) -> f64 {
+        if self.acting.filter { self.filtered } else { self.speed }
+    }
+
+    /// Speed that the governor sees at the step's end, if the speed is `end` there.
+    #[inline(always)]
+    pub(super) fn seen_after(&self, end: f64) -> f64 {
+        if !self.acting.filter {
+            return end;
+        }
+        let mean = 0.5 * (self.speed + end) - self.growth * (self.h / 12.0);
+        self.c.filter.over(self.filtered, end, mean)
+    }
+
+    /// The same within a step, `since` seconds after its beginning.
+    #[inline(always)]
+    pub(super) fn seen_within(&self, speed: f64, since: f64) -> f64 {
+        if !self.acting.filter || since <= 0.0 {
+            return if self.acting.filter { self.filtered } else { speed };
+        }
+        Lag::new(self.c.filter.time, since).over(self.filtered, speed, 0.5 * (self.speed + speed))
     }
 
     /// Set decayed values to zero: subnormal numbers would slow down every step.
     pub fn cut(&mut self) {
         for number in [
             &mut self.speed,
+            &mut self.filtered,
             &mut self.sum,
             &mut self.rack,
             &mut self.lagged,

@@ -12,6 +12,7 @@ use super::dual::Dual;
 named_places! {
     /// Names of the parameters: `T_s` sampling period of the governor, half of which is part of `T_d`; `u_0` set-point offset, `s_M` and `m_0` scale and offset of the torque, `x_0` offset of rack
     /// or fuel, `T_B` and `s_B` delay and scale of the brake's torque measured besides a gauge's;
+    /// `T_f` time constant of the filter of the measured speed in the governor;
     /// `t_1` reference of the inertia ahead of the gauge, a constant of the fit, or 0.
     PARAMETERS:
     TAU_N "tau_n",
@@ -39,6 +40,7 @@ named_places! {
     M_0 "m_0",
     T_B "T_B",
     S_B "s_B",
+    T_F "T_f",
     T_1 "t_1",
 }
 pub const COUNT: usize = PARAMETERS.len();
@@ -302,7 +304,7 @@ fn written(values: &[f64; COUNT], [torque, rack, both]: [bool; 3], setup: Setup)
         engine = engine.without_torque(&load);
     }
 
-    let lag = poly(&[one, q(at::TAU_ACT)]);
+    let (lag, filter) = (poly(&[one, q(at::TAU_ACT)]), poly(&[one, q(at::T_F)]));
     let mut fed = Equation::default();
     let cleared = if open_loop {
         fed.add(signal::LATE_U, &on_engine.times(&poly(&[q(at::V)])).negative());
@@ -310,7 +312,8 @@ fn written(values: &[f64; COUNT], [torque, rack, both]: [bool; 3], setup: Setup)
     } else {
         let period = q(at::T_S);
         let asked = poly(&[q(at::VK_I), q(at::VK_P), clock::summed(q(at::VK_I), period * 0.5)]);
-        fed.add(signal::LATE_U, &on_engine.times(&asked).negative());
+        // The filter is on the speed alone: all other terms are multiplied by its denominator.
+        fed.add(signal::LATE_U, &on_engine.times(&asked).times(&filter).negative());
         let asked = asked.plus(&poly(&[zero, zero, q(at::VK_D)]), 1.0);
         let samples = period.value > 0.0 && !propeller;
         let seen = if samples { seen.plus(&rippled(values), 1.0) } else { seen };
@@ -318,7 +321,7 @@ fn written(values: &[f64; COUNT], [torque, rack, both]: [bool; 3], setup: Setup)
         if propeller {
             fed.add(signal::LATE_M, &wound.times(&asked));
         }
-        poly(&[zero, one]).times(&lag)
+        poly(&[zero, one]).times(&lag).times(&filter)
     };
     let mut equations = if torque { vec![load] } else { vec![] };
     if rack {

@@ -89,7 +89,7 @@ pub fn is_stable(q: &[f64; COUNT], open_loop: bool) -> bool {
     }
     let (kp, ki) = (q[at::VK_P], q[at::VK_I]);
     // A derivative that acts immediately is additional inertia.
-    let at_once = q[at::T_D] == 0.0 && q[at::TAU_ACT] == 0.0;
+    let at_once = q[at::T_D] == 0.0 && q[at::TAU_ACT] == 0.0 && q[at::T_F] == 0.0;
     let (kd, more) = if at_once { (0.0, q[at::VK_D]) } else { (q[at::VK_D], 0.0) };
     if !(ki > 0.0 && q[at::TAU_N] + more > 0.0) {
         return false;
@@ -105,6 +105,7 @@ pub fn is_stable(q: &[f64; COUNT], open_loop: bool) -> bool {
     // A number with the direction of that function, computed without a division, and the loop gain.
     let at_frequency = |w: f64| -> ([f64; 2], f64) {
         let under = times([1.0, q[at::TAU_ACT] * w], along(shaft.torque, w));
+        let under = times([1.0, q[at::T_F] * w], under);
         let (sin, cos) = (w * q[at::T_D]).sin_cos();
         let hold = (apart * w).cos();
         let asked = times([kp, kd * w - ki / w], along(shaft.speed, w));
@@ -119,7 +120,8 @@ pub fn is_stable(q: &[f64; COUNT], open_loop: bool) -> bool {
     // With a derivative the gain may rise again up to the corner frequencies of plant and lag.
     let quickest = (3.0 * swings)
         .max(if kd == 0.0 { 0.0 } else { own.abs() / shaft.torque[1].abs().max(1e-9) })
-        .max(if kd == 0.0 || q[at::TAU_ACT] == 0.0 { 0.0 } else { 1.0 / q[at::TAU_ACT] });
+        .max(if kd == 0.0 || q[at::TAU_ACT] == 0.0 { 0.0 } else { 1.0 / q[at::TAU_ACT] })
+        .max(if kd == 0.0 || q[at::T_F] == 0.0 { 0.0 } else { 1.0 / q[at::T_F] });
     // Half a turn at frequency 0 counts once, since it has no counterpart at a negative frequency.
     let half = if at_frequency(1e-3 * slowest).0[1] > 0.0 { 1 } else { -1 };
     let begun = shaft.poles() + if own < 0.0 { half } else { 0 };
@@ -203,7 +205,7 @@ mod tests {
             prop_assert_eq!(is_stable(&q, false), own + kp > 0.0);
         }
 
-        /// With a lag: (1 + `tau_act` s) (own + tau s) s + `K_p` s + `K_i` by Routh.
+        /// With a lag, or a filter of the speed: (1 + `tau_act` s) (own + tau s) s + `K_p` s + `K_i` by Routh.
         #[test]
         fn a_lag_goes_by_routh(
             own in -5.0..5.0_f64,
@@ -215,8 +217,10 @@ mod tests {
             let (cubic, square, line) = (tau * lag, tau + own * lag, own + kp);
             let margin = square * line - cubic * ki;
             prop_assume!(margin.abs() > 0.03 * (square * line).abs() && line.abs() > 0.02 && square.abs() > 0.02);
-            let q = with(&[(at::TAU_N, tau), (at::VK_P, kp), (at::VK_I, ki), (at::P, own), (at::TAU_ACT, lag)]);
-            prop_assert_eq!(is_stable(&q, false), square > 0.0 && line > 0.0 && margin > 0.0);
+            for place in [at::TAU_ACT, at::T_F] {
+                let q = with(&[(at::TAU_N, tau), (at::VK_P, kp), (at::VK_I, ki), (at::P, own), (place, lag)]);
+                prop_assert_eq!(is_stable(&q, false), square > 0.0 && line > 0.0 && margin > 0.0);
+            }
         }
     }
 }
