@@ -61,6 +61,23 @@ def test_breakage_c1_a_fluctuating_torque_is_no_pulse_train(samples):
     assert rate_of(samples) is None
 
 
+@pytest.mark.parametrize(("low", "high"), [(1000.0, 1200.0), (6.0, 8.0), (-5.2, -4.8)])
+@pytest.mark.parametrize("noise", [0.0, 0.02])
+def test_a_speed_or_voltage_that_steps_between_two_levels_is_no_pulse_train(low, high, noise):
+    steps = np.where(TIME % 3.0 < 1.5, low, high)
+    assert rate_of(steps + noise * (high - low) * RNG.standard_normal(len(TIME))) is None
+
+
+def test_a_unit_of_speed_is_no_pulse_train_though_it_steps_down_to_zero():
+    log = Log.from_arrays({"x": np.where(TIME % 3.0 < 1.5, 0.0, 60.0)}, rate_hz=RATE, units={"x": "rpm"})
+    assert [report.pulses_hz for report in inspect_log(log).channels] == [None]
+
+
+@pytest.mark.parametrize(("low", "high"), [(0.0, 1.0), (0.2, 4.8), (-2.0, 2.0), (-24.0, 0.0)])
+def test_pulses_between_logic_levels_are_a_train_however_slow(low, high):
+    assert rate_of(np.where(TIME % 3.0 < 1.5, low, high)) == pytest.approx(1.0 / 3.0, rel=0.1)
+
+
 def empty_beside(**channels: np.ndarray) -> Log:
     def blocks(name, first, size):
         data = channels.get(name, np.empty(0))

@@ -10,7 +10,7 @@ from shipfp_rs.errors import InputError, LogWarning
 from shipfp_rs.logs.log import Log
 from shipfp_rs.processing.process import process
 from shipfp_rs.processing.trial import Trial
-from shipfp_rs.processing.windows import find_windows, proposed
+from shipfp_rs.processing.windows import proposed
 
 ROWS = 4000
 SWING = 800.0 + 20.0 * np.sin(2 * np.pi * np.arange(ROWS) / 437.0)
@@ -77,7 +77,7 @@ def test_cases_no_window_spans_a_jump_of_the_clock(tmp_path: Path) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", LogWarning)
         log = Log.open(logged(tmp_path / "log.csv", jumping(-12.0, uneven=False)))
-    windows = proposed(log, ["set point"], "set point", find_windows(log, "set point"))
+    windows = proposed(log, ["set point"], "set point")
     assert all(window.stop_s <= 15.02 or window.start_s >= 16.99 for window in windows)
     text = """
         [trial]

@@ -58,6 +58,36 @@ def test_a_line_that_is_written_twice_is_one(times: int, tmp_path: Path) -> None
     log = Log.open(tmp_path / "bus.raw")
     assert log.channel("Engine Speed").rate_hz == pytest.approx(10.0)
     np.testing.assert_array_equal(log.read("Engine Speed"), 1500.0 + np.arange(40) % 8)
+    assert [fault.kind for fault in log.faults] == ["repeated"] * (times - 1)
+
+
+@pytest.mark.parametrize("blanks", [False, True])
+@pytest.mark.parametrize("step_s", [0.1, 0.137])
+def test_a_row_that_is_written_twice_is_one_and_told(step_s: float, blanks: bool, tmp_path: Path) -> None:
+    """Also where its channels stand in rows of their own."""
+    rows = [
+        f"{step_s * k:.3f},{'' if blanks and k % 2 else 1500 + k % 7},{'' if blanks and not k % 2 else 40 + k % 3}"
+        for k in range(200)
+    ]
+    text = "\n".join(["Time (s),Speed (rpm),Torque (Nm)", *(row for row in rows for _ in range(2)), ""])
+    (tmp_path / "log.csv").write_text(text)
+    with pytest.warns(LogWarning, match=r"rows recorded twice at samples 0 to .*; second copies left out"):
+        log = Log.open(tmp_path / "log.csv")
+    faults = [fault for fault in log.faults if fault.kind == "repeated"]
+    every = 2 if blanks else 1
+    assert [fault.spans.tolist() for fault in faults] == [[[0, 200 // every]]] * every
+    for name, first in (("Speed", 1500 + np.arange(200) % 7), ("Torque", 40 + np.arange(200) % 3)):
+        assert log.channel(name).rate_hz == pytest.approx(1.0 / step_s / every, rel=1e-4)
+        expected = first[every - 1 if name == "Torque" else 0 :: every]
+        np.testing.assert_allclose(log.read(name), expected, atol=0.02)
+
+
+def test_rows_of_one_time_that_differ_are_no_copies(tmp_path: Path) -> None:
+    rows = [f"{k // 10},{1500 + k % 7},{40 + k % 3}" for k in range(400)]
+    (tmp_path / "log.csv").write_text("\n".join(["Time (s),Speed (rpm),Torque (Nm)", *rows, ""]))
+    with pytest.warns(LogWarning, match="one time for several rows: taken as even at 10 Hz"):
+        log = Log.open(tmp_path / "log.csv")
+    assert (log.channel("Speed").samples, log.faults) == (400, ())
 
 
 def test_a_value_recorded_on_change_is_held_at_the_rate_of_its_scan(tmp_path: Path) -> None:

@@ -1,5 +1,7 @@
 """Windows, rests and faults of logs of 1 to 20 Hz, as historians and controllers keep them."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from scipy.signal import chirp
@@ -7,8 +9,14 @@ from scipy.signal import chirp
 from shipfp_rs.inspection import inspect_log
 from shipfp_rs.logs.log import Log
 from shipfp_rs.processing.governor_clock import governor_clock
-from shipfp_rs.processing.trial_template import moved
+from shipfp_rs.processing.process import process
+from shipfp_rs.processing.roles import guess_roles
+from shipfp_rs.processing.trial import Trial
+from shipfp_rs.processing.trial_template import drafted, moved
 from shipfp_rs.processing.windows import find_windows
+from shipfp_rs.support.toml import template
+from shipfp_rs.view.document import Document
+from shipfp_rs.view.draft import checked
 
 
 def slow_chirp(rate_hz: float, first: float, last: float, lasts_s: float, method: str, step: float) -> Log:
@@ -38,9 +46,57 @@ def test_rests_and_chirps_of_slow_logs_are_found_with_the_frequencies_that_are_t
     assert found[1].frequency_hz == pytest.approx((first, last), rel=0.1)
 
 
-def test_inspect_finds_the_windows_of_init() -> None:
-    log = slow_chirp(10.0, 0.02, 0.5, 160.0, "linear", 0.05)
-    assert inspect_log(log).windows == tuple(moved(log, "Setpoint", None)[1])
+@pytest.fixture
+def stairs(tmp_path: Path) -> tuple[Log, Trial]:
+    """Set point that is polled at 5 Hz, beside speed and torque at 50 Hz that follow its stairs; a gap, a short sine."""
+    time = np.arange(150 * 5) / 5.0
+    asked = 900.0 + 40.0 * np.sin(2.0 * np.pi * 0.1 * (time - 30.0)) * ((time >= 30.0) & (time < 110.0))
+    asked += 40.0 * np.sin(np.pi * time) * ((time >= 125.0) & (time < 131.0))
+    asked[400:405] = np.nan
+    follows = np.repeat(np.where(np.isnan(asked), 900.0, asked), 10)
+    noise = np.random.default_rng(0).normal(0.0, 0.1, (2, len(follows)))
+    levels = {"speed": follows + noise[0], "torque": 2.0 * follows + noise[1]}
+    units = {"speed": "rpm", "torque": "Nm"}
+    Log.from_arrays({"set point": asked}, rate_hz=5.0, units={"set point": "rpm"}).write(
+        tmp_path / "slow.parquet"
+    )
+    Log.from_arrays(levels, rate_hz=50.0, units=units).write(tmp_path / "fast.parquet")
+    fast = Log.open(tmp_path / "fast.parquet")
+    log = Log.merge(fast, Log.open(tmp_path / "slow.parquet"), name="log")
+    roles = guess_roles(log)
+    text = drafted(template("TRIAL"), log, [tmp_path / "log"], roles, moved(log, "set point", None)[1])
+    return log, checked(text.replace("# held = true", "held = true"), "TRIAL.toml")
+
+
+def test_inspect_with_and_without_a_trial_and_view_find_the_windows_of_init(
+    stairs: tuple[Log, Trial], tmp_path: Path
+) -> None:
+    log, trial = stairs
+    found = moved(log, "set point", None)[1]
+    assert any(window.stop_s - window.start_s == pytest.approx(20.5) for window in found)
+    assert inspect_log(log).windows == inspect_log(log, trial).windows == tuple(found)
+    log.write(tmp_path / "log.parquet")
+    told = Document(tmp_path / "log.parquet").within("set point", None, 0.0, 150.0)["found"]
+    assert [(one["start_s"], one["stop_s"]) for one in told] == [(one.start_s, one.stop_s) for one in found]
+
+
+def test_a_set_point_polled_slowly_is_held_at_the_rate_of_speed_and_torque(stairs: tuple[Log, Trial]) -> None:
+    log, trial = stairs
+    assert trial.processing.rate_hz == 50.0
+    (first, *_) = process(log, trial)
+    assert (first.rate_hz, first.hold) == (50.0, "zero")
+    np.testing.assert_allclose(first.signals["n_set"], first.signals["n_e"], atol=1.0)
+
+
+def test_a_slow_set_point_that_nobody_holds_is_joined_by_straight_lines(stairs: tuple[Log, Trial]) -> None:
+    log, trial = stairs
+    loose = trial.channels.set_point.model_copy(update={"held": False})
+    channels = trial.channels.model_copy(update={"set_point": loose})
+    (first, *_) = process(log, trial.model_copy(update={"channels": channels}))
+    assert (first.rate_hz, first.hold) == (50.0, "first")
+    time = trial.windows[0].start_s + np.arange(len(first)) / 50.0
+    expected = 900.0 + 40.0 * np.sin(2.0 * np.pi * 0.1 * (time - 30.0))
+    np.testing.assert_allclose(first.signals["n_set"][200:-200], expected[200:-200], atol=0.5)
 
 
 def test_the_crest_of_a_slow_rounded_sine_is_neither_stuck_nor_clipped() -> None:

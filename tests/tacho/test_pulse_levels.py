@@ -135,6 +135,9 @@ def test_edges_doubled_in_a_channel_of_states_leave_its_speed():
     speed = tacho.speed_from_pulses(pulses.at(with_missing(pulses.times_s, 60, 2)), 60)
     assert speed.turned_rev.sum() == pytest.approx(24.93, abs=0.02)
     np.testing.assert_allclose(speed.speed_rps * 60.0, 300.0, rtol=2e-3)
+    (fault,) = log.faults
+    assert (fault.kind, fault.channel, len(fault.spans), fault.excluded) == ("A", "Channel 0", 8, False)
+    np.testing.assert_allclose(fault.spans[0, 0] / log.channel("Channel 0").rate_hz, 1 / 3, atol=1e-3)
 
 
 def test_the_gap_of_a_wheel_at_constant_speed_is_no_missing_row(tmp_path):

@@ -56,7 +56,7 @@ def test_windows_and_the_steady_stretch_are_found(folder):
 
 
 def test_a_stretch_tells_what_it_holds(folder):
-    main_window = Document(folder / "log.parquet").within("U_setpoint", 40.0, 175.0)["main"]
+    main_window = Document(folder / "log.parquet").within("U_setpoint", None, 40.0, 175.0)["main"]
     assert main_window["kind"] == "chirp"
     assert main_window["frequency_hz"][0] < 0.2
     assert main_window["frequency_hz"][1] == pytest.approx(1.5, rel=0.15)

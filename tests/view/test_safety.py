@@ -211,7 +211,7 @@ def test_what_is_no_object_is_refused_in_a_line(asker, body):
         ("spectrum", {"doc": 0, "series": 0, "from": "nan", "to": 1}),
         ("spectrum", {"doc": 0, "series": 7, "from": 0, "to": 1}),
         ("spectrum", {"doc": 0, "series": 0, "from": 5, "to": 1}), ("windows", {"doc": 0, "column": "nothing"}),
-        ("within", {"doc": 0, "column": "n"}), ("mean", {"doc": 0, "series": 0, "from": 1e9, "to": 2e9}), ("job", {"id": 3}),
+        ("within", {"doc": 0, "driver": "n"}), ("mean", {"doc": 0, "series": 0, "from": 1e9, "to": 2e9}), ("job", {"id": 3}),
     ],
 )  # fmt: skip
 def test_an_odd_question_is_answered_in_a_line(asker, name, asked):

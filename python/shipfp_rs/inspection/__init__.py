@@ -199,7 +199,7 @@ def _at_rest(points: Sequence[SteadyPoint], steady: list[Experiment], longest: E
 def _windows(log: Log, trial: Trial | None) -> tuple[str, list[FoundWindow]]:
     """Channel that moves and its windows, as `init` finds them; none without a recognised set point or load."""
     if trial is not None:
-        return trial.channels.driver.column, found_or_named(log, trial)
+        return found_or_named(log, trial)
     try:
         roles = named_roles(list(log.channels.values()))
         return moved(log, roles.set_point or roles.command, roles.load)

@@ -101,8 +101,10 @@ SINE_SLOWEST_HZ = 5.0
 """Lowest rate of a sinusoidal pick-up [Hz]; slower oscillations are set points or waves."""
 SINE_SCATTER = 0.15
 """Largest scatter of the heights of neighbouring pulses; a torque's ripple, of several orders, scatters more."""
-SINE_OFFSET = 1.0
-"""Largest offset of a pick-up's mid-level from zero, relative to the pulse height; a torque's ripple has a larger offset."""
+OFFSET = 1.0
+"""Largest offset of a train's mid-level from zero, relative to the pulse height; a torque's ripple and the steps of a speed
+or a voltage about its level have a larger one.
+"""
 SINE_DRIFT = 1.5
 """Largest interquartile range of a pick-up's mid-level, relative to the pulse height."""
 MAINS_HZ = (50.0, 60.0)
@@ -143,7 +145,7 @@ def _even_share(pulses: PulseTimes) -> float:
 def _has_two_levels(samples: Array) -> bool:
     bottom, top = pulse_levels(samples)
     near = np.minimum(np.abs(samples - bottom), np.abs(samples - top)) < NEAR_A_LEVEL * (top - bottom)
-    return bool(near.mean() >= AT_LEVELS)
+    return bool(near.mean() >= AT_LEVELS and abs(top + bottom) < 2.0 * OFFSET * (top - bottom))
 
 
 def _is_sinusoidal(probe: Array, pulses: PulseTimes) -> bool:
@@ -165,7 +167,7 @@ def _is_sinusoidal(probe: Array, pulses: PulseTimes) -> bool:
     quarter, half, three = np.quantile(middle, [0.25, 0.5, 0.75])
     if not (
         np.median(np.abs(height - usual) / usual) < SINE_SCATTER / 1.4826
-        and abs(half) < SINE_OFFSET * level
+        and abs(half) < OFFSET * level
         and three - quarter < SINE_DRIFT * level
     ):
         return False
@@ -226,9 +228,11 @@ def _described(log: Log, name: str, stopped: threading.Event) -> ChannelReport:
         if len(present):
             low, high = min(low, float(present.min())), max(high, float(present.max()))
             noises.append(_noise(present[: 1 << 17].astype(np.float64)))
-    tells = named(channel).tells
-    # The ripple of a torque, with spikes of one height, looks like a train.
-    pulses = None if "torque" in tells and "pulses" not in tells else pulse_rate(rows)
+    given = named(channel)
+    # The ripple of a torque, with spikes of one height, looks like a train; a unit of speed or power tells another quantity.
+    other = "torque" in given.tells and "pulses" not in given.tells
+    other |= not given.is_open and given.quantity not in (None, "other")
+    pulses = None if other else pulse_rate(rows)
     return ChannelReport(
         channel,
         joined(gaps),

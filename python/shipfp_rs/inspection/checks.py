@@ -21,7 +21,8 @@ from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.logs.log import Log
 from shipfp_rs.processing.process import process
 from shipfp_rs.processing.trial import OperatingPoint, Trial, Window
-from shipfp_rs.processing.windows import FoundWindow, Kind, find_windows
+from shipfp_rs.processing.trial_template import moved
+from shipfp_rs.processing.windows import FoundWindow, Kind
 from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.spikes import bridge, find_spikes
 from shipfp_rs.vessel.vessel import PLANT_KEYS, Vessel
@@ -201,30 +202,30 @@ def linearity(points: Sequence[SteadyPoint]) -> dict[str, Any]:
     return result
 
 
-def found_or_named(log: Log, trial: Trial) -> list[FoundWindow]:
-    """Windows detected in a log; if it is too short, or its set point is never at rest, the windows of the trial."""
-    channel = log.channel(trial.channels.driver.column)
+def found_or_named(log: Log, trial: Trial) -> tuple[str, list[FoundWindow]]:
+    """Channel that moves and the windows of a log; those of the trial if the log is too short or never at rest."""
+    mover, load = trial.channels.driver.column, trial.channels.load
     named = [
         (window.name, window.kind, window.start_s, window.stop_s) for window in trial.windows_of(log.name)
     ]
     if trial.operating_point.steady_s is not None:
         named.append(("R1", "steady", *trial.operating_point.steady_s))
     try:
-        found = find_windows(log, channel.name)
+        mover, found = moved(log, mover, None if load is None else load.column)
     except InputError:
         if not named:
             raise
         found = []
     if any(_lasts(window) for window in found):
-        return found
+        return mover, found
     kinds: Mapping[str, Kind] = {kind: kind for kind in get_args(Kind)}
-    return [
+    return mover, [
         FoundWindow(
             name,
             kinds.get(kind, "other"),
             start_s,
             stop_s,
-            float(np.nanmedian(log.read(channel.name, start_s, stop_s))),
+            float(np.nanmedian(log.read(mover, start_s, stop_s))),
         )
         for name, kind, start_s, stop_s in named
     ] or found

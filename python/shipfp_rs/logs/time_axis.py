@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from shipfp_rs.errors import InputError, LogWarning
-from shipfp_rs.logs.channel import BLOCK, Blocks, Samples
+from shipfp_rs.logs.channel import BLOCK, Blocks, Channel, Samples
 from shipfp_rs.logs.faults.clock import (
     LONGEST_GAP,
     MOST_JUMPS,
@@ -19,20 +19,23 @@ from shipfp_rs.logs.faults.clock import (
     Clock,
     ClockScan,
     Jump,
+    Same,
     parted_at,
     spliced,
     without,
 )
 from shipfp_rs.logs.faults.record import Fault
 from shipfp_rs.logs.joining import CoarseClock, find_coarse
-from shipfp_rs.support.arrays import Array
+from shipfp_rs.support.arrays import Array, Mask, joined
 from shipfp_rs.support.sentences import Sentence
 
 Times = Callable[[], Iterable[Array]]
 """Function that iterates over the times of all rows [s], from the start at each call."""
 
-Same = Callable[[int, int, int], bool]
-"""Function (row, earlier row, count): whether `count` rows from both rows on are equal in every channel."""
+LEAST_CHANGES, LONGEST_SCANS, OFTEN = 8, 4.0, 0.1
+"""Least rows, and fraction of steps longer than these scans, of a channel that is recorded on change."""
+WHOLE = 0.1
+"""Largest distance of such a step from a whole number of scans, as a fraction of it."""
 GAP = 3.0
 """Steps longer than this multiple of the step that 90 % do not exceed are kept as gaps."""
 MOST_GROWTH = 8.0
@@ -65,6 +68,8 @@ class TimeAxis:
     faults: tuple[Fault, ...]
     note: str
     on_grid: Callable[[Blocks], Blocks]
+    doubled: Callable[[Blocks, str], tuple[Fault, ...]] = lambda blocks, channel: ()
+    """Function (rows, channel): the doubled edges of a channel of two states, of which one is kept."""
 
     def tell(self, path: Path | str) -> None:
         """Warn of jumps and uneven times."""
@@ -79,7 +84,7 @@ def time_axis(
     times: Times,
     *,
     rate_hz: float | None = None,
-    same: Same = lambda row, earlier, count: False,
+    same: Same = lambda row, earlier, count: np.zeros(count, dtype=np.bool_),
     changes: bool = False,
     held: bool = False,
 ) -> TimeAxis:
@@ -103,12 +108,13 @@ def time_axis(
     rate_hz
         Sample rate [Hz], which takes precedence over the times; only the start is then taken from the times.
     same
-        Function (row, earlier row, count): whether the rows have equal samples in every channel.
+        Function (row, earlier row, count): which of the rows have equal samples in every channel. Equal rows of one time
+        are one.
     changes
         Whether rows record only the state changes of two-state channels: then the grid is finer, and a long step is not a
         gap.
     held
-        Whether rows record only the changes of a channel at an even scan: each value is held until the next.
+        Whether rows may record only the changes of a channel at an even scan: then each value is held until the next.
 
     Raises
     ------
@@ -163,6 +169,11 @@ def _uneven(
     if count < 3 or not known[:count].all():
         raise error
     steps = np.diff(times)
+    again = steps == 0.0
+    if again.any():
+        again &= same(1, 0, count - 1)
+        if (again >= (steps == 0.0)).all() and not (again[1:] & again[:-1]).any():
+            return _once(path, column, times, np.append(True, ~again), changes, held)
     back = np.flatnonzero(steps < 0.0)
     if back.size > max(MOST_JUMPS * count, 1):
         row = int(back[0]) + 1
@@ -183,8 +194,34 @@ def _uneven(
     return _resampled(path, column, times, steps, changes=changes, held=held)
 
 
-def _plain(start_s: float, rate_hz: float, count: int) -> TimeAxis:
-    return TimeAxis(start_s, rate_hz, count, (), "", lambda blocks: blocks)
+def _once(path: Path | str, column: str, times: Array, kept: Mask, changes: bool, held: bool) -> TimeAxis:
+    """Grid of the rows that are kept of those written twice."""
+    rows = np.flatnonzero(kept)
+    axis = time_axis(path, column, lambda: [times[rows]], changes=changes, held=held)
+
+    def once(blocks: Blocks) -> Blocks:
+        def read(channel: str, first: int, size: int) -> Iterator[Samples]:
+            row = int(rows[first])
+            for block in blocks(channel, row, size):
+                yield block[: len(kept) - row][kept[row : row + len(block)]]
+                row += len(block)
+
+        return read
+
+    at = np.round((times[~kept] - axis.start_s) * axis.rate_hz).astype(np.int64)
+    twice = joined([np.column_stack([at, at + 1])])
+    fault = Fault("repeated", column, Sentence("second copies left out"), twice, excluded=False)
+    return replace(axis, faults=(fault, *axis.faults), on_grid=lambda blocks: axis.on_grid(once(blocks)))
+
+
+def are_on_change(times: Array) -> bool:
+    """Whether a channel is recorded when it changes: its steps are one scan, or often many, of an even scan."""
+    steps = np.diff(times)
+    if len(steps) < LEAST_CHANGES or not (steps > 0.0).all():
+        return False
+    scans = steps / np.quantile(steps, 0.05, method="lower")
+    whole = np.abs(scans - np.round(scans)) < WHOLE * scans
+    return bool(whole.mean() > 0.95 and np.mean(scans > LONGEST_SCANS) > OFTEN)
 
 
 def _seen_through(path: Path | str, column: str, coarse: CoarseClock, same: Same) -> TimeAxis:
@@ -195,7 +232,7 @@ def _seen_through(path: Path | str, column: str, coarse: CoarseClock, same: Same
         f"{resolution:g} s"
     )
     if not coarse.jumps:
-        return replace(_plain(float(coarse.times[0]), rate, len(coarse.times)), note=note)
+        return TimeAxis(float(coarse.times[0]), rate, len(coarse.times), (), note, lambda blocks: blocks)
     scan = ClockScan()
     scan.feed(coarse.times)
     clock = scan.finish(str(path), column, same, trusted=True)
@@ -211,7 +248,7 @@ def _seen_through(path: Path | str, column: str, coarse: CoarseClock, same: Same
 def _resampled(
     path: Path | str, column: str, times: Array, steps: Array, *, changes: bool, held: bool
 ) -> TimeAxis:
-    positive = steps[steps > 0.0]
+    positive, held = steps[steps > 0.0], held and are_on_change(times)
     median, short, long = (float(value) for value in np.quantile(positive, (0.5, 0.05, 0.9), method="lower"))
     far = LONGEST_GAP * float(np.minimum(positive, GAP * long).sum())
     parts = np.flatnonzero((steps < 0.0) | (steps > far))
@@ -253,7 +290,7 @@ def _resampled(
     note = (
         f"{column} is recorded on change: held at {rate:.6g} Hz" if held else "" if changes or even else note
     )
-    return TimeAxis(grid.start_s, rate, samples, told, note, grid.on_grid)
+    return TimeAxis(grid.start_s, rate, samples, told, note, grid.on_grid, grid.doubled)
 
 
 @dataclass(frozen=True)
@@ -281,6 +318,13 @@ class _Grid:
 
         return read
 
+    def doubled(self, blocks: Blocks, channel: str) -> tuple[Fault, ...]:
+        rows, count = _edges(self.times, _rows(blocks, channel, 0, len(self.times)), 1.0 / self.rate_hz)
+        at = np.round((self.times[rows[count > 1]] - self.start_s) * self.rate_hz).astype(np.int64)
+        spans = np.column_stack([at, at + 1])
+        told = Fault("A", channel, Sentence("second crossings removed"), spans, excluded=False)
+        return (told,) if len(spans) else ()
+
     def _block(self, blocks: Blocks, channel: str, first: int, stop: int, held: bool) -> Array:
         half = 0.5 / self.rate_hz
         at = self.start_s + np.arange(first, stop) / self.rate_hz
@@ -298,6 +342,15 @@ class _Grid:
         for start, end in self.gaps - first:
             sampled[max(start, 0) : max(end, 0)] = np.nan
         return sampled
+
+
+def finer(channel: Channel, blocks: Blocks, rate_hz: float, *, held: bool) -> tuple[Channel, Blocks]:
+    """Raise the rate of a channel: each value is held until the next one, or straight lines join them."""
+    times = channel.start_s + np.arange(channel.samples) / channel.rate_hz
+    samples = int(channel.samples * rate_hz / channel.rate_hz)
+    no_gaps = np.empty((0, 2), dtype=np.int64)
+    grid = _Grid(times, channel.start_s, rate_hz, samples, no_gaps, changes=False, held=held)
+    return replace(channel, rate_hz=rate_hz, samples=samples), grid.on_grid(blocks)
 
 
 def _rows(blocks: Blocks, channel: str, first: int, stop: int) -> Array:
@@ -338,23 +391,28 @@ def _on_lines(times: Array, values: Array, at: Array, half: float) -> Array:
 def _on_ramps(times: Array, values: Array, at: Array, step: float) -> Array:
     """Samples of a two-state channel with ramps over two grid steps, which preserve the times of its changes.
 
-    Of changes that follow each other far faster than the grid, as at a doubled edge, the first counts if the state differs
-    after the last, and none if not.
+    Of a doubled edge the first change counts if the state differs after the last, and none if not.
 
     Examples
     --------
     >>> _on_ramps(np.array([0.0, 2.3]), np.array([0.0, 1.0]), np.arange(5.0), 1.0)
     array([0.  , 0.  , 0.35, 0.85, 1.  ])
     """
-    rows = np.flatnonzero(values[1:] != values[:-1]) + 1
-    first = np.flatnonzero(np.diff(times[rows], prepend=-np.inf) >= BOUNCE * step)
-    rows = rows[first[np.diff(first, append=len(rows)) % 2 == 1]]
+    rows, count = _edges(times, values, step)
+    rows = rows[count % 2 == 1]
     if not rows.size:
         return np.full(len(at), values[0])
     apart = np.diff(times[rows], prepend=-np.inf, append=np.inf)
     half = np.minimum(step, 0.5 * np.minimum(apart[1:], apart[:-1]))
     ends = np.column_stack([times[rows] - half, times[rows] + half]).ravel()
     return np.asarray(np.interp(at, ends, np.column_stack([values[rows - 1], values[rows]]).ravel()))
+
+
+def _edges(times: Array, values: Array, step: float) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
+    """First row of each edge, and its changes: several, far closer than a grid step, if the edge is doubled."""
+    rows = np.flatnonzero(values[1:] != values[:-1]) + 1
+    first = np.flatnonzero(np.diff(times[rows], prepend=-np.inf) >= BOUNCE * step)
+    return rows[first], np.diff(first, append=len(rows))
 
 
 def _means(time: Array, values: Array, begins: Array, ends: Array) -> Array:

@@ -19,9 +19,11 @@ import numpy as np
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import DRIVES, Experiment, Hold
+from shipfp_rs.logs.channel import Samples
 from shipfp_rs.logs.faults.chirp import constant_frequency
 from shipfp_rs.logs.faults.record import Fault
 from shipfp_rs.logs.log import STRETCH_BYTES, Log, Rows
+from shipfp_rs.logs.time_axis import finer
 from shipfp_rs.processing.cleaning import (
     Cleaned,
     Cleaner,
@@ -137,17 +139,36 @@ def process(
     return [recording.experiment(*each, point, clock.result()) for each in zip(windows, cut, strict=True)]
 
 
+def _no_slower(log: Log, trial: Trial) -> Log:
+    """Log with a set point and load that are polled more slowly than torque and speed at the rate of these."""
+    channels, least_hz = trial.channels, (1.0 - SAME_RATE) * trial.processing.rate_hz
+    answers = [one for one in (channels.torque, *channels.recorded_speeds) if one is not None]
+    rate_hz = max((log.channel(one.column).rate_hz for one in answers), default=trial.processing.rate_hz)
+    raised = {
+        one.column: finer(log.channel(one.column), log.raw_blocks, rate_hz, held=getattr(one, "held", False))
+        for one in (channels.driver, channels.load)
+        if one is not None and log.channel(one.column).rate_hz < least_hz < rate_hz
+    }
+    own = [raised[name][0] if name in raised else one for name, one in log.channels.items()]
+
+    def blocks(name: str, first: int, size: int) -> Iterator[Samples]:
+        return (raised[name][1] if name in raised else log.raw_blocks)(name, first, size)
+
+    return Log(log.name, own, blocks, log.start_utc, log.faults, log.notes) if raised else log
+
+
 class _Recording:
     """Log with its trial's settings. Channels are read once and in parallel; only a stretch of the torque is read twice."""
 
     def __init__(self, log: Log, trial: Trial, vessel: Vessel, chunk: int | None) -> None:
-        self.log = log = trial.completed(log)
+        log = trial.completed(log)
+        require_columns(log, trial.channels)
+        self.log = log = _no_slower(log, trial)
         self.trial = trial
         self.vessel = vessel
         self._chunk = chunk
         self._stopped = threading.Event()
         channels = trial.channels
-        require_columns(log, channels)
         for key in ("set_point", "command", "torque", "rack", "actuator", "load"):
             if (sensor := getattr(channels, key)) is not None:
                 require_unit(log, key, sensor)
@@ -159,8 +180,7 @@ class _Recording:
         self.rate_hz = nearest_rate(log.channel(channels.driver.column), trial.processing.rate_hz)
         self.hold: Hold = "zero" if self._shows_stairs() else "first"
         self._base = self._rows(channels.driver)
-        recorded = [tacho for tacho in channels.tachos.values() if tacho.kind != "edges"]
-        sensors = (channels.driver, *channels.levels.values(), *recorded)
+        sensors = (channels.driver, *channels.levels.values(), *channels.recorded_speeds)
         self._channels = {sensor.column: self._rows(sensor).channel for sensor in sensors}
         with self.naming_the_rate():
             self.grids = {label: self._grid(label) for label in self.stretches}
@@ -169,8 +189,7 @@ class _Recording:
     def _shows_stairs(self) -> bool:
         """Whether speed or torque, recorded at the rate of a held set point, shows the set point's stairs."""
         driver, channels = self.trial.channels.driver, self.trial.channels
-        recorded = [one for one in channels.tachos.values() if one.kind != "edges"]
-        answers = recorded if channels.torque is None else [channels.torque]
+        answers = channels.recorded_speeds if channels.torque is None else [channels.torque]
         rates = [self.log.channel(one.column).rate_hz for one in answers]
         held = isinstance(driver, SetPoint) and driver.held
         return held and np.allclose(

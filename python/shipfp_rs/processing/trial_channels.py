@@ -458,6 +458,11 @@ class Channels(Section):
         return torque | ({} if actuator is None else {"X_f": actuator}) | load
 
     @property
+    def recorded_speeds(self) -> list[Tacho]:
+        """Pulse trains, angles and speeds that are channels of the log, not times in a file."""
+        return [one for one in self.tachos.values() if one.kind != "edges"]
+
+    @property
     def tachos(self) -> dict[str, Tacho]:
         """Sources of speed by name; a pair of trains in quadrature counts as two."""
         found: dict[str, Tacho] = {}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +16,7 @@ from shipfp_rs.logs.log import Log
 from shipfp_rs.processing.roles import Roles
 from shipfp_rs.processing.trial import Processing
 from shipfp_rs.processing.trial_channels import SCALING, wanted_line
-from shipfp_rs.processing.windows import FoundWindow, find_windows, longest_rest, proposed
+from shipfp_rs.processing.windows import FoundWindow, longest_rest, proposed
 from shipfp_rs.support.toml import TO_BE_GIVEN
 from shipfp_rs.support.units import TO_NM, TO_REV, TO_RPM, TO_W
 
@@ -50,8 +50,10 @@ def _within(window: FoundWindow) -> tuple[float, float]:
     return math.ceil(10.0 * window.start_s - 1e-6) / 10.0, math.floor(10.0 * window.stop_s + 1e-6) / 10.0
 
 
-def moved(log: Log, driver: str | None, load: str | None) -> tuple[str, list[FoundWindow]]:
-    """Channel whose changes define a log's windows, and the windows. The load is used if set point or command is constant.
+def moved(
+    log: Log, driver: str | None, load: str | None, start_s: float = -math.inf, stop_s: float = math.inf
+) -> tuple[str, list[FoundWindow]]:
+    """Channel that defines the windows of a stretch, and the windows: the load if set point or command is constant.
 
     Raises
     ------
@@ -62,9 +64,9 @@ def moved(log: Log, driver: str | None, load: str | None) -> tuple[str, list[Fou
     if driver is None:
         raise InputError("no set point found: name its channel in the file, or with --set-point")
     drives = list(dict.fromkeys([driver, load or driver]))
-    found = proposed(log, drives, driver, find_windows(log, driver))
+    found = proposed(log, drives, driver, start_s, stop_s)
     if load is not None and all(window.kind == "steady" for window in found):
-        by_load = proposed(log, drives, load, find_windows(log, load))
+        by_load = proposed(log, drives, load, start_s, stop_s)
         if any(window.kind != "steady" for window in by_load):
             return load, by_load
     return driver, found
@@ -93,7 +95,12 @@ def drafted(
 ) -> str:
     """Text of a TRIAL.toml for a log, from the template, the guessed roles and the detected windows."""
     kept = {_header(table): table for table in template.split("\n\n")}
-    kept["processing"] = _at_most(kept["processing"], _slowest(log, roles))
+    torque = [log.channel(roles.torque).rate_hz] if roles.torque is not None else []
+    speeds = (log.channel(name).rate_hz for name in ([] if roles.trains else roles.speeds))
+    rate, usual = common_rate(torque, speeds), f"rate_hz = {Processing().rate_hz}"
+    kept["processing"] = kept["processing"].replace(
+        usual, f"rate_hz = {rate:.9g}", rate < Processing().rate_hz
+    )
     given = {
         "rate_hz": rate_hz,
         "time_column": time,
@@ -155,10 +162,10 @@ def _channels(log: Log, roles: Roles, windows: Sequence[FoundWindow]) -> list[st
 
 
 def _held(log: Log, roles: Roles) -> str:
-    """Commented-out key `held` if set point and torque have the low rate of a bus or PLC; else an empty text."""
-    names = (roles.set_point, roles.torque)
-    rates = {log.channel(name).rate_hz for name in names if name is not None}
-    if roles.torque is None or len(rates) > 1 or rates.pop() > SELDOM_HZ:
+    """Commented-out key `held` if the set point is as slow as a bus or PLC, and no faster than the torque; else nothing."""
+    if roles.set_point is None or roles.torque is None:
+        return ""
+    if log.channel(roles.set_point).rate_hz > min(SELDOM_HZ, log.channel(roles.torque).rate_hz):
         return ""
     return "\n# held = true                 # of a bus or PLC: the drive holds each value until the next one comes"
 
@@ -242,15 +249,9 @@ def _mean(
     return factor * float(np.nanmean(np.concatenate(pieces)))
 
 
-def _slowest(log: Log, roles: Roles) -> float:
-    used = [roles.set_point, roles.command, roles.torque, roles.load]
-    return min((log.channel(name).rate_hz for name in used if name is not None), default=np.inf)
-
-
-def _at_most(table: str, rate_hz: float) -> str:
-    """Table of processing, with a common rate of at most `rate_hz`."""
-    usual = Processing().rate_hz
-    return table if rate_hz >= usual else table.replace(f"rate_hz = {usual}", f"rate_hz = {rate_hz:.9g}", 1)
+def common_rate(levels_hz: Iterable[float], speeds_hz: Iterable[float]) -> float:
+    """Rate of the processing [Hz]: no faster than torque and rack, nor than the fastest speed; pulse trains are no limit."""
+    return min([Processing().rate_hz, max(speeds_hz, default=math.inf), *levels_hz])
 
 
 def _about(log: Log, roles: Roles) -> str:

@@ -192,13 +192,15 @@ LEAST_SWING = 2e-3
 """Smallest standard deviation of an excitation, relative to its level, for units of speed, torque or power."""
 
 
-def proposed(log: Log, drives: Sequence[str], mover: str, found: Sequence[FoundWindow]) -> list[FoundWindow]:
-    """Divide windows at gaps, extend short windows into adjacent rests, and turn windows without motion into rests."""
-    whole = _whole(log, drives)
+def proposed(
+    log: Log, drives: Sequence[str], mover: str, start_s: float = -math.inf, stop_s: float = math.inf
+) -> list[FoundWindow]:
+    """Find windows, divide them at gaps, extend short ones into adjacent rests, and turn those without motion into rests."""
+    whole = _whole(log, drives, start_s, stop_s)
     least_s = min(SHORTEST_S, max((stop - start for start, stop in whole), default=0.0))
     cut = [
         replace(window, start_s=max(window.start_s, start), stop_s=min(window.stop_s, stop))
-        for window in found
+        for window in find_windows(log, mover, start_s, stop_s)
         for start, stop in whole
         if min(window.stop_s, stop) - max(window.start_s, start) > 1.0
     ]
@@ -224,16 +226,18 @@ def _rest(window: FoundWindow) -> FoundWindow:
     return replace(window, kind="steady", frequency_hz=None)
 
 
-def _whole(log: Log, drives: Sequence[str]) -> list[tuple[float, float]]:
-    """Stretches of a log in which no input of the model is missing for longer than can be bridged [s]."""
+def _whole(log: Log, drives: Sequence[str], start_s: float, stop_s: float) -> list[tuple[float, float]]:
+    """Parts of a stretch in which no input of the model is missing for longer than can be bridged [s]."""
     channels = [log.channel(name) for name in drives]
-    start_s, stop_s = max(one.start_s for one in channels), min(one.stop_s for one in channels)
+    start_s = max(start_s, *(one.start_s for one in channels))
+    stop_s = min(stop_s, *(one.stop_s for one in channels))
     lost = []
     for channel in channels:
         block = max(math.floor(channel.rate_hz / COARSE_HZ), 1)
         missing = np.isnan(np.concatenate([np.empty(0), *mean_pieces(log, channel.name, block)]))
         spans = channel.start_s + runs(missing) * block / channel.rate_hz
-        lost += [(first, last) for first, last in spans.tolist() if last - first > Faults().longest_bridge_s]
+        long = np.diff(spans)[:, 0] > Faults().longest_bridge_s
+        lost += np.clip(spans[long], start_s, stop_s).tolist()
     edges = [(start_s, start_s), *sorted(lost), (stop_s, stop_s)]
     return [(before[1], after[0]) for before, after in itertools.pairwise(edges) if after[0] > before[1]]
 

@@ -35,8 +35,10 @@ _TREND = 4
 _PART_OF_A_PULSE = 0.1
 _SAME_NEXT_TURN = 0.25
 """Largest relative difference of a period and the one a turn apart in irregular rotation, such as of an engine cranked."""
-_GENTLE = 1.9
-"""Largest ratio of successive periods in irregular rotation; a missed or extra pulse halves or doubles a period."""
+_GENTLE, _SHARP, _OFTEN = 1.9, 2.2, 0.25
+"""Largest ratio of successive periods in irregular rotation; a missed or extra pulse halves or doubles a period. The second
+where more than this fraction of a turn's periods are odd, which single pulses can't cause.
+"""
 
 
 class PulseFlag(IntFlag):
@@ -104,7 +106,8 @@ def _usual(periods: Array, pulses_per_rev: int) -> tuple[Array, npt.NDArray[np.b
 
     same = with_both_sides(np.abs(np.log(periods[lag:] / periods[:-lag])) < _SAME_NEXT_TURN)
     apart = np.zeros(lag, dtype=np.bool_)
-    gentle = np.abs(np.diff(np.log(periods))) < np.log(_GENTLE)
+    often = np.convolve(odd, np.full(lag, 1.0 / lag), mode="same")[1:] > _OFTEN
+    gentle = np.abs(np.diff(np.log(periods))) < np.log(np.where(often, _SHARP, _GENTLE))
     irregular = (np.append(apart, same) | np.append(same, apart)) & odd
     irregular &= np.append(True, gentle) & np.append(gentle, True)
     return np.where(irregular, periods, median), irregular

@@ -180,7 +180,9 @@ class Desk:
         return {**work.state(), **(work.result or {})}
 
     def _within(self, asked: Asked) -> dict[str, Any]:
-        return self._document(asked).within(_text(asked, "column"), *_stretch(asked))
+        return self._document(asked).within(
+            _text(asked, "driver"), asked.get("load") or None, *_stretch(asked)
+        )
 
     def _draft(self, asked: Asked) -> dict[str, Any]:
         document = self._document(asked)

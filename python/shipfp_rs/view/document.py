@@ -18,7 +18,7 @@ from shipfp_rs.logs.faults.record import KINDS
 from shipfp_rs.logs.log import Log
 from shipfp_rs.processing.trial import Trial
 from shipfp_rs.processing.trial_template import moved, operating_rest
-from shipfp_rs.processing.windows import FoundWindow, find_windows
+from shipfp_rs.processing.windows import FoundWindow
 from shipfp_rs.tacho import pulse_times
 from shipfp_rs.view import pyramid
 from shipfp_rs.view.jobs import Background, Progress
@@ -139,9 +139,9 @@ class Document:
             "rest": None if rest is None else [rest.start_s, rest.stop_s],
         }
 
-    def within(self, column: str, start_s: float, stop_s: float) -> dict[str, Any]:
-        """Windows in a stretch of a set point, and the longest window in which the set point moves."""
-        found = find_windows(self.log(), column, start_s, stop_s)
+    def within(self, driver: str, load: str | None, start_s: float, stop_s: float) -> dict[str, Any]:
+        """Windows in a stretch, and the longest window in which set point or load moves."""
+        _, found = moved(self.log(), driver, load, start_s, stop_s)
         moving = [one for one in found if one.kind != "steady"]
         main = max(moving or found, key=lambda one: one.stop_s - one.start_s, default=None)
         return {"found": [_found(one) for one in found], "main": main and _found(main)}

@@ -15,7 +15,6 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Annotated, Any, Literal, NamedTuple
 
-import numpy as np
 import tomlkit
 from pydantic import Field, StringConstraints
 from tomlkit.exceptions import TOMLKitError
@@ -26,6 +25,7 @@ from shipfp_rs.logs.channel import Channel
 from shipfp_rs.processing.roles import named_roles
 from shipfp_rs.processing.trial import MOST_WINDOWS, Processing, Trial
 from shipfp_rs.processing.trial_channels import CALIBRATED, Command, Level, Load, Rack, SetPoint, Torque
+from shipfp_rs.processing.trial_template import common_rate
 from shipfp_rs.support.toml import TO_BE_GIVEN, Section, parsed_toml, read_tables, template, validated
 from shipfp_rs.support.units import TO_RPM, TO_W, told
 from shipfp_rs.vessel.vessel import Vessel
@@ -214,11 +214,12 @@ def written(
         _put(header, "log", log)
         if rate_hz is not None:
             _put(header, "rate_hz", rate_hz)
-        levels = [
-            rates_hz[one.column] for one in draft.channels if one.role in LEVELS and one.column in rates_hz
-        ]
-        if min(levels, default=np.inf) < Processing().rate_hz:
-            _put(document["processing"], "rate_hz", min(levels))
+        known = [(one.role, rates_hz[one.column]) for one in draft.channels if one.column in rates_hz]
+        speeds = [own for role, own in known if role == "speed"]
+        counted = any(role == "train" for role, _ in known)
+        levels = [own for role, own in known if role in ("torque", "rack")]
+        if (rate := common_rate(levels, [] if counted else speeds)) < Processing().rate_hz:
+            _put(document["processing"], "rate_hz", rate)
     _put_channels(_sub_table(document, "channels"), draft.channels)
     point = _sub_table(document, "operating_point")
     if draft.steady_s is not None:

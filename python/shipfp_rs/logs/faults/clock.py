@@ -11,10 +11,12 @@ import numpy.typing as npt
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.logs.faults.record import SHOWN, Fault
-from shipfp_rs.support.arrays import Array, Spans
+from shipfp_rs.support.arrays import Array, Mask, Spans
 from shipfp_rs.support.sentences import Sentence
 
 Samples = npt.NDArray[Any]
+Same = Callable[[int, int, int], Mask]
+"""Function (row, earlier row, count): which of `count` rows from both rows on are equal in every channel."""
 
 FIRST = 1024
 """Rows whose median step is accurate enough to detect jumps."""
@@ -113,9 +115,7 @@ class ClockScan:
         ideal = np.interp(rows, [rows[0], rows[-1]], [line[0], line[-1]])
         return bool(np.ptp(line - ideal) > max(self._interval, BENT * float(np.ptp(line))))
 
-    def finish(
-        self, name: str, column: str, same: Callable[[int, int, int], bool], *, trusted: bool
-    ) -> Clock:
+    def finish(self, name: str, column: str, same: Same, *, trusted: bool) -> Clock:
         """Finish the scan.
 
         `same` (row, earlier row, count) compares rows, `trusted` is False if the user gave a sample rate.
@@ -153,13 +153,7 @@ class ClockScan:
         return self._spliced(name, column, rate_hz, rows, jumps, same)
 
     def _spliced(
-        self,
-        name: str,
-        column: str,
-        rate_hz: float,
-        rows: npt.NDArray[np.int64],
-        jumps: Array,
-        same: Callable[[int, int, int], bool],
+        self, name: str, column: str, rate_hz: float, rows: npt.NDArray[np.int64], jumps: Array, same: Same
     ) -> Clock:
         """Map the rows between jumps to samples by their times."""
         ends = np.append(rows[1:], self._count).tolist()
@@ -178,7 +172,11 @@ class ClockScan:
             first, far = row, moved > LONGEST_GAP * self._count
             if moved * behind > 0 and abs(moved - behind) <= 1:
                 back[-1][1], behind = at, 0
-            elif moved < 0 and row >= -moved and same(row, row + moved, min(-moved, stop - row, COMPARED)):
+            elif (
+                moved < 0
+                and row >= -moved
+                and same(row, row + moved, min(-moved, stop - row, COMPARED)).all()
+            ):
                 twice.append((at + moved, at))
                 first = row - moved
             elif (jump < 0.0 or far) and not (moved * after < 0 and abs(moved + after) <= 1):

@@ -27,13 +27,11 @@ from shipfp_rs.logs.log import Log
 from shipfp_rs.logs.readers.columns import tell_left_out
 from shipfp_rs.logs.readers.time_cells import EPOCH, TimePlan, split_unit
 from shipfp_rs.logs.time_axis import TimeAxis, time_axis
-from shipfp_rs.support.arrays import Array
+from shipfp_rs.support.arrays import Array, Mask
 from shipfp_rs.support.units import is_unit, told
 
 Fields = Mapping[str, tuple[pa.Field, dict[str, Any]]]
 Batches = Callable[[str, int, int], Iterator[pa.Array]]
-LEAST_CHANGES, LONGEST_SCANS, OFTEN = 8, 4.0, 0.1
-"""Least rows, and fraction of steps longer than these scans, of a channel that is recorded on change."""
 EVEN = 0.1
 """Largest deviation of an even step from the median step, as a fraction of it."""
 
@@ -265,22 +263,17 @@ def own_grid(
     """Grid of a channel's own times [s] and its samples there; rows that a logger wrote twice count once."""
     order = np.argsort(times, kind="stable")
     times, values = times[order], np.asarray(values, dtype=np.float64)[order]
-    at_once = np.diff(times) == 0.0
-    again = at_once & ((values[1:] == values[:-1]) | (np.isnan(values[1:]) & np.isnan(values[:-1])))
-    if 4 * again.sum() > len(times) and (again == at_once).all() and not (again[1:] & again[:-1]).any():
-        times, values = (each[np.append(True, ~again)] for each in (times, values))
-    axis = time_axis(path, column, partial(iter, (times,)), rate_hz=rate_hz, held=are_on_change(times))
+
+    def same(row: int, earlier: int, count: int) -> Mask:
+        return equal(values[row : row + count], values[earlier : earlier + count])
+
+    axis = time_axis(path, column, partial(iter, (times,)), rate_hz=rate_hz, same=same, held=True)
     return axis, axis.on_grid(blocks_of({name: values}))
 
 
-def are_on_change(times: Array) -> bool:
-    """Whether a channel is recorded when it changes: its steps are one scan, or often many, of an even scan."""
-    steps = np.diff(times)
-    if len(steps) < LEAST_CHANGES or not (steps > 0.0).all():
-        return False
-    scans = steps / np.quantile(steps, 0.05, method="lower")
-    whole = np.abs(scans - np.round(scans)) < EVEN * scans
-    return bool(whole.mean() > 0.95 and np.mean(scans > LONGEST_SCANS) > OFTEN)
+def equal(here: Array, before: Array) -> Mask:
+    """Whether samples are equal, or both missing."""
+    return np.asarray((here == before) | (np.isnan(here) & np.isnan(before)))
 
 
 def noted_grid(

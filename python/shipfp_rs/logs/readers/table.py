@@ -18,10 +18,11 @@ import pyarrow as pa
 
 from shipfp_rs.errors import InputError, LogWarning
 from shipfp_rs.logs.channel import BLOCK, Blocks, Channel, Samples
+from shipfp_rs.logs.faults.clock import Same
 from shipfp_rs.logs.formats import one_line_errors
 from shipfp_rs.logs.log import Log
 from shipfp_rs.logs.readers.columns import tell_left_out
-from shipfp_rs.logs.readers.long_table import are_on_change, find_long_table, log_of_long_table
+from shipfp_rs.logs.readers.long_table import equal, find_long_table, log_of_long_table
 from shipfp_rs.logs.readers.time_cells import (
     TimePlan,
     is_date,
@@ -32,6 +33,7 @@ from shipfp_rs.logs.readers.time_cells import (
 )
 from shipfp_rs.logs.readers.time_column import SAMPLE_ROWS, Column, Wish, find_time, timed_key
 from shipfp_rs.logs.time_axis import FAR_OFF, TimeAxis, time_axis
+from shipfp_rs.support.arrays import Array, Mask
 
 # Arrow imports pandas at its first conversion; an interrupt during this import would look like a missing package.
 with contextlib.suppress(ImportError):
@@ -150,6 +152,7 @@ def log_of_table(
             f"rows where a state changes alone: each is held until the next, at {axes[0].rate_hz:.6g} Hz",
         )
     faults = tuple(fault for axis in axes for fault in axis.faults)
+    faults += tuple(one for name in shared if changes for one in axes[0].doubled(blocks, name))
     start_utc = _start_utc(path, schema) or zero
     return Log(str(path), channels, at_their_times, start_utc, faults, notes=told)
 
@@ -201,21 +204,24 @@ def _rows_apart(
             continue
         rows = np.flatnonzero(np.concatenate([_known(batch) for batch in batches(key, 0, BLOCK)]))
 
-        def blocks(_: str, first: int, size: int, key: str = key, rows: Any = rows) -> Iterator[Samples]:
+        def own(_: str, first: int, size: int, key: str = key, rows: Any = rows) -> Iterator[pa.Array]:
             with one_line_errors(path):
                 for batch in batches(key, int(rows[first]), size):
-                    yield _samples(batch.filter(pa.array(_known(batch))))
+                    yield batch.filter(pa.array(_known(batch)))
+
+        def blocks(key: str, first: int, size: int, own: Batches = own) -> Iterator[Samples]:
+            yield from map(_samples, own(key, first, size))
 
         try:
-            own = times[rows]
-            axis = time_axis(path, f"{plan.name} of {name}", partial(iter, (own,)), held=are_on_change(own))
+            told, same = f"{plan.name} of {name}", _same_rows(own, [key])
+            axis = time_axis(path, told, partial(iter, (times[rows],)), same=same, held=True)
             apart[name] = (axis, axis.on_grid(blocks))
         except InputError:
             apart[name] = None
     tell_left_out(
         path,
         "no time base in rows of their own",
-        [n for n, own in apart.items() if not own],
+        [n for n, found in apart.items() if not found],
         all_of_them=False,
     )
     return apart
@@ -231,14 +237,13 @@ def _is_scattered(known: npt.NDArray[np.bool_]) -> bool:
     return bool(not known.all() and known.sum() >= LEAST_SCATTERED and 2 * alone >= known.sum())
 
 
-def _same_rows(batches: Batches, columns: Sequence[str]) -> Callable[[int, int, int], bool]:
-    def same(row: int, earlier: int, count: int) -> bool:
-        """Whether `count` rows from `row` on equal those from `earlier` on in all columns."""
+def _same_rows(batches: Batches, columns: Sequence[str]) -> Same:
+    def same(row: int, earlier: int, count: int) -> Mask:
+        """Which of `count` rows from `row` on equal those from `earlier` on in all columns."""
+        alike = np.ones(count, dtype=np.bool_)
         for name in columns:
-            here, before = (_rows(batches, name, first, count) for first in (row, earlier))
-            if not np.array_equal(here, before, equal_nan=here.dtype.kind == "f"):
-                return False
-        return True
+            alike &= equal(*(_numbers(batches, name, first, count) for first in (row, earlier)))
+        return alike
 
     return same
 
@@ -248,9 +253,7 @@ def _are_changes(batches: Batches, columns: Sequence[str]) -> bool:
     changed: list[npt.NDArray[np.bool_]] = []
     with contextlib.suppress(InputError):  # an error in a cell is reported when the column is read
         for name in columns:
-            values = np.ma.filled(
-                np.ma.asarray(_rows(batches, name, 0, SAMPLE_ROWS), dtype=np.float64), np.nan
-            )
+            values = _numbers(batches, name, 0, SAMPLE_ROWS)
             if len(np.unique(values)) > 2:
                 return False
             changed.append(values[1:] != values[:-1])
@@ -331,7 +334,7 @@ def _axis(
     plan: TimePlan,
     batches: Batches,
     rates_hz: tuple[float | None, float | None],
-    same: Callable[[int, int, int], bool],
+    same: Same,
     changes: bool,
 ) -> TimeAxis:
     def cells(key: str) -> Iterator[pa.Array]:
@@ -365,10 +368,11 @@ def _without_time(fields: Mapping[str, tuple[pa.Field, dict[str, Any]]], without
     )
 
 
-def _rows(batches: Batches, column: str, first: int, count: int) -> Samples:
-    parts: list[Samples] = []
+def _numbers(batches: Batches, column: str, first: int, count: int) -> Array:
+    parts: list[Array] = []
     for batch in batches(column, first, count):
-        parts.append(_samples(batch)[: count - sum(map(len, parts))])
+        samples = np.ma.asarray(_samples(batch)[: count - sum(map(len, parts))], dtype=np.float64)
+        parts.append(np.ma.filled(samples, np.nan))
         if sum(map(len, parts)) == count:
             break
     return np.concatenate(parts)

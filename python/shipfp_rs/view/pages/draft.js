@@ -165,7 +165,7 @@ export class Draft extends EventTarget {
   async look(window) {
     if (!this.driver) return;
     try {
-      const { main } = await ask("within", { doc: this.doc, column: this.mover ?? this.driver, from: window.start_s, to: window.stop_s });
+      const { main } = await ask("within", { doc: this.doc, driver: this.driver, load: this.columnOf("load") ?? "", from: window.start_s, to: window.stop_s });
       window.holds = main;
       if (main && !window.kind) window.kind = main.kind;
       if (main && /^W\d+$/.test(window.name)) {
