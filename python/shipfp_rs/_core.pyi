@@ -40,10 +40,7 @@ delayed by a time of a grid; its `rest` is what the delay has beyond that time [
   `ENGINE_SIDE_PARAMETERS` are those of `rust/src/engine_side.rs`
 - `loop_is_stable(parameters, open_loop) -> bool`: of a ship's loop about its operating point, by Nyquist's turns
 
-`PulseCrossings(low, high, middle)`: `feed(chunk: float32 | float64 | int16, borrowed) -> float64[...]` times of the
-rising crossings of `middle` in samples since the first sample ever fed; the state crosses chunk borders; `seen` counts
-samples, `gaps` lists stretches of NaN as int64 [G, 2], of more than 65,536 the nearest ones as one; `set_levels(low,
-high, middle)` between chunks. `PulseTracker(threshold, hysteresis)`: `look(window)` finds the levels of a window,
+`PulseTracker(threshold, hysteresis)`: `look(window)` finds the levels of a window,
 `cross(window)` takes the crossings of the oldest one looked at, so that levels are known ahead of them: times, heights
 of the train (0 where no turning point tells), standard deviations from sampling and from noise, all in samples; levels
 used, [K, 3]; of each window number of crossings, height that noise does not reach, least and median height.
@@ -91,7 +88,6 @@ __all__ = [
     "SHIP_PARAMETERS",
     "Decimator",
     "Extremes",
-    "PulseCrossings",
     "PulseTracker",
     "RepeatScan",
     "__version__",
@@ -211,16 +207,6 @@ _Crossed = tuple[
     NDArray[np.float64],
     NDArray[np.float64],
 ]
-
-@final
-class PulseCrossings:
-    def __new__(cls, low: float, high: float, middle: float) -> Self: ...
-    def set_levels(self, low: float, high: float, middle: float) -> None: ...
-    def feed(self, samples: _Samples) -> NDArray[np.float64]: ...
-    @property
-    def seen(self) -> int: ...
-    @property
-    def gaps(self) -> NDArray[np.int64]: ...
 
 @final
 class PulseTracker:

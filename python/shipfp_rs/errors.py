@@ -23,6 +23,12 @@ class InputError(ShipfpError, ValueError):
     """A file, key, channel, unit or value that the user gave can't be used."""
 
 
+class UnknownNameError(InputError, KeyError):
+    """A name between square brackets that the object does not hold; a `KeyError`, as of any mapping."""
+
+    __str__ = Exception.__str__
+
+
 class SimulationError(ShipfpError):
     """A simulation overflowed."""
 

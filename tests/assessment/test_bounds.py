@@ -54,10 +54,7 @@ def slope(
 @pytest.mark.parametrize("place", PLACES)
 def test_gradients_of_the_loops_figures_are_differences(place: str) -> None:
     values = values_of(SHIP, place)
-    falls = closed_loop.once(partial(closed_loop._fall, SHIP))
     figures = {name: figure for name, (_, figure) in closed_loop._figures(SHIP, values).items()}
-    figures["fall"] = lambda known: closed_loop._peak(falls(known)[1])
-    figures["recovery"] = lambda known: closed_loop._recovery(2.0, *falls(known))
     for name, figure in figures.items():
         found = gradient_of(figure, values, SHIP.names)
         for parameter, one in zip(SHIP.names, found, strict=True):

@@ -26,7 +26,7 @@ def record(*, moving: bool = False, band: float = 1.0) -> fp.Experiment:
 def test_dip_and_recovery_are_those_of_the_answer() -> None:
     up, down = measured_steps(record())
     assert (up.at_s, down.at_s) == pytest.approx((10.0, 30.0), abs=0.05)
-    assert (up.step_pct, down.step_pct) == pytest.approx((40.0, -40.0), abs=0.5)
+    assert (up.step, down.step) == pytest.approx((360.0, -360.0), abs=4.5)  # 40 % of 900 Nm
     for one in (up, down):
         assert one.deviation_pct == pytest.approx(5.0, abs=0.1)
         assert one.recovery_s == pytest.approx(np.log(5.0 / 2.0), abs=0.06)  # 5 % exp(-t) = 2 %

@@ -19,8 +19,8 @@ from shipfp_rs.experiments.parquet import read_experiments
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.logs.log import Log
 from shipfp_rs.processing.trial import Trial
-from shipfp_rs.reproduce import Reproduction, Row, fullscale_figures
-from shipfp_rs.reproduce.fullscale import best_of
+from shipfp_rs.reproduce import Reproduction, Row
+from shipfp_rs.reproduce.fullscale import FILES, best_of
 
 
 def shipfp(*arguments: object) -> subprocess.CompletedProcess[str]:
@@ -398,14 +398,13 @@ class TestRun:
         assert "from 100 to 100.5 s" in line
 
 
-def test_the_folder_holds_the_rows_that_are_told_and_the_figures(
+def test_the_folder_holds_the_rows_that_are_told_and_the_pictures(
     fullscale, monkeypatch, tmp_path, capsys
 ) -> None:
     monkeypatch.setattr("shipfp_rs.reproduce.fullscale.reproduce", lambda _: fullscale)
-    monkeypatch.setattr("shipfp_rs.reproduce.fullscale_figures.PICTURES", fullscale_figures.PICTURES[-1:])
     out = tmp_path / "out"
     assert cli.main(["reproduce", "fullscale", "--json", "--out", str(out)]) == 0
-    assert sorted(file.name for file in out.iterdir()) == ["fig_7_23.png", "fullscale.json"]
+    assert sorted(file.name for file in out.iterdir()) == sorted([*FILES, "fullscale.json"])
     told = capsys.readouterr()
     content = json.loads(told.out)
     assert (told.err, json.loads((out / "fullscale.json").read_text())) == ("", content)
@@ -424,7 +423,7 @@ class TestReproduceVirtual:
     def quick(self, monkeypatch) -> None:
         found = Reproduction("Chapters", self.ROWS, ("Known: [tau_n].",), {})
         monkeypatch.setattr("shipfp_rs.reproduce.virtual.reproduce", lambda _: found)
-        monkeypatch.setattr("shipfp_rs.reproduce.virtual_figures.PICTURES", ())
+        monkeypatch.setattr("shipfp_rs.reproduce.virtual.responses", None)
 
     def test_each_table_is_printed_with_its_own_columns(self, quick, capsys) -> None:
         assert cli.main(["reproduce", "virtual"]) == 0

@@ -207,10 +207,6 @@ def _of_trains() -> dict[str, Base]:
     return {
         "pulse_times": (fp.tacho.pulse_times, {"samples": train, "rate_hz": 1000.0}),
         "speed_from_pulses": (fp.tacho.speed_from_pulses, {"times_s": times, "pulses_per_rev": 4}),
-        "statelevels": (fp.tacho.statelevels, {"x": train}),
-        "midcross": (fp.tacho.midcross, {"x": train, "t": 1000.0}),
-        "pulseperiod": (fp.tacho.pulseperiod, {"x": train, "t": 1000.0}),
-        "tachorpm": (fp.tacho.tachorpm, {"x": train, "fs": 1000.0}),
     }
 
 

@@ -34,7 +34,7 @@ def found() -> Fingerprint:
         fit={"dn": {"nrmse_pct": 97.0}, "dM": {"nrmse_pct": 90.0}, "overall": {}},
         structure={"name": "ship"},
         data=({"operating_point": {"n_e": 1300.0, "M_b": 222.93}, "signals": {"dM": "M_b"}},),
-        adequate={"stands": True, "misses_pct": {"dn": 0.1, "dM": 0.2}, "dispersion": 1.0},
+        adequate={"stands": True, "misses_pct": {"dn": 0.1, "dM": 0.2}},
     )
 
 
@@ -98,7 +98,7 @@ def test_a_limit_that_the_data_show_is_not_called_absent(fall: float, state: str
 
 
 def test_a_model_that_misses_much_and_data_that_tell_nothing_are_not_usable(found) -> None:
-    misses = {"stands": False, "misses_pct": {"dn": 1.1 * LARGE_MISS_PCT}, "dispersion": 9.0}
+    misses = {"stands": False, "misses_pct": {"dn": 1.1 * LARGE_MISS_PCT}}
     told = with_verdict(replace(found, adequate=misses))
     assert told.usable.startswith("Not usable, because the model misses 11 %")
     assert (told.usability, told.why_not) == ("not usable", "misfit")

@@ -61,7 +61,6 @@ KERNELS: dict[str, Callable[[], object]] = {
     "running_median": lambda: _core.running_median(_noise(), 2_000_001),
     "find_spikes": lambda: _core.find_spikes(_noise(), 100_000, 4, 501, 6.0, 0.05),
     "Decimator": lambda: _core.Decimator(np.ones(100_001) / 100_001.0, 1, 2).feed(np.zeros(5_000_000)),
-    "PulseCrossings": lambda: _core.PulseCrossings(1.0, 3.0, 2.0).feed(_train_of_pulses()),
     "PulseTracker": lambda: _core.PulseTracker(6.0, 0.2).follow(_train_of_pulses(), 1 << 16),
     "pulse_levels": lambda: _core.pulse_levels(_train_of_pulses()),
     "pulses_are_even": lambda: _core.pulses_are_even(np.arange(60_000_000.0), 0.5, 2.0),

@@ -80,11 +80,6 @@ def flat(parts):
     return np.zeros(0) if parts is None else np.ravel(parts)
 
 
-def crossings():
-    kernel = _core.PulseCrossings(2.0, 3.0, 2.5)
-    return flat([kernel.feed(TACHO[:7001]), kernel.feed(TACHO[7001:]), kernel.gaps])
-
-
 def tracked():
     kernel = _core.PulseTracker()
     found = []
@@ -137,7 +132,6 @@ EXACT = {
         )
     ),
     "loop_is_stable": lambda: np.array([float(_core.loop_is_stable(EQUATIONS[0], False))]),
-    "PulseCrossings": crossings,
     "PulseTracker": tracked,
     "pulse_levels": lambda: _core.pulse_levels(TACHO),
     "pulses_are_even": lambda: _core.pulses_are_even(np.cumsum(1.0 + 0.01 * RNG_OF_TRAIN), 0.9, 1.1),

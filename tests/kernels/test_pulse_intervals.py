@@ -6,8 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.ndimage import median_filter
 
-from shipfp_rs._core import PulseCrossings, PulseTracker, interval_speeds, pulses_are_even
+from shipfp_rs._core import PulseTracker, interval_speeds, pulses_are_even
 from shipfp_rs.errors import InputError
+from tests.twins import pulse
 from tests.twins import pulse_intervals as twin
 
 WINDOW = 60_000
@@ -98,7 +99,7 @@ def test_a_train_that_goes_on_has_the_crossings_of_its_levels(period):
     times, heights, _, _, levels, windows = followed(samples, WINDOW)
     (low, high, middle) = levels[-1]
     assert np.ptp(levels, axis=0).max() < 0.2
-    fixed = PulseCrossings(low, high, middle).feed(samples)
+    fixed, _ = pulse.crossings(samples, low, high, middle)
     np.testing.assert_allclose(times, fixed, atol=0.02)
     assert windows[:, 0].sum() == len(times) == len(heights)
     assert np.ptp(heights) < 0.2
@@ -147,16 +148,3 @@ def test_a_train_that_changes_is_looked_at_anew(kind):
     assert len(whole[0]) == len(times)
     # An edge within one sample is crossed anywhere in it, by the levels.
     np.testing.assert_allclose(whole[0], times, atol=0.5)
-
-
-def test_a_long_array_has_the_crossings_and_gaps_of_its_parts():
-    samples = np.tile(train(31.7, 4), 14)[:3_200_000]
-    rng = np.random.default_rng(11)
-    for at in rng.integers(9, len(samples), 60).tolist():
-        samples[at - int(rng.integers(0, 9)) : at + int(rng.integers(0, 9))] = np.nan
-    samples[-3:] = np.nan
-    whole, parts = PulseCrossings(1.0, 3.0, 2.0), PulseCrossings(1.0, 3.0, 2.0)
-    times = whole.feed(samples)
-    expected = np.concatenate([parts.feed(part) for part in np.array_split(samples, 61)])
-    np.testing.assert_array_equal(times, expected)
-    np.testing.assert_array_equal(whole.gaps, parts.gaps)

@@ -342,7 +342,7 @@ STEPS = {
     "no minimum": "a longer recording",
     "nothing told": "a larger swing of the set point",
 }
-SMALL_MISSES = {"stands": True, "misses_pct": {"dn": 0.35, "dM": 0.98}, "dispersion": 1.2}
+SMALL_MISSES = {"stands": True, "misses_pct": {"dn": 0.35, "dM": 0.98}}
 SAME = {"PNG", "Hz", "kg", "Nm", "kW", "rpm", "Stan", "Tug", "Parameter", "Fingerprint", "chirp", "in", "was"}
 """Words that are the same in both languages: units, names, and what a user called the trial."""
 

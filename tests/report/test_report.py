@@ -203,7 +203,7 @@ def test_an_interval_that_begins_on_a_bound_has_one_end(fingerprint) -> None:
 
 def test_a_fit_without_correlation_tests_says_what_its_model_misses(fingerprint) -> None:
     fit = {"dn": {"nrmse_pct": 97.5}, "overall": {"deviance": 483.0}}
-    adequate = {"stands": True, "misses_pct": {"dn": 0.0, "dM": 0.088}, "dispersion": 1.0}
+    adequate = {"stands": True, "misses_pct": {"dn": 0.0, "dM": 0.088}}
     page = render(replace(fingerprint, fit=fit, residuals={}, adequate=adequate), [])
     assert "only for given structures" in page
     assert "Missed share of the drive train&#39;s response: 0 % of the speed, 0.088 % of the torque." in page

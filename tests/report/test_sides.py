@@ -137,7 +137,8 @@ def test_a_reason_that_several_parameters_share_is_told_once(page) -> None:
 def test_measured_load_steps_are_a_table() -> None:
     (heading, told) = steps([record()], Say())
     assert "Load steps as measured" in heading
-    assert re.findall(r'class="number"[^>]*>([^<]*)</td>', told)[:3] == ["10.0", "+40", "5"]
+    assert re.findall(r'class="number"[^>]*>([^<]*)</td>', told)[:3] == ["10.0", "+360", "5"]
+    assert "load step [Nm]" in told
     assert [*steps([replace(record(), signals={"n_set": np.ones(9), "n_e": np.ones(9)})], Say())] == []
 
 

@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 
 from shipfp_rs.errors import InputError
-from shipfp_rs.reproduce import Row, fullscale_figures, trial
+from shipfp_rs.reproduce import Row, fullscale, trial
 from shipfp_rs.reproduce.fullscale import measured_response
-from shipfp_rs.reproduce.fullscale_figures import Material
-from tests.pictures import check_figures
+from shipfp_rs.reproduce.pictures import draw
 
 PAGE = (Path(__file__).parents[2] / "docs" / "tutorials" / "full-scale.md").read_text(encoding="utf-8")
 
@@ -181,12 +180,19 @@ def chi_squared(reproduction, structure: str) -> float:
     return reproduction.fingerprints[f"ii, weighted: {structure}"].fit["overall"]["chi_squared"]
 
 
-ONE_LINE = ("fig_6_13.png", "fig_6_14.png", "fig_6_17.png", "fig_6_18.png", "fig_7_22.png", "fig_7_23.png")
-"""Figures that need no legend: one line, or bars with their names."""
+def test_each_table_and_the_measured_sines_have_a_picture(reproduction, tmp_path):
+    draw(tmp_path, reproduction, responses=fullscale.responses)
+    assert {file.name for file in tmp_path.iterdir()} == set(fullscale.FILES)
 
 
-def test_every_axis_of_every_figure_is_labelled_with_its_unit(reproduction):
-    check_figures(fullscale_figures.PICTURES, Material(reproduction), without_legend=ONE_LINE)
+def test_our_curve_goes_through_the_published_sines_and_the_printed_ones_do_not(reproduction):
+    measured, models = fullscale.responses(reproduction)
+    off = {}
+    for label, curve in models.items():
+        at = np.interp(measured.frequency_hz, curve.frequency_hz, np.abs(curve.response["n_e"]))
+        off[label] = np.abs(at / np.abs(measured.response["n_e"]) - 1.0).max()
+    assert off.pop("ours") < 0.05
+    assert min(off.values()) > 0.1
 
 
 def test_the_table_of_full_scale_results_is_what_the_command_prints(reproduction):

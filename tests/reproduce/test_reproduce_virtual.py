@@ -11,12 +11,11 @@ import pytest
 
 matplotlib.use("Agg")
 
-from shipfp_rs.reproduce import Reproduction, Row, virtual, virtual_data, virtual_figures
+from shipfp_rs.reproduce import Reproduction, Row, virtual, virtual_data
+from shipfp_rs.reproduce.pictures import draw
 from shipfp_rs.reproduce.virtual import relations_of
 from shipfp_rs.reproduce.virtual_data import euler_bias, launch, launch_of_the_thesis, settled_response
-from shipfp_rs.reproduce.virtual_figures import Material
 from shipfp_rs.vessel.linear_model import linearise
-from tests.pictures import check_figures
 
 SMALL = ("ii", "iii", "iv")
 QUICK = ("v",)
@@ -213,14 +212,14 @@ def test_every_row_is_plain_json(reproduction) -> None:
     assert {found["table"] for found in content["rows"]} == {"3.4", "3.5", "3.6", "4.2", "5.1", "5.2"}
 
 
-class TestFigures:
-    def test_every_axis_of_every_figure_is_labelled_with_its_unit(self, reproduction) -> None:
-        check_figures(virtual_figures.PICTURES, Material(reproduction))
+def test_each_table_and_the_settled_sines_have_a_picture(reproduction, tmp_path) -> None:
+    draw(tmp_path, reproduction, responses=virtual.responses)
+    assert {file.name for file in tmp_path.iterdir()} == set(virtual.FILES)
 
-    def test_the_folder_holds_the_figures_under_the_names_of_the_thesis(
-        self, reproduction, tmp_path, monkeypatch
-    ) -> None:
-        assert {"fig_3_02.png", "fig_5_18.png", "sensitivity_K_i.png"} <= set(virtual_figures.FILES)
-        monkeypatch.setattr(virtual_figures, "PICTURES", virtual_figures.PICTURES[:1])
-        virtual_figures.draw(tmp_path, reproduction)
-        assert [file.name for file in tmp_path.iterdir()] == ["fig_3_02.png"]
+
+def test_the_true_curve_goes_through_the_settled_sines(reproduction) -> None:
+    measured, models = virtual.responses(reproduction)
+    curve = models["true"]
+    for signal in ("n_e", "M_b"):
+        at = np.interp(measured.frequency_hz, curve.frequency_hz, np.abs(curve.response[signal]))
+        np.testing.assert_allclose(at, np.abs(measured.response[signal]), rtol=5e-3)

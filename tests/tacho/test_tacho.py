@@ -1,15 +1,17 @@
 """Pulse trains to speed: trains of known speed profiles, with the faults that real ones have."""
 
 import doctest
+from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.interpolate import make_lsq_spline
 
 from shipfp_rs import tacho
 from shipfp_rs.errors import InputError
-from shipfp_rs.tacho import PulseFlag, fusion, matlab
+from shipfp_rs.tacho import PulseFlag, fusion
 
 RATE = 2000.0
 SPEED = 5.165  # the tug's shaft at 1184 rpm of the engine
@@ -367,9 +369,18 @@ def test_too_few_pulses_give_no_speed_and_a_masked_grid():
         assert tacho.resample(speed, 10.0, 0.0, 1.0)[1].all()
 
 
-@pytest.mark.parametrize(
-    "module", [tacho.crossings, tacho.speed, fusion, matlab], ids=lambda module: module.__name__
-)
+def test_a_spline_through_the_speed_is_matlab_s_tachorpm():
+    """As on the page for users of MATLAB, with the knots that its `tachorpm` has by default."""
+    folder = Path(__file__).parents[1] / "data" / "tachorpm"
+    _, train = np.loadtxt(folder / "test_input.csv", delimiter=",", skiprows=1).T
+    time, rpm = np.loadtxt(folder / "matlab_ref_output.csv", delimiter=",", skiprows=1).T
+    speed = tacho.speed_from_pulses(tacho.pulse_times(train, 1000.0), 1)
+    knots = np.pad(np.linspace(speed.time_s[0], speed.time_s[-1], 10), 3, mode="edge")
+    found = make_lsq_spline(speed.time_s, 60.0 * speed.speed_rps, knots)(time)
+    np.testing.assert_allclose(found, rpm, rtol=1e-3)
+
+
+@pytest.mark.parametrize("module", [tacho.crossings, tacho.speed, fusion], ids=lambda module: module.__name__)
 def test_the_examples_run(module):
     found = doctest.testmod(module)
     assert found.attempted

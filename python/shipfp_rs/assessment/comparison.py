@@ -17,7 +17,7 @@ from scipy.stats import chi2, norm
 
 from shipfp_rs.assessment.closed_loop import predict_response, structure_of
 from shipfp_rs.assessment.comparable import require_comparable, with_common_elements
-from shipfp_rs.errors import InputError
+from shipfp_rs.errors import InputError, UnknownNameError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.frequency import FrequencyResponse, local_response
 from shipfp_rs.identification.fingerprint import Estimate, Fingerprint
@@ -154,7 +154,7 @@ class Comparison(Brief):
             if change.name == name:
                 return change
         known = ", ".join(change.name for change in self.changes)
-        raise InputError(f"no quantity {name!r} known in both fingerprints; compared are {known}")
+        raise UnknownNameError(f"no quantity {name!r} known in both fingerprints; compared are {known}")
 
     def to_dict(self) -> dict[str, Any]:
         """Return the JSON form."""

@@ -36,19 +36,19 @@ STILL = 2e-3
 STEADY = 0.15
 """Largest standard deviation of the load before and after a step, relative to the step; a larger one is an oscillation."""
 BAND_PCT = 2.0
-"""Band about the speed before a step within which the speed has recovered [%], as in classes G2 and G3 of ISO 8528-5."""
+"""Band about the speed before a step within which the speed has recovered [%]."""
 
 
 @dataclass(frozen=True)
 class MeasuredStep:
-    """Load step: time [s], size relative to the operating torque [%], largest speed deviation [%], recovery time [s].
+    """Load step: time [s], size [unit of the load's signal], largest speed deviation [%], recovery time [s].
 
     The speed falls if the load rises, and rises if it falls; `recovery_s` is None if the speed does not recover before
     the next step or the end of the record.
     """
 
     at_s: float
-    step_pct: float
+    step: float
     deviation_pct: float
     recovery_s: float | None
 
@@ -65,6 +65,7 @@ def measured_steps(experiment: Experiment) -> list[MeasuredStep]:
         return []
     rate_hz = experiment.rate_hz
     load, speed = (_bridged(experiment.normalised(name)) for name in ("M_load", "n_e"))
+    measured = _bridged(experiment.signals["M_load"])
     asked = experiment.dn_set if "n_set" in experiment.signals else np.zeros(len(load))
     around, before = round(AROUND_S * rate_hz), round(BEFORE_S * rate_hz)
     places = _places(load, around, round(APART_S * rate_hz))
@@ -88,9 +89,8 @@ def measured_steps(experiment: Experiment) -> list[MeasuredStep]:
         last = (outside[-1] + 1 - around) / rate_hz if len(outside) else 0.0
         back = not len(outside) or outside[-1] + 1 < len(off)
         deviation = float((-np.sign(step) * off).max())
-        found.append(
-            MeasuredStep(place / rate_hz, 100.0 * step, deviation, float(max(last, 0.0)) if back else None)
-        )
+        size = float(measured[after].mean() - measured[level].mean())
+        found.append(MeasuredStep(place / rate_hz, size, deviation, float(max(last, 0.0)) if back else None))
     return found
 
 

@@ -33,6 +33,7 @@ from shipfp_rs.errors import InputError
 if TYPE_CHECKING:
     from shipfp_rs.assessment.comparison import Comparison
     from shipfp_rs.reproduce import Reproduction
+    from shipfp_rs.reproduce.pictures import Responses
 
 
 Progress = Callable[[int, int], None]
@@ -69,46 +70,51 @@ FITS = {
 
 @reproduce.command()
 def fullscale(
-    out: Annotated[Path | None, file_option("DIR", "Folder for fullscale.json and the figures.")] = None,
+    out: Annotated[Path | None, file_option("DIR", "Folder for fullscale.json and the pictures.")] = None,
     json: Json = False,
 ) -> None:
-    """Repeat chapters 6 and 7 from the tug's published numbers: Tables 6.8 to 7.3, and with --out their figures."""
+    """Repeat chapters 6 and 7 from the tug's published numbers: Tables 6.8 to 7.3, and with --out pictures of them."""
     from shipfp_rs.reproduce import fullscale as tables
-    from shipfp_rs.reproduce import fullscale_figures as figures
 
-    _reproduce("fullscale.json", tables.reproduce, figures.draw, figures.FILES, out, json=json)
+    _reproduce("fullscale.json", tables.reproduce, tables.responses, tables.FILES, out, json=json)
 
 
 @reproduce.command()
 def virtual(
-    out: Annotated[Path | None, file_option("DIR", "Folder for virtual.json and the figures.")] = None,
+    out: Annotated[Path | None, file_option("DIR", "Folder for virtual.json and the pictures.")] = None,
     json: Json = False,
 ) -> None:
-    """Repeat chapters 3 to 5 on the virtual ship: Tables 3.4 to 5.2, and with --out their figures."""
+    """Repeat chapters 3 to 5 on the virtual ship: Tables 3.4 to 5.2, and with --out pictures of them."""
     from shipfp_rs.reproduce import virtual as tables
-    from shipfp_rs.reproduce import virtual_figures as figures
 
-    _reproduce("virtual.json", tables.reproduce, figures.draw, figures.FILES, out, json=json)
+    _reproduce("virtual.json", tables.reproduce, tables.responses, tables.FILES, out, json=json)
 
 
 def _reproduce(
     file: str,
     compute: Callable[[Progress], Reproduction],
-    draw: Callable[[Path, Reproduction, Progress], None],
-    pictures: Sequence[str],
+    responses: Callable[[Reproduction], Responses] | None,
+    files: Sequence[str],
     out: Path | None,
     *,
     json: bool,
 ) -> None:
-    """Compute the tables, write them and the figures to a folder if given, and show them."""
+    """Compute the tables, write them and their pictures to a folder if given, and show them."""
     from shipfp_rs.support.files import json_text, write_text_atomically
 
-    with folder_for(out, file, pictures) as folder, progress() as notify:
+    with folder_for(out, file, files) as folder, progress() as notify:
         found = compute(lambda done, jobs: notify(f"refitting, {done} of {jobs} done"))
         content = found.to_dict()
         if folder is not None:
             write_text_atomically(folder / file, json_text(content))
-            draw(folder, found, lambda done, figures: notify(f"drawing, {done} of {figures} done"))
+            from shipfp_rs.reproduce.pictures import draw
+
+            draw(
+                folder,
+                found,
+                lambda done, count: notify(f"drawing, {done} of {count} done"),
+                responses=responses,
+            )
     print_results(content, lambda: _print(found), out, json=json)
 
 
@@ -117,16 +123,13 @@ def twin(
     draws: Annotated[
         int, typer.Option(min=1, max=MOST_DRAWS, metavar="N", help="Ships whose short chirp is identified.")
     ] = 1,
-    out: Annotated[Path | None, file_option("DIR", "Folder for twin.json and the figure.")] = None,
+    out: Annotated[Path | None, file_option("DIR", "Folder for twin.json and the picture.")] = None,
     json: Json = False,
 ) -> None:
     """Identify the tug's trial on a simulated ship whose parameters are known: Table 7.1 with the truth beside it."""
-    from shipfp_rs.reproduce import twin as figures
     from shipfp_rs.reproduce import twin as study
 
-    _reproduce(
-        "twin.json", lambda step: study.reproduce(draws, step), figures.draw, figures.FILES, out, json=json
-    )
+    _reproduce("twin.json", lambda step: study.reproduce(draws, step), None, study.FILES, out, json=json)
 
 
 def _print(found: Reproduction) -> None:

@@ -162,8 +162,6 @@ def _adequate(fit: ShipFit, misses: Mapping[str, float], kind: str | None) -> di
     return {
         "stands": max(misses.values()) <= SMALL_MISS_PCT,
         "misses_pct": misses,
-        "bias": {},
-        "dispersion": 1.0,
         "sides": {"load": fit.side is not None or not kind, "engine": not kind},
         "engine": {name: score._asdict() for name, score in fit.scores.items()},
         "engine_curves": engine_curves(fit) if fit.scores else {},

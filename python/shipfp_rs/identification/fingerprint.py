@@ -63,7 +63,7 @@ class Fingerprint(FingerprintTables, SimulationMixin):
         empty where the structure was given.
     adequate
         "stands": whether the residuals are consistent with the model. "misses_pct": misfit of each output, in per cent of
-        its spread. "bias": how far the misfit can move each parameter. "sides": whether the model describes the "load", and
+        its spread. "sides": whether the model describes the "load", and
         the "engine" with its governor. "engine": effects on the engine's side that the model lacks, by kind of shape.
         "engine_curves": the torque that the model lacks over the governor's "error" and over the rack's "slope".
     load_side

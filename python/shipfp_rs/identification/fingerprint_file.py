@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, get_args
 
 import numpy as np
 
-from shipfp_rs.errors import InputError
+from shipfp_rs.errors import UnknownNameError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.identification.driven import fitting, instead, pairs_of
 from shipfp_rs.identification.estimate import Estimate, Identifiability, Row, Usable, WhyNot, rounded_rows
@@ -102,10 +102,13 @@ class FingerprintTables:
             return found[name]
         known = [*self.parameters, *self.derived]
         near = hints.nearest(name, known) if isinstance(name, str) else ""
-        raise InputError(f"no parameter {name!r} in the fingerprint; it holds {', '.join(known)}{near}")
+        raise UnknownNameError(f"no parameter {name!r} in the fingerprint; it holds {', '.join(known)}{near}")
 
     def __contains__(self, name: object) -> bool:
         return name in self.parameters or name in self.derived
+
+    def __len__(self) -> int:
+        return len(self._all)
 
     def __iter__(self) -> Iterator[str]:
         return iter([*self.parameters, *self.derived])
@@ -385,8 +388,6 @@ SETTINGS: Mapping[str, tuple[Any, str]] = {
 ADEQUATE: Mapping[str, tuple[Any, str]] = {
     "stands": (bool, "true or false"),
     "misses_pct": (Mapping[str, float | None], "a table of percentages of 0 or more"),
-    "bias": (Mapping[str, float | None], "a table of numbers"),
-    "dispersion": (Positive | None, "null or a positive number"),
     "sides": (Mapping[str, bool], "a table of true or false"),
     "engine": (Mapping[str, Mapping[str, float]], "a table of tables of numbers"),
     "engine_curves": (

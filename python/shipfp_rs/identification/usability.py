@@ -134,7 +134,7 @@ def judged(fingerprint: Fingerprint, misses: Mapping[str, float] | None, *, test
     stands = (tested and bool(fingerprint.model_adequate)) or max(
         (misses or {}).values(), default=0.0
     ) <= SMALL_MISS_PCT
-    adequate = {"stands": stands, "misses_pct": dict(misses or {}), "bias": {}, "dispersion": 1.0}
+    adequate = {"stands": stands, "misses_pct": dict(misses or {})}
     found, lines = usability(replace(fingerprint, adequate=adequate)), fingerprint.verdict
     if misses is None:
         found = found if found.state == "not usable" else Usability("usable except", UNTESTED)
@@ -177,7 +177,7 @@ def usability(fingerprint: Fingerprint) -> Usability:
     if (why := _why_not(fingerprint)) is not None:
         return why
     share = f"{_worst(fingerprint):.2g}"
-    if not fingerprint.adequate["stands"] and fingerprint.adequate["dispersion"] == 1.0:
+    if not fingerprint.adequate["stands"]:
         bent = Sentence(
             "Usable for simulation and comparison, but not for control tuning: its intervals hold for the model, not for "
             "the drive train, of whose response the model misses {share} %."

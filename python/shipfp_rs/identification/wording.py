@@ -71,20 +71,3 @@ def missed(adequate: Mapping[str, Any]) -> Sentence:
             if value is not None
         ]
     )
-
-
-def something_missing(adequate: Mapping[str, Any]) -> str:
-    """Say what an inexact model misses of each output; empty if nothing is missed."""
-    if adequate.get("dispersion", 1.0) <= 1.0:
-        return ""
-    said = (
-        Sentence(
-            "The residuals show that something small is missing ({outputs}); every interval is widened to allow "
-            "for it."
-        )
-        if adequate["stands"]
-        else Sentence(
-            "The residuals show that something is missing ({outputs}); every interval is widened to allow for it."
-        )
-    )
-    return Sentence(said, outputs=missed(adequate))

@@ -146,7 +146,6 @@ def render(
             say("The speed loop"),
             [
                 *loop.section(fingerprint, figures, say),
-                *loop.classes(fingerprint, structure, figures, experiments, vessel, say),
                 *loop.steps(experiments, say),
             ],
         ),

@@ -25,7 +25,7 @@ from shipfp_rs.identification.estimate import (
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.identification.first_guesses import operating_point
 from shipfp_rs.identification.ship_found import BELIEVED
-from shipfp_rs.identification.wording import DOUBT, something_missing
+from shipfp_rs.identification.wording import DOUBT
 from shipfp_rs.plot.style import COLOURS, LABELS, dress, envelope
 from shipfp_rs.report.markup import Say, piece
 from shipfp_rs.report.pictures import NARROW, Pictures
@@ -166,8 +166,6 @@ def acting(fingerprint: Fingerprint, say: Say) -> list[str]:
         "off": say("Elements absent, or too weak to show: {names}.", names=", ".join(named["off"])),
     }
     told = [sentence for state, sentence in sentences.items() if named[state]]
-    if little := something_missing(fingerprint.adequate):
-        told.append(say(little))
     return [" ".join(told)] if told else []
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from shipfp_rs.assessment.closed_loop import STEP_PCT, WHOLE_PCT, Governing, closed_loop, governing
+from shipfp_rs.assessment.closed_loop import closed_loop
 from shipfp_rs.assessment.validation import measured_steps
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment
@@ -18,14 +18,12 @@ from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.plot.style import BLUE, GREY, ORANGE, SET_POINT, dress
 from shipfp_rs.report.answer import at_an_end, interval
 from shipfp_rs.report.markup import Cell, Row, Say, number, paragraph, piece, table
-from shipfp_rs.report.operating import feeds_a_generator
 from shipfp_rs.report.pictures import NARROW, Pictures
 from shipfp_rs.structures.elements import LATE_CHANNELS
 from shipfp_rs.structures.linearised import loop_of, state_space
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.units import unit_shown
-from shipfp_rs.vessel.vessel import Vessel
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -36,7 +34,6 @@ LONGER = 2.5
 PADE = 5
 SHOWN = ("dn", "dM")
 """Outputs in the picture."""
-TONES = {"pass": "good", "fail": "bad", "open": "warn"}
 
 
 def figures(fingerprint: Fingerprint, structure: Structure | None) -> Mapping[str, Estimate]:
@@ -86,42 +83,6 @@ def in_per_cent(estimate: Estimate) -> Estimate:
     )
 
 
-def classes(
-    fingerprint: Fingerprint,
-    structure: Structure | None,
-    loop: Mapping[str, Estimate],
-    experiments: Iterable[Experiment],
-    vessel: Vessel | None,
-    say: Say,
-) -> Iterable[str]:
-    """Yield the table of governing classes; empty unless the drive train feeds a generator or brake."""
-    if not loop or fingerprint.why_not or not feeds_a_generator(fingerprint, experiments, vessel):
-        return
-    yield paragraph(
-        say(
-            "A load step of {step} % of the operating torque is small enough for the linearised model. The step "
-            "that ISO 8528-5 asks of an engine follows from its mean effective pressure, which is not in a log. "
-            "The last column gives the largest step for which the class is met, if no limit of torque or rate "
-            "acts.",
-            step=f"{STEP_PCT:g}",
-        )
-    )
-    head = say.each(
-        "class",
-        "speed falls by [%]",
-        "at most [%]",
-        "recovers within [s]",
-        "at most [s]",
-        "result",
-        "met up to a step of [%]",
-    )
-    yield table(
-        say("classes of governing by ISO 8528-5, speed after a load step"),
-        head,
-        [_class(name, one, say) for name, one in governing(fingerprint, structure).items()],
-    )
-
-
 def steps(experiments: Iterable[Experiment], say: Say) -> Iterable[str]:
     """Yield the table of measured load steps; empty if there are none."""
     experiments = list(experiments)
@@ -129,7 +90,7 @@ def steps(experiments: Iterable[Experiment], say: Say) -> Iterable[str]:
         [
             experiment.name,
             number(f"{one.at_s:.1f}"),
-            number(f"{one.step_pct:+.3g}"),
+            number(f"{one.step:+.3g}"),
             number(f"{one.deviation_pct:.2g}"),
             number(_recovered(one.recovery_s, say), key=one.recovery_s),
         ]
@@ -143,9 +104,9 @@ def steps(experiments: Iterable[Experiment], say: Say) -> Iterable[str]:
             say.each(
                 "experiment",
                 "at [s]",
-                "load step [% of the operating torque]"
+                "load step [Nm]"
                 if all(experiment.unit("M_load") for experiment in experiments)
-                else "load step [% of its operating value]",
+                else "load step [unit of the load]",
                 "speed deviates by [%]",
                 "back within 2 % after [s]",
             ),
@@ -157,26 +118,6 @@ def _recovered(seconds: float | None, say: Say) -> str:
     if seconds is None:
         return say("not before the next step or the end")
     return f"{seconds:.2g}" if seconds else say("never outside")
-
-
-def _class(name: str, found: Governing, say: Say) -> Row:
-    states = {"pass": say("pass"), "fail": say("fail"), "open": say("open")}
-    return [
-        name,
-        _told(found.deviation, say),
-        number(f"{found.limits.deviation_pct:g}"),
-        number(say("never outside")) if found.recovery.value == 0.0 else _told(found.recovery, say),
-        number(f"{found.limits.recovery_s:g}"),
-        Cell(states[found.state], tone=TONES[found.state]),
-        _told(found.largest, say) if found.largest.value != WHOLE_PCT else number(f"≥ {WHOLE_PCT:g}"),
-    ]
-
-
-def _told(estimate: Estimate, say: Say) -> Cell:
-    """Cell with an estimate and its interval."""
-    (row,) = rounded_rows({"": estimate})
-    told = interval(row, estimate, say, with_end=False) if estimate.std else ""
-    return number(f"{row.value} ({told})" if told else row.value, key=estimate.value)
 
 
 def step_response(

@@ -11,19 +11,27 @@ from typing import NamedTuple
 import numpy as np
 
 from shipfp_rs import published
-from shipfp_rs.assessment.closed_loop import closed_loop
+from shipfp_rs.assessment.closed_loop import closed_loop, predict_response
 from shipfp_rs.assessment.profile_likelihood import leverage
 from shipfp_rs.frequency import FrequencyResponse, sine_response
 from shipfp_rs.identification.fingerprint import Estimate, Fingerprint
 from shipfp_rs.identification.identify import identify
 from shipfp_rs.identification.question import NoiseModel
 from shipfp_rs.reproduce import Progress, Reproduction, Row, Way, counted, printed_row, row_of
-from shipfp_rs.reproduce.fullscale_tables import before_the_fit, cross_checks, cross_validation
+from shipfp_rs.reproduce.fullscale_tables import (
+    before_the_fit,
+    cross_checks,
+    cross_validation,
+    printed_parameters,
+)
+from shipfp_rs.reproduce.pictures import Responses, files
 from shipfp_rs.reproduce.virtual_data import BOUNDS
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.vessel.vessel import Vessel
 
 VESSEL = "stan-tug-1205"
+FILES = files(("6.8", "6.9", "6.11", "6.12", "7.1", "7.2", "7.3", "eq. 7.9"))
+BODE_HZ = np.geomspace(2e-3, 6.0, 300)
 SOUND_PHASE_HZ = 0.085
 """Frequency up to which the printed phases of set point and speed are on a smooth curve within 0.01 rad."""
 SOUND_PHASE_STD = 0.01
@@ -169,6 +177,16 @@ def reproduce(progress: Progress | None = None) -> Reproduction:
 def best_of(found: Reproduction) -> Fingerprint:
     """Return the weighted fit of the structure that the data support, without external knowledge."""
     return found.fingerprints[f"{WEIGHTED}: {extended_structure().name}"]
+
+
+def responses(found: Reproduction) -> Responses:
+    """Return the published sine fits, and the responses of our best fit and of the printed parameters."""
+    measured, thesis = measured_response(USABLE_HZ), thesis_structure()
+    models = {"ours": predict_response(best_of(found), measured)}
+    for case, values in printed_parameters().items():
+        speed, torque = thesis.equations.response(values, BODE_HZ, ())[0]
+        models[f"{case} printed"] = FrequencyResponse(case, BODE_HZ, {"n_e": speed, "M_g": torque})
+    return Responses(measured, models)
 
 
 def _counts(fingerprint: Fingerprint) -> list[Row]:

@@ -1,171 +1,215 @@
-"""Redrawn figures of the thesis: title, caption, and common drawing functions."""
+"""Pictures of reproduced tables: values found beside printed ones, and measured responses beside those of printed values."""
 
 from __future__ import annotations
 
+import math
 import textwrap
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from shipfp_rs import plot
-from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.frequency import FrequencyResponse
 from shipfp_rs.plot import style
-from shipfp_rs.reproduce import Progress, counted
-from shipfp_rs.support.arrays import Array
+from shipfp_rs.reproduce import Progress, Reproduction, Row, counted
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-Material = TypeVar("Material")
-"""Type of the data for a chapter's figures."""
-Painter = Callable[..., str]
-"""Function of (material, figure, options) that draws on the figure and returns the caption."""
-Stretch = tuple[float, float]
-"""Time range of a record in a panel [s]."""
-
 DPI = 130
-CAPTION_COLUMNS = 140
-NAMES = {
-    "n_set": "set point",
-    "n_e": "speed",
-    "M_b": "torque",
-    "M_g": "gauge torque",
-    "E_n": "integrated error",
-}
-DEVIATIONS = {
-    "n_e": r"$\delta n^*$ [-]",
-    "M_b": r"$\delta M_s^*$ [-]",
-    "E_n": r"$\delta E_n^*$ [s]",
-    "M_g": r"$\delta M^*$ [-]",
-}
+WIDTH_IN, LINE_IN, POINT_IN, LEGEND_IN, AROUND_IN = 10.0, 0.45, 0.16, 0.2, 1.6
+"""Width of a picture, least height of a parameter, height of each of its points and of an entry of the legend, and that of
+title, axis and caption [in].
+"""
+CAPTION_COLUMNS = 150
+EVEN_PCT = 1.0
+"""Distance from the printed value up to which the axis is linear [%]."""
+MOST_PCT = 300.0
+"""Largest distance on the axis [%]; what is farther off is drawn at its end, with its distance."""
+SPREAD = 0.7
+"""Share of a parameter's line over which its points are spread."""
+MARKS = "os^Dv"
+REFERENCES = ("printed", "truth")
+RESPONSES = "responses.png"
+LOST_PHASE_STD = 1.0
+"""Standard deviation of a phase from which its point is not drawn [rad]."""
 
 
-@dataclass(frozen=True)
-class Picture(Generic[Material]):
-    """A figure: file, title, drawing function, and height."""
+class Responses(NamedTuple):
+    """Measured frequency responses, and those of models by label, at most six; the first is drawn behind the others."""
 
-    file: str
-    title: str
-    paint: Painter
-    height: float = 5.0
+    measured: FrequencyResponse
+    models: Mapping[str, FrequencyResponse]
 
 
-def figure_of(number: str, shows: str, paint: Painter, height: float = 5.0, **what: Any) -> Picture[Any]:
-    """Return a numbered figure of the thesis; its painter gets the options `what`."""
-    chapter, place = number.split(".")
-    file = f"fig_{chapter}_{int(place):02}.png"
-    return Picture(file, f"Figure {number}: {shows}", partial(paint, **what), height)
+class Point(NamedTuple):
+    """Distance of a found value and of the ends of its interval from the printed value, relative to it [%]."""
+
+    parameter: str
+    off_pct: float
+    low_pct: float
+    high_pct: float
 
 
-def save(
-    pictures: Sequence[Picture[Any]], folder: Path, material: Any, progress: Progress | None = None
+def files(tables: Sequence[str]) -> tuple[str, ...]:
+    """Return the names of the files that `draw` may write."""
+    return (RESPONSES, *(_file(table) for table in tables))
+
+
+def _file(table: str) -> str:
+    return f"table_{table.removeprefix('eq. ').replace('.', '_')}.png"
+
+
+def draw(
+    folder: Path,
+    found: Reproduction,
+    progress: Progress | None = None,
+    *,
+    responses: Callable[[Reproduction], Responses] | None = None,
 ) -> None:
-    """Write all figures to a folder as PNG; `progress` is called with (figures done, number of figures)."""
-    for picture in counted(pictures, progress):
-        painted(picture, material).savefig(folder / picture.file, dpi=DPI)
+    """Write the pictures to a folder as PNG; `progress` is called with (pictures done, number of pictures)."""
+    tables = dict.fromkeys(row.table for row in found.rows)
+    painters: dict[str, Callable[[], Figure]] = {}
+    for table in tables:
+        rows = [row for row in found.rows if row.table == table]
+        if distances(rows):
+            painters[_file(table)] = partial(beside, rows)
+    if responses is not None:
+        painters[RESPONSES] = lambda: bode(responses(found))
+    for name in counted([*painters], progress):
+        painters[name]().savefig(folder / name, dpi=DPI)
 
 
-def painted(picture: Picture[Any], material: Any) -> Figure:
-    """Return a figure with its title above and its caption below."""
-    from matplotlib.figure import Figure
+def distances(rows: Sequence[Row]) -> dict[str, list[Point]]:
+    """Return the distances of a table's found values from the printed ones, or from the truth, by row of the table.
 
-    figure = Figure(figsize=(8.6, picture.height), layout="constrained")
-    caption = picture.paint(material, figure)
-    figure.suptitle(picture.title, x=0.01, ha="left", fontsize="large")
+    A row is compared with the printed row of its case, or else with that of the case's first word, or else with the only
+    printed row. Values without a printed one are omitted, as are printed zeros.
+    """
+    references = {row.case: row for row in rows if row.way in REFERENCES}
+    found: dict[str, list[Point]] = {}
+    for row in rows:
+        only = next(iter(references.values())) if len(references) == 1 else None
+        printed = references.get(row.case) or references.get(row.case.split(",")[0]) or only
+        if row.way in REFERENCES or printed is None:
+            continue
+        points = []
+        for name, value in row.parameters.items():
+            reference = printed.parameters.get(name)
+            if value is None or not reference:
+                continue
+            ends = row.intervals.get(name, (value, value))
+            points.append(Point(name, *(100.0 * (at - reference) / abs(reference) for at in (value, *ends))))
+        if points:
+            found[", ".join(part for part in (row.case, row.way, row.structure) if part)] = points
+    return found
+
+
+def beside(rows: Sequence[Row]) -> Figure:
+    """Draw the values of a table that were found, as distances from the printed ones or from the truth."""
+    found = distances(rows)
+    names = [*dict.fromkeys(point.parameter for points in found.values() for point in points)]
+    references = [row for row in rows if row.way in REFERENCES]
+    height = max(max(LINE_IN, POINT_IN * len(found)) * len(names), LEGEND_IN * len(found)) + AROUND_IN
+    figure = _figure(height)
+    ax = figure.subplots()
+    edge = _distance_axis(ax, max(abs(point.off_pct) for points in found.values() for point in points))
+    for number, (label, points) in enumerate(found.items()):
+        shift = SPREAD * ((number + 0.5) / len(found) - 0.5)
+        middle, low, high = np.clip(np.array([point[1:] for point in points]).T, -edge, edge)
+        lines = [names.index(point.parameter) + shift for point in points]
+        ax.errorbar(
+            middle,
+            lines,
+            xerr=np.maximum([middle - low, high - middle], 0.0),
+            fmt=MARKS[number // len(style.COMPARED) % len(MARKS)],
+            color=style.COMPARED[number % len(style.COMPARED)],
+            ms=5,
+            lw=1.2,
+            label=label.split(":")[0],
+            clip_on=False,
+        )
+        for point, at, line in zip(points, middle, lines, strict=True):
+            if at != point.off_pct:
+                near, side = (-8, "right") if at > 0.0 else (8, "left")
+                how: dict[str, Any] = {"ha": side, "va": "center", "fontsize": "x-small"}
+                ax.annotate(
+                    f"{point.off_pct:+.0f} %", (at, line), (near, 0), textcoords="offset points", **how
+                )
+    ax.axvline(0.0, color=style.GREY, lw=1.0)
+    ax.set_yticks(range(len(names)), [_label(name, references) for name in names])
+    ax.set_ylim(len(names) - 0.5, -0.5)
+    truth = references[0].way == "truth"
+    ax.set_xlabel(f"distance from the {'truth' if truth else 'printed value'} [%]")
+    style.dress(ax, "", legend=False)
+    figure.legend(loc="outside right upper", frameon=False, fontsize="small")
+    table = rows[0].table
+    numbered = table if table.startswith("eq.") or truth else f"Table {table}"
+    caption = (
+        f"Linear up to {EVEN_PCT:g} %, logarithmic beyond. Bars: 95 % intervals, where there are any. Values that the data "
+        "do not determine are not drawn."
+    )
+    return _titled(figure, f"{numbered}: found beside {'the truth' if truth else 'printed'}", caption)
+
+
+def _label(name: str, references: Sequence[Row]) -> str:
+    """Name of a parameter, with its printed value if there is only one."""
+    printed = {value for row in references if (value := row.parameters.get(name)) is not None}
+    return f"{name} = {printed.pop():.4g}" if len(printed) == 1 else name
+
+
+def _distance_axis(ax: Axes, largest_pct: float) -> float:
+    """Make the axis of distances linear about zero and logarithmic beyond; return its end [%]."""
+    edge = min(1.5 * max(largest_pct, EVEN_PCT), MOST_PCT)
+    ax.set_xscale("symlog", linthresh=EVEN_PCT, linscale=0.5)
+    ax.set_xlim(-edge, edge)
+    decades = [10.0**power for power in range(int(math.log10(edge)) + 1)]
+    ticks = [0.0, *decades, *(-tick for tick in decades)]
+    ax.set_xticks(sorted(ticks), [f"{tick:g}".replace("-", "\N{MINUS SIGN}") for tick in sorted(ticks)])
+    ax.set_xticks([], minor=True)
+    return edge
+
+
+def bode(responses: Responses) -> Figure:
+    """Draw measured points of each signal's response on the curves of the models; unknown phases are omitted."""
+    measured, models = responses
+    first = next(iter(models.values()))
+    signals = [name for name in measured.response if name in first.response]
+    figure = _figure(6.4)
+    panels = figure.subplots(2, len(signals), sharex=True, squeeze=False)
+    for signal, (amplitude, phase) in zip(signals, panels.T, strict=True):
+        plot.responses(models, signal, (amplitude, phase))
+        points = measured.response[signal]
+        expected = np.degrees(np.unwrap(np.angle(first.response[signal])))
+        angle = np.degrees(np.angle(points))
+        at = np.interp(measured.frequency_hz, first.frequency_hz, expected)
+        angle += 360.0 * np.round((at - angle) / 360.0)
+        if signal in measured.phase_std:
+            angle[measured.phase_std[signal] >= LOST_PHASE_STD] = np.nan
+        amplitude.plot(measured.frequency_hz, np.abs(points), "k.", ms=6, label="measured")
+        phase.plot(measured.frequency_hz, angle, "k.", ms=6)
+        amplitude.set_title(style.LABELS[signal], loc="left")
+        phase.tick_params("x", labelsize="x-small")
+        if (legend := amplitude.get_legend()) is not None:
+            legend.remove()
+    handles, labels = panels[0, 0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper right", ncols=len(labels), frameon=False)
+    caption = f"Points: {measured.name}. Points whose phase is not known have no phase."
+    return _titled(figure, "Responses to the set point", caption)
+
+
+def _figure(height_in: float) -> Figure:
+    from matplotlib.figure import Figure  # takes half a second to load
+
+    return Figure(figsize=(WIDTH_IN, height_in), layout="constrained")
+
+
+def _titled(figure: Figure, title: str, caption: str) -> Figure:
+    """Write the title above a picture and its caption below."""
+    figure.suptitle(title, x=0.01, ha="left", fontsize="large")
     figure.supxlabel(textwrap.fill(caption, CAPTION_COLUMNS), x=0.01, ha="left", fontsize="small")
     return figure
-
-
-def dress(ax: Axes, ylabel: str, xlabel: str = "", *, legend: bool = True) -> None:
-    """Label both axes, add a grid and optionally a legend."""
-    ax.set_xlabel(xlabel)
-    style.dress(ax, ylabel, legend=legend)
-
-
-def record(
-    material: Any,
-    figure: Figure,
-    *,
-    of: str,
-    signals: Sequence[str],
-    stretches: Sequence[Stretch],
-    caption: str,
-    points: Sequence[tuple[float, float]] = (),
-) -> str:
-    """Draw time ranges of a record, each in a panel, with marked points (time, deviation)."""
-    experiment = material.experiment(of)
-    panels = figure.subplots(len(stretches), 1, squeeze=False)[:, 0]
-    for ax, (start, stop) in zip(panels, stretches, strict=True):
-        part = experiment.window(start, min(stop, experiment.duration))
-        # The larger signal first, so that it does not hide the smaller ones.
-        for name in sorted(signals, key=lambda name: -float(np.ptp(part.normalised(name)))):
-            line(ax, start + part.time, part.normalised(name), style.COLOURS[name], NAMES[name])
-        for at, value in points:
-            ax.plot(at, value, "o", color=style.RED, label="section 5.1.2")
-        dress(ax, "deviation [-]", "time [s]" if ax is panels[-1] else "", legend=ax is panels[0])
-        ax.margins(x=0.01)
-    return caption
-
-
-def line(ax: Axes, time: Array, samples: Array, color: str, label: str | None = None, **how: Any) -> None:
-    """Draw samples against time, thinned to the resolution of a figure."""
-    ax.plot(*style.envelope(time, samples), color=color, label=label, **{"lw": 1.0, **how})
-
-
-def against(
-    figure: Figure,
-    data: Experiment,
-    models: Mapping[str, Mapping[str, Array]],
-    panels: Mapping[str, str],
-    stretch: Stretch,
-    ship: str = "plant",
-) -> None:
-    """Draw a time range of signals and models' responses; panels are axis label to signal, or to the models' errors."""
-    inside = (data.time >= stretch[0]) & (data.time < stretch[1])
-    axes = figure.subplots(len(panels), 1, sharex=True)
-    for ax, (ylabel, signal) in zip(axes, panels.items(), strict=True):
-        time, measured = data.time[inside], data.normalised(signal)[inside]
-        base = measured if ylabel == LESS else 0.0
-        line(ax, time, measured - base, style.GREY, ship, lw=3.0)
-        for (label, answers), color in zip(models.items(), style.COMPARED, strict=False):
-            line(ax, time, answers[signal][inside] - base, color, label)
-        dress(ax, ylabel, "time [s]" if ax is axes[-1] else "", legend=False)
-    legend_above(figure, axes[0])
-
-
-LESS = "linear less plant [-]"
-
-
-def bode_of_sets(
-    figure: Figure,
-    panels: Sequence[Axes],
-    curves: Mapping[str, FrequencyResponse],
-    signal: str,
-    points: FrequencyResponse,
-) -> None:
-    """Draw responses of several parameter sets, and measured points; unknown phases are omitted."""
-    plot.responses(curves, signal, panels)
-    expected = next(iter(curves.values()))
-    phase = np.degrees(np.unwrap(np.angle(expected.response[signal])))
-    angle = np.degrees(np.angle(points.response[signal]))
-    turns = np.round((np.interp(points.frequency_hz, expected.frequency_hz, phase) - angle) / 360.0)
-    angle = np.where(points.phase_std[signal] < 1.0, angle + 360.0 * turns, np.nan)
-    panels[0].plot(points.frequency_hz, np.abs(points.response[signal]), "k.", ms=6, label="sine fits")
-    panels[1].plot(points.frequency_hz, angle, "k.", ms=6)
-    if (legend := panels[0].get_legend()) is not None:
-        legend.remove()
-    legend_above(figure, panels[0])
-
-
-def legend_above(figure: Figure, ax: Axes) -> None:
-    """Put a common legend above all panels, beside the title."""
-    handles, labels = ax.get_legend_handles_labels()
-    figure.legend(
-        handles, labels, loc="outside upper right", ncols=len(labels), frameon=False, fontsize="small"
-    )

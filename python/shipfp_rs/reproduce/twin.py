@@ -12,32 +12,26 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import as_completed
 from dataclasses import dataclass
-from functools import partial
 from itertools import combinations
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from shipfp_rs import plot
 from shipfp_rs.assessment.si import with_parameters
 from shipfp_rs.errors import IdentificationError, InputError
 from shipfp_rs.identification.fingerprint import Estimate, Fingerprint
 from shipfp_rs.identification.identify import identify
-from shipfp_rs.plot import style
 from shipfp_rs.reproduce import Progress, Reproduction, Row, Way, fits_to, row_of
 from shipfp_rs.reproduce.fullscale import thesis_structure
-from shipfp_rs.reproduce.pictures import Picture, save
+from shipfp_rs.reproduce.pictures import files
 from shipfp_rs.reproduce.trial import EVERYTHING, LONG_CHIRP, SINES, VESSEL, Twin
 from shipfp_rs.simulation.simulate import replay
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.sweeps.pools import pool_of
 from shipfp_rs.vessel.vessel import Vessel
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-
 LOGGER = logging.getLogger("shipfp_rs")
+FILES = files(("twin",))
 
 PARTS: Mapping[str, tuple[str, ...]] = {
     "sines S2-S12": SINES[:-1],
@@ -247,32 +241,3 @@ def _missed(estimates: Mapping[str, Estimate], truth: Mapping[str, float]) -> li
     """Names of shown parameters whose interval misses the truth."""
     intervals = {name: one.ci95 for name, one in estimates.items() if name in SHOWN and one.ci95 is not None}
     return [name for name, (low, high) in intervals.items() if not low <= truth[name] <= high]
-
-
-def _parts(found: Reproduction, figure: Figure) -> str:
-    rows = {(row.way, row.case): row.parameters for row in found.rows}
-    truth = {name: float(rows["truth", "truth"][name] or np.nan) for name in FREE}
-    parts = [case for way, case in rows if way == "ours"]
-    for ax, part in zip(figure.subplots(2, 2).ravel(), parts, strict=False):
-        plot.intervals(found.fingerprints[f"ours, {part}"], truth, ax)
-        ax.set_title(part, loc="left")
-        edge, thesis = ax.get_xlim()[1], rows.get(("thesis", part), {})
-        names = [label.get_text().split(" = ")[0] for label in ax.get_yticklabels()]
-        for place, name in enumerate(names):
-            if (value := thesis.get(name)) is not None:
-                off = 100.0 * (value / truth[name] - 1.0)
-                at = (float(np.clip(off, -edge, edge)), place)
-                ax.plot(*at, "x", color=style.RED, clip_on=False)
-                if at[0] != off:
-                    ax.annotate(f"{off:+.0f} %", at, (0, 6), textcoords="offset points", fontsize="x-small")
-    return (
-        "Bars are 95 % intervals of the ship's structure, crosses the thesis's; those with a number lie so far off. "
-        "The thesis's takes p for 2 and has neither tau_prop nor dead times."
-    )
-
-
-PICTURES: tuple[Picture[Reproduction], ...] = (
-    Picture("twin.png", "The twin's trial: parts beside the truth", _parts, 6.2),
-)
-FILES = tuple(picture.file for picture in PICTURES)
-draw = partial(save, PICTURES)

@@ -19,6 +19,7 @@ from shipfp_rs.identification.question import NoiseModel, Options
 from shipfp_rs.identification.structure_estimates import fitted
 from shipfp_rs.identification.wording import rank
 from shipfp_rs.reproduce import Progress, Reproduction, Row, Way, counted, fits_of, printed_row
+from shipfp_rs.reproduce.pictures import Responses, files
 from shipfp_rs.reproduce.virtual_data import (
     STEP_S,
     VESSEL,
@@ -42,6 +43,8 @@ from shipfp_rs.vessel.linear_model import LinearModel, linearise, linearise_nume
 from shipfp_rs.vessel.steady_state import steady_state
 from shipfp_rs.vessel.vessel import Vessel
 
+FILES = files(("3.4", "3.5", "3.6", "4.2", "5.1", "5.2"))
+BODE_HZ = np.geomspace(1e-3, 20.0, 400)
 SINES, EULER = "settled sines", "forward Euler, 0.01 s"
 CHIRPS = {"iii": "linear chirp", "iv": "logarithmic chirp", "v": "logarithmic chirp of amplitude 0.08"}
 
@@ -96,6 +99,20 @@ def reproduce(progress: Progress | None = None) -> Reproduction:
         fingerprints[f"{job.case}, {job.way}: {job.structure.name}"] = fingerprint
         rows.append(_row(job, fingerprint, steps[job.way], truth))
     return Reproduction("Chapters 3 to 5, virtual ship", tuple(rows), _verdict(rows), fingerprints)
+
+
+def responses(found: Reproduction) -> Responses:
+    """Return settled sines of the plant, and the responses of the true, the printed and the plant's parameters."""
+    models = {"true": linearise(launch())}
+    for row in found.rows:
+        ours = (row.case, row.structure) == ("v", "plant")
+        if row.table == "5.2" and row.case != "i" and (ours or row.way == "printed"):
+            models[f"{row.case} {'plant' if ours else 'printed'}"] = model_of(row.parameters)
+    curves = {}
+    for label, model in models.items():
+        speed, torque = model.response(BODE_HZ, ("dn", "dM_b"))
+        curves[label] = FrequencyResponse(label, BODE_HZ, {"n_e": speed, "M_b": torque})
+    return Responses(settled_response(launch()), curves)
 
 
 def _thesis_jobs() -> tuple[_Job, ...]:

@@ -105,12 +105,6 @@ def validation_steps(
     return run(vessel, steps, method, limits=limits)
 
 
-def single_step(vessel: Vessel, size: float, *, limits: bool) -> Experiment:
-    """Return a step of `size` of the operating point, held for 60 s (Table 3.7)."""
-    rpm = size * vessel.operating_point.n_e_rpm
-    return run(vessel, signals.steps([rpm], 60.0, rate_hz=1.0 / STEP_S), limits=limits)
-
-
 def settled_response(vessel: Vessel, method: Method = "rk4", *, limits: bool = True) -> FrequencyResponse:
     """Return the plant's response to each sine of Table 5.1 after the transient, by a sine fit to a whole period.
 

@@ -13,7 +13,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from shipfp_rs.errors import InputError
+from shipfp_rs.errors import InputError, UnknownNameError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.structures.equations import Equations
 from shipfp_rs.structures.names import plain_name
@@ -48,7 +48,7 @@ class Declared:
         for parameter in self.parameters:
             if parameter.name == name:
                 return parameter
-        raise InputError(
+        raise UnknownNameError(
             f"structure {self.name!r} has no parameter {name!r}; it has {', '.join(self.names)}"
             f"{hints.nearest(name, self.names)}"
         )

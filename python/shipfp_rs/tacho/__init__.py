@@ -3,7 +3,6 @@
 from shipfp_rs.tacho.angles import ReflectorAngles, reflector_angles
 from shipfp_rs.tacho.crossings import PulseTimes, pulse_times
 from shipfp_rs.tacho.fusion import FusedSpeed, TrainReport, fuse
-from shipfp_rs.tacho.matlab import midcross, pulseperiod, statelevels, tachorpm
 from shipfp_rs.tacho.speed import IntervalSpeed, Train, interval_gain, resample, speed_from_pulses
 from shipfp_rs.tacho.tracks import PulseFlag
 
@@ -17,12 +16,8 @@ __all__ = [
     "TrainReport",
     "fuse",
     "interval_gain",
-    "midcross",
     "pulse_times",
-    "pulseperiod",
     "reflector_angles",
     "resample",
     "speed_from_pulses",
-    "statelevels",
-    "tachorpm",
 ]

@@ -62,47 +62,6 @@ pub(super) fn run_slice<T: Sync, R: Send>(
     guard::run(py, samples.len(), |stop| kernel(samples, stop))
 }
 
-/// Rising crossings of `middle` in a pulse train that comes in chunks; see ARCHITECTURE.md.
-#[pyclass(module = "shipfp_rs._core")]
-struct PulseCrossings(pulse::PulseCrossings);
-
-#[pymethods]
-impl PulseCrossings {
-    #[new]
-    fn new(low: f64, high: f64, middle: f64) -> PyResult<Self> {
-        Ok(Self(pulse::PulseCrossings::new(low, high, middle)?))
-    }
-
-    /// Change the levels.
-    fn set_levels(&mut self, low: f64, high: f64, middle: f64) -> PyResult<()> {
-        Ok(self.0.set_levels(low, high, middle)?)
-    }
-
-    /// Times of the rising crossings in the next chunk, in samples since the first sample of all chunks.
-    fn feed<'py>(
-        &mut self,
-        py: Python<'py>,
-        samples: &Bound<'py, PyAny>,
-    ) -> PyResult<Bound<'py, PyArray1<f64>>> {
-        let samples = Samples::borrow(samples)?;
-        let detector = &mut self.0;
-        let times = run_on!(py, samples, |slice, stop| detector.feed(slice, stop))?;
-        Ok(times.into_pyarray(py))
-    }
-
-    /// Samples seen so far.
-    #[getter]
-    const fn seen(&self) -> u64 {
-        self.0.seen()
-    }
-
-    /// Stretches of missing samples so far, int64 [G, 2]: the first sample and the one past the last.
-    #[getter]
-    fn gaps<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<i64>>> {
-        hand_back_spans(py, self.0.gaps())
-    }
-}
-
 /// Crossings of one or several windows and their statistics, as `PulseTracker.cross` returns them.
 type Crossed<'py> = (
     Bound<'py, PyArray1<f64>>,
@@ -238,7 +197,6 @@ fn interval_speeds<'py>(
 }
 
 pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
-    module.add_class::<PulseCrossings>()?;
     module.add_class::<PulseTracker>()?;
     module.add_function(wrap_pyfunction!(interval_speeds, module)?)?;
     module.add_function(wrap_pyfunction!(pulse_levels, module)?)?;
