@@ -8,6 +8,7 @@ import pytest
 import shipfp_rs as fp
 from shipfp_rs.identification import automatic
 from shipfp_rs.identification.question import question_of
+from shipfp_rs.identification.sampling import excited_hz
 from shipfp_rs.identification.ship_fit import fit_ship
 from shipfp_rs.identification.spectra import Spectra
 from tests.identification.parity import BETWEEN_S, Case, simulated
@@ -86,3 +87,12 @@ def test_a_soft_shaft_of_a_small_ship_biases_no_load():
     side = fp.load_side(experiment)
     low, high = side.parameters["tau_n"].ci95
     assert low <= truth["tau_n"] <= high
+
+
+@pytest.mark.parametrize("swing", [0.1, 0.01, 0.001])
+def test_noise_of_the_set_point_widens_no_band(swing):
+    rate_hz = 50.0
+    time = np.arange(round(400.0 * rate_hz)) / rate_hz
+    chirp = swing * np.sin(2.0 * np.pi * (0.01 + 0.25e-3 * time) * time)  # 0.01 to 0.21 Hz
+    noisy = chirp + 5e-5 * np.random.default_rng(1).standard_normal(len(time))
+    assert excited_hz([noisy], rate_hz, 20.0) == pytest.approx(excited_hz([chirp], rate_hz, 20.0), rel=0.2)

@@ -275,3 +275,21 @@ def test_points_of_another_figure_do_not_move_the_ends_of_an_interval():
 def test_every_element_of_the_ship_has_a_place_to_begin_its_search():
     parameters = [parameter for element in ELEMENTS.values() for parameter in element.parameters]
     assert {parameter.name for parameter in parameters} <= set(DEFAULTS)
+
+
+@pytest.mark.parametrize(
+    ("seed", "names"),
+    [
+        # A flywheel of 43 s.
+        (52003, ("tau_n", "tau_prop", "p", "g", "vK_p", "vK_i", "T_d", "T_set")),
+        # A drive that filters the speed that its governor measures.
+        (41017, ("tau_n", "g", "vK_p", "vK_i", "p", "T_d", "T_set", "tau_act")),
+    ],
+)
+def test_the_answer_of_a_slow_and_of_a_filtered_drive_holds(seed, names):
+    drawn = draw("strangers", seed)
+    found = fp.identify(fp.Experiment(**drawn.experiment()))
+    truth = drawn.truth()["parameters"]
+    for name in names:
+        low, high = found.parameters[name].ci95
+        assert low <= truth[name] <= high, name

@@ -56,22 +56,9 @@ only to parts in a thousand. Set point and speed therefore differ by an offset, 
 than the load's."""
 
 
-MOVED_BY_WATER = frozenset(
-    {
-        "tau_n",
-        "tau_prop",
-        "g",
-        "vK_p",
-        "vK_i",
-        "vK_d",
-        "T_d",
-        "T_s",
-        "tau_act",
-        "T_f",
-        "tau_twist",
-        "zeta_twist",
-        "v",
-    }
+MOVED_BY_WATER = (
+    *("tau_n", "tau_prop", "g", "vK_p", "vK_i", "vK_d", "v"),
+    *("T_d", "T_s", "tau_act", "T_f", "tau_twist", "zeta_twist"),
 )
 """Parameters that change the ratio of torque to speed in moving water."""
 Asked = tuple[Array, Array, float, list[tuple[Array, float]], list[int], bool, bool, bool]

@@ -21,6 +21,7 @@ import numpy as np
 from shipfp_rs.identification.estimate import Estimate
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.identification.spectra import Spectra
+from shipfp_rs.structures.elements import QUANTITIES
 from shipfp_rs.support.arrays import Array, ComplexArray
 
 ENGINE_SIDE = "M_b"
@@ -91,10 +92,11 @@ KEPT = 8
 """Number of starts that are returned."""
 LEAST_SLOPE = 0.02
 """Least (p - g) of a guess relative to vK_p; below it the drive train alone would have no steady speed."""
-LEAST_INTEGRAL = 1e-2
+LEAST_INTEGRAL = 1e-4
 """Least vK_i / tau_n of a guess [1/s2]: a slower governor would not settle within a trial."""
 BANDWIDTHS = (2.0, 5.0, 12.0)
 """Loop bandwidths of additional guesses [rad/s], since limits may mislead regressions."""
+INERTIAS_S = QUANTITIES["tau_n"].lower, QUANTITIES["tau_n"].upper
 SHARES = (0.3, 0.6)
 """Shares of the inertia behind a gauge that are tried, tau_prop / tau_n."""
 
@@ -140,7 +142,7 @@ def guesses_from(
     guesses = []
     for _, lag, dead, late, (slope, gain, integral, *load) in kept:
         for tau in [law["tau"] / share for share in SHARES] if gauge else [law["tau"]]:
-            tau = float(np.clip(tau, 0.05, 15.0))
+            tau = float(np.clip(tau, *INERTIAS_S))
             own, holding = float(slope), float(integral)
             if own < LEAST_SLOPE * gain or holding < LEAST_INTEGRAL:
                 # The governor's zero cancels the plant's pole: only their combination is identifiable.
@@ -165,7 +167,7 @@ def guesses_from(
 
 def guesses_by_bandwidth(law: Mapping[str, float], gauge: bool, late: float) -> list[dict[str, float]]:
     """Return guesses with fixed loop bandwidths, without regressions; `late`: dead time of the set point."""
-    tau = float(np.clip(law["tau"] / (SHARES[0] if gauge else 1.0), 0.05, 15.0))
+    tau = float(np.clip(law["tau"] / (SHARES[0] if gauge else 1.0), *INERTIAS_S))
     behind = float(np.clip(law["tau"], 0.01, 0.9 * tau))
     common = {"tau_n": tau, "g": -0.5, "p": law["p"], "tau_prop": behind, "T_set": max(late, 3e-3)}
     return [
@@ -288,4 +290,4 @@ def _law(parts: Sequence[LoopSpectra]) -> dict[str, float]:
     target = np.concatenate([part.by_name["dM"] for part in parts])
     both = np.concatenate([rows.real, rows.imag])
     found = np.linalg.lstsq(both, np.concatenate([target.real, target.imag]), rcond=None)[0]
-    return {"p": float(np.clip(found[0], -0.5, 4.5)), "tau": float(np.clip(found[1], 0.02, 15.0))}
+    return {"p": float(np.clip(found[0], -0.5, 4.5)), "tau": float(np.clip(found[1], *INERTIAS_S))}

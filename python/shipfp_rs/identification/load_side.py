@@ -62,6 +62,8 @@ MOST_HZ = 1.5
 SOFTEST, SOFT_BELOW = 0.6, 0.25
 """Bound of the torsional compliance, as squared ratio of the highest frequency to the inertia's resonance; share of that
 bound allowed below zero."""
+LONGEST = 0.5
+"""Longest step of an unknown, of an inertia relative to it."""
 ROUNDS, PATIENCE, STILL, CLOSE = 40, 8, 0.02, 0.5
 """Most iterations, and most of them before the instrument is updated; largest step of the last iteration, and of the last
 before the update, in standard deviations."""
@@ -273,7 +275,9 @@ class Fit:
             found[held] = [moved[int(at)] for at in held]
             rest = right[free] - normal[np.ix_(free, held)] @ found[held]
             found[free] = np.linalg.solve(normal[np.ix_(free, free)], rest)
-        found[: self.main] = np.clip(found[: self.main], -0.5, 0.5)
+        reach = np.full(self.main, LONGEST)
+        reach[1] *= max(abs(x[1]), 1.0)
+        found[: self.main] = np.clip(found[: self.main], -reach, reach)
         return found
 
     def _instruments(self, x: Array) -> None:

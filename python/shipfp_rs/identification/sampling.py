@@ -23,7 +23,7 @@ from scipy.fft import irfft, next_fast_len, prev_fast_len, rfft
 from scipy.linalg import solve
 
 from shipfp_rs.experiments.experiment import Experiment
-from shipfp_rs.support.arrays import Array
+from shipfp_rs.support.arrays import Array, Numbers
 
 Between = Literal["band-limited", "straight", "held"]
 """Course of the inputs between samples: smooth, piecewise linear, or held."""
@@ -47,6 +47,17 @@ def down_of(rate_hz: float, seen_hz: float) -> int:
     return max(1, int(rate_hz / (3.0 * seen_hz) + 1e-9))
 
 
+ABOVE_FLOOR, WHITE = 12.0, 1.25
+"""Least power of an input over the median of its white noise, which has more in one bin of 4000; largest ratio of the
+medians of two bands that are white noise."""
+
+
+def white_floor(power: Array, share: Numbers) -> float:
+    """Return the power below which an input is white noise; `share`: frequencies over the highest that counts."""
+    lower, upper = (float(np.median(power[(share > low) & (share <= low + 0.2)])) for low in (0.3, 0.5))
+    return ABOVE_FLOOR * lower if upper < WHITE * lower < WHITE**2 * upper else 0.0
+
+
 def excited_hz(inputs: Sequence[Array], rate_hz: float, most_hz: float) -> float:
     """Return the frequency [Hz] below which the inputs have `EXCITED` of their power times frequency, at most `most_hz`."""
     found = LEAST_HZ
@@ -57,6 +68,7 @@ def excited_hz(inputs: Sequence[Array], rate_hz: float, most_hz: float) -> float
         fade = np.minimum(np.arange(count), np.arange(count)[::-1]) / (EDGE_S * rate_hz)
         power = np.abs(rfft((one[:count] - one[:count].mean()) * np.clip(fade, 0.0, 1.0))) ** 2
         frequency = np.fft.rfftfreq(count, 1.0 / rate_hz)
+        power[power < white_floor(power, frequency / most_hz)] = 0.0
         grown = np.cumsum(np.where(frequency <= most_hz, power * frequency, 0.0))
         found = max(
             found,

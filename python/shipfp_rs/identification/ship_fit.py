@@ -28,7 +28,7 @@ from shipfp_rs.identification.engine_tests import lacks_something
 from shipfp_rs.identification.equation_likelihood import EquationLikelihood
 from shipfp_rs.identification.first_guesses import first_guesses
 from shipfp_rs.identification.limited_likelihood import LimitedLikelihood
-from shipfp_rs.identification.load_side import BEHIND, LoadSide, load_side_of
+from shipfp_rs.identification.load_side import LoadSide, load_side_of
 from shipfp_rs.identification.question import TRIED, Question
 from shipfp_rs.identification.sampling import Between
 from shipfp_rs.identification.set_rate import with_set_rate
@@ -50,8 +50,6 @@ HELD = 10.0
 """Least decrease of the deviance by a zero-order hold, compared with a smooth or piecewise linear course, for a set point
 without steps to count as held. At low frequencies the hold acts as a delay of half a sample, which the dead time of the set
 point compensates, so chance alone would often prefer the hold."""
-SCALES = (0.6, 1.7)
-"""Factors of the inertia from which the search of a ship with a gauge restarts."""
 STEPS_ELSEWHERE = 12
 """Most steps from a start with other delays, before noise and corrections are re-estimated."""
 FAR = 100.0
@@ -66,8 +64,6 @@ COMMON_S = 0.1
 """Least time by which both the governor's lead and the lag are increased in other starts [s]."""
 HALF_PERIODS_S = (0.005, 0.015, 0.03)
 """Starting values of half the governor's sample period [s]."""
-LEAST_LAG_S = 0.1
-"""Least lag that may be confused with the drive train's inertia [s]."""
 REDIVIDED, MORE = 3, 4
 """Most rounds of redistributed delays, and number of new minima in each that are refined."""
 
@@ -217,9 +213,7 @@ def with_other_delays(fit: ShipFit, until: float | None = None, *, limited: bool
         if len(DELAYS & set(c.free)) < 2 or not (limited or fit.is_smooth):
             break
         states = c.states_at(before.vector)
-        parts = [*_redivided(fit.values), *(_scaled(fit.values) if fit.question.gauge else [])]
-        parts += _exchanged(fit.values, gauge=fit.question.gauge)
-        starts = [c.vector({**fit.values, **one}, states) for one in parts]
+        starts = [c.vector({**fit.values, **one}, states) for one in _redivided(fit.values)]
         fit, fell = _elsewhere(fit, starts, until)
         if fell < 1.0:
             break
@@ -332,34 +326,6 @@ def _with_same_ramp(fit: ShipFit, until: float | None) -> ShipFit:
     if not end.cost < fit.total - 1.0:
         return fit
     return settled(replace(fit, likelihood=likelihood.resettled_at(end.vector), basins=(end,)), until)
-
-
-def _scaled(values: Mapping[str, float]) -> list[dict[str, float]]:
-    """Starts with other inertias ahead of the gauge; the data determine ratios to it, except by the curvature of N^p."""
-    p, g = values["p"], values["g"]
-    return [
-        {"tau_n": values["tau_n"] * factor, "g": p - (p - g) * factor}
-        | {name: values[name] * factor for name in ("vK_p", "vK_i") if name in values}
-        for factor in SCALES
-    ]
-
-
-def _exchanged(values: Mapping[str, float], *, gauge: bool) -> list[dict[str, float]]:
-    """Starts with lag and inertia exchanged, and integral and gain, which have almost the same loop."""
-    lag, tau = values.get("tau_act", 0.0), values["tau_n"]
-    if lag < LEAST_LAG_S or "g" not in values:
-        return []
-    own = min(tau, values["tau_prop"] / BEHIND) if gauge else tau
-    integral = values["vK_p"] / tau * own / lag
-    return [
-        {
-            "tau_n": own,
-            "g": values["p"] - own / lag,
-            "vK_i": integral,
-            "vK_p": COMMON_S * integral,
-            "tau_act": 0.2 * lag,
-        }
-    ]
 
 
 def _redivided(values: Mapping[str, float]) -> list[dict[str, float]]:

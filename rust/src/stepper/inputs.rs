@@ -8,7 +8,7 @@ use super::run::Run;
 const TINY: f64 = 1e-9;
 
 /// An input over a step: its values at both ends, as limits from inside the step, and its mean.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, Default)]
 pub struct Span {
     pub start: f64,
     pub end: f64,

@@ -94,7 +94,6 @@ impl<'a, const D: bool> Ship<'a, D> {
             acting.damping.then(|| parameters.of(at::DAMPING)),
         );
         let (speed, rack) = (parameters.of(at::INITIAL_N), parameters.of(at::INITIAL_F) / c.v);
-        let still = Span { start: 0.0, end: 0.0, mean: 0.0 };
         let dead_time =
             DeadTime::new(parameters.of(at::T_D), acting.hold.then(|| parameters.of(at::HOLD)), h, rack);
         let detail = run.detail.cloned().map(Box::new);
@@ -127,7 +126,7 @@ impl<'a, const D: bool> Ship<'a, D> {
             ended: 0.0,
             acceleration: 0.0,
             set_span: set.first(),
-            load_span: if acting.load { load.first() } else { still },
+            load_span: if acting.load { load.first() } else { Span::default() },
             channel_delays: [parameters.of(at::T_N), parameters.of(at::T_M)],
             law_of,
             detail,
