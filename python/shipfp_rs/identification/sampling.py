@@ -60,7 +60,7 @@ def white_floor(power: Array, share: Numbers) -> float:
 
 def excited_hz(inputs: Sequence[Array], rate_hz: float, most_hz: float) -> float:
     """Return the frequency [Hz] below which the inputs have `EXCITED` of their power times frequency, at most `most_hz`."""
-    found = LEAST_HZ
+    found = 0.0
     for one in inputs:
         if not len(one):
             continue
@@ -68,13 +68,12 @@ def excited_hz(inputs: Sequence[Array], rate_hz: float, most_hz: float) -> float
         fade = np.minimum(np.arange(count), np.arange(count)[::-1]) / (EDGE_S * rate_hz)
         power = np.abs(rfft((one[:count] - one[:count].mean()) * np.clip(fade, 0.0, 1.0))) ** 2
         frequency = np.fft.rfftfreq(count, 1.0 / rate_hz)
-        power[power < white_floor(power, frequency / most_hz)] = 0.0
+        floor = white_floor(power, frequency / most_hz)
+        power[power < floor] = 0.0
         grown = np.cumsum(np.where(frequency <= most_hz, power * frequency, 0.0))
-        found = max(
-            found,
-            float(frequency[np.searchsorted(grown, EXCITED * grown[-1])]),
-            LEAST_PERIODS * rate_hz / count,
-        )
+        # The model answers the set point's noise beyond the excitation, the ship does not.
+        least_hz = max(LEAST_PERIODS * rate_hz / count, 0.0 if floor else LEAST_HZ)
+        found = max(found, float(frequency[np.searchsorted(grown, EXCITED * grown[-1])]), least_hz)
     return min(found, most_hz)
 
 
