@@ -95,4 +95,5 @@ def test_noise_of_the_set_point_widens_no_band(swing):
     time = np.arange(round(400.0 * rate_hz)) / rate_hz
     chirp = swing * np.sin(2.0 * np.pi * (0.01 + 0.25e-3 * time) * time)  # 0.01 to 0.21 Hz
     noisy = chirp + 5e-5 * np.random.default_rng(1).standard_normal(len(time))
-    assert excited_hz([noisy], rate_hz, 20.0) == pytest.approx(excited_hz([chirp], rate_hz, 20.0), rel=0.2)
+    # The chirp ends at 0.21 Hz.
+    assert 0.15 < excited_hz([noisy], rate_hz, 20.0) < 1.2 * excited_hz([chirp], rate_hz, 20.0)
