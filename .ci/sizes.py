@@ -47,7 +47,7 @@ BUDGETS = {
     "python/shipfp_rs/plot": 864,
     "python": 52968,
     "rust/src": 11411,
-    "tests": 40257,
+    "tests": 40258,
 }
 """Most lines of each room, and most numeric constants of identification and structures. A commit that earns it lowers a
 number; none is raised without a word in the commit's text."""
