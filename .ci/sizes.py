@@ -25,7 +25,7 @@ RUST_FUNCTION = re.compile(r"^( *)(?:pub(?:\([a-z]+\))? )?(?:const )?(?:unsafe )
 BUDGETS = {
     "constants": 255,
     "python/shipfp_rs/identification": 10972,
-    "python/shipfp_rs/structures": 3062,
+    "python/shipfp_rs/structures": 3056,
     "python/shipfp_rs/logs": 8053,
     "python/shipfp_rs/tacho": 1825,
     "python/shipfp_rs/processing": 5010,
@@ -34,7 +34,7 @@ BUDGETS = {
     "python/shipfp_rs/assessment": 2287,
     "python/shipfp_rs/report": 2387,
     "python/shipfp_rs/reproduce": 1830,
-    "python/shipfp_rs/view": 2168,
+    "python/shipfp_rs/view": 2167,
     "python/shipfp_rs/sweeps": 1892,
     "python/shipfp_rs/cli": 1871,
     "python/shipfp_rs/vessel": 1647,
@@ -45,7 +45,7 @@ BUDGETS = {
     "python/shipfp_rs/simulation": 899,
     "python/shipfp_rs/frequency": 1147,
     "python/shipfp_rs/plot": 864,
-    "python": 52968,
+    "python": 52961,
     "rust/src": 11411,
     "tests": 40258,
 }

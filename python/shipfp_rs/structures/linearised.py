@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from math import comb, factorial
-from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -27,7 +26,7 @@ LEAST_S = 1e-6
 
 @dataclass(frozen=True)
 class StateSpace:
-    """x' = A x + B u, y = C x + D u, with u the set point or a load and y the outputs in their order."""
+    """x' = A x + B u, y = C x + D u, with u the set point and y the outputs in their order."""
 
     A: Array
     B: Array
@@ -82,9 +81,8 @@ def state_space(
     structure: Structure,
     values: Values,
     order: int = 3,
-    driven_by: Literal["set point", "load"] = "set point",
 ) -> StateSpace:
-    """Return the linearisation as a state space from the set point, or from a load, to the outputs.
+    """Return the linearisation as a state space from the set point to the outputs.
 
     Parameters
     ----------
@@ -94,8 +92,6 @@ def state_space(
         Parameters by name.
     order
         Order of each dead time's Pade approximation; a sampling governor is a delay of half its period.
-    driven_by
-        Input: the set point, or a load relative to the operating torque, which acts on the propeller's side.
 
     Raises
     ------
@@ -110,9 +106,7 @@ def state_space(
     """
     equations, q = loop_of(structure, values)
     wiring = _Wiring(order)
-    still = np.zeros(MOST_STATES + 1)
-    set_point, load = (still, wiring.input) if driven_by == "load" else (wiring.input, still)
-    set_point = wiring.delayed(set_point, q.get("T_set", 0.0))
+    set_point = wiring.delayed(wiring.input, q.get("T_set", 0.0))
     n_e, error = wiring.state(), wiring.state()
     v = q.get("v", 1.0)
     gains = {name: q.get(f"v{name}", v * q.get(name, 0.0)) for name in ("K_p", "K_i", "K_d")}
@@ -132,11 +126,11 @@ def state_space(
         gauge = wiring.form(twist) + q.get("zeta_twist", 0.0) * slip
         wiring.rates[n_e] = (brake - gauge) / (q["tau_n"] - tau_prop)
         wiring.rates[twist] = slip / q["tau_twist"]
-        wiring.rates[n_s] = (gauge - q["p"] * propeller - load) / tau_prop
+        wiring.rates[n_s] = (gauge - q["p"] * propeller) / tau_prop
     else:
         propeller = wiring.form(n_e)
-        wiring.rates[n_e] = (brake - q["p"] * propeller - load) / q["tau_n"]
-        gauge = q["p"] * propeller + load + tau_prop * wiring.rates[n_e]
+        wiring.rates[n_e] = (brake - q["p"] * propeller) / q["tau_n"]
+        gauge = q["p"] * propeller + tau_prop * wiring.rates[n_e]
     speed = wiring.form(n_e) if equations.speed == "engine" else propeller
     rows = {
         "dn": wiring.delayed(speed, q.get("T_n", 0.0)),

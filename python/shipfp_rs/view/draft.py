@@ -104,7 +104,6 @@ LEVELS: Mapping[str, type[Level]] = {
 }
 """Roles whose tables in TRIAL.toml have fixed names; the user names tables of pulse trains and speeds."""
 SHOWN = {"train": "pulse train", "speed": "speed"}
-TRAIN_NAME = r"^[A-Za-z0-9_.\- ]{1,60}$"
 
 Short = Annotated[str, StringConstraints(max_length=200)]
 Number = Annotated[float, Field(strict=False)]
