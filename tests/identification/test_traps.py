@@ -47,21 +47,6 @@ def test_a_good_trial_passes_every_gate(made):
     assert input_checks.doubts([made]) == []
 
 
-@pytest.mark.parametrize("late_s", [0.4, -0.4])
-def test_a_set_point_that_is_late_from_the_middle_on_is_told_with_the_time(late_s):
-    noise = {"n_e": 0.02, "M_b": 0.02}
-    chirp = fp.signals.chirp(0.02, 2.0, 120.0, 40.0, rate_hz=50.0)
-    for excitation in (chirp, fp.signals.prbs(8, 0.5, 40.0, rate_hz=50.0)):
-        sound = fp.simulate(LAUNCH, excitation, noise=noise, seed=1)
-        assert input_checks.doubts([sound]) == []
-    asked, half, late = sound.signals["n_set"], len(sound) // 2, round(late_s * sound.rate_hz)
-    moved = np.where(np.arange(len(asked)) < half, asked, np.roll(asked, late))
-    (word,) = input_checks.doubts([with_signal(sound, "n_set", moved, sound.operating_point["n_set"])])
-    told = float(word.split(" s of the experiment")[0].split()[-1])
-    assert f"is 0.4 s {'late' if late_s > 0.0 else 'early'} from" in word
-    assert told == pytest.approx(0.5 * sound.duration, abs=6.0)
-
-
 @pytest.mark.parametrize("noise_rpm", [0.0, 0.02])
 def test_a_set_point_that_is_the_measured_speed_is_refused_a13(made, noise_rpm):
     noise = noise_rpm * np.random.default_rng(0).standard_normal(len(made))

@@ -152,7 +152,7 @@ def test_tables_name_a_parameter_as_the_report_does() -> None:
     tug = replace(UNNAMED, parameters=known, vessel=TUG.name, settings=driven.of_vessel(TUG))
     for found in (genset, motor, tug):
         name = Say("en", instead(found, found.experiments)).name
-        for text in (str(found), found._repr_html_(), found.to_csv(), found.to_latex()):
+        for text in (str(found), found._repr_html_(), found.to_csv()):
             assert {name("p") in text, name("v") in text} == {True}
     assert "propeller exponent" in str(tug)
     assert "load exponent" in str(genset)

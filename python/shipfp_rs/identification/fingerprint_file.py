@@ -2,7 +2,7 @@
 
 Also here:
 
-- A fingerprint as text and tables: on a terminal, in a notebook, for LaTeX, CSV and pandas.
+- A fingerprint as text and tables: on a terminal, in a notebook, for CSV and pandas.
 """
 
 from __future__ import annotations
@@ -42,15 +42,6 @@ HEAD = ("symbol", "name", "value", "95 % interval", "unit")
 COLUMNS = ("symbol", "name", "value", "std", "low", "high", "unit", "status", "reason")
 SHORT = 8
 """Most parameters in the short form of a fingerprint."""
-GREEK = ("tau", "eta", "rho")
-LATEX = {
-    **{sign: f"\\{sign}" for sign in "&%$#_{}"},
-    "\\": r"\textbackslash{}",
-    "~": r"\textasciitilde{}",
-    "²": r"\ensuremath{^2}",
-    "°": r"\ensuremath{^\circ}",
-}
-
 LOAD_ALONE = "The load's side by itself (speed and torque alone, no model of the engine):"
 
 
@@ -287,21 +278,6 @@ class FingerprintTables:
             else write_text_atomically(ending_in(path, ".csv"), text.getvalue())
         )
 
-    def to_latex(self) -> str:
-        """Return symbol, name, value, 95 % interval and unit as a LaTeX table with booktabs rules."""
-        lines = [
-            r"\begin{tabular}{llrrl}",
-            r"\toprule",
-            r"symbol & name & value & 95\,\% interval & unit \\",
-            r"\midrule",
-        ]
-        for row in self._rows():
-            value, interval = _figures(row)
-            unit = "" if row.unit == "-" else rf"$\mathrm{{{_latex_text(row.unit)}}}$"
-            cells = [_latex_symbol(row.name), _latex_text(self._name(row.name)), value, interval, unit]
-            lines.append(" & ".join(cells) + r" \\")
-        return "\n".join([*lines, r"\bottomrule", r"\end{tabular}"]) + "\n"
-
 
 def beside_the_whole(fingerprint: FingerprintTables) -> Iterator[tuple[Row, Row]]:
     """Yield each parameter's estimate by the load's side alone and by the whole model."""
@@ -329,23 +305,6 @@ def _figures(row: Row) -> tuple[str, str]:
     if not row.value:
         return "", row.status
     return row.value, f"{row.low} to {row.high}" if row.low else row.status
-
-
-def _latex_text(text: str) -> str:
-    return "".join(LATEX.get(sign, sign) for sign in text)
-
-
-def _latex_symbol(symbol: str) -> str:
-    """Write a symbol such as vK_p/tau_n in mathematics; text in brackets stays text."""
-    own, bracket, part = symbol.partition(" (")
-
-    def letter(found: re.Match[str]) -> str:
-        name, index = found.group(1), found.group(2)
-        base = f"\\{name}" if name in GREEK else name
-        return f"{base}_{{\\mathrm{{{index}}}}}" if index else base
-
-    inner = re.sub(r"([A-Za-z]+)(?:_([A-Za-z0-9]+))?", letter, own)
-    return f"${inner}$" + (f" {_latex_text(bracket.strip() + part)}" if bracket else "")
 
 
 TABLES = (

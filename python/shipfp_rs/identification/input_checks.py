@@ -9,7 +9,6 @@ from scipy.signal import butter, sosfiltfilt
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import DRIVES, Experiment
-from shipfp_rs.identification.sampling import moved_from
 from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.sentences import Sentence
 
@@ -200,21 +199,9 @@ def _require_own_rack(experiment: Experiment) -> None:
 
 
 def doubts(experiments: Sequence[Experiment]) -> list[Sentence]:
-    """Return a sentence for each experiment whose set point becomes late, or differs from the speed in steady state."""
+    """Return a sentence for each experiment whose set point differs from the speed in steady state."""
     lines = []
     for experiment in experiments:
-        if (moved := moved_from(experiment)) is not None:
-            said = (
-                Sentence(
-                    "The set point of {name} is {by} s late from {at} s of the experiment on; look at its recorder."
-                )
-                if moved[1] > 0.0
-                else Sentence(
-                    "The set point of {name} is {by} s early from {at} s of the experiment on; look at its recorder."
-                )
-            )
-            figures = {"at": f"{moved[0]:.0f}", "by": f"{abs(moved[1]):.1f}"}
-            lines.append(Sentence(said, name=repr(experiment.name), **figures))
         asked, speed = (experiment.operating_point.get(name, np.nan) for name in ("n_set", "n_e"))
         if abs(asked / speed - 1.0) > APART:
             lines.append(
