@@ -23,8 +23,8 @@ RUST_FUNCTION = re.compile(r"^( *)(?:pub(?:\([a-z]+\))? )?(?:const )?(?:unsafe )
 
 
 BUDGETS = {
-    "constants": 245,
-    "python/shipfp_rs/identification": 10849,
+    "constants": 243,
+    "python/shipfp_rs/identification": 10665,
     "python/shipfp_rs/structures": 3056,
     "python/shipfp_rs/logs": 8053,
     "python/shipfp_rs/tacho": 1825,
@@ -45,9 +45,9 @@ BUDGETS = {
     "python/shipfp_rs/simulation": 899,
     "python/shipfp_rs/frequency": 1147,
     "python/shipfp_rs/plot": 864,
-    "python": 52838,
+    "python": 52656,
     "rust/src": 11411,
-    "tests": 40239,
+    "tests": 40235,
 }
 """Most lines of each room, and most numeric constants of identification and structures. A commit that earns it lowers a
 number; none is raised without a word in the commit's text."""

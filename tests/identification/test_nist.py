@@ -22,6 +22,9 @@ class Squares:
         size = len(problem.certified)
         self.coordinates = SimpleNamespace(bounds=(np.full(size, -np.inf), np.full(size, np.inf)))
 
+    def near(self, vector):
+        return self
+
     def products(self, vector: np.ndarray) -> Products:
         residual, jacobian = self.problem.function(vector)
         residual, rows = (part / self.problem.residual_deviation for part in (residual, -jacobian.T))

@@ -14,7 +14,7 @@ from typing import Any, Literal
 import numpy as np
 
 from shipfp_rs.experiments.experiment import Experiment
-from shipfp_rs.identification.basins import Basin, descend
+from shipfp_rs.identification.basins import Basin
 from shipfp_rs.identification.coordinates import WITHOUT_EFFECT, Figure
 from shipfp_rs.identification.engine_tests import engine_curves
 from shipfp_rs.identification.estimate import (
@@ -159,7 +159,14 @@ def answered(
 
 def _adequate(fit: ShipFit, misses: Mapping[str, float], kind: str | None) -> dict[str, Any]:
     """Return the residual tests of the model; `kind` is the contradiction to its engine and governor, if any."""
+    limits = {}
+    if isinstance(fit.likelihood, LimitedLikelihood):
+        told = {
+            name: fit.values[name] for name in ("M_max", "rate") if name in fit.likelihood.coordinates.free
+        }
+        limits = {"limit": {**told, **fit.likelihood.effect(fit.best.vector)}}
     return {
+        **limits,
         "stands": max(misses.values()) <= SMALL_MISS_PCT,
         "misses_pct": misses,
         "sides": {"load": fit.side is not None or not kind, "engine": not kind},
@@ -200,25 +207,18 @@ def intervals_of(
     if intervals == "symmetric":
         profiles = Profiles(fit.likelihood, list(fit.basins))
         return fit, {name: profiles.symmetric(figure) for name, figure in figures.items()}, []
-    if fit.is_smooth:
-        fit, profiles, found = profiled(fit, figures, refined, fit.question.bounds)
-    else:
-        # With limits, derivatives hold only in a neighbourhood of the minimum that is too small for a profile.
-        profiles = Profiles(fit.likelihood, [descend(fit.likelihood, one.vector) for one in fit.basins])
-        found = {name: profiles.symmetric(one, surely=True) for name, one in figures.items()}
+    fit, profiles, found = profiled(fit, figures, refined, fit.question.bounds)
     c = fit.likelihood.coordinates
     most = profiles.best.cost + RISE * (1.0 + NEAR)
     inside = [point.vector for point in profiles.visited if point.cost < most]
-    stretches, sampling, beyond = Stretches(fit.likelihood, fit.best.vector), np.zeros((1, 0)), 1.0
-    if isinstance(fit.likelihood, LimitedLikelihood):
-        sampling, beyond = fit.likelihood.moved_by_sampling(fit.best.vector), DISCREPANCY
+    stretches = Stretches(fit.likelihood, fit.best.vector)
+    beyond = 1.0 if fit.is_smooth else DISCREPANCY
     for name, figure in figures.items():
         one = profiles.widened(figure, found[name])
         slope = fit.likelihood.coordinates.gradient(figure, fit.best.vector)
         wider, moved = beyond * stretches.widening(slope), figure(fit.values) - one.value
-        by_clock = np.sqrt(RISE * np.mean((sampling @ slope) ** 2)) if sampling.size else 0.0
-        low = one.value - np.hypot(wider * (one.value - one.low), by_clock) + min(moved, 0.0)
-        high = one.value + np.hypot(wider * (one.high - one.value), by_clock) + max(moved, 0.0)
+        low = one.value - wider * (one.value - one.low) + min(moved, 0.0)
+        high = one.value + wider * (one.high - one.value) + max(moved, 0.0)
         least, most = fit.question.bounds.get(name, (-np.inf, np.inf))
         found[name] = Interval(one.value + moved, max(low, least), min(high, most), one.kinds)
     return fit, found, [c.values(vector) for vector in inside]

@@ -93,6 +93,7 @@ def descend(
     """
     low, high = likelihood.coordinates.bounds
     x = np.clip(start, low, high)
+    likelihood = likelihood.near(x)
     at = partial(_computed, likelihood, penalty)
     try:
         plain, now = at(x)

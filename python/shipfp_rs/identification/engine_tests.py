@@ -16,6 +16,7 @@ from shipfp_rs.identification.ship_found import BELIEVED, ShipFit
 from shipfp_rs.identification.spectra import Spectra
 from shipfp_rs.identification.stretches import STRETCH_S, Score, Stretches
 from shipfp_rs.structures.parameter import BRAKE
+from shipfp_rs.structures.ship import rate_limited
 from shipfp_rs.structures.transfer import SLOWEST, TransferFunctions
 from shipfp_rs.support.arrays import Array, ComplexArray, Values
 
@@ -160,10 +161,12 @@ def _shapes(fit: ShipFit, index: int) -> dict[str, list[ComplexArray]]:
     rate_hz = record.data_hz / record.down
     engine, rack, error = _signals(fit, index)
     inside = np.arange(len(rack)) > 2.0 * rate_hz
-    steps = np.abs(np.diff(rack))
+    slopes = np.abs(np.diff(rack)) * rate_hz
     shapes = {
         "torque_limit": [np.minimum(engine, level) - engine for level in np.quantile(engine[inside], LEVELS)],
-        "rack_rate": [_rate_limited(rack, rate) - rack for rate in np.quantile(steps[inside[1:]], SLOPES)],
+        "rack_rate": [
+            rate_limited(rack, rate, rate_hz) - rack for rate in np.quantile(slopes[inside[1:]], SLOPES)
+        ],
         "gain": [np.clip(error, -band, band) for band in np.quantile(np.abs(error[inside]), BANDS)],
         "asymmetry": [error**2, np.abs(np.gradient(rack)) * rate_hz],
     }
@@ -177,16 +180,6 @@ def _shapes(fit: ShipFit, index: int) -> dict[str, list[ComplexArray]]:
     }
     s, command = 1j * np.maximum(2.0 * np.pi * record.frequency_hz, SLOWEST), seen(rack, False)
     return {**found, "lag": [command * (lag * s / (1.0 + lag * s)) for lag in LAGS_S]}
-
-
-def _rate_limited(signal: Array, most: float) -> Array:
-    """Limit a signal (K,) to a rate of `most` per sample."""
-    steps = signal.tolist()
-    now, found = steps[0], []
-    for value in steps:
-        now += min(max(value - now, -most), most)
-        found.append(now)
-    return np.array(found)
 
 
 def _answers(values: Values, record: Spectra, fit: ShipFit) -> Callable[[Array, bool], ComplexArray]:
@@ -224,24 +217,23 @@ def suspected(scores: Mapping[str, Score], beyond: float = 1.0) -> str | None:
     return max(sure, key=lambda kind: sure[kind], default=None)
 
 
-def lacks_something(fit: ShipFit) -> bool:
+def lacks_something(scores: Mapping[str, Score]) -> bool:
     """Whether any test of the engine's side shows an effect that chance does not explain."""
-    return any(score.fall > BELIEVED for score in engine_tests(fit).values())
+    return any(score.fall > BELIEVED for score in scores.values())
 
 
-def limit_to_try(scores: Mapping[str, Score], among: Container[str]) -> str | None:
-    """Return the limit to fit next, or None. The threshold is low: a fit without limits adapts to most of a limit."""
+def limits_to_try(scores: Mapping[str, Score], among: Container[str]) -> list[str]:
+    """Return the limits to fit next. The threshold is low: a fit without limits adapts to most of a limit."""
     # A fit without limits that has adapted to a limit appears to have another lag, which is no evidence against the limit.
     shapes = [score for kind, score in scores.items() if kind != "lag"]
     most = max((score.fall for score in shapes), default=0.0)
     # Another effect is already significant, and the fit without limits may have adapted to most of a limit's effect.
     surely = any(score.fall > BELIEVED and score.consistency > CONSISTENT for score in shapes)
-    worth = {
-        kind: scores[kind].fall
+    return [
+        kind
         for kind in scores
         if kind in LIMITS
         and kind in among
         and (surely or scores[kind].consistency > CONSISTENT or scores[kind].fall > SURE)
         and scores[kind].fall > max(WORTH, most / NEAR)
-    }
-    return max(worth, key=lambda kind: worth[kind], default=None)
+    ]

@@ -459,7 +459,7 @@ class EquationLikelihood(Likelihood):
         """Modelled outputs of a record, decimated (O, K); at the record's edges and above the band they equal the data."""
         data = self.records[record]
         answer = data.in_time(data.spectrum - self.residual(vector, record))
-        return np.asarray(data.decimated + (data.taken - data.decimated) * data.tapers[0] + answer)
+        return np.asarray(data.decimated * (1.0 - data.tapers[0]) + answer)
 
     def with_columns(self, vector: Array, columns: Sequence[ComplexArray]) -> Array:
         """Gram matrix of residual, derivatives and `columns`, (1 + P + C, 1 + P + C), with systematic errors and priors.
@@ -492,12 +492,6 @@ class EquationLikelihood(Likelihood):
 
     def simulated(self, vector: Array, record: int, limits: Mapping[str, float]) -> Array:
         """Outputs of a record (O, N), simulated with limits of torque and rate, at the data's rate."""
-        return self._simulated(vector, record, limits, None)
-
-    def _simulated(
-        self, vector: Array, record: int, limits: Mapping[str, float], beyond: Array | None
-    ) -> Array:
-        """Simulate outputs; `beyond` is a load torque that the law does not explain, at the simulation's rate."""
         data, values = self.records[record], self.values_of(vector, record)
         values = {name: value for name, value in values.items() if name not in ("M_max", "M_soft", "rate")}
         if self.ships and self.ships[record].is_linear:
@@ -512,10 +506,6 @@ class EquationLikelihood(Likelihood):
         outputs = [_core.SHIP_OUTPUTS.index(names.get(name, name)) for name in data.outputs]
         fine = self._finer(data)
         set_point, load = self._driving[record]
-        if beyond is not None:
-            water = beyond / values.get("k_L", 1.0)
-            load = load + water if len(load) else water
-            parameters[SHIP_INDEX["load_gain"]] = values.get("k_L", 1.0)
         hold: Hold = "zero" if data.between == "held" else "first"
         dt = 1.0 / (data.data_hz * fine)
         return observed(
@@ -527,13 +517,9 @@ class EquationLikelihood(Likelihood):
             1.0 / data.data_hz,
         )
 
-    @property
-    def _fine_hz(self) -> float:
-        return FINE_HZ
-
     def _finer(self, record: Spectra) -> int:
         """Simulation steps per sample of the set point: enough for linear interpolation of a low-passed signal."""
-        return max(1, round(self._fine_hz / record.data_hz)) if record.between == "band-limited" else 1
+        return max(1, round(FINE_HZ / record.data_hz)) if record.between == "band-limited" else 1
 
     @cached_property
     def _driving(self) -> list[tuple[Array, Array]]:
@@ -565,15 +551,10 @@ class EquationLikelihood(Likelihood):
         """Return the likelihood of the records corrected by the model at a point of the search; see `Spectra.corrected`."""
         records = []
         for index, record in enumerate(self.records):
-            values, models = self.values_of(vector, index), self._models(vector, index)
+            values, model = self.values_of(vector, index), self._whole(vector, index)
             slips = bool(values.get("tau_twist")) and not self.behind_twist
-            records.append(record.corrected(values, self._response, *models, slips=slips))
+            records.append(record.corrected(values, self._response, model, slips=slips))
         return replace(self, records=tuple(records))
-
-    def near(self, vector: Array) -> Self:
-        """Return the likelihood with derivatives frozen at a point of the search, or itself if derivatives are cheap."""
-        del vector
-        return self
 
     def resettled_at(self, vector: Array) -> Self:
         """Return the likelihood settled at a new point of the search, without new images, since images hardly change."""
@@ -584,21 +565,12 @@ class EquationLikelihood(Likelihood):
         needs = self.is_corrected_by_model or any(one.between != "band-limited" for one in self.records)
         return (self.corrected(vector) if needs else self).with_noise(vector)
 
-    def _models(self, vector: Array, record: int) -> tuple[Array | None, Array | None]:
-        """Modelled outputs (O, N) for a record with gaps, and the effect of limits; None if the model diverges."""
-        limits = self._limits(vector)
-        if not (limits or self.records[record].masked.any()):
-            return None, None
-        whole = self._whole(vector, record, limits)
-        if whole is None or not limits:
-            return whole, None
-        smooth = self._whole(vector, record, {})
-        return (None, None) if smooth is None else (whole, whole - smooth)
-
-    def _whole(self, vector: Array, record: int, limits: Mapping[str, float]) -> Array | None:
-        """Modelled outputs (O, N); None if the simulation diverges."""
+    def _whole(self, vector: Array, record: int) -> Array | None:
+        """Modelled outputs (O, N) for a record with gaps; None without gaps, or if the simulation diverges."""
+        if not self.records[record].masked.any():
+            return None
         try:
-            return self.simulated(vector, record, limits)
+            return self.simulated(vector, record, self._limits(vector))
         except SimulationError:
             return None
 

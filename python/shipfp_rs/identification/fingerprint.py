@@ -65,6 +65,8 @@ class Fingerprint(FingerprintTables, SimulationMixin):
         "stands": whether the residuals are consistent with the model. "misses_pct": misfit of each output, in per cent of
         its spread. "sides": whether the model describes the "load", and
         the "engine" with its governor. "engine": effects on the engine's side that the model lacks, by kind of shape.
+        "limit": of a ship with a limit its level ("M_max" or "rate"), the torque that it removes over what the torque moves
+        ("removed"), the "share" of the time, and the share of the "amplitude" that stays clear of it.
         "engine_curves": the torque that the model lacks over the governor's "error" and over the rack's "slope".
     load_side
         Name to estimate of the load from speed and torque alone, without a model of engine and governor, see `load_side`;

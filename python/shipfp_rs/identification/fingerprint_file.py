@@ -349,6 +349,7 @@ ADEQUATE: Mapping[str, tuple[Any, str]] = {
     "misses_pct": (Mapping[str, float | None], "a table of percentages of 0 or more"),
     "sides": (Mapping[str, bool], "a table of true or false"),
     "engine": (Mapping[str, Mapping[str, float]], "a table of tables of numbers"),
+    "limit": (Mapping[str, float], "a table of numbers"),
     "engine_curves": (
         Mapping[str, Mapping[str, Sequence[float]]],
         "a table of tables of lists of numbers",

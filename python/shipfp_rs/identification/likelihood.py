@@ -240,6 +240,11 @@ class Likelihood:
         roots = self._noise(*self._left(residuals))
         return replace(self, roots=roots, responses=responses)
 
+    def near(self, vector: Array) -> Self:
+        """Return the likelihood with costly derivatives frozen at a point of the search; itself where none are."""
+        del vector
+        return self
+
     def settled_at(self, vector: Array) -> Self:
         """Return the likelihood with noise, and what else depends on the model, estimated at a point of the search."""
         return self.with_noise(vector)

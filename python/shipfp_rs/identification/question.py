@@ -258,8 +258,6 @@ class Question:
         ):
             known = {one.name: getattr(likelihood, one.name) for one in fields(EquationLikelihood)}
             return LimitedLikelihood(**known | changed)
-        if isinstance(likelihood, LimitedLikelihood):
-            changed["about"] = None
         return replace(likelihood, **changed)
 
 

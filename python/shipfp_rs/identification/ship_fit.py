@@ -24,22 +24,18 @@ from shipfp_rs.identification.basins import (
     descend,
     distinct,
 )
-from shipfp_rs.identification.engine_tests import lacks_something
 from shipfp_rs.identification.equation_likelihood import EquationLikelihood
 from shipfp_rs.identification.first_guesses import first_guesses
-from shipfp_rs.identification.limited_likelihood import LimitedLikelihood
 from shipfp_rs.identification.load_side import LoadSide, load_side_of
 from shipfp_rs.identification.question import TRIED, Question
 from shipfp_rs.identification.sampling import Between
-from shipfp_rs.identification.set_rate import with_set_rate
 from shipfp_rs.identification.ship_found import (
     DEFAULTS,
     ShipFit,
     likelihood_of,
     settled,
 )
-from shipfp_rs.identification.trials import lowest, with_given_limits, with_limits
-from shipfp_rs.structures.elements import ELEMENTS
+from shipfp_rs.identification.trials import with_limits
 from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.progress import part, tell
 
@@ -56,10 +52,6 @@ FAR = 100.0
 """Excess of the deviance above which such minima are dropped: re-estimated noise would not make them the lowest."""
 LEVEL = 0.1
 """Largest difference in deviance between two minima that count as parts of one long minimum."""
-LATER_S = 5e-3
-"""Least change of the set point's dead time between starts with the same lag behind ramps [s]."""
-WITH_SAME_RAMP = 3
-"""Number of starts with the same lag behind ramps that descend, by least deviance; others find no lower minimum."""
 COMMON_S = 0.1
 """Least time by which both the governor's lead and the lag are increased in other starts [s]."""
 HALF_PERIODS_S = (0.005, 0.015, 0.03)
@@ -106,13 +98,8 @@ def fit_ship(
         fit = with_steps_in_time(with_other_delays(fit, until), until)
     fit = replace(fit, side=load_side_of(question, fit.likelihood.records))
     with part(0.4, 0.8):
-        surely = "set_rate" in given
-        if surely or ("set_rate" in question.tried and lacks_something(fit)):
-            tell(f"trying {ELEMENTS['set_rate'].words}", 0.0)
-            fit = with_set_rate(fit, partial(_searched, until=until), until, surely=surely)
-        fit = with_given_limits(fit, [one for one in given if one != "set_rate"], until)
-        fit = with_limits(fit, until)
-        fit = fit if fit.is_smooth else _with_limits_elsewhere(fit, until)
+        fit = with_limits(fit, given, partial(_searched, until=until), until)
+        fit = fit if fit.is_smooth else with_other_delays(fit, until)
     tell("settling", 0.8)
     return refined(fit, until)
 
@@ -203,14 +190,14 @@ def _begun(
     ]
 
 
-def with_other_delays(fit: ShipFit, until: float | None = None, *, limited: bool = False) -> ShipFit:
+def with_other_delays(fit: ShipFit, until: float | None = None) -> ShipFit:
     """Return the fit after a search with the total delay redistributed among dead times, lag and hold.
 
     The data determine the total better than each delay, so a search may find the right total with wrong delays.
     """
     for _ in range(REDIVIDED):
         c, before = fit.likelihood.coordinates, fit.best
-        if len(DELAYS & set(c.free)) < 2 or not (limited or fit.is_smooth):
+        if len(DELAYS & set(c.free)) < 2:
             break
         states = c.states_at(before.vector)
         starts = [c.vector({**fit.values, **one}, states) for one in _redivided(fit.values)]
@@ -281,51 +268,6 @@ def _is_apart(fit: ShipFit, basins: Sequence[Basin], other: Basin) -> bool:
     known = fit.best.products or fit.likelihood.products(fit.best.vector)
     moves = [other.vector - one.vector for one in basins]
     return all(one @ known.matrix @ one > SAME and np.abs(one).max() > 1e-3 for one in moves)
-
-
-def _with_limits_elsewhere(fit: ShipFit, until: float | None) -> ShipFit:
-    """Return the fit of a ship with limits after a search with redistributed delays and inertia.
-
-    The search computes the limits' effect on the engine's side alone; its minima are compared by the fit's method.
-    """
-    likelihood = fit.likelihood
-    assert isinstance(likelihood, LimitedLikelihood)
-    alone = replace(
-        likelihood, water_hz=None, records=tuple(replace(one, limited=None) for one in likelihood.records)
-    )
-    found = settled(replace(fit, likelihood=alone.settled_at(fit.best.vector), also=()), until)
-    found = with_other_delays(found, until, limited=True)
-    best = fit
-    for one in (found, *found.also):
-        end = descend(likelihood, one.best.vector, until=until)
-        other = settled(replace(fit, basins=(end,)), until)
-        best = min((best, one, other), key=lambda end: end.total + (end is not best))
-    return replace(_with_same_ramp(best, until), also=())
-
-
-def _with_same_ramp(fit: ShipFit, until: float | None) -> ShipFit:
-    """Return the fit after a search from starts with other dead times of the set point.
-
-    Behind a slow ramp of the set point, the speed lags by (p - g) / vK_i + T_set. The data determine this lag well, so all
-    starts have the same. Where a limit acts, a descent does not move far along the parameters with this lag.
-    """
-    likelihood, values = fit.likelihood, fit.values
-    assert isinstance(likelihood, LimitedLikelihood)
-    c = likelihood.coordinates
-    if not {"T_set", "g", "vK_i"} <= set(c.free):
-        return fit
-    states, late = c.states_at(fit.best.vector), values["T_set"]
-    starts = [
-        c.vector({**values, **one, "g": values["g"] + (one["T_set"] - late) * values["vK_i"]}, states)
-        for one in _redivided(values)
-        if abs(one["T_set"] - late) > LATER_S
-    ]
-    if not starts:
-        return fit
-    end = lowest(likelihood, starts, until, kept=WITH_SAME_RAMP)
-    if not end.cost < fit.total - 1.0:
-        return fit
-    return settled(replace(fit, likelihood=likelihood.resettled_at(end.vector), basins=(end,)), until)
 
 
 def _redivided(values: Mapping[str, float]) -> list[dict[str, float]]:

@@ -20,9 +20,8 @@ BELIEVED = 25.0
 """Decrease of the deviance from which a tried element counts as on. By chance, two parameters
 give a decrease of 14 once in 1000; other errors of the model may give another 14."""
 DISCREPANCY = 2.0
-"""Factor on the standard deviations of a ship with a limit. Errors of its simulation, at corners of the limit and in the
-course of the torque disturbance by moving water, move all parameters together: for some twenty simulated ships the true
-values were twice as far away as chance explains."""
+"""Factor on the standard deviations of a ship with a limit: errors at its corners move all parameters together. For some
+twenty simulated ships the true values were twice as far away as chance explains."""
 RECORRECTED, STILL = 8, 0.1
 """Most descents with noise and corrections re-estimated, and the squared step, in standard deviations, below which they
 stop."""
@@ -70,20 +69,13 @@ def likelihood_of(
         assert way is not None
         records = tuple(record.running(way) for record in likelihood.records)
         likelihood = replace(likelihood, records=records).corrected(fit.best.vector)
-    found = fit.question.with_elements(likelihood, elements)
-    if isinstance(found, LimitedLikelihood) and fit.side is not None:
-        told = {name: one.value for name, one in fit.side.parameters.items() if one.value is not None}
-        found = replace(found, law=told)
-    if isinstance(found, LimitedLikelihood) and isinstance(likelihood, LimitedLikelihood):
-        found = replace(found, water_hz=likelihood.water_hz)
-    return found
+    return fit.question.with_elements(likelihood, elements)
 
 
 def settled(fit: ShipFit, until: float | None) -> ShipFit:
     """Return the fit with each minimum under its own noise, iterated until the minimum no longer moves.
 
-    Gaps, squares of a propeller's speed, and the torque disturbance by moving water on a ship with a limit, are estimated
-    again at each minimum.
+    Gaps, squares of a propeller's speed, and the speed that a governor with a limit saw, are estimated again.
     """
     likelihood, best = settle(fit.likelihood, fit.best, rounds=RECORRECTED, still=STILL, until=until)
     ends = [descend(likelihood, one.vector, until=until) for one in fit.basins[1:]]

@@ -15,6 +15,7 @@ import numpy as np
 from shipfp_rs.identification.coordinates import COMBINED
 from shipfp_rs.identification.engine_tests import suspected
 from shipfp_rs.identification.estimate import ASSUMED, Estimate, unidentifiable
+from shipfp_rs.identification.limited_likelihood import LimitedLikelihood
 from shipfp_rs.identification.load_side import SHARED, LoadSide
 from shipfp_rs.identification.ship_found import DISCREPANCY, ShipFit
 from shipfp_rs.identification.stretches import Stretches, by_stretch
@@ -25,12 +26,16 @@ from shipfp_rs.support.sentences import Sentence
 APART = 3.5
 """Difference of the two estimates, in its standard deviations, above which the sides disagree; chance exceeds it once in two
 thousand."""
+MOST_REMOVED = 0.5
+"""Standard deviation of the torque that limits remove, over the torque's, above which no actuator's model is good enough:
+its errors of some per cent of that torque exceed the noise tenfold."""
 KINDS: Mapping[str, Sentence] = {
     "gain": Sentence("the governor's gain changes with the error: a dead band, or a gain in steps"),
     "asymmetry": Sentence("the governor is faster in one direction than in the other"),
     "lag": Sentence("the governor's command acts with another lag than the model's, as behind an inner loop"),
     "torque_limit": Sentence("the engine's torque is limited, but by no limit that was tried"),
     "rack_rate": Sentence("the rack's rate is limited, but by no limit that was tried"),
+    "limit": Sentence("a limit removes more of the torque than half of what the torque itself moves"),
     "misfit": Sentence("the model misses too much of the drive train's response"),
     "prior": Sentence(
         "a channel's delay, the shaft or the share of the inertia behind it would be as in no ship"
@@ -42,6 +47,9 @@ KINDS: Mapping[str, Sentence] = {
 
 def undescribed(fit: ShipFit, misses_pct: Sequence[float], explained_pct: Sequence[float]) -> str | None:
     """Return the kind, of `KINDS`, of a contradiction to the model's engine and governor; None if there is none."""
+    likelihood = fit.likelihood
+    if isinstance(likelihood, LimitedLikelihood) and likelihood.removed_share(fit.best.vector) > MOST_REMOVED:
+        return "limit"
     if (kind := suspected(fit.scores, 1.0 if fit.is_smooth else DISCREPANCY)) is not None:
         return kind
     poor = max(misses_pct) > LARGE_MISS_PCT or min(explained_pct) < LEAST_EXPLAINED_PCT

@@ -24,6 +24,7 @@ from shipfp_rs.identification.coordinates import loop_of
 from shipfp_rs.identification.sampling import BAND_HZ, SHORTEST_S, Between, down_of, excited_hz, kriged
 from shipfp_rs.structures.transfer import TransferFunctions
 from shipfp_rs.support.arrays import Array, ComplexArray
+from shipfp_rs.support.derivatives import interpolated
 
 QUICK, MOMENTS = 0.1, 0.03
 """A set point is stepwise if at most `MOMENTS` of its samples change by more than `QUICK` times the largest change."""
@@ -86,8 +87,6 @@ class Spectra:
         Effect on the outputs (O, N) of the set point's images about multiples of the sample rate; None: not yet known.
     shown
         Spectra (O, F) of the subtracted images of a held set point; None: none.
-    limited
-        Effect of torque and rate limits on the outputs (O, N), by a model; None: none.
     slip
         Difference in speed between engine and propeller end of a flexible shaft, decimated (K,); None: a stiff shaft.
     is_linear
@@ -106,7 +105,6 @@ class Spectra:
     model: Array | None = None
     images: Array | None = None
     shown: ComplexArray | None = None
-    limited: Array | None = None
     slip: Array | None = None
     is_linear: bool = False
     _delayed: dict[tuple[str, float], Array] = field(default_factory=dict, repr=False)
@@ -247,15 +245,11 @@ class Spectra:
         low = self._once("measured", self.measured)
         return low if self.images is None else low - self.images[:, :: self.down][:, : self.count]
 
-    @cached_property
-    def taken(self) -> Array:
-        """Effect of limits on the low-passed outputs, shape (O, K); zeros of shape (1, 1) without limits."""
-        return np.zeros((1, 1)) if self.limited is None else self.low_passed(self.limited)
-
-    @cached_property
-    def unlimited(self) -> Array:
-        """The data less the effect of limits, as if the ship had none, shape (O, K)."""
-        return self.decimated - self.taken
+    def at_data_rate(self, row: Array) -> Array:
+        """Interpolate a decimated signal (K,) to the data's rate, shape (N,)."""
+        count = self.measured.shape[1]
+        fine = interpolated(np.ascontiguousarray(row), self.down)[:count]
+        return np.pad(fine, (0, count - len(fine)), mode="edge")
 
     def _once(self, name: str, signals: Array) -> Array:
         """Low-pass signals, once for all records of the same data."""
@@ -265,8 +259,8 @@ class Spectra:
 
     @cached_property
     def spectrum(self) -> ComplexArray:
-        """Spectra of `unlimited`, the data less the effect of limits, shape (O, F)."""
-        return self.see(self.unlimited)
+        """Spectra of the data, shape (O, F)."""
+        return self.see(self.decimated)
 
     def in_time(self, spectra: ComplexArray) -> Array:
         """Return tapered signals (..., K) at the decimated rate from spectra (..., F)."""
@@ -298,7 +292,7 @@ class Spectra:
     @cached_property
     def signals(self) -> Array:
         """Spectra in the kernel's layout, shape (8, ORDERS, 2, padded)."""
-        named = dict(zip(self.outputs, self.unlimited, strict=True))
+        named = dict(zip(self.outputs, self.decimated, strict=True))
         speed = named["dn"]
         propeller = speed if self.slip is None else speed - self.slip
         rows = {
@@ -331,7 +325,7 @@ class Spectra:
             if signal == "set point":
                 row = self.set_point_low
             else:
-                row = self.unlimited[self.outputs.index("dn" if signal == "speed" else "dM")]
+                row = self.decimated[self.outputs.index("dn" if signal == "speed" else "dM")]
             moved = steps * GRID_S
             late = self.through(row, lambda s: np.exp(-s * moved), 1.0, -moved)
             spectra = self.tapered(late)
@@ -370,14 +364,13 @@ class Spectra:
         values: Mapping[str, float],
         respond: Respond,
         model: Array | None,
-        limited: Array | None = None,
         *,
         slips: bool = False,
     ) -> Spectra:
-        """Return the record corrected by a model: without images, with masked samples filled, without the effect of limits.
+        """Return the record corrected by a model: without images, with masked samples filled.
 
-        `respond` gives the outputs' response to the set point, `model` the outputs (O, N) for masked samples, and `limited`
-        the effect of limits on the outputs (O, N). With `slips`, squares in the load's law are of the propeller's speed.
+        `respond` gives the outputs' response to the set point, `model` the outputs (O, N) for masked samples.
+        With `slips`, squares in the load's law are of the propeller's speed.
 
         A set point that is held or linear between samples has images about multiples of the sample rate. They pass through
         the closed loop and, where the data are not low-passed, fold into the band.
@@ -385,9 +378,7 @@ class Spectra:
         images = None if self.between == "band-limited" else self._images(values, respond)
         shown = self.stairs(values, respond) if self.between == "held" else None
         known = {key: late for key, late in [*self._delayed.items()] if key[0] == "set point"}
-        found = replace(
-            self, model=model, images=images, shown=shown, limited=limited, slip=None, _delayed=known
-        )
+        found = replace(self, model=model, images=images, shown=shown, slip=None, _delayed=known)
         return replace(found, slip=found._slip(values)) if slips else found
 
     def _slip(self, values: Mapping[str, float]) -> Array:
@@ -406,7 +397,7 @@ class Spectra:
 
     def running(self, between: Between) -> Spectra:
         """Return the record without corrections, with another course of the set point between samples."""
-        none: dict[str, Any] = dict.fromkeys(("model", "images", "shown", "limited", "slip"))
+        none: dict[str, Any] = dict.fromkeys(("model", "images", "shown", "slip"))
         return replace(self, between=between, _delayed={}, **none)
 
     def _images(self, values: Mapping[str, float], respond: Respond) -> Array:

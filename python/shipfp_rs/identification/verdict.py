@@ -361,6 +361,18 @@ def _is_limited(fingerprint: Fingerprint) -> bool:
     )
 
 
+def _clear_of(limit: Mapping[str, float]) -> Sentence:
+    """Say what a limit removes, and the amplitude that stays clear of it."""
+    level = "rate" if "rate" in limit else "M_max"
+    return Sentence(
+        "A limit of {name} at about {level} acts {share} % of the time and removes {removed} % of what the torque moves; "
+        "with {amplitude} % of the amplitude the next trial stays clear of it.",
+        name=Sentence("the rack's rate" if level == "rate" else "the torque"),
+        level=f"{limit[level]:.3g}" + (" 1/s" if level == "rate" else ""),
+        **{name: f"{100.0 * limit[name]:.2g}" for name in ("share", "removed", "amplitude")},
+    )
+
+
 def _behind(fingerprint: Fingerprint) -> float:
     """Return the share of the inertia behind the gauge; 0 for a brake torque."""
     behind, whole = (fingerprint.parameters.get(name) for name in ("tau_prop", "tau_n"))
@@ -396,7 +408,12 @@ def with_verdict(fingerprint: Fingerprint, strain: float = 0.0, kind: str | None
         found = replace(found, state="usable except", sentence=BENT)
     elif _is_limited(fingerprint) and found.state == "usable":
         found = replace(found, state="usable except", sentence=LIMITED)
-    lines = [found.sentence, *([AT_THE_METER] if fingerprint.ends_at_meter else [])]
+    limit = fingerprint.adequate.get("limit")
+    lines = [
+        found.sentence,
+        *([_clear_of(limit)] if limit else []),
+        *([AT_THE_METER] if fingerprint.ends_at_meter else []),
+    ]
     lines += [] if found.state == "not usable" else known(fingerprint.parameters)
     if fingerprint.derived and found.state != "not usable":
         estimates = [shown(*item) for item in fingerprint.derived.items()]

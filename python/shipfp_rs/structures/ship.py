@@ -97,11 +97,13 @@ def observed(
 def rate_limited(signal: Array, rate: float, rate_hz: float) -> Array:
     """Return a signal (N,) that follows another at most at `rate` per second, computed between its samples, too."""
     finer = max(math.ceil(RAMP_HZ / rate_hz), 1)
-    most, now, found = rate / (rate_hz * finer), float(signal[0]), []
-    for value in interpolated(signal, finer).tolist():
-        now = min(max(value, now - most), now + most)
-        found.append(now)
-    return np.array(found[::finer][: len(signal)])
+    fine = interpolated(np.ascontiguousarray(signal), finer)
+    # An engine that stands still, and whose rack follows the error alone.
+    known = {"vK_p": 1.0, "rate": rate, "rate_down": rate, "M_max": np.inf, "s_M": 1.0}
+    parameters = np.array([known.get(name, 0.0) for name in _core.ENGINE_SIDE_PARAMETERS])
+    still = np.zeros(len(fine))
+    removed = _core.taken_by_limits(parameters, fine, still, still, 1.0 / (rate_hz * finer))[1]
+    return np.asarray((fine + removed)[::finer][: len(signal)])
 
 
 @dataclass(frozen=True)
