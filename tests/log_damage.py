@@ -123,7 +123,7 @@ def _repeated(arrays: Arrays, draw: np.random.Generator, window: tuple[int, int]
 def _repeated_without_time(arrays: Arrays, draw: np.random.Generator, window: tuple[int, int]) -> Damaged:
     start, stop = _stretch(draw, window, 256, 1500)
     twice = simulated.write_twice(arrays, start, stop - start, over=True)
-    refusal = rf"rows recorded twice, .*\(samples {stop} to {2 * stop - start - 1}\)"
+    refusal = rf"rows recorded more than once, .*\(samples {stop} to {2 * stop - start - 1}\)"
     return Damaged(twice, ("repeated",), "U_setpoint", _span(stop, 2 * stop - start), refusal)
 
 

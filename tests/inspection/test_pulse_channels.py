@@ -61,7 +61,9 @@ def test_breakage_c1_a_fluctuating_torque_is_no_pulse_train(samples):
     assert rate_of(samples) is None
 
 
-@pytest.mark.parametrize(("low", "high"), [(1000.0, 1200.0), (6.0, 8.0), (-5.2, -4.8)])
+@pytest.mark.parametrize(
+    ("low", "high"), [(1000.0, 1200.0), (6.0, 8.0), (-5.2, -4.8), (-2.0, 2.0), (-1.0, 3.0)]
+)
 @pytest.mark.parametrize("noise", [0.0, 0.02])
 def test_a_speed_or_voltage_that_steps_between_two_levels_is_no_pulse_train(low, high, noise):
     steps = np.where(TIME % 3.0 < 1.5, low, high)
@@ -73,9 +75,14 @@ def test_a_unit_of_speed_is_no_pulse_train_though_it_steps_down_to_zero():
     assert [report.pulses_hz for report in inspect_log(log).channels] == [None]
 
 
-@pytest.mark.parametrize(("low", "high"), [(0.0, 1.0), (0.2, 4.8), (-2.0, 2.0), (-24.0, 0.0)])
+@pytest.mark.parametrize(("low", "high"), [(0.0, 1.0), (0.2, 4.8), (-0.4, 4.6), (-24.0, 0.0)])
 def test_pulses_between_logic_levels_are_a_train_however_slow(low, high):
     assert rate_of(np.where(TIME % 3.0 < 1.5, low, high)) == pytest.approx(1.0 / 3.0, rel=0.1)
+
+
+def test_a_train_about_zero_is_one_at_the_rates_of_a_shaft_after_a_rest_too():
+    turns = np.where(TIME > 40.0, 8.0 * TIME, 0.25)
+    assert rate_of(np.where(turns % 1.0 < 0.5, 2.0, -2.0)) == pytest.approx(8.0 / 3.0, rel=0.1)
 
 
 def empty_beside(**channels: np.ndarray) -> Log:

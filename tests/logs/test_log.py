@@ -146,7 +146,7 @@ def test_nothing_is_left_behind_when_writing_fails(tmp_path: Path) -> None:
         ("", "empty"),
         ("time,u\n", "empty"),
         ("u,w\n1,2\n3,4\n", "no time base for 'u'"),
-        ("time,u\n0,1\n1,2\n2,3\n,4\n4,5\n", "not uniform at row 4"),
+        ("time,u\n0,1\n1,2\n2,3\n,4\n4,5\n", "no time in row 4"),
         ("time,u\n2,1\n1,2\n", "does not increase"),
         ("time [Nm],u\n1,1\n2,2\n", "'time' is in 'Nm', expected timestamps or a number of s, ms"),
         ("time,u\n2,1\n", "does not increase"),

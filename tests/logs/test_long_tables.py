@@ -65,6 +65,17 @@ def test_a_long_table_may_hold_units_qualities_and_stamps_beside_its_values(tmp_
     assert_as_written(written(tmp_path / "a.csv", "entity_id,state,uom,last_changed,status,code", cells))
 
 
+def test_values_of_bad_quality_are_missing(tmp_path: Path) -> None:
+    def cells(name: str, unit: str, time: float, value: float) -> Sequence[object]:
+        bad = name == "Shaft torque" and 10.0 <= time < 15.0
+        return name, time, 0.0 if bad else value, "Bad: no communication" if bad else "Good"
+
+    with pytest.warns(LogWarning, match="of Shaft torque.*rows missing at samples 20 to 29"):
+        log = written(tmp_path / "log.csv", "Tag,Time (s),Value,Quality", cells)
+    np.testing.assert_array_equal(log.read("Shaft torque")[30:], TORQUE[30:])
+    np.testing.assert_array_equal(log.read("Shaft speed"), SPEED)
+
+
 def test_two_columns_may_name_a_signal_together(tmp_path: Path) -> None:
     rows = [f"{0.1 * k:.1f},{engine},{signal},{k % 3 + level}"
             for k in range(50) for engine, level in (("port", 900), ("starboard", 1200))

@@ -101,6 +101,18 @@ class TestTdms:
         slow = log.channels["slow"]
         assert (slow.samples, slow.rate_hz, slow.start_s) == (7, 2.0, 2.0)
 
+    def test_a_channel_that_some_segments_lack_resumes_beside_the_others(self, tmp_path: Path) -> None:
+        tdms = pytest.importorskip("nptdms")
+        facts = {"wf_increment": 0.01, "wf_start_time": np.datetime64("2026-05-01T10:00:00")}
+        with tdms.TdmsWriter(tmp_path / "log.tdms") as writer:
+            for names, first in (("ab", 0), ("a", 10), ("ab", 20)):
+                values = np.arange(first, first + 10.0)
+                writer.write_segment([tdms.ChannelObject("G", name, values, facts) for name in names])
+        with pytest.warns(LogWarning, match="'b'.*rows missing at samples 10 to 19"):
+            log = Log.open(tmp_path / "log.tdms")
+        np.testing.assert_array_equal(log.read("b")[[0, 9, 20, 29]], [0.0, 9.0, 20.0, 29.0])
+        assert (np.isfinite(log.read("a")).all(), np.isnan(log.read("b")[10:20]).all()) == (True, True)
+
 
 class TestDewesoft:
     FILE = LOGS / "dewesoft" / "Example_Drive01.d7d"

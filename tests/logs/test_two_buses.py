@@ -30,6 +30,11 @@ def console(path: Path, frames: Sequence[Frame]) -> None:
     path.write_text("\n".join([*lines, ""]))
 
 
+def console_of_steps(path: Path, frames: Sequence[Frame]) -> None:
+    steps = np.diff([t for t, *_ in frames], prepend=frames[0][0])
+    console(path, [(step - 1.7e9, *frame[1:]) for step, frame in zip(steps, frames, strict=True)])
+
+
 def relative_asc(path: Path, frames: Sequence[Frame]) -> None:
     steps = np.diff([t for t, *_ in frames], prepend=0.0)
     lines = (f"{step:11.6f} {bus + 1}  {name:X}x       Rx   d 8 {' '.join(data[k : k + 2] for k in range(0, 16, 2))}"
@@ -61,8 +66,8 @@ def mf4(path: Path, frames: Sequence[Frame]) -> None:
 
 @pytest.mark.parametrize(
     ("write", "suffix"),
-    [(candump, ".log"), (console, ".log"), (relative_asc, ".asc"), (by_python_can, ".asc"), (by_python_can, ".blf"),
-     (by_python_can, ".trc"), (mf4, ".mf4")],
+    [(candump, ".log"), (console, ".log"), (console_of_steps, ".log"), (relative_asc, ".asc"),
+     (by_python_can, ".asc"), (by_python_can, ".blf"), (by_python_can, ".trc"), (mf4, ".mf4")],
 )  # fmt: skip
 def test_an_engine_on_each_of_two_buses_is_two_engines(write, suffix: str, tmp_path: Path) -> None:
     path = tmp_path / f"bus{suffix}"

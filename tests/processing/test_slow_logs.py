@@ -6,7 +6,10 @@ import numpy as np
 import pytest
 from scipy.signal import chirp
 
+from shipfp_rs.errors import InputError
+from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.inspection import inspect_log
+from shipfp_rs.logs.faults import Fault
 from shipfp_rs.logs.log import Log
 from shipfp_rs.processing.governor_clock import governor_clock
 from shipfp_rs.processing.process import process
@@ -97,6 +100,24 @@ def test_a_slow_set_point_that_nobody_holds_is_joined_by_straight_lines(stairs: 
     time = trial.windows[0].start_s + np.arange(len(first)) / 50.0
     expected = 900.0 + 40.0 * np.sin(2.0 * np.pi * 0.1 * (time - 30.0))
     np.testing.assert_allclose(first.signals["n_set"][200:-200], expected[200:-200], atol=0.5)
+
+
+@pytest.mark.parametrize(("of", "rate_hz"), [("set point", 5.0), ("speed", 50.0)])
+def test_a_fault_of_the_clock_is_where_its_channel_has_it(
+    stairs: tuple[Log, Trial], of: str, rate_hz: float
+) -> None:
+    log, trial = stairs
+    start_s = trial.windows[0].start_s
+
+    def experiment(kind: str, begin_s: float) -> Experiment:
+        spans = np.round(rate_hz * (start_s + np.array([[begin_s, begin_s + 2.0]])))
+        fault = Fault(kind, "clock", "masked", spans, of=of)
+        return process(Log(log.name, [*log.channels.values()], log.raw_blocks, faults=(fault,)), trial)[0]
+
+    (gap,) = [one for one in experiment("time_gap", 10.0).provenance["faults"] if one["kind"] == "time_gap"]
+    np.testing.assert_allclose(gap["spans"], 50.0 * (start_s + np.array([[10.0, 12.0]])), atol=5.0)
+    with pytest.raises(InputError, match=f"ends before {start_s + 10.0:.3g}"):
+        experiment("time_jump", 10.0)
 
 
 def test_the_crest_of_a_slow_rounded_sine_is_neither_stuck_nor_clipped() -> None:

@@ -11,7 +11,7 @@ from shipfp_rs.errors import InputError
 from shipfp_rs.logs.log import Log
 from shipfp_rs.processing.trial import KINDS, Trial
 from shipfp_rs.processing.trial_template import windows_toml
-from shipfp_rs.processing.windows import find_windows, longest_rest
+from shipfp_rs.processing.windows import _whole, find_windows, longest_rest
 from shipfp_rs.simulation.raw_log import EQUATION_6_7
 from shipfp_rs.support.toml import template
 
@@ -237,3 +237,10 @@ def test_a_stair_of_short_levels_is_steps_whatever_its_crossings_look_like(seed:
     volts = np.pad(stair, round(20.0 * rate)) + hum * np.sin(2.0 * np.pi * 50.0 * time)
     log = Log.from_arrays({"U": volts + random.normal(0.0, 0.003, len(volts))}, rate_hz=rate)
     assert {window.kind for window in find_windows(log, "U")} == {"steady", "steps"}
+
+
+def test_a_loss_within_another_ends_with_the_longer_one():
+    set_point, load = np.zeros((2, 100 * 50))
+    set_point[20 * 50 : 60 * 50] = load[30 * 50 : 40 * 50] = np.nan
+    log = Log.from_arrays({"set point": set_point, "load": load}, rate_hz=50.0)
+    assert _whole(log, ["set point", "load"], 0.0, 100.0) == [(0.0, 20.0), (60.0, 100.0)]

@@ -97,8 +97,10 @@ EVEN_SHARE = 0.6
 SLOWEST_HZ = 0.2
 """Pulse rate [Hz] below which a channel does not count as a pulse train."""
 SINE_EVEN_SHARE = 0.9
-SINE_SLOWEST_HZ = 5.0
-"""Lowest rate of a sinusoidal pick-up [Hz]; slower oscillations are set points or waves."""
+SWINGING_SLOWEST_HZ = 5.0
+"""Lowest rate of a pick-up that swings about zero [Hz], as one does that needs motion; slower oscillations are set points,
+test signals or waves. A switch's train has a level near zero, and any rate.
+"""
 SINE_SCATTER = 0.15
 """Largest scatter of the heights of neighbouring pulses; a torque's ripple, of several orders, scatters more."""
 OFFSET = 1.0
@@ -130,7 +132,7 @@ def pulse_rate(rows: Rows) -> float | None:
     even = _even_share(pulses)
     if rate_hz < SLOWEST_HZ or even < EVEN_SHARE:
         return None
-    if _has_two_levels(probe[known]) or (even >= SINE_EVEN_SHARE and _is_sinusoidal(probe, pulses)):
+    if _has_two_levels(probe[known], pulses) or (even >= SINE_EVEN_SHARE and _is_sinusoidal(probe, pulses)):
         return float(rate_hz)
     return None
 
@@ -142,8 +144,14 @@ def _even_share(pulses: PulseTimes) -> float:
     return float(np.mean(np.abs(periods - usual) < np.maximum(EVEN * usual, 1.2 / pulses.rate_hz)))
 
 
-def _has_two_levels(samples: Array) -> bool:
+def _is_fast(pulses: PulseTimes) -> bool:
+    return bool(np.median(np.diff(pulses.times_s)) * SWINGING_SLOWEST_HZ <= 1.0)
+
+
+def _has_two_levels(samples: Array, pulses: PulseTimes) -> bool:
     bottom, top = pulse_levels(samples)
+    if min(top, -bottom) > NEAR_A_LEVEL * (top - bottom) and not _is_fast(pulses):
+        return False
     near = np.minimum(np.abs(samples - bottom), np.abs(samples - top)) < NEAR_A_LEVEL * (top - bottom)
     return bool(near.mean() >= AT_LEVELS and abs(top + bottom) < 2.0 * OFFSET * (top - bottom))
 
@@ -152,7 +160,7 @@ def _is_sinusoidal(probe: Array, pulses: PulseTimes) -> bool:
     """Whether pulses have similar heights and are centred on zero, at a rate other than that of the mains."""
     times = pulses.times_s
     periods = np.diff(times)
-    if np.median(periods) > 1.0 / SINE_SLOWEST_HZ:
+    if not _is_fast(pulses):
         return False
     places = np.ceil(times * pulses.rate_hz).astype(np.int64)
     filled = np.where(np.isfinite(probe), probe, pulses.middle)

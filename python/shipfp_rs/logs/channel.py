@@ -108,6 +108,11 @@ def _require_length(path: object, name: str, first: int, found: int, expected: i
         )
 
 
+def blocks_by_name(held: Mapping[str, Blocks], others: Blocks | None = None) -> Blocks:
+    """`Blocks` of channels that have their own, and `others` of those that have none."""
+    return lambda name, first, size: (held.get(name, others) or held[name])(name, first, size)
+
+
 def blocks_of(arrays: Mapping[str, Samples]) -> Blocks:
     """`Blocks` of arrays in memory."""
     return in_blocks(lambda name: len(arrays[name]), lambda name, first, stop: arrays[name][first:stop])

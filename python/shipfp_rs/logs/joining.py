@@ -23,7 +23,7 @@ from shipfp_rs.logs.channel import Blocks, Channel, Samples, with_nan
 from shipfp_rs.logs.faults.clock import FILL
 from shipfp_rs.logs.faults.record import Fault
 from shipfp_rs.logs.log import Log, register_joiner
-from shipfp_rs.support.arrays import Array
+from shipfp_rs.support.arrays import Array, runs
 from shipfp_rs.support.sentences import Sentence
 
 Rows = npt.NDArray[np.int64]
@@ -160,9 +160,7 @@ def _slips(passed: Array, counts: Rows) -> tuple[list[_Slip], bool]:
     odd = np.abs(lacking) > least
     odd[0] |= passed[0] != 1.0  # the tick before the first change is not complete
     slips: list[_Slip] = []
-    for first, stop in (
-        np.flatnonzero(np.diff(np.concatenate([[False], odd, [False]]))).reshape(-1, 2).tolist()
-    ):
+    for first, stop in runs(odd).tolist():
         by, net = steps[first:stop], float(lacking[first:stop].sum())
         if -max(1.5, least) <= net <= least and (by > 0.0).all() and (first or passed[0] == 1.0):
             continue  # time stamps are early or late
@@ -239,7 +237,7 @@ def join(logs: Sequence[Log], name: str = "") -> Log:
                 Fault("time_gap", label, Sentence("masked: between two files"), np.array(own.holes))
             )
         if own.twice:
-            again = Sentence("second copies left out")
+            again = Sentence("copies left out")
             faults.append(Fault("repeated", label, again, np.array(own.twice), excluded=False))
     twice_s = max(sum(stop - start for start, stop in own.twice) / own.rate_hz for own in placed.values())
     told += f"; {twice_s:g} s that two of them hold alike count once" if twice_s else ""
@@ -295,7 +293,7 @@ def _faults_of_pieces(placed: dict[str, _Placed]) -> list[Fault]:
     found: list[Fault] = []
     for number, (_, log) in enumerate(anywhere.pieces):
         for fault in log.faults:
-            at = placed.get(fault.channel, anywhere).pieces[number][0]
+            at = placed.get(fault.of or fault.channel, anywhere).pieces[number][0]
             found.append(replace(fault, spans=fault.spans + at))
     return found
 
@@ -470,5 +468,6 @@ def merge(logs: Sequence[Log], name: str = "") -> Log:
         f"{', '.join(Path(log.name).name for log in logs)} merged by their {by}",
         *(n for log in logs for n in log.notes),
     )
-    faults = tuple(fault for log in logs for fault in log.faults)
+    named = [{own: full for full, (of, own) in source.items() if of is log} for log in logs]
+    faults = tuple(fault for log, own in zip(logs, named, strict=True) for fault in log.faults_under(own))
     return Log(name or logs[0].name, channels, blocks, zero, faults, notes)

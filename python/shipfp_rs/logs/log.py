@@ -170,6 +170,15 @@ class Log:
         )
         self._blocks = whole(name, self.channels, blocks)
 
+    def counted(self, fault: Fault) -> Channel | None:
+        """Channel in whose samples the spans of a fault of the file are; None if the file does not tell."""
+        return self.channels.get(fault.of or fault.channel)
+
+    def faults_under(self, names: Mapping[str, str]) -> list[Fault]:
+        """Faults of the file in a log that has its channels under other names."""
+        first = next(iter(self.channels.values()))
+        return [replace(fault, of=names[(self.counted(fault) or first).name]) for fault in self.faults]
+
     def __repr__(self) -> str:
         shown = ", ".join(f"{c.name} [{c.unit}] {c.rate_hz:g} Hz" for c in self.channels.values())
         return f"Log({self.name!r}: {shown})"

@@ -21,6 +21,7 @@ from shipfp_rs.logs.faults.clock import (
     Jump,
     Same,
     parted_at,
+    same_rows,
     spliced,
     without,
 )
@@ -44,8 +45,8 @@ cells.
 """
 CHANGES_GROWTH = 32.0
 """Most samples of the even grid per recorded change of a state."""
-MOST_EVEN = 1.01
-"""Ratio of a long to a short step up to which rows beside gaps are even."""
+MOST_EVEN, MISSED = 1.01, 1.5
+"""Ratio of a long to a short step up to which rows beside gaps are even; a step longer than so many of these lacks rows."""
 HELD_GROWTH = 1000.0
 """Most samples of the even grid per recorded change of a channel that is held."""
 BOUNCE = 0.05
@@ -71,6 +72,10 @@ class TimeAxis:
     doubled: Callable[[Blocks, str], tuple[Fault, ...]] = lambda blocks, channel: ()
     """Function (rows, channel): the doubled edges of a channel of two states, of which one is kept."""
 
+    def faults_of(self, channel: str) -> tuple[Fault, ...]:
+        """Faults of the clock, in samples of a channel."""
+        return tuple(replace(fault, of=channel) for fault in self.faults)
+
     def tell(self, path: Path | str) -> None:
         """Warn of jumps and uneven times."""
         for text in (*map(str, self.faults), self.note):
@@ -84,7 +89,7 @@ def time_axis(
     times: Times,
     *,
     rate_hz: float | None = None,
-    same: Same = lambda row, earlier, count: np.zeros(count, dtype=np.bool_),
+    same: Same | None = None,
     changes: bool = False,
     held: bool = False,
 ) -> TimeAxis:
@@ -121,6 +126,7 @@ def time_axis(
     InputError
         If the times do not increase, apart from single jumps.
     """
+    same = same or same_rows([])
     scan = ClockScan()
     for part in _ended(times()):
         scan.feed(part)
@@ -172,7 +178,11 @@ def _uneven(
     again = steps == 0.0
     if again.any():
         again &= same(1, 0, count - 1)
-        if (again >= (steps == 0.0)).all() and not (again[1:] & again[:-1]).any():
+        lengths = np.diff(np.flatnonzero(np.concatenate([[True], ~again, [True]])))
+        times_each = int(np.gcd.reduce(lengths)) if len(lengths) >= LEAST_CHANGES else 1
+        if times_each > 1:  # also where rows of one time differ, under a coarse clock
+            again = np.arange(1, count) % times_each > 0
+        if times_each > 1 or (again >= (steps == 0.0)).all():
             return _once(path, column, times, np.append(True, ~again), changes, held)
     back = np.flatnonzero(steps < 0.0)
     if back.size > max(MOST_JUMPS * count, 1):
@@ -209,8 +219,9 @@ def _once(path: Path | str, column: str, times: Array, kept: Mask, changes: bool
         return read
 
     at = np.round((times[~kept] - axis.start_s) * axis.rate_hz).astype(np.int64)
+    at = np.maximum(at, np.cumsum(kept)[~kept] - 1)  # a coarse clock tells only the tick
     twice = joined([np.column_stack([at, at + 1])])
-    fault = Fault("repeated", column, Sentence("second copies left out"), twice, excluded=False)
+    fault = Fault("repeated", column, Sentence("copies left out"), twice, excluded=False)
     return replace(axis, faults=(fault, *axis.faults), on_grid=lambda blocks: axis.on_grid(once(blocks)))
 
 
@@ -257,11 +268,12 @@ def _resampled(
     later = np.cumsum(apart - by)
     times = times + np.concatenate([[0.0], later])[np.searchsorted(parts, np.arange(len(times)))]
     steps = np.diff(times)
-    gaps = parts if changes or held else np.flatnonzero(steps > GAP * long)
+    even = not held and long < MOST_EVEN * short
+    longest = (MISSED if even and len(steps) >= LEAST_CHANGES else GAP) * long
+    gaps = parts if changes or held else np.flatnonzero(steps > longest)
     covered = float(times[-1] - times[0] - steps[gaps].sum())
     if not covered > 0.0:
         raise InputError(f"{path}: time column {column!r} has nothing but gaps; give rate_hz (--rate)")
-    even = not held and long < MOST_EVEN * short
     step = median if short > 0.8 * median and not held else short
     growth = HELD_GROWTH if held else CHANGES_GROWTH if changes else MOST_GROWTH
     step = max(short / CHANGE_STEPS if changes else step, covered / (growth * len(times)))
@@ -279,7 +291,7 @@ def _resampled(
     gaps, spans = gaps[wide], spans[wide]
     known = ~np.isin(gaps, parts)
     jumps = [Jump(*each) for each in zip(own, by, later, spans[~known].tolist(), strict=True)]
-    method = Sentence("masked: steps of more than {step} s", step=f"{GAP * long:.3g}")
+    method = Sentence("masked: steps of more than {step} s", step=f"{longest:.3g}")
     faults = (Fault("time_gap", column, method, spans[known]), parted_at(column, jumps))
     note = (
         f"time column {column!r} is not uniform, steps of {short:.3g} to {long:.3g} s: resampled at {rate:.6g} Hz by "

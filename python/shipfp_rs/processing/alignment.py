@@ -110,11 +110,12 @@ def merged(reference: Log, others: Sequence[Log], common: str, *, pulses: bool =
     faults = list(reference.faults)
     for log in others:
         alignment = align(reference, log, common, pulses=pulses)
-        moved = on_clock(log, alignment)
+        moved, names = on_clock(log, alignment), {}
         for name, channel in moved.channels.items():
-            own = name if name not in channels else f"{name} ({Path(log.name).name})"
+            own = names[name] = name if name not in channels else f"{name} ({Path(log.name).name})"
             channels[own] = replace(channel, name=own)
             sources[own] = (moved, name)
+        faults += moved.faults_under(names)
         told = Sentence(
             "offset {offset} s and drift {drift} ppm taken off",
             offset=f"{alignment.offset_s:.6g}",

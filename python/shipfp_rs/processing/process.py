@@ -19,7 +19,7 @@ import numpy as np
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import DRIVES, Experiment, Hold
-from shipfp_rs.logs.channel import Samples
+from shipfp_rs.logs.channel import blocks_by_name
 from shipfp_rs.logs.faults.chirp import constant_frequency
 from shipfp_rs.logs.faults.record import Fault
 from shipfp_rs.logs.log import STRETCH_BYTES, Log, Rows
@@ -150,11 +150,14 @@ def _no_slower(log: Log, trial: Trial) -> Log:
         if one is not None and log.channel(one.column).rate_hz < least_hz < rate_hz
     }
     own = [raised[name][0] if name in raised else one for name, one in log.channels.items()]
+    finer_by = {name: channel.rate_hz / log.channel(name).rate_hz for name, (channel, _) in raised.items()}
+    faults = tuple(
+        dataclasses.replace(fault, spans=np.round(fault.spans * finer_by.get(fault.of or fault.channel, 1.0)))
+        for fault in log.faults
+    )
 
-    def blocks(name: str, first: int, size: int) -> Iterator[Samples]:
-        return (raised[name][1] if name in raised else log.raw_blocks)(name, first, size)
-
-    return Log(log.name, own, blocks, log.start_utc, log.faults, log.notes) if raised else log
+    blocks = blocks_by_name({name: own_blocks for name, (_, own_blocks) in raised.items()}, log.raw_blocks)
+    return Log(log.name, own, blocks, log.start_utc, faults, log.notes) if raised else log
 
 
 class _Recording:
@@ -223,10 +226,13 @@ class _Recording:
 
     def _require_one_stretch(self, label: str, first: int, last: int) -> None:
         """Reject a window across a jump of the clock, whose length is unknown."""
-        for fault in self.log.faults:
-            over = fault.spans[(fault.spans[:, 0] > first) & (fault.spans[:, 1] < last)]
-            if fault.kind == "time_jump" and len(over):
-                begin, end = self._base.channel.start_s + over[0] / self._base.channel.rate_hz
+        start_s, stop_s = self._base.channel.start_s + np.array([first, last]) / self._base.channel.rate_hz
+        for fault in (one for one in self.log.faults if one.kind == "time_jump"):
+            channel = self.log.counted(fault) or self._base.channel
+            jumps_s = channel.start_s + fault.spans / channel.rate_hz
+            over = jumps_s[(jumps_s[:, 0] > start_s) & (jumps_s[:, 1] < stop_s)]
+            if len(over):
+                begin, end = over[0]
                 raise InputError(
                     f"{label}: the clock was reset within it; expected a window that ends before {begin:.6g} s or "
                     f"begins after {end:.6g} s"
@@ -462,12 +468,16 @@ class _Recording:
                 signals[name] = np.where(marks(touched, 0, grid.count), np.nan, signals[name])
 
     def _faults_of_the_file(self, label: str) -> list[Fault]:
-        """Faults of the file's clock and end within a stretch; they apply to all channels."""
-        cut = [
-            dataclasses.replace(fault, spans=clipped_to(fault.spans, *self._within(self._base, label)))
-            for fault in self.log.faults
-        ]
-        return [fault for fault in cut if len(fault.spans)]
+        """Faults of the file's clock and end within a stretch."""
+        found = []
+        for fault in self.log.faults:
+            channel = self.log.counted(fault) or self._base.channel
+            rows = np.round((np.array(self.stretches[label]) - channel.start_s) * channel.rate_hz).astype(
+                np.int64
+            )
+            if len(spans := clipped_to(fault.spans, *rows)):
+                found.append(dataclasses.replace(fault, spans=spans))
+        return found
 
     def _no_chirp(self, label: str, frequency_hz: float) -> Fault:
         rows = np.array([self._within(self._base, label)])

@@ -16,7 +16,7 @@ import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 from pydantic_core import PydanticCustomError
 
-from shipfp_rs.logs.channel import Samples
+from shipfp_rs.logs.channel import Samples, blocks_by_name
 from shipfp_rs.logs.log import Log
 from shipfp_rs.processing.trial_channels import SIGNAL_OF_LOCATION, Channels, Pair, Positive, Rate
 from shipfp_rs.support.arguments import checked
@@ -413,14 +413,12 @@ class Trial(Section):
             return log
         resting = replace(log.channel(load.column), name=asked.column, unit="rpm", resolution=0.0)
 
-        def blocks(name: str, first: int, size: int) -> Iterator[Samples]:
-            if name != resting.name:
-                yield from log.raw_blocks(name, first, size)
-                return
+        def rests(_: str, first: int, size: int) -> Iterator[Samples]:
             for start in range(first, resting.samples, size):
                 yield np.full(min(size, resting.samples - start), asked.rpm)
 
         channels = [*log.channels.values(), resting]
+        blocks = blocks_by_name({resting.name: rests}, log.raw_blocks)
         return Log(log.name, channels, blocks, log.start_utc, log.faults, log.notes)
 
     def logs(self) -> list[Log]:

@@ -231,15 +231,18 @@ def _whole(log: Log, drives: Sequence[str], start_s: float, stop_s: float) -> li
     channels = [log.channel(name) for name in drives]
     start_s = max(start_s, *(one.start_s for one in channels))
     stop_s = min(stop_s, *(one.stop_s for one in channels))
-    lost = []
+    last, whole, lost = start_s, [], []
     for channel in channels:
         block = max(math.floor(channel.rate_hz / COARSE_HZ), 1)
         missing = np.isnan(np.concatenate([np.empty(0), *mean_pieces(log, channel.name, block)]))
         spans = channel.start_s + runs(missing) * block / channel.rate_hz
         long = np.diff(spans)[:, 0] > Faults().longest_bridge_s
         lost += np.clip(spans[long], start_s, stop_s).tolist()
-    edges = [(start_s, start_s), *sorted(lost), (stop_s, stop_s)]
-    return [(before[1], after[0]) for before, after in itertools.pairwise(edges) if after[0] > before[1]]
+    for first, stop in [*sorted(lost), (stop_s, stop_s)]:
+        if first > last:
+            whole.append((last, first))
+        last = max(last, stop)
+    return whole
 
 
 def _swings(log: Log, mover: str, window: FoundWindow) -> bool:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -11,12 +11,27 @@ import numpy.typing as npt
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.logs.faults.record import SHOWN, Fault
-from shipfp_rs.support.arrays import Array, Mask, Spans
+from shipfp_rs.support.arrays import Array, Mask, Spans, unmasked
 from shipfp_rs.support.sentences import Sentence
 
 Samples = npt.NDArray[Any]
 Same = Callable[[int, int, int], Mask]
 """Function (row, earlier row, count): which of `count` rows from both rows on are equal in every channel."""
+
+
+def same_rows(reads: Iterable[Callable[[int, int], Samples]]) -> Same:
+    """Which rows are equal in every channel, each given by a function that reads rows [first, stop)."""
+    every = list(reads)
+
+    def same(row: int, earlier: int, count: int) -> Mask:
+        alike = np.full(count, bool(every))
+        for read in every:
+            here, before = (unmasked(read(first, first + count)) for first in (row, earlier))
+            alike &= (here == before) | (np.isnan(here) & np.isnan(before))
+        return alike
+
+    return same
+
 
 FIRST = 1024
 """Rows whose median step is accurate enough to detect jumps."""
@@ -137,11 +152,15 @@ class ClockScan:
         rows, jumps = np.concatenate([[], *self._rows]).astype(np.int64), np.concatenate([[], *self._jumps])
         unknown = np.flatnonzero(~np.isfinite(jumps))
         even = self._count - 1 - len(rows)
-        if len(unknown) or len(rows) > MOST_JUMPS * self._count or not even:
-            worst = int(unknown[0]) if len(unknown) else 0
+        if len(unknown):
             raise InputError(
-                f"{name}: time column {column!r} is not uniform at row {rows[worst] + 1}: a step of "
-                f"{jumps[worst]:g} s, expected {self._interval:g} s; {len(rows)} of {self._count} rows have such "
+                f"{name}: time column {column!r} has no time in row {rows[unknown[0]] + 1}, such as headings written again; "
+                "leave the row out, cut the file there or give rate_hz (--rate)"
+            )
+        if len(rows) > MOST_JUMPS * self._count or not even:
+            raise InputError(
+                f"{name}: time column {column!r} is not uniform at row {rows[0] + 1}: a step of "
+                f"{jumps[0]:g} s, expected {self._interval:g} s; {len(rows)} of {self._count} rows have such "
                 "steps; cut the file there or give rate_hz (--rate)"
             )
         rate_hz = even / float(self._last - self._start - jumps.sum())
@@ -174,6 +193,7 @@ class ClockScan:
                 back[-1][1], behind = at, 0
             elif (
                 moved < 0
+                and jump <= 0.0  # a copy has the time of its row
                 and row >= -moved
                 and same(row, row + moved, min(-moved, stop - row, COMPARED)).all()
             ):
@@ -197,7 +217,7 @@ class ClockScan:
         end = segments[-1].sample + segments[-1].count
         faults = [
             Fault("time_gap", column, Sentence("masked: missing rows inserted"), np.array(gaps)),
-            Fault("repeated", column, Sentence("second copies left out"), np.array(twice), excluded=False),
+            Fault("repeated", column, Sentence("copies left out"), np.array(twice), excluded=False),
             Fault(
                 "time_back",
                 column,

@@ -112,8 +112,8 @@ STEPS = 1.5
 """Changes below this multiple of the channel's smallest step are rounding, too: rounding alone causes changes of one step.
 """
 ROUGH = 0.7
-"""Least ratio of the root mean square of a noisy signal's second differences to that of its first differences: the
-ratio is 1.7 for white noise, near 0 for a smooth signal.
+"""Least ratio of the mean size of a noisy signal's second differences to that of its first differences: the ratio is 1.7
+for white noise, near 0 for a smooth signal; a single step hardly counts, as it would in a root mean square.
 """
 ALONE = 0.25
 """A channel's maximum may be a spike, not a limit of the sensor, where its distance to the next highest block maximum
@@ -239,9 +239,9 @@ class _Suspects:
                 yield start, min(start + PIECE + 1, stop)
 
     def beside_noise(self, spans: Spans) -> Spans:
-        """Select the spans with noise directly before or after, which begin or end with more than a smallest step.
+        """Select the spans with noise directly before or after, at whose ends or beside which steps exceed the smallest.
 
-        The crest of a slow, coarsely rounded sine begins and ends with a smallest step.
+        The crest of a slow, coarsely rounded sine begins and ends with a smallest step, and most steps beside it are such.
         """
 
         def noisy(start: int, stop: int) -> bool:
@@ -253,10 +253,8 @@ class _Suspects:
             steps = np.abs(np.diff(around))
             moved = steps[np.isfinite(steps) & (steps > 0.0)]
             ends = steps[[k for k in (len(before) - 1, len(steps) - len(after)) if 0 <= k < len(steps)]]
-            return (
-                bool(np.nanmax(ends, initial=0.0) > STEPS * np.quantile(moved, 0.1))
-                or not np.isfinite(ends).all()
-            )
+            usual, smallest = np.quantile(moved, (0.5, 0.1))
+            return bool(np.nanmax(ends, initial=usual) > STEPS * smallest) or not np.isfinite(ends).all()
 
         return spans[[noisy(start, stop) for start, stop in spans.tolist()]] if len(spans) else spans
 
@@ -273,7 +271,7 @@ def is_rough(samples: Array) -> bool:
     if len(samples) < 8:
         return False
     first = np.diff(samples.astype(np.float64))
-    size = float(np.sqrt(np.mean(first**2)))
+    size = float(np.mean(np.abs(first)))
     # Without rounding the smallest change is far below the usual one.
     step = float(np.min(np.abs(first), where=first != 0.0, initial=np.inf))
     quantum = (
@@ -282,7 +280,7 @@ def is_rough(samples: Array) -> bool:
     return bool(
         np.count_nonzero(first) > 0.5 * len(first)
         and size > max(QUANTA * quantum, STEPS * step)
-        and float(np.sqrt(np.mean(np.diff(first) ** 2))) > ROUGH * size
+        and float(np.mean(np.abs(np.diff(first)))) > ROUGH * size
     )
 
 

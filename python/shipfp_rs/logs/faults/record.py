@@ -26,7 +26,7 @@ KINDS: Mapping[str, str] = MappingProxyType(
         "stuck": "stuck channel",
         "clipped": "clipped",
         "sign": "torque of the opposite sign",
-        "repeated": "rows recorded twice",
+        "repeated": "rows recorded more than once",
         "time_gap": "jump of the clock, rows missing",
         "time_back": "clock set back",
         "time_jump": "clock set anew",
@@ -56,6 +56,8 @@ class Fault:
     excluded
         Whether fits omit these samples: true if they were filled in or are doubtful, false if the fault was only
         reported, or removed without changing the measurement.
+    of
+        Channel whose samples the spans count, if `channel` is a column of time.
     """
 
     kind: str
@@ -63,6 +65,7 @@ class Fault:
     method: str
     spans: Spans
     excluded: bool = True
+    of: str = ""
 
     def __post_init__(self) -> None:
         if self.kind not in KINDS:

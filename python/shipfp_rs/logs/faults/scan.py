@@ -5,12 +5,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
 from shipfp_rs._core import RepeatScan
+from shipfp_rs.logs.faults.clock import same_rows
 from shipfp_rs.logs.faults.extremes import BlockExtremes, repeated_rows
 from shipfp_rs.logs.faults.levels import HumScan, LevelLimits, find_level_faults, is_rough
-from shipfp_rs.support.arrays import Array, Spans
+from shipfp_rs.support.arrays import Array, Mask, Spans
 
 if TYPE_CHECKING:
     from shipfp_rs.logs.channel import Channel
@@ -69,12 +69,10 @@ def _repeated(log: Log, about: Channel, first: int, stop: int, prints: RepeatSca
         if (other.rate_hz, other.samples, other.start_s) == (about.rate_hz, about.samples, about.start_s)
     ]
 
-    def equal(start: int, end: int, lag: int) -> npt.NDArray[np.bool_]:
-        same = np.ones(end - start, dtype=np.bool_)
-        for read in readers:
-            one, other = (read(first + start + shift, first + end + shift) for shift in (0, lag))
-            same &= (one == other) | (np.isnan(one) & np.isnan(other))
-        return same
+    same = same_rows(readers)
+
+    def equal(start: int, end: int, lag: int) -> Mask:
+        return same(first + start + lag, first + start, end - start)
 
     found = repeated_rows(prints.candidates(), equal, stop - first)
     proven = [any(is_rough(read(first + start, first + end)) for read in readers) for start, end in found]

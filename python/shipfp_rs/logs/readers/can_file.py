@@ -21,6 +21,8 @@ CONSOLE = re.compile(
     r"\s+\[\d+\]\s+(?P<data>(?:[0-9A-Fa-f]{2}\s+)+)"
 )
 """A frame as candump prints it on a console."""
+BACK = 0.1
+"""Most times of a log, as a fraction, that are before the one above; more are times since the line above (candump -td)."""
 STAMP = re.compile(r"\s*(\d+\.\d+)(?=\s)")
 """Time of a line of Vector ASC."""
 
@@ -93,6 +95,8 @@ def _logged(path: Path, text: str) -> str:
         times = [_seconds(each["time"]) for each in shown if each]
     except ValueError as error:
         raise InputError(f"{path}: {error}, expected seconds or a date with a time (candump -tA)") from None
+    if np.count_nonzero(np.diff(times) < 0.0) > BACK * len(times):
+        times = list(accumulate(times))
     frames = [each for each in shown if each]
     return "\n".join(
         f"({time:.6f}) {each['bus']} {each['id']}#{'#0' * (len(each['data'].split()) > 8)}{''.join(each['data'].split())}"

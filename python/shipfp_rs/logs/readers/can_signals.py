@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from shipfp_rs.errors import InputError
-from shipfp_rs.logs.channel import Blocks, Channel, Samples
+from shipfp_rs.logs.channel import Blocks, Channel, blocks_by_name
 from shipfp_rs.logs.faults.record import Fault
 from shipfp_rs.logs.log import Log
 from shipfp_rs.logs.readers.long_table import noted_grid
@@ -262,9 +262,8 @@ def log_of_frames(path: Path, frames: Frames, names: str | None, zero: datetime 
                 Channel(name, signal.unit, axis.rate_hz, axis.samples, axis.start_s, abs(signal.scale))
             )
     if not channels:
-        raise InputError(
-            f"{path}: {', '.join(key.message.name for key, _ in found)} have only the value 'not available'"
-        )
+        only = f"{', '.join(key.message.name for key, _ in found)} have only the value 'not available'"
+        raise InputError(f"{path}: {notes[0] if notes else only}")
     by = (
         f"DBC {Path(names).name}"
         if names
@@ -272,10 +271,7 @@ def log_of_frames(path: Path, frames: Frames, names: str | None, zero: datetime 
     )
     told = (f"signals by {by}", *notes)
 
-    def blocks(name: str, first: int, size: int) -> Iterator[Samples]:
-        return held[name](name, first, size)
-
-    return Log(str(path), channels, blocks, zero, tuple(faults), told)
+    return Log(str(path), channels, blocks_by_name(held), zero, tuple(faults), told)
 
 
 @dataclass(frozen=True)

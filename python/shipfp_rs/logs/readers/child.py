@@ -109,16 +109,7 @@ class _Server:
             "start_utc": log.start_utc and log.start_utc.isoformat(),
             "warnings": [str(note.message) for note in notes],
             "notes": list(log.notes),
-            "faults": [
-                {
-                    "kind": fault.kind,
-                    "channel": fault.channel,
-                    "method": fault.method,
-                    "spans": fault.spans.tolist(),
-                    "excluded": fault.excluded,
-                }
-                for fault in log.faults
-            ],
+            "faults": [{**vars(fault), "spans": fault.spans.tolist()} for fault in log.faults],
             "grown": used - self._start_bytes,
         }
 

@@ -19,7 +19,8 @@ import numpy as np
 import numpy.typing as npt
 
 from shipfp_rs.errors import InputError, LogWarning
-from shipfp_rs.logs.channel import BLOCK, Blocks, Channel, Samples, in_blocks
+from shipfp_rs.logs.channel import BLOCK, Blocks, Channel, blocks_by_name, in_blocks
+from shipfp_rs.logs.faults.clock import same_rows
 from shipfp_rs.logs.log import Log
 from shipfp_rs.logs.readers.time_cells import TimePlan, is_time, split_bracketed, stated_rate, timed_by
 from shipfp_rs.logs.readers.time_column import SAMPLE_ROWS, Column, find_time
@@ -50,11 +51,12 @@ def log_of_found(path: Path, found: Sequence[Found], rows: Blocks, notes: Sequen
         for each in found
     ]
     readers = {each.channel.name: each.axis.on_grid(rows) for each in found if each.axis}
+    axes = {id(each.axis): (each.axis, each.channel.name) for each in found if each.axis}
+    for axis, _ in axes.values():
+        axis.tell(path)
+    faults = tuple(fault for axis, name in axes.values() for fault in axis.faults_of(name))
 
-    def blocks(name: str, first: int, size: int) -> Iterator[Samples]:
-        return readers.get(name, rows)(name, first, size)
-
-    return Log(str(path), channels, blocks, zero, notes=tuple(notes))
+    return Log(str(path), channels, blocks_by_name(readers, rows), zero, faults, tuple(notes))
 
 
 def tell_left_out(path: Path, why: str, names: Sequence[str], *, all_of_them: bool) -> None:
@@ -155,8 +157,10 @@ def _last(key: str) -> str:
     return posixpath.basename(key)
 
 
-def axis_of(path: Path, key: str, row: Row, *, trusted: bool = False) -> tuple[TimeAxis, TimePlan]:
-    """Grid of a row of times, and their interpretation; with `trusted`, numbers without a unit are seconds."""
+def axis_of(
+    path: Path, key: str, row: Row, rows: Mapping[str, Row], *, trusted: bool = False
+) -> tuple[TimeAxis, TimePlan]:
+    """Grid of a row of times among others, and their interpretation; with `trusted`, numbers without a unit are seconds."""
     import pyarrow as pa
 
     def cells(_: str) -> Iterator[Any]:
@@ -168,7 +172,8 @@ def axis_of(path: Path, key: str, row: Row, *, trusted: bool = False) -> tuple[T
     column = Column(name, row.unit or unit, key, next(cells(key))[:SAMPLE_ROWS])
     wish = f"{name} [{column.unit or 's'}]" if trusted else name
     (plan,) = find_time(path, [column], {name: key}, wish=wish)
-    return time_axis(path, key, lambda: plan.seconds(path, cells)), plan
+    same = same_rows(one.read for name, one in rows.items() if name != key and one.length == row.length)
+    return time_axis(path, key, lambda: plan.seconds(path, cells), same=same), plan
 
 
 def blocks_of_rows(path: Path, rows: Mapping[str, Row]) -> Blocks:

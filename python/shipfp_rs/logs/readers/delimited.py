@@ -154,15 +154,11 @@ class _Index:
     offsets: list[int] = field(default_factory=list)
     kinds: list[pa.DataType] = field(default_factory=list)
 
-    @property
-    def end(self) -> int:
-        """Byte after the last whole line."""
-        return self._end
-
     def __post_init__(self) -> None:
         self.kinds = [pa.null()] * len(self.layout.headings)
         self._least = [0] * len(self.kinds)
-        self._end = self.layout.bytes_before
+        self.end = self.layout.bytes_before
+        """Byte after the last whole line."""
         self.loose: set[int] = set()
         """Columns of numbers with thousands separators, units or words among them."""
         self.others: dict[int, list[str]] = {}
@@ -191,7 +187,7 @@ class _Index:
                 self.blank.add(k)
             self.kinds[k] = _wider(self.kinds[k], kind, self._least[k] < 0)
         self.offsets.append(offset)
-        self._end = offset + length
+        self.end = offset + length
         self.rows.append(self.rows[-1] + len(table))
 
     def _unsigned(self, text: bytes, column: int) -> pa.DataType | None:

@@ -11,6 +11,7 @@ import numpy as np
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.logs.channel import Channel, Samples, in_blocks
+from shipfp_rs.logs.faults.clock import same_rows
 from shipfp_rs.logs.log import Log, register_reader
 from shipfp_rs.logs.readers.child_process import in_child
 from shipfp_rs.logs.readers.columns import Found, log_of_found, tell_left_out
@@ -34,8 +35,14 @@ def open_dewesoft(path: Path, rate_hz: float | None) -> Log:
                     start_s = float(channel.scaled(count=1)[0][0])  # raises an error if it can't be decoded
                     each = Found(Channel(name, channel.unit, rate, channel.number_of_samples, start_s))
                 else:
-                    times = np.asarray(channel.scaled()[0])
-                    axis = time_axis(path, name, partial(iter, [times]), rate_hz=rate_hz)
+                    times, values = map(np.asarray, channel.scaled())
+
+                    def read(first: int, stop: int, values: Samples = values) -> Samples:
+                        return values[first:stop]
+
+                    axis = time_axis(
+                        path, name, partial(iter, [times]), rate_hz=rate_hz, same=same_rows([read])
+                    )
                     each = Found.on(axis, name, channel.unit)
             except (dwdatareader.DWError, InputError, IndexError):
                 skipped.append(name)
@@ -44,8 +51,6 @@ def open_dewesoft(path: Path, rate_hz: float | None) -> Log:
             if channel.array_size != 1 or not (about.rate_hz < np.inf and np.isfinite(about.start_s)):
                 skipped.append(name)
                 continue
-            if each.axis is not None:
-                each.axis.tell(path)
             found.append(replace(each, start_utc=start_utc))
     tell_left_out(path, "not decoded or without a uniform rate", skipped, all_of_them=not found)
 

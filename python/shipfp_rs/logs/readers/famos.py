@@ -16,6 +16,7 @@ import numpy as np
 
 from shipfp_rs.errors import InputError, LogWarning
 from shipfp_rs.logs.channel import BLOCK, Channel, Samples, blocks_of
+from shipfp_rs.logs.faults.clock import same_rows
 from shipfp_rs.logs.log import Log, register_reader
 from shipfp_rs.logs.readers.child_process import in_child
 from shipfp_rs.logs.readers.columns import Found, log_of_found, tell_left_out
@@ -55,7 +56,6 @@ def open_famos(path: Path, rate_hz: float | None) -> Log:
             if isinstance(axis, str):
                 skipped.append(f"{channel.name} ({axis})")
             else:
-                axis.tell(path)
                 pairs[channel.name] = samples
                 channels.append(Found.on(axis, channel.name, _unit(channel)))
             continue
@@ -123,7 +123,12 @@ def _pair(path: Path, file: Any, channel: Any, later_s: float) -> tuple[TimeAxis
         for side in "xy"
     )
     try:
-        return time_axis(path, channel.name, lambda: [x * factor + later_s]), y
+        return time_axis(
+            path,
+            channel.name,
+            lambda: [x * factor + later_s],
+            same=same_rows([lambda *ends: y[slice(*ends)]]),
+        ), y
     except InputError as error:
         return str(error).removeprefix(f"{path}: "), y
 

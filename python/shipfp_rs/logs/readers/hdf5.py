@@ -86,8 +86,7 @@ def open_hdf5(path: Path, rate_hz: float | None) -> Log:
                 timeless.append(own)
                 continue
             if time not in clocks:
-                clocks[time] = _clock(path, time, times[time])
-                clocks[time][0].tell(path)
+                clocks[time] = _clock(path, time, times[time], bases)
             axis, zero = clocks[time]
             found[name] = (row, Found.on(axis, name, unit, zero or start_utc))
         else:
@@ -235,13 +234,13 @@ def _attributes(dataset: Any) -> dict[str, Any]:
         item = item.parent
 
 
-def _clock(path: Path, key: str, row: _Row) -> tuple[TimeAxis, datetime | None]:
+def _clock(path: Path, key: str, row: _Row, rows: dict[str, Row]) -> tuple[TimeAxis, datetime | None]:
     """Grid of a dataset of times, and the date of time zero, if its unit has one."""
     facts = row.dataset.attrs
     unit = _text(facts.get("units", facts.get("unit", "")))
     since = SINCE.fullmatch(unit)
     plain = Row(key, since[1] if since else unit, row.length, row.read)
-    axis, plan = axis_of(path, key, plain, trusted=True)
+    axis, plan = axis_of(path, key, plain, rows, trusted=True)
     return axis, _instant(path, since[2]) if since else plan.zero
 
 

@@ -7,6 +7,7 @@ Also here:
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
@@ -20,20 +21,25 @@ import numpy.typing as npt
 import pyarrow as pa
 
 from shipfp_rs.errors import InputError
-from shipfp_rs.logs.channel import BLOCK, Blocks, Channel, Samples, blocks_of
+from shipfp_rs.logs.channel import BLOCK, Blocks, Channel, blocks_by_name, blocks_of
+from shipfp_rs.logs.faults.clock import same_rows
 from shipfp_rs.logs.faults.record import Fault
 from shipfp_rs.logs.formats import one_line_errors
 from shipfp_rs.logs.log import Log
 from shipfp_rs.logs.readers.columns import tell_left_out
 from shipfp_rs.logs.readers.time_cells import EPOCH, TimePlan, split_unit
 from shipfp_rs.logs.time_axis import TimeAxis, time_axis
-from shipfp_rs.support.arrays import Array, Mask
+from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.units import is_unit, told
 
 Fields = Mapping[str, tuple[pa.Field, dict[str, Any]]]
 Batches = Callable[[str, int, int], Iterator[pa.Array]]
 EVEN = 0.1
 """Largest deviation of an even step from the median step, as a fraction of it."""
+
+
+QUALITY = re.compile(r"(good|uncertain|bad)\b", re.IGNORECASE)
+"""Words that begin the quality of a value in OPC Data Access; a bad one is missing."""
 
 
 @dataclass(frozen=True)
@@ -86,7 +92,11 @@ def find_long_table(path: Path, fields: Fields, plan: TimePlan, batches: Batches
         rest = [key for key in rest if key in floats] or rest
         if len(rest) != 1:
             continue
-        values = np.asarray(columns[rest[0]].to_numpy(zero_copy_only=False), dtype=np.float64)
+        values = np.array(columns[rest[0]].to_numpy(zero_copy_only=False), dtype=np.float64)
+        for own, told_by in (coded[key] for key in texts):
+            if told_by and all(QUALITY.match(word) for word in told_by):
+                bad = np.append([word.lower().startswith("bad") for word in told_by], False)[own]
+                values[bad] = np.nan
         worded = pa.types.is_string(columns[keys[0]].type)
         if not _are_names(times, codes, values, worded=worded, rising=rising):
             continue
@@ -190,7 +200,7 @@ def log_of_long_table(path: Path, table: LongTable, plan: TimePlan, rate_hz: flo
     """Log with a channel for each name, at the times of its rows; names without a time base are omitted."""
     channels: list[Channel] = []
     held: dict[str, Blocks] = {}
-    axes: list[TimeAxis] = []
+    faults: list[Fault] = []
     lost: list[str] = []
     present = np.unique(table.codes[table.codes >= 0])
     for code, name, unit in zip(present.tolist(), table.names, table.units, strict=True):
@@ -203,14 +213,17 @@ def log_of_long_table(path: Path, table: LongTable, plan: TimePlan, rate_hz: flo
             lost.append(name)
             continue
         channels.append(Channel(name, unit, axis.rate_hz, axis.samples, axis.start_s))
-        axes.append(axis)
-    tell_left_out(path, "no time base in rows of their own", lost, all_of_them=not channels)
-    for axis in axes:
+        faults += axis.faults_of(name)
         axis.tell(path)
-    faults = tuple(fault for axis in axes for fault in axis.faults)
+    tell_left_out(path, "no time base in rows of their own", lost, all_of_them=not channels)
     notes = ("one value a row, a channel for each name", *filter(None, (plan.note,)))
     return Log(
-        str(path), channels, lambda name, *rows: held[name](name, *rows), plan.zero, faults, notes=notes
+        str(path),
+        channels,
+        blocks_by_name(held),
+        plan.zero,
+        tuple(faults),
+        notes=notes,
     )
 
 
@@ -250,11 +263,8 @@ def log_of_series(path: Path, series: Mapping[str, Series], notes: Sequence[str]
         why = told[-1] if len(told) > len(notes) else "no name has two values or more"
         raise InputError(f"{path}: no series of numbers in it ({why}); is it the right file?")
 
-    def blocks(name: str, first: int, size: int) -> Iterator[Samples]:
-        return held[name](name, first, size)
-
     start = EPOCH + timedelta(microseconds=round(zero * 1e6))
-    return Log(str(path), channels, blocks, start if zero else None, tuple(faults), tuple(told))
+    return Log(str(path), channels, blocks_by_name(held), start if zero else None, tuple(faults), tuple(told))
 
 
 def own_grid(
@@ -263,17 +273,9 @@ def own_grid(
     """Grid of a channel's own times [s] and its samples there; rows that a logger wrote twice count once."""
     order = np.argsort(times, kind="stable")
     times, values = times[order], np.asarray(values, dtype=np.float64)[order]
-
-    def same(row: int, earlier: int, count: int) -> Mask:
-        return equal(values[row : row + count], values[earlier : earlier + count])
-
+    same = same_rows([lambda first, stop: values[first:stop]])
     axis = time_axis(path, column, partial(iter, (times,)), rate_hz=rate_hz, same=same, held=True)
     return axis, axis.on_grid(blocks_of({name: values}))
-
-
-def equal(here: Array, before: Array) -> Mask:
-    """Whether samples are equal, or both missing."""
-    return np.asarray((here == before) | (np.isnan(here) & np.isnan(before)))
 
 
 def noted_grid(

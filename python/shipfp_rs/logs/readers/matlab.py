@@ -69,8 +69,7 @@ def open_matlab_5(path: Path, rate_hz: float | None) -> Log:
             found.append(Found(Channel(name, row.unit, rate, row.length)))
             continue
         if key not in clocks:
-            clocks[key] = axis_of(path, key, rows[key])
-            clocks[key][0].tell(path)
+            clocks[key] = axis_of(path, key, rows[key], rows)
         axis, plan = clocks[key]
         found.append(Found.on(axis, name, row.unit, plan.zero))
     hint = (

@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Iterator
 from dataclasses import fields
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,11 +14,13 @@ import numpy as np
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.logs.channel import BLOCK, Samples, in_blocks
+from shipfp_rs.logs.faults.clock import same_rows
 from shipfp_rs.logs.log import Log, register_reader
 from shipfp_rs.logs.readers.can_signals import Frames, log_of_frames
 from shipfp_rs.logs.readers.child_process import in_child
 from shipfp_rs.logs.readers.columns import Found, log_of_found, tell_left_out
 from shipfp_rs.logs.time_axis import TimeAxis, time_axis
+from shipfp_rs.support.arrays import Mask
 
 Key = tuple[int, int, bool]
 """Group number, channel index in the group, and whether the samples are read without conversion."""
@@ -69,7 +72,7 @@ def _found(
     for number, group in enumerate(file.groups):
         master = file.masters_db.get(number)
         try:
-            axis = _group_axis(path, file, number, group.channel_group.cycles_nr, rate_hz)
+            axis = _group_axis(path, file, number, group, rate_hz)
         except InputError as error:
             skipped += [channel.name for index, channel in enumerate(group.channels) if index != master]
             reasons.append(str(error))
@@ -84,7 +87,6 @@ def _found(
                 continue
             keys[name] = (number, index, raw)
             found.append(Found.on(axis, name, _unit(channel), start_utc))
-        axis.tell(path)
     return found, keys, skipped, reasons
 
 
@@ -129,7 +131,8 @@ def _frames(file: Any) -> Frames | None:
     return Frames(*(np.concatenate([getattr(part, each.name) for part in parts]) for each in fields(Frames)))
 
 
-def _group_axis(path: Path, file: Any, number: int, count: int, rate_hz: float | None) -> TimeAxis:
+def _group_axis(path: Path, file: Any, number: int, group: Any, rate_hz: float | None) -> TimeAxis:
+    count = group.channel_group.cycles_nr
     if file.masters_db.get(number) is None and rate_hz is None:
         raise InputError(f"{path}: group {number} has no time channel; give rate_hz (--rate)")
 
@@ -139,7 +142,15 @@ def _group_axis(path: Path, file: Any, number: int, count: int, rate_hz: float |
             for start in range(0, count, BLOCK)
         )
 
-    return time_axis(path, f"time of group {number}", times, rate_hz=rate_hz)
+    def read(index: int, raw: bool, first: int, stop: int) -> Samples:
+        return _values(file, number, index, raw, first, stop - first)
+
+    def same(*rows: int) -> Mask:
+        others = (k for k in range(len(group.channels)) if k != file.masters_db.get(number))
+        raws = ((k, _must_be_raw(file, number, k)) for k in others)
+        return same_rows(partial(read, k, raw) for k, raw in raws if raw is not None)(*rows)
+
+    return time_axis(path, f"time of group {number}", times, rate_hz=rate_hz, same=same)
 
 
 def _must_be_raw(file: Any, number: int, index: int) -> bool | None:

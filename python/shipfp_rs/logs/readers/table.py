@@ -17,12 +17,12 @@ import numpy.typing as npt
 import pyarrow as pa
 
 from shipfp_rs.errors import InputError, LogWarning
-from shipfp_rs.logs.channel import BLOCK, Blocks, Channel, Samples
-from shipfp_rs.logs.faults.clock import Same
+from shipfp_rs.logs.channel import BLOCK, Blocks, Channel, Samples, blocks_by_name
+from shipfp_rs.logs.faults.clock import Same, same_rows
 from shipfp_rs.logs.formats import one_line_errors
 from shipfp_rs.logs.log import Log
 from shipfp_rs.logs.readers.columns import tell_left_out
-from shipfp_rs.logs.readers.long_table import equal, find_long_table, log_of_long_table
+from shipfp_rs.logs.readers.long_table import find_long_table, log_of_long_table
 from shipfp_rs.logs.readers.time_cells import (
     TimePlan,
     is_date,
@@ -33,7 +33,7 @@ from shipfp_rs.logs.readers.time_cells import (
 )
 from shipfp_rs.logs.readers.time_column import SAMPLE_ROWS, Column, Wish, find_time, timed_key
 from shipfp_rs.logs.time_axis import FAR_OFF, TimeAxis, time_axis
-from shipfp_rs.support.arrays import Array, Mask
+from shipfp_rs.support.arrays import Array, unmasked
 
 # Arrow imports pandas at its first conversion; an interrupt during this import would look like a missing package.
 with contextlib.suppress(ImportError):
@@ -84,7 +84,9 @@ def log_of_table(
     fields = {name: entry for name, entry in fields.items() if entry[0].name not in times}
     if len(plans) == 1 and (long := find_long_table(path, fields, plans[0], batches)):
         return log_of_long_table(path, long, plans[0], rate_hz)
-    same = _same_rows(batches, [field.name for field, _ in fields.values() if _is_number(field.type)])
+    same = same_rows(
+        partial(_numbers, batches, field.name) for field, _ in fields.values() if _is_number(field.type)
+    )
     apart: dict[str, tuple[TimeAxis, Blocks] | None] = {}
     given = rate_hz or options.stated_hz
     if len(plans) == 1 and given is None:
@@ -113,6 +115,7 @@ def log_of_table(
     # long: one loop over columns with three kinds of time, which all append to the same lists
     channels: list[Channel] = []
     readers: dict[str, Blocks] = {}
+    on: dict[int, str] = {}
     for name, (field, facts) in fields.items():
         if name in without:
             continue
@@ -138,23 +141,22 @@ def log_of_table(
             count = min(facts["samples"], rows)
         if rate is None:
             raise InputError(f"{path}: no time base for {name!r}: {_without_time(fields, without)}")
+        if name in readers:
+            on.setdefault(id(axis), name)
         resolution = float(facts.get("resolution", 0.0))
         channels.append(Channel(name, facts["unit"], float(rate), count, float(begin), resolution))
     for axis in axes:
         axis.tell(path)
-
-    def at_their_times(channel: str, first: int, size: int) -> Iterator[Samples]:
-        return readers.get(channel, blocks)(channel, first, size)
 
     told = (*notes, *(plan.note for plan in plans if plan.note))
     if changes and axes[0].samples > rows:
         told += (
             f"rows where a state changes alone: each is held until the next, at {axes[0].rate_hz:.6g} Hz",
         )
-    faults = tuple(fault for axis in axes for fault in axis.faults)
+    faults = tuple(fault for axis in axes for fault in axis.faults_of(on.get(id(axis), "")))
     faults += tuple(one for name in shared if changes for one in axes[0].doubled(blocks, name))
     start_utc = _start_utc(path, schema) or zero
-    return Log(str(path), channels, at_their_times, start_utc, faults, notes=told)
+    return Log(str(path), channels, blocks_by_name(readers, blocks), start_utc, faults, notes=told)
 
 
 def _named_fields(path: Path, schema: pa.Schema, rows: int) -> dict[str, tuple[pa.Field, dict[str, Any]]]:
@@ -194,10 +196,14 @@ def _rows_apart(
         name: np.concatenate([np.empty(0, bool), *map(_known, _first(batches(key, 0, SAMPLE_ROWS)))])
         for name, key in columns.items()
     }
-    if not any(map(_is_scattered, sample.values())):
+    if all(known.all() for known in sample.values()):
         return {}
     with one_line_errors(path):
         times = np.concatenate(list(plan.seconds(path, lambda key: batches(key, 0, BLOCK))))
+    written = np.column_stack(list(sample.values()))
+    again = (np.diff(times[: len(written)]) == 0.0) & (written[1:] == written[:-1]).all(axis=1)
+    if not any(_is_scattered(known[np.append(True, ~again)]) for known in sample.values()):
+        return {}
     apart: dict[str, tuple[TimeAxis, Blocks] | None] = {}
     for name, key in columns.items():
         if sample[name].all():
@@ -213,7 +219,7 @@ def _rows_apart(
             yield from map(_samples, own(key, first, size))
 
         try:
-            told, same = f"{plan.name} of {name}", _same_rows(own, [key])
+            told, same = f"{plan.name} of {name}", same_rows([partial(_numbers, own, key)])
             axis = time_axis(path, told, partial(iter, (times[rows],)), same=same, held=True)
             apart[name] = (axis, axis.on_grid(blocks))
         except InputError:
@@ -235,17 +241,6 @@ def _is_scattered(known: npt.NDArray[np.bool_]) -> bool:
     """Whether a column's numbers are mostly isolated, rather than continuous with gaps."""
     alone = np.count_nonzero(known & ~np.concatenate([[False], known[:-1]]))
     return bool(not known.all() and known.sum() >= LEAST_SCATTERED and 2 * alone >= known.sum())
-
-
-def _same_rows(batches: Batches, columns: Sequence[str]) -> Same:
-    def same(row: int, earlier: int, count: int) -> Mask:
-        """Which of `count` rows from `row` on equal those from `earlier` on in all columns."""
-        alike = np.ones(count, dtype=np.bool_)
-        for name in columns:
-            alike &= equal(*(_numbers(batches, name, first, count) for first in (row, earlier)))
-        return alike
-
-    return same
 
 
 def _are_changes(batches: Batches, columns: Sequence[str]) -> bool:
@@ -368,12 +363,12 @@ def _without_time(fields: Mapping[str, tuple[pa.Field, dict[str, Any]]], without
     )
 
 
-def _numbers(batches: Batches, column: str, first: int, count: int) -> Array:
+def _numbers(batches: Batches, column: str, first: int, stop: int) -> Array:
     parts: list[Array] = []
-    for batch in batches(column, first, count):
-        samples = np.ma.asarray(_samples(batch)[: count - sum(map(len, parts))], dtype=np.float64)
-        parts.append(np.ma.filled(samples, np.nan))
-        if sum(map(len, parts)) == count:
+    for batch in batches(column, first, stop - first):
+        parts.append(unmasked(_samples(batch)[: stop - first]))
+        first += len(parts[-1])
+        if first == stop:
             break
     return np.concatenate(parts)
 

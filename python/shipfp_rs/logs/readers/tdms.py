@@ -6,7 +6,7 @@ import contextlib
 import math
 import warnings
 from collections import Counter, defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from datetime import timedelta
 from functools import partial
@@ -49,7 +49,7 @@ def open_tdms(path: Path, rate_hz: float | None) -> Log:
     times = {(channel.group_name, len(channel)): channel for channel in reversed(every) if _is_time(channel)}
     axes: dict[str, tuple[TimeAxis, TimePlan]] = {}
     begins = _begins(path)
-    told: set[tuple[Segment, ...]] = set()
+    grids: dict[tuple[Segment, ...], TimeAxis] = {}
     found: list[Found] = []
     skipped: list[str] = []
     for name, channel in named:
@@ -64,10 +64,8 @@ def open_tdms(path: Path, rate_hz: float | None) -> Log:
             each = _stepped(path, name, channel, rate_hz or 1.0 / step, begun)
             segments = _segments(path, each.channel, begun)
             if len(segments) > 1 and rate_hz is None:
-                each = _placed(each, segments)
-                if each.axis and segments not in told:
-                    told.add(segments)
-                    each.axis.tell(path)
+                axis = grids.setdefault(segments, _grid(each.channel, segments))
+                each = replace(each, channel=replace(each.channel, samples=axis.samples), axis=axis)
             found.append(each)
             continue
         own = times.get((channel.group_name, len(channel)))
@@ -77,9 +75,8 @@ def open_tdms(path: Path, rate_hz: float | None) -> Log:
                 "rate_hz (--rate)"
             )
         if own.path not in axes:
-            row = Row(own.name, _unit(own), len(own), partial(_cells, own))
-            axes[own.path] = axis_of(path, own.name, row)
-            axes[own.path][0].tell(path)
+            beside = _rows_of_group(own, every)
+            axes[own.path] = axis_of(path, own.name, beside[own.name], beside)
         axis, plan = axes[own.path]
         found.append(Found.on(axis, name, _unit(channel), plan.zero))
     _tell_cut(path, file.file_status)
@@ -111,22 +108,35 @@ def _begins(path: Path) -> dict[str, list[tuple[int, int]]]:
     """First rows of the segments of each channel, by path, and their start times [us].
 
     npTDMS keeps only the last value of a property, so methods of its reader are replaced to record the value of each
-    segment.
+    segment. A channel that was absent from a segment, and stands beside others of its rate again, resumes at their time.
     """
     from nptdms.reader import TdmsReader
 
     begins: dict[str, list[tuple[int, int]]] = defaultdict(list)
     with contextlib.closing(TdmsReader(str(path))) as reader:
-        count, segments = reader._update_object_metadata, list[Any]()
+        count, note = reader._update_object_metadata, reader._update_object_properties
+        segments, before = list[Any](), set[str]()
+
+        about = reader.object_metadata
 
         def take(properties: dict[str, Any] | None) -> None:
+            rows = {key: one.num_values for key, one in about.items()}
+            note(properties)
             for key, facts in (properties or {}).items():
                 start = dict(facts).get("wf_start_time")
                 if start is not None:
-                    known = reader.object_metadata.get(key)
-                    at = int(start.as_datetime64("us").astype(np.int64))
-                    begins[key].append((0 if known is None else known.num_values, at))
-            count(segments.pop())
+                    begins[key].append((rows.get(key, 0), int(start.as_datetime64("us").astype(np.int64))))
+            count(segments[-1])
+            written = {each.path for each in segments.pop().ordered_objects if each.has_data}
+            steps = {key: about[key].properties.get("wf_increment") for key in written}
+            for key in (written - before) & rows.keys() & begins.keys():
+                beside = [about[each].num_values for each in written & before if steps[each] == steps[key]]
+                late = max(beside, default=0) - about[key].num_values
+                if steps[key] and late > 0:
+                    at_s = steps[key] * (rows[key] + late)
+                    begins[key].append((rows[key], begins[key][0][1] + round(1e6 * at_s)))
+            before.clear()
+            before.update(written)
 
         reader._update_object_metadata, reader._update_object_properties = segments.append, take
         reader.read_metadata()
@@ -151,20 +161,14 @@ def _segments(path: Path, channel: Channel, begins: list[tuple[int, int]]) -> tu
     return tuple(segment for segment in segments if segment.count)
 
 
-def _placed(found: Found, segments: tuple[Segment, ...]) -> Found:
-    """Channel with its segments at their own times, NaN between them."""
-    channel = replace(found.channel, samples=segments[-1].sample + segments[-1].count)
+def _grid(channel: Channel, segments: tuple[Segment, ...]) -> TimeAxis:
+    """Grid of a channel with its segments at their own times, NaN between them."""
     gaps = np.array([(one.sample + one.count, two.sample) for one, two in pairwise(segments)])
     fault = Fault("time_gap", channel.name, Sentence("masked: between segments of the file"), gaps)
-    axis = TimeAxis(
-        channel.start_s,
-        channel.rate_hz,
-        channel.samples,
-        (fault,),
-        "",
-        lambda blocks: spliced(blocks, segments),
+    samples = segments[-1].sample + segments[-1].count
+    return TimeAxis(
+        channel.start_s, channel.rate_hz, samples, (fault,), "", partial(spliced, segments=segments)
     )
-    return Found(channel, axis, found.start_utc)
 
 
 def _unit(channel: Any) -> str:
@@ -194,6 +198,15 @@ def _is_time(channel: Any) -> bool:
         and len(channel) > 1
         and "wf_increment" not in channel.properties
     )
+
+
+def _rows_of_group(own: Any, every: Sequence[Any]) -> dict[str, Row]:
+    """Times and the numbers beside them in their group."""
+    return {
+        each.name: Row(each.name, _unit(each), len(each), partial(_cells, each))
+        for each in every
+        if each is own or (each.group_name == own.group_name and each.dtype.kind in "biuf")
+    }
 
 
 def _cells(channel: Any, first: int, stop: int) -> Samples:
