@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from shipfp_rs.logs.log import Log as Log
     from shipfp_rs.processing.process import process as process
     from shipfp_rs.processing.trial import Trial as Trial
+    from shipfp_rs.runs.run import run as run
     from shipfp_rs.signals import Excitation as Excitation
     from shipfp_rs.simulation.raw_log import Sensors as Sensors
     from shipfp_rs.simulation.raw_log import simulate_raw_log as simulate_raw_log
@@ -67,6 +68,7 @@ _WHERE = {
     "load_side": "identification.load_side",
     "process": "processing.process",
     "read_experiments": "experiments.parquet",
+    "run": "runs.run",
     "simulate": "simulation.simulate",
     "simulate_raw_log": "simulation.raw_log",
     "sweep": "sweeps",

@@ -65,7 +65,7 @@ COMMANDS = [
     (typed("inspect TRIAL.toml", {"TRIAL.toml": template("TRIAL")}), "a TRIAL.toml", "shipfp inspect LOG TRIAL.toml"),
     (typed("init .", {"TRIAL.toml": "mine"}), "TRIAL.toml: exists already", "rename it"),
     (typed("sweep SWEEP.toml", {"SWEEP.toml": "[sweep]\ndraw = 10\n"}), "SWEEP.toml: sweep.draw", "mean 'draws'?"),
-    (typed("reproduce virtul"), "Did you mean 'virtual'?; see shipfp --help"),
+    (typed("reproduce virtul"), "Did you mean 'virtual'?; see shipfp reproduce --help"),
 ]  # fmt: skip
 
 

@@ -383,7 +383,10 @@ def test_d6_numbers_of_threads_are_such_as_libraries_read(
 
 def test_d6_reproduce_alone_says_that_a_command_is_missing(capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["reproduce"]) == 2
-    assert capsys.readouterr().err == "shipfp: error: no command given, expected one; see shipfp --help\n"
+    assert (
+        capsys.readouterr().err
+        == "shipfp: error: no command given, expected one; see shipfp reproduce --help\n"
+    )
 
 
 @pytest.mark.parametrize(

@@ -121,11 +121,12 @@ class TestTables:
         with pytest.raises(fp.InputError, match=line):
             Experiment.from_pandas(frame, operating_point=dict(chirp.operating_point))
 
-    def test_a_frame_without_an_operating_point_says_how_to_give_one(self, chirp) -> None:
+    def test_a_frame_without_an_operating_point_is_about_its_means(self, chirp) -> None:
         frame = chirp.to_pandas()
         frame.attrs = {}
-        with pytest.raises(fp.InputError, match="give operating_point="):
-            Experiment.from_pandas(frame)
+        made = Experiment.from_pandas(frame)
+        assert made.operating_point["n_e"] == pytest.approx(chirp["n_e"].mean())
+        assert made.provenance["operating_point"] == "means of the record"
 
     def test_a_package_that_is_missing_is_named_with_its_command(self, chirp, monkeypatch) -> None:
         monkeypatch.setitem(sys.modules, "xarray", None)
@@ -176,7 +177,7 @@ class TestNotebooks:
         from matplotlib.axes import Axes
 
         monkeypatch.setattr(pyplot, "show", lambda *_: pytest.fail("show was called"))
-        for draw, panels in ((partial(plot.time_series, chirp), 2), (partial(plot.bode, response), 2)):
+        for draw, panels in ((partial(plot.signals, chirp), 2), (partial(plot.bode, response), 2)):
             axes = draw()
             assert [isinstance(ax, Axes) for ax in axes] == [True] * panels
             assert list(draw(axes=axes)) == list(axes)  # drawn into those given

@@ -1,5 +1,6 @@
 """What a user types first: a channel by name, a log or a frame as it is, a trial alone, a result printed."""
 
+import inspect
 import json
 import subprocess
 import sys
@@ -152,3 +153,61 @@ def test_steps_fill_a_duration():
     ]:
         with pytest.raises(InputError, match=said):
             fp.signals.steps([10.0], **arguments)
+
+
+def test_an_experiment_is_indexed_by_signal_and_by_seconds(experiment):
+    np.testing.assert_array_equal(experiment["n_e"], experiment.signals["n_e"])
+    assert experiment[10.0:20.0] == experiment.window(10.0, 20.0)
+    assert len(experiment[:5.0]) + len(experiment[5.0:]) == len(experiment)
+    assert list(experiment) == [*experiment.signals]
+    assert "n_e" in experiment
+    with pytest.raises(KeyError, match="no signal 'n'; found n_set, n_e"):
+        experiment["n"]
+    with pytest.raises(InputError, match="step 2"):
+        experiment[0.0:10.0:2]
+
+
+def test_experiments_and_excitations_draw_themselves(experiment):
+    speed, _, torque, *_ = experiment.plot()
+    assert speed.get_ylabel() == "speed [rpm]"
+    assert torque.get_ylabel() == "torque [Nm]"
+    (ax,) = fp.signals.steps([13.0], 10.0).plot()
+    assert ax.get_ylabel() == "set-point deviation [rpm]"
+    assert callable(fp.plot.signals)
+
+
+def test_a_fingerprint_is_simulated_like_a_vessel(experiment):
+    found = fp.identify(experiment, fp.Structure.linear(products=True), noise="white")
+    step = fp.signals.steps([13.0], 20.0)
+    assert fp.simulate(found, step)["n_e"].tolist() == found.simulate(step)["n_e"].tolist()
+    noisy = fp.simulate(found, step, noise={"n_e": 0.1}, seed=1)
+    assert noisy.provenance["seed"] == 1
+    assert not np.array_equal(noisy["n_e"], found.simulate(step)["n_e"])
+    with pytest.raises(InputError, match="expected them only for a vessel"):
+        fp.simulate(found, step, method="euler")
+
+
+def test_a_comparison_prints_as_a_table(experiment):
+    found = fp.identify(experiment, fp.Structure.linear(products=True), noise="white")
+    text = str(fp.compare(found, found))
+    assert text.startswith("quantity")
+    assert "No change beyond what the uncertainties allow" in text
+    assert max(map(len, text.split("\n\n")[0].splitlines())) <= 80
+
+
+def test_completion_offers_no_names_of_pydantic():
+    assert {"load", "logs"} <= set(dir(fp.Trial))
+    assert "name" in dir(LAUNCH)
+    for thing in (fp.Trial, LAUNCH):
+        assert [name for name in dir(thing) if name.startswith("model_")] == []
+
+
+def test_signatures_spell_the_words_that_are_allowed():
+    for function, word in (
+        (fp.simulate, "euler"),
+        (fp.design, "multisine"),
+        (fp.signals.chirp, "logarithmic"),
+        (fp.Experiment, "first"),
+        (fp.sweep, "threads"),
+    ):
+        assert f"'{word}'" in str(inspect.signature(function)).replace('"', "'")

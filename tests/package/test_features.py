@@ -11,7 +11,9 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
 TABLES = {f"docs/background/{name}.md" for name in ("keys", "api", "glossary")}
-"""Pages that list names; tests of their own hold these."""
+TABLES |= {page.relative_to(ROOT).as_posix() for page in (ROOT / "docs" / "reference").glob("*.md")}
+TABLES |= {f"docs/{name}.md" for name in ("changelog", "citing", "install")}
+"""Pages that list names, which tests of their own hold, and pages that show a file."""
 
 with Path(__file__).with_name("features.csv").open(encoding="utf-8", newline="") as _file:
     ROWS = list(csv.DictReader(_file))

@@ -18,8 +18,12 @@ from shipfp_rs.assessment.profile_likelihood import profile_likelihood
 from shipfp_rs.support.toml import template
 from shipfp_rs.vessel.steady_state import bollard_curve
 
-PAGE = Path(__file__).parents[2] / "docs" / "background" / "api.md"
-LISTED = re.findall(r"auto(?:function|class):: shipfp_rs\.([\w.]+)", PAGE.read_text(encoding="utf-8"))
+DOCS = Path(__file__).parents[2] / "docs"
+PAGES = [DOCS / "background" / "api.md", *sorted((DOCS / "reference").glob("*.md"))]
+LISTED = re.findall(
+    r"auto(?:function|class):: shipfp_rs\.([\w.]+)",
+    "".join(page.read_text(encoding="utf-8") for page in PAGES),
+)
 LAUNCH = fp.Vessel.load("stan-launch-804")
 SHORT = fp.signals.steps([13.0], 1.0)
 TRIAL = fp.simulate(LAUNCH, SHORT)
@@ -29,7 +33,7 @@ LINEAR = fp.Structure.linear(products=True)
 def listed_on_page(path: str) -> object:
     """Return what stands on the page under a path."""
     module, _, name = path.rpartition(".")
-    return getattr(import_module(f"shipfp_rs.{module}"), name)
+    return getattr(import_module(f"shipfp_rs.{module}".rstrip(".")), name)
 
 
 def test_the_api_page_has_every_name_of_fp_and_no_more_than_there_is() -> None:
@@ -39,8 +43,15 @@ def test_the_api_page_has_every_name_of_fp_and_no_more_than_there_is() -> None:
     assert all(getattr(fp, name) is not None for name in fp.__all__)
 
 
+@pytest.mark.parametrize("name", sorted(fp._WHERE))
+def test_each_name_of_fp_has_a_page_with_an_example_under_its_public_path(name: str) -> None:
+    page = (DOCS / "reference" / f"{name}.md").read_text(encoding="utf-8")
+    assert f":: shipfp_rs.{name}\n" in page
+    assert re.search(r"```python\n[^`]*```\n\n```text\n", page)
+
+
 def test_a_page_can_hold_the_names_of_fp() -> None:
-    assert len(fp.__all__) <= 33
+    assert len(fp.__all__) <= 34
     assert {"BollardCurve", "Estimate", "bootstrap", "ladder"}.isdisjoint(fp.__all__)
 
 

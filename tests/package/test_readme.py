@@ -19,7 +19,7 @@ from tests.logger_files import REAL, sample_file
 
 ROOT = Path(__file__).parents[2]
 sys.path.insert(0, str(ROOT / "docs"))
-from page_code import LEANING, RUN, SHOWN, blocks, run_page  # noqa: E402 the site's own, which builds with it
+from page_code import LEANING, RUN, SHOWN, alike, blocks, bring_up_to_date, run_page  # noqa: E402 the site's own, which builds with it
 
 from tests.page_commands import extras_exist, type_in, understood  # noqa: E402
 
@@ -156,14 +156,6 @@ def test_the_readme_is_short():
     assert len(README.split()) <= 600
 
 
-def test_the_readme_s_program_prints_what_the_readme_shows(tmp_path):
-    """Warnings are errors here; the figures have the digits that neither machine nor build changes."""
-    page = tmp_path / "page.md"
-    program, shown = re.search(r"(?s)```python\n(.*?)```\s+```text\n(.*?)```", README).groups()
-    page.write_text(f"```python\n{program}```\n", encoding="utf-8")
-    assert run_page(page, tmp_path) == shown
-
-
 def made_by(page: Path) -> str:
     """Return the folder below `made` in which a page's code runs."""
     return name_of(page).removeprefix("docs/").removesuffix(".md")
@@ -185,6 +177,22 @@ def test_what_a_sentence_names_exists(page):
         elif not words.endswith((".toml", ".json", ".csv")):
             for name in re.findall(r"\b(?:fp|shipfp_rs)\.([A-Za-z_][\w.]*)", words):
                 pkgutil.resolve_name(f"shipfp_rs.{name.rstrip('.')}")
+
+
+def test_output_below_code_is_kept_up_to_date(tmp_path):
+    page = tmp_path / "page.md"
+    page.write_text("```python\nprint('tau_n', 1.5109)\n```\n\nMore.\n")
+    with pytest.raises(AssertionError, match="To bring it up to date"):
+        run_page(page, tmp_path)
+    bring_up_to_date(page)
+    assert "```\n\n```text\ntau_n 1.5109\n```\n\nMore." in page.read_text()
+    for number, passes in (("1.5111", True), ("1.5300", True), ("1.7", False)):
+        assert alike("tau_n 1.5109", f"tau_n {number}") is passes
+    page.write_text(page.read_text().replace("print('tau_n'", "print('tau_prop'"))
+    with pytest.raises(AssertionError, match="tau_prop"):
+        run_page(page, tmp_path)
+    bring_up_to_date(page)
+    assert page.read_text().count("```text") == 1
 
 
 def test_a_page_that_says_something_wrong_is_found_out(tmp_path):

@@ -65,7 +65,7 @@ def legend(ax) -> list[str]:
 
 
 def test_signals_of_one_unit_share_a_panel_and_masked_samples_are_counted(trial) -> None:
-    speed, torque = plot.time_series(trial)
+    speed, torque = plot.signals(trial)
     assert labels_have_units([speed, torque])
     assert legend(speed) == ["set point $n_{set}$", "engine speed $n_e$"]
     assert legend(torque) == ["gauge torque $M_g$", "masked (10 %)"]
@@ -128,10 +128,10 @@ def test_the_models_of_several_signals_are_told_apart_in_the_legend() -> None:
 def test_axes_that_are_given_are_used_and_their_number_is_checked(trial) -> None:
     before = pyplot.get_fignums()
     axes = Figure().subplots(2, 1)
-    assert plot.time_series(trial, [*axes])[0] is axes[0]
+    assert plot.signals(trial, [*axes])[0] is axes[0]
     assert pyplot.get_fignums() == before
     with pytest.raises(InputError, match="3 axes given, expected 2"):
-        plot.time_series(trial, [axes[0]] * 3)
+        plot.signals(trial, [axes[0]] * 3)
 
 
 def test_thinning_keeps_every_extreme_and_every_long_gap() -> None:
@@ -244,7 +244,7 @@ def test_windows_share_one_bode_plot_with_marks_of_their_own_and_plain_ticks() -
     assert len(set(marks)) == 2
     assert {text.get_text() for text in axes[0].get_legend().get_texts()} >= {
         "model of $n_e$",
-        "a: engine speed $n_e$",
+        "a: $n_e$",
     }
     assert axes[1].xaxis.get_major_formatter()(0.05) == "0.05"
 

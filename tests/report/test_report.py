@@ -18,6 +18,7 @@ from shipfp_rs.errors import SimulationError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.identification.fingerprint import Estimate, Fingerprint, Identifiability
 from shipfp_rs.identification.identify import identify
+from shipfp_rs.plot import style
 from shipfp_rs.report import render, write_report
 from shipfp_rs.report.pictures import thin
 from shipfp_rs.structures.structure import Structure
@@ -164,7 +165,7 @@ def test_figures_are_rounded_to_two_digits_of_their_uncertainty(page) -> None:
         "0.023",
         "1.125 to 1.217",
         "s",
-        "1.300",
+        "1.300 ✗",
         "2π I n_s0 / M_s0",
         "estimated",
     ]
@@ -286,6 +287,32 @@ def test_faults_are_marked_at_their_time_in_the_panel_of_their_signal(fingerprin
     assert [mark["spans"] for mark in speed["marks"]] == [[[0.5, 0.6]]]
     assert [mark["spans"] for mark in torque["marks"]] == [[[20.0, 20.01], [200.0, 200.02]]]
     assert [mark["cut"] for mark in speed["marks"] + torque["marks"]] == [False, True]
+
+
+def test_times_are_those_of_the_log(fingerprint, experiments) -> None:
+    late = replace(experiments[0], provenance={**experiments[0].provenance, "window_s": [60.0, 300.0]})
+    page = render(fingerprint, [late], simulated=[echo(late)])
+    (chart,) = charted(page)
+    assert chart["start"] == 60.0
+    seen = re.search(r", (\d+) to (\d+) s: measurement", page)
+    assert float(seen[1]) >= 60.0
+    assert late.window(5.0, 10.0).start_s == pytest.approx(65.0)
+
+
+def test_another_fit_has_its_own_section(fingerprint) -> None:
+    page = render(fingerprint, [], also=("Published data", "Sine fits.", fingerprint, []))
+    section = page[page.index('id="also"') :]
+    assert "Published data</h2>" in section
+    assert "<code>tau_n</code>" in section
+
+
+def test_a_legend_is_as_wide_as_its_picture() -> None:
+    (ax,) = style.panels_of(None, 1)
+    for place in range(8):
+        ax.plot([0, 1], label=f"a window of a long name, {place}")
+    style.dress(ax, "speed [rpm]")
+    ax.figure.canvas.draw()
+    assert ax.get_legend().get_window_extent().x0 >= 0.0
 
 
 def test_a_chart_of_a_short_record_holds_every_sample_and_its_masks(page, experiments) -> None:

@@ -39,10 +39,14 @@ def section(page: str) -> str:
 
 
 def test_an_engine_that_is_not_described_has_its_picture_and_no_loop(page) -> None:
-    sides = section(page)
-    assert "What the engine&#39;s torque has beyond the model" in sides
-    assert sides.count("<svg") == 1
-    assert "A dead band, or a gain that grows in steps, makes an S through zero error" in sides
+    sides, shown = section(page), page[page.index("<main>") : page.index("<h2")]
+    why = shown.index("What the engine&#39;s torque has beyond the model")
+    assert why < shown.index(
+        "measurement, and the model&#39;s answer"
+    )  # refused gains have their reason first
+    assert shown.count("<svg") == 2
+    assert "<svg" not in sides
+    assert "A dead band, or a gain that grows in steps, makes an S through zero error" in shown
     assert "those of the load&#39;s side by itself are given" in sides
     assert 'id="loop"' not in page
     screen = text_of(first_screen(page))
@@ -123,7 +127,7 @@ def test_a_load_is_shown_above_what_it_drives() -> None:
 def test_an_engine_that_is_not_described_is_not_said_to_lack_excitation(page) -> None:
     screen = text_of(first_screen(page))
     assert "More excitation" not in screen
-    assert "What engine and governor do beyond the model is drawn below" in screen
+    assert "What engine and governor do beyond the model is drawn beside" in screen
 
 
 def test_a_reason_that_several_parameters_share_is_told_once(page) -> None:

@@ -7,6 +7,7 @@ Also here:
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any, NamedTuple
@@ -20,12 +21,14 @@ from shipfp_rs.assessment.comparable import require_comparable, with_common_elem
 from shipfp_rs.errors import InputError, UnknownNameError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.frequency import FrequencyResponse, local_response
+from shipfp_rs.identification.estimate import decimals, rounded
 from shipfp_rs.identification.fingerprint import Estimate, Fingerprint
 from shipfp_rs.identification.identifiability import gradient_of
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.structures.ties import COMBINATIONS, declared
 from shipfp_rs.support.arguments import checked
 from shipfp_rs.support.arrays import DEVIATIONS_95, Array, Brief
+from shipfp_rs.support.tables import shown, text_table
 from shipfp_rs.support.threads import with_one_blas_thread
 from shipfp_rs.support.units import unit_shown
 
@@ -128,6 +131,18 @@ class Change:
     p: float
     significant: bool
 
+    @property
+    def places(self) -> int | None:
+        """Digits after the point that the interval of the change justifies."""
+        return decimals((self.ci95[1] - self.ci95[0]) / (2.0 * DEVIATIONS_95))
+
+    @property
+    def by(self) -> str:
+        """The change in words: relative to the value before, or absolute if that was zero."""
+        if math.isfinite(self.change_pct):
+            return f" by {self.change_pct:+.1f} %"
+        return f" by {rounded(self.change, self.places)} {unit_shown(self.unit)}".rstrip()
+
 
 class Joint(NamedTuple):
     """Wald test of all quantities together: statistic, degrees of freedom, p, and the two that contribute most."""
@@ -136,6 +151,9 @@ class Joint(NamedTuple):
     freedom: int
     p: float
     most: tuple[str, ...] = ()
+
+
+HEAD = ("quantity", "before", "after", "95 % of the change", "unit", "p")
 
 
 @dataclass(frozen=True, repr=False)
@@ -155,6 +173,25 @@ class Comparison(Brief):
                 return change
         known = ", ".join(change.name for change in self.changes)
         raise UnknownNameError(f"no quantity {name!r} known in both fingerprints; compared are {known}")
+
+    def rows(self) -> list[list[str]]:
+        """Return the changes as text, a row each under `HEAD`; a star after p marks a significant one."""
+        return [
+            [
+                change.name,
+                *(rounded(value, change.places) if value else "0" for value in (change.before, change.after)),
+                " to ".join(rounded(value, change.places) for value in change.ci95),
+                unit_shown(change.unit) or "-",
+                f"{_chance(change.p).removeprefix('= ')}{' *' if change.significant else ''}",
+            ]
+            for change in self.changes
+        ]
+
+    def __str__(self) -> str:
+        return "\n".join((*text_table(HEAD, self.rows()), "", *self.verdict, *self.remarks))
+
+    def _repr_html_(self) -> str:
+        return shown("Comparison", HEAD, self.rows(), (*self.verdict, *self.remarks))
 
     def to_dict(self) -> dict[str, Any]:
         """Return the JSON form."""
@@ -439,21 +476,26 @@ def covariance_of(fingerprint: Fingerprint, names: Sequence[str]) -> Array:
     return np.asarray(linear * np.outer(scale, scale))
 
 
+def _chance(p: float) -> str:
+    """Probability with its relation; of one below a millionth the figures mean nothing."""
+    return "< 1e-6" if p < 1e-6 else f"= {p:.2g}"
+
+
 def _verdict(changes: Sequence[Change], joint: Joint, level: float, count: int) -> tuple[str, ...]:
     found = [change for change in changes if change.significant]
     lines = [
-        f"{change.name} changed by {change.change_pct:+.1f} % ({change.before:.4g} to {change.after:.4g}"
-        f"{f' {unit_shown(change.unit)}'.rstrip()}; p = {change.p:.1g})."
+        f"{change.name} changed{change.by} ({rounded(change.before, change.places)} to "
+        f"{rounded(change.after, change.places)}{f' {unit_shown(change.unit)}'.rstrip()}; p {_chance(change.p)})."
         for change in found
     ]
     together = f"{'all ' if count == len(changes) else ''}{count} quantities together: "
     together += f"chi-squared {joint.statistic:.3g} at {joint.freedom}"
-    together += f", p = {joint.p:.2g}"
+    together += f", p {_chance(joint.p)}"
     if found:
         lines.append(f"The rest did not change by more than chance ({together}).")
     elif joint.p < level:
         both = [change for change in changes if change.name in joint.most]
-        moved = " and ".join(f"{change.name} by {change.change_pct:+.1f} %" for change in both)
+        moved = " and ".join(f"{change.name}{change.by}" for change in both)
         lines.append(
             f"Something changed ({together}), though no quantity alone by more than chance: {moved}, which the errors of "
             "both trials would not move so together."

@@ -16,7 +16,7 @@ import sys
 import threading
 import traceback
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Annotated, Any, TextIO
 
 
@@ -52,6 +52,8 @@ with ends_without_a_word():
 DONE, FAILED, BAD_INPUT, INTERRUPTED, ENDED = 0, 1, 2, 130, 143
 NOT_THE_USERS = (errno.EMFILE, errno.ENFILE, errno.ENOMEM, errno.EIO)
 """Error numbers of the system's limits and devices; any other file error concerns a name given by the user."""
+FULL = (errno.ENOSPC, errno.EROFS, errno.EFBIG, *([errno.EDQUOT] if hasattr(errno, "EDQUOT") else []))
+"""Error numbers of a disk that takes no more."""
 ENDING = (signal.SIGTERM, *([signal.SIGHUP] if hasattr(signal, "SIGHUP") else []))
 """Signals by which other processes end a command; SIGHUP means a closed terminal."""
 AGAIN_S = 0.2
@@ -67,8 +69,22 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
     pretty_exceptions_enable=False,
 )
-for command in (demo, run, init, check, view, inspect, simulate, design, sweep, convert, compare):
-    app.command()(command)
+EXAMPLES: dict[Callable[..., Any], str] = {
+    demo: "shipfp demo --out my-demo",
+    run: "shipfp run my-trial/TRIAL.toml --out my-result",
+    init: "shipfp init my-trial --log my-log.csv",
+    check: "shipfp check my-trial/TRIAL.toml",
+    view: "shipfp view my-log.csv",
+    inspect: "shipfp inspect my-log.csv my-trial/TRIAL.toml --out pictures",
+    simulate: "shipfp simulate stan-tug-1205 --excitation steps --raw --out log.parquet",
+    design: "shipfp design stan-tug-1205 --duration 1200 --amplitude 40 --avoid 2.4:2.8",
+    sweep: "shipfp sweep SWEEP.toml --out my-sweep",
+    convert: "shipfp convert my-log.raw my-log.parquet",
+    compare: "shipfp compare before/fingerprint.json after/fingerprint.json --out changes.png",
+}
+"""Commands in the order of the help, each with an example."""
+for command, example in EXAMPLES.items():
+    app.command(epilog=f"Example: {example}")(command)
 app.add_typer(reproduce, name="reproduce")
 
 
@@ -223,7 +239,9 @@ def _fail(error: Exception) -> int:
     # Usage errors are exceptions of click or, in newer versions, of typer; both have `format_message`.
     usage = getattr(error, "format_message", None)
     if usage is not None:
-        _line(f"error: {usage().rstrip('.') or 'no command given, expected one'}; see shipfp --help")
+        context = getattr(error, "ctx", None)
+        command = context.command_path if context else "shipfp"
+        _line(f"error: {usage().rstrip('.') or 'no command given, expected one'}; see {command} --help")
         return BAD_INPUT
     if isinstance(error, ShipfpError) and not isinstance(error, InternalError):
         _line(f"error: {error}")
@@ -232,7 +250,7 @@ def _fail(error: Exception) -> int:
             return BAD_INPUT
     elif isinstance(error, OSError):
         _line(
-            f"error: {error.filename or 'a file or the output'}: {error.strerror or error}; choose another name or disk"
+            f"error: {error.filename or 'a file or the output'}: {error.strerror or error}; {_advice(error.errno)}"
         )
         _leave_output()
         return FAILED if error.errno in NOT_THE_USERS else BAD_INPUT
@@ -243,6 +261,14 @@ def _fail(error: Exception) -> int:
             f"internal error: {type(error).__name__}: {error}; run with SHIPFP_TRACEBACK=1 for the traceback"
         )
     return FAILED
+
+
+def _advice(number: int | None) -> str:
+    if number in (errno.EACCES, errno.EPERM):
+        return "give yourself the right to it, or choose another name"
+    if number in FULL:
+        return "choose another disk"
+    return "check its name"
 
 
 def _leave_output() -> None:

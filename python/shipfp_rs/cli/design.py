@@ -16,14 +16,17 @@ from shipfp_rs.cli.options import (
     OutFolder,
     as_typed,
     file_option,
+    footnotes,
     number_option,
     print_results,
     print_table,
     print_text,
     progress,
+    vessels,
 )
 from shipfp_rs.errors import InputError
 from shipfp_rs.support.arguments import between
+from shipfp_rs.support.units import unit_shown
 
 if TYPE_CHECKING:
     from shipfp_rs.designs import Generator, Noise, Plan
@@ -51,7 +54,9 @@ def design(
     expected: Annotated[
         str,
         typer.Argument(
-            metavar="VESSEL", help="Built-in ship, vessel file, or the fingerprint.json of an earlier trial."
+            metavar="VESSEL",
+            autocompletion=vessels,
+            help="Built-in ship, vessel file, or the fingerprint.json of an earlier trial.",
         ),
     ],
     duration: Annotated[
@@ -135,6 +140,7 @@ def design(
 def _print(plan: Plan) -> None:
     estimates = {**plan.prediction.parameters, **plan.prediction.derived}
     print_text(f"{plan.subject}: {plan.kind}, {plan.criterion}-optimal", *plan.heading())
+    marks, notes = footnotes(row.reason for row in estimates.values())
     print_table(
         "Predicted standard deviations",
         ["parameter", "expected", "std", "% of value", "unit", ""],
@@ -143,13 +149,14 @@ def _print(plan: Plan) -> None:
                 name,
                 f"{row.value:.4g}" if row.value is not None else "",
                 f"{row.std:.2g}" if row.std is not None else "",
-                f"{plan.prediction.relative_pct[name]:.2f}" if name in plan.prediction.relative_pct else "",
-                row.unit,
-                row.reason,
+                _percent(plan.prediction.relative_pct[name]) if name in plan.prediction.relative_pct else "",
+                unit_shown(row.unit),
+                mark,
             ]
-            for name, row in estimates.items()
+            for (name, row), mark in zip(estimates.items(), marks, strict=True)
         ],
     )
+    print_text(*notes)
     if plan.needed is not None:
         met = "is met" if plan.needed.met else "is not met"
         needed = plan.needed.duration_s
@@ -157,6 +164,10 @@ def _print(plan: Plan) -> None:
         print_text(
             f"A standard deviation of {plan.needed.accuracy_pct:g} % {met}; {takes}, set by {plan.needed.limited_by}."
         )
+
+
+def _percent(value: float) -> str:
+    return f"{value:.2g}" if value < 100.0 else f"{value:.0f}"
 
 
 def _pair(option: str, text: str) -> tuple[float, float]:

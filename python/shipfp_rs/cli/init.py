@@ -87,7 +87,21 @@ def _of_logs(
                 told += "; nothing but rest"
         except InputError as error:
             told = f"no windows found: {error}"
-    print_text(*log.notes, told)
+    roled = {
+        roles.set_point,
+        roles.command,
+        roles.torque,
+        roles.actuator,
+        roles.load,
+        *roles.speeds,
+        *roles.trains,
+    }
+    idle = [
+        f"{name} [{channel.unit}]" if channel.unit else name
+        for name, channel in log.channels.items()
+        if name not in roled
+    ]
+    print_text(*log.notes, told, *([f"not used: {', '.join(idle)}"] if idle else []))
     if roles.trains:
         pulses = ", ".join(f"{name} at {rate:.4g} Hz" for name, rate in roles.trains.items())
         print_text(f"pulse trains: {pulses}")

@@ -118,16 +118,28 @@ def _print(found: Inspection) -> None:
     from shipfp_rs.inspection.channels import sentences
     from shipfp_rs.processing.trial_template import windows_toml
 
+    late = any(report.channel.start_s for report in found.channels)
     print_table(
         f"Channels of {found.log}",
-        ["channel", "unit", "rate [Hz]", "samples", "start [s]", "low", "high", "noise", "pulses/s", "gaps"],
+        [
+            "channel",
+            "unit",
+            "Hz",
+            "samples",
+            *["start [s]"] * late,
+            "low",
+            "high",
+            "noise",
+            "pulses/s",
+            "gaps",
+        ],
         [
             [
                 report.channel.name,
                 report.channel.unit,
                 f"{report.channel.rate_hz:g}",
                 f"{report.channel.samples}",
-                f"{report.channel.start_s:g}",
+                *[f"{report.channel.start_s:g}"] * late,
                 f"{report.low:.5g}",
                 f"{report.high:.5g}",
                 "" if report.pulses_hz is not None else f"{report.noise:.2g}",

@@ -55,6 +55,13 @@ def a_path(text: str | Path) -> Path:
     return Path(typed)
 
 
+def vessels(incomplete: str) -> list[str]:
+    """Names of built-in ships that begin so, for a shell that completes them."""
+    from shipfp_rs.vessel.vessel import Vessel
+
+    return [name for name in Vessel.names() if name.startswith(incomplete)]
+
+
 def a_language(text: str) -> str:
     """Parse a language of reports."""
     if text not in LANGUAGES:
@@ -162,7 +169,7 @@ Rate = Annotated[
 
 PIPE_WIDTH = 200
 """Line width outside a terminal; wider tables are not wrapped."""
-GAP = 3
+GAP = 2
 """Characters between columns, and around the table."""
 
 
@@ -173,14 +180,18 @@ def print_json(content: Any) -> None:
     print(json_text(content, ascii_only=False), end="")
 
 
+REPORT = "report.html"
+
+
 def print_results(content: Any, show: Callable[[], None], out: Path | None = None, *, json: bool) -> None:
-    """Print results as JSON, or as text with the folder they were written to."""
+    """Print results as JSON, or as text that ends with the folder they were written to, or the report in it."""
     if json:
         print_json(content)
         return
     show()
     if out is not None:
-        print_text(f"wrote {out}")
+        report = out / REPORT
+        print_text(f"Open {report} in a browser." if report.is_file() else f"wrote {out}")
 
 
 def print_text(*lines: str) -> None:
@@ -203,7 +214,7 @@ def print_table(title: str, head: Iterable[str], rows: Iterable[Iterable[str]]) 
     if title:  # outside the table, which would wrap it to its own width
         console.print(title, style="bold")
     for columns in _that_fit(widths, console.width - GAP):
-        table = Table(box=box.SIMPLE_HEAD)
+        table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
         for index in columns:
             table.add_column(
                 lines[0][index],
@@ -240,26 +251,49 @@ def print_fingerprint(
 def print_estimates(
     title: str, estimates: Mapping[str, Estimate], truth: Mapping[str, float] | None = None
 ) -> None:
-    """Print a table of estimates, beside the truth if known."""
-    from shipfp_rs.identification.estimate import rounded_rows
+    """Print a table of estimates, beside the truth if known; letters refer to footnotes on what is not simply estimated."""
+    from shipfp_rs.identification.estimate import STATUS, rounded_rows
     from shipfp_rs.support.units import unit_shown
 
+    rows = [*rounded_rows(estimates, truth)]
+    usual = STATUS["free"]
+    marks, notes = footnotes("" if row.status == usual else row.status for row in rows)
     print_table(
         title,
-        ["parameter", *(["truth"] if truth else []), "estimate", "95 % from", "to", "unit", "status"],
+        ["parameter", *(["truth"] if truth else []), "estimate", "95 % from", "to", "unit", ""],
         [
             [
                 row.name,
-                *([row.truth] if truth else []),
-                row.value,
-                row.low,
+                *([row.truth and _zero(row.truth)] if truth else []),
+                _least(row.value, row.low, row.high),
+                _zero(row.low),
                 row.high,
                 unit_shown(row.unit) or "-",
-                row.status,
+                mark,
             ]
-            for row in rounded_rows(estimates, truth)
+            for row, mark in zip(rows, marks, strict=True)
         ],
     )
+    print_text(*notes)
+
+
+def footnotes(texts: Iterable[str]) -> tuple[list[str], list[str]]:
+    """Letter of each text, empty for an empty one, and a line for each letter."""
+    texts = list(texts)
+    letters = {text: chr(ord("a") + place) for place, text in enumerate(dict.fromkeys(filter(None, texts)))}
+    return [letters.get(text, "") for text in texts], [
+        f"{letter}  {text}" for text, letter in letters.items()
+    ]
+
+
+def _zero(number: str) -> str:
+    """A rounded number; zero without digits after the point."""
+    return number if number.strip("-0.") or not number else "0"
+
+
+def _least(value: str, low: str, high: str) -> str:
+    """A rounded estimate; where zero is the estimate and the end of its interval, the other end as a limit."""
+    return f"< {high}" if "0" == _zero(value) == _zero(low) and high and _zero(high) != "0" else _zero(value)
 
 
 def _console(needed: int = 0) -> Console:

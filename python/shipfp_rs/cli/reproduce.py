@@ -201,24 +201,7 @@ def compare(
 
 
 def _print_comparison(title: str, comparison: Comparison) -> None:
-    from shipfp_rs.identification.estimate import decimals, rounded
-    from shipfp_rs.support.units import unit_shown
+    from shipfp_rs.assessment.comparison import HEAD
 
-    print_table(
-        title,
-        ["quantity", "before", "after", "change", "95 % from", "to", "change [%]", "p", "unit"],
-        [
-            [
-                change.name,
-                *(
-                    rounded(figure, decimals(change.ci95[1] - change.change))
-                    for figure in (change.before, change.after, change.change, *change.ci95)
-                ),
-                f"{change.change_pct:+.2g}",
-                f"{change.p:.2g}" + (" *" if change.significant else ""),
-                unit_shown(change.unit) or "-",
-            ]
-            for change in comparison.changes
-        ],
-    )
+    print_table(title, HEAD, comparison.rows())
     print_text(*comparison.verdict, *comparison.remarks)

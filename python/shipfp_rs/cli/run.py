@@ -37,10 +37,11 @@ from shipfp_rs.cli.options import (
     print_table,
     print_text,
     progress,
+    vessels,
 )
 from shipfp_rs.errors import InputError, SimulationError
 from shipfp_rs.structures.ties import true_values
-from shipfp_rs.support.sentences import LANGUAGES
+from shipfp_rs.support.sentences import LANGUAGES, Sentence
 
 if TYPE_CHECKING:
     from shipfp_rs.runs.dry_run import Check
@@ -108,13 +109,21 @@ def _print(found: Check) -> None:
         print_text(f"Would be tried beside it: {', '.join(found.tried)}.")
     told = {**found.expected.parameters, **found.expected.derived}
     print_estimates("What the data are expected to determine, at a first look", told)
-    print_text(*(f"{name}: {one.reason}." for name, one in told.items() if one.status == "unidentifiable"))
+    why: dict[str, list[str]] = {}
+    for name, one in told.items():
+        if one.status == "unidentifiable":
+            why.setdefault(one.reason, []).append(name)
+    print_text(*(f"{', '.join(names)}: {reason}." for reason, names in why.items()))
     if found.missing:
         print_text("Missing:", *(f"- {line}" for line in found.missing))
     else:
         print_text("Nothing is missing.")
 
 
+PUBLISHED = Sentence("Published data of the tug's own trial")
+OF_PUBLISHED = Sentence(
+    "Sine fits of the only full-scale trial that is published, fitted by the same program, each point by its weight."
+)
 VESSEL = "stan-tug-1205"
 LOG, TRUTH = "log.parquet", "truth.json"
 AMPLITUDE_RPM = 40.0
@@ -132,17 +141,24 @@ def demo(
     from shipfp_rs.runs import run
     from shipfp_rs.support.files import replacing_folder
 
-    with progress() as notify:
-        with replacing_folder(
-            out, marker=run.MARKER, others=[*run.RESULTS, LOG, TRUTH], force=force
-        ) as folder:
-            notify("simulating a raw log")
-            truth = _write_log(folder, seed)
-            trial = Trial.load(folder / "TRIAL.toml")
-            result = run.evaluate(trial, folder, seed=seed, truth=truth, notify=notify)
+    with (
+        progress() as notify,
+        replacing_folder(out, marker=run.MARKER, others=[*run.RESULTS, LOG, TRUTH], force=force) as folder,
+    ):
+        notify("simulating a raw log")
+        truth = _write_log(folder, seed)
+        trial = Trial.load(folder / "TRIAL.toml")
         published = fullscale.reproduce(
             lambda done, jobs: notify(f"published data, {done} of {jobs} fits done")
         )
+        drawn = fullscale.responses(published)
+        also = (
+            PUBLISHED,
+            OF_PUBLISHED,
+            fullscale.best_of(published),
+            [(drawn.measured, drawn.models["ours"])],
+        )
+        result = run.evaluate(trial, folder, seed=seed, truth=truth, also=also, notify=notify)
 
     def show() -> None:
         title = "A simulated trial of the tug, truth beside estimate"
@@ -154,8 +170,6 @@ def demo(
 
     found = {"fingerprint": result.fingerprint.to_dict(), "fullscale": published.to_dict()}
     print_results({"folder": str(out), "truth": truth, **found}, show, out, json=json)
-    if not json:
-        print_text(f"Open {out / 'report.html'} in a browser.")
 
 
 def _write_log(folder: Path, seed: int) -> dict[str, float]:
@@ -200,7 +214,10 @@ Kind = Literal["chirp", "steps", "multisine", "sines"]
 
 def simulate(
     vessel: Annotated[
-        str, typer.Argument(metavar="VESSEL", help="Built-in ship, or the path of a vessel file.")
+        str,
+        typer.Argument(
+            metavar="VESSEL", autocompletion=vessels, help="Built-in ship, or the path of a vessel file."
+        ),
     ],
     excitation: Annotated[Kind, typer.Option(help="What is put on the set point.")] = "chirp",
     amplitude_rpm: Annotated[

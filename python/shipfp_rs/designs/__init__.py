@@ -6,6 +6,7 @@ import dataclasses
 import math
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
@@ -56,8 +57,8 @@ def design(
     duration_s: float | None = None,
     accuracy_pct: float | None = None,
     parameters: Sequence[str] | None = None,
-    kind: Kind = "mix",
-    criterion: Criterion = "D",
+    kind: Literal["sines", "squares", "multisine", "chirp", "mix"] = "mix",
+    criterion: Literal["D", "A"] = "D",
     structure: Structure | None = None,
     sensors: Mapping[str, Noise] | None = None,
     n_e_rpm: float | None = None,

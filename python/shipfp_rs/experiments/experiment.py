@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from importlib import import_module
 from types import MappingProxyType
-from typing import Any, Literal, Self
+from typing import Any, Literal, Self, overload
 
 import numpy as np
 
-from shipfp_rs.errors import InputError
+from shipfp_rs.errors import InputError, UnknownNameError
 from shipfp_rs.support import hints
 from shipfp_rs.support.arguments import check_fields, checked, positive, told
 from shipfp_rs.support.arrays import Array, EvenlySampled, unmasked
@@ -71,7 +72,7 @@ class Experiment(Tabular, EvenlySampled):
     rate_hz: float
     signals: Mapping[str, Array]
     operating_point: Mapping[str, float]
-    hold: Hold = "first"
+    hold: Literal["zero", "first"] = "first"
     kind: str = ""
     provenance: Mapping[str, Any] = field(default_factory=dict)
 
@@ -157,11 +158,48 @@ class Experiment(Tabular, EvenlySampled):
     def __len__(self) -> int:
         return len(self.signals[self.driver])
 
+    @overload
+    def __getitem__(self, name: str) -> Array: ...
+    @overload
+    def __getitem__(self, name: slice) -> Experiment: ...
+    def __getitem__(self, name: str | slice) -> Array | Experiment:
+        """Return a signal by name, ``experiment["n_e"]``, or a window in seconds, ``experiment[10.0:20.0]``."""
+        if isinstance(name, slice):
+            if name.step is not None:
+                raise InputError(f"experiment {self.name!r}: step {name.step!r} of a window, expected none")
+            stop = self.duration if name.stop is None else name.stop
+            return self.window(name.start or 0.0, stop)
+        if name not in self.signals:
+            raise UnknownNameError(
+                f"experiment {self.name!r}: no signal {name!r}; found {', '.join(self.signals)}"
+            )
+        return self.signals[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.signals)
+
+    def __contains__(self, name: object) -> bool:
+        return name in self.signals
+
+    def _ipython_key_completions_(self) -> list[str]:
+        return [*self.signals]
+
+    def plot(self, axes: Sequence[Any] | None = None) -> Sequence[Any]:
+        """Draw the signals against time; see `plot.signals`."""
+        # Imported by name, since this module does not depend on plots.
+        drawn: Sequence[Any] = import_module("shipfp_rs.plot").signals(self, axes)
+        return drawn
+
     @property
     def speed_side(self) -> Literal["engine", "propeller"]:
         """End of the shaft at which the speed is measured; a speed in rpm of the engine may come from either end."""
         told = (self.provenance.get("speed") or {}).get("shaft")
         return "propeller" if told == "propeller" or "n_e" not in self.signals else "engine"
+
+    @property
+    def start_s(self) -> float:
+        """Time of the first sample on the clock of the log that it was cut from [s]; zero without a log."""
+        return float((self.provenance.get("window_s") or (0.0,))[0])
 
     @property
     def governor_clock(self) -> tuple[float, float] | None:
@@ -201,8 +239,7 @@ class Experiment(Tabular, EvenlySampled):
         InputError
             If the experiment has no such signal, or no operating point for it.
         """
-        if name not in self.signals:
-            raise InputError(f"experiment {self.name!r}: no signal {name!r}; found {', '.join(self.signals)}")
+        samples = self[name]
         if name not in self.operating_point:
             raise InputError(
                 f"experiment {self.name!r}: no operating point for {name!r}; give operating_point[{name!r}]"
@@ -212,8 +249,8 @@ class Experiment(Tabular, EvenlySampled):
             torque = self._load_torque() or value
             # The scale has the load's sign: the magnitude of a negative load rises when its signal falls.
             scale = math.copysign(torque, value if abs(value) > UNLOADED * abs(torque) else 1.0)
-            return np.asarray((self.signals[name] - value) / scale)
-        return np.asarray(self.signals[name] / value - (0.0 if name == "E_n" else 1.0))
+            return np.asarray((samples - value) / scale)
+        return np.asarray(samples / value - (0.0 if name == "E_n" else 1.0))
 
     def _load_torque(self) -> float | None:
         """Torque of the load's shaft at the operating point; None if unknown, or if the load is no torque."""
@@ -253,12 +290,11 @@ class Experiment(Tabular, EvenlySampled):
             raise InputError(
                 f"{unknown[0]!r} is not a field of an experiment, {hints.suggestion(unknown[0], _FACTS)}"
             )
-        if "operating_point" not in facts:
-            raise InputError(
-                "no operating point, expected one for each signal; give operating_point={'n_set': ..., ...}"
-            )
         index, *names = values
-        given = {"name": "experiment", "rate_hz": None, **facts}
+        given: dict[str, Any] = {"name": "experiment", "rate_hz": None, **facts}
+        if "operating_point" not in facts:
+            given["operating_point"] = _means({name: values[name] for name in names})
+            given["provenance"] = {"operating_point": "means of the record", **given.get("provenance", {})}
         if given["rate_hz"] is None:
             given["rate_hz"] = _rate(index, values[index])
         return cls(signals={name: values[name] for name in names}, **given)
@@ -287,13 +323,28 @@ class Experiment(Tabular, EvenlySampled):
                 f"{self.duration:g} s"
             )
         cut = {key: values[first:last] for key, values in self.signals.items()}
-        return replace(self, name=name or self.name, signals=cut)
+        told = dict(self.provenance)
+        if "window_s" in told:
+            told["window_s"] = [self.start_s + row / self.rate_hz for row in (first, last)]
+        return replace(self, name=name or self.name, signals=cut, provenance=told)
 
 
 def _torque_point(signals: Mapping[str, Any], operating_point: Mapping[str, float]) -> float | None:
     """Torque of the operating point, if measured; preferably the shaft torque, the one that a load changes directly."""
     measured = (name for name in ("M_s", "M_g", "M_b") if name in signals and name in operating_point)
     return next((operating_point[name] for name in measured), None)
+
+
+def _means(signals: Mapping[str, Array]) -> dict[str, float]:
+    """Operating point of signals without one: their means; that of the integrated error E_n is the speed [rev/s]."""
+    means = {
+        name: float(np.nanmean(row))
+        for name, row in signals.items()
+        if name != "E_n" and not np.isnan(row).all()
+    }
+    if "E_n" in signals and "n_e" in means:
+        means["E_n"] = means["n_e"] / 60.0
+    return {name: mean for name, mean in means.items() if mean or name == "M_load"}
 
 
 def _rate(name: str, time: Array) -> float:

@@ -25,8 +25,6 @@ from shipfp_rs.support.arrays import Array, ComplexArray
 from shipfp_rs.support.spikes import bridge
 from shipfp_rs.support.tables import Columns, Tabular, shown
 
-Estimator = Literal["H1", "H2"]
-
 _OVERLAP = 0.5
 _KEPT = 2
 """Step between the bins that are used: with a Hann window, every second bin is nearly independent (correlation 1/36)."""
@@ -37,7 +35,7 @@ def spectral_response(
     experiments: Experiment | Sequence[Experiment],
     segment_s: float,
     *,
-    estimator: Estimator = "H1",
+    estimator: Literal["H1", "H2"] = "H1",
     signals: Sequence[str] | None = None,
     band_hz: tuple[float, float] | None = None,
 ) -> FrequencyResponse:

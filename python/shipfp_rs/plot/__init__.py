@@ -5,7 +5,7 @@ Figures are neither shown nor saved. Colours are of medium lightness, legible on
 
 from shipfp_rs.plot.estimates import correlogram, intervals, likelihood
 from shipfp_rs.plot.frequency import bode, responses
-from shipfp_rs.plot.signals import fit, log, pulse_intervals, time_series
+from shipfp_rs.plot.traces import fit, log, pulse_intervals, signals
 
 __all__ = [
     "bode",
@@ -16,5 +16,5 @@ __all__ = [
     "log",
     "pulse_intervals",
     "responses",
-    "time_series",
+    "signals",
 ]

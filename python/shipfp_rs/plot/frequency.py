@@ -79,17 +79,19 @@ def _points_and_curves(
 ) -> None:
     """Draw points with bars, and the model's curve of each signal, labelled only for the first window."""
     amplitude, phase = axes
-    for name, response in measured.response.items():
+    for row, (name, response) in enumerate(measured.response.items()):
+        symbol = LABELS[name].split()[-1]
+        line = "--" if row else "-"  # colour alone does not tell signals apart
         color, size, angle = COLOURS[name], np.abs(response), _phase(response)
         if model is not None:
             curve, label = (
                 model.response[name],
-                f"model of {LABELS[name].split()[-1]}" if mark == MARKS[0] else None,
+                f"model of {symbol}" if mark == MARKS[0] else None,
             )
             expected = np.interp(measured.frequency_hz, model.frequency_hz, _phase(curve))
             angle += 360.0 * np.round((expected - angle) / 360.0)
-            amplitude.plot(model.frequency_hz, np.abs(curve), color=color, lw=1.2, label=label)
-            phase.plot(model.frequency_hz, _phase(curve), color=color, lw=1.2)
+            amplitude.plot(model.frequency_hz, np.abs(curve), color=color, lw=1.2, ls=line, label=label)
+            phase.plot(model.frequency_hz, _phase(curve), color=color, lw=1.2, ls=line)
         bars = angle_bars = None
         if name in measured.amplitude_std:
             reach = 2.0 * measured.amplitude_std[name]
@@ -98,7 +100,8 @@ def _points_and_curves(
             # An unknown phase gets a bar of half a turn in either direction.
             angle_bars = np.minimum(np.degrees(2.0 * measured.phase_std[name]), 180.0)
         style: dict[str, Any] = {"color": color, "fmt": mark, "ms": 4, "lw": 1.0, "capsize": 2}
-        label = f"{measured.name}: {LABELS[name]}" if several else LABELS[name]
+        style["mfc"] = "none" if row else color
+        label = f"{measured.name}: {symbol}" if several else LABELS[name]
         amplitude.errorbar(measured.frequency_hz, size, bars, label=label, **style)
         phase.errorbar(measured.frequency_hz, angle, angle_bars, label=label, **style)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from typing import TYPE_CHECKING
@@ -56,6 +57,8 @@ COLOURS: Mapping[str, str] = {
 REFLECTORS = (BLUE, ORANGE, GREEN, PURPLE, GREY, RED)
 COMPARED = (BLUE, ORANGE, GREEN, PURPLE, RED)
 LEGEND_COLUMNS = 5
+LETTER_PT, HANDLE_PT = 5.0, 40.0
+"""Width of a letter of a legend, and of a line's sample with its gaps, at the usual size of 10 points."""
 ENVELOPE_BINS = 1000
 """Number of stretches whose extremes are drawn for a long signal."""
 
@@ -112,6 +115,20 @@ def plain_numbers(ax: Axes) -> None:
             formatter.set_useOffset(False)
 
 
+def _columns(ax: Axes) -> int:
+    """Number of a legend's columns that fit the width of the figure."""
+    from matplotlib import rcParams
+
+    labels = [re.sub(r"\\\w+|[${}^_]", "", label) for label in ax.get_legend_handles_labels()[1]]
+    room = 72.0 * float(ax.get_figure(root=True).get_size_inches()[0])  # type: ignore[union-attr]
+    scale = rcParams["font.size"] / 10.0
+    for count in range(min(len(labels), LEGEND_COLUMNS), 1, -1):
+        columns = (max(map(len, part)) for part in np.array_split(np.array(labels, dtype=object), count))
+        if scale * sum(LETTER_PT * longest + HANDLE_PT for longest in columns) < room:
+            return count
+    return 1
+
+
 def dress(ax: Axes, ylabel: str, *, legend: bool = True) -> None:
     """Add a label, a faint grid and a legend above the axes."""
     ax.set_ylabel(ylabel)
@@ -124,7 +141,7 @@ def dress(ax: Axes, ylabel: str, *, legend: bool = True) -> None:
         ax.legend(
             loc="lower right",
             bbox_to_anchor=(1.0, 1.0),
-            ncols=LEGEND_COLUMNS,
+            ncols=_columns(ax),
             frameon=False,
             fontsize="small",
             borderaxespad=0.2,

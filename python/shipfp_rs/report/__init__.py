@@ -21,8 +21,10 @@ from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.frequency import FrequencyResponse
 from shipfp_rs.identification.automatic import FULL_SHIP
 from shipfp_rs.identification.driven import instead
+from shipfp_rs.identification.estimate import rounded_rows
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.plot.frequency import windows
+from shipfp_rs.plot.traces import units
 from shipfp_rs.report import answer, fate, findings, loop, markup, operating
 from shipfp_rs.report.markup import Say
 from shipfp_rs.report.operating import facts
@@ -31,6 +33,7 @@ from shipfp_rs.structures.structure import Structure
 from shipfp_rs.support.files import write_text_atomically
 from shipfp_rs.support.sentences import Sentence
 from shipfp_rs.support.tables import environment
+from shipfp_rs.support.units import unit_shown
 from shipfp_rs.vessel.vessel import Vessel
 
 __all__ = ["render", "write_report"]
@@ -38,6 +41,9 @@ __all__ = ["render", "write_report"]
 LOGGER = logging.getLogger("shipfp_rs")
 
 Responses = Sequence[tuple[FrequencyResponse, FrequencyResponse]]
+
+Also = tuple[str, str, Fingerprint, Responses]
+"""Another fit to show at the end: heading, a sentence, its fingerprint, and measured responses with the model's."""
 
 STILL_PICTURES = 1
 """Number of experiments with a static picture, for readers without JavaScript; drawing it takes as long as half of the
@@ -50,6 +56,7 @@ class Content(TypedDict, total=False):
 
     simulated: Sequence[Experiment]
     responses: Responses
+    also: Also | None
     truth: Mapping[str, float] | None
     title: str
     language: str
@@ -80,6 +87,8 @@ def write_report(
         The fitted model's outputs for each experiment, from `Fingerprint.predict`; may be empty.
     responses
         Measured responses, each with the model's, for Bode plots, from `assessment.compared_responses`.
+    also
+        Another fit to show beside this one.
     truth
         True values by name, for simulated logs.
     title
@@ -120,6 +129,7 @@ def render(
     *,
     simulated: Sequence[Experiment] = (),
     responses: Responses = (),
+    also: Also | None = None,
     truth: Mapping[str, float] | None = None,
     title: str = "Fingerprint",
     language: str = "en",
@@ -130,13 +140,16 @@ def render(
     say = Say(language, instead(fingerprint, experiments, vessel))
     pictures = Pictures(say)
     figures = loop.figures(fingerprint, structure)
-    step = loop.step_response(fingerprint, structure, figures, pictures, say)
+    if fingerprint.engine_described:
+        beside = loop.step_response(fingerprint, structure, figures, pictures, say)
+    else:  # gains are refused: the picture says why
+        beside = operating.beyond(fingerprint, pictures, say)
     top = facts(fingerprint, experiments, vessel, say)
     contents: list[tuple[str, str, Iterable[str]]] = [
         (
             "answer",
             "",
-            answer.answer(fingerprint, experiments, simulated, figures, step, pictures, say, top),
+            answer.answer(fingerprint, experiments, simulated, figures, beside, pictures, say, top),
         ),
         ("parameters", say("Parameters"), findings.parameters(fingerprint, truth, pictures, say)),
         ("elements", say("Elements of the model"), findings.elements(fingerprint, say)),
@@ -151,6 +164,7 @@ def render(
         ),
         ("signals", say("Signals and model"), _signals(experiments, simulated, pictures, say)),
         ("responses", say("Frequency responses"), _responses(responses, pictures, say)),
+        ("also", say(also[0]) if also else "", _also(also, pictures, say)),
         ("samples", say("Samples used and left out"), fate.of_every_sample(fingerprint, experiments, say)),
         (
             "quality",
@@ -246,7 +260,7 @@ def _signals(
             panels, paint = len(simulated[index].outputs), partial(plot.fit, experiment, simulated[index])
             said = Sentence("{name}: measured signals, and the model's answer to the same {driver}.")
         else:
-            panels, paint = len(plot.signals.units(experiment)), partial(plot.time_series, experiment)
+            panels, paint = len(units(experiment)), partial(plot.signals, experiment)
             said = Sentence("{name}: signals; masked samples, marked at the bottom, are not fitted.")
         still = pictures.draw(panels, paint, say(said, name=name, driver=driver), saved=False)
         yield markup.piece("unscripted", still)
@@ -264,6 +278,30 @@ def _responses(responses: Responses, pictures: Pictures, say: Say) -> Iterable[s
             ),
             height=2.6,
         )
+
+
+def _also(also: Also | None, pictures: Pictures, say: Say) -> Iterable[str]:
+    """Yield what another fit tells: its known figures, and its frequency responses."""
+    if also is None:
+        return
+    _, sentence, fingerprint, pairs = also
+    yield markup.paragraph(say(sentence))
+    yield from _responses(pairs, pictures, say)
+    yield markup.table(
+        say(also[0]),
+        say.each("symbol", "name", "estimate", "95 % interval", "unit"),
+        [
+            [
+                markup.Cell(row.name, code=True),
+                say.name(row.name),
+                markup.number(row.value),
+                markup.number(operating.ends(row, say)),
+                unit_shown(row.unit),
+            ]
+            for row in rounded_rows({**fingerprint.parameters, **fingerprint.derived})
+            if row.low
+        ],
+    )
 
 
 def _settings(fingerprint: Fingerprint, say: Say) -> Iterable[str]:

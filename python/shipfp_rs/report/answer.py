@@ -69,14 +69,14 @@ def answer(
     experiments: Sequence[Experiment],
     simulated: Sequence[Experiment],
     loop: Mapping[str, Estimate],
-    step: str,
+    beside: str,
     pictures: Pictures,
     say: Say,
     top: Sequence[tuple[str, str, str, str, str]] = (),
 ) -> Iterable[str]:
     """Yield the verdict's first sentence, tables of ship and loop beside the pictures, and undetermined parameters.
 
-    `step` is the picture of the loop's step response; the rows `top` precede those of the ship.
+    `beside` is the picture of the loop's step response, or of why gains are refused; the rows `top` precede the ship's.
     """
     lead = _with_names(fingerprint.usable, fingerprint.parameters, say)
     if not lead and fingerprint.verdict:
@@ -98,7 +98,9 @@ def answer(
     if loop and not failed:
         rows = loop_rows(loop, say, of_ship=not fingerprint.ends_at_meter)
         tables.append(piece("facts", say("What it means for the speed loop"), rows, False))
-    drawn = [_picture(experiments, simulated, pictures, say), "" if failed else step]
+    drawn = [_picture(experiments, simulated, pictures, say), "" if failed else beside]
+    if not fingerprint.engine_described:  # why gains are refused stands first
+        drawn.reverse()
     columns = [Markup("\n").join(part for part in parts if part) for parts in (tables, drawn)]
     yield piece("columns", [column for column in columns if column])
     doubts = [say(line) for line in fingerprint.verdict if DOUBT in line]
@@ -118,7 +120,7 @@ def next_steps(fingerprint: Fingerprint, say: Say) -> list[str]:
     if not fingerprint.why_not and not fingerprint.engine_described:
         return [
             say(
-                "What engine and governor do beyond the model is drawn below, under the sides of load and engine. "
+                "What engine and governor do beyond the model is drawn beside the figures. "
                 "Gains need a structure of your own that has it."
             )
         ]
@@ -451,17 +453,22 @@ def driver_of(experiment: Experiment) -> Sentence:
 
 
 def _draw_load(ax: Axes, experiment: Experiment, stretch: tuple[float, float]) -> None:
-    rows = slice(*(round(edge * experiment.rate_hz) for edge in stretch))
+    rows = slice(*(round((edge - experiment.start_s) * experiment.rate_hz) for edge in stretch))
     load = experiment.signals["M_load"][rows]
-    ax.plot(*envelope(experiment.time[rows], load), color=COLOURS["M_load"], lw=1.4, label="measured")
+    ax.plot(
+        *envelope(experiment.start_s + experiment.time[rows], load),
+        color=COLOURS["M_load"],
+        lw=1.4,
+        label="measured",
+    )
     unit = experiment.unit("M_load")
     dress(ax, f"{LABELS['M_load']} [{unit}]" if unit else "load")
 
 
 def _stretch_csv(experiment: Experiment, model: Mapping[str, Array], stretch: tuple[float, float]) -> str:
     """Stretch of an experiment, measured and modelled, as CSV."""
-    rows = slice(*(round(edge * experiment.rate_hz) for edge in stretch))
-    columns = {"time_s": np.arange(len(experiment)) / experiment.rate_hz}
+    rows = slice(*(round((edge - experiment.start_s) * experiment.rate_hz) for edge in stretch))
+    columns = {"time_s": experiment.start_s + experiment.time}
     for name in ("n_set", "M_load"):
         if name in experiment.signals:
             columns[f"{name}_{experiment.unit(name)}".rstrip("_")] = experiment.signals[name]
@@ -474,7 +481,7 @@ def _stretch_csv(experiment: Experiment, model: Mapping[str, Array], stretch: tu
 
 
 def _liveliest(experiment: Experiment, model: Array) -> tuple[float, float]:
-    """Stretch with the most motion of a model's output [s]."""
+    """Stretch with the most motion of a model's output, on the log's clock [s]."""
     shortest, longest = SHOWN_S
     length = min(max(experiment.duration / 20.0, shortest), longest, experiment.duration)
     way = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(model)))])
@@ -482,4 +489,4 @@ def _liveliest(experiment: Experiment, model: Array) -> tuple[float, float]:
     rows = np.rint(begins * experiment.rate_hz).astype(np.intp)
     last = np.minimum(rows + round(length * experiment.rate_hz), len(way) - 1)
     begin = float(begins[int(np.argmax(way[last] - way[rows]))])
-    return begin, begin + length
+    return experiment.start_s + begin, experiment.start_s + begin + length

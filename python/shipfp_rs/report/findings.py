@@ -189,7 +189,9 @@ def _estimates(
         ]
         if truth:
             cells.append(
-                number(row.truth, "bad" if row.holds_truth is False else "", key=truth.get(row.name))
+                number(f"{row.truth} ✗", "bad", key=truth.get(row.name))
+                if row.holds_truth is False
+                else number(row.truth, key=truth.get(row.name))
             )
         if formula:
             cells.append(Cell(glossary.term(row.name).formula, tone="note"))
@@ -200,6 +202,8 @@ def _estimates(
             told = say("not to be used")
         tone = "bad" if is_rough(estimate, OPEN) else "warn" if is_rough(estimate) else "good"
         tone = tone if row.status == "estimated" else TONES.get(row.status, "")
+        if tone == "warn" and row.status == "estimated" and not failed:
+            told += f", {say('known only roughly')}"
         cells.append(Cell(told, tone="" if failed else tone))
         rows.append(cells)
     yield table(about, head, rows)

@@ -89,7 +89,7 @@ def steps(experiments: Iterable[Experiment], say: Say) -> Iterable[str]:
     rows: list[Row] = [
         [
             experiment.name,
-            number(f"{one.at_s:.1f}"),
+            number(f"{experiment.start_s + one.at_s:.1f}"),
             number(f"{one.step:+.3g}"),
             number(f"{one.deviation_pct:.2g}"),
             number(_recovered(one.recovery_s, say), key=one.recovery_s),

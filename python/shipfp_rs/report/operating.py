@@ -141,11 +141,17 @@ def section(fingerprint: Fingerprint, pictures: Pictures, say: Say) -> Iterable[
             ],
         )
         yield paragraph(say(agreement(fingerprint)))
+    if fingerprint.engine_described and (drawn := beyond(fingerprint, pictures, say)):
+        yield drawn
+
+
+def beyond(fingerprint: Fingerprint, pictures: Pictures, say: Say) -> str:
+    """Draw what the engine's torque has beyond the model, under a heading; empty if it was not determined."""
     curves = fingerprint.adequate.get("engine_curves")
     if not curves or not all(curve["at"] for curve in curves.values()):
-        return
-    yield piece("heading", say("What the engine's torque has beyond the model"))
-    yield pictures.draw(
+        return ""
+    heading = piece("heading", say("What the engine's torque has beyond the model"))
+    return heading + pictures.draw(
         len(curves),
         lambda axes: _draw(axes, curves),
         say(

@@ -17,11 +17,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from markupsafe import Markup, escape
 
-from shipfp_rs import plot
 from shipfp_rs.experiments.experiment import UNITS, Experiment
 from shipfp_rs.identification import wording
 from shipfp_rs.plot import style
-from shipfp_rs.plot.style import LEGEND_COLUMNS
+from shipfp_rs.plot.traces import units
 from shipfp_rs.report.fate import Fault, faults
 from shipfp_rs.report.markup import Say, link_to, piece
 from shipfp_rs.support.arrays import Array, runs
@@ -90,7 +89,7 @@ def charts(experiments: Sequence[Experiment], simulated: Sequence[Experiment], s
 def _chart(experiment: Experiment, model: Mapping[str, Array], width: int, say: Say) -> str:
     marked = [fault for fault in faults(experiment) if not fault.kept]
     panels = []
-    for unit in plot.signals.units(experiment):
+    for unit in units(experiment):
         series, left = [], []
         for name, samples in experiment.signals.items():
             if UNITS[name] != unit:
@@ -108,7 +107,12 @@ def _chart(experiment: Experiment, model: Mapping[str, Array], width: int, say: 
         if not marks:
             marks = [_mark(fault, experiment, say) for fault in _masked(experiment, unit)]
         panels += [_panel(say.label(style.QUANTITIES[unit]), series, marks), *left]
-    content = {"seconds": experiment.duration, "step": width / experiment.rate_hz, "panels": panels}
+    content = {
+        "start": experiment.start_s,
+        "seconds": experiment.duration,
+        "step": width / experiment.rate_hz,
+        "panels": panels,
+    }
     content["words"] = {text: said for text in BUTTONS if (said := say(text)) != text}
     about = say("{name}: signals, model and residuals over time", name=experiment.name)
     detail = say("every sample is in the page")
@@ -344,7 +348,7 @@ def _beside(ax: Axes, size: float) -> float:
 def _above(ax: Axes, size: float) -> float:
     """Room for a legend, or a title [in]."""
     legend = ax.get_legend()
-    rows = 0 if legend is None else -(-len(legend.get_texts()) // LEGEND_COLUMNS)
+    rows = 0 if legend is None else -(-len(legend.get_texts()) // legend._ncols)  # type: ignore[attr-defined]
     if not rows and ax.get_title(loc="left"):
         rows = 1
     return (0.8 + 1.4 * rows) * size

@@ -69,6 +69,7 @@
       const data = JSON.parse(figure.querySelector("script").textContent);
       this.figure = figure;
       this.say = (text) => data.words[text] ?? text;
+      this.start = data.start; // of the record, on the log's clock
       this.seconds = data.seconds;
       this.step = data.step;
       this.panels = data.panels;
@@ -208,10 +209,10 @@
       this.from = Math.min(Math.max(middle - 0.5 * width, 0), this.seconds - least);
       this.to = Math.max(Math.min(middle + 0.5 * width, this.seconds), this.from + least);
       this.draw();
-      this.status.textContent = this.to - this.from < this.seconds ? `${this.told(this.from)} ${this.say("to")} ${this.told(this.to)} ${this.say("of")} ${this.told(this.seconds)}` : "";
+      this.status.textContent = this.to - this.from < this.seconds ? `${this.told(this.from)} ${this.say("to")} ${this.told(this.to)} ${this.say("of")} ${this.told(this.seconds, 0)}` : "";
     }
 
-    told(seconds) { return this.long ? clock(seconds, 0.1) : `${said(seconds.toFixed(2))} s`; }
+    told(seconds, start = this.start) { return this.long ? clock(start + seconds, 0.1) : `${said((start + seconds).toFixed(2))} s`; }
 
     fault(direction) {
       const whole = this.to - this.from >= this.seconds;
@@ -284,10 +285,10 @@
       }
       const least = (this.to - this.from) * 75 / this.wide;
       const run = this.long && least > 1 ? niceTime(least) : nice(least);
-      for (let tick = Math.ceil(this.from / run - 1e-9); tick * run <= this.to; tick++) {
-        const at = x(tick * run).toFixed(1);
+      for (let tick = Math.ceil((this.start + this.from) / run - 1e-9); tick * run <= this.start + this.to; tick++) {
+        const place = x(tick * run - this.start), at = place.toFixed(1);
         make(svg, "line", { class: "grid", x1: at, x2: at, y1: top, y2: top + height });
-        if (last && x(tick * run) < LEFT + this.wide - (this.long ? 110 : 70)) {
+        if (last && place < LEFT + this.wide - (this.long ? 110 : 70)) {
           make(svg, "text", { x: at, y: top + height + 15, "text-anchor": "middle" }, this.long ? clock(tick * run, run) : said((tick * run).toFixed(digits(run))));
         }
       }
@@ -353,7 +354,7 @@
           const step = series.steps[row * series.per + place];
           return step === undefined || step === MASKED ? "" : (series.low + step * (series.high - series.low) / STEPS).toPrecision(7);
         }));
-        lines.push([(row * this.step).toPrecision(9), ...cells].join(","));
+        lines.push([(this.start + row * this.step).toPrecision(9), ...cells].join(","));
       }
       offer(`${about.split(":")[0]}.csv`, new Blob([lines.join("\n") + "\n"], { type: "text/csv" }));
     }

@@ -14,6 +14,7 @@ from shipfp_rs import published
 from shipfp_rs.assessment.closed_loop import closed_loop, predict_response
 from shipfp_rs.assessment.profile_likelihood import leverage
 from shipfp_rs.frequency import FrequencyResponse, sine_response
+from shipfp_rs.identification.estimate import decimals, rounded
 from shipfp_rs.identification.fingerprint import Estimate, Fingerprint
 from shipfp_rs.identification.identify import identify
 from shipfp_rs.identification.question import NoiseModel
@@ -254,8 +255,8 @@ def _steps(fits: Sequence[Fingerprint]) -> Iterator[str]:
 def _interval(name: str, estimate: Estimate, unit: str = "") -> str:
     if estimate.value is None or estimate.ci95 is None:
         return f"{name} unknown"
-    low, high = estimate.ci95
-    return f"{name} {estimate.value:.3g}{unit} ({low:.3g} to {high:.3g})"
+    value, low, high = (rounded(one, decimals(estimate.std)) for one in (estimate.value, *estimate.ci95))
+    return f"{name} {value}{unit} ({low} to {high})"
 
 
 def _told(found: Fingerprint, held: Fingerprint) -> tuple[str, ...]:

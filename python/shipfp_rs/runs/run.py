@@ -24,6 +24,7 @@ from shipfp_rs.processing.process import process
 from shipfp_rs.processing.trial import Identify, Trial
 from shipfp_rs.structures.parameter import Torque
 from shipfp_rs.structures.structure import Structure
+from shipfp_rs.support.arguments import checked
 from shipfp_rs.support.files import replacing_folder
 from shipfp_rs.support.progress import part, tell
 from shipfp_rs.support.sentences import Sentence, joined
@@ -99,9 +100,10 @@ class Run:
     experiments: tuple[Experiment, ...]
 
 
+@checked
 def run(
     path: str | Path,
-    out: str | Path,
+    out: str | Path = "shipfp-run",
     *,
     seed: int | None = None,
     force: bool = False,
@@ -125,12 +127,22 @@ def run(
     notify
         Called with the current activity.
 
+    Returns
+    -------
+    Run
+        `fingerprint` and `experiments`, as they also lie in the folder.
+
     Raises
     ------
     InputError
         If the trial, the log or the folder can't be used.
     IdentificationError
         If the search found no minimum from any start.
+
+    Examples
+    --------
+    >>> run("TRIAL.toml", out="my-result").fingerprint["tau_n"].ci95  # doctest: +SKIP
+    (1.62, 1.67)
     """
     trial = Trial.load(path)
     with replacing_folder(Path(out), marker=MARKER, others=RESULTS, force=force) as folder:
@@ -144,10 +156,14 @@ def evaluate(
     *,
     seed: int | None = None,
     truth: Mapping[str, float] | None = None,
+    also: Any = None,
     language: str | None = None,
     notify: Notify = lambda _: None,
 ) -> Run:
-    """Process and identify a trial and write fingerprint, experiments and report into an existing folder."""
+    """Process and identify a trial and write fingerprint, experiments and report into an existing folder.
+
+    `truth` and `also` are content of the report, see `report.write_report`.
+    """
     notify("reading and cleaning the log")
     vessel = Vessel.load(trial.trial.vessel)
     declared = None if trial.chooses else structure_from(trial.identify, located(trial))
@@ -190,6 +206,7 @@ def evaluate(
     fingerprint.report(
         folder / "report.html",
         truth=truth,
+        also=also,
         title=trial.trial.name,
         language=language or trial.report.language,
         structure=structure,

@@ -6,11 +6,10 @@ All functions raise `InputError` if an argument is out of range.
 from shipfp_rs.signals.chirps import Law, chirp, multisine, published_sine_sequence, sine_sequence
 from shipfp_rs.signals.excitation import Excitation, Segment, join
 from shipfp_rs.signals.noise import band_limited_noise, prbs, steps
-from shipfp_rs.signals.standard import Kind, standard
+from shipfp_rs.signals.standard import standard
 
 __all__ = [
     "Excitation",
-    "Kind",
     "Law",
     "Segment",
     "band_limited_noise",

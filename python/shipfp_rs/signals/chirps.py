@@ -39,7 +39,7 @@ def chirp(
     stop_hz: float,
     duration_s: float,
     amplitude_rpm: float,
-    law: Law = "logarithmic",
+    law: Literal["linear", "logarithmic"] = "logarithmic",
     *,
     avoid_hz: Bands = (),
     rate_hz: float = 100.0,

@@ -11,7 +11,9 @@ import io
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
+from importlib import import_module
 from pathlib import Path
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -121,7 +123,7 @@ class Excitation(Brief, EvenlySampled):
     kind: str
     rate_hz: float
     samples: Array
-    hold: Hold = "first"
+    hold: Literal["zero", "first"] = "first"
     segments: tuple[Segment, ...] = ()
 
     def __post_init__(self) -> None:
@@ -165,6 +167,12 @@ class Excitation(Brief, EvenlySampled):
     def rms_rpm(self) -> float:
         """Root mean square of the deviation [rpm]."""
         return float(np.sqrt(np.mean(self.samples**2)))
+
+    def plot(self, axes: Sequence[Any] | None = None) -> Sequence[Any]:
+        """Draw the deviation against time; see `plot.signals`."""
+        # Imported by name, since this module does not depend on plots.
+        drawn: Sequence[Any] = import_module("shipfp_rs.plot").signals(self, axes)
+        return drawn
 
     def spectrum(self) -> tuple[Array, Array]:
         """Return frequencies [Hz] and amplitudes [rpm] of the discrete Fourier lines, each shape (N // 2 + 1,).

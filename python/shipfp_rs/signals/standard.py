@@ -11,8 +11,6 @@ from shipfp_rs.signals.excitation import Excitation
 from shipfp_rs.signals.noise import band_limited_noise, prbs, steps
 from shipfp_rs.support.arguments import Whole, checked, positive
 
-Kind = Literal["chirp", "steps", "multisine", "sines", "prbs", "noise"]
-
 TOP_HZ = 5.0
 """Highest frequency of interest: pulse trains do not resolve higher ones, and governors do not follow them."""
 TONES = 16
@@ -22,9 +20,12 @@ SHORTEST_BIT_S = 0.5
 """Shortest bit of the binary sequence: about the response time of a launch."""
 
 
+Kind = Literal["chirp", "steps", "multisine", "sines", "prbs", "noise"]
+
+
 @checked
 def standard(
-    kind: Kind,
+    kind: Literal["chirp", "steps", "multisine", "sines", "prbs", "noise"],
     duration_s: float,
     amplitude_rpm: float,
     *,

@@ -14,7 +14,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Literal, NamedTuple
+from typing import Literal, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 from scipy import fft, signal
@@ -160,13 +160,21 @@ _MOST_SUBSTEPS = 20_000
 """Largest step of RK4 times the fastest pole. The error, a few times (0.025)^4 / 120, is below 1e-8 of the deviation."""
 
 
+@runtime_checkable
+class FittedModel(Protocol):
+    """A model that simulates itself about the operating point of its data, such as a fingerprint."""
+
+    def simulate(self, drive: Excitation) -> Experiment:
+        """Simulate noise-free signals."""
+
+
 @checked
 def simulate(
-    vessel: Vessel,
+    vessel: Vessel | FittedModel,
     excitation: Excitation,
     *,
     n_e_rpm: float | None = None,
-    method: Method = "rk4",
+    method: Literal["rk4", "heun", "euler"] = "rk4",
     limits: bool = True,
     substeps: int | None = None,
     noise: Noise | None = None,
@@ -180,7 +188,8 @@ def simulate(
     Parameters
     ----------
     vessel
-        The ship.
+        The ship; or a fingerprint, whose model is simulated about the operating point of its data. Of the other
+        arguments it accepts `noise` and `seed`.
     excitation
         Deviations of the set point.
     n_e_rpm
@@ -220,6 +229,19 @@ def simulate(
     >>> round(experiment.signals["n_e"][-1])
     1365
     """
+    if seed is None:
+        seed = int(np.random.default_rng().integers(2**32))
+    if not isinstance(vessel, Vessel):
+        if n_e_rpm is not None or method != "rk4" or not limits or substeps is not None:
+            raise InputError(
+                "simulate: found n_e_rpm, method, limits or substeps beside a fingerprint, expected them only for a vessel"
+            )
+        answer = vessel.simulate(excitation)
+        return dataclasses.replace(
+            answer,
+            signals=_with_noise(answer.signals, noise, seed),
+            provenance={**answer.provenance, "noise": dict(noise or {}), "seed": seed if noise else None},
+        )
     if substeps is not None and substeps < 1:
         raise InputError(f"substeps is {substeps}, expected 1 or more")
     point = steady_state(vessel, n_e_rpm)
@@ -246,13 +268,10 @@ def simulate(
         if train.extends_the_plant
         else _plant(vessel, point, envelope, run, method)
     )
-    if seed is None:
-        seed = int(np.random.default_rng().integers(2**32))
     return Experiment(
         name=excitation.name,
         rate_hz=excitation.rate_hz,
-        signals=clean
-        | {output: _noisy(clean, output, level, seed) for output, level in (noise or {}).items()},
+        signals=_with_noise(clean, noise, seed),
         operating_point=point.levels,
         hold=excitation.hold,
         kind=excitation.kind,
@@ -352,6 +371,13 @@ def _substeps(vessel: Vessel, train: DriveTrain, point: OperatingPoint, rate_hz:
             f"{steps:.3g} steps per sample, expected at most {_MOST_SUBSTEPS:g}; check inertia and gains, or give substeps"
         )
     return steps
+
+
+def _with_noise(clean: Mapping[str, Array], noise: Noise | None, seed: int) -> dict[str, Array]:
+    return {
+        **clean,
+        **{output: _noisy(clean, output, level, seed) for output, level in (noise or {}).items()},
+    }
 
 
 def _noisy(clean: Mapping[str, Array], output: str, level: float | tuple[float, float], seed: int) -> Array:

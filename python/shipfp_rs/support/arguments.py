@@ -289,7 +289,11 @@ def _rule(hint: Any) -> Rule:
         return _rule_of_entries(kind, inner)
     if Callable in (hint, origin):
         return Rule("a function", callable)
-    if inspect.isclass(hint) and origin is None and not getattr(hint, "_is_protocol", False):
+    if (
+        inspect.isclass(hint)
+        and origin is None
+        and (not getattr(hint, "_is_protocol", False) or getattr(hint, "_is_runtime_protocol", False))
+    ):
         return Rule(_a(hint), lambda value: isinstance(value, hint))
     return ALL
 

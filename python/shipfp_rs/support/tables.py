@@ -210,6 +210,13 @@ def environment() -> Environment:
     return made
 
 
+def text_table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
+    """Lines of a table with a heading; columns are two spaces apart, flush left."""
+    lines = [head, *rows]
+    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+    return ["  ".join(map(str.ljust, line, widths)).rstrip() for line in lines]
+
+
 def shown(title: str, head: Sequence[str], rows: Iterable[Sequence[str]], notes: Iterable[str] = ()) -> str:
     """HTML of a title, a table and notes."""
     return environment().get_template("object.html").render(title=title, head=head, rows=rows, notes=notes)

@@ -7,7 +7,7 @@ import tomllib
 from collections.abc import Iterator, Mapping, Sequence, Sized
 from importlib import resources
 from pathlib import Path
-from typing import Annotated, Any, TypeVar, get_args, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar, get_args, get_type_hints
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from pydantic_core import ErrorDetails, PydanticCustomError
@@ -29,6 +29,8 @@ TO_BE_GIVEN = "to be given"
 SEVERAL_LINES = "description"
 """The only key whose text may contain line ends and tabs."""
 
+_PYDANTIC = frozenset(dir(BaseModel))
+
 Name = Annotated[str, Field(min_length=1, max_length=200)]
 """Name of a trial, a window or a channel."""
 FilePath = Annotated[str, Field(min_length=1)]
@@ -37,12 +39,28 @@ Starts = Annotated[int, Field(ge=1, le=10_000)]
 """Number of starts of a search; each takes about a second."""
 
 
-class Section(BaseModel):
+if TYPE_CHECKING:
+    from pydantic._internal._model_construction import ModelMetaclass
+else:
+    ModelMetaclass = type(BaseModel)
+
+
+class _Named(ModelMetaclass):
+    """Metaclass by which completion offers a table's own names without those of pydantic."""
+
+    def __dir__(cls) -> list[str]:
+        return [name for name in super().__dir__() if name not in _PYDANTIC]
+
+
+class Section(BaseModel, metaclass=_Named):
     """Base of every table of a configuration file: immutable, no unknown keys, no conversion of types."""
 
     model_config = ConfigDict(
         frozen=True, extra="forbid", strict=True, allow_inf_nan=False, str_max_length=MOST_CHARACTERS
     )
+
+    def __dir__(self) -> list[str]:
+        return [name for name in super().__dir__() if name.startswith("__") or name not in _PYDANTIC]
 
 
 def unexpected(key: str, found: object, expected: str) -> PydanticCustomError:

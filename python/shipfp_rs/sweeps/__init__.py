@@ -7,7 +7,7 @@ from concurrent.futures import BrokenExecutor, CancelledError, Executor
 from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import pyarrow as pa
 
@@ -85,7 +85,7 @@ def sweep(
     plan: Plan | str | Path,
     out: str | Path,
     *,
-    executor: Where | Executor = "processes",
+    executor: Literal["processes", "threads", "dask"] | Executor = "processes",
     workers: int | None = None,
     address: str | None = None,
     draws_per_task: int | None = None,

@@ -6,7 +6,7 @@ from typing import Annotated, Any
 
 from pydantic import Field
 
-from shipfp_rs.signals import Kind
+from shipfp_rs.signals.standard import Kind
 from shipfp_rs.simulation.raw_log import FAULTS_PER_MINUTE, RANGES
 from shipfp_rs.support.toml import Section
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from shipfp_rs.errors import InputError
-from shipfp_rs.experiments.experiment import UNITS, Experiment
+from shipfp_rs.experiments.experiment import DRIVES, UNITS, Experiment
 from shipfp_rs.logs.log import Log
 from shipfp_rs.plot.style import (
     BLUE,
@@ -27,6 +27,7 @@ from shipfp_rs.plot.style import (
     envelope,
     panels_of,
 )
+from shipfp_rs.signals.excitation import Excitation
 from shipfp_rs.support.arguments import checked
 from shipfp_rs.support.arrays import DEVIATIONS_95, Mask
 
@@ -102,13 +103,13 @@ SPEEDS = ("n_e", "n_s")
 
 
 @checked
-def time_series(experiment: Experiment, axes: Sequence[Axes] | None = None) -> Sequence[Axes]:
-    """Draw the signals of an experiment against time, one panel per unit, with masked samples marked at the bottom.
+def signals(experiment: Experiment | Excitation, axes: Sequence[Axes] | None = None) -> Sequence[Axes]:
+    """Draw the signals of an experiment over the log's clock, one panel per unit, with masked samples marked at the bottom.
 
     Parameters
     ----------
     experiment
-        The signals.
+        The signals; of an excitation, the deviation of the set point.
     axes
         One per unit of the signals; None: new ones.
 
@@ -116,13 +117,25 @@ def time_series(experiment: Experiment, axes: Sequence[Axes] | None = None) -> S
     -------
     sequence of Axes
     """
-    shown = units(experiment)
+    if isinstance(experiment, Excitation):
+        (ax,) = panels_of(axes, 1)
+        style = "steps-post" if experiment.hold == "zero" else "default"
+        drawn = envelope(experiment.time, experiment.samples)
+        ax.plot(*drawn, color=SET_POINT, lw=1.0, drawstyle=style)
+        dress(ax, "set-point deviation [rpm]", legend=False)
+        ax.set_title(experiment.name, loc="left", parse_math=False)
+        ax.set_xlabel("time [s]")
+        return [ax]
+    shown, time = units(experiment), experiment.start_s + experiment.time
     panels = panels_of(axes, len(shown), sharex=True)
     for ax, unit in zip(panels, shown, strict=True):
         masked = np.zeros(len(experiment), dtype=bool)
         for name, samples in experiment.signals.items():
             if UNITS[name] == unit:
-                ax.plot(*envelope(experiment.time, samples), color=COLOURS[name], lw=1.0, label=LABELS[name])
+                # An input, and a signal whose colour another one has, is dashed.
+                seen = name in DRIVES or COLOURS[name] in [line.get_color() for line in ax.lines]
+                drawn, dashes = envelope(time, samples), "--" if seen else "-"
+                ax.plot(*drawn, dashes, color=COLOURS[name], lw=1.0, label=LABELS[name])
                 masked |= np.isnan(samples)
         if masked.any():
             _mark(ax, experiment, masked)
@@ -180,7 +193,7 @@ def log(
 
 
 def units(experiment: Experiment) -> tuple[str, ...]:
-    """Units of an experiment's signals, one per panel of `time_series`."""
+    """Units of an experiment's signals, one per panel of `signals`."""
     return tuple(dict.fromkeys(UNITS[name] for name in experiment.signals))
 
 
@@ -207,9 +220,9 @@ def fit(
     axes
         One per signal; None: new ones.
     stretch_s
-        Start and end of the stretch to draw [s], with a band about the model that should contain 95 % of the measured
-        samples: 1.96 standard deviations of the residuals of the whole record. None: the whole record, without the
-        band.
+        Start and end of the stretch to draw [s] on the log's clock, with a band about the model that should contain 95 %
+        of the measured samples: 1.96 standard deviations of the residuals of the whole record. None: the whole record,
+        without the band.
     signals
         Names of the signals to draw; None: all signals of the model.
 
@@ -228,9 +241,11 @@ def fit(
     fitted = {name: row for name, row in model.outputs.items() if signals is None or name in signals}
     panels = panels_of(axes, len(fitted), sharex=True)
     rows = (
-        slice(None) if stretch_s is None else slice(*(round(end * experiment.rate_hz) for end in stretch_s))
+        slice(None)
+        if stretch_s is None
+        else slice(*(round((end - experiment.start_s) * experiment.rate_hz) for end in stretch_s))
     )
-    time, ink = experiment.time[rows], panels[0].yaxis.label.get_color()
+    time, ink = experiment.start_s + experiment.time[rows], panels[0].yaxis.label.get_color()
     for ax, (name, answer) in zip(panels, fitted.items(), strict=True):
         recorded, color = experiment.signals[name], COLOURS[name]
         if stretch_s is not None:
@@ -256,7 +271,7 @@ def _mark(ax: Axes, experiment: Experiment, masked: Mask) -> None:
     """Draw a strip along the bottom where samples are masked; its outline keeps single samples visible."""
     change = np.flatnonzero(np.diff(np.concatenate([[False], masked, [False]]).astype(np.int8)))
     spans = [
-        (first / experiment.rate_hz, (last - first) / experiment.rate_hz)
+        (experiment.start_s + first / experiment.rate_hz, (last - first) / experiment.rate_hz)
         for first, last in change.reshape(-1, 2)
     ]
     share = 100.0 * masked.mean()
