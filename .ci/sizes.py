@@ -24,7 +24,7 @@ RUST_FUNCTION = re.compile(r"^( *)(?:pub(?:\([a-z]+\))? )?(?:const )?(?:unsafe )
 
 BUDGETS = {
     "constants": 243,
-    "python/shipfp_rs/identification": 10665,
+    "python/shipfp_rs/identification": 10589,
     "python/shipfp_rs/structures": 3056,
     "python/shipfp_rs/logs": 8053,
     "python/shipfp_rs/tacho": 1825,
@@ -43,7 +43,7 @@ BUDGETS = {
     "python/shipfp_rs/runs": 413,
     "python/shipfp_rs/signals": 887,
     "python/shipfp_rs/simulation": 899,
-    "python/shipfp_rs/frequency": 1147,
+    "python/shipfp_rs/frequency": 1145,
     "python/shipfp_rs/plot": 864,
     "python": 52656,
     "rust/src": 11411,

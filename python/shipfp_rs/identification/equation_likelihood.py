@@ -22,10 +22,8 @@ from shipfp_rs.identification.coordinates import Coordinates, loop_of, wall_rows
 from shipfp_rs.identification.likelihood import (
     OCTAVE,
     Likelihood,
-    Products,
     quantile_of,
     real_rows,
-    turned,
     white_root,
 )
 from shipfp_rs.identification.moving_water import BAND, Water, water_of
@@ -200,37 +198,10 @@ class EquationLikelihood(Likelihood):
         turn[1 + rows :, 1 + columns :] = np.eye(count)
         return turn
 
-    def products(self, vector: Array) -> Products:
-        """Deviance, gradient and Gauss-Newton matrix at a point of the search.
-
-        Raises
-        ------
-        SimulationError
-            Where the loop is unstable.
-        """
-        gram = self._gram(vector, derivatives=True)
-        return Products(float(gram[0, 0]), gram[1:, 0], gram[1:, 1:])
-
-    def cost(self, vector: Array) -> float:
-        """Deviance at a point of the search; infinite where the loop is unstable."""
-        try:
-            return float(self._gram(vector, derivatives=False)[0, 0])
-        except SimulationError:
-            return np.inf
-
     def _gram(self, vector: Array, *, derivatives: bool) -> Array:
-        if not self.takes:
-            return self._gram_in_closed_form(vector, derivatives=derivatives)
-        if derivatives:
-            none = [np.empty((0, len(one.outputs), len(one.frequency_hz)), complex) for one in self.records]
-            gram = self.with_columns(vector, none)
-        else:
-            gram = self._gram_of(
-                vector, [self.residual(vector, index)[None] for index in range(len(self.records))]
-            )
-        if not np.isfinite(gram).all():
-            raise SimulationError("the deviance is not finite")
-        return gram
+        if self.takes:
+            return super()._gram(vector, derivatives=derivatives)
+        return self._gram_in_closed_form(vector, derivatives=derivatives)
 
     def _gram_in_closed_form(self, vector: Array, *, derivatives: bool) -> Array:
         size = 1 + self.coordinates.size if derivatives else 1
@@ -244,13 +215,7 @@ class EquationLikelihood(Likelihood):
             products, crossed = _core.equation_products(*self._asked(values, vector, index), moving, *units)
             found.append((turn.T @ products @ turn, crossed @ turn))
         gram, errors = found[0] if len(found) == 1 else self._joined(found, size)
-        if self.bends:
-            gram -= errors.T @ self._errors_inverse @ errors
-        priors = self.prior_rows(vector, values, jacobian)[:, :size]
-        gram += priors.T @ priors
-        if not np.isfinite(gram).all():
-            raise SimulationError("the deviance is not finite")
-        return gram
+        return self._with_priors(vector, gram, errors.T)
 
     def _joined(self, found: Sequence[tuple[Array, Array]], size: int) -> tuple[Array, Array]:
         """Sum the products of all records over the columns of the whole search vector."""
@@ -273,44 +238,11 @@ class EquationLikelihood(Likelihood):
             root[..., 0] = 0.0  # means determine only the offsets
             shapes, hats = np.zeros((0, 0, 2, 0)), np.zeros((0, record.padded))
             if self.bends:
-                shapes = _parts(root * (self.accuracy[:, None] * self.responses[index])[None], record.padded)
+                shapes = _parts(np.moveaxis(self._bent[index], 0, -1), record.padded)
                 hats = np.zeros((len(self._hats[index]), record.padded))
                 hats[:, : len(record.frequency_hz)] = self._hats[index]
             found.append((_parts(root, record.padded), shapes, hats))
         return found
-
-    @cached_property
-    def _hats(self) -> list[Array]:
-        return [self.hats(record.frequency_hz) for record in self.records]
-
-    @cached_property
-    def _bands(self) -> list[Array]:
-        """Products of each hat function with itself and with the next one, (2 K - 1, F); no others overlap."""
-        return [np.concatenate([hats**2, hats[:-1] * hats[1:]]) for hats in self._hats]
-
-    @cached_property
-    def _errors_inverse(self) -> Array:
-        """Posterior covariance of the systematic errors' sizes (E, E), E = outputs x (amplitude, phase) x knots."""
-        if not self.bends:
-            return np.zeros((0, 0))
-        outputs, knots = len(self.accuracy), len(self._hats[0])
-        total = np.zeros((outputs, 2, outputs, 2, knots, knots))
-        at = np.arange(knots)
-        for (_, shapes, _), bands in zip(self._laid_out, self._bands, strict=True):
-            whole = _whole(shapes, bands.shape[1])
-            weight = np.sum(whole.conj()[:, :, None] * whole[:, None], axis=0)
-            for part, places in (
-                (weight.real, [(0, 0, 1.0), (1, 1, 1.0)]),
-                (weight.imag, [(0, 1, -1.0), (1, 0, 1.0)]),
-            ):
-                summed = part @ bands.T
-                for a, b, sign in places:
-                    block = total[:, a, :, b]
-                    block[..., at, at] += sign * summed[..., :knots]
-                    block[..., at[1:], at[:-1]] += sign * summed[..., knots:]
-                    block[..., at[:-1], at[1:]] += sign * summed[..., knots:]
-        square = np.moveaxis(total, 4, 2).reshape(2 * outputs * knots, -1)
-        return np.asarray(np.linalg.inv(square + np.eye(len(square))))
 
     @property
     def freedom(self) -> int:
@@ -346,44 +278,6 @@ class EquationLikelihood(Likelihood):
             -2.0 * count * float(np.log(np.abs(np.diag(root))).sum())
             for count, root in zip(numbers, self.roots, strict=True)
         )
-
-    def smooth_errors(self, residuals: Sequence[Numbers]) -> tuple[Array, Array]:
-        """Estimated sizes of the systematic errors in prior standard deviations (E,), and their covariance (E, E)."""
-        if not self.bends:
-            size = 2 * len(self.accuracy) * len(self._hats[0])
-            return np.zeros(size), np.eye(size)
-        crossed = np.zeros((len(self.accuracy), 2, len(self._hats[0])))
-        for (root, shapes, _), hats, residual in zip(self._laid_out, self._hats, residuals, strict=True):
-            white = np.sum(_whole(root, hats.shape[1]) * residual, axis=1)
-            along = np.sum(_whole(shapes, hats.shape[1]).conj() * white[:, None], axis=0)
-            crossed += np.stack([along.real, along.imag], axis=1) @ hats.T
-        return self._errors_inverse @ crossed.ravel(), self._errors_inverse
-
-    def _left(self, residuals: Sequence[Numbers]) -> tuple[list[Numbers], list[Numbers]]:
-        if not self.bends:
-            return super()._left(residuals)
-        outputs, knots = len(self.accuracy), len(self._hats[0])
-        sizes, inverse = self.smooth_errors(residuals)
-        sizes = sizes.reshape(outputs, 2, knots)
-        inverse = inverse.reshape(outputs, 2, knots, outputs, 2, knots)
-        both = (
-            inverse[:, 0, :, :, 0]
-            + inverse[:, 1, :, :, 1]
-            + 1j * (inverse[:, 1, :, :, 0] - inverse[:, 0, :, :, 1])
-        )
-        both = np.moveaxis(both, 1, 2)
-        # Only overlapping hat functions contribute: each with itself and with the next.
-        next_ones = both.diagonal(1, 2, 3) + both.diagonal(-1, 2, 3)
-        along = np.concatenate([both.diagonal(0, 2, 3), next_ones], axis=2)
-        left, unsure = [], []
-        for residual, hats, bands, response in zip(
-            residuals, self._hats, self._bands, self.responses, strict=True
-        ):
-            scaled = self.accuracy[:, None] * response
-            left.append(residual - scaled * (sizes[:, 0] @ hats + 1j * (sizes[:, 1] @ hats)))
-            spread = along.real @ bands + 1j * (along.imag @ bands)
-            unsure.append(spread * scaled[:, None] * scaled.conj())
-        return left, unsure
 
     def spectra(self, vector: Array, record: int) -> tuple[ComplexArray, ComplexArray]:
         """Residuals (O, F) of a record, and the model's derivatives by the whole search vector (P, O, F)."""
@@ -460,35 +354,6 @@ class EquationLikelihood(Likelihood):
         data = self.records[record]
         answer = data.in_time(data.spectrum - self.residual(vector, record))
         return np.asarray(data.decimated * (1.0 - data.tapers[0]) + answer)
-
-    def with_columns(self, vector: Array, columns: Sequence[ComplexArray]) -> Array:
-        """Gram matrix of residual, derivatives and `columns`, (1 + P + C, 1 + P + C), with systematic errors and priors.
-
-        `columns` are spectra of the outputs (C, O, F) for each record.
-        """
-        rows = []
-        for index, more in enumerate(columns):
-            residual, jacobian = self.spectra(vector, index)
-            rows.append(np.concatenate([residual[None], jacobian, more]))
-        return self._gram_of(vector, rows)
-
-    def _gram_of(self, vector: Array, rows: Sequence[ComplexArray]) -> Array:
-        """Gram matrix of each record's rows (R, O, F), residual and derivatives first, with systematic errors and priors."""
-        gram, errors = np.zeros(()), np.zeros(())
-        for (root, shapes, _), hats, own in zip(self._laid_out, self._hats, rows, strict=True):
-            white = turned(np.moveaxis(_whole(root, hats.shape[1]), -1, 0), own)
-            flat = real_rows(white)
-            gram = gram + flat @ flat.T
-            if self.bends:
-                along = np.einsum("abf,caf->cbf", _whole(shapes, hats.shape[1]).conj(), white)
-                parts = np.stack([along.real, along.imag], axis=2) @ hats.T
-                errors = errors + parts.reshape(len(own), -1)
-        if self.bends:
-            gram = gram - errors @ self._errors_inverse @ errors.T
-        priors = self.prior_rows(vector)[:, : len(gram)]
-        size = priors.shape[1]
-        gram[:size, :size] += priors.T @ priors
-        return np.asarray(gram)
 
     def simulated(self, vector: Array, record: int, limits: Mapping[str, float]) -> Array:
         """Outputs of a record (O, N), simulated with limits of torque and rate, at the data's rate."""

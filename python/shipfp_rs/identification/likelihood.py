@@ -124,24 +124,59 @@ class Likelihood:
         Raises
         ------
         SimulationError
-            If the simulation diverges or overflows.
+            If the simulation diverges or overflows, or the loop is unstable.
         """
-        with np.errstate(over="ignore", invalid="ignore"):
-            rows = [self._rows(vector, index) for index in range(len(self.records))]
-            return self._products(vector, np.concatenate(rows, axis=1))
+        gram = self._gram(vector, derivatives=True)
+        return Products(float(gram[0, 0]), gram[1:, 0], gram[1:, 1:])
 
-    def _products(self, vector: Array, rows: Array) -> Products:
-        """Products from rows in units of the noise, (1 + P, R): the residual and derivatives, or the residual alone."""
-        gram = rows @ rows.T
+    def cost(self, vector: Array) -> float:
+        """Deviance at a point of the search; infinite where the model diverges."""
+        try:
+            return float(self._gram(vector, derivatives=False)[0, 0])
+        except SimulationError:
+            return np.inf
+
+    def _gram(self, vector: Array, *, derivatives: bool) -> Array:
+        """Gram matrix of the residual and, with `derivatives`, of the derivatives by the search vector."""
+        with np.errstate(over="ignore", invalid="ignore"):
+            if derivatives:
+                return self.with_columns(vector, [()] * len(self.records))
+            return self._gram_of(vector, [one[None] for one in self.residuals(vector)])
+
+    def with_columns(self, vector: Array, columns: Sequence[Sequence[Numbers] | Numbers]) -> Array:
+        """Gram matrix of residual, derivatives and `columns`, (1 + P + C, 1 + P + C), with systematic errors and priors.
+
+        `columns` are spectra of the outputs (C, O, F) for each record.
+        """
+        rows = []
+        for index, more in enumerate(columns):
+            residual, jacobian = self.spectra(vector, index)
+            rows.append(np.concatenate([residual[None], jacobian, *([more] if len(more) else [])]))
+        return self._gram_of(vector, rows)
+
+    def _gram_of(self, vector: Array, rows: Sequence[Numbers]) -> Array:
+        """Gram matrix of each record's rows (R, O, F), residual and derivatives first, with systematic errors and priors."""
+        gram, errors = np.zeros(()), np.zeros(())
+        for index, own in enumerate(rows):
+            white = turned(self.root(index), own)
+            flat = real_rows(white)
+            gram = gram + flat @ flat.T
+            if self.bends:
+                along = np.einsum("fab,caf->cbf", self._bent[index].conj(), white)
+                parts = np.stack([along.real, along.imag], axis=2) @ self._hats[index].T
+                errors = errors + parts.reshape(len(own), -1)
+        return self._with_priors(vector, gram, errors)
+
+    def _with_priors(self, vector: Array, gram: Array, errors: Array) -> Array:
+        """Gram matrix with systematic errors, of whose shapes and the rows `errors` are the products, and priors."""
         if self.bends:
-            shapes, inverse = self._errors
-            along = rows @ shapes.T
-            gram -= along @ inverse @ along.T
-        priors = self.prior_rows(vector)[:, : len(rows)]
-        gram += priors.T @ priors
+            gram = gram - errors @ self._errors_inverse @ errors.T
+        priors = self.prior_rows(vector)[:, : len(gram)]
+        size = priors.shape[1]
+        gram[:size, :size] += priors.T @ priors
         if not np.isfinite(gram).all():
             raise SimulationError("the deviance is not finite")
-        return Products(float(gram[0, 0]), gram[1:, 0], gram[1:, 1:])
+        return np.asarray(gram)
 
     def _rows(self, vector: Array, index: int) -> Array:
         """Residual and derivatives of a record in units of the noise, (1 + P, R)."""
@@ -152,7 +187,8 @@ class Likelihood:
         """Residual, derivatives and systematic errors in units of the noise, with rows of the priors, (R, 1 + P + E)."""
         rows = np.concatenate([self._rows(vector, index) for index in range(len(self.records))], axis=1)
         if self.bends:
-            rows = np.concatenate([rows, self._errors[0]])
+            shapes = [self._white(one, index) for index, one in enumerate(self._shapes)]
+            rows = np.concatenate([rows, np.concatenate(shapes, axis=1)])
         priors = self.prior_rows(vector)
         errors = len(rows) - priors.shape[1]
         own = np.eye(errors, len(rows), priors.shape[1])
@@ -160,11 +196,17 @@ class Likelihood:
 
     def smooth_errors(self, residuals: Sequence[Numbers]) -> tuple[Array, Array]:
         """Estimated sizes of the systematic errors in prior standard deviations (E,), and their covariance (E, E)."""
-        shapes, unsure = self._errors
-        white = np.concatenate([self._white(one[None], index)[0] for index, one in enumerate(residuals)])
-        return unsure @ (shapes @ white), unsure
+        outputs, knots = len(self.accuracy), len(self.knots())
+        if not self.bends:
+            return np.zeros(2 * outputs * knots), np.eye(2 * outputs * knots)
+        crossed = np.zeros((outputs, 2, knots))
+        for index, residual in enumerate(residuals):
+            white = turned(self.root(index), residual[None])[0]
+            along = np.einsum("fab,af->bf", self._bent[index].conj(), white)
+            crossed += np.stack([along.real, along.imag], axis=1) @ self._hats[index].T
+        return self._errors_inverse @ crossed.ravel(), self._errors_inverse
 
-    def _left(self, residuals: Sequence[Numbers]) -> tuple[list[Numbers], list[Numbers]]:
+    def _left(self, residuals: Sequence[Numbers]) -> tuple[list[Numbers], list[Numbers | float]]:
         """Residuals without the systematic errors (O, F), and the covariance of these errors' estimate (O, O, F).
 
         The remainder is noise and everything that the model lacks. At low frequencies the errors' estimate absorbs noise, so
@@ -172,25 +214,28 @@ class Likelihood:
         doi:10.1111/j.2517-6161.1977.tb01600.x).
         """
         if not self.bends:
-            return list(residuals), [np.zeros((len(one), *one.shape), complex) for one in residuals]
+            return list(residuals), [0.0] * len(residuals)
+        outputs, knots = len(self.accuracy), len(self._hats[0])
         sizes, inverse = self.smooth_errors(residuals)
-        left = [
-            one - np.tensordot(sizes, shapes, 1) for one, shapes in zip(residuals, self._shapes, strict=True)
-        ]
-        unsure = [
-            np.einsum("eof,epf->opf", np.tensordot(inverse, shapes, 1), shapes.conj())
-            for shapes in self._shapes
-        ]
+        sizes = sizes.reshape(outputs, 2, knots)
+        inverse = inverse.reshape(outputs, 2, knots, outputs, 2, knots)
+        both = (
+            inverse[:, 0, :, :, 0]
+            + inverse[:, 1, :, :, 1]
+            + 1j * (inverse[:, 1, :, :, 0] - inverse[:, 0, :, :, 1])
+        )
+        both = np.moveaxis(both, 1, 2)
+        # Only overlapping hat functions contribute: each with itself and with the next.
+        next_ones = both.diagonal(1, 2, 3) + both.diagonal(-1, 2, 3)
+        along = np.concatenate([both.diagonal(0, 2, 3), next_ones], axis=2)
+        left: list[Numbers] = []
+        unsure: list[Numbers | float] = []
+        for index, (residual, hats, bands) in enumerate(zip(residuals, self._hats, self._bands, strict=True)):
+            scaled = self.accuracy[:, None] * self.responses[index]
+            left.append(residual - scaled * (sizes[:, 0] @ hats + 1j * (sizes[:, 1] @ hats)))
+            spread = along.real @ bands + 1j * (along.imag @ bands)
+            unsure.append(spread * scaled[:, None] * scaled.conj())
         return left, unsure
-
-    def cost(self, vector: Array) -> float:
-        """Deviance at a point of the search; infinite where the model diverges."""
-        try:
-            with np.errstate(over="ignore", invalid="ignore"):
-                rows = [self._white(one[None], index) for index, one in enumerate(self.residuals(vector))]
-                return self._products(vector, np.concatenate(rows, axis=1)).cost
-        except SimulationError:
-            return np.inf
 
     def total(self, vector: Array) -> float:
         """Deviance under the noise of its own residuals, with that noise's log determinant; infinite where `cost` is.
@@ -258,36 +303,70 @@ class Likelihood:
         return tuple(map(noise_root, residuals, unsure))
 
     def knots(self) -> Array:
-        """Knots of the systematic errors, in octaves, (K,)."""
-        least = min(record.frequency_hz[1] for record in self.records)
-        most = max(record.frequency_hz[-1] for record in self.records)
+        """Knots of the systematic errors, in octaves, (K,); records in time have none."""
+        spectra = [record.frequency_hz for record in self.records if hasattr(record, "frequency_hz")]
+        least, most = min(one[1] for one in spectra), max(one[-1] for one in spectra)
         return np.arange(np.log2(least), np.log2(most) + OCTAVE, OCTAVE)
 
-    def hats(self, frequency_hz: Array) -> Array:
-        """Hat functions: weight of each knot's error at each frequency, (K, F)."""
-        octaves = np.log2(np.maximum(frequency_hz, 1e-9))
-        return np.asarray(np.maximum(1.0 - np.abs(octaves - self.knots()[:, None]) / OCTAVE, 0.0))
+    @cached_property
+    def _hats(self) -> list[Array]:
+        """Hat functions: weight of each knot's error at each frequency of each record, (K, F)."""
+        knots, found = self.knots()[:, None], []
+        for record in self.records:
+            if hasattr(record, "frequency_hz"):
+                octaves = np.log2(np.maximum(record.frequency_hz, 1e-9))
+                found.append(np.maximum(1.0 - np.abs(octaves - knots) / OCTAVE, 0.0))
+            else:
+                found.append(np.zeros((len(knots), record.spectrum.shape[1])))
+        return found
+
+    @cached_property
+    def _bands(self) -> list[Array]:
+        """Products of each hat function with itself and with the next one, (2 K - 1, F); no others overlap."""
+        return [np.concatenate([hats**2, hats[:-1] * hats[1:]]) for hats in self._hats]
+
+    @cached_property
+    def _bent(self) -> list[Numbers]:
+        """Systematic errors of each record's outputs without their hat functions, in units of the noise, (F, O, O)."""
+        return [
+            np.asarray(self.root(index) * (self.accuracy[:, None] * response).T[:, None, :])
+            for index, response in enumerate(self.responses)
+        ]
+
+    @cached_property
+    def _errors_inverse(self) -> Array:
+        """Posterior covariance of the systematic errors' sizes (E, E), E = outputs x (amplitude, phase) x knots."""
+        if not self.bends:
+            return np.zeros((0, 0))
+        outputs, knots = len(self.accuracy), len(self._hats[0])
+        total = np.zeros((outputs, 2, outputs, 2, knots, knots))
+        at = np.arange(knots)
+        for bent, bands in zip(self._bent, self._bands, strict=True):
+            weight = np.einsum("fab,fac->bcf", bent.conj(), bent)
+            for part, places in (
+                (weight.real, [(0, 0, 1.0), (1, 1, 1.0)]),
+                (weight.imag, [(0, 1, -1.0), (1, 0, 1.0)]),
+            ):
+                summed = part @ bands.T
+                for a, b, sign in places:
+                    block = total[:, a, :, b]
+                    block[..., at, at] += sign * summed[..., :knots]
+                    block[..., at[1:], at[:-1]] += sign * summed[..., knots:]
+                    block[..., at[:-1], at[1:]] += sign * summed[..., knots:]
+        square = np.moveaxis(total, 4, 2).reshape(2 * outputs * knots, -1)
+        return np.asarray(np.linalg.inv(square + np.eye(len(square))))
 
     @cached_property
     def _shapes(self) -> tuple[Numbers, ...]:
         """Shapes of the systematic errors of each record, in units of their prior deviation, (E, O, F)."""
-        knots, found = self.knots(), []
-        for record, response in zip(self.records, self.responses, strict=True):
-            hats = self.hats(record.frequency_hz)
-            shapes = np.zeros((len(self.accuracy), 2, len(knots), *response.shape), complex)
+        found = []
+        for hats, response in zip(self._hats, self.responses, strict=True):
+            shapes = np.zeros((len(self.accuracy), 2, len(hats), *response.shape), complex)
             for output, accuracy in enumerate(self.accuracy):
                 shapes[output, 0, :, output] = accuracy * hats * response[output]
                 shapes[output, 1, :, output] = 1j * shapes[output, 0, :, output]
             found.append(shapes.reshape(-1, *response.shape))
         return tuple(found)
-
-    @cached_property
-    def _errors(self) -> tuple[Array, Array]:
-        """Shapes in units of the noise, as real rows of all records (E, R), and covariance of their sizes (E, E)."""
-        rows = np.concatenate(
-            [self._white(shapes, index) for index, shapes in enumerate(self._shapes)], axis=1
-        )
-        return rows, np.linalg.inv(rows @ rows.T + np.eye(len(rows)))
 
 
 def turned(root: Numbers, spectra: Numbers) -> Numbers:

@@ -409,26 +409,6 @@ class StructureLikelihood(Likelihood):
                 found -= 2.0 * rows * float(np.log(np.abs(np.linalg.det(root))))
         return found
 
-    @cached_property
-    def _shapes(self) -> tuple[Numbers, ...]:
-        """Shapes of the systematic errors; only spectra have these."""
-        spectra = replace(
-            self,
-            records=tuple(one for one in self.records if isinstance(one, InBand)),
-            responses=tuple(
-                two for one, two in zip(self.records, self.responses, strict=True) if isinstance(one, InBand)
-            ),
-        )
-        if len(spectra.records) == len(self.records):
-            return super()._shapes
-        found = iter(spectra._shapes)
-        shapes = [next(found) if isinstance(one, InBand) else None for one in self.records]
-        count = max(len(one) for one in shapes if one is not None)
-        return tuple(
-            np.zeros((count, *record.spectrum.shape), record.spectrum.dtype) if one is None else one
-            for one, record in zip(shapes, self.records, strict=True)
-        )
-
 
 def _is_white(record: Seen) -> bool:
     """Whether a record's noise has one covariance."""
