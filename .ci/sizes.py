@@ -23,8 +23,8 @@ RUST_FUNCTION = re.compile(r"^( *)(?:pub(?:\([a-z]+\))? )?(?:const )?(?:unsafe )
 
 
 BUDGETS = {
-    "constants": 243,
-    "python/shipfp_rs/identification": 10589,
+    "constants": 242,
+    "python/shipfp_rs/identification": 10544,
     "python/shipfp_rs/structures": 3056,
     "python/shipfp_rs/logs": 8053,
     "python/shipfp_rs/tacho": 1825,
@@ -46,7 +46,7 @@ BUDGETS = {
     "python/shipfp_rs/frequency": 1145,
     "python/shipfp_rs/plot": 864,
     "python": 52656,
-    "rust/src": 11411,
+    "rust/src": 11393,
     "tests": 40235,
 }
 """Most lines of each room, and most numeric constants of identification and structures. A commit that earns it lowers a

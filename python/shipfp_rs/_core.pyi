@@ -26,11 +26,10 @@ outputs.
 stand at F frequencies from 0 on, `spacing` [rad/s] apart, F a multiple of `EQUATION_BLOCK`, real and imaginary parts
 apart; order k of `EQUATION_ORDERS` is the spectrum with (-1)^k times the taper's k-th derivative. A late signal is
 delayed by a time of a grid; its `rest` is what the delay has beyond that time [s]. outputs hold 0 and any of 1, 2, 3.
-- `equation_residuals(parameters[26], signals[8, 4, 2, F], spacing, late, outputs, gauge, open_loop, steps, wrt) ->
+- `equation_residuals(parameters[26], signals[8, 4, 2, F], spacing, late, outputs, gauge, open_loop, wrt) ->
   [1 + W, O, 2, F]`: data less the model's output, then the model's derivatives; `late`: ([4, 2, F], rest) of the speed, late
   by `T_d`, of the set point, late by `T_d` + `T_set`, and, where the speed is the propeller's, of the torque, late by
-  `T_d`; `gauge`: the torque is measured between the inertias; `steps`: the set point is stepwise, so that a sampling
-  governor delays it without smoothing
+  `T_d`; `gauge`: the torque is measured between the inertias
 - `equation_products(...the same, root[O, O, 2, F], shapes[O, O, 2, F] or empty, hats[K, F]) -> ([1 + W, 1 + W], [2 O K,
   1 + W])`: products of these rows times the lower triangles `root`, and of the systematic errors (`shapes` times hats, real
   and imaginary size) with them; a loop that is unstable raises `SimulationError`. Instruction sets differ by rounding;
@@ -139,7 +138,6 @@ def equation_residuals(
     outputs: Sequence[int],
     gauge: bool,
     open_loop: bool,
-    steps: bool,
     wrt: Sequence[int],
 ) -> NDArray[np.float64]: ...
 def equation_products(
@@ -150,7 +148,6 @@ def equation_products(
     outputs: Sequence[int],
     gauge: bool,
     open_loop: bool,
-    steps: bool,
     wrt: Sequence[int],
     root: NDArray[np.float64],
     shapes: NDArray[np.float64],

@@ -88,7 +88,7 @@ def record(seed=0, count=64, samples=SAMPLES):
     return signals, *late
 
 
-def arguments(parameters, data, outputs, gauge=False, open_loop=False, propeller=False, steps=False):
+def arguments(parameters, data, outputs, gauge=False, open_loop=False, propeller=False):
     signals, speed, set_point, torque = data
     dead, both = parameters[INDEX["T_d"]], parameters[INDEX["T_d"]] + parameters[INDEX["T_set"]]
     return (
@@ -99,7 +99,6 @@ def arguments(parameters, data, outputs, gauge=False, open_loop=False, propeller
         outputs,
         gauge,
         open_loop,
-        steps,
     )
 
 
@@ -305,7 +304,7 @@ def test_residuals_of_a_simulated_ship_vanish(gauge):
     late = [(seen(speed, grid), 0.12 - grid / rate_hz), (seen(set_point, grid), 0.155 - grid / rate_hz)]
     spectra_ = np.array([seen(row) for row in signals])
     found = _core.equation_residuals(
-        kernel, spectra_, 2.0 * np.pi * rate_hz / count, late, [*range(len(rows))], gauge, False, False, []
+        kernel, spectra_, 2.0 * np.pi * rate_hz / count, late, [*range(len(rows))], gauge, False, []
     )
     size = np.abs(whole(spectra_[[0, 1, 2, 7][: len(rows)], 0])).max(axis=1)
     assert (np.abs(whole(found[0])).max(axis=1) < 3e-4 * size).all()
@@ -392,7 +391,6 @@ GOOD = dict(
     outputs=[0, 1],
     gauge=False,
     open_loop=False,
-    steps=False,
     wrt=[0],
 )
 LATE_OF_64 = np.zeros((4, 2, 64)), 0.0

@@ -64,7 +64,7 @@ def ripple(period, dead, lag):
     return found * (1.0 - 3.0 * part**2 + 2.0 * part**3)
 
 
-def residuals(parameters, signals, spacing, late, outputs, gauge, open_loop, steps):
+def residuals(parameters, signals, spacing, late, outputs, gauge, open_loop):
     """Residuals (O, F) of measured outputs; `late` has for each signal its spectra and the delay that these have."""
     q = dict(zip(NAMES, parameters, strict=True))
     spectra = dict(zip(_core.EQUATION_SIGNALS, signals[:, :, 0] + 1j * signals[:, :, 1], strict=True))
@@ -91,7 +91,7 @@ def residuals(parameters, signals, spacing, late, outputs, gauge, open_loop, ste
     held = 0.5 * (delay(s, apart) + delay(s, -apart))
     fed_n = acting(product(delay(s, q["T_d"] - speed_grid), early, held), late_n)
     way = delay(s, q["T_d"] + q["T_set"] - set_grid)
-    asked = acting(way if steps else times(way, held), late_u)
+    asked = acting(times(way, held), late_u)
     asked = asked + q["u_0"] * spectra["one"]
 
     # The load's side: shaft torque of speed and load, a shaft that twists in between.
@@ -201,7 +201,6 @@ def rows(
     outputs,
     gauge,
     open_loop,
-    steps,
     wrt,
 ):
     """Residuals and derivatives of the model (1 + W, O, F), as the kernel's arguments ask for."""
@@ -210,7 +209,7 @@ def rows(
     grids = [(part, delay_s - rest) for (part, rest), delay_s in zip(late, delays, strict=False)]
 
     def of(values):
-        return residuals(values, signals, spacing, grids, outputs, gauge, open_loop, steps)
+        return residuals(values, signals, spacing, grids, outputs, gauge, open_loop)
 
     found = [of(np.array(parameters, dtype=complex))]
     turns = np.exp(2j * np.pi * np.arange(POINTS) / POINTS)

@@ -43,7 +43,7 @@ from shipfp_rs.identification.question import (
     question_of,
     question_of_ship,
 )
-from shipfp_rs.identification.ship_fit import fit_ship, refined, smooth_ship, with_other_delays
+from shipfp_rs.identification.ship_fit import fit_ship, refined, smooth_ship
 from shipfp_rs.identification.ship_found import DEFAULTS, DISCREPANCY, ShipFit
 from shipfp_rs.identification.sides import covariance_of, load_alone, undescribed
 from shipfp_rs.identification.stretches import Stretches
@@ -448,7 +448,7 @@ def foresee(
         if given is None:
             return _of_structure(experiments, structure, values)
         question = given
-    fit = with_other_delays(smooth_ship(question)) if values is None else _at(question, values)
+    fit = smooth_ship(question) if values is None else _at(question, values)
     return answered(replace(fit, basins=fit.basins[:1], also=()), "symmetric")
 
 

@@ -59,7 +59,7 @@ MOVED_BY_WATER = (
     *("T_d", "T_s", "tau_act", "T_f", "tau_twist", "zeta_twist"),
 )
 """Parameters that change the ratio of torque to speed in moving water."""
-Asked = tuple[Array, Array, float, list[tuple[Array, float]], list[int], bool, bool, bool]
+Asked = tuple[Array, Array, float, list[tuple[Array, float]], list[int], bool, bool]
 """Arguments that the kernel's functions share."""
 LATE = {"dn": "T_n", "dM": "T_M", BRAKE: "T_B"}
 """Delay parameter of each output's sensor."""
@@ -90,8 +90,6 @@ class EquationLikelihood(Likelihood):
         Ship of a given structure for each record; empty: the parameters of the coordinates are the kernel's.
     white
         Whether each record's noise is white, with one covariance for all frequencies.
-    steps
-        Whether a sampling governor delays the set point's steps instead of smoothing them.
     propeller
         Whether the speed is measured on the propeller's side of the flexible shaft.
     about
@@ -107,7 +105,6 @@ class EquationLikelihood(Likelihood):
     unknowns: tuple[str, ...]
     ships: tuple[TwoEquations, ...] = ()
     white: bool = False
-    steps: bool = False
     propeller: bool = False
     about: Array | None = None
 
@@ -162,7 +159,7 @@ class EquationLikelihood(Likelihood):
         late = [data.delayed("speed", dead), data.delayed("set point", dead + own.get("T_set", 0.0))]
         if self.behind_twist:
             late.append(data.delayed("torque", dead))
-        setup = self.gauge, self.open_loop, self.steps
+        setup = self.gauge, self.open_loop
         return (parameters, data.signals, data.spacing, late, self._outputs, *setup)
 
     @cached_property

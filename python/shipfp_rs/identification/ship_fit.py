@@ -54,8 +54,6 @@ LEVEL = 0.1
 """Largest difference in deviance between two minima that count as parts of one long minimum."""
 COMMON_S = 0.1
 """Least time by which both the governor's lead and the lag are increased in other starts [s]."""
-HALF_PERIODS_S = (0.005, 0.015, 0.03)
-"""Starting values of half the governor's sample period [s]."""
 REDIVIDED, MORE = 3, 4
 """Most rounds of redistributed delays, and number of new minima in each that are refined."""
 
@@ -94,19 +92,12 @@ def fit_ship(
             near = smooth_ship(other, starts=starts, seed=seed, until=until, side=side)
             fit = min((fit, near), key=lambda one: one.total)
             question = fit.question
-        tell("parting the delays otherwise", 0.9)
-        fit = with_steps_in_time(with_other_delays(fit, until), until)
     fit = replace(fit, side=load_side_of(question, fit.likelihood.records))
     with part(0.4, 0.8):
-        fit = with_limits(fit, given, partial(_searched, until=until), until)
+        fit = with_limits(fit, given, partial(smooth_ship, until=until), until)
         fit = fit if fit.is_smooth else with_other_delays(fit, until)
     tell("settling", 0.8)
     return refined(fit, until)
-
-
-def _searched(question: Question, until: float | None) -> ShipFit:
-    """Search the smooth ship of a question, and its delays."""
-    return with_other_delays(smooth_ship(question, until=until), until)
 
 
 def first_look(
@@ -205,39 +196,6 @@ def with_other_delays(fit: ShipFit, until: float | None = None) -> ShipFit:
         if fell < 1.0:
             break
     return fit
-
-
-def with_steps_in_time(fit: ShipFit, until: float | None = None) -> ShipFit:
-    """Return the fit with a governor that delays steps of the set point without smoothing them, where that is likelier.
-
-    On average, sampling by a governor smooths the set point. A step, however, acts at the governor's next sample, after a
-    fraction of its period. This fraction is constant if the steps are synchronous with the governor.
-    """
-    likelihood, values = fit.likelihood, fit.values
-    c = likelihood.coordinates
-    if not ({"T_d", "T_s"} <= set(c.free) and all(one.goes_in_steps for one in likelihood.records)):
-        return fit
-    late = replace(likelihood, steps=True)
-    states = c.states_at(fit.best.vector)
-    starts = [{**values, **one} for one in ({}, *_within_a_period(values))]
-    ends = [descend(late, c.vector(one, states), steps=STEPS_ELSEWHERE, until=until) for one in starts]
-    found = replace(fit, likelihood=late, basins=(min(ends, key=lambda end: end.cost),), also=())
-    if not np.isfinite(found.best.cost):
-        return fit
-    found = settled(found, until)
-    if found.total > fit.total + LIKELY:
-        return fit
-    found = with_other_delays(found, until)
-    best, other = (found, fit) if found.total < fit.total - 1.0 else (fit, found)
-    also = [one for one in (other, *best.also, *other.also) if one.total < best.total + ALIKE]
-    return replace(best, also=tuple(one for one in also if _is_apart(best, best.basins, one.best)))
-
-
-def _within_a_period(values: Mapping[str, float]) -> list[dict[str, float]]:
-    """Starts with a sampling governor, whose period replaces some of the delays."""
-    dead, late = values.get("T_d", 0.0), values.get("T_set", 0.0)
-    moved = [min(late, part) for part in HALF_PERIODS_S]
-    return [{"T_d": dead + more, "T_set": late - more, "T_s": 2.0 * more, "T_f": 0.0} for more in moved]
 
 
 def _elsewhere(fit: ShipFit, starts: Sequence[Array], until: float | None) -> tuple[ShipFit, float]:

@@ -46,7 +46,7 @@ impl<'py> Record<'py> {
         late: &[(Bound<'py, PyAny>, f64)],
         outputs: &[usize],
         gauge: bool,
-        [open_loop, steps]: [bool; 2],
+        open_loop: bool,
         wrt: &[usize],
     ) -> PyResult<Self> {
         let parameters: Vector<'_> = borrow("parameters", parameters)?;
@@ -65,7 +65,7 @@ impl<'py> Record<'py> {
             Ok((orders, *rest))
         });
         let late = late.collect::<PyResult<Vec<_>>>()?;
-        let setup = Setup { gauge, open_loop, propeller: late.len() == 3, steps };
+        let setup = Setup { gauge, open_loop, propeller: late.len() == 3 };
         let equations = Equations::new(parameters.as_slice()?, outputs, setup, wrt)?;
         Ok(Self { equations, signals, late, spacing, open_loop })
     }
@@ -92,11 +92,9 @@ fn equation_residuals<'py>(
     outputs: Vec<usize>,
     gauge: bool,
     open_loop: bool,
-    steps: bool,
     wrt: Vec<usize>,
 ) -> PyResult<Bound<'py, PyArray4<f64>>> {
-    let record =
-        Record::borrow(parameters, signals, spacing, &late, &outputs, gauge, [open_loop, steps], &wrt)?;
+    let record = Record::borrow(parameters, signals, spacing, &late, &outputs, gauge, open_loop, &wrt)?;
     let (equations, spectra, late) = (&record.equations, record.spectra()?, record.late()?);
     let (columns, count) = (1 + wrt.len(), spectra.count);
     let values = guard::run(py, columns * count * COLUMN, |stop| residuals(equations, spectra, &late, stop))?;
@@ -118,14 +116,12 @@ fn equation_products<'py>(
     outputs: Vec<usize>,
     gauge: bool,
     open_loop: bool,
-    steps: bool,
     wrt: Vec<usize>,
     root: &Bound<'py, PyAny>,
     shapes: &Bound<'py, PyAny>,
     hats: &Bound<'py, PyAny>,
 ) -> PyResult<Products<'py>> {
-    let record =
-        Record::borrow(parameters, signals, spacing, &late, &outputs, gauge, [open_loop, steps], &wrt)?;
+    let record = Record::borrow(parameters, signals, spacing, &late, &outputs, gauge, open_loop, &wrt)?;
     let (equations, spectra, late) = (&record.equations, record.spectra()?, record.late()?);
     let (root, shapes): (Signals<'_>, Signals<'_>) = (borrow("root", root)?, borrow("shapes", shapes)?);
     let hats: Matrix<'_> = borrow("hats", hats)?;

@@ -71,8 +71,6 @@ pub struct Setup {
     pub open_loop: bool,
     /// Whether the speed is measured on the propeller's side of the torsionally flexible shaft.
     pub propeller: bool,
-    /// Whether the set point is stepwise, so that a sampling governor delays it but does not smooth it.
-    pub steps: bool,
 }
 
 /// Measured outputs. The brake's torque `dM_b` is compared only in addition to a gauge's.
@@ -103,8 +101,6 @@ pub struct Equations {
     pub values: [f64; COUNT],
     /// Indices of the outputs in [`OUTPUTS`], in the caller's order.
     pub outputs: Vec<Output>,
-    /// Whether the set point is stepwise.
-    pub steps: bool,
     /// Their terms.
     pub terms: Vec<Term>,
     /// For each requested parameter, the terms of its derivative.
@@ -224,9 +220,8 @@ impl Equations {
                     .filter_map(move |(signal, p)| term(equation, *signal, p.0.iter().map(|c| c.value)))
             })
             .collect::<Vec<_>>();
-        let slopes =
-            wrt.iter().map(|&by| (by, slope_terms(&equations, &terms, &own, by, setup.steps))).collect();
-        Ok(Self { values: own, outputs: outputs.to_vec(), steps: setup.steps, terms, slopes })
+        let slopes = wrt.iter().map(|&by| (by, slope_terms(&equations, &terms, &own, by))).collect();
+        Ok(Self { values: own, outputs: outputs.to_vec(), terms, slopes })
     }
 
     /// All polynomials, including those of derivatives.
@@ -367,13 +362,7 @@ fn rippled(values: &[f64; COUNT]) -> Polynomial {
 }
 
 /// Terms of the derivative by a parameter: by coefficients, and by delays and scales of signals.
-fn slope_terms(
-    equations: &[Equation],
-    terms: &[Term],
-    values: &[f64; COUNT],
-    by: usize,
-    steps: bool,
-) -> Vec<Term> {
+fn slope_terms(equations: &[Equation], terms: &[Term], values: &[f64; COUNT], by: usize) -> Vec<Term> {
     let mut found: Vec<Term> = Vec::new();
     let mut add = |equation: usize, signal: usize, coefficients: [f64; DEGREES]| {
         if let Some(mine) = found.iter_mut().find(|mine| mine.equation == equation && mine.signal == signal) {
@@ -403,7 +392,7 @@ fn slope_terms(
             _ => signal::APART_U,
         };
         let delayed = matches!(one.signal, signal::LATE_N | signal::LATE_U | signal::LATE_M);
-        let parted = delayed && values[at::T_S] != 0.0 && !(steps && one.signal == signal::LATE_U);
+        let parted = delayed && values[at::T_S] != 0.0;
         let (set, torque) = (one.signal == signal::LATE_U, matches!(one.signal, signal::M | signal::LATE_M));
         let speed = matches!(one.signal, signal::N | signal::N2 | signal::N3 | signal::LATE_N);
         let brake = one.signal == signal::M_B;

@@ -130,8 +130,6 @@ pub struct Plan<'a, const O: usize> {
     pub near: [[[f64; DEGREES]; O]; O],
     pub fed: [[[f64; DEGREES]; 2]; O],
     pub apart: f64,
-    /// Whether the set point is stepwise.
-    pub steps: bool,
 }
 
 impl<'a, const O: usize> Plan<'a, O> {
@@ -184,7 +182,6 @@ impl<'a, const O: usize> Plan<'a, O> {
             near,
             fed,
             apart: equations.apart(),
-            steps: equations.steps,
         }
     }
 }

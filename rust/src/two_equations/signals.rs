@@ -152,7 +152,7 @@ fn lay_out_late<S: Simd, const O: usize>(
         }
         let orders = read(simd, plan.late[index].values, count, ORDERS, place);
         let mut near = delayed(simd, orders, turns.late[index].now, plan.late[index].rest - own);
-        if plan.apart != 0.0 && !(plan.steps && known == signal::LATE_U) {
+        if plan.apart != 0.0 {
             let mut far;
             (near, far) = parted(simd, near, turns.hold(simd), plan.apart);
             if lengths[beside] > 0 {
