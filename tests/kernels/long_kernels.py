@@ -55,7 +55,7 @@ KERNELS: dict[str, Callable[[], object]] = {
             ]
         ),
         *(np.zeros((8, 4, 2, 64_000)), 0.01, [(np.zeros((4, 2, 64_000)), 0.0)] * 2),
-        *([0, 1], False, False, False, list(range(16)) * 30),
+        *([0, 1], False, False, list(range(16)) * 30),
         *(np.zeros((2, 2, 2, 64_000)), np.zeros((0, 0, 2, 0)), np.zeros((0, 64_000))),
     ),
     "running_median": lambda: _core.running_median(_noise(), 2_000_001),
