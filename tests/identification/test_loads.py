@@ -64,6 +64,7 @@ def test_a_shaft_torque_as_load_makes_the_figures_those_before_its_meter(metered
     assert metered.ends_at_meter
     assert metered.usability == "usable except"
     assert "tau_n is the inertia before it" in metered.verdict[1]
+    assert not any("is the channel a torque?" in line for line in metered.verdict)
     assert metered.to_dict()["data"][0]["load"] == {"quantity": "torque", "share": pytest.approx(1.0)}
     said = Say("en", instead(metered, ()))
     assert said("inertia of the whole drive train") == "inertia before the load's torque meter"
@@ -85,6 +86,23 @@ def test_a_pitch_as_load_has_its_own_gain_and_leaves_the_ship_whole(pitched: fp.
     assert low < BEFORE_S + BEHIND_S < high
     assert pitched.elements["load"]["words"] == "measured load"
     assert pitched.first().unit("M_load") == ""
+
+
+@pytest.mark.parametrize("scale", [10.0, 80.0])
+def test_a_pitch_that_is_called_a_torque_is_doubted(scale: float) -> None:
+    pitch = boat("other")
+    signals = {**pitch.signals, "M_load": scale * pitch.signals["M_load"]}
+    told = {"load": {"quantity": "torque", "torque_ratio": GEAR}}
+    point = {**pitch.operating_point, "M_load": scale * 70.0}
+    found = fp.identify(
+        replace(pitch, signals=signals, operating_point=point, provenance=told),
+        torque="brake",
+        intervals="symmetric",
+    )
+    assert any("is the channel a torque?" in line for line in found.verdict), (
+        found["k_L"],
+        found.verdict[:2],
+    )
 
 
 def test_a_load_of_another_kind_needs_a_torque_and_keeps_its_own_scale() -> None:

@@ -269,8 +269,15 @@ TO_THE_METER = Sentence(
 )
 AT_THE_METER = Sentence(
     "The load is all the torque of a shaft, so the model ends at its meter: tau_n is the inertia before it, and gains, "
-    "margins and steps are those of the engine without its propeller."
+    "margins and steps are those of the engine without its propeller. If the set point moves, the same record tells the "
+    "whole ship with this channel as the shaft's torque instead of a load."
 )
+NO_TORQUE = Sentence(
+    "A torque of the load acts with a gain k_L of 1, but {shown} was found: is the channel a torque? A pitch, a current or "
+    'a valve is quantity = "other".'
+)
+PLAUSIBLE_LOAD = (0.5, 2.0)
+"""Range of the gain of a measured torque of the load."""
 STATES: Mapping[str, str] = {
     "on": Sentence("Acting elements: {elements}."),
     "off": Sentence("Not found to act: {elements}."),
@@ -361,6 +368,20 @@ def _is_limited(fingerprint: Fingerprint) -> bool:
     )
 
 
+def _no_torque(fingerprint: Fingerprint) -> list[Sentence]:
+    """Say that a load declared as a torque does not act as one."""
+    gain = fingerprint.parameters.get("k_L")
+    if (
+        gain is None
+        or gain.ci95 is None
+        or any(row.get("load", {}).get("quantity") == "other" for row in fingerprint.data)
+    ):
+        return []
+    low, high = gain.ci95
+    outside = high < PLAUSIBLE_LOAD[0] or low > PLAUSIBLE_LOAD[1]
+    return [Sentence(NO_TORQUE, shown=shown("k_L", gain))] if outside else []
+
+
 def _clear_of(limit: Mapping[str, float]) -> Sentence:
     """Say what a limit removes, and the amplitude that stays clear of it."""
     level = "rate" if "rate" in limit else "M_max"
@@ -413,6 +434,7 @@ def with_verdict(fingerprint: Fingerprint, strain: float = 0.0, kind: str | None
         found.sentence,
         *([_clear_of(limit)] if limit else []),
         *([AT_THE_METER] if fingerprint.ends_at_meter else []),
+        *_no_torque(fingerprint),
     ]
     lines += [] if found.state == "not usable" else known(fingerprint.parameters)
     if fingerprint.derived and found.state != "not usable":
