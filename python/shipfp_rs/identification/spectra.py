@@ -54,6 +54,8 @@ AT_ONCE = 1e4
 SLOW_PACE, QUICK_PACE = 5.0, 16.0
 """Bandwidths of loops [rad/s]: above the first a record may be shorter than `SHORTEST_S`, above the second the compared band
 is wider."""
+LEAST_FOLLOWED = 0.1
+"""Least share of the speed's slope that a set point explains for the speed to follow it; noise explains a few hundredths."""
 WHOLE_EDGES_S = 24.0
 """Length of a record from which its edges have full length [s]; those of shorter records are reduced in proportion."""
 PACES, DEAD_TIMES_S, STRONGEST = np.geomspace(1.0, 400.0, 32), np.arange(0.0, 0.6, 0.02), 300
@@ -503,4 +505,6 @@ def _pace(set_point: Array, speed: Array, rate_hz: float) -> float:
     shapes = s * driver / (1.0 + s / PACES[:, None])
     along = ((shapes.conj() * s * answer) @ np.exp(s * DEAD_TIMES_S[:, None]).T).real
     told = np.where(along > 0.0, along**2, 0.0).max(axis=1) / np.sum(np.abs(shapes) ** 2, axis=1)
+    if told.max() < LEAST_FOLLOWED * np.sum(np.abs(s * answer) ** 2):
+        return 0.0
     return float(PACES[np.argmax(told)])
