@@ -11,7 +11,6 @@ from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.inspection import inspect_log
 from shipfp_rs.logs.faults import Fault
 from shipfp_rs.logs.log import Log
-from shipfp_rs.processing.governor_clock import governor_clock
 from shipfp_rs.processing.process import process
 from shipfp_rs.processing.roles import guess_roles
 from shipfp_rs.processing.trial import Trial
@@ -128,12 +127,3 @@ def test_the_crest_of_a_slow_rounded_sine_is_neither_stuck_nor_clipped() -> None
     )
     log = Log.from_arrays({"Setpoint": values[400:-400]}, rate_hz=10.0, units={"Setpoint": "%"})
     assert not [fault for fault in inspect_log(log).faults if fault["kind"] in ("stuck", "clipped")]
-
-
-def test_a_torque_too_slow_for_any_clock_shows_none() -> None:
-    rng = np.random.default_rng(0)
-    speed = 600.0 + 20.0 * np.sin(0.3 * np.arange(800))
-    assert (
-        governor_clock(np.repeat(speed, 2) + rng.normal(0.0, 1.0, 1600), speed, 2, 7.0, np.array([5.0]))
-        is None
-    )

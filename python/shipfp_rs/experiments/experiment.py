@@ -202,12 +202,6 @@ class Experiment(Tabular, EvenlySampled):
         return float((self.provenance.get("window_s") or (0.0,))[0])
 
     @property
-    def governor_clock(self) -> tuple[float, float] | None:
-        """Sample period of the governor and its standard deviation [s], if processing detected them in the raw torque."""
-        found = self.provenance.get("governor_clock")
-        return (float(found["period_s"]), float(found["std_s"])) if found else None
-
-    @property
     def gauge_accuracy(self) -> Mapping[str, float]:
         """Systematic relative error of each signal that remains after calibration, if given in the trial."""
         return {name: float(value) for name, value in (self.provenance.get("gauge_accuracy") or {}).items()}

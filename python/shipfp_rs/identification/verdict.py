@@ -317,12 +317,8 @@ def element_rows(fit: ShipFit, parameters: Mapping[str, Estimate]) -> dict[str, 
         rows["load"] = _row("load", "on", None)
         if any(one.load.get("quantity") == "other" for one in fit.question.experiments):
             rows["load"]["words"] = Sentence("measured load")
-    # A governor's sampling period is visible in the raw torque at best. The fit cannot determine it, since half the period
-    # is part of T_d.
-    clocks = [one.governor_clock[0] for one in fit.question.experiments if one.governor_clock]
-    if clocks:
-        rows["sampling"] = _row("sampling", "open", _limit("T_s", float(np.median(clocks)), "s"))
-    elif "dead_time_loop" in rows and rows["dead_time_loop"]["state"] != "off":
+    # The fit cannot determine a governor's sampling period, since half the period is part of T_d.
+    if "dead_time_loop" in rows and rows["dead_time_loop"]["state"] != "off":
         delay = parameters["T_d"].ci95
         assert delay is not None
         rows["sampling"] = _row("sampling", "open", _limit("T_s", 2.0 * delay[1], "s"))

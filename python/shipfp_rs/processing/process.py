@@ -9,7 +9,6 @@ from __future__ import annotations
 import dataclasses
 import threading
 from collections.abc import Iterator, Mapping
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
@@ -43,7 +42,6 @@ from shipfp_rs.processing.conditioning import (
     without_ripple,
 )
 from shipfp_rs.processing.engine_speed import EngineSpeed
-from shipfp_rs.processing.governor_clock import LONGEST_S, RATE_HZ, governor_clock, liveliest_of
 from shipfp_rs.processing.speed_sources import PulseTrain, require_one_direction, source_of
 from shipfp_rs.processing.trial import Trial, Window
 from shipfp_rs.processing.trial_channels import Level, Load, Rack, SetPoint, Tacho, Torque
@@ -95,8 +93,7 @@ def process(
         on the channel's own index, and whether they are excluded, that is, NaN in the signals of the channel or, for
         set point and load, in all outputs.
         `provenance["ripple"]` lists the torque ripple, periodic in the angle of shaft and engine, that was removed.
-        `provenance["governor_clock"]` has the sampling period of the governor [s], if the raw torque shows it,
-        `provenance["gauge_accuracy"]` the accuracy of the signals for which the trial gives it.
+        `provenance["gauge_accuracy"]` has the accuracy of the signals for which the trial gives it.
 
     Raises
     ------
@@ -124,9 +121,8 @@ def process(
     if not (windows := trial.windows_of(log.name)):
         raise InputError(f"{log.name}: no window of the trial is cut from this log")
     recording = _Recording(log, trial, vessel or Vessel.load(trial.trial.vessel), chunk)
-    with recording.naming_the_rate(), ThreadPoolExecutor(1) as beside:
-        point, speeds = recording.operating_point(), recording.speeds_of_windows()
-        clock = beside.submit(recording.governor_clock, speeds)
+    with recording.naming_the_rate():
+        point = recording.operating_point()
         cut = [recording.signals(_label(window)) for window in windows]
     shaft = recording.vessel.torque_ratio if "M_b" in point else 1.0
     if trial.channels.load is not None and trial.channels.load.quantity == "other":
@@ -136,7 +132,7 @@ def process(
     point = driven_point(point, [signals for signals, _ in cut], trial.operating_point.M_Nm, shaft)
     if trial.channels.asks_for_torque:
         point.setdefault("M_b", point["command"])  # reference of tau_n in SI units
-    return [recording.experiment(*each, point, clock.result()) for each in zip(windows, cut, strict=True)]
+    return [recording.experiment(*each, point) for each in zip(windows, cut, strict=True)]
 
 
 def _no_slower(log: Log, trial: Trial) -> Log:
@@ -320,10 +316,8 @@ class _Recording:
             point |= {} if value is None else {signal: value}
         return point
 
-    def experiment(
-        self, window: Window, cut: Cut, point: Mapping[str, float], clock: Mapping[str, float] | None
-    ) -> Experiment:
-        """Experiment of a window, with signals and provenance; `clock` is the governor's sampling period."""
+    def experiment(self, window: Window, cut: Cut, point: Mapping[str, float]) -> Experiment:
+        """Experiment of a window, with signals and provenance."""
         (signals, account), settings = cut, self.trial.processing
         if (
             window.kind == "chirp"
@@ -342,7 +336,6 @@ class _Recording:
                 "log": self.log.name,
                 "window_s": [window.start_s, window.stop_s],
                 "normalise": settings.normalise,
-                "governor_clock": clock,
                 "gauge_accuracy": {
                     signal: sensor.gauge_accuracy
                     for signal, sensor in self.trial.channels.levels.items()
@@ -352,28 +345,6 @@ class _Recording:
             },
         )
         return conditioned(experiment, settings.detrend, settings.normalise)
-
-    def speeds_of_windows(self) -> dict[str, Array]:
-        """Engine speed [rpm] in every window whose signals `signals` has not yet returned and freed."""
-        return {label: speed.rpm for label, speed in self.speeds.items() if label != STEADY_STRETCH}
-
-    def governor_clock(self, speeds: Mapping[str, Array]) -> dict[str, float] | None:
-        """Sampling period of a governor, from the raw torque where the speed changes most."""
-        sensor = self.trial.channels.torque
-        most = liveliest_of(speeds, int(LONGEST_S * self.rate_hz))
-        if sensor is None or most is None:
-            return None
-        (label, part), rows = most, self._rows(sensor, STRETCH_BYTES)
-        factor = int(min(RATE_HZ, rows.channel.rate_hz) / self.rate_hz)
-        if factor < 2:
-            return None
-        rpm, start_s = speeds[label][part], self.grids[label].start_s + part.start / self.rate_hz
-        finer = Grid(label, start_s, factor * self.rate_hz, factor * len(rpm))
-        within = rows.within(start_s, min(finer.stop_s, rows.channel.stop_s))
-        cleaner = Cleaner(rows, sensor, self.trial.processing, *within)
-        turns_hz = np.nanmean(rpm) / 60.0 * np.array([0.5, 1.0 / self.vessel.gearbox.ratio])
-        found = governor_clock(finer.low_passed(rows.channel, cleaner), rpm, factor, finer.rate_hz, turns_hz)
-        return None if found is None else found._asdict()
 
     def signals(self, label: str) -> Cut:
         """Return the signals of a stretch and their provenance, and free them."""
