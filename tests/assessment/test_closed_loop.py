@@ -131,7 +131,7 @@ def test_of_an_engine_that_is_not_described_no_loop_is_told(launch: Fingerprint)
     other = replace(launch, adequate={"sides": {"load": True, "engine": False}})
     for estimate in closed_loop(other).values():
         assert estimate.value is None
-        assert estimate.reason == "engine and governor are not described"
+        assert estimate.reason == "drive and governor are not described"
 
 
 def test_the_tugs_loop_is_known_though_none_of_its_gains_is(tug: Fingerprint) -> None:

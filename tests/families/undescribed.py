@@ -2,7 +2,7 @@
 
     python -m tests.families.undescribed --draws 20 --seed 160000 --out FOLDER
 
-Of each ship: whether engine and governor are called not described, whether p and the inertia behind the torque's place are
+Of each ship: whether drive and governor are called not described, whether p and the inertia behind the torque's place are
 told and hold, and whether a gain that is off by a third is called usable for control tuning.
 """
 

@@ -9,7 +9,6 @@ import pytest
 
 import shipfp_rs as fp
 from shipfp_rs.assessment.closed_loop import closed_loop
-from shipfp_rs.identification.driven import instead
 from shipfp_rs.report.answer import loop_rows
 from shipfp_rs.report.markup import Say
 from shipfp_rs.report.operating import feeds_a_generator
@@ -66,8 +65,6 @@ def test_a_shaft_torque_as_load_makes_the_figures_those_before_its_meter(metered
     assert "tau_n is the inertia before it" in metered.verdict[1]
     assert not any("is the channel a torque?" in line for line in metered.verdict)
     assert metered.to_dict()["data"][0]["load"] == {"quantity": "torque", "share": pytest.approx(1.0)}
-    said = Say("en", instead(metered, ()))
-    assert said("inertia of the whole drive train") == "inertia before the load's torque meter"
     assert not feeds_a_generator(metered, metered.experiments, None)
 
 
@@ -75,7 +72,7 @@ def test_no_damping_is_judged_of_an_engine_without_its_propeller(metered: fp.Fin
     loop = closed_loop(metered)
     slow = {**loop, "phase margin": replace(loop["phase margin"], value=20.0)}
     rows = loop_rows(slow, Say(), of_ship=not metered.ends_at_meter)
-    assert "of the engine alone" in [row[-1] for row in rows]
+    assert "of the drive alone" in [row[-1] for row in rows]
     assert "close to oscillation" in [row[-1] for row in loop_rows(slow, Say())]
 
 

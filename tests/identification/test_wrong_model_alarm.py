@@ -13,7 +13,8 @@ import pytest
 from scipy.stats import binom
 
 from shipfp_rs import Vessel, signals, simulate
-from shipfp_rs.identification.fingerprint import ALARM, Fingerprint
+from shipfp_rs.identification.fingerprint import Fingerprint
+from shipfp_rs.identification.fingerprint_content import ALARM
 from shipfp_rs.identification.identify import identify
 from shipfp_rs.structures.structure import Structure
 from tests.launch import noisy_record

@@ -67,7 +67,7 @@ def legend(ax) -> list[str]:
 def test_signals_of_one_unit_share_a_panel_and_masked_samples_are_counted(trial) -> None:
     speed, torque = plot.signals(trial)
     assert labels_have_units([speed, torque])
-    assert legend(speed) == ["set point $n_{set}$", "engine speed $n_e$"]
+    assert legend(speed) == ["set point $n_{set}$", "speed $n_e$"]
     assert legend(torque) == ["gauge torque $M_g$", "masked (10 %)"]
     speed.figure.canvas.draw()
 

@@ -61,7 +61,7 @@ LABELS = (
         "time",
         "frequency",
     ),
-    *("amplitude ratio", "phase", "governor's speed error", "rate of the fuel rack"),
+    *("amplitude ratio", "phase", "governor's speed error", "rate of the actuator"),
 )
 """Words of axes and legends that `plot` writes."""
 TABLES: tuple[Iterable[str], ...] = (

@@ -27,7 +27,7 @@ from shipfp_rs.support.sentences import Sentence, listed
 TUG = fp.Vessel.load("stan-tug-1205")
 ELEMENTS = {
     "dead_time_loop": {"state": "on", "evidence": 120.0, "limit": None, "words": "dead time in the loop"},
-    "actuator_lag": {"state": "open", "evidence": 2.0, "limit": None, "words": "lag of the fuel actuator"},
+    "actuator_lag": {"state": "open", "evidence": 2.0, "limit": None, "words": "lag of the actuator"},
     "torque_limit": {
         "state": "off",
         "evidence": -3.0,
@@ -74,8 +74,8 @@ def test_the_first_screen_has_verdict_ship_loop_and_pictures_before_the_first_he
     assert "answer to a step of the set point" in screen
     for words in (
         "The drive train, with 95 % intervals",
-        "inertia of the whole drive train",
-        "propeller exponent",
+        "inertia of the drive train",
+        "load exponent",
         "bandwidth",
         "phase margin",
         "recovery time",
@@ -87,7 +87,7 @@ def test_the_first_screen_has_verdict_ship_loop_and_pictures_before_the_first_he
 
 def test_the_ship_is_told_in_plain_names_with_intervals_and_in_si(found) -> None:
     rows = {name: rest for name, *rest in ship_rows(found, Say())}
-    _, value, spread, more = rows["inertia of the whole drive train, seen from the propeller shaft"]
+    _, value, spread, more = rows["inertia of the drive train, seen from the load shaft"]
     inertia = found.si["inertia"]
     assert value.endswith("kg\u00a0m²")
     assert float(value.split()[0]) == pytest.approx(inertia["value"], rel=0.05)
@@ -95,7 +95,7 @@ def test_the_ship_is_told_in_plain_names_with_intervals_and_in_si(found) -> None
     assert (low, high) == pytest.approx(inertia["ci95"], rel=0.05)
     assert more.startswith("normalised: tau_n = ")
     assert float(more.split("=")[1].split()[0]) == pytest.approx(found["tau_n"].value, rel=0.05)
-    assert rows["propeller exponent"][3] == ""  # a ratio is the same in SI
+    assert rows["load exponent"][3] == ""  # a ratio is the same in SI
 
 
 def test_the_loop_s_figures_are_those_of_the_linearisation(found) -> None:
@@ -150,16 +150,16 @@ def test_what_is_open_is_one_line_with_what_would_settle_it(found) -> None:
         identifiability=gap,
     )
     (line,) = open_questions(lost, Say())
-    assert line.startswith("Not determined by the data: slope of engine torque with fuel rack (v). ")
+    assert line.startswith("Not determined by the data: slope of drive torque with actuator (v). ")
     assert line.endswith(
-        ": slope of engine torque with fuel rack (v), proportional gain of the governor (K_p)."
+        ": slope of drive torque with actuator (v), proportional gain of the governor (K_p)."
     )
     rough = {
         "tau_n": Estimate(1.2, 0.4, (0.4, 2.0), "s"),
         "T_set": Estimate(1e-4, 1e-3, (-0.001, 0.002), "s"),
     }
     (line,) = open_questions(replace(found, parameters=rough), Say())
-    assert line.startswith("Known only roughly, the worst first: inertia of the whole drive train (tau_n).")
+    assert line.startswith("Known only roughly, the worst first: inertia of the drive train (tau_n).")
     assert "T_set" not in line  # that it is short is what is told of it
 
 
@@ -186,7 +186,7 @@ def test_the_choice_shows_what_acts_what_does_not_and_what_can_not_be_told(page:
         for name, line in re.findall(r'<tr><th scope="row">([^<]*)</th>(.*?)</tr>', section)
     }
     assert rows["dead time in the loop"] == ["acts", "120", ""]
-    assert rows["lag of the fuel actuator"][0] == "undecided"
+    assert rows["lag of the actuator"][0] == "undecided"
     torque = f"{1.12 * operating_point(found)[1]:.4g}"
     limit = f"M_max above 1.12 times the operating torque ({torque} Nm)"
     assert rows["upper torque limit"] == ["not found to act", "0", limit]
@@ -220,7 +220,7 @@ def test_the_symbols_of_the_table_are_explained_below_it(found, language) -> Non
 def test_the_verdict_has_names_for_symbols(found) -> None:
     page = render(replace(found, usable=SENTENCES["some"], **judged("some")), [])
     lead = re.search(r'<p class="answer[^>]*>([^<]*)', page)[1]
-    assert "do not determine the inertia of the whole drive train and the slope of engine torque" in lead
+    assert "do not determine the inertia of the drive train and the slope of drive torque" in lead
 
 
 def test_a_delay_that_may_be_zero_has_an_upper_limit(found) -> None:
@@ -311,7 +311,7 @@ def test_where_parameters_are_open_their_combinations_are_told(partly) -> None:
     assert rows["inertia time constant"] == "not identifiable"
     assert rows["proportional gain over inertia"].endswith("1/s")
     assert open_questions(partly, Say())[0].startswith(
-        "Not determined by the data: inertia of the whole drive train (tau_n)"
+        "Not determined by the data: inertia of the drive train (tau_n)"
     )
 
 

@@ -4,23 +4,18 @@ from __future__ import annotations
 
 import gettext
 import re
-from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from shipfp_rs.errors import InputError
-from shipfp_rs.experiments.experiment import Experiment
-from shipfp_rs.identification import driven
-from shipfp_rs.identification.driven import instead
-from shipfp_rs.identification.fingerprint import Estimate, Fingerprint, Identifiability
 from shipfp_rs.identification.fit_statistics import information_criteria
 from shipfp_rs.report.findings import FIGURES
 from shipfp_rs.report.markup import Say
 from shipfp_rs.structures import glossary, names
+from shipfp_rs.structures.elements import ELEMENTS
 from shipfp_rs.support import sentences
 from shipfp_rs.support.sentences import CATALOGUES, DOMAIN, FIELD, LANGUAGES, Sentence, joined, listed
-from shipfp_rs.vessel.vessel import Vessel
 from tests.report.catalogues import read, said, update
 
 OTHERS = [language for language in LANGUAGES if language != "en"]
@@ -40,11 +35,6 @@ def test_every_text_of_a_report_is_translated_and_no_other_one(texts) -> None:
 
 def test_a_translation_has_the_same_fields(texts) -> None:
     assert [text for text, own in texts.items() if {*FIELD.findall(text)} != {*FIELD.findall(own)}] == []
-
-
-def test_lists_of_words_to_replace_can_be_read(texts) -> None:
-    lists = [texts[words] for words in (driven.LOADS, driven.DRIVES, driven.COMMANDS)]
-    assert all(pair.count(" = ") == 1 for own in lists for pair in own.split("; "))
 
 
 @pytest.mark.parametrize("language", OTHERS)
@@ -85,7 +75,7 @@ def test_a_sentence_is_said_from_its_parts_whatever_they_hold() -> None:
 @pytest.mark.parametrize(
     ("label", "german"),
     [
-        ("engine speed $n_e$ [rpm]", "Motordrehzahl $n_e$ [rpm]"),
+        ("speed $n_e$ [rpm]", "Drehzahl $n_e$ [rpm]"),
         ("set point n_set", "Sollwert n_set"),
         ("speed [rpm]", "Drehzahl [rpm]"),
         ("masked (0.25 %)", "ausgeblendet (0,25 %)"),
@@ -110,53 +100,15 @@ def test_every_symbol_in_a_formula_is_explained() -> None:
     }
 
 
-DIRECT, TUG = Vessel.load("direct-drive"), Vessel.load("stan-tug-1205")
-UNNAMED = Fingerprint({}, {}, Identifiability(0, 0, np.inf), {}, {})
-NAMED = replace(UNNAMED, vessel=TUG.name)
-MEASURED_LOAD = Experiment(
-    "S1", 10.0, {"n_set": np.ones(3), "M_load": np.ones(3)}, {"n_set": 1.0, "M_load": 1.0}
-)
-
-
-@pytest.mark.parametrize("language", ["en", "de"])
-def test_a_drive_without_propeller_and_engine_has_neither_in_any_word(language) -> None:
-    say = Say(language, instead(UNNAMED, [], DIRECT))
-    kept = [text for text in SAID if "channel" not in text and " = " not in text]
-    told = [say(text) for text in kept]
-    told += [say.name(symbol) for symbol in names.NAMES]
-    assert re.findall(r"(?i)propeller\w*|engine|fuel|rack\b|füllung|kraftstoff\w*", " ".join(told)) == []
-
-
-def test_an_article_goes_with_the_word_that_it_stands_before() -> None:
-    say = Say("en", ["engine = drive; fuel actuator = actuator"])
-    told = say.fitting("an engine, An engine and a fuel actuator beside the engine")
-    assert told == "a drive, A drive and an actuator beside the drive"
-
-
-def test_a_ship_keeps_its_words_and_a_measured_load_has_no_propeller() -> None:
-    assert instead(NAMED, []) == instead(UNNAMED, [], TUG) == []
-    assert Say("en", instead(NAMED, [])).name("p") == "propeller exponent"
-    # A generating set by what was measured, by what the saved fingerprint holds, and for all that anyone says.
-    loaded = replace(NAMED, structure={"elements": ["load"]})
-    for words in (instead(NAMED, [MEASURED_LOAD]), instead(loaded, []), instead(UNNAMED, [])):
-        assert Say("en", words).name("p") == "load exponent"
-        assert "propeller" not in Say("en", words).meaning("p")
-    say = Say("en", instead(NAMED, [MEASURED_LOAD]))
-    assert say.name("v") == "slope of engine torque with fuel rack"
-
-
-def test_tables_name_a_parameter_as_the_report_does() -> None:
-    known = {"p": Estimate(1.0), "v": Estimate(1.0)}
-    genset = replace(UNNAMED, parameters=known, vessel="Genset", structure={"elements": ["load"]})
-    motor = replace(UNNAMED, parameters=known, vessel="Motor", settings=driven.of_vessel(DIRECT))
-    tug = replace(UNNAMED, parameters=known, vessel=TUG.name, settings=driven.of_vessel(TUG))
-    for found in (genset, motor, tug):
-        name = Say("en", instead(found, found.experiments)).name
-        for text in (str(found), found._repr_html_(), found.to_csv()):
-            assert {name("p") in text, name("v") in text} == {True}
-    assert "propeller exponent" in str(tug)
-    assert "load exponent" in str(genset)
-    assert "slope of drive torque with control signal" in str(motor)
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_names_go_with_a_generating_set_and_an_electric_motor(language) -> None:
+    say = Say(language)
+    told = [say.name(symbol) for symbol in names.NAMES]
+    told += [say(one.words) for one in ELEMENTS.values()]
+    told += [say.meaning(symbol) for symbol in names.NAMES]
+    assert (
+        re.findall(r"(?i)propeller\w*|engine|fuel|rack\b|\bmotor|füllung|kraftstoff\w*", " ".join(told)) == []
+    )
 
 
 def test_an_experiment_is_called_by_name_and_by_what_the_set_point_did() -> None:

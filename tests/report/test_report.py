@@ -320,7 +320,7 @@ def test_a_chart_of_a_short_record_holds_every_sample_and_its_masks(page, experi
     measured = experiments[0].signals["n_e"]
     assert [series["label"] for series in speed["series"]] == [
         "set point n_set",
-        "engine speed n_e",
+        "speed n_e",
         "model of n_e",
     ]
     np.testing.assert_allclose(unpacked(speed["series"][1]), measured, atol=np.ptp(measured) / 65534)

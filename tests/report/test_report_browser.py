@@ -423,7 +423,7 @@ def test_what_the_zoom_shows_is_saved_as_csv(visit, tmp_path) -> None:
     saved = tmp_path / "signals.csv"
     waiting.value.save_as(saved)
     head, *rows = saved.read_text(encoding="utf-8").splitlines()
-    assert head.startswith('"time [s]","set point n_set","engine speed n_e","model of n_e"')
+    assert head.startswith('"time [s]","set point n_set","speed n_e","model of n_e"')
     assert len(rows) == 60_000  # 30 to 90 s at 1 kHz
     assert [float(cell) for cell in rows[0].split(",")[:2]] == pytest.approx(
         [30.0, 1183.8 + 40.0 * np.sin(15.0)], abs=0.01

@@ -40,7 +40,7 @@ def section(page: str) -> str:
 
 def test_an_engine_that_is_not_described_has_its_picture_and_no_loop(page) -> None:
     sides, shown = section(page), page[page.index("<main>") : page.index("<h2")]
-    why = shown.index("What the engine&#39;s torque has beyond the model")
+    why = shown.index("What the drive&#39;s torque has beyond the model")
     assert why < shown.index(
         "measurement, and the model&#39;s answer"
     )  # refused gains have their reason first
@@ -60,7 +60,7 @@ def test_the_load_s_side_stands_beside_the_whole(undescribed, page) -> None:
     assert f"{alone.value:.3f}" in row
     assert f"{whole:.4g}" in row
     text = str(undescribed)
-    assert "The load's side by itself (speed and torque alone, no model of the engine):" in text
+    assert "The load's side by itself (speed and torque alone, no model of the drive):" in text
     assert "torque scale" not in text
     described = replace(
         undescribed, adequate={**undescribed.adequate, "sides": {"load": True, "engine": True}}
@@ -127,13 +127,13 @@ def test_a_load_is_shown_above_what_it_drives() -> None:
 def test_an_engine_that_is_not_described_is_not_said_to_lack_excitation(page) -> None:
     screen = text_of(first_screen(page))
     assert "More excitation" not in screen
-    assert "What engine and governor do beyond the model is drawn beside" in screen
+    assert "What drive and governor do beyond the model is drawn beside" in screen
 
 
 def test_a_reason_that_several_parameters_share_is_told_once(page) -> None:
     table = page[page.index('id="parameters"') : page.index("What the symbols mean")]
-    assert table.count("engine and governor are not described") == 1
-    names = re.search(r"(g, vK_p[^:<]*): engine and governor are not described", table)[1].split(", ")
+    assert table.count("drive and governor are not described") == 1
+    names = re.search(r"(g, vK_p[^:<]*): drive and governor are not described", table)[1].split(", ")
     assert {"vK_i", "T_d", "T_set", "tau_act"} <= set(names)
     assert table.count(">not identifiable</td>") == len(names)
 

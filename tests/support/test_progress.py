@@ -2,12 +2,7 @@
 
 import threading
 
-import numpy as np
-
-from shipfp_rs.experiments.experiment import Experiment
-from shipfp_rs.identification.driven import progress_of
 from shipfp_rs.support.progress import counted, heard_by, part, tell
-from shipfp_rs.vessel.vessel import Vessel
 
 
 def test_parts_of_parts_are_told_as_shares_of_the_whole():
@@ -21,25 +16,6 @@ def test_parts_of_parts_are_told_as_shares_of_the_whole():
             tell("outer", 1.0)
     tell("nobody listens any more", 0.5)
     assert heard == [("first", 0.0), ("inner", 0.625), ("outer", 1.0)]
-
-
-def test_progress_has_words_that_go_with_the_vessel_where_no_load_is_measured():
-    heard, still = (
-        [],
-        [Experiment("still", 10.0, {"n_set": np.ones(9), "n_e": np.ones(9)}, {"n_set": 1.0, "n_e": 1.0})],
-    )
-    vessels = ("stan-tug-1205", "direct-drive")
-    with heard_by(lambda what, share: heard.append(what)):
-        for vessel in map(Vessel.load, vessels):
-            with progress_of(still, vessel.name, vessel):
-                tell("interval: propeller exponent, rate limit of the fuel rack", 0.0)
-        with progress_of(still, None):
-            tell("interval: propeller exponent", 0.0)
-    assert heard == [
-        "interval: propeller exponent, rate limit of the fuel rack",
-        "interval: load exponent, rate limit of the control signal",
-        "interval: load exponent",
-    ]
 
 
 def test_steps_of_threads_are_counted():

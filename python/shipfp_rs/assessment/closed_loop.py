@@ -398,7 +398,7 @@ def estimated(
     value = figure(values)
     unknown = partial(Estimate, None, unit=unit, status="unidentifiable")
     if not fingerprint.engine_described:
-        return unknown(reason=Sentence("engine and governor are not described"))
+        return unknown(reason=Sentence("drive and governor are not described"))
     if not np.isfinite(value):
         bounded = _possible(fingerprint, figure) if endless else []
         return unknown(ci95=(min(bounded), np.inf) if bounded else None, reason=Sentence("there is none"))

@@ -23,7 +23,7 @@ from shipfp_rs.designs.waveforms import Generator, Kind, Limits, steepest_rpm_s
 from shipfp_rs.experiments.experiment import UNITS, Experiment
 from shipfp_rs.signals import Excitation, Segment
 from shipfp_rs.support.arrays import Array, Brief, attributes
-from shipfp_rs.support.files import json_text, replacing_folder
+from shipfp_rs.support.files import finite, json_text, replacing_folder
 from shipfp_rs.support.tables import environment
 
 FILES = (
@@ -127,11 +127,11 @@ class Plan(Brief):
             "spectrum": [{"frequency_hz": line, "share": share} for line, share in self.spectrum],
             "efficiency": self.efficiency,
             "designed_for": list(self.designed_for),
-            "parameters": {name: row.to_dict() for name, row in self.prediction.parameters.items()},
-            "derived": {name: row.to_dict() for name, row in self.prediction.derived.items()},
+            "parameters": finite(self.prediction.parameters),
+            "derived": finite(self.prediction.derived),
             "relative_std_pct": self.prediction.relative_pct,
-            "identifiability": self.prediction.identifiability.to_dict(),
-            "needed": None if self.needed is None else _finite(asdict(self.needed)),
+            "identifiability": finite(self.prediction.identifiability),
+            "needed": finite(self.needed),
             "run_sheet": [asdict(stretch) for stretch in self.sheet],
             "sensors": {output: asdict(noise) for output, noise in self.sensors.items()},
             "limits": asdict(self.limits),
@@ -194,11 +194,6 @@ class Plan(Brief):
                 f"{volts.max():.4f} V."
             )
         return (*lines, *self.notes)
-
-
-def _finite(table: dict[str, Any]) -> dict[str, Any]:
-    """Replace infinite values by null, since JSON has no infinity."""
-    return {key: None if value == math.inf else value for key, value in table.items()}
 
 
 def _columns(*columns: Array) -> str:

@@ -158,7 +158,7 @@ def answered(
 
 
 def _adequate(fit: ShipFit, misses: Mapping[str, float], kind: str | None) -> dict[str, Any]:
-    """Return the residual tests of the model; `kind` is the contradiction to its engine and governor, if any."""
+    """Return the residual tests of the model; `kind` is the contradiction to its drive and governor, if any."""
     limits = {}
     if isinstance(fit.likelihood, LimitedLikelihood):
         told = {

@@ -5,12 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any, Literal, get_args
+from typing import Annotated, Any, Literal
 
-from shipfp_rs.errors import InputError
-from shipfp_rs.support.arguments import check_fields, told
+from pydantic import AfterValidator, BeforeValidator, Field
+
 from shipfp_rs.support.arrays import DEVIATIONS_95
+from shipfp_rs.support.files import finite
 from shipfp_rs.support.sentences import Sentence
+from shipfp_rs.support.validation import Figure, Number, Text, Whole, validated, wrong
 
 Status = Literal["free", "fixed", "prior", "at_bound", "unidentifiable"]
 
@@ -36,6 +38,24 @@ WhyNot = Literal["", "no minimum", "nothing explained", "nothing told", "misfit"
 """Reason why a fingerprint can't be used; empty where it can."""
 
 
+def _ends(given: Any) -> Any:
+    """Ends of an interval; null in JSON means none."""
+    if not isinstance(given, list | tuple) or len(given) != 2:
+        raise wrong("null or two numbers")
+    return [end if one is None else one for one, end in zip(given, (-math.inf, math.inf), strict=True)]
+
+
+def _ordered(ends: tuple[float, float]) -> tuple[float, float]:
+    if not ends[0] <= ends[1]:
+        raise wrong("its lower end first")
+    return ends
+
+
+Interval = Annotated[tuple[Figure, Figure], BeforeValidator(_ends), AfterValidator(_ordered)]
+Spread = Annotated[float, Field(strict=True, ge=0.0)]
+
+
+@validated
 @dataclass(frozen=True)
 class Estimate:
     """One parameter or combination: value, standard deviation, 95 % interval, unit, status.
@@ -43,35 +63,16 @@ class Estimate:
     `value`, `std` and `ci95` are None where the data do not determine them; `reason` then says why.
     """
 
-    value: float | None
-    std: float | None = None
-    ci95: tuple[float, float] | None = None
-    unit: str = "-"
+    value: Number | None
+    std: Spread | None = None
+    ci95: Interval | None = None
+    unit: Text = "-"
     status: Status = "free"
-    reason: str = ""
-
-    def __post_init__(self) -> None:
-        check_fields(self, "estimate")
-        if self.status not in get_args(Status):
-            known = ", ".join(get_args(Status))
-            raise InputError(f"estimate: status is {told(self.status)}, expected one of {known}")
-        if self.value is not None and not math.isfinite(self.value):
-            raise InputError(f"estimate: value is {self.value}, expected a finite number or None")
-        if self.std is not None and not self.std >= 0.0:
-            raise InputError(f"estimate: std is {self.std}, expected 0 or more")
-        if self.ci95 is not None and not self.ci95[0] <= self.ci95[1]:
-            raise InputError(f"estimate: ci95 is {self.ci95}, expected its lower end first")
+    reason: Text = ""
 
     def to_dict(self) -> dict[str, Any]:
         """Return the JSON form."""
-        return {
-            "value": self.value,
-            "std": self.std,
-            "ci95": None if self.ci95 is None else list(self.ci95),
-            "unit": self.unit,
-            "status": self.status,
-            "reason": self.reason,
-        }
+        return dict(finite(self))
 
 
 UNKNOWN = 0.9
@@ -130,6 +131,7 @@ def is_rough(estimate: Estimate, most: float = ROUGH) -> bool:
     return roughness(estimate) > most
 
 
+@validated
 @dataclass(frozen=True)
 class Identifiability:
     """Numerical rank of the sensitivities at the estimate, and the directions that the data do not determine.
@@ -138,55 +140,15 @@ class Identifiability:
     `closes_gap` names parameters; knowing any of them makes the others identifiable.
     """
 
-    rank: int
-    free: int
-    condition: float
+    rank: Whole
+    free: Whole
+    condition: Annotated[Figure, BeforeValidator(lambda value: math.inf if value is None else value)]
     null_space: tuple[Mapping[str, Any], ...] = ()
-    closes_gap: tuple[str, ...] = ()
+    closes_gap: tuple[Text, ...] = ()
 
     def __post_init__(self) -> None:
-        check_fields(self, "identifiability")
-        if not 0 <= self.rank <= self.free:
-            raise InputError(
-                f"identifiability: rank is {self.rank}, expected 0 to {self.free}, the number of free parameters"
-            )
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the JSON form."""
-        return {
-            "rank": self.rank,
-            "free": self.free,
-            "condition": self.condition if math.isfinite(self.condition) else None,
-            "null_space": [dict(entry) for entry in self.null_space],
-            "closes_gap": list(self.closes_gap),
-        }
-
-
-def estimate_of(entry: dict[str, Any]) -> Estimate:
-    """Return the estimate of a JSON form."""
-    interval = entry["ci95"]
-    return Estimate(
-        value=_figure(entry, "value"),
-        std=_figure(entry, "std"),
-        ci95=None if interval is None else (_end(interval[0], -math.inf), _end(interval[1], math.inf)),
-        unit=entry["unit"],
-        status=entry["status"],
-        reason=entry["reason"],
-    )
-
-
-def _figure(entry: Mapping[str, Any], key: str) -> float | None:
-    value = entry[key]
-    if value is not None and (
-        isinstance(value, bool) or not isinstance(value, int | float) or abs(value) > 1e100
-    ):
-        raise ValueError(f"{key}: {str(value)[:40]!r}, expected a number or null")
-    return value
-
-
-def _end(value: float | None, open_end: float) -> float:
-    """Bound of an interval; null in JSON means none."""
-    return open_end if value is None else float(value)
+        if self.rank > self.free:
+            raise wrong(f"0 to {self.free}, the number of free parameters", self.rank, "rank")
 
 
 @dataclass(frozen=True)

@@ -11,13 +11,14 @@ from scipy.signal import ss2tf
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment
-from shipfp_rs.identification.estimate import Estimate
+from shipfp_rs.identification.fingerprint_content import Content
 from shipfp_rs.signals.excitation import Excitation
 from shipfp_rs.structures.elements import LATE_CHANNELS
 from shipfp_rs.structures.linearised import StateSpace, state_space
 from shipfp_rs.structures.prediction import simulated_about
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.support.arguments import Count, checked
+from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.tables import package
 
 DELAYS = ("T_d", "T_set", "tau_act", "T_f", *LATE_CHANNELS)
@@ -26,31 +27,8 @@ SHORT_S = 1e-3
 """Estimated delay below which a linearisation omits it, since it does not affect the loop [s]."""
 
 
-class SimulationMixin:
-    """Simulations with a fingerprint's model; mixed into `Fingerprint`."""
-
-    structure: Mapping[str, Any]
-    settings: Mapping[str, Any]
-    parameters: Mapping[str, Estimate]
-    data: tuple[Mapping[str, Any], ...]
-    vessel: str | None
-    experiments: tuple[Experiment, ...]
-
-    @property
-    def optimum(self) -> Mapping[str, float]:
-        """Name to value of every parameter at the minimum of the search, whether determined or not.
-
-        Raises
-        ------
-        InputError
-            If the fingerprint was not made by a search, or its file lacks the values.
-        """
-        if "optimum" not in self.settings:
-            raise InputError(
-                "settings.optimum of the fingerprint: found nothing, expected every parameter's value"
-            )
-        found: Mapping[str, float] = self.settings["optimum"]
-        return found
+class FingerprintSimulation(Content):
+    """Simulations with a fingerprint's model."""
 
     def _model(self, structure: Structure | None) -> tuple[Structure, Mapping[str, float]]:
         return structure or Structure.from_dict(self.structure), self.optimum
@@ -99,19 +77,7 @@ class SimulationMixin:
         begun = {driver: np.concatenate([[point[driver]], set_point])}
         bare = Experiment(drive.name, drive.rate_hz, begun, point, drive.hold, drive.kind)
         rows = model.part(drive.name).equations.simulate(values, bare)[:, 1:]
-        signals = {
-            signal: point[signal] * (row if signal == "E_n" else 1.0 + row)
-            for signal, row in zip(names.values(), rows, strict=True)
-        }
-        return Experiment(
-            drive.name,
-            drive.rate_hz,
-            {driver: set_point, **signals},
-            point,
-            drive.hold,
-            drive.kind,
-            self._source(),
-        )
+        return self._simulated(bare, set_point, dict(zip(names.values(), rows, strict=True)))
 
     @checked
     def predict(self, experiment: Experiment | None = None, structure: Structure | None = None) -> Experiment:
@@ -127,42 +93,27 @@ class SimulationMixin:
         Returns
         -------
         Experiment
-            Set point and outputs in the units of the measured signals, at each sample.
-
-        Raises
-        ------
-        InputError
-            As `simulate`, or if an output was not measured.
+            As of `simulate`, at each sample.
         """
         record = self.first(experiment)
         model, values = self._model(structure)
-        point = record.operating_point
-        signals = {
-            name: point[name] * (row if name == "E_n" else 1.0 + row)
-            for name, row in simulated_about(model, values, record).items()
-        }
-        return replace(
-            record,
-            signals={record.driver: record.signals[record.driver], **signals},
-            provenance=self._source(),
-        )
+        rows = simulated_about(model, values, record)
+        return self._simulated(record, record.signals[record.driver], rows)
 
     def first(self, experiment: Experiment | None = None) -> Experiment:
-        """Return the given experiment, or the first fitted one.
-
-        Raises
-        ------
-        InputError
-            If none is given, and the fingerprint comes from a file or was fitted to responses.
-        """
+        """Return the given experiment, or the first fitted one; `InputError` if the fingerprint holds none, as a file."""
         if experiment is None and not self.experiments:
             raise InputError(
                 "experiment: found none, and the fingerprint holds none; give the one that is meant"
             )
         return experiment or self.experiments[0]
 
-    def _source(self) -> dict[str, str]:
-        return {"simulated": f"fingerprint of {self.vessel or 'a drive train not named'}"}
+    def _simulated(self, record: Experiment, set_point: Array, rows: Mapping[str, Array]) -> Experiment:
+        """Return a record with this set point, and with deviations, by signal, in the units of the signals."""
+        point = record.operating_point
+        outputs = {name: point[name] * (row if name == "E_n" else 1.0 + row) for name, row in rows.items()}
+        source = {"simulated": f"fingerprint of {self.vessel or 'a drive train not named'}"}
+        return replace(record, signals={record.driver: set_point, **outputs}, provenance=source)
 
     def _linearised(self, structure: Structure | None, order: int) -> tuple[StateSpace, str]:
         """Return the linearisation without negligible delays, and its name."""
@@ -199,15 +150,8 @@ class SimulationMixin:
         """
         control = package("control", "python-control")
         space, name = self._linearised(structure, order)
-        return control.ss(
-            space.A,
-            space.B[:, None],
-            space.C,
-            space.D[:, None],
-            inputs=["dn_set"],
-            outputs=list(space.outputs),
-            name=name,
-        )
+        matrices = space.A, space.B[:, None], space.C, space.D[:, None]
+        return control.ss(*matrices, inputs=["dn_set"], outputs=list(space.outputs), name=name)
 
     @checked
     def to_tf(self, *, order: Count = 3, structure: Structure | None = None) -> Any:
@@ -216,6 +160,5 @@ class SimulationMixin:
         space, name = self._linearised(structure, order)
         numerators, denominator = ss2tf(space.A, space.B[:, None], space.C, space.D[:, None])
         rows = [[np.trim_zeros(row, "f")] for row in numerators]
-        return control.tf(
-            rows, [[denominator] for _ in rows], inputs=["dn_set"], outputs=list(space.outputs), name=name
-        )
+        names = {"inputs": ["dn_set"], "outputs": list(space.outputs), "name": name}
+        return control.tf(rows, [[denominator]] * len(rows), **names)

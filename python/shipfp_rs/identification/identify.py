@@ -11,7 +11,6 @@ from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.experiments.parquet import Frame, of_frames
 from shipfp_rs.frequency import FrequencyResponse
 from shipfp_rs.identification.automatic import identified
-from shipfp_rs.identification.driven import progress_of
 from shipfp_rs.identification.estimate import ASSUMED
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.identification.first_guesses import inertias
@@ -123,10 +122,9 @@ def identify(
                 f"{name}: given together with a structure, which already defines it; leave {name} out"
             )
     require_driver([data] if isinstance(data, Experiment | FrequencyResponse) else list(data), structure)
-    with progress_of(_experiments(data), vessel):
-        return _given_ship(data, structure, options, vessel) or _with(
-            fitted(data, structure, options, vessel=vessel), data
-        )
+    return _given_ship(data, structure, options, vessel) or _with(
+        fitted(data, structure, options, vessel=vessel), data
+    )
 
 
 def _with(fingerprint: Fingerprint, data: Data | Sequence[Data]) -> Fingerprint:
@@ -161,11 +159,9 @@ def _full_ship(
     if in_open_loop(experiments):
         require_excited(experiments)
         structure = structure_in_open_loop(experiments, **asked)
-        with progress_of(experiments, vessel):
-            found = fitted(experiments, structure, options, vessel=vessel)
+        found = fitted(experiments, structure, options, vessel=vessel)
         return with_caveat(_with(found, experiments), asked["fixed"])
-    with progress_of(experiments, vessel):
-        return _as_given(_answered(question_of(experiments, **asked), options, vessel), asked["fixed"] or {})
+    return _as_given(_answered(question_of(experiments, **asked), options, vessel), asked["fixed"] or {})
 
 
 def _given_ship(

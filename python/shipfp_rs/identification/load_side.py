@@ -414,7 +414,7 @@ def load_side(
     torque: Torque | None = None,
     vessel: Vessel | str | Path | None = None,
 ) -> LoadSide:
-    """Identify the load from speed and torque, without a model of engine and governor.
+    """Identify the load from speed and torque, without a model of drive and governor.
 
     Parameters
     ----------

@@ -1,7 +1,7 @@
 """What moving water tells about the engine's side: the ratio of torque to speed in the residuals.
 
 Wake and waves load the propeller alone. In the motion that they cause, the ratio of torque to speed is the response of
-engine and governor, -((tau_n - tau_prop) s - g + L) behind a gauge, of which a set point determines only ratios to the
+drive and governor, -((tau_n - tau_prop) s - g + L) behind a gauge, of which a set point determines only ratios to the
 inertia. Sensor noise makes speed over torque, or torque over speed, look smaller than it is; the coherence bounds both
 (Frisch 1934; Anderson 1985, doi:10.1016/0304-4076(85)90025-2). Half of that bound is an error of all bands alike.
 """

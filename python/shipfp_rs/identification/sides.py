@@ -33,8 +33,8 @@ KINDS: Mapping[str, Sentence] = {
     "gain": Sentence("the governor's gain changes with the error: a dead band, or a gain in steps"),
     "asymmetry": Sentence("the governor is faster in one direction than in the other"),
     "lag": Sentence("the governor's command acts with another lag than the model's, as behind an inner loop"),
-    "torque_limit": Sentence("the engine's torque is limited, but by no limit that was tried"),
-    "rack_rate": Sentence("the rack's rate is limited, but by no limit that was tried"),
+    "torque_limit": Sentence("the drive's torque is limited, but by no limit that was tried"),
+    "rack_rate": Sentence("the actuator's rate is limited, but by no limit that was tried"),
     "limit": Sentence("a limit removes more of the torque than half of what the torque itself moves"),
     "misfit": Sentence("the model misses too much of the drive train's response"),
     "prior": Sentence(
@@ -46,7 +46,7 @@ KINDS: Mapping[str, Sentence] = {
 
 
 def undescribed(fit: ShipFit, misses_pct: Sequence[float], explained_pct: Sequence[float]) -> str | None:
-    """Return the kind, of `KINDS`, of a contradiction to the model's engine and governor; None if there is none."""
+    """Return the kind, of `KINDS`, of a contradiction to the model's drive and governor; None if there is none."""
     likelihood = fit.likelihood
     if isinstance(likelihood, LimitedLikelihood) and likelihood.removed_share(fit.best.vector) > MOST_REMOVED:
         return "limit"
@@ -131,7 +131,7 @@ def load_alone(
     bounds: Mapping[str, tuple[float, float]],
 ) -> dict[str, Estimate]:
     """Return estimates with the load's from its side alone, within bounds, and without the engine's."""
-    reason = Sentence("engine and governor are not described: {what}", what=KINDS[kind])
+    reason = Sentence("drive and governor are not described: {what}", what=KINDS[kind])
     found = {}
     for name, one in parameters.items():
         if one.status == "fixed" and one.reason in ("given", ASSUMED):

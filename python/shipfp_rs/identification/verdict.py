@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 
 from shipfp_rs.identification.estimate import KNOWN, OPEN, Estimate, is_rough, rounded_rows
-from shipfp_rs.identification.fingerprint import ALARM, Fingerprint, Identifiability
+from shipfp_rs.identification.fingerprint import Fingerprint, Identifiability
+from shipfp_rs.identification.fingerprint_content import ALARM
 from shipfp_rs.identification.fit_statistics import missed_pct
 from shipfp_rs.identification.question import BOUNDS, PRIORS, TRIED, within_reach
 from shipfp_rs.identification.ship_found import BELIEVED, ShipFit
@@ -253,12 +254,12 @@ LIMITED = Sentence(
     "ships with such a limit fewer than nine intervals in ten held the true value."
 )
 LOAD_ONLY = Sentence(
-    "Usable for simulation and comparison of the load's side only: engine and governor are not described ({what}), so "
-    "gains, delays and the slope of the engine's torque are not given."
+    "Usable for simulation and comparison of the load's side only: drive and governor are not described ({what}), so "
+    "gains, delays and the slope of the drive's torque are not given."
 )
 NO_GAUGE = Sentence(
     "Usable for simulation and comparison, but not for control tuning: the torque is hardly a gauge's, since {share} % of "
-    "the inertia would lie behind it. If it is the engine's own, say torque = brake: tau_n and the gains are now too large "
+    "the inertia would lie behind it. If it is the drive's own, say torque = brake: tau_n and the gains are now too large "
     "by about {over} %."
 )
 BEHIND_A_GAUGE = 0.9
@@ -269,7 +270,7 @@ TO_THE_METER = Sentence(
 )
 AT_THE_METER = Sentence(
     "The load is all the torque of a shaft, so the model ends at its meter: tau_n is the inertia before it, and gains, "
-    "margins and steps are those of the engine without its propeller. If the set point moves, the same record tells the "
+    "margins and steps are those of the drive without its load. If the set point moves, the same record tells the "
     "whole ship with this channel as the shaft's torque instead of a load."
 )
 NO_TORQUE = Sentence(
@@ -384,7 +385,7 @@ def _clear_of(limit: Mapping[str, float]) -> Sentence:
     return Sentence(
         "A limit of {name} at about {level} acts {share} % of the time and removes {removed} % of what the torque moves; "
         "with {amplitude} % of the amplitude the next trial stays clear of it.",
-        name=Sentence("the rack's rate" if level == "rate" else "the torque"),
+        name=Sentence("the actuator's rate" if level == "rate" else "the torque"),
         level=f"{limit[level]:.3g}" + (" 1/s" if level == "rate" else ""),
         **{name: f"{100.0 * limit[name]:.2g}" for name in ("share", "removed", "amplitude")},
     )
@@ -401,7 +402,7 @@ def _behind(fingerprint: Fingerprint) -> float:
 def with_verdict(fingerprint: Fingerprint, strain: float = 0.0, kind: str | None = None) -> Fingerprint:
     """Return the fingerprint with its usability and verdict.
 
-    `strain` is that of `adequacy`; `kind` is the contradiction, of `sides.KINDS`, to the model's engine and governor.
+    `strain` is that of `adequacy`; `kind` is the contradiction, of `sides.KINDS`, to the model's drive and governor.
     """
     found = usability(fingerprint)
     if kind is not None:

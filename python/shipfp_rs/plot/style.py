@@ -23,7 +23,7 @@ SET_POINT = GREEN
 LABELS: Mapping[str, str] = {
     "n_set": "set point $n_{set}$",
     "command": "command",
-    "n_e": "engine speed $n_e$",
+    "n_e": "speed $n_e$",
     "n_s": "shaft speed $n_s$",
     "M_s": "shaft torque $M_s$",
     "M_b": "brake torque $M_b$",

@@ -20,7 +20,6 @@ from shipfp_rs.errors import SimulationError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.frequency import FrequencyResponse
 from shipfp_rs.identification.automatic import FULL_SHIP
-from shipfp_rs.identification.driven import instead
 from shipfp_rs.identification.estimate import rounded_rows
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.plot.frequency import windows
@@ -98,7 +97,7 @@ def write_report(
     structure
         Structure of the fingerprint, if its equations are the user's; None rebuilds it.
     vessel
-        The trial's vessel, which determines the words for drive and load; None: an engine and a propeller.
+        The trial's vessel, for its gear ratio and for what it drives.
 
     Returns
     -------
@@ -137,7 +136,7 @@ def render(
     vessel: Vessel | None = None,
 ) -> str:
     """Page of `write_report` as a string."""
-    say = Say(language, instead(fingerprint, experiments, vessel))
+    say = Say(language)
     pictures = Pictures(say)
     figures = loop.figures(fingerprint, structure)
     if fingerprint.engine_described:
@@ -153,7 +152,7 @@ def render(
         ),
         ("parameters", say("Parameters"), findings.parameters(fingerprint, truth, pictures, say)),
         ("elements", say("Elements of the model"), findings.elements(fingerprint, say)),
-        ("sides", say("Load and engine, each by itself"), operating.section(fingerprint, pictures, say)),
+        ("sides", say("Load and drive, each by itself"), operating.section(fingerprint, pictures, say)),
         (
             "loop",
             say("The speed loop"),

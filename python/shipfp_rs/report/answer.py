@@ -120,7 +120,7 @@ def next_steps(fingerprint: Fingerprint, say: Say) -> list[str]:
     if not fingerprint.why_not and not fingerprint.engine_described:
         return [
             say(
-                "What engine and governor do beyond the model is drawn beside the figures. "
+                "What drive and governor do beyond the model is drawn beside the figures. "
                 "Gains need a structure of your own that has it."
             )
         ]
@@ -128,7 +128,7 @@ def next_steps(fingerprint: Fingerprint, say: Say) -> list[str]:
         return []
     part = say(
         "Possible causes, in the order in which to look: sensors (a channel from another recording, the side of the shaft "
-        "that a gauge is on, scale, offset, delay), actuation (fuel rack, dead time, lag, limits), then gains that change, "
+        "that a gauge is on, scale, offset, delay), actuation (dead time, lag, limits), then gains that change, "
         "or a load that the model lacks."
     )
     more = say(
@@ -225,7 +225,7 @@ def ship_rows(fingerprint: Fingerprint, say: Say) -> list[tuple[str, str, str, s
             continue
         inertia = name
         if row.name in ("tau_n", "tau_prop"):
-            inertia = say("{inertia}, seen from the propeller shaft", inertia=short_name(row.name, say))
+            inertia = say("{inertia}, seen from the load shaft", inertia=short_name(row.name, say))
         # The remark on an estimate at its interval's end is only made for the interval in SI units.
         none = may_be_zero(row, known[row.name])
         alone = told if none else interval(row, known[row.name], say, with_end=False)
@@ -271,11 +271,11 @@ def loop_rows(
 ) -> list[tuple[str, str, str, str, str]]:
     """Main figures for a control engineer: name, no symbol, value with unit, interval, and meaning.
 
-    Without `of_ship` they are those of the engine without its propeller, whose damping is not judged.
+    Without `of_ship` they are those of the drive without its load, whose damping is not judged.
     """
     meanings = {
         "bandwidth": say("up to this frequency the speed follows the set point"),
-        "phase margin": _damped(loop["phase margin"].value, say) if of_ship else say("of the engine alone"),
+        "phase margin": _damped(loop["phase margin"].value, say) if of_ship else say("of the drive alone"),
         "gain margin": say("factor on the gains at which the loop begins to oscillate")
         if loop["gain margin"].value is not None
         else say("no gain was found at which the loop oscillates"),
@@ -389,7 +389,7 @@ def _sharpened(fingerprint: Fingerprint, names: Sequence[str], say: Say) -> str:
 def short_name(symbol: str, say: Say) -> str:
     """Name of a parameter in a sentence: an inertia by what rotates, any other parameter by its plain name."""
     turning = {
-        "tau_n": say("inertia of the whole drive train"),
+        "tau_n": say("inertia of the drive train"),
         "tau_prop": say("inertia behind the torque gauge"),
     }
     return turning.get(symbol) or say.name(symbol) or symbol

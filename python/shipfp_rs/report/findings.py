@@ -10,7 +10,8 @@ from typing import Any
 from shipfp_rs import plot
 from shipfp_rs.identification import wording
 from shipfp_rs.identification.estimate import OPEN, Estimate, is_rough, rounded_rows
-from shipfp_rs.identification.fingerprint import ALARM, Fingerprint
+from shipfp_rs.identification.fingerprint import Fingerprint
+from shipfp_rs.identification.fingerprint_content import ALARM
 from shipfp_rs.identification.first_guesses import operating_point
 from shipfp_rs.report.answer import (
     at_an_end,
@@ -132,7 +133,7 @@ def _meanings(fingerprint: Fingerprint, say: Say) -> Iterable[str]:
             speed_rpm, torque_Nm, _ = point
             notes.append(
                 say(
-                    "Operating point: engine speed {speed} rpm, measured torque {torque} Nm.",
+                    "Operating point: {speed} rpm, measured torque {torque} Nm.",
                     speed=f"{speed_rpm:.4g}",
                     torque=f"{torque_Nm:.4g}",
                 )
@@ -140,8 +141,9 @@ def _meanings(fingerprint: Fingerprint, say: Say) -> Iterable[str]:
     if "vK_p" in fingerprint.parameters:
         notes.append(
             say(
-                "v is the per cent of engine torque that 1 % more fuel rack brings. From speed and torque follow only the "
-                "products vK_p and vK_i with the governor's gains K_p and K_i; a channel of the fuel rack would give v."
+                "v is the per cent of drive torque that 1 % more actuator travel brings. From speed and torque follow only "
+                "the products vK_p and vK_i with the governor's gains K_p and K_i; a channel of the actuator "
+                "(X_f, the fuel rack of an engine) would give v."
             )
         )
     if notes:

@@ -2,7 +2,7 @@
 
 Also here:
 
-- Language of a report: translation of English texts, with words that suit the trial's drive and load.
+- Language of a report: translation of English texts, numbers with its decimal sign.
 """
 
 from __future__ import annotations
@@ -15,7 +15,6 @@ from typing import Any
 
 from markupsafe import Markup
 
-from shipfp_rs.identification import driven
 from shipfp_rs.structures import glossary
 from shipfp_rs.structures.names import plain_name
 from shipfp_rs.support.arguments import one_of
@@ -41,14 +40,13 @@ CELL = re.compile(r'(<td class="number[^>]*>)([^<]*)')
 
 
 class Say:
-    """Translator of report texts into one language; `instead` replaces words that do not suit the trial's drive or load."""
+    """Translator of report texts into one language."""
 
-    def __init__(self, language: str = "en", instead: Iterable[str] = ()) -> None:
+    def __init__(self, language: str = "en") -> None:
         one_of("language", language, LANGUAGES)
         self.language = language
         self._translated = catalogue(language).gettext
         self._decimal = self._translated("1.5")[1]
-        self._instead = driven.pairs_of(map(self._translated, instead))
 
     def __call__(self, text: str, /, **values: Any) -> str:
         """Translate a text and fill in its fields; texts missing from the catalogue stay English."""
@@ -61,7 +59,7 @@ class Say:
     def told(self, text: str, leaf: Callable[[str], str]) -> str:
         """Translate a text; `leaf` formats the values of its fields that are not sentences."""
         template = text.template if isinstance(text, Sentence) else text
-        said = self.fitting(self._translated(template)) if template else ""
+        said = self._translated(template) if template else ""
         if not isinstance(text, Sentence):
             return said
         values = {
@@ -69,10 +67,6 @@ class Say:
             for name, one in text.values.items()
         }
         return filled(said, values)
-
-    def fitting(self, text: str) -> str:
-        """Replace words of a text that do not suit the trial's drive and load."""
-        return driven.fitting(text, self._instead, is_english=self.language == "en")
 
     def figure(self, text: str) -> str:
         """Format a value; numbers with the language's decimal sign."""

@@ -15,10 +15,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from shipfp_rs.experiments.experiment import Experiment
-from shipfp_rs.identification.driven import is_loaded
 from shipfp_rs.identification.estimate import Estimate, Row, rounded_rows
 from shipfp_rs.identification.fingerprint import Fingerprint
-from shipfp_rs.identification.fingerprint_file import agreement, beside_the_whole
+from shipfp_rs.identification.fingerprint_tables import agreement, beside_the_whole
 from shipfp_rs.identification.first_guesses import ENGINE_SIDE, operating_point
 from shipfp_rs.plot.style import BLUE, GREY, ORANGE, dress
 from shipfp_rs.report.answer import interval, short_name
@@ -44,8 +43,11 @@ def feeds_a_generator(
         row.get("load", {}).get("quantity") == "other" for row in fingerprint.data
     ):
         return False
-    return is_loaded(fingerprint, experiments) or (
-        vessel is not None and vessel.given("engine.cylinders") and not vessel.given("propeller")
+    measured = any("M_load" in one.signals for one in experiments)
+    return (
+        measured
+        or "load" in fingerprint.structure.get("elements", ())
+        or (vessel is not None and vessel.given("engine.cylinders") and not vessel.given("propeller"))
     )
 
 
@@ -84,11 +86,7 @@ def facts(
 
 
 def _place(signal: str, say: Say) -> str:
-    return (
-        say("engine speed and brake torque")
-        if signal == ENGINE_SIDE
-        else say("engine speed and gauge torque")
-    )
+    return say("speed and brake torque") if signal == ENGINE_SIDE else say("speed and gauge torque")
 
 
 def _scaled(estimate: Estimate, factor: float, unit: str) -> Estimate:
@@ -119,7 +117,7 @@ def section(fingerprint: Fingerprint, pictures: Pictures, say: Say) -> Iterable[
     """Yield the table of the load's side, and the picture of the engine torque's residual."""
     if fingerprint.load_side:
         yield piece(
-            "heading", say("The load's side by itself (speed and torque alone, no model of the engine)")
+            "heading", say("The load's side by itself (speed and torque alone, no model of the drive)")
         )
         rows = [*beside_the_whole(fingerprint)]
         bare = not any(whole.low for _, whole in rows)
@@ -150,15 +148,15 @@ def beyond(fingerprint: Fingerprint, pictures: Pictures, say: Say) -> str:
     curves = fingerprint.adequate.get("engine_curves")
     if not curves or not all(curve["at"] for curve in curves.values()):
         return ""
-    heading = piece("heading", say("What the engine's torque has beyond the model"))
+    heading = piece("heading", say("What the drive's torque has beyond the model"))
     return heading + pictures.draw(
         len(curves),
         lambda axes: _draw(axes, curves),
         say(
-            "Mean of it against the speed error that the governor sees, and against the rate at which the fuel rack moves; "
-            "bars of two standard errors. It is zero where the model describes engine and governor. A dead band, or a gain "
+            "Mean of it against the speed error that the governor sees, and against the rate at which the actuator moves; "
+            "bars of two standard errors. It is zero where the model describes drive and governor. A dead band, or a gain "
             "that grows in steps, makes an S through zero error. A torque limit bends both ends of a curve to the same "
-            "side. A limit of the rack's rate makes a step at zero rate, a slower way down bends one end only."
+            "side. A limit of the actuator's rate makes a step at zero rate, a slower way down bends one end only."
         ),
         height=SMALL_IN if fingerprint.engine_described else LARGE_IN,
         width=NARROW,
@@ -172,7 +170,7 @@ def ends(row: Row, say: Say) -> str:
 
 
 def _draw(axes: Sequence[Axes], curves: Mapping[str, Mapping[str, Sequence[float]]]) -> None:
-    labels = {"error": "governor's speed error [%]", "slope": "rate of the fuel rack [%/s]"}
+    labels = {"error": "governor's speed error [%]", "slope": "rate of the actuator [%/s]"}
     for ax, (name, curve), colour in zip(axes, curves.items(), (BLUE, ORANGE), strict=True):
         at, torque, std = (100.0 * np.asarray(curve[key]) for key in ("at", "torque", "std"))
         ax.axhline(0.0, color=GREY, lw=1.0)

@@ -17,7 +17,6 @@ from shipfp_rs.assessment.closed_loop import structure_of as rebuilt
 from shipfp_rs.assessment.si import doubts, in_si, vessel_priors
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.experiments.parquet import write_experiments
-from shipfp_rs.identification.driven import of_vessel, progress_of
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.identification.identify import identify
 from shipfp_rs.processing.process import process
@@ -179,7 +178,7 @@ def evaluate(
         ]
     options = trial.identify
     own_seed = options.seed if seed is None else seed
-    with part(0.15, 0.7), progress_of(experiments, vessel.name, vessel):
+    with part(0.15, 0.7):
         if declared is None:
             notify("choosing the elements and identifying")
             fingerprint = identify(
@@ -197,8 +196,7 @@ def evaluate(
     if options.vessel_std_pct is None and vessel_priors(vessel, experiments, 5.0):
         fingerprint = replace(fingerprint, verdict=(*fingerprint.verdict, UNUSED))
     fingerprint = replace(fingerprint, verdict=(*fingerprint.verdict, *doubts(fingerprint, vessel)))
-    settings = {**fingerprint.settings, **of_vessel(vessel)}
-    fingerprint = replace(fingerprint, si=in_si(fingerprint, vessel), settings=settings)
+    fingerprint = replace(fingerprint, si=in_si(fingerprint, vessel))
     notify("writing the report")
     tell("writing the report", 0.7)
     fingerprint.save(folder / MARKER)

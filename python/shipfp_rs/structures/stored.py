@@ -5,14 +5,21 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, replace
-from typing import Any
+from typing import (
+    Any,
+    NotRequired,  # of older Pythons' typing, pydantic reads less
+)
+
+from pydantic import ConfigDict, with_config
+from typing_extensions import TypedDict
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.structures.parameter import Parameter
 from shipfp_rs.structures.ship import KIND, commanded
 from shipfp_rs.structures.ties import Tie, resolved, tied
-from shipfp_rs.support.arguments import expect, fits
+from shipfp_rs.support.arguments import expect
 from shipfp_rs.support.hints import suggestion
+from shipfp_rs.support.validation import Ends, Figure, Flag, Text, require
 
 LINEAR_OPTIONS = (
     "torque",
@@ -22,19 +29,33 @@ LINEAR_OPTIONS = (
     "dead_time_set_point",
 )
 SHIP_OPTIONS = ("elements", "torque", "products", "propeller_speed", "mean_sampling")
-ROW: Mapping[str, tuple[Any, str]] = {
-    "start": (float, "a number"),
-    "bounds": (tuple[float | None, float | None] | None, "null or two ends, each a number or null"),
-    "fixed": (bool, "true or false"),
-    "prior": (tuple[float, float] | None, "null or a mean and a standard deviation"),
-    "tied": (Mapping[str, Any] | None, "null or a table"),
-}
-"""Type and description of each value in a parameter's table."""
-TIE: Mapping[str, tuple[Any, str]] = {
-    "to": (str, "the name of a parameter"),
-    "factor": (float, "a number"),
-    "offset": (float, "a number"),
-}
+
+
+class StoredTie(TypedDict):
+    """Proportion of a parameter to another one."""
+
+    to: Text
+    factor: Figure
+    offset: Figure
+
+
+class StoredParameter(TypedDict):
+    """Declaration of a parameter; older files have no bounds of a fixed one."""
+
+    start: Figure
+    fixed: Flag
+    bounds: NotRequired[Ends | None]
+    prior: NotRequired[Ends | None]
+    tied: NotRequired[StoredTie | None]
+
+
+@with_config(ConfigDict(extra="allow"))
+class Stored(TypedDict, total=False):
+    """What every structure's tables have; further keys depend on its kind."""
+
+    name: Text
+    outputs: list[Text]
+    parameters: Mapping[str, StoredParameter]
 
 
 def to_dict(structure: Any) -> dict[str, Any]:
@@ -76,6 +97,7 @@ def from_dict(declare: Any, content: Mapping[str, Any]) -> Any:
             name=told["name"],
         ),
     }
+    require(content, Stored, "structure")
     kind = str(content.get("kind"))
     if kind not in ways:
         raise InputError(
@@ -91,7 +113,6 @@ def from_dict(declare: Any, content: Mapping[str, Any]) -> Any:
         ) from error
     except InputError as error:
         raise InputError(f"structure: {error}") from error
-    expect(isinstance(rows, Mapping), "structure.parameters", rows, "a table")
     known = {parameter.name: parameter for parameter in made.parameters}
     for name in (*rows, *known):
         if name not in known:
@@ -119,14 +140,12 @@ def _options(content: Mapping[str, Any], names: tuple[str, ...]) -> dict[str, An
 
 def _parameter(declared: Parameter, row: Mapping[str, Any]) -> Parameter:
     key = f"structure.parameters.{declared.name}"
-    expect_row(key, row, ROW)
     lower, upper = declared.lower, declared.upper
-    if row.get("bounds") is not None:  # older files have no bounds for a fixed parameter
+    if row.get("bounds") is not None:
         low, high = row["bounds"]
         lower, upper = -math.inf if low is None else float(low), math.inf if high is None else float(high)
     prior, tie = row.get("prior"), row.get("tied")
     if tie is not None:
-        expect_row(f"{key}.tied", tie, TIE)
         expect(tie["factor"] != 0.0, f"{key}.tied.factor", tie["factor"], "a number that is not 0")
     try:
         return replace(
@@ -140,10 +159,3 @@ def _parameter(declared: Parameter, row: Mapping[str, Any]) -> Parameter:
         )
     except InputError as error:
         raise InputError(f"structure.parameters: {error}") from error
-
-
-def expect_row(key: str, row: Any, kinds: Mapping[str, tuple[Any, str]]) -> None:
-    """Raise `InputError` for a table that lacks a key or has a value of the wrong type."""
-    expect(isinstance(row, Mapping), key, row, "a table")
-    for part, (kind, words) in kinds.items():
-        expect(fits(row.get(part), kind), f"{key}.{part}", row.get(part), words)

@@ -18,6 +18,7 @@ import shutil
 import stat
 import tempfile
 from collections.abc import Callable, Collection, Iterator, Mapping
+from dataclasses import is_dataclass
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -239,11 +240,13 @@ HALF = re.compile(r"\\u[dD][89a-fA-F]")
 
 
 def finite(content: Any) -> Any:
-    """Replace non-finite numbers by None and NumPy numbers by Python ones."""
+    """Return content as JSON has it: non-finite numbers None, NumPy numbers Python ones, dataclasses tables."""
     if isinstance(content, np.generic | np.ndarray) and content.ndim == 0:
         content = content.item()
     if isinstance(content, float):
         return content if math.isfinite(content) else None
+    if is_dataclass(content):
+        content = vars(content)
     if isinstance(content, Mapping):
         return {key: finite(value) for key, value in content.items()}
     if isinstance(content, list | tuple):

@@ -39,17 +39,6 @@ def heard_by(listener: Listener) -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def said_as(words: Callable[[str], str]) -> Iterator[None]:
-    """Reword the reports within the block."""
-    outer = _LISTENER.get()
-    if outer is None:
-        yield
-        return
-    with heard_by(lambda what, share: outer(words(what), share)):
-        yield
-
-
-@contextlib.contextmanager
 def part(first: float, last: float) -> Iterator[None]:
     """Map progress reported within the block, 0 to 1, to the fractions `first` to `last` of the whole work."""
     outer = _LISTENER.get()
