@@ -15,7 +15,6 @@ from shipfp_rs.identification.likelihood import ACCURACY
 from shipfp_rs.identification.ship_found import BELIEVED, ShipFit
 from shipfp_rs.identification.spectra import Spectra
 from shipfp_rs.identification.stretches import STRETCH_S, Score, Stretches
-from shipfp_rs.structures.parameter import BRAKE
 from shipfp_rs.structures.ship import rate_limited
 from shipfp_rs.structures.transfer import SLOWEST, TransferFunctions
 from shipfp_rs.support.arrays import Array, ComplexArray, Values
@@ -188,11 +187,9 @@ def _answers(values: Values, record: Spectra, fit: ShipFit) -> Callable[[Array, 
     known = {**loop_of(values), "tau_twist": 0.0}
     outputs = fit.question.outputs
     loop = TransferFunctions(outputs, fit.question.gauge, "engine")
-    speed = s / loop.characteristic(known, s)
-    behind = known.get("tau_prop", 0.0) if fit.question.gauge else known["tau_n"]
-    rows = {"dn": speed, "dM": (known["p"] + behind * s) * speed, "dX": np.zeros_like(speed)}
-    rows[BRAKE] = (known["p"] + known["tau_n"] * s) * speed
-    torque = np.array([rows[output] for output in outputs])
+    torque = loop.answer_to_torque(known, s)
+    if "dX" in outputs:
+        torque[outputs.index("dX")] = 0.0
     torque[:, 0] = 0.0
     governor = _governor(values, s)
 

@@ -91,11 +91,8 @@ class Stretches:
     @cached_property
     def _gram(self) -> Array:
         """Gram matrix of residual, derivatives and columns in the deviance, (1 + P + C, 1 + P + C)."""
-        gram = np.array(sum(_products(one, rows) for one, rows in zip(self._white, self._rows, strict=True)))
-        priors = self.likelihood.prior_rows(self.vector)
-        size = priors.shape[1]
-        gram[:size, :size] += priors.T @ priors
-        return np.asarray(0.5 * (gram + gram.T))
+        none = [()] * len(self.likelihood.records)
+        return self.likelihood.with_columns(self.vector, self.columns or none)
 
     @cached_property
     def _priors(self) -> Array:
