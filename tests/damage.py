@@ -101,7 +101,7 @@ def try_damaged(whole: Path, folder: Path, count: int, seed: int = 1) -> Tally:
     for index in range(count):
         damaged(content, KINDS[index % len(KINDS)], draw).tofile(target)
         process = idle_process() or os.getpid()
-        before = _reset_peak(process)
+        before = start_peak(process)
         begin = time.monotonic()
         tally.copies["tried"] += 1
         try:
@@ -117,7 +117,7 @@ def try_damaged(whole: Path, folder: Path, count: int, seed: int = 1) -> Tally:
         except Exception as error:  # this is what is looked for
             tally.faults[f"{index}: {KINDS[index % len(KINDS)]}: {type(error).__name__}: {error}"] += 1
         tally.slowest_s = max(tally.slowest_s, time.monotonic() - begin)
-        tally.worst_bytes = max(tally.worst_bytes, _peak(process) - before)
+        tally.worst_bytes = max(tally.worst_bytes, peak(process) - before)
     return tally
 
 
@@ -130,8 +130,8 @@ def _read(path: Path) -> None:
                 pass
 
 
-def _reset_peak(process: int) -> int:
-    """Start the process's high-water mark anew and return its resident memory; 0 where the system can't."""
+def start_peak(process: int) -> int:
+    """Start a process's high-water mark anew and return its resident memory; 0 where the system can't."""
     try:
         Path(f"/proc/{process}/clear_refs").write_text("5")
     except OSError:
@@ -139,7 +139,7 @@ def _reset_peak(process: int) -> int:
     return status_bytes(process, "VmRSS")
 
 
-def _peak(process: int) -> int:
+def peak(process: int) -> int:
     return status_bytes(process, "VmHWM")
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -34,6 +34,9 @@ TYPES = (
 )
 
 Arrays = dict[str, npt.NDArray[np.generic]]
+Units = Mapping[str, str]
+NO_UNITS: Units = {}
+"""Each is in volts."""
 
 
 def extremes(dtype: str, count: int = 300) -> npt.NDArray[np.generic]:
@@ -61,8 +64,8 @@ def _piece(arrays: Arrays) -> int:
     return max(100, len(next(iter(arrays.values()))) // 50)
 
 
-def write_parquet(path: Path, arrays: Arrays) -> None:
-    time = np.arange(len(next(iter(arrays.values())))) / RATE_HZ
+def write_parquet(path: Path, arrays: Arrays, rate_hz: float = RATE_HZ) -> None:
+    time = np.arange(len(next(iter(arrays.values())))) / rate_hz
     pa.parquet.write_table(pa.table({"time": time, **arrays}), path, row_group_size=_piece(arrays))
 
 
@@ -88,30 +91,36 @@ def write_csv(path: Path, arrays: Arrays) -> None:
     path.write_text("\n".join(lines) + "\n")
 
 
-def write_tdms(path: Path, arrays: Arrays) -> None:
+def write_tdms(path: Path, arrays: Arrays, rate_hz: float = RATE_HZ, units: Units = NO_UNITS) -> None:
     tdms = pytest.importorskip("nptdms")
-    facts = {
-        "wf_increment": 1 / RATE_HZ,
-        "wf_start_time": np.datetime64(START.replace(tzinfo=None)),
-        "unit_string": "V",
-    }
+    facts = {"wf_increment": 1 / rate_hz, "wf_start_time": np.datetime64(START.replace(tzinfo=None))}
     rows, piece = len(next(iter(arrays.values()))), _piece(arrays)
     with tdms.TdmsWriter(path) as writer:
         for start in range(0, rows, piece):
             writer.write_segment(
                 [
-                    tdms.ChannelObject("a", name, array[start : start + piece], facts)
+                    tdms.ChannelObject(
+                        "a", name, array[start : start + piece], facts | {"unit_string": units.get(name, "V")}
+                    )
                     for name, array in arrays.items()
                 ]
             )
 
 
-def write_mdf(path: Path, arrays: Arrays, version: str = "4.10", compression: int = 0) -> None:
+def write_mdf(
+    path: Path,
+    arrays: Arrays,
+    rate_hz: float = RATE_HZ,
+    units: Units = NO_UNITS,
+    version: str = "4.10",
+    compression: int = 0,
+) -> None:
     asammdf = pytest.importorskip("asammdf")
     with asammdf.MDF(version=version) as file:
         file.header.start_time = START
         for name, array in arrays.items():
-            file.append([asammdf.Signal(array, np.arange(len(array)) / RATE_HZ, name=name, unit="V")])
+            time, unit = np.arange(len(array)) / rate_hz, units.get(name, "V")
+            file.append([asammdf.Signal(array, time, name=name, unit=unit)])
         file.save(path, overwrite=True, compression=compression)
 
 
@@ -138,10 +147,10 @@ def write_mat_7_3(path: Path, arrays: Arrays) -> None:
         stream.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\0\2IM")
 
 
-def write_mat_5(path: Path, arrays: Arrays, compress: bool = True) -> None:
+def write_mat_5(path: Path, arrays: Arrays, rate_hz: float = RATE_HZ, compress: bool = True) -> None:
     from scipy.io import savemat
 
-    savemat(path, {**arrays, "fs": RATE_HZ}, do_compression=compress, oned_as="column")
+    savemat(path, {**arrays, "fs": rate_hz}, do_compression=compress, oned_as="column")
 
 
 WRITERS: dict[str, tuple[str, Callable[[Path, Arrays], None]]] = {

@@ -57,11 +57,8 @@ longest, stride, scale_window, threshold, least) -> int64[K, 2]`: Hampel's rule 
 1 samples, the spread from the median of `scale_window` of every `stride`-th distance; heights in robust standard
 deviations, and as a share of the median magnitude. Where the signal's extremes leave no room for a suspect, no median
 is taken. `slope_at_even_times(edges[N], coefficients[4, N - 1], start, rate, count) -> (first, slopes)`: SciPy's
-`PPoly(...)(start + k / rate, 1)` to the last bit. `Extremes(block)`: `feed(chunk: float32 | float64 | int16) ->
-float64[K, 2]` least and greatest finite sample of the blocks that the chunk completes, `finish() -> float64[0 or 1,
-2]`; NaN where no sample of a block is finite; `seen`, `gaps` the first 4096 stretches that are not finite, `gap_count`
-how many there are. `coarser_extremes(pairs[K, 2], factor) -> [ceil(K / factor), 2]`. `RepeatScan()`: `feed(chunk:
-float32)`, `candidates() -> int64[C, 2]` places and distances at which samples recur in the same order.
+`PPoly(...)(start + k / rate, 1)` to the last bit. `RepeatScan()`: `feed(chunk: float32)`,
+`candidates() -> int64[C, 2]` places and distances at which samples recur in the same order.
 `Decimator(taps[odd], up, down)`: `feed(piece) -> outputs` that the piece completes, `finish(total) -> outputs` that are
 left; output m is the filter's answer at input m down / up, the input stands still before its first sample and after its
 last, any pieces give the same bits. After `finish`, after Ctrl-C amid a piece or an internal error it takes no more
@@ -86,7 +83,6 @@ __all__ = [
     "SHIP_OUTPUTS",
     "SHIP_PARAMETERS",
     "Decimator",
-    "Extremes",
     "PulseTracker",
     "RepeatScan",
     "__version__",
@@ -94,7 +90,6 @@ __all__ = [
     "_panic_for_test",
     "_set_instruction_set",
     "_spin_for_test",
-    "coarser_extremes",
     "equation_products",
     "equation_residuals",
     "find_spikes",
@@ -261,17 +256,3 @@ class RepeatScan:
     def __new__(cls) -> Self: ...
     def feed(self, samples: NDArray[np.float32]) -> None: ...
     def candidates(self) -> NDArray[np.int64]: ...
-
-@final
-class Extremes:
-    def __new__(cls, block: int) -> Self: ...
-    def feed(self, samples: _Samples) -> NDArray[np.float64]: ...
-    def finish(self) -> NDArray[np.float64]: ...
-    @property
-    def seen(self) -> int: ...
-    @property
-    def gaps(self) -> NDArray[np.int64]: ...
-    @property
-    def gap_count(self) -> int: ...
-
-def coarser_extremes(pairs: NDArray[np.float64], factor: int) -> NDArray[np.float64]: ...

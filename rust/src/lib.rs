@@ -11,7 +11,6 @@ pub mod memory;
 mod places;
 pub mod power;
 pub mod pulse;
-pub mod pyramid;
 pub mod statespace;
 pub mod stepper;
 pub mod stop;

@@ -75,13 +75,7 @@ def recorded(draw):
         random,
         every=2,
         torque=rippled(torque, shaft, engine, random, blades=1),
-        trains={
-            "pickup": (
-                engine,
-                sensors.Pulses(sensors.reflectors(random, teeth, 0.005), rise_s=random.uniform(5e-5, 2e-4)),
-                "engine",
-            )
-        },
+        trains={"pickup": (engine, sensors.pick_up(random, teeth, 0.005, (5e-5, 2e-4)), "engine")},
         telemetry=sensors.Telemetry(random.uniform(300.0, 600.0), random.uniform(300.0, 600.0), hold_hz=rate),
         found=recording.faults(random),
         extra=extra,

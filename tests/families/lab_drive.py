@@ -50,15 +50,7 @@ def recorded(draw):
         random,
         every=2,
         torque=torque,
-        trains={
-            "teeth": (
-                engine,
-                sensors.Pulses(
-                    sensors.reflectors(random, teeth, error), width=0.5, rise_s=random.uniform(2e-5, 1e-4)
-                ),
-                "engine",
-            )
-        },
+        trains={"teeth": (engine, sensors.pick_up(random, teeth, error, (2e-5, 1e-4), 0.5), "engine")},
         telemetry=sensors.Telemetry(
             random.uniform(500.0, 1000.0), random.uniform(500.0, 1000.0), hold_hz=5000.0
         ),

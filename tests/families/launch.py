@@ -37,11 +37,7 @@ def recorded(draw):
         every=1,
         torque=rippled(motion.brake_torque, shaft, engine, random),
         trains={
-            "pickup": (
-                engine,
-                sensors.Pulses(sensors.reflectors(random, teeth, 0.005), rise_s=random.uniform(5e-5, 3e-4)),
-                "engine",
-            ),
+            "pickup": (engine, sensors.pick_up(random, teeth, 0.005, (5e-5, 3e-4)), "engine"),
             "shaft": (
                 shaft,
                 sensors.Pulses(sensors.reflectors(random, 1), width=0.1, rise_s=3e-4),

@@ -204,6 +204,12 @@ def reflectors(random, count, error=0.02):
     return np.sort(pitch % 1.0)
 
 
+def pick_up(random, teeth, error, rise_s, width=0.4) -> Pulses:
+    """Pulses of an engine's teeth, each off by up to `error` of the pitch, with edges of a drawn length [s]."""
+    positions = reflectors(random, teeth, error)
+    return Pulses(positions, width, random.uniform(*rise_s))
+
+
 @dataclass(frozen=True)
 class Faults:
     """What goes wrong in a recording, counts a record."""

@@ -1,4 +1,4 @@
-"""Machines for `fresh_systems`, in NumPy alone: equations, loop, and files as their loggers write them.
+"""Machines for `fresh_systems`: what moves them, their loop, and files as their loggers write them.
 
 With N and the torques over the operating point: tau_n dN/dt = M_b - load N^p - waves, M_b = 1 + g (N - 1) + fuel, and
 tau_act d(fuel)/dt = order(t - T_d) - fuel. The order is that of a PI governor, at all times or each T_s.
@@ -9,6 +9,7 @@ from __future__ import annotations
 import datetime
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -16,6 +17,9 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.csv
 from scipy.signal import lfilter
+
+from tests.families import small_steps
+from tests.families.plant import physical
 
 Answers = Mapping[str, str]
 """What `init` asks for, or offers, and what a person writes in its place."""
@@ -200,51 +204,17 @@ def loads_of(system: System) -> tuple[np.ndarray, np.ndarray]:
 
 
 def moved(system: System, hold_s: float = 0.0) -> Motion:
-    """Run the machine by Heun's method; the set point is held for `hold_s`."""
-    true, asked = system.true, asked_of(system)
+    """Run the machine; the set point is held for `hold_s`."""
+    asked = 1.0 + asked_of(system)
     if hold_s:
         asked = asked[np.arange(len(asked)) // round(hold_s / STEP_S) * round(hold_s / STEP_S)]
     steps, rough = loads_of(system)
-    late = round(true["T_set"] / STEP_S)
-    heard = np.concatenate([np.zeros(late), asked[: len(asked) - late]]).tolist()
-    speed, engine = _driven(true, heard, (1.0 + steps).tolist(), rough.tolist())
-    load = (1.0 + steps) * speed ** true["p"]
-    gauge = load + rough + true["tau_prop"] / true["tau_n"] * (engine - load - rough)
-    return Motion(1.0 + asked, speed, engine, gauge, load)
-
-
-def _driven(true, heard, level, rough) -> tuple[np.ndarray, np.ndarray]:
-    """Return speed and the engine's torque; `heard` is the set point less 1, as it comes to the governor."""
-    tau, g, p, lag = true["tau_n"], true["g"], true["p"], true["tau_act"]
-    gain, sums, wait = true["vK_p"], true["vK_i"], round(true["T_d"] / STEP_S)
-    every, first = round(true["T_s"] / STEP_S), true["update"]
-    ordered = [0.0] * (len(heard) + wait + 1)
-    speed, torque = np.ones(len(heard)), np.ones(len(heard))
-    n, fuel, total, error = 1.0, 0.0, 0.0, 0.0
-    for k, wanted in enumerate(heard):
-        before, error = error, wanted - (n - 1.0)
-        if not every:
-            total += 0.5 * STEP_S * (before + error)
-            ordered[k + wait] = gain * error + sums * total
-        elif k % every == 0:
-            new = total + every * STEP_S * error
-            ordered[k + wait] = gain * error + sums * (new if first else total)
-            total = new
-        else:
-            ordered[k + wait] = ordered[k + wait - 1]
-        # The order now and at the next step is known, since the dead time is longer than a step.
-        now, then = ordered[k], ordered[k + 1]
-        if not lag:
-            fuel = now
-        speed[k], torque[k] = n, 1.0 + g * (n - 1.0) + fuel
-        slope = (torque[k] - level[k] * n**p - rough[k]) / tau
-        burnt = fuel + STEP_S * (now - fuel) / lag if lag else then
-        guess = n + STEP_S * slope
-        after = (1.0 + g * (guess - 1.0) + burnt - level[k] * guess**p - rough[k]) / tau
-        if lag:
-            fuel += 0.5 * STEP_S * ((now - fuel) + (then - burnt)) / lag
-        n += 0.5 * STEP_S * (slope + after)
-    return speed, torque
+    grid = np.arange(len(asked)) * STEP_S
+    heard, water, push = (partial(np.interp, xp=grid, fp=row) for row in (asked, steps, rough))
+    plant = physical(dict(system.true), engine_speed=1.0, shaft_torque=1.0)
+    ran = small_steps.simulate(plant, heard, len(asked) * STEP_S, step_s=STEP_S, water=water, load=push)
+    load = (1.0 + steps) * ran.engine_speed ** system.true["p"]
+    return Motion(asked, ran.engine_speed, ran.brake_torque, ran.gauge_torque, load)
 
 
 def genset(system: System, folder: Path) -> tuple[Path, Answers]:

@@ -12,8 +12,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet
 import pytest
 
 import shipfp_rs as fp
@@ -34,7 +32,7 @@ from tests.first_hour.exports import (
     two_rates,
     yokogawa,
 )
-from tests.logger_files import START
+from tests.logger_files import write_mat_5, write_mdf, write_parquet, write_tdms
 from tests.logs.test_buses import DBC, mf4
 from tests.twins.ship import vector
 
@@ -74,38 +72,20 @@ def csv_with_a_line_of_units(path: Path, rate_hz: float, columns: Columns) -> No
 
 
 def parquet(path: Path, rate_hz: float, columns: Columns) -> None:
-    time = np.arange(len(next(iter(columns.values())))) / rate_hz
-    table = {f"{name} [{unit}]" if unit else name: values for (name, unit), values in columns.items()}
-    pa.parquet.write_table(pa.table({"time": time, **table}), path)
+    named = {f"{name} [{unit}]" if unit else name: values for (name, unit), values in columns.items()}
+    write_parquet(path, named, rate_hz)
 
 
 def matlab(path: Path, rate_hz: float, columns: Columns) -> None:
-    from scipy.io import savemat
-
-    savemat(
-        path, {**{name: values for (name, _), values in columns.items()}, "fs": rate_hz}, oned_as="column"
-    )
+    write_mat_5(path, {name: values for (name, _), values in columns.items()}, rate_hz, compress=False)
 
 
 def tdms(path: Path, rate_hz: float, columns: Columns) -> None:
-    nptdms = pytest.importorskip("nptdms")
-    facts = {"wf_increment": 1.0 / rate_hz, "wf_start_time": np.datetime64(START.replace(tzinfo=None))}
-    with nptdms.TdmsWriter(path) as writer:
-        writer.write_segment(
-            [
-                nptdms.ChannelObject("trial", name, values, {**facts, "unit_string": unit})
-                for (name, unit), values in columns.items()
-            ]
-        )
+    write_tdms(path, {name: values for (name, _), values in columns.items()}, rate_hz, dict(columns.keys()))
 
 
 def mdf(path: Path, rate_hz: float, columns: Columns) -> None:
-    asammdf = pytest.importorskip("asammdf")
-    with asammdf.MDF(version="4.10") as file:
-        file.header.start_time = START
-        time = np.arange(len(next(iter(columns.values())))) / rate_hz
-        file.append([asammdf.Signal(v, time, name=name, unit=unit) for (name, unit), v in columns.items()])
-        file.save(path, overwrite=True)
+    write_mdf(path, {name: values for (name, _), values in columns.items()}, rate_hz, dict(columns.keys()))
 
 
 def hdf5(path: Path, rate_hz: float, columns: Columns) -> None:

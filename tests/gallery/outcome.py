@@ -9,7 +9,6 @@ import os
 import re
 import shutil
 import signal
-import time
 import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -17,10 +16,10 @@ from pathlib import Path
 
 from shipfp_rs import cli
 from shipfp_rs.errors import InternalError, ShipfpError
+from tests.damage import peak, start_peak
 from tests.gallery.calls import Call
 from tests.gallery.inputs import KEPT, Input
 
-SLOW_S = 10.0
 MOST_MIB = 1024.0
 WORDS = re.compile(
     r"Error\b|after validation|NoneType|numpy|pydantic|Traceback|<class|__|object has no|\bfloat64\b|_pct\b|"
@@ -38,15 +37,12 @@ class Outcome:
     status: int | None
     """None: it raised."""
     line: str
-    took_s: float
     peak_mib: float
     """Most memory that the process took meanwhile beyond what it had; 0 where the system does not tell."""
     left: tuple[str, ...]
     """Files that were not there before."""
     changed: tuple[str, ...]
     """Inputs that are not what they were."""
-    said: str = ""
-    """On stdout, or what a call returned."""
     python: bool = False
 
     @property
@@ -59,8 +55,6 @@ class Outcome:
             found.append(f"status {self.status}")
         if "Traceback" in self.line:
             found.append("traceback")
-        if self.took_s > SLOW_S:
-            found.append("slow")
         if self.peak_mib > MOST_MIB:
             found.append("memory")
         # A sweep keeps the draws that are done, so that the next one goes on from them.
@@ -104,31 +98,27 @@ def outcome(given: Input | Call, folder: Path, limit_s: float = 600.0) -> Outcom
     for name, text in files.items():
         (folder / name).write_bytes(text.encode("utf-8", "surrogatepass"))
     before = _files(folder)
-    said, told, here = io.StringIO(), io.StringIO(), Path.cwd()
+    said, here = io.StringIO(), Path.cwd()
     status: int | None = None
-    _forget_peak()
-    had_mib = _peak_mib()
-    began = time.process_time()  # what else the machine does is no fault of the input
+    had = start_peak(os.getpid())
     os.chdir(folder)
     try:
         with (
-            contextlib.redirect_stdout(told),
+            contextlib.redirect_stdout(io.StringIO()),
             contextlib.redirect_stderr(said),
             warnings.catch_warnings(),
             _limit(limit_s),
         ):
             # As in a process of its own: a warning is a line, and no error.
             warnings.simplefilter("default" if isinstance(given, Input) else "ignore")
-            status = (
-                cli.main(list(given.arguments)) if isinstance(given, Input) else _called(given, said, told)
-            )
+            status = cli.main(list(given.arguments)) if isinstance(given, Input) else _called(given, said)
     except BaseException as error:
         if isinstance(error, KeyboardInterrupt):
             raise
         said.write(f"{type(error).__name__}: {error}")
     finally:
         os.chdir(here)
-        took_s, peak_mib = time.process_time() - began, _peak_mib() - had_mib
+        peak_mib = (peak(os.getpid()) - had) / 2**20
     after = _files(folder)
     for path in folder.iterdir():
         if path.name not in KEPT:
@@ -138,16 +128,14 @@ def outcome(given: Input | Call, folder: Path, limit_s: float = 600.0) -> Outcom
     for name in changed:
         if name in KEPT:
             (folder / name).write_bytes(before[name])
-    return Outcome(
-        status, said.getvalue(), took_s, peak_mib, left, changed, told.getvalue(), isinstance(given, Call)
-    )
+    return Outcome(status, said.getvalue(), peak_mib, left, changed, isinstance(given, Call))
 
 
-def _called(given: Call, said: io.StringIO, told: io.StringIO) -> int:
+def _called(given: Call, said: io.StringIO) -> int:
     try:
         found = given.function(**given.arguments)
-        # What is computed as it is asked for is asked for.
-        told.write(repr(list(itertools.islice(found, 100)) if isinstance(found, Iterator) else found)[:2000])
+        # What is computed as it is asked for is asked for, and what is returned can be shown.
+        repr(list(itertools.islice(found, 100)) if isinstance(found, Iterator) else found)
     except ShipfpError as error:
         if isinstance(error, InternalError):
             raise
@@ -167,16 +155,3 @@ def _files(folder: Path) -> dict[str, bytes]:
         for path in folder.rglob("*")
         if path.is_file() and not path.is_symlink()
     }
-
-
-def _forget_peak() -> None:
-    with contextlib.suppress(OSError):
-        Path("/proc/self/clear_refs").write_text("5", encoding="ascii")
-
-
-def _peak_mib() -> float:
-    with contextlib.suppress(OSError):
-        for line in Path("/proc/self/status").read_text(encoding="ascii").splitlines():
-            if line.startswith("VmHWM:"):
-                return float(line.split()[1]) / 1024.0
-    return 0.0

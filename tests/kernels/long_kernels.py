@@ -78,8 +78,6 @@ KERNELS: dict[str, Callable[[], object]] = {
     ),
     "taken_by_limits": lambda: _core.taken_by_limits(engine_side.vector(M_max=1.1), *(_noise(),) * 3, 0.01),
     "RepeatScan": lambda: _core.RepeatScan().feed(_train_of_pulses().astype(np.float32)),
-    "Extremes": lambda: _core.Extremes(8).feed(np.zeros(30_000_000)),
-    "coarser_extremes": lambda: _core.coarser_extremes(np.zeros((20_000_000, 2)), 2),
 }
 """Of every kernel of `_core` a call that takes long; a test looks that none is missing."""
 SAME = {

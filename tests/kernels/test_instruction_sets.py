@@ -89,11 +89,6 @@ def tracked():
     return flat([*found, _core.PulseTracker().follow(TACHO, 4096), kernel.gaps])
 
 
-def extremes():
-    kernel = _core.Extremes(7)
-    return flat([kernel.feed(TACHO[:7001]), kernel.feed(TACHO[7001:]), kernel.finish(), kernel.gaps])
-
-
 def speeds():
     times = np.cumsum(1.0 + 0.01 * RNG_OF_TRAIN[:4000])
     four, one = np.full(4, 0.25), np.array([0.3])
@@ -136,8 +131,6 @@ EXACT = {
     "pulse_levels": lambda: _core.pulse_levels(TACHO),
     "pulses_are_even": lambda: _core.pulses_are_even(np.cumsum(1.0 + 0.01 * RNG_OF_TRAIN), 0.9, 1.1),
     "interval_speeds": speeds,
-    "Extremes": extremes,
-    "coarser_extremes": lambda: _core.coarser_extremes(np.column_stack([N_SET, N_SET + 1.0]), 3),
     "simulate_detailed_ship": lambda: _core.simulate_detailed_ship(
         *TRAIN, 1.0 + DN_SET, 0.01, 2, "first", [0, 1, 2, 3, 4]
     ),

@@ -10,7 +10,7 @@ import shipfp_rs as fp
 from shipfp_rs.identification.estimate import Estimate
 from shipfp_rs.report import render
 from shipfp_rs.report.answer import _picture
-from shipfp_rs.report.loop import in_per_cent, steps
+from shipfp_rs.report.loop import scaled, steps
 from shipfp_rs.report.markup import Say
 from shipfp_rs.report.operating import facts
 from shipfp_rs.report.pictures import Pictures
@@ -147,6 +147,6 @@ def test_measured_load_steps_are_a_table() -> None:
 
 
 def test_an_overshoot_is_told_in_per_cent() -> None:
-    told = in_per_cent(Estimate(0.38, 0.01, (0.36, 0.40)))
+    told = scaled(Estimate(0.38, 0.01, (0.36, 0.40)), 100.0, "%")
     assert (told.value, told.ci95, told.unit) == (pytest.approx(38.0), pytest.approx((36.0, 40.0)), "%")
-    assert in_per_cent(Estimate(None)).value is None
+    assert scaled(Estimate(None), 100.0, "%").value is None

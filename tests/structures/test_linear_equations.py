@@ -4,7 +4,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-import scipy
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -111,16 +110,6 @@ class TestSimulation:
         part = simulate(parameters, self.rough[:samples], self.dt, "first", self.initial)
         # The last sample's interval has no end yet, which no row up to it may see.
         np.testing.assert_allclose(part, whole[:, :samples], rtol=0, atol=1e-12 * np.abs(whole).max())
-
-    def test_agrees_with_scipy(self):
-        """Speed from the set point as a transfer function (eq. 3.31) by scipy.signal.lsim."""
-        tau_n, g, v, K_p, K_i, p, *_ = parameters = twin.vector()
-        system = ([v * K_p, v * K_i], [tau_n, p - g + v * K_p, v * K_i])
-        time = np.arange(self.rough.size) * self.dt
-        for hold in ("zero", "first"):
-            _, expected, _ = scipy.signal.lsim(system, self.rough, time, interp=hold == "first")
-            found = simulate(parameters, self.rough, self.dt, hold, np.zeros(2))[0]
-            np.testing.assert_allclose(found, expected, rtol=0, atol=1e-10)
 
     def test_a_step_starts_with_v_K_p_and_ends_at_the_static_gains(self):
         _, g, v, K_p, K_i, p, *_ = parameters = twin.vector()

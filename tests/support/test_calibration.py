@@ -25,15 +25,6 @@ def test_table_6_11_gives_the_least_squares_line_of_numpy() -> None:
     assert np.array(line.covariance) == pytest.approx(covariance, rel=1e-9)
 
 
-def test_standard_error_is_least_in_the_middle_and_unknown_without_redundancy() -> None:
-    line = Calibration.from_table(*TABLE_6_11)
-    middle = float(np.mean(TABLE_6_11[0]))
-    residual = line(TABLE_6_11[0]) - TABLE_6_11[1]
-    assert line.standard_error(middle) == pytest.approx(np.sqrt((residual**2).sum() / 2 / 4))
-    assert line.standard_error(middle + 1.0) > line.standard_error(middle)
-    assert np.isnan(Calibration.from_table([0.0, 1.0], [1.0, 3.0]).standard_error(0.5))
-
-
 def test_inverse_undoes_the_line() -> None:
     line = Calibration(-251.38, -85.29)
     volts = np.array([-7.0, -3.0, 0.0])

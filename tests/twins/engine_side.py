@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from shipfp_rs._core import ENGINE_SIDE_PARAMETERS
+from tests.twins.vectors import vectors
 
 OFF = dict.fromkeys(ENGINE_SIDE_PARAMETERS, 0.0) | {"s_M": 1.0, "leads": 1.0}
 OFF |= dict.fromkeys(("rate", "rate_down", "M_max"), np.inf)
@@ -12,10 +13,8 @@ GOVERNOR = {"g": -0.6, "vK_p": 4.0, "vK_i": 5.0}
 SUBSTEPS = 200
 
 
-def vector(**changes):
-    """Return the kernel's parameters of a governor, some of them changed."""
-    values = OFF | GOVERNOR | changes
-    return np.array([float(values[name]) for name in ENGINE_SIDE_PARAMETERS])
+vector = vectors(OFF | GOVERNOR, ENGINE_SIDE_PARAMETERS)
+"""Parameters of a governor, some of them changed."""
 
 
 def late(row, delay):

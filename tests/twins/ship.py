@@ -15,6 +15,7 @@ import numpy.typing as npt
 from scipy.integrate import solve_ivp
 
 from shipfp_rs._core import SHIP_PARAMETERS
+from tests.twins.vectors import vectors
 
 Array = npt.NDArray[np.float64]
 OFF = {
@@ -31,10 +32,8 @@ TINY = 1e-9
 """Times closer than this [s] are one."""
 
 
-def vector(**changes: float) -> Array:
-    """Return the kernel's parameters of a ship, some of them changed."""
-    values = OFF | SHIP | changes
-    return np.array([float(values[name]) for name in SHIP_PARAMETERS])
+vector = vectors(OFF | SHIP, SHIP_PARAMETERS)
+"""Parameters of a ship for the kernel, some of them changed."""
 
 
 def simulate(

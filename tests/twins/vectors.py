@@ -12,6 +12,6 @@ def vectors(usual: Mapping[str, float], names: Sequence[str]) -> Callable[..., N
     def vector(**changes: float) -> NDArray[np.float64]:
         assert set(changes) <= set(usual)
         values = {**usual, **changes}
-        return np.array([values[name] for name in names])
+        return np.array([float(values[name]) for name in names])
 
     return vector

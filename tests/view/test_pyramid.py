@@ -6,15 +6,70 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
 
 from shipfp_rs.logs.log import Log
 from shipfp_rs.view import pyramid
 from shipfp_rs.view.results import FINER, HEAD, TILE, Series, packed
-from tests.twins import pyramid as twin
 
 RATE_HZ = 2000.0
 SAMPLES = 1_000_003
 SPIKES = 1000
+VALUES = st.floats(-5, 5, width=32) | st.sampled_from([0.0, np.nan, np.inf, -np.inf])
+
+
+def plain_extremes(samples: np.ndarray, block: int) -> np.ndarray:
+    """Least and greatest finite sample of every block, shape (K, 2); NaN where there is none."""
+    found = np.full((-(-len(samples) // block), 2), np.nan)
+    for k in range(len(found)):
+        part = samples[k * block : (k + 1) * block].astype(np.float64)
+        part = part[np.isfinite(part)]
+        if part.size:
+            found[k] = part.min(), part.max()
+    return found
+
+
+def plain_gaps(samples: np.ndarray) -> np.ndarray:
+    """First sample and the one after the last of every stretch that is not finite, shape (G, 2)."""
+    missing = np.concatenate([[0], ~np.isfinite(samples.astype(np.float64)), [0]]).astype(int)
+    return np.flatnonzero(np.diff(missing)).reshape(-1, 2)
+
+
+@settings(max_examples=80, deadline=None)
+@given(
+    samples=arrays(np.float64, st.integers(0, 400), elements=VALUES),
+    chunk=st.integers(1, 150),
+    kind=st.sampled_from([np.float32, np.float64, np.int16, np.int64]),
+)
+def test_any_chunks_give_the_extremes_of_every_block_and_the_gaps(samples, chunk, kind):
+    if np.issubdtype(kind, np.integer):
+        samples = np.nan_to_num(samples, posinf=9, neginf=-9)
+    samples = samples.astype(kind)
+    blocks = pyramid.Extremes()
+    parts = [blocks.feed(samples[k : k + chunk]) for k in range(0, len(samples), chunk)]
+    found = np.concatenate([np.empty((0, 2)), *parts, blocks.finish()])
+    np.testing.assert_array_equal(found, plain_extremes(samples, 64))
+    np.testing.assert_array_equal(blocks.gaps, plain_gaps(samples))
+    assert (blocks.seen, blocks.gap_count) == (len(samples), len(plain_gaps(samples)))
+
+
+@settings(max_examples=40, deadline=None)
+@given(arrays(np.float64, st.integers(0, 300), elements=VALUES), st.integers(1, 20))
+def test_a_coarser_level_is_that_of_larger_blocks(samples, block):
+    fine = pyramid.extremes(samples, block)
+    np.testing.assert_array_equal(fine, plain_extremes(samples, block))
+    np.testing.assert_array_equal(pyramid.coarser(fine), plain_extremes(samples, block * 4))
+
+
+def test_a_channel_of_holes_keeps_the_first_ones_and_counts_all():
+    samples = np.zeros(50_000, dtype=np.float32)
+    samples[::2] = np.nan
+    blocks = pyramid.Extremes()
+    blocks.feed(samples)
+    assert blocks.gap_count == 25_000
+    assert 1000 < len(blocks.gaps) < 10_000
 
 
 def write_log(folder: Path, kind=np.float32, seed: int = 0) -> tuple[Path, np.ndarray, np.ndarray]:
@@ -63,9 +118,9 @@ def test_every_level_is_that_of_the_samples_themselves(tmp_path):
     path, samples, _ = write_log(tmp_path, np.float64)
     torque = series_of(path)[0]
     for level in (1, 2, 3, 4, 6):
-        np.testing.assert_array_equal(torque.blocks(level, 0, SAMPLES), twin.extremes(samples, 4**level))
+        np.testing.assert_array_equal(torque.blocks(level, 0, SAMPLES), plain_extremes(samples, 4**level))
     np.testing.assert_array_equal(torque.blocks(0, 0, SAMPLES)[:, 0], samples)
-    np.testing.assert_array_equal(torque.gaps, twin.gaps(samples))
+    np.testing.assert_array_equal(torque.gaps, plain_gaps(samples))
 
 
 def test_a_signal_that_changes_little_about_much_keeps_its_digits():

@@ -16,6 +16,7 @@ from shipfp_rs.structures.prediction import simulated_about
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.support.arguments import Whole, checked
 from shipfp_rs.support.arrays import Array, Brief, Mask
+from shipfp_rs.support.tables import text_table
 from shipfp_rs.support.threads import with_one_blas_thread
 
 FEWEST_DRAWS = 20
@@ -92,18 +93,13 @@ class Bootstrap(Brief):
         }
 
     def __str__(self) -> str:
-        rows = [("", "estimate", "std", "bootstrap", "95 % interval by bootstrap")]
+        head, rows = ("", "estimate", "std", "bootstrap", "95 % interval by bootstrap"), []
         for name, deviation in self.std.items():
             estimate = self.fingerprint[name]
             own = "" if estimate.std is None else f"{estimate.std:.3g}"
             low, high = self.interval(name)
             rows.append((name, f"{estimate.value:.5g}", own, f"{deviation:.3g}", f"{low:.5g} to {high:.5g}"))
-        widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
-        first, *others = widths
-        return "\n".join(
-            "  ".join([row[0].ljust(first), *(c.rjust(w) for c, w in zip(row[1:], others, strict=True))])
-            for row in rows
-        )
+        return "\n".join(text_table(head, rows, left=1))
 
 
 @checked

@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable
-from functools import cache, partial
-from typing import Any, TypeVar
+from functools import cache, cached_property, partial
+from typing import Any
 
 import numpy as np
 from scipy.optimize import brentq
@@ -99,11 +99,6 @@ SAME = {"dM_b(inf)": "vK_p", "dM_b(0)": "p", "dM_g(0)": "p"}
 """Figures that equal a parameter for a ship without further elements, and then have the parameter's interval."""
 
 Figure = Callable[[Values], float]
-Searched = Callable[[Values], ComplexArray]
-"""The open loop at `SEARCHED_HZ`."""
-Followed = Callable[[Values], Array]
-"""Phase of the open loop at `SEARCHED_HZ` [rad]."""
-Result = TypeVar("Result")
 
 
 @checked
@@ -159,81 +154,160 @@ def closed_loop(fingerprint: Fingerprint, structure: Structure | None = None) ->
 def poles_of(structure: Structure, values: Values) -> ComplexArray:
     """Two slowest poles of the loop with its dead time [rad/s], the slower one first, shape (2,) or (1,).
 
-    A complex pair is represented by its upper pole; a pole is slow if its absolute value is small. Newton's
-    method refines the poles of a Pade approximation of the dead time to the exact ones.
+    A complex pair is represented by its upper pole; a pole is slow if its absolute value is small.
     """
-    return np.array(sorted(_roots(structure, values)[:2], key=abs))
-
-
-def _roots(structure: Structure, values: Values) -> ComplexArray:
-    """The slowest poles, slowest first, a few more than are reported."""
-    equations, known = loop_of(structure, values)
-    known = {**known, "T_set": 0.0}  # outside the loop
-    poles = np.linalg.eigvals(
-        state_space(structure, {**values, "T_set": 0.0, **dict.fromkeys(LATE_CHANNELS, 0.0)}, PADE).A
-    )
-    poles = poles.astype(np.complex128)
-    poles = poles[np.argsort(-poles.real)][:SLOWEST]
-    for _ in range(20):
-        step = 1e-6 * np.maximum(np.abs(poles), 1e-3)
-        asked = np.concatenate([poles, poles + step, poles - step])
-        with np.errstate(over="ignore", invalid="ignore"):  # far poles do not converge and are left out
-            value, above, below = np.split(equations.characteristic(known, asked), 3)
-            moved = value * 2.0 * step / (above - below)
-        poles = poles - moved
-    # For a root of the approximation without a nearby exact pole, the iteration does not converge.
-    poles = poles[np.abs(moved) < SETTLED * np.abs(poles)]
-    upper = poles[poles.imag > -1e-9 * np.abs(poles)]
-    upper = np.where(np.abs(upper.imag) < 1e-7 * np.abs(upper), upper.real, upper)
-    kept = [pole for place, pole in enumerate(upper) if not np.isclose(pole, upper[:place], rtol=1e-6).any()]
-    return np.array(sorted(kept, key=lambda pole: -pole.real))
+    return np.array(sorted(_Loop(structure, values).poles[:2], key=abs))
 
 
 def _figures(structure: Structure, values: Values) -> dict[str, tuple[str, Figure]]:
     # Several figures share intermediate results for the same parameter values.
-    roots, step = once(partial(_roots, structure)), once(partial(_step, structure))
-    searched = once(lambda known: open_loop(structure, known, SEARCHED_HZ))
-    crossing = once(partial(_crossover, structure, searched))
-    followed = once(lambda known: _followed(searched(known)))
-    turning = once(partial(_turning, structure, followed))
+    loop_at = cache(lambda items: _Loop(structure, dict(items)))
+
+    def of(read: Callable[[_Loop], float]) -> Figure:
+        return lambda known: float(read(loop_at(tuple(known.items()))))
+
+    def of_pole(pole: complex, part: str) -> Figure:
+        return of(lambda loop: getattr(loop.pole_near(pole), part))
+
     figures: dict[str, tuple[str, Figure]] = {}
-    for place, pole in enumerate(poles_of(structure, values)):
-        figures[Sentence("pole {place}, real", place=place + 1)] = (
-            "rad/s",
-            partial(_pole, roots, pole, np.real),
-        )
+    for place, pole in enumerate(poles_of(structure, values), 1):
+        figures[Sentence("pole {place}, real", place=place)] = ("rad/s", of_pole(pole, "real"))
         if pole.imag > 0.0:
-            figures[Sentence("pole {place}, imaginary", place=place + 1)] = (
-                "rad/s",
-                partial(_pole, roots, pole, np.imag),
-            )
+            figures[Sentence("pole {place}, imaginary", place=place)] = ("rad/s", of_pole(pole, "imag"))
     torque = "dM_g" if "tau_prop" in structure.names else "dM_b"
     return figures | {
-        Sentence("crossover"): ("Hz", crossing),
-        Sentence("phase margin"): ("deg", partial(_phase_margin, structure, followed, crossing)),
-        Sentence("gain margin"): ("-", partial(_gain_margin, structure, turning)),
-        "ultimate gain": ("-", partial(_ultimate_gain, structure, turning)),
-        "ultimate period": ("s", lambda known: 1.0 / turning(known)),
-        Sentence("bandwidth"): ("Hz", partial(_bandwidth, structure, searched)),
-        Sentence("recovery time"): ("s", lambda known: step(known)[0]),
-        Sentence("overshoot"): ("-", lambda known: step(known)[1]),
-        f"{torque}(0)": ("-", lambda known: loop_of(structure, known)[1]["p"]),
-        f"{torque}(inf)": ("-", partial(_fast_torque, structure)),
+        Sentence("crossover"): ("Hz", of(lambda loop: loop.crossover)),
+        Sentence("phase margin"): ("deg", of(lambda loop: 180.0 + loop.phase_deg(loop.crossover))),
+        Sentence("gain margin"): ("-", of(lambda loop: loop.gain_margin)),
+        "ultimate gain": ("-", of(lambda loop: loop.gain_margin * loop.proportional)),
+        "ultimate period": ("s", of(lambda loop: 1.0 / loop.turning)),
+        Sentence("bandwidth"): ("Hz", of(lambda loop: loop.bandwidth)),
+        Sentence("recovery time"): ("s", of(lambda loop: loop.step[0])),
+        Sentence("overshoot"): ("-", of(lambda loop: loop.step[1])),
+        f"{torque}(0)": ("-", of(lambda loop: loop.known["p"])),
+        f"{torque}(inf)": ("-", of(lambda loop: loop.fast_torque)),
     }
 
 
-def once(function: Callable[[Values], Result]) -> Callable[[Values], Result]:
-    """Cache a function of the parameter values."""
-    known = cache(lambda items: function(dict(items)))
-    return lambda values: known(tuple(values.items()))
+class _Loop:
+    """Loop of a structure at values of its parameters; figures that do not exist are NaN."""
 
+    def __init__(self, structure: Structure, values: Values) -> None:
+        self.structure, self.values = structure, values
+        self.equations, self.known = loop_of(structure, values)
 
-def _pole(
-    roots: Callable[[Values], ComplexArray], pole: complex, part: Callable[[Any], Any], values: Values
-) -> float:
-    """The pole nearest to a given pole, for other parameter values, since poles may exchange their order."""
-    found = roots(values)
-    return float(part(min(found, key=lambda one: abs(one - pole)))) if len(found) else float("nan")
+    @cached_property
+    def poles(self) -> ComplexArray:
+        """The slowest poles, slowest first, a few more than are reported.
+
+        Newton's method refines the poles of a Pade approximation of the dead time to the exact ones.
+        """
+        known = {**self.known, "T_set": 0.0}  # outside the loop
+        inside = {**self.values, "T_set": 0.0, **dict.fromkeys(LATE_CHANNELS, 0.0)}
+        poles = np.linalg.eigvals(state_space(self.structure, inside, PADE).A).astype(np.complex128)
+        poles = poles[np.argsort(-poles.real)][:SLOWEST]
+        for _ in range(20):
+            step = 1e-6 * np.maximum(np.abs(poles), 1e-3)
+            asked = np.concatenate([poles, poles + step, poles - step])
+            with np.errstate(over="ignore", invalid="ignore"):  # far poles do not converge and are left out
+                value, above, below = np.split(self.equations.characteristic(known, asked), 3)
+                moved = value * 2.0 * step / (above - below)
+            poles = poles - moved
+        # For a root of the approximation without a nearby exact pole, the iteration does not converge.
+        poles = poles[np.abs(moved) < SETTLED * np.abs(poles)]
+        upper = poles[poles.imag > -1e-9 * np.abs(poles)]
+        upper = np.where(np.abs(upper.imag) < 1e-7 * np.abs(upper), upper.real, upper)
+        kept = [
+            pole for place, pole in enumerate(upper) if not np.isclose(pole, upper[:place], rtol=1e-6).any()
+        ]
+        return np.array(sorted(kept, key=lambda pole: -pole.real))
+
+    def pole_near(self, pole: complex) -> complex:
+        """The pole nearest to that of other parameter values, since poles may exchange their order."""
+        return min(self.poles, key=lambda one: abs(one - pole), default=complex(np.nan, np.nan))
+
+    def at(self, frequency_hz: float) -> complex:
+        """The open loop at a frequency."""
+        return complex(open_loop(self.structure, self.values, [frequency_hz])[0])
+
+    @cached_property
+    def searched(self) -> ComplexArray:
+        """The open loop at `SEARCHED_HZ`."""
+        return open_loop(self.structure, self.values, SEARCHED_HZ)
+
+    @cached_property
+    def phase(self) -> Array:
+        """Unwrapped phase of the open loop at `SEARCHED_HZ` [rad], from low frequencies up.
+
+        At low frequencies the open loop lags by 90 degrees, or by 270 if engine and load without governor are
+        unstable (g above p); its phase is never positive.
+        """
+        phase = np.unwrap(np.angle(self.searched))
+        return np.asarray(phase - 2.0 * np.pi * np.ceil(phase[0] / (2.0 * np.pi) - LEADING))
+
+    def phase_deg(self, frequency_hz: float) -> float:
+        """Unwrapped phase of the open loop at a frequency [deg]."""
+        if not np.isfinite(frequency_hz):
+            return float("nan")
+        angle = np.angle(self.at(frequency_hz))
+        before = self.phase[max(int(np.searchsorted(SEARCHED_HZ, frequency_hz, side="right")) - 1, 0)]
+        return float(np.degrees(angle + 2.0 * np.pi * np.round((before - angle) / (2.0 * np.pi))))
+
+    @cached_property
+    def crossover(self) -> float:
+        """Frequency at which the open loop's gain falls through one [Hz]."""
+        return _passed(np.abs(self.searched) - 1.0, lambda frequency: abs(self.at(frequency)) - 1.0)
+
+    @cached_property
+    def turning(self) -> float:
+        """Frequency at which the loop oscillates if the gain is high enough [Hz]."""
+        searched = np.degrees(self.phase) + 180.0
+        return _passed(searched, lambda frequency: self.phase_deg(frequency) + 180.0)
+
+    @property
+    def gain_margin(self) -> float:
+        """Factor on the gain at which the loop oscillates."""
+        return 1.0 / abs(self.at(self.turning)) if np.isfinite(self.turning) else float("nan")
+
+    @property
+    def bandwidth(self) -> float:
+        """Frequency at which the speed follows the set point by -3 dB [Hz]."""
+
+        def above(loop: Any) -> Any:
+            return np.abs(loop / (1.0 + loop)) - np.sqrt(0.5)
+
+        return _passed(above(self.searched), lambda frequency: float(above(self.at(frequency))))
+
+    @property
+    def proportional(self) -> float:
+        """Proportional gain, v K_p: data may determine this product without determining its factors."""
+        return self.known.get("vK_p", self.known.get("v", 1.0) * self.known.get("K_p", 0.0))
+
+    @property
+    def fast_torque(self) -> float:
+        """Gain at high frequencies from set point to torque, without actuator lag and flexible shaft."""
+        behind = "tau_prop" in self.structure.names
+        return self.proportional * (self.known["tau_prop"] / self.known["tau_n"] if behind else 1.0)
+
+    @cached_property
+    def step(self) -> tuple[float, float]:
+        """Recovery time [s] and overshoot [-] after a step of the set point."""
+        speed = state_space(self.structure, self.values, PADE)
+        slowest = -np.linalg.eigvals(speed.A).real.max()
+        if "dn" not in speed.outputs or slowest <= 0.0:
+            return float("nan"), float("nan")
+        times = np.linspace(0.0, LONGEST / slowest, INSTANTS)
+        poles, weights, still = _decay(speed)
+        off = (weights @ _powers(np.exp(poles * times[1]), INSTANTS)).real + still
+        last = int(np.flatnonzero(np.abs(off) > RECOVERED)[-1])
+        if last + 1 >= INSTANTS:
+            return float("nan"), max(_peak(off), 0.0)
+        recovery = brentq(
+            lambda at: abs(float((weights @ np.exp(poles * at)).real) + still) - RECOVERED,
+            times[last],
+            times[last + 1],
+        )
+        return float(recovery), max(_peak(off), 0.0)
 
 
 def _passed(searched: Array, value: Callable[[float], float]) -> float:
@@ -243,95 +317,6 @@ def _passed(searched: Array, value: Callable[[float], float]) -> float:
         return float("nan")
     low, high = SEARCHED_HZ[change[0]], SEARCHED_HZ[change[0] + 1]
     return float(brentq(value, low, high, xtol=1e-14, rtol=1e-13))
-
-
-def _loop_at(structure: Structure, values: Values, frequency_hz: float) -> complex:
-    return complex(open_loop(structure, values, [frequency_hz])[0])
-
-
-def _crossover(structure: Structure, searched: Searched, values: Values) -> float:
-    return _passed(
-        np.abs(searched(values)) - 1.0, lambda frequency: abs(_loop_at(structure, values, frequency)) - 1.0
-    )
-
-
-def _followed(loop: ComplexArray) -> Array:
-    """Unwrapped phase of the open loop at `SEARCHED_HZ` [rad], from low frequencies up.
-
-    At low frequencies the open loop lags by 90 degrees, or by 270 if engine and load without governor are
-    unstable (g above p); its phase is never positive.
-    """
-    phase = np.unwrap(np.angle(loop))
-    return np.asarray(phase - 2.0 * np.pi * np.ceil(phase[0] / (2.0 * np.pi) - LEADING))
-
-
-def _turned(structure: Structure, followed: Array, values: Values, frequency_hz: float) -> float:
-    """Unwrapped phase of the open loop [deg]."""
-    angle = np.angle(_loop_at(structure, values, frequency_hz))
-    before = followed[max(int(np.searchsorted(SEARCHED_HZ, frequency_hz, side="right")) - 1, 0)]
-    return float(np.degrees(angle + 2.0 * np.pi * np.round((before - angle) / (2.0 * np.pi))))
-
-
-def _phase_margin(structure: Structure, followed: Followed, crossing: Figure, values: Values) -> float:
-    frequency = crossing(values)
-    if not np.isfinite(frequency):
-        return float("nan")
-    return 180.0 + _turned(structure, followed(values), values, frequency)
-
-
-def _turning(structure: Structure, followed: Followed, values: Values) -> float:
-    """Frequency at which the loop oscillates if the gain is high enough [Hz]; NaN if it never does."""
-    phase = followed(values)
-    return _passed(
-        np.degrees(phase) + 180.0, lambda frequency: _turned(structure, phase, values, frequency) + 180.0
-    )
-
-
-def _ultimate_gain(structure: Structure, turning: Figure, values: Values) -> float:
-    """Proportional gain vK_p at which the loop oscillates if all gains are scaled together."""
-    return _gain_margin(structure, turning, values) * _proportional(loop_of(structure, values)[1])
-
-
-def _proportional(known: Values) -> float:
-    """Proportional gain of the loop, v K_p: data may determine this product without determining its factors."""
-    return known.get("vK_p", known.get("v", 1.0) * known.get("K_p", 0.0))
-
-
-def _gain_margin(structure: Structure, turning: Figure, values: Values) -> float:
-    """Factor on the gain at which the loop oscillates; NaN if no gain makes it oscillate."""
-    frequency = turning(values)
-    if not np.isfinite(frequency):
-        return float("nan")
-    return 1.0 / abs(_loop_at(structure, values, frequency))
-
-
-def _bandwidth(structure: Structure, searched: Searched, values: Values) -> float:
-    def above(loop: Any) -> Any:
-        return np.abs(loop / (1.0 + loop)) - np.sqrt(0.5)
-
-    return _passed(
-        above(searched(values)), lambda frequency: float(above(_loop_at(structure, values, frequency)))
-    )
-
-
-def _step(structure: Structure, values: Values) -> tuple[float, float]:
-    """Recovery time [s] and overshoot [-] after a step of the set point."""
-    speed = state_space(structure, values, PADE)
-    slowest = -np.linalg.eigvals(speed.A).real.max()
-    if "dn" not in speed.outputs or slowest <= 0.0:
-        return float("nan"), float("nan")
-    times = np.linspace(0.0, LONGEST / slowest, INSTANTS)
-    poles, weights, still = _decay(speed)
-    off = (weights @ _powers(np.exp(poles * times[1]), INSTANTS)).real + still
-    last = int(np.flatnonzero(np.abs(off) > RECOVERED)[-1])
-    if last + 1 >= INSTANTS:
-        return float("nan"), max(_peak(off), 0.0)
-    recovery = brentq(
-        lambda at: abs(float((weights @ np.exp(poles * at)).real) + still) - RECOVERED,
-        times[last],
-        times[last + 1],
-    )
-    return float(recovery), max(_peak(off), 0.0)
 
 
 def _peak(off: Array) -> float:
@@ -357,13 +342,6 @@ def _powers(base: ComplexArray, count: int) -> ComplexArray:
     few = base[:, None] ** np.arange(width)
     many = (base[:, None] ** width) ** np.arange(width)
     return np.asarray((many[:, :, None] * few[:, None, :]).reshape(len(base), -1)[:, :count])
-
-
-def _fast_torque(structure: Structure, values: Values) -> float:
-    """Gain at high frequencies from set point to torque, without actuator lag and flexible shaft."""
-    known = loop_of(structure, values)[1]
-    gain = _proportional(known)
-    return gain * known["tau_prop"] / known["tau_n"] if "tau_prop" in structure.names else gain
 
 
 def _same(fingerprint: Fingerprint, name: str, value: float) -> Estimate | None:

@@ -102,31 +102,26 @@ def require_comparable(before: Fingerprint, after: Fingerprint) -> tuple[str, ..
                 f"the search of the {label} fingerprint found no minimum ({fingerprint.settings.get('message')}); identify "
                 "that log again"
             )
-    for name in before.parameters.keys() & after.parameters.keys():
-        units = before.parameters[name].unit, after.parameters[name].unit
-        if units[0] != units[1]:
-            raise InputError(
-                f"{name} is in {units[0]!r} in the first fingerprint and in {units[1]!r} in the second; expected the same "
-                "unit"
-            )
-    given = _given(before), _given(after)
+    both = (before, after)
+    given, ties = [_given(one) for one in both], [declared(one.structure) for one in both]
+    told: list[tuple[str, list[str], str]] = [
+        (name, [f"in {one.parameters[name].unit!r}" for one in both], "; expected the same unit")
+        for name in before.parameters
+        if name in after.parameters
+    ]
     for name in {**given[0], **given[1]}:
-        one, two = (
-            f"given as {of[name]:g}" if name in of else "estimated" if name in found else "left out"
-            for of, found in zip(given, (before, after), strict=True)
-        )
+        words = [
+            f"given as {of[name]:g}" if name in of else "estimated" if name in one else "left out"
+            for of, one in zip(given, both, strict=True)
+        ]
+        told.append((name, words, ", and the other parameters depend on it; identify both the same way"))
+    told += [
+        (name, [str(of.get(name, "on its own")) for of in ties], "; tie both the same way")
+        for name in {**ties[0], **ties[1]}
+    ]
+    for name, (one, two), advice in told:
         if one != two:
-            raise InputError(
-                f"{name} was {one} in the first fingerprint and {two} in the second, and the other parameters depend on it; "
-                "identify both the same way"
-            )
-    ties = declared(before.structure), declared(after.structure)
-    for name in {**ties[0], **ties[1]}:
-        one, two = (str(of.get(name, "on its own")) for of in ties)
-        if one != two:
-            raise InputError(
-                f"{name} was {one} in the first fingerprint and {two} in the second; tie both the same way"
-            )
+            raise InputError(f"{name} was {one} in the first fingerprint and {two} in the second{advice}")
     remarks = [*_operating_points(before, after), *_alone(before, after)]
     leaning = [name for name, one in before.parameters.items() if one.status == "prior" and name in after]
     if leaning:

@@ -35,20 +35,20 @@ from shipfp_rs.vessel.vessel import Vessel
 
 FAR_OFF = 2.0
 """Ratio of the measured torque to that of the vessel file, or the inverse ratio, above which a doubt is reported."""
-QUANTITIES: Mapping[str, str] = {
-    "tau_n": "inertia",
-    "tau_prop": "propeller_inertia",
-    "g": "engine_slope",
-    "vK_p": "proportional_gain",
-    "vK_i": "integral_gain",
-    "p": "propeller_exponent",
-    "T_d": "dead_time_loop",
-    "T_set": "dead_time_set_point",
-    "tau_act": "actuator_lag",
-    "T_f": "speed_filter",
-    "M_max": "torque_limit",
+QUANTITIES: Mapping[str, tuple[str, str]] = {
+    "tau_n": ("inertia", "kg m2"),
+    "tau_prop": ("propeller_inertia", "kg m2"),
+    "g": ("engine_slope", "Nm/rpm"),
+    "vK_p": ("proportional_gain", "Nm/rpm"),
+    "vK_i": ("integral_gain", "Nm/(rpm s)"),
+    "p": ("propeller_exponent", "-"),
+    "T_d": ("dead_time_loop", "s"),
+    "T_set": ("dead_time_set_point", "s"),
+    "tau_act": ("actuator_lag", "s"),
+    "T_f": ("speed_filter", "s"),
+    "M_max": ("torque_limit", "Nm"),
 }
-"""Quantity in SI units for each parameter."""
+"""Quantity in SI units for each parameter, and its unit."""
 
 
 def in_si(fingerprint: Fingerprint, vessel: Vessel) -> dict[str, dict[str, Any]]:
@@ -77,27 +77,19 @@ def in_si(fingerprint: Fingerprint, vessel: Vessel) -> dict[str, dict[str, Any]]
     engine_rpm, torque, signal = point
     shaft_torque = torque * vessel.torque_ratio if signal == ENGINE_SIDE else torque
     shaft_speed = engine_rpm / 60.0 / vessel.gearbox.ratio
-    inertia = abs(shaft_torque) / (2.0 * math.pi * abs(shaft_speed))
     slope = abs(shaft_torque) / (abs(engine_rpm) * vessel.torque_ratio)
     factors = {
-        "tau_n": (inertia, "kg m2"),
-        "tau_prop": (inertia, "kg m2"),
-        "g": (slope, "Nm/rpm"),
-        "vK_p": (slope, "Nm/rpm"),
-        "vK_i": (slope, "Nm/(rpm s)"),
-        "p": (1.0, "-"),
-        "T_d": (1.0, "s"),
-        "T_set": (1.0, "s"),
-        "tau_act": (1.0, "s"),
-        "T_f": (1.0, "s"),
-        "M_max": (abs(shaft_torque) / vessel.torque_ratio, "Nm"),
+        "kg m2": abs(shaft_torque) / (2.0 * math.pi * abs(shaft_speed)),
+        "Nm/rpm": slope,
+        "Nm/(rpm s)": slope,
+        "Nm": abs(shaft_torque) / vessel.torque_ratio,
     }
-    rows = {}
-    for name, (factor, unit) in factors.items():
-        estimate = fingerprint.parameters.get(name)
-        if estimate is not None and estimate.value is not None:
-            rows[QUANTITIES[name]] = scaled(estimate, factor, unit)
-    return rows
+    known = {name: one for name, one in fingerprint.parameters.items() if one.value is not None}
+    return {
+        quantity: scaled(known[name], factors.get(unit, 1.0), unit)
+        for name, (quantity, unit) in QUANTITIES.items()
+        if name in known
+    }
 
 
 def doubts(fingerprint: Fingerprint, vessel: Vessel) -> list[str]:
@@ -204,9 +196,19 @@ def with_parameters(vessel: Vessel, values: Mapping[str, float]) -> Vessel:
     return vessel
 
 
-PARAMETERS = frozenset(
-    ("tau_n", "tau_prop", "g", "v", "K_p", "K_i", "vK_p", "vK_i", "p", "T_d", "T_set", "tau_act", "tau_twist")
-)
+PLACES: Mapping[str, str] = {
+    "tau_n": "shaft.inertia_kg_m2",
+    "tau_prop": "shaft.propeller_side_inertia_kg_m2",
+    "g": "operating_point.g",
+    "v": "operating_point.v",
+    "K_p": "governor.K_p",
+    "K_i": "governor.K_i",
+    "p": "propeller.torque_exponent",
+    "T_set": "governor.set_point_dead_time_s",
+    "tau_act": "actuator.lag_s",
+}
+"""Key of the vessel file that a parameter is proportional to, or equal to."""
+PARAMETERS = frozenset((*PLACES, "vK_p", "vK_i", "T_d", "tau_twist"))
 
 
 def _changes(vessel: Vessel, values: Mapping[str, float]) -> dict[str, float]:
@@ -215,25 +217,11 @@ def _changes(vessel: Vessel, values: Mapping[str, float]) -> dict[str, float]:
     gains = {f"K_{k}": values[f"vK_{k}"] / own["v"] for k in ("p", "i") if f"vK_{k}" in values}
     wanted = {**values, **gains}
     more = {name: wanted[name] - own[name] for name in wanted if name in own}
-    places = {
-        "tau_n": ("shaft.inertia_kg_m2", vessel.shaft.inertia_kg_m2, per_time_constant),
-        "tau_prop": (
-            "shaft.propeller_side_inertia_kg_m2",
-            vessel.shaft.propeller_side_inertia_kg_m2,
-            per_time_constant,
-        ),
-        "g": ("operating_point.g", vessel.operating_point.g, 1.0),
-        "v": ("operating_point.v", vessel.operating_point.v, 1.0),
-        "K_p": ("governor.K_p", vessel.governor.K_p, 1.0),
-        "K_i": ("governor.K_i", vessel.governor.K_i, 1.0),
-        "p": ("propeller.torque_exponent", vessel.propeller.torque_exponent, 1.0),
-        "T_set": ("governor.set_point_dead_time_s", vessel.governor.set_point_dead_time_s, 1.0),
-        "tau_act": ("actuator.lag_s", vessel.actuator.lag_s, 1.0),
-    }
     changes = {}
-    for name, (key, present, unit) in places.items():
-        if name in more:
-            changes[key] = float(present or 0.0) + unit * more[name]
+    for name in [name for name in PLACES if name in more]:
+        section, key = PLACES[name].split(".")
+        unit = per_time_constant if name in ("tau_n", "tau_prop") else 1.0
+        changes[PLACES[name]] = float(getattr(getattr(vessel, section), key) or 0.0) + unit * more[name]
     if "T_d" in more:
         changes["actuator.dead_time_s"] = max(0.0, vessel.actuator.dead_time_s + more["T_d"])
     if "tau_twist" in more and values["tau_twist"] > 0.0:

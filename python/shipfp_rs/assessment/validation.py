@@ -23,6 +23,7 @@ from shipfp_rs.identification.identify import identify
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.support.arguments import checked
 from shipfp_rs.support.arrays import Array
+from shipfp_rs.support.tables import text_table
 from shipfp_rs.support.threads import with_one_blas_thread
 
 LEAST_STEP = 0.05
@@ -183,16 +184,13 @@ class CrossValidation:
         }
 
     def __str__(self) -> str:
-        names = list(self.fits)
-        first = max(len(name) for name in [*names, "fitted to"])
-        width = [max(len(name), 7) for name in names]
         lines = []
         for output in self.outputs:
-            heads = (f"{name:>{size}}" for name, size in zip(names, width, strict=True))
-            lines += [f"fit of {output} [%]", "  ".join([f"{'fitted to':<{first}}", *heads])]
-            for fitted, row in self.fits.items():
-                cells = (f"{row[name][output]:{size}.2f}" for name, size in zip(names, width, strict=True))
-                lines.append("  ".join([f"{fitted:<{first}}", *cells]))
+            rows = (
+                [fitted, *(f"{row[name][output]:.2f}" for name in self.fits)]
+                for fitted, row in self.fits.items()
+            )
+            lines += [f"fit of {output} [%]", *text_table(["fitted to", *self.fits], rows, left=1)]
         return "\n".join(lines)
 
 

@@ -24,7 +24,7 @@ from shipfp_rs.experiments.experiment import UNITS, Experiment
 from shipfp_rs.signals import Excitation, Segment
 from shipfp_rs.support.arrays import Array, Brief, attributes
 from shipfp_rs.support.files import finite, json_text, replacing_folder
-from shipfp_rs.support.tables import environment
+from shipfp_rs.support.tables import environment, text_table
 
 FILES = (
     "plan.json",
@@ -267,15 +267,7 @@ def run_sheet(excitation: Excitation, expected: Experiment) -> tuple[Stretch, ..
 
 def as_text(title: str, notes: Sequence[str], stretches: Sequence[Stretch]) -> str:
     """Format the sheet as plain text."""
-    rows = [HEAD, *(stretch.cells() for stretch in stretches)]
-    widths = [max(len(row[column]) for row in rows) for column in range(len(HEAD))]
-    lines = [
-        "  ".join(
-            cell.ljust(width) if column == 1 else cell.rjust(width)
-            for column, (cell, width) in enumerate(zip(row, widths, strict=True))
-        ).rstrip()
-        for row in rows
-    ]
+    lines = text_table(HEAD, [stretch.cells() for stretch in stretches], left=2)
     rule = "-" * max(map(len, lines))
     return "\n".join([title, "", *notes, "", lines[0], rule, *lines[1:], ""])
 

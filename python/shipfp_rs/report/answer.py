@@ -213,7 +213,7 @@ def ship_rows(fingerprint: Fingerprint, say: Say) -> list[tuple[str, str, str, s
             continue
         value, told = _value_and_interval(row, known[row.name], "\u00a0", say)
         name = say.name(row.name)
-        quantity = fingerprint.si.get(QUANTITIES.get(row.name, ""))
+        quantity = fingerprint.si.get(QUANTITIES.get(row.name, ("",))[0])
         if (
             quantity is None
             or "seen_from" in quantity

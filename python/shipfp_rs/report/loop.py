@@ -51,7 +51,7 @@ def section(fingerprint: Fingerprint, loop: Mapping[str, Estimate], say: Say) ->
     if not loop or fingerprint.why_not:
         return
     yield paragraph(say("Computed from the model linearised about the operating point, for small motions."))
-    loop = {name: in_per_cent(one) if name == "overshoot" else one for name, one in loop.items()}
+    loop = {name: scaled(one, 100.0, "%") if name == "overshoot" else one for name, one in loop.items()}
     yield table(
         say("poles, margins and gains of the loop"),
         say.each("figure", "estimate", "95 % interval", "unit", "note"),
@@ -68,19 +68,11 @@ def section(fingerprint: Fingerprint, loop: Mapping[str, Estimate], say: Say) ->
     )
 
 
-def in_per_cent(estimate: Estimate) -> Estimate:
-    """Convert a fraction to per cent."""
-    value, std, ends = (
-        None if one is None else 100.0 * np.asarray(one)
-        for one in (estimate.value, estimate.std, estimate.ci95)
-    )
-    return replace(
-        estimate,
-        value=None if value is None else float(value),
-        std=None if std is None else float(std),
-        ci95=None if ends is None else (float(ends[0]), float(ends[1])),
-        unit="%",
-    )
+def scaled(estimate: Estimate, factor: float, unit: str) -> Estimate:
+    """Estimate in another unit."""
+    value, std = (None if one is None else factor * one for one in (estimate.value, estimate.std))
+    ends = None if estimate.ci95 is None else (factor * estimate.ci95[0], factor * estimate.ci95[1])
+    return replace(estimate, value=value, std=std, ci95=ends, unit=unit)
 
 
 def steps(experiments: Iterable[Experiment], say: Say) -> Iterable[str]:

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -21,6 +20,7 @@ from shipfp_rs.identification.fingerprint_tables import agreement, beside_the_wh
 from shipfp_rs.identification.first_guesses import ENGINE_SIDE, operating_point
 from shipfp_rs.plot.style import BLUE, GREY, ORANGE, dress
 from shipfp_rs.report.answer import interval, short_name
+from shipfp_rs.report.loop import scaled
 from shipfp_rs.report.markup import Cell, Say, number, paragraph, piece, table
 from shipfp_rs.report.pictures import NARROW, Pictures
 from shipfp_rs.support.units import unit_shown
@@ -74,31 +74,19 @@ def facts(
         estimate = fingerprint.parameters.get(name)
         if estimate is None or estimate.value is None or not ratio or by_vessel:
             continue
-        inertia = _scaled(estimate, abs(torque_Nm / turning), "kg m2")
+        inertia = scaled(estimate, abs(torque_Nm / turning), "kg m2")
         rows.append(_fact(short_name(name, say), inertia, say("seen from the torque's place"), say))
     whole = fingerprint.parameters.get("tau_n")
     if whole is not None and whole.value is not None and feeds_a_generator(fingerprint, experiments, vessel):
         name = say("inertia constant")
         rows.append(
-            _fact(name, _scaled(whole, 0.5, "s"), say("on the power of the operating point"), say, "H")
+            _fact(name, scaled(whole, 0.5, "s"), say("on the power of the operating point"), say, "H")
         )
     return rows
 
 
 def _place(signal: str, say: Say) -> str:
     return say("speed and brake torque") if signal == ENGINE_SIDE else say("speed and gauge torque")
-
-
-def _scaled(estimate: Estimate, factor: float, unit: str) -> Estimate:
-    assert estimate.value is not None
-    ends = estimate.ci95
-    return replace(
-        estimate,
-        value=factor * estimate.value,
-        std=None if estimate.std is None else factor * estimate.std,
-        ci95=None if ends is None else (factor * ends[0], factor * ends[1]),
-        unit=unit,
-    )
 
 
 def _fact(name: str, estimate: Estimate, more: str, say: Say, symbol: str = "") -> Fact:

@@ -64,9 +64,7 @@ def between(name: str, value: float, low: float, high: float) -> None:
 
 def accuracy(percent: float) -> None:
     """Raise `InputError` for a target accuracy [%] outside the range that is possible in trials."""
-    least, most = ACCURACIES_PCT
-    if not least <= percent <= most:
-        raise InputError(f"accuracy_pct is {percent:g}, expected {least:g} to {most:g} %")
+    between("accuracy_pct", percent, *ACCURACIES_PCT)
 
 
 def one_of(name: str, value: str, known: Iterable[str]) -> str:

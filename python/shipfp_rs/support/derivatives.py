@@ -126,13 +126,14 @@ class Differences:
         size = np.where(vector != 0.0, np.abs(vector), size)
         if self.complex_step:
             return value, _complex_step(function, vector, size)
-        below = vector - np.asarray(lower, dtype=np.float64)
-        above = np.asarray(upper, dtype=np.float64) - vector
-        slopes = np.empty((len(vector), *value.shape))
-        for index in range(len(vector)):
-            slopes[index] = _extrapolated(
-                _along(function, vector, index), value, size[index], below[index], above[index]
-            )
+        room = np.array([vector - np.asarray(lower, dtype=np.float64), np.asarray(upper) - vector])
+
+        def along(unit: Array) -> Callable[[float], Array]:
+            return lambda shift: np.asarray(function(vector + shift * unit), dtype=np.float64)
+
+        rows = zip(np.eye(len(vector)), size, *room, strict=True)
+        slopes = np.array([_extrapolated(along(unit), value, *sides) for unit, *sides in rows])
+        slopes = slopes.reshape(len(vector), *value.shape)
         if self.complex_step is None:
             exact = _trusted_complex_step(function, vector, size, value, slopes)
             self.complex_step = exact is not None
@@ -188,15 +189,6 @@ def _trusted_complex_step(
     noise = 1e-8 * np.max(np.abs(value), initial=0.0) / size
     close = np.abs(slopes - differences) <= 1e-5 * np.abs(differences).max(initial=0.0) + noise
     return slopes if close.all() else None
-
-
-def _along(function: Function, vector: Array, index: int) -> Callable[[float], Array]:
-    def shifted(shift: float) -> Array:
-        moved = vector.copy()
-        moved[index] += shift
-        return np.asarray(function(moved), dtype=np.float64)
-
-    return shifted
 
 
 def _extrapolated(

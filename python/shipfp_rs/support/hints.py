@@ -13,7 +13,6 @@ SPEED_RPS: Sequence[Slip] = (("rpm for rev/s", 1.0 / 60.0), ("rad/s for rev/s", 
 TORQUE: Sequence[Slip] = (("kNm for Nm", 1e3),)
 LENGTH_M: Sequence[Slip] = (("mm for m", 1e-3),)
 DENSITY: Sequence[Slip] = (("t/m3 for kg/m3", 1e3),)
-FRACTION: Sequence[Slip] = (("percent for a fraction", 1e-2),)
 TIME_S: Sequence[Slip] = (("ms for s", 1e-3),)
 PEAK_TO_PEAK: Sequence[Slip] = (("peak to peak for amplitude", 0.5),)
 

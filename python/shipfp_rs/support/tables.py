@@ -210,11 +210,13 @@ def environment() -> Environment:
     return made
 
 
-def text_table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
-    """Lines of a table with a heading; columns are two spaces apart, flush left."""
+def text_table(head: Sequence[str], rows: Iterable[Sequence[str]], left: int | None = None) -> list[str]:
+    """Lines of a table with a heading; columns are two spaces apart, the first `left` of them, or all, flush left."""
     lines = [head, *rows]
     widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
-    return ["  ".join(map(str.ljust, line, widths)).rstrip() for line in lines]
+    sides = ["<" if left is None or place < left else ">" for place in range(len(widths))]
+    line = "  ".join(f"{{:{side}{width}}}" for side, width in zip(sides, widths, strict=True))
+    return [line.format(*cells).rstrip() for cells in lines]
 
 
 def shown(title: str, head: Sequence[str], rows: Iterable[Sequence[str]], notes: Iterable[str] = ()) -> str:

@@ -29,58 +29,26 @@ g/min rpm. r.p.m. r.p.m rev/mn kierr/min kierr./min d/d dev/dak 转/分 r/mn rot
 RPM = frozenset(TURNS_A_MINUTE.split())
 """Spellings of turns per minute in the languages of loggers and yards, in lower case and without spaces."""
 
+OTHERS = """
+rad/s: rad/sec rad*s^-1 rad·s-1
+1/s: 1/s s^-1 s-1
+%: pct proz percent
+rev/s: rps r/s u/s tr/s omw/s
+Nm: n*m n·m n.m n-m nm newtonmeter newtonmetre
+kNm: kn*m kn·m kn.m kn-m knm
+lbf ft: lbfft lbf-ft lbf*ft lbf·ft lbft lb-ft ftlbf ft-lbf ft·lbf ftlb ft-lb
+deg/s: °/s °/sec deg/sec grad/s
+°C: deg.c degc
+°: grad
+deg: degrees degree
+V: volt volts
+kn: knot knots
+kPa: kpa
+"""
 NAMED: Mapping[str, str] = {
-    "rad/sec": "rad/s",
-    "rad*s^-1": "rad/s",
-    "rad·s-1": "rad/s",
-    "1/s": "1/s",
-    "s^-1": "1/s",
-    "s-1": "1/s",
-    "pct": "%",
-    "proz": "%",
-    "rps": "rev/s",
-    "r/s": "rev/s",
-    "u/s": "rev/s",
-    "tr/s": "rev/s",
-    "omw/s": "rev/s",
-    "n*m": "Nm",
-    "n·m": "Nm",
-    "n.m": "Nm",
-    "n-m": "Nm",
-    "nm": "Nm",
-    "newtonmeter": "Nm",
-    "newtonmetre": "Nm",
-    "kn*m": "kNm",
-    "kn·m": "kNm",
-    "kn.m": "kNm",
-    "kn-m": "kNm",
-    "knm": "kNm",
-    "lbfft": "lbf ft",
-    "lbf-ft": "lbf ft",
-    "lbf*ft": "lbf ft",
-    "lbf·ft": "lbf ft",
-    "lbft": "lbf ft",
-    "lb-ft": "lbf ft",
-    "ftlbf": "lbf ft",
-    "ft-lbf": "lbf ft",
-    "ft·lbf": "lbf ft",
-    "ftlb": "lbf ft",
-    "ft-lb": "lbf ft",
-    "°/s": "deg/s",
-    "°/sec": "deg/s",
-    "deg/sec": "deg/s",
-    "grad/s": "deg/s",
-    "deg.c": "°C",
-    "degc": "°C",
-    "grad": "°",
-    "degrees": "deg",
-    "degree": "deg",
-    "volt": "V",
-    "volts": "V",
-    "knot": "kn",
-    "knots": "kn",
-    "percent": "%",
-    "kpa": "kPa",
+    other: unit
+    for unit, others in (line.split(": ") for line in OTHERS.split("\n")[1:-1])
+    for other in others.split()
 }
 """Other spellings of a unit, in lower case and without spaces."""
 
@@ -224,15 +192,6 @@ class Calibration:
     def inverse(self, value: npt.ArrayLike) -> Array:
         """Recorded values for calibrated values, same shape."""
         return (unmasked(value) - self.offset) / self.scale
-
-    def standard_error(self, recorded: npt.ArrayLike) -> Array:
-        """Standard error of the line at recorded samples, same shape; NaN without a covariance."""
-        x = np.asarray(recorded, dtype=np.float64)
-        if self.covariance is None:
-            return np.full(x.shape, np.nan)
-        (scale, both), (_, offset) = self.covariance
-        # Where the line is exact, rounding may make the variance negative.
-        return np.sqrt(np.maximum(scale * x**2 + 2.0 * both * x + offset, 0.0))
 
     @classmethod
     @checked

@@ -23,7 +23,6 @@ from typing import IO, Any
 import numpy as np
 import numpy.typing as npt
 
-from shipfp_rs._core import Extremes, coarser_extremes
 from shipfp_rs.errors import InputError
 from shipfp_rs.logs.channel import Channel, Samples
 from shipfp_rs.logs.log import Log
@@ -42,7 +41,61 @@ PIECE = FACTOR << 16
 """Blocks of a level that are combined per call."""
 SUFFIX = ".shipfp-pyramid"
 VERSION = 1
+KEPT = 4096
+"""Largest number of stretches of missing samples that are kept; further ones are only counted."""
 _END = b"SHIPFPYR"
+
+
+def extremes(samples: Samples, block: int) -> Array:
+    """Least and greatest finite sample of every `block` samples, the last block possibly shorter, shape (K, 2).
+
+    Examples
+    --------
+    >>> extremes(np.array([1.0, 3.0, np.inf, 2.0, np.nan]), 2).tolist()
+    [[1.0, 3.0], [2.0, 2.0], [nan, nan]]
+    """
+    sides: tuple[np.ufunc, np.ufunc] = (np.minimum, np.maximum)
+    finite = np.isfinite(samples)
+    if not finite.all():
+        samples, sides = np.where(finite, samples, np.nan), (np.fmin, np.fmax)
+    starts = np.arange(0, len(samples), block)
+    return np.column_stack([side.reduceat(samples, starts) for side in sides]).astype(np.float64)
+
+
+def coarser(pairs: Array) -> Array:
+    """Extremes of every four blocks, the last group possibly smaller."""
+    return np.column_stack([extremes(pairs[:, side], FACTOR)[:, side] for side in (0, 1)])
+
+
+class Extremes:
+    """Extremes of blocks of 64 samples, and stretches of missing samples, of a channel that comes in chunks."""
+
+    def __init__(self) -> None:
+        self.seen, self.gap_count = 0, 0
+        self.gaps = np.empty((0, 2), dtype=np.int64)
+        self._rest: Samples = np.empty(0)
+        self._last_gap_stop = -1
+
+    def feed(self, chunk: Samples) -> Array:
+        """Return the blocks that the next samples complete, shape (K, 2)."""
+        missing = np.concatenate([[False], ~np.isfinite(chunk), [False]])
+        found = np.flatnonzero(missing[1:] != missing[:-1]).reshape(-1, 2) + self.seen
+        if len(found):
+            goes_on = found[0, 0] == self._last_gap_stop
+            if goes_on and self.gap_count <= KEPT:
+                self.gaps[-1, 1] = found[0, 1]
+            self._last_gap_stop, found = found[-1, 1], found[int(goes_on) :]
+            self.gap_count += len(found)
+            self.gaps = np.concatenate([self.gaps, found])[:KEPT]
+        self.seen += len(chunk)
+        samples = np.concatenate([self._rest, chunk]) if len(self._rest) else chunk
+        whole = len(samples) // BASE * BASE
+        self._rest = samples[whole:].copy()
+        return extremes(samples[:whole], BASE)
+
+    def finish(self) -> Array:
+        """Return the last, incomplete block, if any, shape (0 or 1, 2)."""
+        return extremes(self._rest, BASE)
 
 
 @dataclass(frozen=True)
@@ -180,33 +233,32 @@ class _Builder:
     def _channel(
         self, channel: Channel, counts: list[int], start: int, stopped: threading.Event
     ) -> dict[str, Any]:
-        extremes, at = Extremes(BASE), start
+        blocks, at = Extremes(), start
         chunks = self.log.chunks(channel.name) if channel.samples else iter(())
         for chunk in chunks:
             if stopped.is_set():
                 break
-            pairs = extremes.feed(as_fed(chunk))
+            pairs = blocks.feed(chunk)
             self._write(at, pairs.tobytes())
             at += len(pairs)
             with self._lock:
                 self._read += len(chunk)
             self.progress(self._read / self._all)
-        self._write(at, extremes.finish().tobytes())
-        if extremes.seen != channel.samples and not stopped.is_set():
+        self._write(at, blocks.finish().tobytes())
+        if blocks.seen != channel.samples and not stopped.is_set():
             raise InputError(
-                f"{self.log.name}: channel {channel.name!r} has {extremes.seen} samples, expected {channel.samples}; "
+                f"{self.log.name}: channel {channel.name!r} has {blocks.seen} samples, expected {channel.samples}; "
                 "is the file damaged?"
             )
         starts = np.cumsum([start, *counts]).tolist()
-        for finer, coarser, end in zip(starts, starts[1:], starts[2:], strict=False):
-            for first in range(finer, coarser, PIECE):
-                pairs = coarser_extremes(self._pairs(first, min(first + PIECE, coarser)), FACTOR)
-                self._write(coarser + (first - finer) // FACTOR, pairs.tobytes())
-            assert end - coarser == -(-(coarser - finer) // FACTOR)
+        for begin, end in itertools.pairwise(starts[:-1]):
+            for first in range(begin, end, PIECE):
+                pairs = coarser(self._pairs(first, min(first + PIECE, end)))
+                self._write(end + (first - begin) // FACTOR, pairs.tobytes())
         return {
             **channel.told,
-            "gaps": extremes.gaps.tolist(),
-            "gap_count": extremes.gap_count,
+            "gaps": blocks.gaps.tolist(),
+            "gap_count": blocks.gap_count,
             "first": start,
             "levels": counts,
         }
@@ -218,13 +270,6 @@ def level_counts(samples: int) -> list[int]:
     while counts[-1] > COARSEST:
         counts.append(-(-counts[-1] // FACTOR))
     return counts
-
-
-def as_fed(chunk: Samples) -> Samples:
-    """Samples in a type that the kernels accept, C-contiguous."""
-    if chunk.dtype not in (np.float32, np.float64, np.int16):
-        chunk = chunk.astype(np.float64)
-    return np.ascontiguousarray(chunk)
 
 
 def _opened(place: Path, key: dict[str, Any]) -> Pyramid | None:

@@ -22,13 +22,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from shipfp_rs._core import Extremes, coarser_extremes
 from shipfp_rs.errors import InputError
 from shipfp_rs.logs.channel import Channel, Samples
 from shipfp_rs.logs.log import Log
 from shipfp_rs.support.files import MOST_BYTES, read_json
 from shipfp_rs.support.toml import MOST_CHARACTERS
-from shipfp_rs.view.pyramid import BASE, FACTOR, Stored, as_fed, level_counts
+from shipfp_rs.view.pyramid import FACTOR, Extremes, Stored, coarser, extremes, level_counts
 
 Array = npt.NDArray[np.float64]
 
@@ -73,18 +72,13 @@ class Series:
     @classmethod
     def of_array(cls, channel: Channel, samples: Array, layer: str) -> Series:
         """Signal in memory."""
-        extremes = Extremes(BASE)
-        levels = [np.concatenate([extremes.feed(as_fed(samples)), extremes.finish()])]
+        blocks = Extremes()
+        levels = [np.concatenate([blocks.feed(samples), blocks.finish()])]
         for _ in level_counts(len(samples))[1:]:
-            levels.append(coarser_extremes(levels[-1], FACTOR))
+            levels.append(coarser(levels[-1]))
         held = samples.astype(np.float32)
         return cls(
-            channel,
-            lambda first, stop: held[first:stop],
-            tuple(levels),
-            extremes.gaps,
-            extremes.gap_count,
-            layer,
+            channel, lambda first, stop: held[first:stop], tuple(levels), blocks.gaps, blocks.gap_count, layer
         )
 
     @property
@@ -103,8 +97,7 @@ class Series:
         samples = self.read(start, end)
         if level == 0:
             return samples.astype(np.float64)[:, None]
-        extremes = Extremes(size)
-        return np.concatenate([extremes.feed(as_fed(samples)), extremes.finish()])
+        return extremes(samples, size)
 
     def tile(self, level: int, index: int) -> bytes:
         """Tile in the page's format; `InputError` if there is none."""

@@ -13,7 +13,6 @@ mod guard;
 mod hold;
 mod instruction_set;
 mod pulse;
-mod pyramid;
 mod statespace;
 mod stepper;
 mod streaming;
@@ -31,7 +30,6 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     pulse::register(module)?;
     duplicate_rows::register(module)?;
     engine_side::register(module)?;
-    pyramid::register(module)?;
     statespace::register(module)?;
     stepper::register(module)?;
     two_equations::register(module)?;

@@ -10,14 +10,14 @@ use crate::pulse;
 use crate::stop::Stop;
 
 /// Samples of any type that loggers store, borrowed.
-pub(super) enum Samples<'py> {
+enum Samples<'py> {
     Float32(PyReadonlyArray1<'py, f32>),
     Float64(PyReadonlyArray1<'py, f64>),
     Int16(PyReadonlyArray1<'py, i16>),
 }
 
 impl<'py> Samples<'py> {
-    pub(super) fn borrow(array: &Bound<'py, PyAny>) -> PyResult<Self> {
+    fn borrow(array: &Bound<'py, PyAny>) -> PyResult<Self> {
         if array.cast::<PyArray1<f32>>().is_ok() {
             Ok(Self::Float32(borrow("samples", array)?))
         } else if array.cast::<PyArray1<i16>>().is_ok() {
@@ -40,21 +40,14 @@ impl<'py> Samples<'py> {
 macro_rules! run_on {
     ($py:expr, $samples:expr, $kernel:expr) => {
         match &$samples {
-            $crate::python::pulse::Samples::Float32(array) => {
-                $crate::python::pulse::run_slice($py, array.as_slice()?, $kernel)
-            }
-            $crate::python::pulse::Samples::Float64(array) => {
-                $crate::python::pulse::run_slice($py, array.as_slice()?, $kernel)
-            }
-            $crate::python::pulse::Samples::Int16(array) => {
-                $crate::python::pulse::run_slice($py, array.as_slice()?, $kernel)
-            }
+            Samples::Float32(array) => run_slice($py, array.as_slice()?, $kernel),
+            Samples::Float64(array) => run_slice($py, array.as_slice()?, $kernel),
+            Samples::Int16(array) => run_slice($py, array.as_slice()?, $kernel),
         }
     };
 }
-pub(super) use run_on;
 
-pub(super) fn run_slice<T: Sync, R: Send>(
+fn run_slice<T: Sync, R: Send>(
     py: Python<'_>,
     samples: &[T],
     kernel: impl FnOnce(&[T], &Stop) -> Result<R> + Send,
