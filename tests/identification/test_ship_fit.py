@@ -13,11 +13,10 @@ from shipfp_rs.identification.basins import descend
 from shipfp_rs.identification.estimate import Estimate
 from shipfp_rs.identification.profiles import Profiles, figures_of
 from shipfp_rs.identification.question import question_of
-from shipfp_rs.identification.ship_fit import fit_ship, smooth_ship, with_other_delays
+from shipfp_rs.identification.ship_fit import fit_ship, smooth_ship
 from shipfp_rs.identification.ship_found import DEFAULTS
 from shipfp_rs.structures.elements import ELEMENTS
 from tests.families.draw import draw
-from tests.identification.parity import Case, simulated
 
 LAUNCH = fp.Vessel.load("stan-launch-804")
 TRUE = fp.linearise(LAUNCH)
@@ -137,37 +136,6 @@ def test_a_fit_begun_at_the_truth_does_not_end_lower(drawn):
     states = c.states_at(fit.best.vector)
     begun = c.vector({**truth, "T_s": 0.0, "c_2": 0.0, "M_max": 4.0}, states)
     assert descend(fit.likelihood, begun).cost > fit.best.cost - 4.0
-
-
-def test_a_lag_that_stands_for_the_drive_train_is_no_end():
-    """A gain of a drive train that sums, behind a lag, is a sum before one that lags: the loops are alike (tug 200024)."""
-    own = {
-        "tau_n": 1.07,
-        "tau_prop": 0.43,
-        "g": -0.73,
-        "p": 2.4,
-        "vK_p": 0.44,
-        "vK_i": 5.5,
-        "tau_act": 0.09,
-        "T_d": 0.13,
-        "T_set": 0.16,
-    }
-    _, experiment = simulated(Case(own=own, amplitude=0.04, seconds=200.0))
-    fit = fit_ship(question_of([experiment]))
-    c = fit.likelihood.coordinates
-    exchanged = {
-        "tau_n": 13.0,
-        "g": 2.25,
-        "vK_p": 26.0,
-        "vK_i": 0.2,
-        "tau_act": 0.4,
-        "T_d": 0.07,
-        "T_set": 0.2,
-    }
-    end = descend(fit.likelihood, c.vector(fit.values | exchanged))
-    found = with_other_delays(replace(fit, basins=(end,), also=()))
-    assert found.values["g"] == pytest.approx(own["g"], abs=0.1)
-    assert found.values["tau_act"] == pytest.approx(own["tau_act"], abs=0.02)
 
 
 @pytest.mark.parametrize(("lowest", "told"), [(0.0, False), (2e-3, True), (None, False)])

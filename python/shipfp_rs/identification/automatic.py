@@ -14,7 +14,7 @@ from typing import Any, Literal
 import numpy as np
 
 from shipfp_rs.experiments.experiment import Experiment
-from shipfp_rs.identification.basins import Basin
+from shipfp_rs.identification.basins import Basin, descend
 from shipfp_rs.identification.coordinates import WITHOUT_EFFECT, Figure
 from shipfp_rs.identification.engine_tests import engine_curves
 from shipfp_rs.identification.estimate import (
@@ -110,10 +110,6 @@ def answered(
     }
     # If the data contradict the engine's model, its intervals are not reported, and need no profiles.
     fit, found, possible = intervals_of(fit, figures, "symmetric" if kind else intervals)
-    for one in fit.also:
-        if one.total < fit.total + RISE:
-            _, other, _ = intervals_of(one, figures, "symmetric")
-            found = {name: _either(found[name], other[name]) for name in found}
     profiles = Profiles(fit.likelihood, list(fit.basins))
     structure = structure_of(fit)
     told = {name: _estimate(fit, name, found[name]) for name in (*names, *gains)}
@@ -184,10 +180,8 @@ def _described(fit: ShipFit) -> tuple[ShipFit, tuple[list[float], list[list[floa
     kind = undescribed(fit, missed, [min(row) for row in rows])
     if kind != "sides":
         return fit, (missed, rows), kind
-    every = [one for one in fit.also if one.total < fit.total + RISE and one.elements == fit.elements]
-    ends = [end for end in fit.basins[1:] if end.cost < fit.best.cost + RISE]
-    for one in (*every, *(replace(fit, basins=(end,)) for end in ends)):
-        likely = replace(one, scores=fit.scores, also=(fit, *(other for other in every if other is not one)))
+    for end in [end for end in fit.basins[1:] if end.cost < fit.best.cost + RISE]:
+        likely = replace(fit, basins=(end,))
         missed_there, rows_there = _missed(likely)
         if undescribed(likely, missed_there, [min(row) for row in rows_there]) is None:
             return likely, (missed_there, rows_there), None
@@ -207,7 +201,12 @@ def intervals_of(
     if intervals == "symmetric":
         profiles = Profiles(fit.likelihood, list(fit.basins))
         return fit, {name: profiles.symmetric(figure) for name, figure in figures.items()}, []
-    fit, profiles, found = profiled(fit, figures, refined, fit.question.bounds)
+    if isinstance(fit.likelihood, LimitedLikelihood) and fit.likelihood.simulates:
+        # Derivatives of simulations hold in a neighbourhood of the minimum that is too small for a profile.
+        profiles = Profiles(fit.likelihood, [descend(fit.likelihood, one.vector) for one in fit.basins])
+        found = {name: profiles.symmetric(one, surely=True) for name, one in figures.items()}
+    else:
+        fit, profiles, found = profiled(fit, figures, refined, fit.question.bounds)
     c = fit.likelihood.coordinates
     most = profiles.best.cost + RISE * (1.0 + NEAR)
     inside = [point.vector for point in profiles.visited if point.cost < most]
@@ -222,13 +221,6 @@ def intervals_of(
         least, most = fit.question.bounds.get(name, (-np.inf, np.inf))
         found[name] = Interval(one.value + moved, max(low, least), min(high, most), one.kinds)
     return fit, found, [c.values(vector) for vector in inside]
-
-
-def _either(one: Interval, other: Interval) -> Interval:
-    """Return the smallest interval that contains both intervals, with the value of the first."""
-    lower, higher = one.low <= other.low, one.high >= other.high
-    kinds = (one if lower else other).kinds[0], (one if higher else other).kinds[1]
-    return Interval(one.value, min(one.low, other.low), max(one.high, other.high), kinds)
 
 
 def structure_of(fit: ShipFit) -> Structure:
@@ -449,7 +441,7 @@ def foresee(
             return _of_structure(experiments, structure, values)
         question = given
     fit = smooth_ship(question) if values is None else _at(question, values)
-    return answered(replace(fit, basins=fit.basins[:1], also=()), "symmetric")
+    return answered(replace(fit, basins=fit.basins[:1]), "symmetric")
 
 
 def _at(question: Question, values: Mapping[str, float]) -> ShipFit:

@@ -51,12 +51,15 @@ class LimitedLikelihood(EquationLikelihood):
 
     Parameters
     ----------
+    simulates
+        Whether the effect is the difference of two simulations, with and without limits: exact in calm water.
     smooths
         Whether the governor's speed is without the sensor's noise, which is known only near a minimum.
     governed
         For each record, the speed that the governor saw; empty: as measured.
     """
 
+    simulates: bool = False
     smooths: bool = False
     governed: tuple[Governed, ...] = ()
 
@@ -73,6 +76,10 @@ class LimitedLikelihood(EquationLikelihood):
     def taken(self, vector: Array, record: int) -> ComplexArray:
         """Spectra (O, F) of the limits' effect on the outputs of a record: the loop's response to the removed torque."""
         data, values = self.records[record], self.values_of(vector, record)
+        if self.simulates:
+            ways = (self.simulated(vector, record, acting) for acting in (self._limits(vector), {}))
+            answer = self._apart(data, *ways)
+            return answer + super().taken(vector, record)
         own = dict(zip(self.unknowns, vector[self.coordinates.states(record)], strict=True))
         removed, rack = self.removed(vector, record)
         torque = self._seen(data, removed)
@@ -107,6 +114,14 @@ class LimitedLikelihood(EquationLikelihood):
         parameters = np.array([known.get(name, 0.0) for name in _core.ENGINE_SIDE_PARAMETERS])
         every = 1.0 / (data.data_hz * _finer(data))
         return _core.taken_by_limits(parameters, *self._side[record], every)
+
+    @staticmethod
+    def _apart(data: Spectra, one: Array, other: Array) -> ComplexArray:
+        found = data.see(data.low_passed(one - other))
+        if not np.isfinite(found).all():
+            raise SimulationError("what the limits take off is not finite")
+        found[:, 0] = 0.0
+        return found
 
     @staticmethod
     def _seen(data: Spectra, row: Array) -> ComplexArray:
@@ -198,7 +213,7 @@ class LimitedLikelihood(EquationLikelihood):
     ) -> Array:
         """Rows of the priors, and a row that corrects the noise's determinant for the time in which a clamp is active."""
         rows = super().prior_rows(vector, values, jacobian)
-        if not any(one.held for one in self.governed):
+        if self.simulates or not any(one.held for one in self.governed):
             return rows
         size, found = self._opened(vector), np.zeros((1, rows.shape[1]))
         found[0, 0] = -size

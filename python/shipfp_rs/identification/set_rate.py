@@ -109,7 +109,7 @@ def behind_ramp(fit: ShipFit, rate: float, vector: Array) -> ShipFit:
     question = replace(fit.question, fixed={**fit.question.fixed, "set_rate": rate})
     likelihood = replace(likelihood, records=records, coordinates=c).settled_at(vector)
     end = descend(likelihood, vector)
-    return replace(fit, likelihood=likelihood, basins=(end,), question=question, also=())
+    return replace(fit, likelihood=likelihood, basins=(end,), question=question)
 
 
 def _interval(known: dict[float, float], best: float) -> Interval:

@@ -7,7 +7,6 @@ a value without effect. Limits of torque and rate have none and are tried one by
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -15,12 +14,7 @@ import numpy as np
 
 from shipfp_rs.errors import IdentificationError
 from shipfp_rs.identification.basins import (
-    ALIKE,
-    LIKELY,
-    SAME,
-    Basin,
     best_basins,
-    by_own_noise,
     descend,
     distinct,
 )
@@ -39,23 +33,12 @@ from shipfp_rs.identification.trials import with_limits
 from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.progress import part, tell
 
-DELAYS = {"T_d", "T_set", "tau_act"}
 WAYS: tuple[Between, ...] = ("band-limited", "straight", "held")
 """Tried courses of a set point between samples, where processing did not low-pass it."""
 HELD = 10.0
 """Least decrease of the deviance by a zero-order hold, compared with a smooth or piecewise linear course, for a set point
 without steps to count as held. At low frequencies the hold acts as a delay of half a sample, which the dead time of the set
 point compensates, so chance alone would often prefer the hold."""
-STEPS_ELSEWHERE = 12
-"""Most steps from a start with other delays, before noise and corrections are re-estimated."""
-FAR = 100.0
-"""Excess of the deviance above which such minima are dropped: re-estimated noise would not make them the lowest."""
-LEVEL = 0.1
-"""Largest difference in deviance between two minima that count as parts of one long minimum."""
-COMMON_S = 0.1
-"""Least time by which both the governor's lead and the lag are increased in other starts [s]."""
-REDIVIDED, MORE = 3, 4
-"""Most rounds of redistributed delays, and number of new minima in each that are refined."""
 
 
 def fit_ship(
@@ -95,7 +78,6 @@ def fit_ship(
     fit = replace(fit, side=load_side_of(question, fit.likelihood.records))
     with part(0.4, 0.8):
         fit = with_limits(fit, given, partial(smooth_ship, until=until), until)
-        fit = fit if fit.is_smooth else with_other_delays(fit, until)
     tell("settling", 0.8)
     return refined(fit, until)
 
@@ -178,81 +160,6 @@ def _begun(
         ]
     return likelihood, [
         likelihood.coordinates.vector({"c_2": 0.0, **DEFAULTS, **guess}) for guess in (*guesses, *drawn)
-    ]
-
-
-def with_other_delays(fit: ShipFit, until: float | None = None) -> ShipFit:
-    """Return the fit after a search with the total delay redistributed among dead times, lag and hold.
-
-    The data determine the total better than each delay, so a search may find the right total with wrong delays.
-    """
-    for _ in range(REDIVIDED):
-        c, before = fit.likelihood.coordinates, fit.best
-        if len(DELAYS & set(c.free)) < 2:
-            break
-        states = c.states_at(before.vector)
-        starts = [c.vector({**fit.values, **one}, states) for one in _redivided(fit.values)]
-        fit, fell = _elsewhere(fit, starts, until)
-        if fell < 1.0:
-            break
-    return fit
-
-
-def _elsewhere(fit: ShipFit, starts: Sequence[Array], until: float | None) -> tuple[ShipFit, float]:
-    """Return the fit at its likeliest minimum, each with its own noise and corrections, and the decrease of the total."""
-    ends = [descend(fit.likelihood, one, steps=STEPS_ELSEWHERE, settled=1.0, until=until) for one in starts]
-    ends = [one for one in ends if one.cost < fit.best.cost + FAR]
-    others = [one for one in distinct(fit.likelihood, [fit.best, *ends]) if one is not fit.best]
-    own = [by_own_noise(fit.likelihood, one.vector, until=until) for one in others]
-    likely = sorted((one for one in own if one.cost < fit.total + LIKELY), key=lambda one: one.cost)
-    likely = [one for one in likely if _is_apart(fit, fit.basins, one)]
-    tried = [settled(replace(fit, basins=(one,), also=()), until) for one in likely[:MORE]]
-    # Minima of a ship without the elements that were added later are dropped.
-    before = [one for one in fit.also if one.elements == fit.elements]
-    tried = sorted((fit, *tried, *before), key=lambda one: one.total)
-    best = tried[0]
-    near = [*(() if best is fit else fit.basins), *(one.best for one in tried[1:]), *likely[MORE:]]
-    near = [one for one in near if _is_apart(best, best.basins, one)]
-    near = [descend(best.likelihood, one.vector, until=until) for one in near]
-    # A minimum that is much lower, but only under this noise, was already compared under its own noise.
-    near = [one for one in near if -LEVEL < one.cost - best.best.cost < ALIKE]
-    basins = tuple(distinct(best.likelihood, [*best.basins, *near]))
-    also = [one for one in tried[1:] if one.total < best.total + ALIKE and _is_apart(best, basins, one.best)]
-    return replace(best, basins=basins, also=tuple(also)), fit.total - best.total
-
-
-def _is_apart(fit: ShipFit, basins: Sequence[Basin], other: Basin) -> bool:
-    """Whether a minimum, found with another estimate of the noise, differs from all minima of the fit."""
-    known = fit.best.products or fit.likelihood.products(fit.best.vector)
-    moves = [other.vector - one.vector for one in basins]
-    return all(one @ known.matrix @ one > SAME and np.abs(one).max() > 1e-3 for one in moves)
-
-
-def _redivided(values: Mapping[str, float]) -> list[dict[str, float]]:
-    """Starts with the total delay redistributed, some with other values of the governor's lead and the lag."""
-    dead, late, lag = (values.get(name, 0.0) for name in ("T_d", "T_set", "tau_act"))
-    inside, lead = dead + lag, values["vK_p"] / values["vK_i"]
-    both = min(lead, lag)
-    less, least, more = lag - 0.5 * both, lag - 0.9 * both, lag + max(lead, COMMON_S)
-    # Dead times, lag, common shift of lead and lag, and other changes.
-    ways: list[tuple[float, float, float, float, dict[str, float]]] = [
-        (late, dead, lag, 0.0, {}),
-        (inside, late, 0.0, 0.0, {"T_s": 0.005}),
-        (inside, late, 0.0, 0.0, {"T_s": min(2.0 * inside, 0.05)}),
-        (0.3 * inside, late, 0.7 * inside, 0.0, {}),
-        (inside + late, 0.0, 0.0, 0.0, {}),
-        (0.0, inside + late, 0.0, 0.0, {}),
-        (0.0, late, inside, 0.0, {}),
-        (0.0, late + dead, less, less - lag, {}),
-        (dead, late + less, 0.0, less - lag, {}),
-        (0.0, late + 0.5 * dead, least + 0.5 * dead, least - lag, {}),
-        (dead, late, more, more - lag, {}),
-    ]
-    return [
-        {name: max(value, 3e-3) for name, value in zip(("T_d", "T_set", "tau_act"), delays, strict=True)}
-        | {"vK_p": values["vK_i"] * (lead + shift)}
-        | beside
-        for *delays, shift, beside in ways
     ]
 
 

@@ -35,8 +35,7 @@ class ShipFit(Minima):
 
     `gains` is the decrease of the deviance for each tried element; `elements` are those that act. `scores` are the
     engine-side effects that the model lacks, by kind. `side` is the load identified by `load_side`, without engine and
-    governor. `also` are other, equally likely minima, each under its own noise. `ramp` is
-    the interval of the set point's rate, if limited.
+    governor. `ramp` is the interval of the set point's rate, if limited.
     """
 
     likelihood: EquationLikelihood
@@ -46,7 +45,6 @@ class ShipFit(Minima):
     between: Between | None = None
     scores: Mapping[str, Score] = field(default_factory=dict)
     side: LoadSide | None = None
-    also: tuple[ShipFit, ...] = ()
     ramp: Interval | None = None
 
     @property

@@ -7,14 +7,14 @@ the noise estimated from its own residuals.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
 from shipfp_rs.errors import IdentificationError, SimulationError
-from shipfp_rs.identification.basins import Basin, descend
+from shipfp_rs.identification.basins import Basin, descend, distinct
 from shipfp_rs.identification.engine_tests import engine_tests, lacks_something, limits_to_try, touched
 from shipfp_rs.identification.equation_likelihood import EquationLikelihood
 from shipfp_rs.identification.first_guesses import guesses_by_bandwidth
@@ -43,6 +43,8 @@ less torque than the engine gives while the shaft accelerates."""
 STEEP, RATES = 0.99, (0.6, 1.0, 1.6, 2.5)
 """Quantile of the torque's slope, and factors on it at which limits of the rate are tried: a gauge shows slopes down to 0.4
 times the rack's, noise steeper ones."""
+REDIVIDED, REFINED = 3, 4
+"""Most rounds of redistributed delays, and number of minima in each that are refined."""
 GAINS = (1.0, 2.0, 4.0)
 """Factors of the governor's gains in starts with a limited rate: a fit without the limit underestimates them."""
 
@@ -88,9 +90,54 @@ def with_limits(fit: ShipFit, given: Sequence[str], search: Search, until: float
             if (gain := fit.total - taken.total) > LEAST_FALL[element]:
                 found.append(replace(taken, gains={**fit.gains, element: gain}))
         if not found:
-            return fit
+            break
         fit = min(found, key=lambda one: one.total)
         fit = replace(fit, scores=engine_tests(fit))
+    return fit if fit.is_smooth else _with_other_delays(fit, until)
+
+
+def _with_other_delays(fit: ShipFit, until: float | None) -> ShipFit:
+    """Return the likeliest fit after descents with the total delay redistributed among dead times and lag.
+
+    The data determine the total better than each delay, and the fit without limits has adapted its delays to the limit.
+    """
+    c = fit.likelihood.coordinates
+    for _ in range(REDIVIDED if {"T_d", "T_set", "tau_act"} <= set(c.free) else 0):
+        states = c.states_at(fit.best.vector)
+        starts = [c.vector({**fit.values, **one}, states) for one in _redivided(fit.values)]
+        jobs = [
+            partial(descend, fit.likelihood, one, steps=STEPS, settled=STILL, until=until) for one in starts
+        ]
+        ends = distinct(fit.likelihood, [fit.best, *fit.likelihood.each(jobs)])[:REFINED]
+        tried = [settled(replace(fit, basins=(end,)), until) for end in ends if end is not fit.best]
+        best = min((fit, *tried), key=lambda one: one.total)
+        if best.total > fit.total - STILL:
+            break
+        fit = best
+    return fit
+
+
+def _redivided(values: Mapping[str, float]) -> list[dict[str, float]]:
+    """Starts with the total delay redistributed, some with another lead of the governor."""
+    dead, late, lag = (values[name] for name in ("T_d", "T_set", "tau_act"))
+    inside, lead = dead + lag, values["vK_p"] / values["vK_i"]
+    less = lag - 0.5 * min(lead, lag)
+    # Loop's and set point's dead time, lag, and a shift of lead and lag together.
+    ways = [
+        (late, dead, lag, 0.0),
+        (inside, late, 0.0, 0.0),
+        (0.3 * inside, late, 0.7 * inside, 0.0),
+        (0.0, late, inside, 0.0),
+        (inside + late, 0.0, 0.0, 0.0),
+        (0.0, inside + late, 0.0, 0.0),
+        (0.0, late + dead, less, less - lag),
+        (dead, late, lag + lead, lead),
+    ]
+    return [
+        {name: max(delay, 3e-3) for name, delay in zip(("T_d", "T_set", "tau_act"), delays, strict=True)}
+        | {"vK_p": values["vK_i"] * (lead + shift)}
+        for *delays, shift in ways
+    ]
 
 
 def _limited(fit: ShipFit, element: str, until: float | None, *, surely: bool = False) -> ShipFit | None:
@@ -106,10 +153,15 @@ def _limited(fit: ShipFit, element: str, until: float | None, *, surely: bool = 
     if not np.isfinite(best.cost) or not (surely or (best.cost < fit.total and inside)):
         return None
     assert isinstance(likelihood, LimitedLikelihood)
-    ways = (replace(likelihood, smooths=way).resettled_at(best.vector) for way in (False, True))
-    found = replace(fit, basins=(best,), elements=(*fit.elements, element), also=())
-    ends = [settled(replace(found, likelihood=way), until) for way in ways]
-    return min(ends, key=lambda one: one.total)
+    # Clamps on noisy signals find the limit; in calm water simulations are more exact.
+    ways = (likelihood, replace(likelihood, smooths=True), replace(likelihood, simulates=True))
+    found, ends = replace(fit, elements=(*fit.elements, element)), []
+    for way in ways:
+        end = _by_own_noise(way, best.vector, ROUNDS, until)
+        if np.isfinite(end.cost):
+            own = way.resettled_at(end.vector)
+            ends.append(settled(replace(found, likelihood=own, basins=(end,)), until))
+    return min(ends, key=lambda one: one.total, default=None)
 
 
 def _lowest(likelihood: EquationLikelihood, vectors: Sequence[Array], until: float | None) -> Basin:
