@@ -24,18 +24,18 @@ RUST_FUNCTION = re.compile(r"^( *)(?:pub(?:\([a-z]+\))? )?(?:const )?(?:unsafe )
 
 BUDGETS = {
     "constants": 241,
-    "python/shipfp_rs/identification": 10078,
+    "python/shipfp_rs/identification": 10082,
     "python/shipfp_rs/structures": 3070,
     "python/shipfp_rs/logs": 8118,
     "python/shipfp_rs/tacho": 1825,
-    "python/shipfp_rs/processing": 4721,
+    "python/shipfp_rs/processing": 4725,
     "python/shipfp_rs/inspection": 942,
-    "python/shipfp_rs/experiments": 572,
+    "python/shipfp_rs/experiments": 574,
     "python/shipfp_rs/assessment": 2284,
     "python/shipfp_rs/report": 2419,
     "python/shipfp_rs/reproduce": 1831,
     "python/shipfp_rs/view": 2205,
-    "python/shipfp_rs/sweeps": 1892,
+    "python/shipfp_rs/sweeps": 1894,
     "python/shipfp_rs/cli": 1968,
     "python/shipfp_rs/vessel": 1647,
     "python/shipfp_rs/designs": 1537,
@@ -45,9 +45,9 @@ BUDGETS = {
     "python/shipfp_rs/simulation": 925,
     "python/shipfp_rs/frequency": 1145,
     "python/shipfp_rs/plot": 899,
-    "python": 52223,
+    "python": 52235,
     "rust/src": 11000,
-    "tests": 39945,
+    "tests": 39946,
 }
 """Most lines of each room, and most numeric constants of identification and structures. A commit that earns it lowers a
 number; none is raised without a word in the commit's text."""

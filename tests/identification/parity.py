@@ -65,9 +65,6 @@ CASES = {
         own={"T_s": 0.05, "T_0": BETWEEN_S, "T_d": 0.0, "T_set": 0.0}, gauge=False
     ),
     "sampling, 0.05 s, lag": Case(own={"T_s": 0.05, "T_0": BETWEEN_S, "T_d": 0.02, "tau_act": 0.05}),
-    "sampling, 0.05 s, steps in time": Case(
-        own={"T_s": 0.05, "T_0": 0.025 + BETWEEN_S, "T_set": 0.3, "T_d": 0.02}, excitation="steps"
-    ),
     "curvature": Case(own={"c_2": 0.4}),
     "damping": Case(own={"damping": 0.5}),
     "derivative": Case(own={"vK_d": 0.2}),
@@ -209,7 +206,6 @@ def at_the_truth(case: Case) -> tuple[EquationLikelihood, np.ndarray]:
         priors={name: (0.0, 0.02) for name in LATE_CHANNELS if name in case.own},
     )
     likelihood = question.likelihood(case.between)
-    likelihood = replace(likelihood, steps="T_s" in case.own and case.excitation == "steps")
     vector = likelihood.coordinates.vector({**DEFAULTS, **BARE, "vK_d": 0.0, "T_n": 0.0, **truth})
     return likelihood, vector
 

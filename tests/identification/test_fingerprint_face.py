@@ -373,3 +373,7 @@ def test_outputs_can_be_asked_for_by_the_names_of_signals(trial) -> None:
     assert question.outputs == ("dn", "dM")
     with pytest.raises(fp.InputError, match="outputs: no 'M_x'"):
         question_of([trial], outputs=["n_e", "M_x"])
+
+
+def test_a_fingerprint_tells_its_margins(found) -> None:
+    assert found.margins()["phase margin"].unit == "deg"

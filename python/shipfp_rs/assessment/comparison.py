@@ -464,7 +464,7 @@ def covariance_of(fingerprint: Fingerprint, names: Sequence[str]) -> Array:
                 )
             except (KeyError, ZeroDivisionError) as error:
                 raise InputError(
-                    f"{name!r} can't be computed from settings.optimum of the fingerprint"
+                    f"{name!r} does not follow from the fingerprint's parameters, since one of them is missing or zero"
                 ) from error
     linear = np.array(rows) @ matrix @ np.array(rows).T
     variances = np.diag(linear)

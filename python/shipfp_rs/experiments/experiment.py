@@ -166,7 +166,9 @@ class Experiment(Tabular, EvenlySampled):
         """Return a signal by name, ``experiment["n_e"]``, or a window in seconds, ``experiment[10.0:20.0]``."""
         if isinstance(name, slice):
             if name.step is not None:
-                raise InputError(f"experiment {self.name!r}: step {name.step!r} of a window, expected none")
+                raise InputError(
+                    f"experiment {self.name!r}: a slice with step {name.step!r}, expected start and stop in seconds alone"
+                )
             stop = self.duration if name.stop is None else name.stop
             return self.window(name.start or 0.0, stop)
         if name not in self.signals:

@@ -112,6 +112,11 @@ class Fingerprint(FingerprintTables, FingerprintSimulation):
         """Plot measured and modelled outputs; see `plot.fit`, which takes the options and returns the axes."""
         return import_module("shipfp_rs.plot").fit(self, **options)
 
+    def margins(self) -> dict[str, Estimate]:
+        """Return crossover, phase margin and the other figures of the speed loop; see `assessment.closed_loop`."""
+        found: dict[str, Estimate] = import_module("shipfp_rs.assessment.closed_loop").closed_loop(self)
+        return found
+
     @classmethod
     @checked
     def load(cls, path: str | Path) -> Fingerprint:

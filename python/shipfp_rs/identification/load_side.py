@@ -480,7 +480,8 @@ def _told(
     low, high = BOUNDS["p"]
     if not low < x[0] < high:
         raise InputError(
-            f"load_side: {signal} goes with {speed} to the power {x[0]:.3g}, expected {low:g} to {high:g}; look at both"
+            f"load_side: {signal} varies as {speed} to the power {x[0]:.3g}, expected {low:g} to {high:g}; check both "
+            "calibrations"
         )
     inertia = "tau_prop" if side == "gauge" else "tau_n"
     told = {"p": 0, "c_2": 2, inertia: 1, "T_M": 3} | ({"k_L": 6} if loaded else {})

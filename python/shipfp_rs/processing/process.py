@@ -112,14 +112,18 @@ def process(
     """
     if isinstance(log, Trial):
         if trial is not None:
-            raise InputError("process: log is a Trial beside another one, expected a Log, or one Trial alone")
+            raise InputError(
+                "process: both arguments are trials, expected a Log and a Trial, or one Trial alone"
+            )
         return [one for own in log.logs() for one in process(own, log, vessel, chunk=chunk)]
     if trial is None:
         raise InputError(
             "process: found no trial beside the log, expected one: it tells the channels and windows"
         )
     if not (windows := trial.windows_of(log.name)):
-        raise InputError(f"{log.name}: no window of the trial is cut from this log")
+        raise InputError(
+            f"{log.name}: no window of the trial names this log, expected one with log = {log.name!r}"
+        )
     recording = _Recording(log, trial, vessel or Vessel.load(trial.trial.vessel), chunk)
     with recording.naming_the_rate():
         point = recording.operating_point()

@@ -372,7 +372,7 @@ class Trial(Section):
             raise unexpected(
                 "identify.torque",
                 f"{asked!r} beside channels.torque.location = {measured.location!r}",
-                f"{measured.place!r}, or this key left out: the location says it",
+                f"{measured.place!r}, or no identify.torque, which follows from the location",
             )
 
     @property

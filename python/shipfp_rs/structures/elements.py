@@ -170,5 +170,5 @@ def chosen(names: Names) -> tuple[Element, ...]:
         if list(names).count(name) > 1:
             raise InputError(f"element {name!r} is named twice, expected each once")
         if (needs := ELEMENTS[name].needs) in ELEMENTS and needs not in names:
-            raise InputError(f"element {name!r} needs {needs!r}, expected both")
+            raise InputError(f"element {name!r} needs the element {needs!r}; name both")
     return tuple(element for element in ELEMENTS.values() if element.name in names)

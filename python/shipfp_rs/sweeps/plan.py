@@ -243,7 +243,9 @@ class Plan(Conditions):
     def _has_its_torque(self) -> Self:
         if self.sweep.chain == "log" and self.identify.torque == "brake":
             raise unexpected(
-                "identify.torque", "'brake' with chain 'log'", "'gauge', what such a log holds, or no key"
+                "identify.torque",
+                "'brake' with chain 'log'",
+                "'gauge', since a simulated log has a gauge's torque, or no key",
             )
         return self
 
