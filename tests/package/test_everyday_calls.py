@@ -74,7 +74,7 @@ def test_a_trial_alone_opens_its_own_log(tmp_path):
     (tmp_path / "TRIAL.toml").write_text(trial_toml("stan-launch-804", "day.parquet", sensors, truth))
     trial = fp.Trial.load(tmp_path / "TRIAL.toml")
     assert fp.process(trial) == fp.process(trial.logs()[0], trial)
-    with pytest.raises(InputError, match="process: log is a Trial beside another one"):
+    with pytest.raises(InputError, match="process: both arguments are trials"):
         fp.process(trial, trial)
     with pytest.raises(InputError, match="process: found no trial beside the log"):
         fp.process(made)

@@ -157,7 +157,7 @@ def _adequate(fit: ShipFit, misses: Mapping[str, float], kind: str | None) -> di
     """Return the residual tests of the model; `kind` is the contradiction to its drive and governor, if any."""
     limits: dict[str, dict[str, float]] = {}
     if isinstance(fit.likelihood, LimitedLikelihood):
-        told = {name: fit.values[name] for name in ("M_max", "rate") if name in fit.values}
+        told: dict[str, float] = {name: fit.values[name] for name in ("M_max", "rate") if name in fit.values}
         limits = {"limit": {**told, **fit.likelihood.effect(fit.best.vector)}}
     return {
         **limits,
