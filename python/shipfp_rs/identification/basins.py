@@ -35,9 +35,6 @@ SAME = 4.0
 ALIKE = 10.0
 """Deviance above the lowest minimum from which another minimum no longer affects a 95 % interval."""
 
-LIKELY = 30.0
-"""Deviance above the lowest, after the first round of descents, from which a start is dropped: later steps gain less."""
-
 Known = TypeVar("Known", bound=Likelihood)
 Penalty = Callable[[Array], tuple[float, Array]]
 """Maps a point of the search to the value and gradient of a residual that is added to the likelihood's."""

@@ -154,7 +154,7 @@ def _limited(fit: ShipFit, element: str, until: float | None, *, surely: bool = 
         return None
     assert isinstance(likelihood, LimitedLikelihood)
     # Clamps on noisy signals find the limit; in calm water simulations are more exact.
-    ways = (likelihood, replace(likelihood, smooths=True), replace(likelihood, simulates=True))
+    ways = (likelihood, replace(likelihood, smooths=True), replace(likelihood, simulates=True, governed=()))
     found, ends = replace(fit, elements=(*fit.elements, element)), []
     for way in ways:
         end = _by_own_noise(way, best.vector, ROUNDS, until)
