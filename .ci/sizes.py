@@ -23,8 +23,8 @@ RUST_FUNCTION = re.compile(r"^( *)(?:pub(?:\([a-z]+\))? )?(?:const )?(?:unsafe )
 
 
 BUDGETS = {
-    "constants": 240,
-    "python/shipfp_rs/identification": 10082,
+    "constants": 237,
+    "python/shipfp_rs/identification": 10033,
     "python/shipfp_rs/structures": 3070,
     "python/shipfp_rs/logs": 8118,
     "python/shipfp_rs/tacho": 1825,
@@ -45,9 +45,9 @@ BUDGETS = {
     "python/shipfp_rs/simulation": 925,
     "python/shipfp_rs/frequency": 1145,
     "python/shipfp_rs/plot": 899,
-    "python": 52235,
+    "python": 52186,
     "rust/src": 11000,
-    "tests": 39946,
+    "tests": 39907,
 }
 """Most lines of each room, and most numeric constants of identification and structures. A commit that earns it lowers a
 number; none is raised without a word in the commit's text."""

@@ -11,7 +11,6 @@ from shipfp_rs.identification.engine_tests import engine_curves, engine_tests, s
 from shipfp_rs.identification.likelihood import real_rows, turned
 from shipfp_rs.identification.question import question_of
 from shipfp_rs.identification.ship_fit import smooth_ship
-from shipfp_rs.identification.ship_found import likelihood_of
 from shipfp_rs.identification.stretches import Stretches
 from tests.families import other_governors
 from tests.identification.parity import Case, simulated
@@ -115,5 +114,6 @@ def test_a_dead_band_bends_the_curve_against_the_error_into_an_s():
 
 
 def test_residuals_of_a_ship_in_its_limit_make_no_curve():
-    limited = replace(fit_of(), likelihood=likelihood_of(fit_of(), ["rack_rate"]))
+    fit = fit_of()
+    limited = replace(fit, likelihood=fit.question.with_elements(fit.likelihood, ["rack_rate"]))
     assert engine_curves(limited) == {}

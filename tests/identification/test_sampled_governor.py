@@ -10,7 +10,6 @@ from shipfp_rs.identification import automatic
 from shipfp_rs.identification.question import question_of
 from shipfp_rs.identification.sampling import excited_hz
 from shipfp_rs.identification.ship_fit import fit_ship
-from shipfp_rs.identification.spectra import Spectra
 from tests.identification.parity import BETWEEN_S, Case, simulated
 
 NAMES = ("tau_n", "g", "vK_p", "vK_i", "p", "T_d", "T_set")
@@ -35,34 +34,6 @@ def test_steps_that_keep_the_clocks_time_bias_no_gain():
     for name in NAMES:
         low, high = found.parameters[name].ci95
         assert low <= truth[name] <= high, name
-
-
-def at_rest(count, moves):
-    signal = np.zeros(count)
-    for place, level in moves:
-        signal[place:] = level
-    return signal
-
-
-TIME = np.arange(6000) / 50.0
-SET_POINTS = {
-    "steps": (at_rest(6000, [(600 * k, 0.05 * (-1) ** k) for k in range(1, 10)]), True),
-    "chirp": (0.05 * np.sin(2 * np.pi * 0.05 * np.exp(TIME / 30.0) * TIME), False),
-    "a slow sine and a quick one": (0.05 * np.sin(np.where(TIME < 60.0, 0.1, 1.0) * 2 * np.pi * TIME), False),
-    "noise": (0.02 * np.random.default_rng(0).standard_normal(6000), False),
-}
-
-
-@pytest.mark.parametrize("name", SET_POINTS)
-def test_a_set_point_that_goes_in_steps_is_known(name):
-    signal, steps = SET_POINTS[name]
-    record = fp.Experiment(
-        name,
-        50.0,
-        {"n_set": 1000.0 * (1.0 + signal), "n_e": 1000.0 * (1.0 + signal)},
-        {"n_set": 1000.0, "n_e": 1000.0},
-    )
-    assert Spectra.of(record, ("dn",), signal[None]).goes_in_steps == steps
 
 
 def test_of_ends_as_likely_one_is_told_that_the_loads_side_has(monkeypatch):

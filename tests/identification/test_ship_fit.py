@@ -42,23 +42,13 @@ def holds(found, name, truth, wider=1.0):
     return low <= truth <= high
 
 
-def test_a_set_point_that_is_held_between_its_samples_is_told_from_one_that_runs_straight():
-    """A controller's own log holds its steps; straight lines would have the torque jump half a sample too early."""
-    steps = fp.signals.steps([40.0, -60.0, 30.0, -30.0, 50.0], 10.0, lead_s=5.0, rate_hz=50.0)
-    held = fp.simulate(LAUNCH, replace(steps, hold="zero"), noise={"n_e": 0.3, "M_b": 0.5}, seed=2)
-    question = question_of([replace(held, hold="first")], torque="brake", outputs=["dn", "dM"])
-    fit = smooth_ship(question)
-    assert fit.between == "held"
-    assert fit.values["tau_n"] == pytest.approx(TRUE.tau_n, rel=0.05)
-
-
-@pytest.mark.parametrize("seed", [4, 5, 9])
-def test_chance_does_not_make_a_smooth_set_point_a_held_one(seed):
-    """A held set point, half a sample late, and a dead time shorter by as much fit almost as well, or better by chance."""
-    late = LAUNCH.replace({"governor.set_point_dead_time_s": 0.2})
-    chirp = fp.signals.chirp(0.02, 1.5, 120.0, 40.0, rate_hz=50.0)
-    record = fp.simulate(late, chirp, noise={"n_e": 0.3, "M_b": 0.5}, seed=seed)
-    assert smooth_ship(question_of([record], torque="brake", outputs=["dn", "dM"])).between != "held"
+@pytest.mark.parametrize(("hold", "late_s"), [("zero", 0.05), ("first", 0.1)])
+def test_what_an_experiment_says_of_its_set_point_decides_half_a_sample_of_dead_time(hold, late_s):
+    late = LAUNCH.replace({"governor.set_point_dead_time_s": 0.05, "actuator.lag_s": 0.05})
+    steps = fp.signals.steps([40.0, -60.0, 30.0, -30.0, 50.0], 10.0, lead_s=5.0, rate_hz=10.0)
+    held = fp.simulate(late, replace(steps, hold="zero"), noise={"n_e": 0.1, "M_b": 0.2}, seed=2)
+    fit = smooth_ship(question_of([replace(held, hold=hold)], torque="brake", outputs=["dn", "dM"]))
+    assert fit.values["T_set"] + fit.values["T_d"] == pytest.approx(late_s, abs=0.015)
 
 
 def test_the_gradient_of_the_deviance_is_that_of_its_differences(drawn):

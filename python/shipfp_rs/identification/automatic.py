@@ -391,7 +391,7 @@ def _settings(fit: ShipFit, intervals: str) -> dict[str, Any]:
     return {
         "structure": FULL_SHIP if fit.question.structure is None else fit.question.structure.name,
         "intervals": intervals,
-        "set_point": fit.between or "band-limited",
+        "set_point": fit.likelihood.records[0].between,
         "band_hz": max(record.band_hz for record in fit.likelihood.records),
         **search_settings(fit, _named(fit, structure_of(fit), {**c.given, **fit.values})),
     }
@@ -444,7 +444,7 @@ def foresee(
 
 def _at(question: Question, values: Mapping[str, float]) -> ShipFit:
     """Return the fit with its minimum at the values, under the noise of their residuals."""
-    likelihood = question.likelihood(None)
+    likelihood = question.likelihood()
     vector = likelihood.coordinates.vector({**DEFAULTS, **WITHOUT_EFFECT, **values})
     likelihood = likelihood.settled_at(vector)
     return ShipFit(likelihood, (_end(likelihood, vector),), question)

@@ -27,9 +27,8 @@ from shipfp_rs.identification.likelihood import (
     white_root,
 )
 from shipfp_rs.identification.moving_water import BAND, Water, water_of
-from shipfp_rs.identification.spectra import Spectra
+from shipfp_rs.identification.spectra import LATE, Spectra
 from shipfp_rs.structures.elements import QUANTITIES
-from shipfp_rs.structures.parameter import BRAKE
 from shipfp_rs.structures.ship import BRAKE_SCALE, CommandedEquations, observed, stepper_parameters
 from shipfp_rs.structures.ship import INDEX as SHIP_INDEX
 from shipfp_rs.structures.structure import Structure
@@ -61,8 +60,6 @@ MOVED_BY_WATER = (
 """Parameters that change the ratio of torque to speed in moving water."""
 Asked = tuple[Array, Array, float, list[tuple[Array, float]], list[int], bool, bool]
 """Arguments that the kernel's functions share."""
-LATE = {"dn": "T_n", "dM": "T_M", BRAKE: "T_B"}
-"""Delay parameter of each output's sensor."""
 STEP = 1e-4
 """Step of a search vector's entry for a difference quotient, over the width of its bounds if that is below 1."""
 QUICK = 60_000

@@ -17,9 +17,9 @@ import numpy as np
 from shipfp_rs import _core
 from shipfp_rs.errors import SimulationError
 from shipfp_rs.identification.coordinates import loop_of
-from shipfp_rs.identification.equation_likelihood import LATE, STEP, EquationLikelihood
+from shipfp_rs.identification.equation_likelihood import STEP, EquationLikelihood
 from shipfp_rs.identification.likelihood import LEAST_REACH
-from shipfp_rs.identification.spectra import Spectra
+from shipfp_rs.identification.spectra import LATE, Spectra
 from shipfp_rs.structures.parameter import BRAKE
 from shipfp_rs.structures.ship import BRAKE_SCALE
 from shipfp_rs.structures.transfer import SLOWEST, TransferFunctions

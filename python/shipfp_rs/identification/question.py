@@ -220,8 +220,8 @@ class Question:
             if all(one in free for one in name.replace("-", "/").split("/"))
         }
 
-    def likelihood(self, between: Between | None) -> EquationLikelihood:
-        """Return the likelihood of the ship without tried elements; `between`: course of set points between samples."""
+    def likelihood(self, between: Between | None = None) -> EquationLikelihood:
+        """Return the likelihood of the ship without tried elements; `between`: see `Spectra.of`."""
         own = {"dX": RACK_OFFSET, BRAKE: BRAKE_SCALE}
         beside = [name for output, name in own.items() if output in self.outputs]
         unknowns = ("set point offset", "torque scale", *beside)

@@ -26,19 +26,11 @@ from shipfp_rs.identification.sampling import Between
 from shipfp_rs.identification.ship_found import (
     DEFAULTS,
     ShipFit,
-    likelihood_of,
     settled,
 )
 from shipfp_rs.identification.trials import with_limits
 from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.progress import part, tell
-
-WAYS: tuple[Between, ...] = ("band-limited", "straight", "held")
-"""Tried courses of a set point between samples, where processing did not low-pass it."""
-HELD = 10.0
-"""Least decrease of the deviance by a zero-order hold, compared with a smooth or piecewise linear course, for a set point
-without steps to count as held. At low frequencies the hold acts as a delay of half a sample, which the dead time of the set
-point compensates, so chance alone would often prefer the hold."""
 
 
 def fit_ship(
@@ -95,7 +87,7 @@ def first_look(
     side = load_side_of(question) if side is None else side
     likelihood, vectors = _begun(question, between, starts, seed, side)
     likelihood, basins, _ = best_basins(likelihood, vectors, until=until)
-    return ShipFit(likelihood, tuple(basins), question, between=between, side=side)
+    return ShipFit(likelihood, tuple(basins), question, side=side)
 
 
 def smooth_ship(
@@ -107,40 +99,22 @@ def smooth_ship(
     side: LoadSide | None = None,
 ) -> ShipFit:
     """Search the ship without the elements that are tried later; see `fit_ship`."""
-    # If processing did not low-pass the set point, its course between samples is unknown: all courses are tried.
     tell("first look at the smooth ship", 0.0)
     undecided = any(one.hold == "first" and not one.is_low_passed for one in question.experiments)
-    way: Between | None = "band-limited" if undecided else None
-    fit = first_look(question, way, starts=starts, seed=seed, until=until, side=side)
+    between: Between | None = "band-limited" if undecided else None
+    fit = first_look(question, between, starts=starts, seed=seed, until=until, side=side)
     tell("searching the smooth ship", 0.3)
-    if not undecided:
-        return _corrected(fit, fit.between, until)
-    ends: list[ShipFit] = []
-    for place, way in enumerate(WAYS):
-        tell(f"trying a set point that runs {way} between its samples", 0.3 + 0.2 * place)
-        ends.append(_corrected(replace(fit, basins=fit.basins[:1]), way, until))
-    least = 0.0 if all(one.goes_in_steps for one in fit.likelihood.records) else HELD
-    best = min(ends, key=lambda end: end.total + (least if end.between == "held" else 0.0))
-    others = [descend(best.likelihood, one.vector, until=until) for one in fit.basins[1:]]
-    return replace(best, basins=tuple(distinct(best.likelihood, [best.best, *others])))
-
-
-def _corrected(fit: ShipFit, between: Between | None, until: float | None) -> ShipFit:
-    """Refine the minima for a course of set points between samples, with gaps filled and images removed.
-
-    Raises
-    ------
-    IdentificationError
-        If no minimum is a ship that can be simulated.
-    """
-    likelihood = likelihood_of(fit, (), between)
-    if between == fit.between:
-        likelihood = likelihood.corrected(fit.best.vector)
+    # Gaps are filled, and images removed, by what the first look found.
+    ends = [fit.likelihood.corrected(fit.best.vector)]
+    if undecided:
+        # Samples that no processing low-passed may as well be those of straight lines.
+        straight = tuple(one.running("straight") for one in fit.likelihood.records)
+        ends.append(replace(fit.likelihood, records=straight).corrected(fit.best.vector))
+    likelihood = min(ends, key=lambda end: descend(end, fit.best.vector, until=until).cost)
     basins = distinct(likelihood, [descend(likelihood, one.vector, until=until) for one in fit.basins])
     if not basins:
         raise IdentificationError("identify: the ship found is unstable")
-    fit = replace(fit, likelihood=likelihood, basins=tuple(basins), between=between)
-    return settled(fit, until)
+    return settled(replace(fit, likelihood=likelihood, basins=tuple(basins)), until)
 
 
 def _begun(

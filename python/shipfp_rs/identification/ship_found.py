@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Literal
 
 from shipfp_rs.identification.basins import Minima, descend, distinct, settle
 from shipfp_rs.identification.equation_likelihood import EquationLikelihood
@@ -12,7 +11,6 @@ from shipfp_rs.identification.limited_likelihood import LimitedLikelihood
 from shipfp_rs.identification.load_side import LoadSide
 from shipfp_rs.identification.profiles import Interval
 from shipfp_rs.identification.question import Question
-from shipfp_rs.identification.sampling import Between
 from shipfp_rs.identification.stretches import Score
 from shipfp_rs.structures.elements import QUANTITIES
 
@@ -42,7 +40,6 @@ class ShipFit(Minima):
     question: Question
     elements: tuple[str, ...] = ()
     gains: Mapping[str, float] = field(default_factory=dict)
-    between: Between | None = None
     scores: Mapping[str, Score] = field(default_factory=dict)
     side: LoadSide | None = None
     ramp: Interval | None = None
@@ -51,23 +48,6 @@ class ShipFit(Minima):
     def is_smooth(self) -> bool:
         """Whether no limit acts."""
         return not isinstance(self.likelihood, LimitedLikelihood)
-
-
-def likelihood_of(
-    fit: ShipFit,
-    elements: Sequence[str],
-    between: Between | Literal["same"] | None = "same",
-) -> EquationLikelihood:
-    """Return the likelihood of a fit's ship with some tried elements, under the fit's noise.
-
-    `between` is the course of the set points between samples; "same": as in the fit.
-    """
-    likelihood, way = fit.likelihood, fit.between if between == "same" else between
-    if way != fit.between:
-        assert way is not None
-        records = tuple(record.running(way) for record in likelihood.records)
-        likelihood = replace(likelihood, records=records).corrected(fit.best.vector)
-    return fit.question.with_elements(likelihood, elements)
 
 
 def settled(fit: ShipFit, until: float | None) -> ShipFit:

@@ -22,12 +22,11 @@ from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.identification.coordinates import loop_of
 from shipfp_rs.identification.sampling import BAND_HZ, SHORTEST_S, Between, down_of, excited_hz, kriged
+from shipfp_rs.structures.parameter import BRAKE
 from shipfp_rs.structures.transfer import TransferFunctions
 from shipfp_rs.support.arrays import Array, ComplexArray
 from shipfp_rs.support.derivatives import interpolated
 
-QUICK, MOMENTS = 0.1, 0.03
-"""A set point is stepwise if at most `MOMENTS` of its samples change by more than `QUICK` times the largest change."""
 ORDERS: int = _core.EQUATION_ORDERS
 """Number of terms of the series: the taper and its derivatives."""
 EDGE_S, EDGE_SHARE, BEFORE_S = 3.0, 0.025, 2.0
@@ -49,6 +48,10 @@ KRIGED_S, MOST_KRIGED = 0.6, 100
 """Time on either side of a gap whose samples are used for interpolation [s], and most such samples."""
 FEW = 13
 """Number of frequencies at which images are computed and then interpolated: apart from a delay they vary slowly."""
+LATE = {"dn": "T_n", "dM": "T_M", BRAKE: "T_B"}
+"""Delay parameter of each output's sensor."""
+AFTER_JUMPS = ("T_d", "T_set", "tau_act")
+"""Delays and lags between a jump of the set point and one of the torque."""
 AT_ONCE = 1e4
 """Frequency, over the sample rate, whose response equals the instantaneous response to a step."""
 SLOW_PACE, QUICK_PACE = 5.0, 16.0
@@ -281,12 +284,6 @@ class Spectra:
         return found
 
     @cached_property
-    def goes_in_steps(self) -> bool:
-        """Whether the set point is constant except for a few changes."""
-        moves = np.abs(np.diff(self.set_point))
-        return bool(np.mean(moves > QUICK * moves.max()) < MOMENTS)
-
-    @cached_property
     def set_point_low(self) -> Array:
         """Low-passed deviation of the set point, decimated (K,)."""
         return self._once("set point", self.set_point)
@@ -427,12 +424,15 @@ class Spectra:
         every = respond(values, np.abs(there).ravel() * self.data_hz).reshape(-1, *there.shape)
         every = np.where(multiples > 0, every, every.conj())
         answer = np.sum(every * (course / there**order), axis=1)
-        late_s = sum(values.get(name, 0.0) for name in ("T_d", "T_set", "tau_act"))
-        if self.between == "held" and late_s < 0.5 / (most * self.data_hz):
+        if self.between == "held":
             # A sample at a jump has the value after it; a Fourier sum has the mean of both values.
-            at_once = {**values, "T_d": 0.0, "T_set": 0.0, "tau_act": 0.0}
-            jump = respond(at_once, np.array([AT_ONCE * self.data_hz])).real
-            answer = answer - 0.5 * jump * np.expm1(-2j * np.pi * at)
+            late_s = sum(values.get(name, 0.0) for name in AFTER_JUMPS)
+            sensors_s = np.array([values.get(LATE.get(name, ""), 0.0) for name in self.outputs])
+            near = np.maximum(1.0 - np.abs(late_s + sensors_s) * 2.0 * most * self.data_hz, 0.0)
+            if near.any():
+                at_once = dict(values) | dict.fromkeys((*AFTER_JUMPS, *LATE.values()), 0.0)
+                jump = respond(at_once, np.array([AT_ONCE * self.data_hz])).real
+                answer = answer - 0.5 * near[:, None] * jump * np.expm1(-2j * np.pi * at)
         return np.asarray(answer)
 
     def stairs(self, values: Mapping[str, float], respond: Respond) -> ComplexArray:

@@ -21,7 +21,7 @@ from shipfp_rs.identification.first_guesses import guesses_by_bandwidth
 from shipfp_rs.identification.limited_likelihood import LimitedLikelihood
 from shipfp_rs.identification.question import TRIED
 from shipfp_rs.identification.set_rate import Search, with_set_rate
-from shipfp_rs.identification.ship_found import BELIEVED, DEFAULTS, ShipFit, likelihood_of, settled
+from shipfp_rs.identification.ship_found import BELIEVED, DEFAULTS, ShipFit, settled
 from shipfp_rs.structures.elements import ELEMENTS
 from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.progress import tell
@@ -145,7 +145,7 @@ def _limited(fit: ShipFit, element: str, until: float | None, *, surely: bool = 
     starts = [start for basin in fit.basins[:2] for start in _starts(fit, element, basin)]
     if not starts:
         return None
-    likelihood = likelihood_of(fit, (*fit.elements, element))
+    likelihood = fit.question.with_elements(fit.likelihood, (*fit.elements, element))
     c = likelihood.coordinates
     best = _lowest(likelihood, [c.vector({**DEFAULTS, **values}, states) for values, states in starts], until)
     (low, high), place = c.bounds, c.place(TRIED[element][0])
