@@ -24,14 +24,14 @@ RUST_FUNCTION = re.compile(r"^( *)(?:pub(?:\([a-z]+\))? )?(?:const )?(?:unsafe )
 
 BUDGETS = {
     "constants": 237,
-    "python/shipfp_rs/identification": 10033,
-    "python/shipfp_rs/structures": 3070,
+    "python/shipfp_rs/identification": 10077,
+    "python/shipfp_rs/structures": 3076,
     "python/shipfp_rs/logs": 8118,
     "python/shipfp_rs/tacho": 1825,
     "python/shipfp_rs/processing": 4725,
     "python/shipfp_rs/inspection": 942,
     "python/shipfp_rs/experiments": 574,
-    "python/shipfp_rs/assessment": 2284,
+    "python/shipfp_rs/assessment": 2285,
     "python/shipfp_rs/report": 2419,
     "python/shipfp_rs/reproduce": 1831,
     "python/shipfp_rs/view": 2205,
@@ -45,9 +45,9 @@ BUDGETS = {
     "python/shipfp_rs/simulation": 925,
     "python/shipfp_rs/frequency": 1145,
     "python/shipfp_rs/plot": 899,
-    "python": 52186,
-    "rust/src": 11000,
-    "tests": 39907,
+    "python": 52237,
+    "rust/src": 11071,
+    "tests": 39979,
 }
 """Most lines of each room, and most numeric constants of identification and structures. A commit that earns it lowers a
 number; none is raised without a word in the commit's text."""

@@ -26,7 +26,7 @@ outputs.
 stand at F frequencies from 0 on, `spacing` [rad/s] apart, F a multiple of `EQUATION_BLOCK`, real and imaginary parts
 apart; order k of `EQUATION_ORDERS` is the spectrum with (-1)^k times the taper's k-th derivative. A late signal is
 delayed by a time of a grid; its `rest` is what the delay has beyond that time [s]. outputs hold 0 and any of 1, 2, 3.
-- `equation_residuals(parameters[26], signals[8, 4, 2, F], spacing, late, outputs, gauge, open_loop, wrt) ->
+- `equation_residuals(parameters[28], signals[8, 4, 2, F], spacing, late, outputs, gauge, open_loop, wrt) ->
   [1 + W, O, 2, F]`: data less the model's output, then the model's derivatives; `late`: ([4, 2, F], rest) of the speed, late
   by `T_d`, of the set point, late by `T_d` + `T_set`, and, where the speed is the propeller's, of the torque, late by
   `T_d`; `gauge`: the torque is measured between the inertias
@@ -34,7 +34,7 @@ delayed by a time of a grid; its `rest` is what the delay has beyond that time [
   1 + W])`: products of these rows times the lower triangles `root`, and of the systematic errors (`shapes` times hats, real
   and imaginary size) with them; a loop that is unstable raises `SimulationError`. Instruction sets differ by rounding;
   one gives the same bits in any thread
-- `taken_by_limits(parameters[18], set_point[N], speed[N], torque[N], every) -> ([N], [N])`: torque that
+- `taken_by_limits(parameters[20], set_point[N], speed[N], torque[N], every) -> ([N], [N])`: torque that
   limits remove from the engine's, and from the rack's part of it, for measured deviations `every` seconds apart;
   `ENGINE_SIDE_PARAMETERS` are those of `rust/src/engine_side.rs`
 - `loop_is_stable(parameters, open_loop) -> bool`: of a ship's loop about its operating point, by Nyquist's turns

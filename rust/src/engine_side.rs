@@ -2,7 +2,8 @@
 //!
 //! ```text
 //! T_f dS/dt = N - S    e(t) = u(t - T_set) + u_0 - S    X = K_p e + K_i I - K_d dS/dt    dI/dt = e
-//! tau_act dF/dt = X(t - T_d) - F      A follows as F does, -rate_down <= dA/dt <= rate       M = min(1 + g (N - 1) + A, M_max)
+//! tau_act dF/dt = X(t - T_d) - F      A follows as F does, -rate_down <= dA/dt <= rate
+//! tau_eng dB/dt = g (N - 1) + A - B                  M = min(1 + B, M_max)
 //! ```
 //!
 //! The simulated torque does not act on the measured speed, so a limit is a clamp on a known signal. The integral of a
@@ -19,7 +20,7 @@ use crate::stop::{CHECK_EVERY, Stop};
 
 /// Names of the parameters: `ahead` is the inertia between engine and gauge [s], `s_M` the scale of the torque reading, and
 /// `leads` the rate at which the measured torque corrects the integral [1/s].
-pub const PARAMETERS: [&str; 19] = [
+pub const PARAMETERS: [&str; 20] = [
     "g",
     "vK_p",
     "vK_i",
@@ -39,6 +40,7 @@ pub const PARAMETERS: [&str; 19] = [
     "ahead",
     "leads",
     "T_f",
+    "tau_eng",
 ];
 
 /// Deviations from the operating point, one value per sample.
@@ -86,6 +88,7 @@ pub fn taken_by_limits(
         ahead,
         leads,
         filter,
+        charge,
     ] = *parameters;
     let samples = data.speed.len();
     require(data.set_point.len() == samples && data.torque.len() == samples, || {
@@ -98,6 +101,7 @@ pub fn taken_by_limits(
         data.every > 0.0
             && lag >= 0.0
             && filter >= 0.0
+            && charge >= 0.0
             && rate > 0.0
             && rate_down > 0.0
             && softness >= 0.0
@@ -115,8 +119,11 @@ pub fn taken_by_limits(
     let led = leads * h;
     let within = |slope: f64, over: f64| (-rate_down * over..=rate * over).contains(&slope);
     let filtered = filtered(data.speed, filter / h);
+    let charged = Lag::new(charge, h);
     let mut found = [Vec::with_capacity(samples), Vec::with_capacity(samples)];
     let (mut sum, mut before, mut commanded, mut free, mut rack) = (0.0, 0.0, 0.0, 0.0, 0.0);
+    // Torque without limit of torque, and what the rack's rate takes, each with its input at the last sample.
+    let (mut burnt, mut taken) = ([0.0; 2], [0.0; 2]);
     for k in 0..samples {
         if k % CHECK_EVERY == 0 {
             stop.check()?;
@@ -149,14 +156,23 @@ pub fn taken_by_limits(
             };
             free = command - rise * lag + (free - commanded + rise * lag) * stays;
         }
-        let whole = 1.0 + g * speed + rack;
+        let fed = [g * speed + rack, rack - free];
+        if k == 0 || charge == 0.0 {
+            (burnt, taken) = ([fed[0]; 2], [fed[1]; 2]);
+        } else {
+            for (state, now) in [&mut burnt, &mut taken].into_iter().zip(fed) {
+                *state = [charged.over(state[0], now, 0.5 * (state[1] + now)), now];
+            }
+        }
+        let whole = 1.0 + burnt[0];
         let torque =
             if softness > 0.0 { softly_within(whole, highest, softness).0 } else { whole.min(highest) };
-        found[0].push(torque - whole + rack - free);
+        found[0].push(torque - whole + taken[0]);
         found[1].push(rack - free);
         let beyond = (1.0 + engine - torque) * led;
         sum += beyond;
         command += beyond;
+        burnt = burnt.map(|value| value + beyond);
         if rate.min(rate_down).is_finite() {
             rack += beyond;
             free += beyond;

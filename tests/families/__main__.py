@@ -43,7 +43,9 @@ ROOT = Path(__file__).resolve().parents[2]
 
 def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m tests.families", description=__doc__.splitlines()[0])
-    parser.add_argument("--family", choices=[*FAMILIES, "strangers", "all", "wrong"], default="tug")
+    parser.add_argument(
+        "--family", choices=[*FAMILIES, "strangers", "charged", "all", "wrong"], default="tug"
+    )
     parser.add_argument("--draws", type=int, default=20)
     parser.add_argument("--seed", type=int, default=1000)
     mode = parser.add_mutually_exclusive_group()
@@ -83,7 +85,7 @@ def main() -> None:
     if families != ("wrong",):
         print(judged(results))
         print(by_circumstance(results))
-    if families == ("strangers",):
+    if families[0] in ("strangers", "charged"):
         print(by_kind(results))
         print(loops(results))
     if options.windows:

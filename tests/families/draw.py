@@ -193,7 +193,7 @@ def draw(
     Parameters
     ----------
     family
-        One of `FAMILIES`, or "strangers", which are of their own class with the same methods.
+        One of `FAMILIES`, or "strangers" or "charged", which are of their own class with the same methods.
     seed
         The same seed gives the same trial.
     load
@@ -201,9 +201,10 @@ def draw(
     kind, longest_s
         Kind of excitation and how long it may last [s]; None: drawn, and the family's own.
     """
+    if family in ("strangers", "charged"):
+        kinds = {} if family == "strangers" else {"kind": family, "family": family}
+        return importlib.import_module("tests.families.strangers").draw(seed, longest_s=longest_s, **kinds)
     module = importlib.import_module(f"tests.families.{family}")
-    if family == "strangers":
-        return module.draw(seed, longest_s=longest_s)
     random = np.random.default_rng([FAMILIES.index(family), seed, 0])
     ranges: Ranges = module.RANGES
     for _ in range(_TRIES):

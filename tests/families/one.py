@@ -45,7 +45,7 @@ def main() -> None:
         drawn = draw(options.family, options.seed, load=bool(options.load), longest_s=options.longest)
         drawn = drawn if options.late is None else replace(drawn, late_s=options.late)
         result["truth"] = drawn.truth()
-        judging = not options.no_matters and options.family != "strangers"
+        judging = not options.no_matters and options.family not in ("strangers", "charged")
         result["matters"] = judged(drawn) if judging else None
         # For the case that no answer comes: the truth is there.
         options.out.write_text(json.dumps(result | {"answer": None, "error": None}), encoding="utf-8")

@@ -45,10 +45,11 @@ NAMES = {
     "twist": "tau_twist",
     "shaft_twist": "tau_twist",
     "speed_filter": "T_f",
+    "engine_lag": "tau_eng",
 }
 """Other names that a fingerprint may give its elements."""
-OF_STRANGERS = ("set_rate", "T_f")
-"""Elements that only `strangers` have: a ramp of the set point, a filter of the speed."""
+OF_STRANGERS = ("set_rate", "T_f", "tau_eng")
+"""Elements that only `strangers` have: a ramp of the set point, a filter of the speed, a lag of the engine."""
 LOOP = {"crossover": "crossover_hz", "phase margin": "phase_margin_deg", "gain margin": "gain_margin"}
 """Figures of the loop, and what a truth calls them."""
 DELAYS = ("T_d", "T_s", "tau_act")
@@ -71,7 +72,7 @@ def score(
     verdicts
         As `matters.judged` returns them; None: every element that is on is taken to matter.
     """
-    true = {"T_f": 0.0} | {
+    true = {"T_f": 0.0, "tau_eng": 0.0} | {
         name: value
         for name, value in truth["parameters"].items()
         if value is not None and name not in _UNSCORED

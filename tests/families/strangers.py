@@ -1,6 +1,7 @@
 """Drive trains that no other family has, by equations of their own: heavy tugs, electric drives, pitch, flywheels.
 
-    t1 dN/dt = (1 + g (N - 1) + A) (1 + firing) - M,    t2 dN_p/dt = M - q N_p^p (1 + wake),  t2 = tau_prop, t1 + t2 = tau_n
+    t1 dN/dt = (1 + E) (1 + firing) - M,    tau_eng dE/dt = g (N - 1) + A - E
+    t2 dN_p/dt = M - q N_p^p (1 + wake),  t2 = tau_prop, t1 + t2 = tau_n
     dM/dt = (N - N_p) / tau_twist, and zeta_twist (N - N_p) beside it;    without twist N_p = N
     tau_act dA/dt = C(t - T_d) - A,    C = vK_p (R - S) + vK_i int (R - S),    T_f dS/dt = N - S
 
@@ -11,11 +12,13 @@ heavy_tug   elastic shaft with a strain gauge, wake, firing; pulses of the engin
 vfd         electric drive with its own torque; staircase of a bus, ramp of the set point, filter of the speed, in half each
 cpp_boat    steps of the pitch under a resting set point; what the pitch adds to the load is measured in half
 flywheel    tau_n of 5 to 150 s and a slow loop; torque at the brake or behind the first inertia
+
+The family "charged" has the heavy tugs with a turbocharger or fuel film, whose lag is tau_eng.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -27,6 +30,7 @@ from tests.families import recording, sensors
 from tests.families.excitations import Excitation
 
 KINDS = ("heavy_tug", "vfd", "cpp_boat", "flywheel")
+TUGS = ("heavy_tug", "charged")
 STEP_S = 5e-4
 LEAST_PHASE_DEG, LEAST_GAIN = 25.0, 1.4
 """Margins below which a loop is drawn anew."""
@@ -47,20 +51,28 @@ RANGES: dict[str, dict[str, tuple[float, float]]] = {
         "tau_n": (5.0, 150.0), "T_d": (0.01, 0.4), "tau_act": (0.01, 0.5), "T_set": (0.01, 0.5), "crossover": (0.01, 0.5),
     },
 }  # fmt: skip
+RANGES["charged"] = RANGES["heavy_tug"] | {"tau_eng": (0.03, 0.3)}
 """What each kind draws from, log-uniformly; crossover of the open loop [Hz]."""
-LOADS = {"heavy_tug": (1.8, 2.4), "vfd": (0.2, 2.2), "cpp_boat": (1.7, 2.4), "flywheel": (0.1, 2.0)}
+LOADS = {**dict.fromkeys(TUGS, (1.8, 2.4)), "vfd": (0.2, 2.2), "cpp_boat": (1.7, 2.4), "flywheel": (0.1, 2.0)}
 """Exponent p of the load, uniformly."""
-WAKE = {"heavy_tug": (0.01, 0.05), "vfd": (0.001, 0.01), "cpp_boat": (0.003, 0.02), "flywheel": (5e-4, 0.005)}
+WAKE = {
+    **dict.fromkeys(TUGS, (0.01, 0.05)),
+    "vfd": (0.001, 0.01),
+    "cpp_boat": (0.003, 0.02),
+    "flywheel": (5e-4, 0.005),
+}
 """Share of the load that moves by itself, log-uniformly; drives and flywheels have it in half of the draws."""
 WAKE_HZ = (0.05, 1.5)
 ACTS = (0.005, 0.3)
 """Share of the time that the set point is steeper than a ramp lets through, log-uniformly."""
-ELEMENTS = ("T_d", "T_set", "tau_act", "tau_twist", "set_rate", "T_f")
+ELEMENTS = ("T_d", "T_set", "tau_act", "tau_twist", "set_rate", "T_f", "tau_eng")
 _ORDER = (
     *("tau_n", "tau_prop", "p", "g", "vK_p", "vK_i", "T_d", "tau_act"),
-    *("T_f", "tau_twist", "zeta_twist", "firing", "firing_hz"),
+    *("T_f", "tau_eng", "tau_twist", "zeta_twist", "firing", "firing_hz"),
 )
-_OFF = {"T_set": 0.0, "T_f": 0.0, "set_rate": np.inf, "tau_twist": 0.0, "zeta_twist": 0.0, "firing": 0.0}
+_OFF = {"set_rate": np.inf} | dict.fromkeys(
+    ("T_set", "T_f", "tau_eng", "tau_twist", "zeta_twist", "firing"), 0.0
+)
 _TRIES = 2000
 
 
@@ -138,7 +150,7 @@ class Stranger:
     def truth(self) -> dict[str, Any]:
         """Return the truth, as `draw.Draw.truth` does, with the figures of the open loop."""
         q = self.numbers
-        names = ("tau_n", "tau_prop", "p", "g", "vK_p", "vK_i", "T_d", "T_set", "tau_act", "T_f")
+        names = ("tau_n", "tau_prop", "p", "g", "vK_p", "vK_i", "T_d", "T_set", "tau_act", "T_f", "tau_eng")
         values: dict[str, float | None] = {name: q[name] for name in (*names, "tau_twist", "zeta_twist")}
         values["set_rate"] = q["set_rate"] if np.isfinite(q["set_rate"]) else None
         values |= dict.fromkeys(("damping", "c_2", "T_s", "T_n"), 0.0) | dict.fromkeys(("M_max", "rate"))
@@ -259,11 +271,12 @@ def ramped(values, most):
 
 @njit(cache=True)
 def _rates(q, x, asked, factor, command, out):
-    """Slopes of speed, propeller's speed, spring, sum of the error, fuel, filtered speed, firing's phase."""
-    tau, behind, p, g, _, _, _, lag, smooth, twist, damping, firing, firing_hz = q
+    """Slopes of speed, propeller's speed, spring, sum of the error, fuel, filtered speed, firing's phase, torque."""
+    tau, behind, p, g, _, _, _, lag, smooth, charge, twist, damping, firing, firing_hz = q
     seen = x[5] if smooth > 0.0 else x[0]
     load = factor * x[1] ** p
-    brake = (1.0 + g * (x[0] - 1.0) + x[4]) * (1.0 + firing * np.sin(2.0 * np.pi * x[6]))
+    fed = g * (x[0] - 1.0) + x[4]
+    brake = (1.0 + (x[7] if charge > 0.0 else fed)) * (1.0 + firing * np.sin(2.0 * np.pi * x[6]))
     if twist > 0.0:
         shaft = x[2] + damping * (x[0] - x[1])
         out[0] = (brake - shaft) / (tau - behind)
@@ -277,6 +290,7 @@ def _rates(q, x, asked, factor, command, out):
     out[4] = (command - x[4]) / lag
     out[5] = (x[0] - x[5]) / smooth if smooth > 0.0 else 0.0
     out[6] = firing_hz * x[0]
+    out[7] = (fed - x[7]) / charge if charge > 0.0 else 0.0
     return shaft, brake
 
 
@@ -292,8 +306,8 @@ def _late(commands, at):
 def _march(q, asked, factor, h, count):
     """Classical Runge-Kutta; set point and load's factor are given every half step, the dead time is a step at least."""
     out, commands = np.empty((4, count)), np.zeros(count + 2)
-    x = np.array([1.0, 1.0, 1.0, 0.0, 0.0, 1.0, 0.0])
-    a, b, c, d = np.empty(7), np.empty(7), np.empty(7), np.empty(7)
+    x = np.array([1.0, 1.0, 1.0, 0.0, 0.0, 1.0, 0.0, 0.0])
+    a, b, c, d = np.empty(8), np.empty(8), np.empty(8), np.empty(8)
     back = max(q[6] / h, 1.0)
     for k in range(count):
         i = 2 * k
@@ -312,7 +326,7 @@ def _march(q, asked, factor, h, count):
 
 def open_loop(q, s):
     """Loop gain about the operating point at complex frequencies, from the governor's error to the speed that it sees."""
-    way = np.exp(-s * q["T_d"]) / ((1.0 + s * q["tau_act"]) * (1.0 + s * q["T_f"]))
+    way = np.exp(-s * q["T_d"]) / ((1.0 + s * q["tau_act"]) * (1.0 + s * q["T_f"]) * (1.0 + s * q["tau_eng"]))
     return (q["vK_p"] + q["vK_i"] / s) * way / admittances(q, s)[0]
 
 
@@ -320,7 +334,8 @@ def admittances(q, s):
     """Return what the engine's torque, and the shaft's, are to the engine's speed; and the propeller's speed to that."""
     behind = q["tau_prop"] * s + q["p"]
     ratio = 1.0 / (1.0 + behind / (1.0 / (s * q["tau_twist"]) + q["zeta_twist"])) if q["tau_twist"] else 1.0
-    return (q["tau_n"] - q["tau_prop"]) * s - q["g"] + behind * ratio, behind * ratio, ratio
+    own = q["g"] / (1.0 + s * q["tau_eng"])
+    return (q["tau_n"] - q["tau_prop"]) * s - own + behind * ratio, behind * ratio, ratio
 
 
 def loop_figures(q) -> dict[str, float] | None:
@@ -354,7 +369,9 @@ def loop_figures(q) -> dict[str, float] | None:
     return figures if kept else None
 
 
-def draw(seed: int, *, kind: str | None = None, longest_s: float | None = None) -> Stranger:
+def draw(
+    seed: int, *, kind: str | None = None, longest_s: float | None = None, family: str = "strangers"
+) -> Stranger:
     """Draw a stranger; the same seed gives the same one, and its kind by the remainder where none is asked for."""
     kind = KINDS[seed % len(KINDS)] if kind is None else kind
     random = np.random.default_rng([1963, seed, 0])
@@ -362,7 +379,7 @@ def draw(seed: int, *, kind: str | None = None, longest_s: float | None = None) 
         numbers = _numbers(kind, random)
         if numbers is None:
             continue
-        found = _trial(kind, seed, numbers, random, longest_s)
+        found = replace(_trial(kind, seed, numbers, random, longest_s), family=family)
         if _can_be(found):
             return found
     raise RuntimeError(f"strangers, seed {seed}: no {kind} in {_TRIES} tries")
@@ -384,7 +401,7 @@ def _numbers(kind, random):
     q["g"] = float(random.uniform(-1.5, 0.2)) if kind != "vfd" else float(random.uniform(-0.3, 0.05))
     q["tau_prop"] = q["tau_n"] * float(random.uniform(0.2, 0.7))
     q["firing_hz"] = float(random.uniform(30.0, 60.0))
-    if kind == "heavy_tug":
+    if kind in TUGS:
         w, share = 2.0 * np.pi * _log(random, 8.0, 60.0), q["tau_prop"] * (1.0 - q["tau_prop"] / q["tau_n"])
         q |= {
             "tau_twist": 1.0 / (w**2 * share),
@@ -403,7 +420,7 @@ def _numbers(kind, random):
 
 def _trial(kind, seed, q, random, longest_s):
     bus = float(random.choice([10.0, 20.0])) if kind == "vfd" and random.random() < 0.5 else None
-    if kind == "heavy_tug":
+    if kind in TUGS:
         rpm, ratio, torque = (500.0, 850.0), round(float(random.uniform(2.5, 4.5)), 2), (4.0, 5.3)
     elif kind == "cpp_boat":
         rpm, ratio, torque = (500.0, 850.0), round(float(random.uniform(1.5, 4.0)), 2), (3.0, 4.7)
@@ -421,14 +438,14 @@ def _trial(kind, seed, q, random, longest_s):
     if kind == "vfd" and random.random() < 0.5:
         slopes = np.abs(np.diff(excitation(np.arange(excitation.start_s, excitation.stop_s, 0.01)))) / 0.01
         q["set_rate"] = np.quantile(slopes, 1.0 - _log(random, *ACTS))
-    wet = kind in ("heavy_tug", "cpp_boat") or random.random() < 0.5
+    wet = kind in (*TUGS, "cpp_boat") or random.random() < 0.5
     return Stranger(
         kind=kind,
         seed=seed,
         numbers={name: float(value) for name, value in q.items()},
         plant=size,
-        place="gauge" if kind == "heavy_tug" or (kind == "flywheel" and random.random() < 0.5) else "brake",
-        side="propeller" if kind == "heavy_tug" and random.random() < 1.0 / 3.0 else "engine",
+        place="gauge" if kind in TUGS or (kind == "flywheel" and random.random() < 0.5) else "brake",
+        side="propeller" if kind in TUGS and random.random() < 1.0 / 3.0 else "engine",
         excitation=excitation,
         wake=_log(random, *WAKE[kind]) if wet else 0.0,
         bus_hz=bus,
@@ -444,7 +461,7 @@ def _excitation(kind, q, random, longest_s):
     start = float(np.round(random.uniform(38.0, 42.0), 2))
     crossover = loop_figures(q)["crossover_hz"]
     ends, lasts, swing = {
-        "heavy_tug": ((0.03, 1.5), 160.0, random.uniform(0.02, 0.05)),
+        **dict.fromkeys(TUGS, ((0.03, 1.5), 160.0, random.uniform(0.02, 0.05))),
         "vfd": ((0.03, np.clip(3.0 * crossover, 1.0, 5.0)), random.uniform(120.0, 300.0), 0.0),
         "cpp_boat": ((0.0, 0.0), random.uniform(160.0, 400.0), random.uniform(0.1, 0.3)),
         "flywheel": ((crossover / 12.0, 4.0 * crossover), random.uniform(260.0, 560.0), 0.0),

@@ -123,7 +123,7 @@ def test_drives_have_ramp_filter_and_bus_in_some_draws_and_not_in_others():
 
 def test_margins_are_those_of_a_known_loop():
     """K exp(-s T) / (tau s): crossover K / (2 pi tau), margin 90 deg - wT, gain margin pi tau / (2 K T)."""
-    q = dict.fromkeys(("T_set", "tau_act", "T_f", "tau_twist", "zeta_twist", "g", "tau_prop"), 0.0)
+    q = dict.fromkeys(("T_set", "tau_act", "T_f", "tau_eng", "tau_twist", "zeta_twist", "g", "tau_prop"), 0.0)
     q |= {"tau_n": 2.0, "p": 1e-9, "vK_p": 3.0, "vK_i": 1e-9, "T_d": 0.2}
     found = strangers.loop_figures(q)
     assert found["crossover_hz"] == pytest.approx(1.5 / (2.0 * np.pi), rel=1e-6)

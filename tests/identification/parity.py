@@ -36,7 +36,7 @@ SHIP = {
 FINE_HZ = 1000.0
 BETWEEN_S = 0.0005
 """First sample of a governor that samples [s], between those of the simulation."""
-BARE = {"tau_act": 0.0, "T_f": 0.0, "c_2": 0.0, "T_M": 0.0, "T_B": 0.0, "T_s": 0.0, "T_d": 0.0, "T_set": 0.0}
+BARE = dict.fromkeys(("tau_act", "T_f", "tau_eng", "c_2", "T_M", "T_B", "T_s", "T_d", "T_set"), 0.0)
 
 
 @dataclass(frozen=True)
@@ -65,6 +65,10 @@ CASES = {
         own={"T_s": 0.05, "T_0": BETWEEN_S, "T_d": 0.0, "T_set": 0.0}, gauge=False
     ),
     "sampling, 0.05 s, lag": Case(own={"T_s": 0.05, "T_0": BETWEEN_S, "T_d": 0.02, "tau_act": 0.05}),
+    "engine lag": Case(own={"tau_eng": 0.2, "tau_act": 0.05}),
+    "engine lag, sampling": Case(
+        own={"T_s": 0.05, "T_0": BETWEEN_S, "T_d": 0.02, "tau_eng": 0.1}, gauge=False
+    ),
     "curvature": Case(own={"c_2": 0.4}),
     "damping": Case(own={"damping": 0.5}),
     "derivative": Case(own={"vK_d": 0.2}),

@@ -35,8 +35,8 @@ def test_a_heavy_tug_in_wake_is_told_with_its_inertia_and_its_shaft(name):
         assert low <= true <= high, one
     assert found.usability == "usable"
     assert found["tau_n"].std < 0.02 * truth["tau_n"]
-    # An unknown filter of the speed, of up to 30 ms, is part of it.
-    assert found["T_d"].std < 0.12 * truth["T_d"]
+    # Unknown lags, of the speed's filter and of the engine's torque, are part of it.
+    assert found["T_d"].std < 0.15 * truth["T_d"]
     assert found.elements["twist"]["state"] == "on"
 
 

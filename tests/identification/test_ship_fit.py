@@ -65,6 +65,7 @@ def test_the_gradient_of_the_deviance_is_that_of_its_differences(drawn):
         "T_s": 0.04,
         "T_set": 0.311,
         "tau_act": 0.07,
+        "tau_eng": 0.02,
     }
     vector = c.vector(
         {**values, "c_2": 0.1, "T_M": 0.0031}, [{"set point offset": 1e-3, "torque scale": 1e-3}]
@@ -251,3 +252,14 @@ def test_the_answer_of_a_slow_and_of_a_filtered_drive_holds(seed, names):
     for name in names:
         low, high = found.parameters[name].ci95
         assert low <= truth[name] <= high, name
+
+
+def test_the_lag_of_an_engine_is_told_with_its_inertia():
+    """Turbocharger or fuel film: an answer without it has a dead time that the loop does not have."""
+    drawn = draw("charged", 5007)
+    found = fp.identify(fp.Experiment(**drawn.experiment()))
+    truth = drawn.truth()["parameters"]
+    for name in ("tau_n", "g", "vK_p", "vK_i", "T_d", "T_set", "tau_act", "tau_eng"):
+        low, high = found.parameters[name].ci95
+        assert low <= truth[name] <= high, name
+    assert found.elements["engine_lag"]["state"] == "on"

@@ -54,6 +54,10 @@ SHIPS = {
     "speed filter, late": {"T_f": 0.06, **LATE, "tau_act": 0.05},
     "speed filter, derivative gain, twist": {"T_f": 0.06, "K_d": 0.1, **TWIST},
     "speed filter, limits": {"T_f": 0.06, **RACK, "anti_windup": 1.0},
+    "engine lag": {"tau_eng": 0.15},
+    "engine lag, late, twist": {"tau_eng": 0.15, **LATE, **TWIST, "tau_act": 0.05},
+    "engine lag, rack limits": {"tau_eng": 0.15, **RACK, "initial_N": 0.98},
+    "engine lag, derivative gain": {"tau_eng": 0.15, "K_d": 0.1},
     "load": {**REST, **LATE},
     "late channels": {**LATE, **REST, "T_n": 0.0137, "T_M": 0.0211},
     "not at rest": {"initial_N": 0.97, "initial_F": 0.02, "initial_E": 0.003, **LATE, "tau_act": 0.05},
@@ -61,6 +65,7 @@ SHIPS = {
     "sampled before use, lag": {**SAMPLED, "update": 1.0, "tau_act": 0.05},
     "sampled, derivative gain": {**SAMPLED, "K_d": 0.02, **LATE},
     "sampled, speed filter": {**SAMPLED, "T_f": 0.06, "K_d": 0.02},
+    "sampled, engine lag": {**SAMPLED, "tau_eng": 0.15, **LATE},
     "sampled, rate limits": {**SAMPLED, **RATE, "tau_act": 0.0},
     "sampled, rate limits behind a lag": {**SAMPLED, **RATE},
     "sampled, limits": {**SAMPLED, **TORQUE, **RATE},
@@ -143,7 +148,7 @@ def test_a_rate_limit_is_left_and_reached_amid_a_step(more, size):
     assert (rms(coarse - fine) < 3e-4 * np.std(fine, axis=1)).all()
 
 
-@pytest.mark.parametrize("name", ["T_d", "T_set", "tau_act", "T_f", "tau_twist"])
+@pytest.mark.parametrize("name", ["T_d", "T_set", "tau_act", "T_f", "tau_eng", "tau_twist"])
 @pytest.mark.parametrize("more", [{}, {"K_d": 0.1}, {**REST, "tau_act": 0.0}, TORQUE])
 def test_an_element_goes_to_off_continuously(name, more):
     damped = {"zeta_twist": 1.0} if name == "tau_twist" else {}
@@ -152,7 +157,7 @@ def test_an_element_goes_to_off_continuously(name, more):
     small = 1e-6 if name == "tau_twist" and "K_d" in more else 1e-9
     nearly = simulated({**more, name: small, **damped}, "first", 10)
     # A stiff shaft, and a derivative of a filtered speed, are stepped otherwise, to the same order.
-    otherwise = name == "tau_twist" or (name == "T_f" and "K_d" in more)
+    otherwise = name == "tau_twist" or (name in ("T_f", "tau_eng") and "K_d" in more)
     assert np.abs(nearly - without).max() < (1e-3 if otherwise else 1e-6) * np.ptp(without)
 
 
@@ -241,6 +246,7 @@ def test_a_set_point_that_stands_leaves_the_ship_at_rest(data):
         "T_set": draw(0.0, 1.0),
         "tau_act": draw(0.0, 0.1),
         "T_f": draw(0.0, 0.1),
+        "tau_eng": draw(0.0, 0.3),
         "damping": draw(0.0, 0.5),
         "curvature": draw(-0.5, 0.5),
         "tau_prop": 0.3,

@@ -53,7 +53,8 @@ def taken_by_limits(q, set_point, speed, torque, every):
     own = q["vK_p"] * error
     total = engine[0] - q["g"] * speed[0] - own[0]
     free = rack = before = own[0] + total
-    found = np.empty((2, len(speed)))
+    found, fed = np.empty((2, len(speed))), np.empty((2, len(speed)))
+    whole = taken = 0.0
     for k in range(len(speed)):
         if k:
             total += q["vK_i"] * 0.5 * (error[k] + error[k - 1]) * every
@@ -67,13 +68,21 @@ def taken_by_limits(q, set_point, speed, torque, every):
                     rack += np.clip(asked - rack, -q["rate_down"] * h, q["rate"] * h)
             free = command if q["tau_act"] == 0.0 else free
         before = own[k] + total
-        whole = 1.0 + q["g"] * speed[k] + rack
+        fed[:, k] = q["g"] * speed[k] + rack, rack - free
+        if not k or q["tau_eng"] == 0.0:
+            whole, taken = 1.0 + fed[0, k], fed[1, k]
+        else:
+            for part in (np.arange(SUBSTEPS) + 0.5) / SUBSTEPS:
+                asked = fed[:, k - 1] + part * (fed[:, k] - fed[:, k - 1])
+                share = every / (q["tau_eng"] * SUBSTEPS + 0.5 * every)
+                whole, taken = whole + share * (1.0 + asked[0] - whole), taken + share * (asked[1] - taken)
         given = min(whole, q["M_max"])
         if q["M_soft"] > 0.0:
             given = q["M_max"] - q["M_soft"] * np.logaddexp(0.0, (q["M_max"] - whole) / q["M_soft"])
-        found[:, k] = given - whole + rack - free, rack - free
+        found[:, k] = given - whole + taken, rack - free
         beyond = (1.0 + engine[k] - given) * q["leads"] * every
-        total, before = total + beyond, before + beyond
+        total, before, whole = total + beyond, before + beyond, whole + beyond
+        fed[0, k] += beyond
         if np.isfinite(min(q["rate"], q["rate_down"])):
             rack, free = rack + beyond, free + beyond
     return found

@@ -24,10 +24,10 @@ OFF = {
     "X_min": -math.inf, "anti_windup": 0.0, "damping": 0.0, "load_gain": 0.0, "tau_twist": 0.0, "zeta_twist": 0.0,
     "T_n": 0.0, "T_M": 0.0, "s_u": 1.0, "s_M": 1.0, "initial_N": 1.0, "initial_F": 0.0, "update": 0.0,
     "curvature": 0.0, "initial_E": 0.0, "u_0": 0.0, "M_soft": 0.0, "hold": 0.0,
-    "T_f": 0.0,
+    "T_f": 0.0, "tau_eng": 0.0,
 }  # fmt: skip
 SHIP = {"tau_n": 1.44, "g": -0.58, "v": 1.58, "K_p": 4.0, "K_i": 3.0, "p": 2.17, "tau_prop": 0.4}
-N, P, SPRING, SUM, RACK, SEEN = range(6)
+N, P, SPRING, SUM, RACK, SEEN, BURNT = range(7)
 TINY = 1e-9
 """Times closer than this [s] are one."""
 
@@ -64,6 +64,7 @@ class _Simulation:
                 self.standing / v["K_i"] + v["initial_E"],
                 self.before,
                 v["initial_N"],
+                v["g"] * (v["initial_N"] - 1.0) + v["initial_F"],
             ]
         )
         self.held = self.before
@@ -100,10 +101,12 @@ class _Simulation:
             + v["load_gain"] * self.at(self.load, time, 0.0, side)[0]
         )
 
-    def torque(self, n: float, rack: float) -> float:
+    def torque(self, n: float, rack: float, burnt: float) -> float:
         v = self.v
         if self.torque_side:
             return self.torque_limit(self.torque_side, n)
+        if v["tau_eng"]:
+            return 1.0 + burnt
         return 1.0 + v["g"] * (n - 1.0) + v["v"] * rack
 
     def torque_limit(self, side: int, n: float) -> float:
@@ -173,7 +176,7 @@ class _Simulation:
         stands = v["tau_act"] > 0.0 or self.rate_side != 0
 
         def outcome(rack: float) -> tuple[float, float]:
-            torque = self.torque(x[N], rack)
+            torque = self.torque(x[N], rack, x[BURNT])
             return (torque - against) / inertia, torque
 
         if stands:
@@ -197,12 +200,14 @@ class _Simulation:
 
     def rates(self, t: float, x: Array, side: int = 0) -> Array:
         v = self.v
-        rate, asked, _, _ = self.signals(t, x, side)
+        rate, asked, rack, _ = self.signals(t, x, side)
         slip = x[N] - x[P]
-        found = np.zeros(6)
+        found = np.zeros(7)
         found[N] = rate
         if v["T_f"]:
             found[SEEN] = (x[N] - x[SEEN]) / v["T_f"]
+        if v["tau_eng"]:
+            found[BURNT] = (v["g"] * (x[N] - 1.0) + v["v"] * rack - x[BURNT]) / v["tau_eng"]
         if v["tau_twist"] > 0.0:
             found[SPRING] = slip / v["tau_twist"]
             twisting = x[SPRING] + v["zeta_twist"] * slip
@@ -298,7 +303,7 @@ class _Simulation:
         values = {
             "dn": n - 1.0,
             "dn_prop": n - 1.0,
-            "dM_b": v["s_M"] * self.torque(n, self.before) - 1.0,
+            "dM_b": v["s_M"] * self.torque(n, self.before, v["g"] * (n - 1.0) + v["initial_F"]) - 1.0,
             "dM_g": v["s_M"] * self.resisting(n, 0.0, 1) - 1.0,
         }
         return [values.get(output, 0.0) for output in outputs]

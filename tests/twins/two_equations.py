@@ -114,7 +114,8 @@ def residuals(parameters, signals, spacing, late, outputs, gauge, open_loop):
     bent = (p * (p - 1) / 2 + q["c_2"]) * N2 + p * (p - 1) * (p - 2) / 6 * N3 + q["k_L"] * spectra["load"]
     load_rest = acting(on_load, bent)
     # The engine's side: brake torque less its own slope is what the fuel makes.
-    engine_n = (ahead if gauge else zero) - q["g"] * one
+    charged = polynomial(s, 1.0, q["tau_eng"])
+    engine_n = (times(charged, ahead) if gauge else zero) - q["g"] * one
 
     lag = polynomial(s, 1.0, q["tau_act"])
     if open_loop:
@@ -130,8 +131,9 @@ def residuals(parameters, signals, spacing, late, outputs, gauge, open_loop):
             flexes = q["tau_twist"] * q["tau_prop"] * (2.0 * np.pi / q["T_s"]) ** 2
             near = q["tau_n"] - q["tau_prop"] * flexes / (1.0 + flexes)
             fuel = polynomial(s, 0.0, q["p"] + q["damping"] - q["g"], q["tau_n"])
-            sees = ripple(q["T_s"], q["T_d"], q["tau_act"]) / near
-            on_n = times(on_n, one + sees * times(fuel, polynomial(s, 1.0, q["tau_act"])))
+            lags = q["tau_act"] + q["tau_eng"]
+            sees = ripple(q["T_s"], q["T_d"], lags) / near
+            on_n = times(on_n, one + sees * times(fuel, polynomial(s, 1.0, lags)))
 
     columns = sorted(outputs)
     dead = times(delay(s, q["T_d"]), held)[0]
@@ -144,14 +146,15 @@ def residuals(parameters, signals, spacing, late, outputs, gauge, open_loop):
         late_m, torque_grid = late_torque[0]
         moved = product(delay(s, q["T_d"] - torque_grid), early_torque, held)
         fed = fed + acting(on_m, scaled(acting(moved, late_m)))
-    of_torque, of_speed = whole + times(engine_n, wound), times(engine_n, seen)
+    of_torque, of_speed = times(charged, whole) + times(engine_n, wound), times(engine_n, seen)
     if 1 in outputs:
         more = 0.0
         if gauge and q["t_1"].real > 0.0 and 2 not in outputs:
             more = (q["tau_n"] - q["tau_prop"] - q["t_1"]) / (q["tau_prop"] + q["t_1"])
-        of_torque, of_speed = of_torque + more * by_torque, of_speed - more * load_n
+        of_torque = of_torque + more * times(charged, by_torque)
+        of_speed = of_speed - more * times(charged, load_n)
         engine, engine_row = acting(of_torque, M) + acting(of_speed, N), {0: of_speed, 1: of_torque}
-        engine = engine - more * load_rest
+        engine = engine - more * acting(charged, load_rest)
     else:
         # The load's equation stands for a torque that is not measured.
         engine = acting(times(of_torque, load_n) + of_speed, N) + acting(of_torque, load_rest)
@@ -254,12 +257,18 @@ def pade(t, order=7):
 def loop_roots(parameters):
     """Roots of the closed loop about the operating point, exact without a dead time."""
     q = dict(zip(NAMES, parameters, strict=True))
-    law, ahead = P([q["p"] + q["damping"], q["tau_prop"]]), P([-q["g"], q["tau_n"] - q["tau_prop"]])
+    law, ahead = P([q["p"] + q["damping"], q["tau_prop"]]), P([0.0, q["tau_n"] - q["tau_prop"]])
     inertias = q["tau_n"] - q["tau_prop"], q["tau_prop"]
     swings = np.sqrt(sum(1.0 / one for one in inertias) / q["tau_twist"]) if q["tau_twist"] else np.inf
     damped = P([1.0, max(q["tau_twist"] * q["zeta_twist"], 2.0 * LEAST_DAMPED / swings)])
     speed = damped + q["tau_twist"] * P([0.0, 1.0]) * law
-    plant = (ahead * speed + damped * law) * P([1.0, q["tau_act"]]) * P([1.0, q["T_f"]]) * P([0.0, 1.0])
+    charged = P([1.0, q["tau_eng"]])
+    plant = (
+        (charged * (ahead * speed + damped * law) - q["g"] * speed)
+        * P([1.0, q["tau_act"]])
+        * P([1.0, q["T_f"]])
+        * P([0.0, 1.0])
+    )
     governor = P([q["vK_i"], q["vK_p"], q["vK_d"]]) * speed
     apart = q["T_s"] / np.sqrt(12.0)
     (first, under), (second, below) = pade(q["T_d"] - apart), pade(q["T_d"] + apart)

@@ -46,6 +46,7 @@ QUANTITIES: Mapping[str, tuple[str, str]] = {
     "T_set": ("dead_time_set_point", "s"),
     "tau_act": ("actuator_lag", "s"),
     "T_f": ("speed_filter", "s"),
+    "tau_eng": ("engine_lag", "s"),
     "M_max": ("torque_limit", "Nm"),
 }
 """Quantity in SI units for each parameter, and its unit."""

@@ -83,12 +83,13 @@ def engine_curves(fit: ShipFit) -> dict[str, dict[str, list[float]]]:
         record, rate_hz = likelihood.records[index], likelihood.records[index].rate_hz
         s = 1j * np.maximum(2.0 * np.pi * record.frequency_hz, SLOWEST)
         left = dict(zip(fit.question.outputs, np.asarray(residuals), strict=True))
-        torque = left["dM"] + (ahead * s - values["g"] + _governor(values, s)) * left["dn"]
+        charged = 1.0 / (1.0 + s * values.get("tau_eng", 0.0))
+        torque = left["dM"] + (ahead * s + charged * (_governor(values, s) - values["g"])) * left["dn"]
         least_hz = min(LEAST_PERIODS * rate_hz / record.count, LEAST_BAND * record.band_hz)
         torque[record.frequency_hz < least_hz] = 0.0
         at = np.arange(record.count) / rate_hz
         # The fuel responds with a delay to the error that the governor measured.
-        seen = at - values.get("T_d", 0.0) - values.get("tau_act", 0.0)
+        seen = at - sum(values.get(name, 0.0) for name in ("T_d", "tau_act", "tau_eng"))
         _, rack, error = _signals(fit, index)
         length = max(round(STRETCH_S * rate_hz), 1)
         kept = record.tapers[0] == 1.0
@@ -144,7 +145,8 @@ def _signals(fit: ShipFit, index: int) -> tuple[Array, Array, Array]:
     if fit.question.gauge:
         slope = np.gradient(speed) * (record.data_hz / record.down)
         engine = engine + (values["tau_n"] - values.get("tau_prop", 0.0)) * slope
-    return engine, engine - values["g"] * speed, record.set_point_low[: len(speed)] - speed
+    fed = engine + values.get("tau_eng", 0.0) * np.gradient(engine) * record.rate_hz
+    return engine, fed - values["g"] * speed, record.set_point_low[: len(speed)] - speed
 
 
 def _governor(values: Values, s: ComplexArray) -> ComplexArray:

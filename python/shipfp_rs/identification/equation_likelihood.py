@@ -55,7 +55,7 @@ than the load's."""
 
 MOVED_BY_WATER = (
     *("tau_n", "tau_prop", "g", "vK_p", "vK_i", "vK_d", "v"),
-    *("T_d", "T_s", "tau_act", "T_f", "tau_twist", "zeta_twist"),
+    *("T_d", "T_s", "tau_act", "T_f", "tau_eng", "tau_twist", "zeta_twist"),
 )
 """Parameters that change the ratio of torque to speed in moving water."""
 Asked = tuple[Array, Array, float, list[tuple[Array, float]], list[int], bool, bool]

@@ -13,7 +13,7 @@ from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.identification.fingerprint_content import Content
 from shipfp_rs.signals.excitation import Excitation
-from shipfp_rs.structures.elements import LATE_CHANNELS
+from shipfp_rs.structures.elements import LAGS, LATE_CHANNELS
 from shipfp_rs.structures.linearised import StateSpace, state_space
 from shipfp_rs.structures.prediction import simulated_about
 from shipfp_rs.structures.structure import Structure
@@ -21,7 +21,7 @@ from shipfp_rs.support.arguments import Count, checked
 from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.tables import package
 
-DELAYS = ("T_d", "T_set", "tau_act", "T_f", *LATE_CHANNELS)
+DELAYS = (*LAGS, *LATE_CHANNELS)
 """Delays that a linearisation approximates."""
 SHORT_S = 1e-3
 """Estimated delay below which a linearisation omits it, since it does not affect the loop [s]."""

@@ -128,19 +128,44 @@ class Profiles:
         """Derivative of a figure by the search vector, shape (P,)."""
         return self.likelihood.coordinates.gradient(figure, vector)
 
-    def covariance(self, basin: Basin, moving: Array | None = None, least: float = ROUNDING) -> Array:
+    def covariance(
+        self,
+        basin: Basin,
+        moving: Array | None = None,
+        least: float = ROUNDING,
+        still: npt.NDArray[np.bool_] | None = None,
+    ) -> Array:
         """Covariance about a point, shape (P, P). Entries on bounds are held, unless `moving` or drawn inside by the data.
 
-        Relative curvatures below `least` count as `least`.
+        Relative curvatures below `least` count as `least`; entries that are `still` are held, too.
         """
         now, inward = self._products(basin), self._inward(basin.vector)
         held = (inward != 0) & (inward * now.downhill <= 0.0)
         if moving is not None:
             held &= moving == 0.0
+        if still is not None:
+            held |= still
         free = np.flatnonzero(~held)
         found = np.zeros_like(now.matrix)
         found[np.ix_(free, free)] = scaled_inverse(now.matrix[np.ix_(free, free)], least)
         return found
+
+    def _reach(self, basin: Basin, slope: Array, side: int) -> tuple[float, Array]:
+        """Square of a figure's standard deviation towards one side, and the search vector's change per unit of the figure.
+
+        Entries that would leave their bounds on the way to the interval's end do not move.
+        """
+        low, high = self.likelihood.coordinates.bounds
+        still = np.zeros(len(slope), bool)
+        while True:
+            covariance = self.covariance(basin, slope, still=still)
+            spread = float(slope @ covariance @ slope)
+            along = covariance @ slope / spread if spread > 0.0 else 0.0 * slope
+            there = basin.vector + side * np.sqrt(RISE * max(spread, 0.0)) * along
+            out = ((there < low) | (there > high)) & (slope == 0.0) & ~still
+            if not out.any():
+                return spread, along
+            still |= out
 
     def widened(self, figure: Figure, interval: Interval) -> Interval:
         """Return the interval widened by the points that other figures' profiles have visited since."""
@@ -171,11 +196,10 @@ class Profiles:
         if room <= 0.0:
             return value, "bound", []
         slope = self.gradient(figure, basin.vector)
-        covariance = self.covariance(basin, slope)
-        spread = float(slope @ covariance @ slope)
+        spread, along = self._reach(basin, slope, side)
         if not spread > 0.0:
             return value, "bound", []
-        scale, way = float(np.sqrt(spread)), self._way(basin, figure, covariance @ slope / spread)
+        scale, way = float(np.sqrt(spread)), self._way(basin, figure, along)
         far, inside = self._farthest(figure, side, value)
         x, reached, over = inside.vector, side * (far - value), np.inf
         # Farthest distance inside the interval, and the root of the deviance's rise there, nearly linear from there on.

@@ -111,10 +111,21 @@ def smooth_ship(
         straight = tuple(one.running("straight") for one in fit.likelihood.records)
         ends.append(replace(fit.likelihood, records=straight).corrected(fit.best.vector))
     likelihood = min(ends, key=lambda end: descend(end, fit.best.vector, until=until).cost)
-    basins = distinct(likelihood, [descend(likelihood, one.vector, until=until) for one in fit.basins])
+    points = [start for one in fit.basins for start in (one.vector, *_exchanged(likelihood, one.vector))]
+    basins = distinct(likelihood, [descend(likelihood, start, until=until) for start in points])
     if not basins:
         raise IdentificationError("identify: the ship found is unstable")
     return settled(replace(fit, likelihood=likelihood, basins=tuple(basins)), until)
+
+
+def _exchanged(likelihood: EquationLikelihood, vector: Array) -> list[Array]:
+    """Return the point with the lags of actuator and engine exchanged: a weak slope hardly tells them apart."""
+    names = likelihood.coordinates.names
+    if not {"tau_act", "tau_eng"} <= set(names):
+        return []
+    places, other = [names.index("tau_act"), names.index("tau_eng")], vector.copy()
+    other[places] = vector[places[::-1]]
+    return [other]
 
 
 def _begun(

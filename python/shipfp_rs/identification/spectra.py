@@ -50,7 +50,7 @@ FEW = 13
 """Number of frequencies at which images are computed and then interpolated: apart from a delay they vary slowly."""
 LATE = {"dn": "T_n", "dM": "T_M", BRAKE: "T_B"}
 """Delay parameter of each output's sensor."""
-AFTER_JUMPS = ("T_d", "T_set", "tau_act")
+AFTER_JUMPS = ("T_d", "T_set", "tau_act", "tau_eng")
 """Delays and lags between a jump of the set point and one of the torque."""
 AT_ONCE = 1e4
 """Frequency, over the sample rate, whose response equals the instantaneous response to a step."""

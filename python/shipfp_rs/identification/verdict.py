@@ -295,7 +295,14 @@ UNDECIDED = 6.0
 def element_rows(fit: ShipFit, parameters: Mapping[str, Estimate]) -> dict[str, dict[str, Any]]:
     """Return each element's state by its interval: on, open or off, with an upper limit unless it is on."""
     rows: dict[str, dict[str, Any]] = {}
-    for name in ("dead_time_loop", "dead_time_set_point", "actuator_lag", "speed_filter", "twist"):
+    for name in (
+        "dead_time_loop",
+        "dead_time_set_point",
+        "actuator_lag",
+        "speed_filter",
+        "engine_lag",
+        "twist",
+    ):
         parameter = ELEMENTS[name].parameters[0]
         estimate = parameters.get(parameter.name)
         if estimate is None or estimate.ci95 is None:

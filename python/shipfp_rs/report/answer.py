@@ -29,7 +29,7 @@ from shipfp_rs.identification.wording import DOUBT
 from shipfp_rs.plot.style import COLOURS, LABELS, dress, envelope
 from shipfp_rs.report.markup import Say, piece
 from shipfp_rs.report.pictures import NARROW, Pictures
-from shipfp_rs.structures.elements import LATE_CHANNELS
+from shipfp_rs.structures.elements import LAGS, LATE_CHANNELS
 from shipfp_rs.structures.names import OF_WHAT, as_looked_at
 from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.sentences import Sentence, joined
@@ -58,7 +58,7 @@ AT_REST = 1e-4
 CHANNELS = (*LATE_CHANNELS, "T_0")
 """Parameters of the measurement, not of the ship."""
 WORTH = ("bandwidth", "phase margin", "gain margin", "recovery time")
-DELAYS = ("T_d", "T_set", "tau_act", "T_f", "T_s")
+DELAYS = (*LAGS, "T_s")
 """Parameters that may be zero, for which the data give only an upper limit."""
 NONE = 0.02
 """Fraction of a delay's upper limit below which its lower limit counts as zero."""

@@ -62,6 +62,8 @@ QUANTITIES: dict[str, Quantity] = {
         Quantity("tau_act", "s", 0.05, 0.0, 2.0),
         # Electric drives filter the measured speed by 5 to 50 ms.
         Quantity("T_f", "s", 0.01, 0.0, 0.5, prior=(0.0, 0.015)),
+        # Turbochargers lag by 0.1 s to 0.3 s and more, fuel films of gas engines by less.
+        Quantity("tau_eng", "s", 0.0, 0.0, 2.0, prior=(0.0, 0.1)),
         Quantity("vK_d", "s", 0.01, 0.0, 100.0),
         # Governors sample every 5 to 50 ms.
         Quantity("T_s", "s", 0.02, 0.0, 0.5, prior=(0.0, 0.03), nuisance=True),
@@ -131,6 +133,7 @@ ELEMENTS: dict[str, Element] = {
         _element("dead_time_set_point", "dead time of the set point", "T_set", always=True),
         _element("actuator_lag", "lag of the actuator", "tau_act", always=True),
         _element("speed_filter", "filter of the measured speed", "T_f", always=True),
+        _element("engine_lag", "lag of the drive's torque", "tau_eng", always=True),
         _element("derivative", "derivative gain", "vK_d"),
         _element("sampling", "sampling of the governor", "T_s", T_0=0.0, always=True),
         _element("torque_limit", "upper torque limit", "M_max", M_soft=0.0),
@@ -148,9 +151,11 @@ ELEMENTS: dict[str, Element] = {
 """All elements by name, in the order in which structures list their parameters."""
 
 
+LAGS = ("T_d", "T_set", "tau_act", "T_f", "tau_eng")
+"""Dead times and lags between set point, speed and torque."""
 LATE_CHANNELS = ("T_n", "T_M", "T_B")
 """Elements for delays of the sensors, which are outside the control loop."""
-ABSENT = ("T_d", "T_set", "T_s", "tau_act", "T_f", "c_2", "tau_prop", "tau_twist")
+ABSENT = (*LAGS, "T_s", "c_2", "tau_prop", "tau_twist")
 """Parameters without effect at zero that the full ship always has."""
 
 

@@ -117,7 +117,7 @@ def state_space(
         command -= wiring.differentiated(seen, gains["K_d"], gains["K_p"])
     fuel = wiring.delayed(command, q.get("T_d", 0.0) + 0.5 * q.get("T_s", 0.0))
     fuel = wiring.lagged(fuel, q.get("tau_act", 0.0))
-    brake = q["g"] * wiring.form(n_e) + fuel
+    brake = wiring.lagged(q["g"] * wiring.form(n_e) + fuel, q.get("tau_eng", 0.0))
     tau_prop = q.get("tau_prop", 0.0)
     if q.get("tau_twist"):
         n_s, twist = wiring.state(), wiring.state()

@@ -29,6 +29,7 @@ NAMES: Mapping[str, str] = {
     "T_n": "delay of the speed channel",
     "tau_act": "lag of the actuator",
     "T_f": "filter time of the measured speed",
+    "tau_eng": "lag of the drive's torque",
     "tau_twist": "torsional compliance of the shaft",
     "zeta_twist": "damping of the flexible shaft",
     "damping": "load damping",
@@ -62,7 +63,7 @@ OF_WHAT: Mapping[str, str] = {
 
 LOOKED_AT = (
     *("k_L", "tau_prop", "T_M", "T_B", "T_n", "T_0"),
-    *("v", "T_set", "T_d", "T_s", "tau_act", "T_f", "M_max", "M_soft", "rate", "set_rate"),
+    *("v", "T_set", "T_d", "T_s", "tau_act", "T_f", "tau_eng", "M_max", "M_soft", "rate", "set_rate"),
     *("tau_n", "g", "p", "c_2", "damping", "tau_twist", "zeta_twist"),
     *("K_p", "K_i", "K_d", "vK_p", "vK_i", "vK_d"),
 )

@@ -136,9 +136,10 @@ class Structure(Editable):
         ----------
         elements
             Names of elements, of `structures.elements.ELEMENTS`: "dead_time_loop" (T_d), "dead_time_set_point" (T_set),
-            "actuator_lag" (tau_act), "speed_filter" (T_f), "derivative" (vK_d, on the speed), "sampling" (T_s),
-            "torque_limit" (M_max), "rack_rate" (rate), "damping" (of the load), "load" (measured),
-            "twist" (tau_twist, zeta_twist; between the inertias, of which tau_prop is the propeller's).
+            "actuator_lag" (tau_act), "speed_filter" (T_f), "engine_lag" (tau_eng, behind fuel and slope),
+            "derivative" (vK_d, on the speed), "sampling" (T_s), "torque_limit" (M_max), "rack_rate" (rate),
+            "damping" (of the load), "load" (measured), "twist" (tau_twist, zeta_twist; between the inertias, of which
+            tau_prop is the propeller's).
         torque
             "brake": the engine's, M_b; "gauge": M_g = N^p + tau_prop dN/dt, with part of the inertia on its propeller side.
         outputs

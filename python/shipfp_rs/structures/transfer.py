@@ -129,8 +129,9 @@ class TransferFunctions:
 class _Part:
     """Terms of governor, path to the rack and shaft, or their derivatives by a parameter, each (F,)."""
 
-    v: float = 0.0
-    g: float = 0.0
+    v: Part = 0.0
+    """Rack to torque, the engine's lag included."""
+    g: Part = 0.0
     integral: float = 0.0
     governor: Part = 0.0
     asked: Part = 0.0
@@ -164,8 +165,10 @@ class _Loop(_Part):
             path = path * -np.expm1(-s * q["T_s"]) / (s * q["T_s"])
         propeller = q["p"] + q.get("tau_prop", 0.0) * s
         twisted = 1.0 + _yield(q, s) * propeller
-        engine = (q["tau_n"] - q.get("tau_prop", 0.0)) * s - q["g"]
-        return cls(q.get("v", 1.0), q["g"], integral, governor, asked, path, propeller, twisted, engine, q, s)
+        charged = 1.0 / (1.0 + q.get("tau_eng", 0.0) * s)
+        v, g = q.get("v", 1.0) * charged, q["g"] * charged
+        engine = (q["tau_n"] - q.get("tau_prop", 0.0)) * s - g
+        return cls(v, g, integral, governor, asked, path, propeller, twisted, engine, q, s)
 
     def change(self, name: str) -> _Part:
         """Return the derivatives of the terms by a parameter."""
@@ -183,15 +186,11 @@ class _Loop(_Part):
         elif name == "zeta_twist":
             twisted = -(_yield(q, s) ** 2) * self.propeller
         inertia = {"tau_n": 1.0, "tau_prop": -1.0}.get(name, 0.0)
-        g = float(name == "g")
-        engine = inertia * s - g
-        return _Part(
-            v=float(name == "v"),
-            g=g,
-            propeller=propeller,
-            twisted=twisted,
-            engine=engine,
-        )
+        charged = 1.0 / (1.0 + q.get("tau_eng", 0.0) * s)
+        v, g = charged * (name == "v"), charged * (name == "g")
+        if name == "tau_eng":
+            v, g = -s * charged * self.v, -s * charged * self.g
+        return _Part(v=v, g=g, propeller=propeller, twisted=twisted, engine=inertia * s - g)
 
     def _relative_change_of_path(self, name: str) -> Spectrum:
         q, s = self.q, self.s

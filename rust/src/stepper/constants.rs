@@ -8,7 +8,9 @@ pub struct Constants {
     pub inverse_tau: f64,
     /// Step over `tau_n`.
     pub step_over_tau: f64,
+    /// Slope of the torque that follows the speed at once, and of that behind the engine's lag.
     pub g: f64,
+    pub late_g: f64,
     pub v: f64,
     pub k_p: f64,
     pub k_i: f64,
@@ -19,6 +21,8 @@ pub struct Constants {
     pub lag: Lag,
     /// Filter of the measured speed in the governor.
     pub filter: Lag,
+    /// Lag of the engine's torque behind fuel and slope.
+    pub charge: Lag,
     pub highest: f64,
     pub highest_slope: f64,
     pub softness: f64,
@@ -61,10 +65,13 @@ impl Constants {
     /// Constants for a step `h` [s].
     pub fn new(parameters: &Parameters, h: f64) -> Self {
         let inverse_tau = 1.0 / parameters.of(at::TAU_N);
+        let (g, charge) = (parameters.of(at::G), Lag::new(parameters.of(at::TAU_ENG), h));
+        let (g, late_g) = if charge.time > 0.0 { (0.0, g) } else { (g, 0.0) };
         Self {
             inverse_tau,
             step_over_tau: inverse_tau * h,
-            g: parameters.of(at::G),
+            g,
+            late_g,
             v: parameters.of(at::V),
             k_p: parameters.of(at::K_P),
             k_i: parameters.of(at::K_I),
@@ -74,6 +81,7 @@ impl Constants {
             s_m: parameters.of(at::S_M),
             lag: Lag::new(parameters.of(at::TAU_ACT), h),
             filter: Lag::new(parameters.of(at::T_F), h),
+            charge,
             highest: parameters.of(at::M_MAX),
             highest_slope: parameters.of(at::M_MAX_SLOPE),
             softness: parameters.of(at::M_SOFT),
@@ -94,6 +102,7 @@ pub struct Acting {
     /// The derivative acts on the speed itself.
     pub derivative: bool,
     pub filter: bool,
+    pub charge: bool,
     pub curvature: bool,
     pub damping: bool,
     pub lag: bool,
@@ -119,6 +128,7 @@ impl Acting {
             gain: parameters.of(at::V) != 1.0,
             derivative: acts(at::K_D) && run.detail.is_none() && !acts(at::T_F),
             filter: acts(at::T_F),
+            charge: acts(at::TAU_ENG),
             curvature: acts(at::CURVATURE),
             damping: acts(at::DAMPING),
             lag: acts(at::TAU_ACT),

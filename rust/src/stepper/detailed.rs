@@ -10,14 +10,14 @@ impl<const D: bool> Ship<'_, D> {
     pub(super) fn braked(&self) -> f64 {
         match &self.detail {
             Some(detail) if D => detail.brake,
-            _ => self.engine(self.speed, self.rack).0,
+            _ => self.engine(self.speed, self.burnt).0,
         }
     }
 
     /// Torque of the engine minus losses on the engine's side.
     #[inline(always)]
     pub(super) fn driving(&mut self) -> f64 {
-        self.driving_at(self.speed, self.rack)
+        self.driving_at(self.speed, self.burnt)
     }
 
     #[inline(always)]

@@ -6,7 +6,8 @@
 //! ```text
 //! e(t) = s_u u(t - T_set) + u_0 - N    dI/dt = e          X = K_p e + K_i I - K_d dN/dt
 //! T_f dF/dt = N - F: with a filter the governor sees F, e = s_u u(t - T_set) + u_0 - F, K_d dF/dt
-//! tau_act dA/dt = X(t - T_d) - A, |dA/dt| <= rate          M_b = 1 + g (N - 1) + v A, M_min <= M_b <= M_max or envelope(N)
+//! tau_act dA/dt = X(t - T_d) - A, |dA/dt| <= rate          M_b = 1 + B, M_min <= M_b <= M_max or envelope(N)
+//! tau_eng dB/dt = g (N - 1) + v A - B: the engine's lag; without it B = g (N - 1) + v A
 //! L = N^p + curvature (N - 1)^2 + damping (N - 1) + load_gain w        tau_n dN/dt = M_b - L
 //! ```
 //!

@@ -57,6 +57,7 @@ table! {
     M_SOFT "M_soft" 0.0,
     HOLD "hold" 0.0,
     T_F "T_f" 0.0,
+    TAU_ENG "tau_eng" 0.0,
 }
 /// Number of parameters.
 pub const COUNT: usize = PARAMETERS.len();
@@ -80,6 +81,7 @@ fn expected(place: usize) -> (fn(f64) -> bool, &'static str) {
         | at::T_N
         | at::T_M
         | at::T_F
+        | at::TAU_ENG
         | at::M_SOFT => (|value| value >= 0.0 && value.is_finite(), "zero or more"),
         at::RATE_UP | at::RATE_DOWN => (|value| value > 0.0, "a positive number, infinity for none"),
         at::M_MAX | at::X_MAX => (|value| value > -INF, "a number, infinity for none"),

@@ -57,6 +57,8 @@ pub struct Ship<'a, const D: bool> {
     pub(super) filtered: f64,
     pub(super) sum: f64,
     pub(super) rack: f64,
+    /// Rack whose torque the engine gives: behind the engine's lag, its slope included.
+    pub(super) burnt: f64,
     /// Rack before an input jumps.
     pub(super) lagged: f64,
     /// Load law at the present speed, and the speed-dependent engine torque minus the load law.
@@ -81,12 +83,8 @@ impl<'a, const D: bool> Ship<'a, D> {
         let h = run.step();
         let c = Constants::new(parameters, h);
         let acting = Acting::new(parameters, run);
-        let set = Input::new(
-            run.set,
-            run,
-            parameters.of(at::T_SET),
-            acting.scale.then(|| (parameters.of(at::S_U), parameters.of(at::U_0))),
-        );
+        let scale = acting.scale.then(|| (parameters.of(at::S_U), parameters.of(at::U_0)));
+        let set = Input::new(run.set, run, parameters.of(at::T_SET), scale);
         let load = Input::new(run.load, run, 0.0, None);
         let mut law_of = Law::new(
             parameters.of(at::P),
@@ -116,6 +114,7 @@ impl<'a, const D: bool> Ship<'a, D> {
             filtered: speed,
             sum: 0.0,
             rack,
+            burnt: rack + c.late_g * (speed - 1.0) / c.v,
             lagged: rack,
             law,
             own: c.g * (speed - 1.0) - law,
@@ -143,7 +142,7 @@ impl<'a, const D: bool> Ship<'a, D> {
     /// Set the state before a record; if the initial values allow it, steady at the first sample.
     fn rest(&mut self, parameters: &Parameters) {
         let against = self.law_with_load(self.load_span.start);
-        let excess = if D { against * 0.0 } else { self.engine(self.speed, self.rack).0 - against };
+        let excess = if D { against * 0.0 } else { self.engine(self.speed, self.burnt).0 - against };
         self.ended = excess * self.c.inverse_tau;
         // The shaft transmits the torque of the propeller's side at the common acceleration.
         let spring = against + self.c.tau_prop * self.ended;
@@ -211,7 +210,7 @@ impl<'a, const D: bool> Ship<'a, D> {
             self.jump();
         }
         if self.acting.torque_limit {
-            self.held = self.engine(self.speed, self.rack).1;
+            self.held = self.engine(self.speed, self.burnt).1;
         }
     }
 
@@ -230,6 +229,9 @@ impl<'a, const D: bool> Ship<'a, D> {
                 command -= self.c.k_d * acceleration;
             }
             self.rack = self.within_limits(self.dead_time.over(self.at, command, command).start);
+            if !self.acting.charge {
+                self.burnt = self.rack;
+            }
         }
         let torque = self.driving() - against;
         self.acceleration = match &self.twist {
@@ -244,6 +246,9 @@ impl<'a, const D: bool> Ship<'a, D> {
     /// Acceleration of the shaft if the rack depends on it: the rack is `order` minus `fuel` times the acceleration.
     #[inline(always)]
     pub(super) fn brought_about(&self, speed: f64, order: f64, against: f64, fuel: f64) -> f64 {
+        if self.acting.charge {
+            return self.acceleration + self.growth;
+        }
         let (torque, held) = self.engine(speed, self.within_limits(order));
         let inertia = 1.0 / self.twist.as_ref().map_or(self.c.inverse_tau, |twist| twist.inverse);
         let more = if held == 0 { fuel * self.c.v } else { 0.0 };
@@ -257,7 +262,8 @@ impl<'a, const D: bool> Ship<'a, D> {
             return false;
         }
         let rack_side = i8::from(command > self.c.rack_most) - i8::from(command < self.c.rack_least);
-        let torque_side = self.engine(self.speed, command).1;
+        let late = self.c.late_g * (self.speed - 1.0) / self.c.v;
+        let torque_side = self.engine(self.speed, command + late).1;
         f64::from(if torque_side == 0 { rack_side } else { torque_side }) * error > 0.0
     }
 
@@ -284,16 +290,25 @@ impl<'a, const D: bool> Ship<'a, D> {
         self.begin();
     }
 
-    /// Rack at the step's end, and its mean.
+    /// Rack whose torque the engine gives at the step's end, and its mean; the rack itself moves to the step's end.
     #[inline(always)]
     pub(super) fn driven(&mut self, ahead: &Ahead) -> [f64; 2] {
-        if self.clock.is_some() { self.clocked() } else { self.fed(ahead) }
+        let [rack, mean] = if self.clock.is_some() { self.clocked() } else { self.fed(ahead) };
+        (self.rack, self.lagged) = (rack, rack);
+        if !self.acting.charge {
+            return [rack, mean];
+        }
+        let slope = self.c.late_g / self.c.v;
+        let apart = 0.5 * (self.speed + ahead.speed) - self.growth * (self.h / 12.0) - 1.0;
+        let mean = mean + slope * apart;
+        let burnt = self.c.charge.over(self.burnt, rack + slope * (ahead.speed - 1.0), mean);
+        [burnt, mean + (self.burnt - burnt) * self.c.charge.in_steps]
     }
 
     /// Step of a single inertia.
     #[inline(always)]
     fn rigid(&mut self, mut ahead: Ahead) {
-        let begin = (self.law, self.rack);
+        let begin = (self.law, self.burnt);
         let [law_ahead, slope] = self.law_of.at(ahead.speed);
         if self.acting.derivative {
             self.law = law_ahead;
@@ -357,7 +372,7 @@ impl<'a, const D: bool> Ship<'a, D> {
 
     /// Finish a step at a speed that exceeds the prediction by `more`.
     #[inline(always)]
-    pub(super) fn arrived(&mut self, speed: f64, ended: f64, more: f64, rack: f64) {
+    pub(super) fn arrived(&mut self, speed: f64, ended: f64, more: f64, burnt: f64) {
         let h = self.h;
         let foreseen = self.seen_after(speed - more);
         self.growth = ended - self.acceleration;
@@ -367,7 +382,7 @@ impl<'a, const D: bool> Ship<'a, D> {
             self.sum += self.c.filter.time * (seen - foreseen);
         }
         self.filtered = seen;
-        (self.speed, self.ended, self.rack, self.lagged) = (speed, ended, rack, rack);
+        (self.speed, self.ended, self.burnt) = (speed, ended, burnt);
     }
 
     /// Speed that the governor sees.
@@ -402,6 +417,7 @@ impl<'a, const D: bool> Ship<'a, D> {
             &mut self.filtered,
             &mut self.sum,
             &mut self.rack,
+            &mut self.burnt,
             &mut self.lagged,
             &mut self.law,
             &mut self.own,

@@ -12,7 +12,8 @@ use super::dual::Dual;
 named_places! {
     /// Names of the parameters: `T_s` sampling period of the governor, half of which is part of `T_d`; `u_0` set-point offset, `s_M` and `m_0` scale and offset of the torque, `x_0` offset of rack
     /// or fuel, `T_B` and `s_B` delay and scale of the brake's torque measured besides a gauge's;
-    /// `T_f` time constant of the filter of the measured speed in the governor;
+    /// `T_f` time constant of the filter of the measured speed in the governor; `tau_eng` lag of the engine's torque behind
+    /// fuel and slope (turbocharger, fuel film);
     /// `t_1` reference of the inertia ahead of the gauge, a constant of the fit, or 0.
     PARAMETERS:
     TAU_N "tau_n",
@@ -41,6 +42,7 @@ named_places! {
     T_B "T_B",
     S_B "s_B",
     T_F "T_f",
+    TAU_ENG "tau_eng",
     T_1 "t_1",
 }
 pub const COUNT: usize = PARAMETERS.len();
@@ -79,7 +81,7 @@ pub const OUTPUTS: [&str; 4] = ["dn", "dM", "dX", "dM_b"];
 pub type Output = usize;
 
 /// Most coefficients of a polynomial.
-pub const DEGREES: usize = 7;
+pub const DEGREES: usize = 8;
 
 /// Half of the time between the two commands that represent a hold, over the hold's period: 1 / (2 sqrt(3)).
 pub const HALF_APART: f64 = 0.288_675_134_594_812_9;
@@ -292,8 +294,10 @@ fn written(values: &[f64; COUNT], [torque, rack, both]: [bool; 3], setup: Setup)
     between.add(signal::M_B, &on_engine);
     between.add(signal::M, &on_engine.clone().plus(&inertia.times(&wound), 1.0).negative());
     between.add(signal::N, &inertia.times(&seen).negative());
-    let slowed = if gauge { inertia } else { poly(&[zero]) }.plus(&poly(&[q(at::G)]), -1.0);
-    engine.add(signal::M, &on_engine.clone().plus(&slowed.times(&wound), 1.0));
+    // Turbocharger or fuel film lag behind fuel and slope alike.
+    let charged = poly(&[one, q(at::TAU_ENG)]);
+    let slowed = if gauge { inertia.times(&charged) } else { poly(&[zero]) }.plus(&poly(&[q(at::G)]), -1.0);
+    engine.add(signal::M, &on_engine.times(&charged).plus(&slowed.times(&wound), 1.0));
     engine.add(signal::N, &seen.times(&slowed));
     if !torque {
         engine = engine.without_torque(&load);
@@ -332,7 +336,7 @@ fn written(values: &[f64; COUNT], [torque, rack, both]: [bool; 3], setup: Setup)
         if let Some(load) = equations.first().filter(|_| gauge && values[at::T_1] > 0.0) {
             let known = Dual::new(values[at::T_1]);
             let multiple = (ahead + known * -1.0) * (q(at::TAU_PROP) + known).inverse();
-            engine.add_all(&load.times(&poly(&[multiple])));
+            engine.add_all(&load.times(&poly(&[multiple])).times(&charged));
         }
         if open_loop {
             engine.add(signal::ONE, &poly(&[q(at::X_0)]).negative());
@@ -350,7 +354,8 @@ fn written(values: &[f64; COUNT], [torque, rack, both]: [bool; 3], setup: Setup)
 /// is flexible at the sample rate decouples the propeller's inertia.
 fn rippled(values: &[f64; COUNT]) -> Polynomial {
     let q = |place: usize| Dual::parameter(values, place);
-    let (lag, zero) = (q(at::TAU_ACT), Dual::new(0.0));
+    // Both lags in series take more off the ripple than one of their sum, which is next to nothing either way.
+    let (lag, zero) = (q(at::TAU_ACT) + q(at::TAU_ENG), Dual::new(0.0));
     let rate = q(at::T_S).inverse() * std::f64::consts::TAU;
     let flexible = q(at::TAU_TWIST) * q(at::TAU_PROP) * rate * rate;
     let apart = flexible * (flexible + 1.0).inverse();

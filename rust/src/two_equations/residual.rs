@@ -133,11 +133,11 @@ fn matrix<S: Simd, const O: usize>(
 /// A polynomial at j omega, given -omega^2.
 #[inline(always)]
 fn polynomial<S: Simd>(simd: S, c: &[f64; DEGREES], omega: S::f64s, minus: S::f64s) -> Complex<S> {
-    let (mut even, mut odd) = (simd.splat_f64s(c[DEGREES - 1]), simd.splat_f64s(c[DEGREES - 2]));
+    let (mut even, mut odd) = (simd.splat_f64s(c[DEGREES - 2]), simd.splat_f64s(c[DEGREES - 1]));
     for power in [4, 2, 0] {
         even = simd.mul_add_e_f64s(even, minus, simd.splat_f64s(c[power]));
     }
-    for power in [3, 1] {
+    for power in [5, 3, 1] {
         odd = simd.mul_add_e_f64s(odd, minus, simd.splat_f64s(c[power]));
     }
     Complex { re: even, im: simd.mul_f64s(odd, omega) }

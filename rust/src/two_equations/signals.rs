@@ -209,6 +209,7 @@ fn raise<S: Simd, const O: usize>(
         4 => raised::<S, 4>(simd, omega, orders, slot, powers, inner),
         5 => raised::<S, 5>(simd, omega, orders, slot, powers, inner),
         6 => raised::<S, 6>(simd, omega, orders, slot, powers, inner),
+        7 => raised::<S, 7>(simd, omega, orders, slot, powers, inner),
         _ => raised::<S, DEGREES>(simd, omega, orders, slot, powers, inner),
     }
 }

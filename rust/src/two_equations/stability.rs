@@ -22,10 +22,13 @@ fn times(a: [f64; 2], b: [f64; 2]) -> [f64; 2] {
     [a[0] * b[0] - a[1] * b[1], a[0] * b[1] + a[1] * b[0]]
 }
 
-fn product(a: [f64; 4], b: [f64; 4]) -> [f64; 4] {
-    let mut found = [0.0; 4];
-    for i in 0..4 {
-        for j in 0..4 - i {
+/// Coefficients of a polynomial in s.
+type Polynomial = [f64; 5];
+
+fn product(a: Polynomial, b: Polynomial) -> Polynomial {
+    let mut found = [0.0; 5];
+    for i in 0..5 {
+        for j in 0..5 - i {
             found[i + j] += a[i] * b[j];
         }
     }
@@ -33,14 +36,14 @@ fn product(a: [f64; 4], b: [f64; 4]) -> [f64; 4] {
 }
 
 /// A polynomial at j w.
-fn along(c: [f64; 4], w: f64) -> [f64; 2] {
-    [c[0] - c[2] * w * w, c[1] * w - c[3] * w * w * w]
+fn along(c: Polynomial, w: f64) -> [f64; 2] {
+    [c[0] - w * w * (c[2] - c[4] * w * w), w * (c[1] - c[3] * w * w)]
 }
 
-/// Transfer function from engine torque to engine speed about the operating point: `speed` / `torque`, polynomials in s.
+/// Transfer function from fuel to engine speed about the operating point: `speed` / `torque`, polynomials in s.
 struct Shaft {
-    speed: [f64; 4],
-    torque: [f64; 4],
+    speed: Polynomial,
+    torque: Polynomial,
     /// Resonance of a torsionally flexible shaft, and its decay rate [rad/s]; 0: a stiff shaft.
     resonance: [f64; 2],
 }
@@ -52,32 +55,48 @@ impl Shaft {
         let twist = q[at::TAU_TWIST];
         let (ahead, behind) = (q[at::TAU_N] - q[at::TAU_PROP] + more, q[at::TAU_PROP]);
         if twist <= 0.0 || ahead <= 0.0 || behind <= 0.0 {
-            let torque = [law - q[at::G], q[at::TAU_N] + more, 0.0, 0.0];
-            return Self { speed: [1.0, 0.0, 0.0, 0.0], torque, resonance: [0.0; 2] };
+            let (own, inertia, lag) = (law - q[at::G], q[at::TAU_N] + more, q[at::TAU_ENG]);
+            let torque = [own, inertia + lag * law, lag * inertia, 0.0, 0.0];
+            return Self { speed: [1.0, 0.0, 0.0, 0.0, 0.0], torque, resonance: [0.0; 2] };
         }
         // Resonance [rad/s], and decay rate: half of the sum of the poles without the slow pole.
         let square = (1.0 / ahead + 1.0 / behind) / twist;
         let damped = (twist * q[at::ZETA_TWIST]).max(2.0 * LEAST_DAMPED / square.sqrt());
-        let speed = [1.0, damped + twist * law, twist * behind, 0.0];
-        let ends = product([1.0, damped, 0.0, 0.0], [law, behind, 0.0, 0.0]);
-        let mut torque = product([-q[at::G], ahead, 0.0, 0.0], speed);
+        let speed = [1.0, damped + twist * law, twist * behind, 0.0, 0.0];
+        let ends = product([1.0, damped, 0.0, 0.0, 0.0], [law, behind, 0.0, 0.0, 0.0]);
+        let mut torque = product([0.0, ahead, 0.0, 0.0, 0.0], speed);
         for (mine, more) in torque.iter_mut().zip(ends) {
             *mine += more;
         }
-        let slow = torque[0] / torque[1].abs().max(1e-12);
+        let slow = (torque[0] - q[at::G]) / torque[1].abs().max(1e-12);
         let fades = 0.5 * (torque[2] / torque[3] - slow).abs();
+        torque = product([1.0, q[at::TAU_ENG], 0.0, 0.0, 0.0], torque);
+        for (mine, own) in torque.iter_mut().zip(speed) {
+            *mine -= q[at::G] * own;
+        }
         Self { speed, torque, resonance: [square.sqrt(), fades.max(1e-4 * square.sqrt())] }
     }
 
     /// Number of unstable poles, by Routh.
     fn poles(&self) -> i32 {
-        let [a0, a1, a2, a3] = self.torque;
-        if a3 == 0.0 {
-            return i32::from(a0 < 0.0);
+        let degree = self.torque.iter().rposition(|c| *c != 0.0).unwrap_or(0);
+        let every_other =
+            |from: usize| (0..=from).rev().step_by(2).map(|k| self.torque[k]).collect::<Vec<_>>();
+        let (mut above, mut row) = (every_other(degree), every_other(degree.saturating_sub(1)));
+        let mut changes = 0;
+        for _ in 0..degree {
+            if row[0] == 0.0 {
+                row[0] = 1e-12 * above[0];
+            }
+            changes += i32::from(above[0] * row[0] < 0.0);
+            let ratio = above[0] / row[0];
+            let below = (1..above.len()).map(|k| above[k] - ratio * row.get(k).unwrap_or(&0.0)).collect();
+            (above, row) = (row, below);
+            if row.is_empty() {
+                break;
+            }
         }
-        let second = if a2 == 0.0 { 1e-12 * a3 } else { a2 };
-        let column = [a3, second, (second * a1 - a3 * a0) / second, a0];
-        column.windows(2).map(|two| i32::from(two[0] * two[1] < 0.0)).sum()
+        changes
     }
 }
 
@@ -89,7 +108,7 @@ pub fn is_stable(q: &[f64; COUNT], open_loop: bool) -> bool {
     }
     let (kp, ki) = (q[at::VK_P], q[at::VK_I]);
     // A derivative that acts immediately is additional inertia.
-    let at_once = q[at::T_D] == 0.0 && q[at::TAU_ACT] == 0.0 && q[at::T_F] == 0.0;
+    let at_once = q[at::T_D] == 0.0 && q[at::TAU_ACT] == 0.0 && q[at::T_F] == 0.0 && q[at::TAU_ENG] == 0.0;
     let (kd, more) = if at_once { (0.0, q[at::VK_D]) } else { (q[at::VK_D], 0.0) };
     if !(ki > 0.0 && q[at::TAU_N] + more > 0.0) {
         return false;
@@ -121,7 +140,8 @@ pub fn is_stable(q: &[f64; COUNT], open_loop: bool) -> bool {
     let quickest = (3.0 * swings)
         .max(if kd == 0.0 { 0.0 } else { own.abs() / shaft.torque[1].abs().max(1e-9) })
         .max(if kd == 0.0 || q[at::TAU_ACT] == 0.0 { 0.0 } else { 1.0 / q[at::TAU_ACT] })
-        .max(if kd == 0.0 || q[at::T_F] == 0.0 { 0.0 } else { 1.0 / q[at::T_F] });
+        .max(if kd == 0.0 || q[at::T_F] == 0.0 { 0.0 } else { 1.0 / q[at::T_F] })
+        .max(if kd == 0.0 || q[at::TAU_ENG] == 0.0 { 0.0 } else { 1.0 / q[at::TAU_ENG] });
     // Half a turn at frequency 0 counts once, since it has no counterpart at a negative frequency.
     let half = if at_frequency(1e-3 * slowest).0[1] > 0.0 { 1 } else { -1 };
     let begun = shaft.poles() + if own < 0.0 { half } else { 0 };
