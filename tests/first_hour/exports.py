@@ -145,3 +145,68 @@ def edges(path: Path, name: str, rises_s: np.ndarray, falls_s: np.ndarray) -> No
     changes = sorted([(t, 1) for t in rises_s] + [(t, 0) for t in falls_s])
     rows = [(0.0, 1 - changes[0][1]), *changes]
     _write(path, [f"Time [s],{name}"], (f"{t:.9f},{state}" for t, state in rows))
+
+
+def _plain(path: Path, rate_hz: float, columns: Columns, clock: str = "Time [s]") -> Iterator[list[str]]:
+    """Headings and rows of a table with a time."""
+    yield [clock, *(f"{name} [{unit}]" for name, unit in columns)]
+    yield from ([f"{t:.4f}", *cells] for t, cells in _rows(rate_hz, columns))
+
+
+def statuses(path: Path, rate_hz: float, columns: Columns) -> None:
+    """A historian's columns of status: a value that it calls bad is zero."""
+    bad = {(key, row) for j, key in enumerate(columns) for row in range(500 + 300 * j, 510 + 300 * j)}
+    told = {key: np.where([(key, row) in bad for row in range(len(x))], 0.0, x) for key, x in columns.items()}
+    head = ",".join(["Time [s]", *(f"{name} [{unit}],{name} Status" for name, unit in columns)])
+    _write(path, [head], (
+        f"{t:.4f}," + ",".join(f"{x},{'Bad' if (key, k) in bad else 'Good'}" for key, x in zip(columns, cells, strict=True))
+        for k, (t, cells) in enumerate(_rows(rate_hz, told))
+    ))  # fmt: skip
+
+
+def times_of_each(path: Path, rate_hz: float, columns: Columns) -> None:
+    """Each channel has a column of times, and begins a row after the one before it."""
+    count = len(next(iter(columns.values())))
+    head = [cell for name, unit in columns for cell in ("Time [s]", f"{name} [{unit}]")]
+    cells = [
+        [f"{k / rate_hz:.4f},{x[k]:.7g}" if k < count else "," for k in range(j, count + j)]
+        for j, x in enumerate(columns.values())
+    ]
+    _write(path, [",".join(head)], map(",".join, zip(*cells, strict=True)))
+
+
+def packed_clock(path: Path, rate_hz: float, columns: Columns) -> None:
+    """The time of day as one number, 95959.98, over the hour."""
+    head, *rows = _plain(path, rate_hz, columns, "Time")
+    at = (
+        f"{START.replace(hour=9, minute=59, second=20) + timedelta(seconds=float(t)):%H%M%S.%f}"
+        for t, *_ in rows
+    )
+    _write(path, [",".join(head)], (",".join([clock, *row[1:]]) for clock, row in zip(at, rows, strict=True)))  # fmt: skip
+
+
+def twice(path: Path, rate_hz: float, columns: Columns) -> None:
+    """Each row stands there twice."""
+    head, *rows = map(",".join, _plain(path, rate_hz, columns))
+    _write(path, [head], (row for row in rows for _ in range(2)))
+
+
+def carriage_returns(path: Path, rate_hz: float, columns: Columns) -> None:
+    """Lines that end in CR alone."""
+    path.write_text("".join(f"{','.join(row)}\r" for row in _plain(path, rate_hz, columns)), newline="")
+
+
+def on_change(path: Path, rate_hz: float, columns: Columns) -> None:
+    """The first channel has a resolution of a half, and stands only where it changes."""
+    (first, values), *rest = columns.items()
+    values = np.round(2.0 * values) / 2.0
+    told = np.where(np.diff(values, prepend=np.nan) == 0.0, np.nan, values)
+    _write(path, [], map(",".join, _plain(path, rate_hz, {first: told, **dict(rest)})))
+
+
+def with_units(path: Path, rate_hz: float, columns: Columns) -> None:
+    """Each cell has its unit."""
+    _write(path, [",".join(["Time [s]", *_names(columns)])], (
+        ",".join([f"{t:.4f}", *map(" ".join, zip(cells, _units(columns), strict=True))])
+        for t, cells in _rows(rate_hz, columns)
+    ))  # fmt: skip

@@ -22,18 +22,26 @@ from shipfp_rs.support.units import TO_NM, TO_RPM, TO_W, told
 from shipfp_rs.vessel.linear_model import linearise
 from shipfp_rs.vessel.vessel import Vessel
 from tests.first_hour.exports import (
+    carriage_returns,
     catman,
     controller,
     edges,
     labview,
     long_table,
+    on_change,
+    packed_clock,
     picoscope,
+    statuses,
     tektronix,
+    times_of_each,
+    twice,
     two_rates,
+    with_units,
     yokogawa,
 )
 from tests.logger_files import write_mat_5, write_mdf, write_parquet, write_tdms
-from tests.logs.test_buses import DBC, mf4
+from tests.logs.test_buses import DBC
+from tests.logs.test_two_buses import candump, mf4, relative_asc
 from tests.twins.ship import vector
 
 Columns = Mapping[tuple[str, str], np.ndarray]
@@ -96,7 +104,7 @@ def hdf5(path: Path, rate_hz: float, columns: Columns) -> None:
             file.create_dataset(name, data=values).attrs["unit"] = unit
 
 
-SUFFIXES: Mapping[Callable[[Path, float, Columns], None], str] = {
+SUFFIXES: Mapping[Callable[..., None], str] = {
     csv_with_commas: ".csv",
     csv_with_units: ".csv",
     csv_with_a_line_of_units: ".csv",
@@ -113,6 +121,12 @@ SUFFIXES: Mapping[Callable[[Path, float, Columns], None], str] = {
     long_table: ".csv",
     two_rates: ".csv",
     controller: ".csv",
+    mf4: ".mf4",
+    candump: ".log",
+    relative_asc: ".asc",
+    **dict.fromkeys(
+        (statuses, times_of_each, packed_clock, twice, carriage_returns, on_change, with_units), ".csv"
+    ),
 }
 
 
@@ -190,7 +204,7 @@ class Row:
     """
 
     name: str
-    write: Callable[[Path, float, Columns], None]
+    write: Callable[..., None]
     drive: Callable[[], Vessel]
     excitation: Callable[[float, float], fp.Excitation]
     rate_hz: float
@@ -329,14 +343,18 @@ class Encoder(Row):
         Of a turn of the engine.
     nm_a_volt
         Scale of the torque.
+    swing
+        Of the speed within a turn, over its mean.
     """
 
     pulses: int = 8
     nm_a_volt: float = 200.0
+    swing: float = 0.0
 
     def recorded(self) -> Mapping[str, np.ndarray]:
         signals = super().recorded()
         turns = np.cumsum(signals["n_e"]) / (60.0 * FINER * self.rate_hz)
+        turns = turns + self.swing * np.sin(2.0 * np.pi * turns) / (2.0 * np.pi)
         high = (self.pulses * turns) % 1.0 < 0.4
         return {
             **signals,
@@ -371,7 +389,15 @@ class Edges(Encoder):
 
 @dataclass(frozen=True)
 class Bus(Row):
-    """A row of an engine's bus by SAE J1939: its torque is in per cent of one that is to be given."""
+    """A row of an engine's bus by SAE J1939: its torque is in per cent of one that is to be given.
+
+    Parameters
+    ----------
+    beside
+        Whether an engine that idles is on a second bus.
+    """
+
+    beside: bool = False
 
     def options(self, folder: Path) -> list[str]:
         (folder / "engine.dbc").write_text(DBC)
@@ -384,10 +410,14 @@ class Bus(Row):
                 round(told[name][k * FINER] / 0.125).to_bytes(2, "little") for name in ("n_set", "n_e")
             )
             torque = bytes([round(100.0 * told["M_b"][k * FINER] / FULL_NM) + 125])
-            frames.append((k / self.rate_hz, 0x0C000003, b"\xfd" + asked + b"\xe1" + b"\xff" * 4))
-            frames.append((k / self.rate_hz, 0x0CF00400, b"\xff\x7d" + torque + speed + b"\x00\xff\x7d"))
-        mf4(folder / "bus.mf4", frames)
-        return [folder / "bus.mf4"]
+            at_s = k / self.rate_hz
+            frames.append((at_s, 0, 0x0C000003, f"FD{asked.hex()}E1FFFFFFFF"))
+            frames.append((at_s, 0, 0x0CF00400, f"FF7D{torque.hex()}{speed.hex()}00FF7D"))
+            if self.beside:
+                frames.append((at_s, 1, 0x0CF00400, f"FF7D9B{0xC0 + k * k % 7:02X}1500FF7D"))
+        path = folder / f"bus{SUFFIXES[self.write]}"
+        self.write(path, frames)
+        return [path]
 
 
 @dataclass(frozen=True)
@@ -483,7 +513,7 @@ ROWS = (
     Encoder("An encoder's pulses and a torque in volts, at 1 kHz", parquet, launch, chirp, 1000.0,
         {"n_set": ("Speed demand", "rpm"), "n_e": ("Encoder track A", "V"), "M_b": ("Engine torque", "V")},
         answers={'calibration = "to be given"': "calibration = { scale = 200.0, offset = 0.0 }"}),
-    Bus("An engine's bus, its torque in per cent", mdf, launch, multisine, 50.0,
+    Bus("An engine's bus, its torque in per cent", mf4, launch, multisine, 50.0,
         {"n_set": ("EngRequestedSpeed", "rpm"), "n_e": ("EngSpeed", "rpm"), "M_b": ("ActualEngPercentTorque", "%")},
         answers={'rated_torque_Nm = "to be given"': "rated_torque_Nm = 400.0"}),
     Commanded("German torque steps of a laboratory drive in open loop", csv_with_commas, lab_drive, steps, 50.0,
@@ -515,6 +545,30 @@ ROWS = (
     Row("German controller's held values, steps of a launch", controller, launch, steps, 50.0,
         {"n_set": ("Drehzahl Sollwert", "1/min"), "n_e": ("Drehzahl Istwert", "1/min"), "M_b": ("Motormoment", "%")},
         answers={'rated_torque_Nm = "to be given"': "rated_torque_Nm = 400.0"}),
+    Bus("Engines on two buses, one of which idles", candump, launch, multisine, 50.0,
+        {"n_set": ("EngRequestedSpeed", "rpm"), "n_e": ("can0.EngSpeed", "rpm"),
+         "M_b": ("can0.ActualEngPercentTorque", "%")},
+        answers={'rated_torque_Nm = "to be given"': "rated_torque_Nm = 400.0"}, beside=True),
+    Bus("A bus whose clock tells steps", relative_asc, launch, multisine, 50.0,
+        {"n_set": ("EngRequestedSpeed", "rpm"), "n_e": ("EngSpeed", "rpm"), "M_b": ("ActualEngPercentTorque", "%")},
+        answers={'rated_torque_Nm = "to be given"': "rated_torque_Nm = 400.0"}),
+    Row("A historian's columns of status, multisine of a tug", statuses, tug, multisine, 50.0,
+        {"n_set": ("Speed setpoint", "rpm"), "n_e": ("Engine speed", "rpm"), "M_g": ("Shaft torque", "kNm")}),
+    Row("A time for each channel, chirp of a launch", times_of_each, launch, chirp, 50.0,
+        {"n_set": ("Speed demand", "rpm"), "n_e": ("Engine speed", "rpm"), "M_b": ("Engine torque", "Nm")}),
+    Row("A clock as one number over the hour, sines of a tug", packed_clock, tug, sines, 20.0,
+        {"n_set": ("Solldrehzahl", "1/min"), "n_e": ("Istdrehzahl", "1/min"), "M_g": ("Wellenmoment", "kNm")}),
+    Row("Each row twice, multisine of a laboratory drive", twice, lab_drive, multisine, 50.0,
+        {"n_set": ("Speed reference", "rpm"), "n_e": ("Motor speed", "rpm"), "M_b": ("Motor torque", "Nm")}),
+    Row("Lines that end in CR alone, multisine of a generating set", carriage_returns, genset, multisine, 50.0,
+        {"n_set": ("Speed reference", "rpm"), "n_e": ("Engine speed", "rpm"), "M_b": ("Engine torque", "Nm")}),
+    Row("A set point recorded on change, chirp of a launch", on_change, launch, chirp, 50.0,
+        {"n_set": ("Speed demand", "rpm"), "n_e": ("Engine speed", "rpm"), "M_b": ("Engine torque", "Nm")}),
+    Row("A unit in each cell, chirp of a laboratory drive", with_units, lab_drive, chirp, 50.0,
+        {"n_set": ("Speed setpoint", "rpm"), "n_e": ("Motor speed", "rpm"), "M_b": ("Motor torque", "Nm")}),
+    Encoder("Twelve teeth on an uneven engine, at 4 kHz", parquet, launch, chirp, 4000.0,
+        {"n_set": ("Speed demand", "rpm"), "n_e": ("Encoder track A", "V"), "M_b": ("Engine torque", "V")},
+        answers={'calibration = "to be given"': "calibration = { scale = 200.0, offset = 0.0 }"}, pulses=12, swing=0.3),
 )  # fmt: skip
 QUICK = tuple(ROWS[number] for number in (2, 8, 13, 15, 26))
 """Rows that are fitted in every run of the tests."""

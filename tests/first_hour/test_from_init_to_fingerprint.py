@@ -16,6 +16,7 @@ import shipfp_rs as fp
 from shipfp_rs import cli
 from tests.first_hour.logs import QUICK, ROWS, Row, multisine
 
+pytestmark = pytest.mark.filterwarnings("ignore::shipfp_rs.errors.LogWarning")
 LEAST_SHARE = 0.7
 """Least share of 95 % intervals that hold the truth; of eight, one or two miss by chance and by the model's roundness."""
 

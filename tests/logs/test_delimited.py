@@ -24,6 +24,7 @@ COMMA = "0.0,1.5,10\n0.5,2.5,11\n1.0,3.5,12\n1.5,4.5,13\n"
     [
         ("time [s],u [V],n [rpm]\n" + COMMA, None),
         ("time (s),u (V),n (rpm)\r\n" + COMMA.replace("\n", "\r\n"), None),
+        ("time [s],u [V],n [rpm]\r" + COMMA.replace("\n", "\r"), None),
         ("time;u;n\ns;V;rpm\n" + SEMICOLON, None),
         ("time;u;n\n[s];[V];[rpm]\n" + SEMICOLON, None),
         ("Time\tu [V]\tn [rpm]\n" + SEMICOLON.replace(";", "\t"), None),
@@ -46,6 +47,35 @@ def test_the_layout_is_found(tmp_path: Path, text: str, rate_hz: float | None) -
     assert dict(log.channels) == {"u": U, "n": N}
     np.testing.assert_array_equal(log.read("u"), [1.5, 2.5, 3.5, 4.5], strict=True)
     np.testing.assert_array_equal(log.read("n"), [10, 11, 12, 13], strict=True)
+
+
+@pytest.mark.parametrize(
+    ("good", "vague", "bad", "names"),
+    [
+        ("Good", "Uncertain", "Bad - I/O", "u [V],u Status,n [rpm],n Status"),
+        ("OK", "OK", "Timeout", "A.val [V],A.state,B.val [rpm],B.state"),
+        ("192", "64", "0", "u [V],u_q,n [rpm],n_q"),
+        ("0", "1073741824", "2147483648", "u.Value [V],u.Code,n.Value [rpm],n.Code"),
+    ],
+)
+def test_a_value_of_bad_status_is_missing_of_its_tag_alone(
+    good: str, vague: str, bad: str, names: str, tmp_path: Path
+) -> None:
+    told = {3: vague, 5: bad, 6: bad}
+    rows = "".join(f"{0.5 * k},{k},{told.get(k, good)},{2 * k},{good}\n" for k in range(20))
+    (tmp_path / "log.csv").write_text(f"time [s],{names}\n{rows}")
+    with pytest.warns(LogWarning, match="samples 5 to 6; missing: the status of 2 values is bad"):
+        log = Log.open(tmp_path / "log.csv")
+    (fault,), (u, n) = log.faults, log.channels
+    assert (fault.channel, fault.spans.tolist(), log.channels[n].unit) == (u, [[5, 7]], "rpm")
+    assert np.flatnonzero(np.isnan(log[u])).tolist() == [5, 6]
+    np.testing.assert_array_equal(log[n], 2 * np.arange(20))
+
+
+def test_times_of_edges_alone_are_no_log(tmp_path: Path) -> None:
+    (tmp_path / "log.csv").write_text("Edge [s]\n0.1\n0.21\n0.33\n")
+    with pytest.raises(InputError, match=r"times in 'Edge' and no values beside them.* file = of \[channels"):
+        Log.open(tmp_path / "log.csv")
 
 
 def test_columns_without_headings_are_counted(tmp_path: Path) -> None:

@@ -101,9 +101,12 @@ class TestTdms:
         slow = log.channels["slow"]
         assert (slow.samples, slow.rate_hz, slow.start_s) == (7, 2.0, 2.0)
 
-    def test_a_channel_that_some_segments_lack_resumes_beside_the_others(self, tmp_path: Path) -> None:
+    @pytest.mark.parametrize("stamp", [{"wf_start_time": np.datetime64("2026-05-01T10:00:00")}, {}])
+    def test_a_channel_that_some_segments_lack_resumes_beside_the_others(
+        self, stamp: dict[str, np.datetime64], tmp_path: Path
+    ) -> None:
         tdms = pytest.importorskip("nptdms")
-        facts = {"wf_increment": 0.01, "wf_start_time": np.datetime64("2026-05-01T10:00:00")}
+        facts = {"wf_increment": 0.01, **stamp}
         with tdms.TdmsWriter(tmp_path / "log.tdms") as writer:
             for names, first in (("ab", 0), ("a", 10), ("ab", 20)):
                 values = np.arange(first, first + 10.0)
@@ -111,6 +114,7 @@ class TestTdms:
         with pytest.warns(LogWarning, match="'b'.*rows missing at samples 10 to 19"):
             log = Log.open(tmp_path / "log.tdms")
         np.testing.assert_array_equal(log.read("b")[[0, 9, 20, 29]], [0.0, 9.0, 20.0, 29.0])
+        assert any("3 segments of a are joined" in note for note in log.notes) == (not stamp)
         assert (np.isfinite(log.read("a")).all(), np.isnan(log.read("b")[10:20]).all()) == (True, True)
 
 

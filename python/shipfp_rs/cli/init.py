@@ -79,23 +79,18 @@ def _of_logs(
     with progress() as notify:
         notify("looking for the set point, pulse trains and windows")
         roles = guess_roles(log, lambda name: pulse_rate(Rows(log, name)), set_point)
+        inputs = (roles.set_point, roles.command, roles.torque, roles.actuator, roles.load)
+        roled = {*filter(None, inputs), *roles.speeds, *roles.trains}
+        spans = [(log.channel(name).start_s, log.channel(name).stop_s) for name in roled]
+        shared = (max(start for start, _ in spans), min(stop for _, stop in spans)) if spans else ()
         try:
-            mover, found = moved(log, roles.set_point or roles.command, roles.load)
+            mover, found = moved(log, roles.set_point or roles.command, roles.load, *shared)
             kinds = ", ".join(f"{window.name} {window.start_s:g} to {window.stop_s:g} s" for window in found)
             told = f"{', '.join(map(str, paths))}, {mover}: {kinds}"
             if all(window.kind == "steady" for window in found):
                 told += "; nothing but rest"
         except InputError as error:
             told = f"no windows found: {error}"
-    roled = {
-        roles.set_point,
-        roles.command,
-        roles.torque,
-        roles.actuator,
-        roles.load,
-        *roles.speeds,
-        *roles.trains,
-    }
     idle = [
         f"{name} [{channel.unit}]" if channel.unit else name
         for name, channel in log.channels.items()

@@ -29,7 +29,6 @@ SUFFIXES = {
 }
 MODULES = {suffix: module for module, suffixes in SUFFIXES.items() for suffix in suffixes.split()}
 """Module of `shipfp_rs.logs.readers` for each suffix, imported when such a file is first opened."""
-
 FORMATS: tuple[tuple[re.Pattern[bytes], str], ...] = (
     (re.compile(rb"\s*date [A-Za-z0-9 :.]+\r?\n\s*base (?:hex|dec)", re.IGNORECASE), "can_file"),
     (
@@ -76,13 +75,10 @@ def of_text(suffix: str, begin: bytes) -> tuple[str, str]:
     found = next((name for pattern, name in FORMATS if pattern.match(begin)), None)
     if found is not None:
         return found, {"can_file": ".trc", "nmea2000": ".jsonl", "iso19848": ".json"}[found]
-    if module == "famos" and not begin.lstrip().startswith(b"|C") and _is_text(begin):
+    is_text = not re.search(rb"[\x00-\x08\x0e-\x1f]", begin) or begin[:2] in (b"\xff\xfe", b"\xfe\xff")
+    if module == "famos" and is_text and not begin.lstrip().startswith(b"|C"):
         return "delimited", ".csv"
     return module, suffix
-
-
-def _is_text(begin: bytes) -> bool:
-    return not re.search(rb"[\x00-\x08\x0e-\x1f]", begin) or begin[:2] in (b"\xff\xfe", b"\xfe\xff")
 
 
 @contextlib.contextmanager

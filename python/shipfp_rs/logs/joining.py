@@ -1,9 +1,4 @@
-"""Several files as one log: successive pieces of a recording, or loggers with a common clock.
-
-Also here:
-
-- Detection of evenly spaced rows, and of missing rows, where the clock is coarser than the rows, such as whole seconds.
-"""
+"""Several files as one log: pieces of a recording, or loggers on one clock; even rows under a coarser clock."""
 
 from __future__ import annotations
 
@@ -34,7 +29,6 @@ USUAL = 0.9
 """Least fraction of ticks with the same number of rows, for rows to count as missing in ticks with fewer rows."""
 WITHIN = 1.05
 """Largest deviation [rows] of evenly spaced rows from a line through the first rows of their ticks."""
-
 EARLY = 0.25
 """Fraction of a tick by which the time stamps of rows may be early or late."""
 
@@ -185,15 +179,12 @@ COMPARED = 1 << 16
 @register_joiner("pattern")
 def open_pattern(path: Path, **options: Any) -> Log:
     """Open all files of a pattern such as run_*.csv as one log; see `join`."""
-    found = sorted(path.parent.glob(path.name), key=_natural)
+    parts = {file: re.split(r"(\d+)", file.name) for file in path.parent.glob(path.name)}
+    # run_2 comes before run_10
+    found = sorted(parts, key=lambda file: [(int(p), "") if p.isdigit() else (-1, p) for p in parts[file]])
     if not found:
         raise InputError(f"{path}: no file of this pattern")
     return join([Log.open(file, **options) for file in found], name=str(path))
-
-
-def _natural(path: Path) -> list[tuple[int, str]]:
-    """Sort key that puts run_2 before run_10."""
-    return [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", path.name)]
 
 
 def join(logs: Sequence[Log], name: str = "") -> Log:

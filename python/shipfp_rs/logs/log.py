@@ -1,9 +1,4 @@
-"""Raw trial logs: channels as recorded, each with its own unit, rate and start, read in blocks.
-
-Also here:
-
-- Sequential reading of a channel in slightly overlapping stretches.
-"""
+"""Raw trial logs: channels as recorded, each with its own unit, rate and start, read in blocks or sequential stretches."""
 
 from __future__ import annotations
 

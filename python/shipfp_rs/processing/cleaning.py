@@ -1,9 +1,4 @@
-"""Calibration of recorded samples and treatment of their faults, with a record of each.
-
-Also here:
-
-- Checks that reject implausible units, calibrations and signals before a fit.
-"""
+"""Calibration of recorded samples, treatment and record of their faults, and refusal of implausible units and signals."""
 
 from __future__ import annotations
 
@@ -229,15 +224,7 @@ class Cleaner:
         )
         self.rows = rows
         self.channel = rows.channel
-        unit = (
-            ""
-            if isinstance(sensor, Command)
-            else "rpm"
-            if is_set_point
-            else "mm"
-            if isinstance(sensor, Rack)
-            else "Nm"
-        )
+        unit = {SetPoint: "rpm", Command: "", Rack: "mm"}.get(type(sensor), "Nm")
         if isinstance(sensor, Load):
             unit = {"torque": "Nm", "power": "W", "other": ""}[sensor.quantity]
         self.calibration = sensor.calibration.calibration(unit)

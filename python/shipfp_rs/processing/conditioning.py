@@ -1,10 +1,4 @@
-"""Preparation of an experiment's signals for a fit: operating point and trend.
-
-Also here:
-
-- Sample times of the signals in a stretch.
-- Long channels at a coarse rate: means over blocks of samples.
-- Low-pass and resampling of every channel to the common rate.
+"""Signals of an experiment, prepared for a fit: low-pass, common rate, operating point, trend, ripple.
 
 Removal of torque ripple that is periodic in the angle of shaft and engine: unbalance, blades, firing.
 
@@ -242,7 +236,6 @@ def bridged(values: Array) -> Array:
 
 Source = Callable[[int, int], Array]
 """Function (first, stop) that returns samples [first, stop) of a channel, NaN where masked."""
-
 MARGIN_S = 1.0
 """Time read before and after each piece [s]; running medians need it at the piece's ends."""
 PIECE = 1 << 17

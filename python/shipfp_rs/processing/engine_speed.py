@@ -218,11 +218,6 @@ class EngineSpeed:
             for fault in train.faults(self.label, self.speeds[train.name], *self.stretch_s)
         ]
 
-    def forget_pulses(self) -> None:
-        """Free the stretch's pulses; the pulses of several days take hundreds of MiB."""
-        for train in self.trains:
-            train.pulses.pop(self.label, None)
-
     def _account(self, bandwidth_hz: float) -> dict[str, Any]:
         train = self.train
         return {

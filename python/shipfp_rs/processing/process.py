@@ -388,7 +388,9 @@ class _Recording:
             require_size(label, *source, speed.rpm)
         require_sense(label, signals, self.vessel, source)
         answers = [name for name in signals if name not in DRIVES]
-        told_by |= dict.fromkeys(self._drives(), answers)
+        drives = (self.trial.channels.driver, self.trial.channels.load)
+        # Where an input of the model was repaired, all outputs are masked.
+        told_by |= dict.fromkeys([one.column for one in drives if one is not None], answers)
         self._exclude(signals, label, faults, told_by)
         return signals, {
             "filter": f"zero-phase FIR low-pass on every channel, {PASSBAND * self.rate_hz:g} Hz passed, "
@@ -400,11 +402,6 @@ class _Recording:
             "faults": [fault.to_dict() for fault in faults + self._faults_of_the_file(label)],
             "recorded": self._recorded(label, speed.account["train"]),
         }
-
-    def _drives(self) -> list[str]:
-        """Channels that are inputs of the model. Where an input was repaired, all outputs are masked."""
-        load = self.trial.channels.load
-        return [self._base.channel.name, *([] if load is None else [load.column])]
 
     def _recorded(self, label: str, train: str) -> dict[str, Any]:
         """Signal, clock, length and rows of every channel, to which the spans of faults refer."""
@@ -467,7 +464,8 @@ class _Recording:
         speed = EngineSpeed(self.trains, grid.label, (grid.start_s, grid.stop_s), base, self.rate_hz)
         source, account = speed.fused() if self.trial.processing.speed == "fused" else speed.best()
         found = _EngineSpeed(grid.low_passed(base, source), account, speed.faults())
-        speed.forget_pulses()
+        for train in self.trains:  # the pulses of several days take hundreds of MiB
+            train.pulses.pop(grid.label, None)
         self._step()
         return found
 

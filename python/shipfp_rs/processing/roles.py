@@ -1,19 +1,12 @@
-"""Roles of a log's channels, from names and units, and from the samples where these are ambiguous.
-
-Also here:
-
-- Quantity and role of a channel, from its name and unit.
-"""
+"""Quantities and roles of a log's channels, from names and units, and from the samples where these are ambiguous."""
 
 from __future__ import annotations
 
 import functools
 import re
-import tomllib
 import unicodedata
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from importlib import resources
 from typing import Literal
 
 import numpy as np
@@ -22,6 +15,7 @@ from shipfp_rs.logs.channel import Channel
 from shipfp_rs.logs.log import Log
 from shipfp_rs.processing.conditioning import block_means, bridged
 from shipfp_rs.support.arrays import Array
+from shipfp_rs.support.files import words_of
 from shipfp_rs.support.units import ELECTRIC, FREQUENCIES, QUANTITIES, TO_RPM, told
 
 LEAST_PART = 4
@@ -44,10 +38,9 @@ TAILS: Mapping[str, str] = {
 @functools.cache
 def words() -> Mapping[str, frozenset[str]]:
     """Words of channel names in all languages, by meaning."""
-    text = (resources.files("shipfp_rs") / "data" / "channel_words.toml").read_text(encoding="utf-8")
     return {
         what: frozenset(word for language in languages.values() for word in language)
-        for what, languages in tomllib.loads(text).items()
+        for what, languages in words_of("channel_words").items()
     }
 
 

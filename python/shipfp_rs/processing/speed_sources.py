@@ -1,15 +1,11 @@
-"""Sources of speed other than plain pulse trains: wheels with a gap, edge lists, encoders, recorded speeds.
-
-Also here:
-
-- Pulse train of a log: reflectors, speeds, repairs.
-"""
+"""Sources of speed: pulse trains of a log, wheels with a gap, edge lists, encoders, recorded speeds."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,6 +15,7 @@ from shipfp_rs.logs.channel import Channel
 from shipfp_rs.logs.faults.record import Fault
 from shipfp_rs.logs.faults.spikes import spikes_along
 from shipfp_rs.logs.log import Rows
+from shipfp_rs.logs.readers.delimited_layout import is_number
 from shipfp_rs.processing.trial import Spikes
 from shipfp_rs.processing.trial_channels import Tacho
 from shipfp_rs.support.arrays import Array, Spans, apart_from, clipped_to, marks, runs
@@ -42,7 +39,6 @@ if TYPE_CHECKING:
 
 MARGIN_S = 2.0
 """Time read before and after a stretch [s]; the ends of the stretch are then inside an interval between pulses."""
-
 SPLINE_REACH = 40
 """Number of intervals beyond which a change has no effect on a cubic spline; the effect decays by a factor of 3.7 per
 interval.
@@ -267,7 +263,7 @@ class EdgeList(PulseTrain):
         self.time_std_s = tacho.time_std_s or resolution / np.sqrt(12.0)
         rate_hz = 1.0 / (self.time_std_s * np.sqrt(12.0))
         self._clock = Channel(path.name, "", rate_hz, 1, float(self.times_s[0]))
-        super().__init__(_NoRows(self._clock), name, tacho, gear_ratio, stretches)  # type: ignore[arg-type]
+        super().__init__(SimpleNamespace(channel=self._clock), name, tacho, gear_ratio, stretches)  # type: ignore[arg-type]
 
     def _pulses(self, rows: Rows, start_s: float, stop_s: float) -> PulseTimes:
         inside = (self.times_s >= start_s - MARGIN_S) & (self.times_s <= stop_s + MARGIN_S)
@@ -278,13 +274,6 @@ class EdgeList(PulseTrain):
 
     def _time_std_s(self, label: str) -> float:
         return float(self.time_std_s)
-
-
-class _NoRows:
-    """Placeholder for the rows of a source without a channel."""
-
-    def __init__(self, channel: Channel) -> None:
-        self.channel = channel
 
 
 def read_edges(path: Path, tacho: Tacho) -> Array:
@@ -337,20 +326,12 @@ def _table_of_text(path: Path) -> pa.Table:
     import pyarrow.csv
 
     first = path.read_text(encoding="utf-8-sig", errors="replace").split("\n", 1)[0]
-    bare = all(_is_float(cell) for cell in first.replace(";", ",").split(","))
+    bare = all(is_number(cell.strip(), ".") for cell in first.replace(";", ",").split(","))
     return pa.csv.read_csv(
         local(path),
         read_options=pa.csv.ReadOptions(autogenerate_column_names=bare),
         parse_options=pa.csv.ParseOptions(delimiter=";" if ";" in first else "\t" if "\t" in first else ","),
     )
-
-
-def _is_float(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
 
 
 class Encoder(PulseTrain):
@@ -504,14 +485,8 @@ class SpeedLevel(PulseTrain):
         # A sample is taken as the mean over the interval around its time.
         time = channel.start_s + (first - 0.5) / channel.rate_hz + (np.arange(count) + 0.5) * duration
         known = np.isfinite(means) & (means > 0.0)
-        self._held[start_s, stop_s] = IntervalSpeed(
-            time[known],
-            means[known],
-            np.full(int(known.sum()), std),
-            np.full(int(known.sum()), duration),
-            np.zeros(int(known.sum()), dtype=np.uint8),
-            1,
-        )
+        std_rps, lasts, good = np.broadcast_arrays(std, duration, np.zeros(known.sum(), dtype=np.uint8))[:3]
+        self._held[start_s, stop_s] = IntervalSpeed(time[known], means[known], std_rps, lasts, good, 1)
         gaps = time[0] + (runs(~np.isfinite(means)) - 0.5) * duration
         return PulseTimes(time[known], gaps, 0.0, 0.5, 1.0, channel.rate_hz)
 

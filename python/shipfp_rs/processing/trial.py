@@ -1,9 +1,4 @@
-"""TRIAL.toml: vessel, logs, channels, windows, and how to identify.
-
-Also here:
-
-- Tables of a TRIAL.toml other than channels: header, operating point, processing, windows, identification.
-"""
+"""TRIAL.toml: header, logs, channels, operating point, processing, windows, and how to identify."""
 
 from __future__ import annotations
 
@@ -36,7 +31,6 @@ Stretch = Annotated[float, Field(ge=1e-6, le=3600.0)]
 """Length of a fault [s]."""
 Auto = Annotated[Positive | None, BeforeValidator(lambda value: None if value == "auto" else value)]
 """A positive number, or "auto" (None)."""
-
 KINDS = ("steady", "sine", "sines", "chirp", "steps", "multisine", "squares", "prbs", "noise", "other")
 """Usual kinds of windows."""
 
@@ -374,11 +368,6 @@ class Trial(Section):
                 f"{asked!r} beside channels.torque.location = {measured.location!r}",
                 f"{measured.place!r}, or no identify.torque, which follows from the location",
             )
-
-    @property
-    def chooses(self) -> bool:
-        """Whether the data select the structure, within the limits set by [identify]."""
-        return self.identify.chooses
 
     @classmethod
     @checked

@@ -313,12 +313,12 @@ class Tacho(Section):
         unit = told(content["unit"]) if isinstance(content.get("unit"), str) else ""
         wanted = {
             "column": "the name of a channel of the log",
+            "shaft": '"engine" or "propeller"',
             "pulses_per_rev": "a whole number, the pulses in a turn",
             "calibration": wanted_line(
                 *((unit, "rpm") if unit in CALIBRATED else ("", str(content.get("unit"))))
             ),
         }
-        wanted |= {"shaft": '"engine" or "propeller"'}
         for key, what in wanted.items():
             if content.get(key) == TO_BE_GIVEN:
                 raise unexpected(key, repr(TO_BE_GIVEN), f"{what}, for channel {content.get('column')!r}")
@@ -388,10 +388,20 @@ class Channels(Section):
     """Measured load of the machine: an input in addition to the set point."""
 
     @model_validator(mode="after")
-    def _rests_under_a_load(self) -> Self:
+    def _fits_together(self) -> Self:
         if self.set_point is not None and self.set_point.rpm is not None and self.load is None:
             raise unexpected(
                 "set_point.rpm", self.set_point.rpm, "a table [channels.load] beside it: nothing else moves"
+            )
+        if self.load is not None and self.load.quantity == "other" and self.torque is None:
+            raise unexpected("load.quantity", "'other' without a torque", "a table [channels.torque] as well")
+        if self.rack is not None and self.actuator is not None:
+            raise unexpected("actuator", "rack as well", "one of the two")
+        if not self.tachos:
+            raise unexpected(
+                "PTM",
+                "no pulse train",
+                "at least one table like [channels.PTM_4] with pulses_per_rev, or [channels.speed] with unit = 'rpm'",
             )
         return self
 
@@ -426,28 +436,6 @@ class Channels(Section):
     def driver_signal(self) -> str:
         """Name of the input channel's signal."""
         return "command" if self.set_point is None else "n_set"
-
-    @model_validator(mode="after")
-    def _has_a_torque_beside_a_load_of_another_kind(self) -> Self:
-        if self.load is not None and self.load.quantity == "other" and self.torque is None:
-            raise unexpected("load.quantity", "'other' without a torque", "a table [channels.torque] as well")
-        return self
-
-    @model_validator(mode="after")
-    def _has_one_actuator(self) -> Self:
-        if self.rack is not None and self.actuator is not None:
-            raise unexpected("actuator", "rack as well", "one of the two")
-        return self
-
-    @model_validator(mode="after")
-    def _has_a_pulse_train(self) -> Self:
-        if not self.tachos:
-            raise unexpected(
-                "PTM",
-                "no pulse train",
-                "at least one table like [channels.PTM_4] with pulses_per_rev, or [channels.speed] with unit = 'rpm'",
-            )
-        return self
 
     @property
     def levels(self) -> dict[str, Torque | Rack | Load]:

@@ -1,10 +1,4 @@
-"""Detection of a trial's windows in a log: stretches of constant set point ("rests"), sines, chirps and steps.
-
-Also here:
-
-- Kind of an excitation (sine, chirp, square wave ...), from its crossings, levels and spectral lines.
-- Windows acceptable to a trial: within the log, without gaps that a run rejects, with motion, and long enough.
-"""
+"""Windows of a trial in its log: rests and excitations by kind, within the log, without gaps, with motion, long enough."""
 
 from __future__ import annotations
 
@@ -33,7 +27,6 @@ JUMPED = 1.5
 """Distance from the mean, in amplitudes, above which a sample is a jump due to the signal generator's relay."""
 SAME_FREQUENCY = 1.15
 """Largest ratio between the last and first periods of an excitation with one frequency."""
-
 SWEPT, GROWTHS, REFINED = 0.1, np.geomspace(0.3, 12.0, 30), 3
 """Largest deviation of a sweep's crossings from their fit [turns], logarithms of the frequency ratios that are
 tried, and rounds of it."""
@@ -50,16 +43,10 @@ REPEATS = 0.95
 """Least autocorrelation at one period of a periodic excitation."""
 AT_LEVELS = 0.8
 """Least fraction of samples near the extremes in an excitation with two levels."""
-
 IN_RUNS, SHORTEST_RUN = 0.75, 3
 """An excitation has several successive sines if at least this fraction of its half periods is in runs of equal half
 periods, each run with at least this many.
 """
-
-
-def middle_of(samples: Array) -> float:
-    """Level halfway between the 2 % and 98 % quantiles of an excitation."""
-    return 0.5 * float(np.quantile(samples, 0.02) + np.quantile(samples, 0.98))
 
 
 def kind_of(deviation: Array, rate_hz: float, *, swings: bool) -> tuple[Kind, tuple[float, float] | None]:
@@ -281,16 +268,9 @@ LONG_HOLD = 2.5
 LONGEST_S = 4.0 * 3600.0
 """Longest excitation [s]; longer motion without a stretch at rest is the ship's normal operation."""
 _LETTERS: Mapping[Kind, str] = {
-    "steady": "R",
-    "sine": "S",
-    "sines": "S",
-    "multisine": "M",
-    "chirp": "C",
-    "squares": "Q",
-    "prbs": "P",
-    "steps": "St",
+    "steady": "R", "sine": "S", "sines": "S", "multisine": "M", "chirp": "C", "squares": "Q", "prbs": "P", "steps": "St",
     "other": "X",
-}
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -519,7 +499,7 @@ class _Trace:
             return FoundWindow("", "other", start_s, stop_s, self.level((first, stop)))
         # A stair is constant most of the time.
         swings = np.mean(self.spreads[first:stop] > SWINGS * self.noise + self.level_noise) > 0.5
-        level = middle_of(samples)
+        level = 0.5 * float(np.quantile(samples, 0.02) + np.quantile(samples, 0.98))
         kind, frequency_hz = kind_of(samples - level, self.rate_hz, swings=bool(swings))
         if not swings and kind in ("sine", "sines", "chirp", "other") and self._is_stair(first, stop):
             kind, frequency_hz = "steps", None

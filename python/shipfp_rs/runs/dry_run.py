@@ -94,7 +94,7 @@ def check(path: str | Path, *, notify: Notify = lambda _: None) -> Check:
     notify("reading the trial")
     trial = Trial.load(path)
     vessel = Vessel.load(trial.trial.vessel)
-    declared = None if trial.chooses else structure_from(trial.identify, located(trial))
+    declared = None if trial.identify.chooses else structure_from(trial.identify, located(trial))
     notify("opening the log")
     tell("opening the log", 0.1)
     logs = trial.logs()

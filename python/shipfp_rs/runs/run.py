@@ -165,7 +165,7 @@ def evaluate(
     """
     notify("reading and cleaning the log")
     vessel = Vessel.load(trial.trial.vessel)
-    declared = None if trial.chooses else structure_from(trial.identify, located(trial))
+    declared = None if trial.identify.chooses else structure_from(trial.identify, located(trial))
     with part(0.0, 0.15):
         tell("opening the log", 0.0)
         logs = trial.logs()

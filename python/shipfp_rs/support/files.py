@@ -17,8 +17,10 @@ import secrets
 import shutil
 import stat
 import tempfile
+import tomllib
 from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import is_dataclass
+from importlib import resources
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -290,3 +292,8 @@ def parsed_json(text: str | bytes, source: str, expected: str) -> Any:
     except ValueError as error:  # an integer with too many digits for Python
         raise InputError(f"{source}: {str(error).split(';')[0]}, expected {expected}") from error
     return content
+
+
+def words_of(name: str) -> dict[str, Any]:
+    """Lists of words in a file of the package, `data/NAME.toml`."""
+    return tomllib.loads((resources.files("shipfp_rs") / "data" / f"{name}.toml").read_text(encoding="utf-8"))

@@ -166,7 +166,7 @@ def pulse_times(
         if held is not None:
             found.take(tracker.cross(held), held, held)
     if not found.levels:
-        raise InputError(_complaint(*found.silent_levels(), threshold))
+        raise InputError(_complaint(*pulse_levels(found.silent), threshold))
     missing = tracker.gaps
     times, grid, noise = found.column(0), found.column(2), found.column(3)
     faint = _no_spans()
@@ -201,7 +201,8 @@ class _Found:
         self.samples = 0
         self._states = True
         self._windows: list[Array] = []
-        self._silent: npt.NDArray[Any] = np.empty(0)
+        self.silent: npt.NDArray[Any] = np.empty(0)
+        """The last window of a record without a pulse train."""
 
     def take(
         self,
@@ -218,16 +219,12 @@ class _Found:
         if len(levels):
             self.levels.append(levels)
         elif not self.levels:
-            self._silent = last
+            self.silent = last
 
     @property
     def windows(self) -> Array:
         """Number of crossings, limit, least and median height of each window, shape (K, 4)."""
         return np.concatenate(self._windows)
-
-    def silent_levels(self) -> tuple[float, float]:
-        """Levels of the last window, for a record without a pulse train."""
-        return pulse_levels(self._silent)
 
     def column(self, which: int) -> Array:
         """Times, heights or a standard deviation of the times over all windows, shape (N,)."""

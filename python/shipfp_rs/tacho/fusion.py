@@ -1,10 +1,4 @@
-"""Fusion of several pulse trains of one shaft line into one speed and its variance.
-
-Also here:
-
-- Shaft angle as a spline through the passages of all pulses, with the variance of its slope.
-- Common angle of several trains, and how each train compares with it.
-"""
+"""Fusion of pulse trains of one shaft line: its angle, a spline through all passages, and speed with its variance."""
 
 from __future__ import annotations
 

@@ -1,9 +1,4 @@
-"""Mean speed between pulses, and speed on a uniform grid.
-
-Also here:
-
-- Passages of a pulse train: times of its true pulses, and the shaft angle at each.
-"""
+"""Passages of a pulse train, mean speed between them, and speed on a uniform grid."""
 
 from __future__ import annotations
 

@@ -101,10 +101,8 @@ def _usual(periods: Array, pulses_per_rev: int) -> tuple[Array, npt.NDArray[np.b
     if lag < 3 or len(periods) <= lag or not odd.any():
         return median, np.zeros(len(periods), dtype=np.bool_)
 
-    def with_both_sides(fits: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
-        return np.asarray(fits & np.append(True, fits[:-1]) & np.append(fits[1:], True))
-
-    same = with_both_sides(np.abs(np.log(periods[lag:] / periods[:-lag])) < _SAME_NEXT_TURN)
+    fits = np.abs(np.log(periods[lag:] / periods[:-lag])) < _SAME_NEXT_TURN
+    same = fits & np.append(True, fits[:-1]) & np.append(fits[1:], True)  # with both sides
     apart = np.zeros(lag, dtype=np.bool_)
     often = np.convolve(odd, np.full(lag, 1.0 / lag), mode="same")[1:] > _OFTEN
     gentle = np.abs(np.diff(np.log(periods))) < np.log(np.where(often, _SHARP, _GENTLE))

@@ -1,9 +1,4 @@
-"""Minimum and maximum of each short block of a channel, so that only suspicious blocks are read again.
-
-Also here:
-
-- Rows that a logger wrote twice: samples that recur in the same order in every channel.
-"""
+"""Minimum and maximum of each short block of a channel, to read suspicious blocks alone again; rows written twice."""
 
 from __future__ import annotations
 

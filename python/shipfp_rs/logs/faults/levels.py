@@ -1,9 +1,4 @@
-"""Faults of a channel's level: missing samples, a stuck channel, dropouts to zero, clipping.
-
-Also here:
-
-- Mains hum of a channel: detection by block and removal.
-"""
+"""Faults of a channel's level: missing samples, a stuck channel, dropouts to zero, clipping, and hum of the mains."""
 
 from __future__ import annotations
 
@@ -97,7 +92,6 @@ def hum_in(samples: Array, first: int, spans: Spans, rate_hz: float, mains_hz: f
 
 Read = Callable[[int, int], Array]
 """Function (first, stop) that returns samples [first, stop) of a channel."""
-
 LEAST_BLOCK, MOST_BLOCK = 8, 128
 """Samples in a block of the first pass. Stuck stretches of twice as many samples are always found."""
 LEAST_STILL = 2 * LEAST_BLOCK

@@ -34,7 +34,6 @@ KINDS: Mapping[str, str] = MappingProxyType(
     }
 )
 """Kinds of faults, with descriptions; A to D3 are in Table 6.10 of the thesis."""
-
 SHOWN = 5
 """Most stretches listed in a message."""
 

@@ -18,6 +18,7 @@ import numpy as np
 
 from shipfp_rs.errors import InputError, LogWarning
 from shipfp_rs.logs.channel import Samples
+from shipfp_rs.logs.formats import one_line_errors
 from shipfp_rs.logs.log import Log
 
 SPARE_BYTES = 200_000_000
@@ -57,21 +58,14 @@ class _Server:
 
     def answer(self, request: dict[str, Any]) -> tuple[dict[str, Any], Samples | None]:
         try:
-            if "open" in request:
-                return self._open(*request["open"]), None
-            return {}, self._read(*request["read"], start=request["start"], drop=request["drop"])
+            with one_line_errors(Path(request["open"][3] if "open" in request else self._path)):
+                if "open" in request:
+                    return self._open(*request["open"]), None
+                return {}, self._read(*request["read"], start=request["start"], drop=request["drop"])
         except InputError as error:
-            return {"error": str(error)}, None
-        except MemoryError:
-            return {
-                "error": f"{self._path}: needs more memory than three times its size and 200 MB; is it damaged?"
-            }, None
-        except Exception as error:  # these packages raise anything on damaged files
-            reason = " ".join(str(error).split())[:500] or type(error).__name__
-            suffix = Path(self._path).suffix
-            return {
-                "error": f"{self._path}: can't be read as {suffix}: {reason}; is the file damaged or cut short?"
-            }, None
+            told = "needs more memory than three times its size and 200 MB; is it damaged?"
+            lacks = isinstance(error.__cause__, MemoryError)
+            return {"error": f"{self._path}: {told}" if lacks else str(error)}, None
 
     def _open(
         self,

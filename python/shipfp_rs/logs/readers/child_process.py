@@ -33,7 +33,6 @@ from shipfp_rs.logs.log import Log, Reader
 
 TIRED_BYTES = 100_000_000
 """Growth of a child's memory [bytes] above which the child opens no further file and is ended."""
-
 START = """
 import json, sys
 sys.path[:] = json.loads(sys.argv[1])
@@ -61,7 +60,7 @@ class Child:
         self.opened: tuple[Any, ...] | None = None
         self.drop: list[int] = []
         self._owner = os.getpid()
-        self._streams = 0
+        self.streams = 0
         self._grown = 0
         self.lock = threading.RLock()
 
@@ -72,11 +71,6 @@ class Child:
     def fresh(self) -> bool:
         """Whether the process may get another file."""
         return self.usable() and self._grown < TIRED_BYTES
-
-    def next_stream(self) -> int:
-        """Number of the next stream of samples."""
-        self._streams += 1
-        return self._streams
 
     def dropped(self) -> list[int]:
         """Return the numbers of the streams closed since the last call."""
@@ -187,14 +181,6 @@ def take() -> Child:
     return Child()
 
 
-def give_back(child: Child) -> None:
-    """Keep a child for the next file, or end it."""
-    if child.fresh() and not _idle:
-        _idle.append(child)
-    else:
-        child.end()
-
-
 def idle_process() -> int | None:
     """Process number of the idle child; None if there is none."""
     return _idle[-1].pid if _idle else None
@@ -273,7 +259,8 @@ class _Source:
             with child.lock:  # opening the file again would end the streams of other threads
                 if child.opened != self._key():
                     self._open(child)
-            stream, start = child.next_stream(), True
+            child.streams += 1
+            stream, start = child.streams, True
             try:
                 while True:
                     request = {"read": [stream, name, first, size], "start": start, "drop": child.dropped()}
@@ -301,7 +288,10 @@ class _Source:
                     self._readers -= 1
                     if not self._readers:
                         self._child = None
-                        give_back(child)
+                        if child.fresh() and not _idle:
+                            _idle.append(child)
+                        else:
+                            child.end()
                 else:
                     child.end()
 

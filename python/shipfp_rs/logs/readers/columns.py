@@ -1,13 +1,9 @@
-"""Channels in nested variables: structs, matrices with named columns, and the times that belong to each.
-
-Also here:
-
-- Log of channels found by a reader, with their own rates or times.
-"""
+"""Channels in nested variables: structs, matrices with named columns, the times that belong to each, and their log."""
 
 from __future__ import annotations
 
 import posixpath
+import re
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -69,20 +65,7 @@ def tell_left_out(path: Path, why: str, names: Sequence[str], *, all_of_them: bo
 
 VALUES = ("data", "values", "value", "y", "signal", "samples")
 """Names of the field that holds the samples in a struct of one channel."""
-LABELS = frozenset(
-    [
-        "names",
-        "labels",
-        "channels",
-        "headers",
-        "header",
-        "columns",
-        "colheaders",
-        "channel_names",
-        "channelnames",
-        "signals",
-    ]
-)
+LABELS = re.compile("names|labels|channels|headers?|columns|colheaders|channel_?names|signals")
 """Names of a variable that lists the names of a matrix's columns."""
 MOST_COLUMNS = 256
 LEAST_ROWS = 8
@@ -109,7 +92,9 @@ class Row:
 def column_names(count: int, beside: Mapping[str, Sequence[str]], base: str) -> list[str]:
     """Names of a matrix's columns: from a list of this length in the same struct, else `base` with a number."""
     fitting = {name: words for name, words in beside.items() if len(words) == count}
-    chosen = next((fitting[name] for name in fitting if posixpath.basename(name).lower() in LABELS), None)
+    chosen = next(
+        (fitting[name] for name in fitting if LABELS.fullmatch(posixpath.basename(name).lower())), None
+    )
     if chosen is None and len(fitting) == 1:
         chosen = next(iter(fitting.values()))
     if chosen is None or len(set(chosen)) < count:
@@ -184,13 +169,8 @@ def blocks_of_rows(path: Path, rows: Mapping[str, Row]) -> Blocks:
 def tell_no_time(path: Path, rows: Sequence[Row], *, all_of_them: bool) -> None:
     """Warn of rows without times, which are omitted; `InputError` if all rows of the file lack times."""
     if rows and all_of_them:
-        raise no_time(path, rows[0])
+        raise InputError(
+            f"{path}: no time base for {rows[0].name!r}: neither a scalar rate_hz nor a vector time of its "
+            f"{rows[0].length} samples; add one or give rate_hz (--rate)"
+        )
     tell_left_out(path, "no time base", [row.name for row in rows], all_of_them=False)
-
-
-def no_time(path: Path, row: Row) -> InputError:
-    """Error for a row without times."""
-    return InputError(
-        f"{path}: no time base for {row.name!r}: neither a scalar rate_hz nor a vector time of its {row.length} "
-        "samples; add one or give rate_hz (--rate)"
-    )

@@ -37,9 +37,8 @@ def open_delimited(path: Path, rate_hz: float | None, time: str | None = None) -
     for start, text, length in _parts(path, layout, layout.bytes_before):
         index.add(start, text, length)
     if layout.footer:
-        shown = " | ".join(layout.footer)[:60]
         warnings.warn(
-            f"{path}: {len(layout.footer)} lines after the last record are left out: {shown!r}",
+            f"{path}: {len(layout.footer)} lines after the last record are left out: {' | '.join(layout.footer)[:60]!r}",
             LogWarning,
             stacklevel=5,
         )
@@ -55,8 +54,10 @@ def open_delimited(path: Path, rate_hz: float | None, time: str | None = None) -
             )
     kept = [
         k
-        for k in range(len(layout.headings))
-        if not (index.kinds[k] == pa.null() and _tells_nothing(layout, k))
+        for k, name in enumerate(layout.headings)
+        if not (
+            index.kinds[k] == pa.null() and (name == f"column {k + 1}" or (layout.rate_hz and is_time(name)))
+        )
         and not (k == 0 and layout.counted and not time)
     ]
     began = {METADATA_KEY: json.dumps({"start_s": layout.start_s}).encode()} if layout.start_s else None
@@ -93,14 +94,9 @@ def open_delimited(path: Path, rate_hz: float | None, time: str | None = None) -
     return log_of_table(path, schema, index.rows[-1], batches, rate_hz, options, notes)
 
 
-def _tells_nothing(layout: Layout, place: int) -> bool:
-    """Whether an empty column is omitted silently: a delimiter at the line end, or times replaced by a stated rate."""
-    return not layout.named_column(place) or (layout.rate_hz is not None and is_time(layout.headings[place]))
-
-
 def _parts(path: Path, layout: Layout, offset: int) -> Iterator[tuple[int, bytes, int]]:
     """Yield offset in the file, text and number of bytes of each part, in whole lines; UTF-16 becomes UTF-8."""
-    end_of_line = "\n".encode(layout.encoding)
+    end_of_line = layout.line_end.encode(layout.encoding)
     with path.open("rb") as file:
         file.seek(offset)
         rest = b""
@@ -125,6 +121,7 @@ def _parts(path: Path, layout: Layout, offset: int) -> Iterator[tuple[int, bytes
 def _plain(layout: Layout, text: bytes) -> bytes:
     if layout.wide == 2:
         text = text.decode(layout.encoding, "replace").encode()
+    text = text.replace(b"\r", b"\n") if layout.line_end == "\r" else text
     if layout.delimiter == " ":  # columns are padded with any number of spaces
         text = re.sub(rb"[ \t]+", b" ", text)
         text = re.sub(rb"(?m)^ | (?=\r?$)", b"", text)
@@ -252,12 +249,13 @@ def _parse(
     Types are those in `only`, else inferred; other columns are omitted unless `all_columns`.
     """
     names = [str(k) for k in range(len(layout.headings))]
+    encoding = "utf-8" if layout.wide == 2 else layout.encoding
     types: dict[str, Any] = {names[k]: kind for k, kind in (only or {}).items()}
     try:
         return pa.csv.read_csv(
             pa.BufferReader(text),
             read_options=pa.csv.ReadOptions(
-                column_names=names, encoding=_arrow_encoding(layout), use_threads=False, block_size=2 * PART
+                column_names=names, encoding=encoding, use_threads=False, block_size=2 * PART
             ),
             parse_options=pa.csv.ParseOptions(delimiter=layout.delimiter, ignore_empty_lines=len(names) > 1),
             convert_options=pa.csv.ConvertOptions(
@@ -279,7 +277,3 @@ def _parse(
             message = f"from line {line + 1} on: {message}"
         where = f"channel {layout.headings[next(iter(only))]!r}: " if only and not all_columns else ""
         raise InputError(f"{path}: {where}{message}") from error
-
-
-def _arrow_encoding(layout: Layout) -> str:
-    return "utf-8" if layout.wide == 2 else layout.encoding

@@ -26,30 +26,16 @@ from shipfp_rs.support import units
 
 SAMPLE = 1 << 16
 """Bytes in which the layout is detected."""
-
 SCORED = 200
 """Number of lines on which delimiters are tried, more than the headers of loggers have."""
-
 PREAMBLE = 5
 """The records start at this many successive lines with a number."""
-
 HEADING_ROWS = 4
 """Most lines of names, units and descriptions directly above the records."""
-
-DIALECTS = (
-    (",", "."),
-    (";", "."),
-    (";", ","),
-    ("\t", "."),
-    ("\t", ","),
-    ("|", "."),
-    ("|", ","),
-    (" ", "."),
-    (" ", ","),
-    (",", ","),
+DIALECTS = tuple(
+    (each[0], each[1]) for each in (",.", ";.", ";,", "\t.", "\t,", "|.", "|,", " .", " ,", ",,")
 )
 """Pairs of delimiter and decimal mark, most likely first. In files where both are commas, the numbers are quoted."""
-
 NUMBER = re.compile(
     r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?(nan|inf|infinity)|true|false", re.IGNORECASE
 )
@@ -81,6 +67,8 @@ class Layout:
     """Position and format of the records of a file."""
 
     encoding: str
+    line_end: str
+    """Last character of a line."""
     delimiter: str
     decimal: str
     lines_before: int
@@ -104,10 +92,6 @@ class Layout:
     counted: bool
     """Whether the first column counts the records, so that their times follow from the rate."""
 
-    def named_column(self, place: int) -> bool:
-        """Whether a column has a name. A column without name and numbers comes from a delimiter at the line end."""
-        return self.headings[place] != f"column {place + 1}"
-
     @property
     def wide(self) -> int:
         """Least number of bytes per character."""
@@ -121,8 +105,9 @@ def find_layout(path: Path) -> Layout:
     encoding, mark = _encoding(path, sample)
     wide = 2 if encoding.startswith("utf-16") else 1
     text = sample[mark : len(sample) // wide * wide].decode(encoding, "replace" if wide == 2 else "strict")
-    whole = text[: text.rfind("\n") + 1] or text
-    lines = whole.split("\n")
+    line_end = "\r" if "\r" in text and "\n" not in text else "\n"
+    whole = text[: text.rfind(line_end) + 1] or text
+    lines = whole.split(line_end)
     lines = [line.rstrip("\r") for line in (lines if lines[-1] else lines[:-1])]
     delimiter, decimal = max(DIALECTS, key=lambda dialect: _score(lines[:SCORED], *dialect))
     rows = [cells_of(line, delimiter) for line in lines]
@@ -133,7 +118,8 @@ def find_layout(path: Path) -> Layout:
             f"{path}: empty or without rows of numbers; expected a header line with channel names and lines of numbers"
         )
     full = [row for row in rows[first:] if len(row) == width]
-    above = [[] if TITLE.fullmatch(line) else _uncommented(line, delimiter) for line in lines[:first]]
+    plain = (line.lstrip(COMMENT).strip(" ") if line[:1] in COMMENT else line for line in lines[:first])
+    above = [[] if TITLE.fullmatch(line) else cells_of(line, delimiter) for line in plain]
     # long: evaluates the header lines step by step
     beside = _taken_facts(above, [any(row[k] for row in full) for k in range(width)], decimal)
     headings, own, named = _headings(above, width)
@@ -151,8 +137,8 @@ def find_layout(path: Path) -> Layout:
     own = tuple(
         unit or (numeric[k] and _unit_of_cells(row[k] for row in full)) or "" for k, unit in enumerate(own)
     )
-    before = mark + sum(len((line + "\n").encode(encoding)) for line in whole.split("\n")[:first])
-    end, footer = _footer(path, encoding, delimiter, decimal, before)
+    before = mark + sum(len((line + line_end).encode(encoding)) for line in whole.split(line_end)[:first])
+    end, footer = _footer(path, encoding, line_end, delimiter, decimal, before)
     across = [
         (name, _number(cell, decimal))
         for row in above
@@ -164,11 +150,13 @@ def find_layout(path: Path) -> Layout:
     )
     start = stated_start([*beside, *across]) if rate else 0.0
     counted = bool(rate) and is_time(headings[0]) and (not own[0] or own[0].lower() not in SECONDS)
-    counted = counted and _is_count([row[0] for row in full], decimal)
+    counts = [_number(row[0], decimal) for row in full if is_number(row[0], decimal)]
+    counted = counted and len(counts) == len(full) > 1 and bool((np.diff(counts) == 1.0).all())
     if rate and counted:
-        start += _number(full[0][0], decimal) / rate
+        start += counts[0] / rate
     return Layout(
         encoding,
+        line_end,
         delimiter,
         decimal,
         first,
@@ -259,10 +247,6 @@ def bare_number(cell: str) -> tuple[str, str]:
     if found is None or (found["unit"] and not units.is_unit(found["unit"])):
         return cell, ""
     return (found["sign"] or "") + found["digits"], units.told(found["unit"] or "")
-
-
-def _uncommented(line: str, delimiter: str) -> list[str]:
-    return cells_of(line.lstrip(COMMENT).strip(" ") if line[:1] in COMMENT else line, delimiter)
 
 
 def _score(lines: list[str], delimiter: str, decimal: str) -> tuple[int, int]:
@@ -400,12 +384,6 @@ def _number(cell: str, decimal: str) -> float:
         return np.nan
 
 
-def _is_count(cells: list[str], decimal: str) -> bool:
-    """Whether cells increase by one."""
-    numbers = [_number(cell, decimal) for cell in cells if is_number(cell, decimal)]
-    return len(numbers) == len(cells) > 1 and all(b - a == 1.0 for a, b in pairwise(numbers))
-
-
 def _taken_facts(above: list[list[str]], holds: Sequence[bool], decimal: str) -> list[tuple[str, float]]:
     """Remove metadata from the rows of headings, and return the metadata's names and values [s].
 
@@ -441,7 +419,7 @@ def _facts(line: str, decimal: str) -> list[tuple[str, float]]:
 
 
 def _footer(
-    path: Path, encoding: str, delimiter: str, decimal: str, before: int
+    path: Path, encoding: str, line_end: str, delimiter: str, decimal: str, before: int
 ) -> tuple[int, tuple[str, ...]]:
     """Offset of the footer, and its lines: all lines after the last line that starts with a number."""
     size = path.stat().st_size
@@ -451,7 +429,7 @@ def _footer(
     with path.open("rb") as file:
         file.seek(start)
         text = file.read().decode(encoding, "replace")
-    lines = text.split("\n")
+    lines = text.split(line_end)
     cut = len(lines)
     while cut > 1:
         cells = [cell for cell in cells_of(lines[cut - 1].rstrip("\r"), delimiter) if cell]
@@ -462,4 +440,4 @@ def _footer(
     # A truncated last line in a column of words is not a footer.
     if not left or cut <= 1:
         return size, ()
-    return size - len("\n".join(lines[cut:]).encode(encoding)), tuple(left)
+    return size - len(line_end.join(lines[cut:]).encode(encoding)), tuple(left)

@@ -24,7 +24,6 @@ from shipfp_rs.logs.time_axis import TimeAxis, time_axis
 
 EPOCH = datetime(1980, 1, 1, tzinfo=UTC)
 """Origin of trigger times, on the logger's clock, which is assumed to be UTC."""
-
 BLOCK_START = re.compile(rb"\|([A-Za-z]{2})\s*,\s*\d+\s*,\s*(\d{1,15})\s*,")
 """Key, version and length of each block of a file."""
 
@@ -64,7 +63,8 @@ def open_famos(path: Path, rate_hz: float | None) -> Log:
         scaled = channel.y_factor != 1.0 or channel.y_offset != 0.0
         keys[channel.name] = (channel.uuid, "scaled" if scaled else "raw")
         even = _even(path, channel, later_s, rate_hz)
-        width = _sample_width(file, channel)
+        part = next(file.iter_channel_numpy(channel.uuid, include_x=False, chunk_rows=1, mode="raw"), None)
+        width = 0 if part is None else int(part["y"].itemsize)
         held, left = left // max(width, 1), left - even.samples * width
         if left < 0:
             even = replace(even, samples=_cut(path, channel.name, even.samples, held, alone=len(found) == 1))
@@ -93,12 +93,6 @@ def open_famos(path: Path, rate_hz: float | None) -> Log:
 
 def _unit(channel: Any) -> str:
     return str(channel.y_unit.strip().strip('"'))
-
-
-def _sample_width(file: Any, channel: Any) -> int:
-    """Bytes per recorded sample; 0 for a channel without samples."""
-    part = next(file.iter_channel_numpy(channel.uuid, include_x=False, chunk_rows=1, mode="raw"), None)
-    return 0 if part is None else int(part["y"].itemsize)
 
 
 def _even(path: Path, channel: Any, later_s: float, rate_hz: float | None) -> Channel:

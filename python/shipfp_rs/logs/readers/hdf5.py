@@ -50,7 +50,9 @@ def open_hdf5(path: Path, rate_hz: float | None) -> Log:
     if not h5py.is_hdf5(path):
         raise InputError(f"{path}: not an HDF5 file, or its first block is damaged")
     file = h5py.File(path, "r")
-    leads_out = file.visititems_links(_leads_out)
+    # Links into other files are not followed: a log must not give access to other files on the disk.
+    own = h5py.HardLink | h5py.SoftLink
+    leads_out = file.visititems_links(lambda name, link: None if isinstance(link, own) else name)
     if leads_out is not None:
         raise InputError(f"{path}: {leads_out!r} leads into another file, {OWN}")
     rows, skipped = _find_rows(file)
@@ -166,16 +168,6 @@ def _find_rows(file: Any) -> tuple[dict[str, _Row], list[str]]:
 
     file.visititems(visit)
     return rows, skipped
-
-
-def _leads_out(name: str, link: Any) -> str | None:
-    """Name of a link into another file.
-
-    Links into other files are not followed: a log must not give access to other files on the disk.
-    """
-    import h5py
-
-    return None if isinstance(link, h5py.HardLink | h5py.SoftLink) else name
 
 
 def _require_own(dataset: Any) -> None:

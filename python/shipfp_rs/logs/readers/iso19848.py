@@ -111,20 +111,13 @@ def _of_xml(path: Path, text: str) -> Values:
     events = [item for item in root.iter() if _local(item) == "EventData"]
     if not tables and not events:
         raise InputError(f"{path}: neither TabularData nor EventData, expected time series of ISO 19848")
-    for table in tables:
+    for table in (*tables, *events):
         channels = _texts(table, "DataChannelID")
         for row in table:
-            if _local(row) != "DataSet":
-                continue
-            stamp = row.get("timeStamp") or next(iter(_texts(row, "TimeStamp")), "")
-            yield from _row(channels, stamp, _texts(row, "Value"), _texts(row, "Quality"))
-    for event in events:
-        for row in event:
             if _local(row) == "DataSet":
                 stamp = row.get("timeStamp") or next(iter(_texts(row, "TimeStamp")), "")
-                named, told = _texts(row, "DataChannelID"), _texts(row, "Value")
-                if named and told:
-                    yield named[0], stamp, told[0], next(iter(_texts(row, "Quality")), "")
+                named = channels or _texts(row, "DataChannelID")[:1]  # an event names its channel itself
+                yield from _row(named, stamp, _texts(row, "Value"), _texts(row, "Quality"))
 
 
 def _of_csv(path: Path, text: str) -> Values:

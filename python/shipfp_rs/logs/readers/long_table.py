@@ -1,14 +1,8 @@
-"""Long tables from historians and databases: one value per row, with its time and signal name.
-
-Also here:
-
-- Values with individual time stamps, by name, as the channels of a log.
-"""
+"""Long tables of historians and databases, one value a row, and values with time stamps of their own, by name."""
 
 from __future__ import annotations
 
-import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
 from functools import partial
@@ -27,19 +21,15 @@ from shipfp_rs.logs.faults.record import Fault
 from shipfp_rs.logs.formats import one_line_errors
 from shipfp_rs.logs.log import Log
 from shipfp_rs.logs.readers.columns import tell_left_out
+from shipfp_rs.logs.readers.status_columns import QUALITY, Batches
 from shipfp_rs.logs.readers.time_cells import EPOCH, TimePlan, split_unit
 from shipfp_rs.logs.time_axis import TimeAxis, time_axis
 from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.units import is_unit, told
 
 Fields = Mapping[str, tuple[pa.Field, dict[str, Any]]]
-Batches = Callable[[str, int, int], Iterator[pa.Array]]
 EVEN = 0.1
 """Largest deviation of an even step from the median step, as a fraction of it."""
-
-
-QUALITY = re.compile(r"(good|uncertain|bad)\b", re.IGNORECASE)
-"""Words that begin the quality of a value in OPC Data Access; a bad one is missing."""
 
 
 @dataclass(frozen=True)

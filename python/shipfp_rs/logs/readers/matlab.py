@@ -144,14 +144,8 @@ class _Tree:
         if array.dtype == object and array.size and hasattr(array.flat[0], "_fieldnames"):
             seen: Counter[str] = Counter()
             for k, item in enumerate(array.flat):
-                label = next(
-                    (
-                        _word(getattr(item, key))
-                        for key in ("label", "name", "Name")
-                        if key in item._fieldnames
-                    ),
-                    "",
-                )
+                own = [key for key in ("label", "name", "Name") if key in item._fieldnames]
+                label = _word(getattr(item, own[0])) if own else ""
                 seen[label] += 1
                 label += f" {seen[label]}" if label and seen[label] > 1 else ""
                 inner = name if array.size == 1 else f"{name}/{label or k + 1}"

@@ -19,7 +19,6 @@ from shipfp_rs.logs.readers.long_table import Series, log_of_series, seconds_sin
 FAST = frozenset((127489, 127496, 127497, 127498, 129029))
 """Parameter groups whose messages consist of several frames."""
 DEGREE = 180.0 / np.pi
-
 GROUPS: dict[int, tuple[int | None, tuple[Signal, ...]]] = {
     127488: (0, (
         Signal("Engine Speed", "rpm", 8, 16, 0.25), Signal("Engine Boost Pressure", "Pa", 24, 16, 100.0),

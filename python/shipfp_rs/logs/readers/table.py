@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import partial
@@ -19,10 +19,12 @@ import pyarrow as pa
 from shipfp_rs.errors import InputError, LogWarning
 from shipfp_rs.logs.channel import BLOCK, Blocks, Channel, Samples, blocks_by_name
 from shipfp_rs.logs.faults.clock import Same, same_rows
+from shipfp_rs.logs.faults.record import Fault
 from shipfp_rs.logs.formats import one_line_errors
 from shipfp_rs.logs.log import Log
 from shipfp_rs.logs.readers.columns import tell_left_out
 from shipfp_rs.logs.readers.long_table import find_long_table, log_of_long_table
+from shipfp_rs.logs.readers.status_columns import Batches, find_statuses, status_faults, without_bad
 from shipfp_rs.logs.readers.time_cells import (
     TimePlan,
     is_date,
@@ -47,9 +49,6 @@ CHANGING = 0.95
 """Least fraction of rows that change a state in such a table: a logger repeats a state at its start and end."""
 METADATA_KEY = b"shipfp"
 """Metadata key of a field for unit, rate, start and length of its channel, as JSON."""
-
-Batches = Callable[[str, int, int], Iterator[pa.Array]]
-"""Function (column, first row, size) that yields the values from the first row on, in arrays of at most `size`."""
 
 
 @dataclass(frozen=True)
@@ -77,11 +76,20 @@ def log_of_table(
     """Build a log from a table; columns without numbers are omitted with a warning."""
     options = options or Options()
     fields = _named_fields(path, schema, rows)
+    statuses = find_statuses(schema, {name: field.name for name, (field, _) in fields.items()}, batches)
+    told_by = {key for key, _ in statuses.values()}
+    fields = {name: entry for name, entry in fields.items() if entry[0].name not in told_by}
+    recorded, batches = batches, without_bad(batches, statuses)
     plans = find_plans(path, fields, rows, batches, options)
     times = {key for plan in plans for key in plan.keys}
     keys = {name: field.name for name, (field, _) in fields.items()}
     named = [timed_key(plan.keys[0], keys) for plan in plans]
     fields = {name: entry for name, entry in fields.items() if entry[0].name not in times}
+    if plans and not fields:
+        raise InputError(
+            f"{path}: times in {plans[0].name!r} and no values beside them, expected a channel of numbers; the times of a "
+            "tachometer's edges belong beside a log, as file = of [channels.NAME] in TRIAL.toml"
+        )
     if len(plans) == 1 and (long := find_long_table(path, fields, plans[0], batches)):
         return log_of_long_table(path, long, plans[0], rate_hz)
     same = same_rows(
@@ -116,6 +124,7 @@ def log_of_table(
     channels: list[Channel] = []
     readers: dict[str, Blocks] = {}
     on: dict[int, str] = {}
+    own_faults: tuple[Fault, ...] = ()
     for name, (field, facts) in fields.items():
         if name in without:
             continue
@@ -143,19 +152,25 @@ def log_of_table(
             raise InputError(f"{path}: no time base for {name!r}: {_without_time(fields, without)}")
         if name in readers:
             on.setdefault(id(axis), name)
+        own_faults += status_faults(
+            recorded, statuses, field.name, name, axis.on_grid if name in readers else lambda each: each
+        )
         resolution = float(facts.get("resolution", 0.0))
         channels.append(Channel(name, facts["unit"], float(rate), count, float(begin), resolution))
     for axis in axes:
         axis.tell(path)
+    for fault in own_faults:
+        warnings.warn(f"{path}: {fault}", LogWarning, stacklevel=5)
 
     told = (*notes, *(plan.note for plan in plans if plan.note))
     if changes and axes[0].samples > rows:
         told += (
             f"rows where a state changes alone: each is held until the next, at {axes[0].rate_hz:.6g} Hz",
         )
-    faults = tuple(fault for axis in axes for fault in axis.faults_of(on.get(id(axis), "")))
+    faults = own_faults + tuple(fault for axis in axes for fault in axis.faults_of(on.get(id(axis), "")))
     faults += tuple(one for name in shared if changes for one in axes[0].doubled(blocks, name))
-    start_utc = _start_utc(path, schema) or zero
+    clock = _json(path, schema.metadata).get("start_utc")
+    start_utc = datetime.fromisoformat(clock).astimezone(UTC) if clock else zero
     return Log(str(path), channels, blocks_by_name(readers, blocks), start_utc, faults, notes=told)
 
 
@@ -384,13 +399,8 @@ def _samples(values: pa.Array) -> Samples:
 def _facts(path: Path, field: pa.Field) -> dict[str, Any]:
     """Metadata of a channel written by this package."""
     facts = _json(path, field.metadata)
-    kinds = {
-        "unit": str,
-        "rate_hz": int | float,
-        "start_s": int | float,
-        "samples": int,
-        "resolution": int | float,
-    }
+    numbers = dict.fromkeys(("rate_hz", "start_s", "resolution"), int | float)
+    kinds = {"unit": str, "samples": int, **numbers}
     for key, kind in kinds.items():
         if key in facts and not isinstance(facts[key], kind):
             raise InputError(
@@ -406,11 +416,6 @@ def _stated_rate(metadata: dict[bytes, bytes] | None) -> float | None:
         with contextlib.suppress(ValueError):  # words
             numbers.append((key.decode(errors="replace"), float(value)))
     return stated_rate(numbers)
-
-
-def _start_utc(path: Path, schema: pa.Schema) -> datetime | None:
-    clock = _json(path, schema.metadata).get("start_utc")
-    return datetime.fromisoformat(clock).astimezone(UTC) if clock else None
 
 
 def _json(path: Path, metadata: dict[bytes, bytes] | None) -> dict[str, Any]:

@@ -48,7 +48,7 @@ def open_tdms(path: Path, rate_hz: float | None) -> Log:
     by_name = dict(named)
     times = {(channel.group_name, len(channel)): channel for channel in reversed(every) if _is_time(channel)}
     axes: dict[str, tuple[TimeAxis, TimePlan]] = {}
-    begins = _begins(path)
+    begins, pieces = _begins(path)
     grids: dict[tuple[Segment, ...], TimeAxis] = {}
     found: list[Found] = []
     skipped: list[str] = []
@@ -92,7 +92,16 @@ def open_tdms(path: Path, rate_hz: float | None) -> Log:
             for offset in range(0, len(part), size):
                 yield part[offset : offset + size]
 
-    return log_of_found(path, found, rows)
+    return log_of_found(path, found, rows, _joined(found, pieces) if rate_hz is None else ())
+
+
+def _joined(found: Sequence[Found], pieces: int) -> list[str]:
+    """Note of channels whose segments have no times of their own."""
+    names = ", ".join(one.channel.name for one in found if pieces > 1 and not (one.axis or one.start_utc))
+    told = (
+        f"{pieces} segments of {names} are joined: without wf_start_time a pause between them can't be known"
+    )
+    return [told] if names else []
 
 
 def _stepped(path: Path, name: str, channel: Any, rate_hz: float, begins: list[tuple[int, int]]) -> Found:
@@ -100,12 +109,12 @@ def _stepped(path: Path, name: str, channel: Any, rate_hz: float, begins: list[t
     offset = float(channel.properties.get("wf_start_offset", 0.0))
     if not math.isfinite(offset):
         raise InputError(f"{path}: channel {name!r} starts at {offset} s; is the file damaged?")
-    start_utc = EPOCH + timedelta(microseconds=begins[0][1]) if begins else None
+    start_utc = EPOCH + timedelta(microseconds=begins[0][1]) if begins and begins[0][1] else None
     return Found(Channel(name, _unit(channel), rate_hz, len(channel), offset), start_utc=start_utc)
 
 
-def _begins(path: Path) -> dict[str, list[tuple[int, int]]]:
-    """First rows of the segments of each channel, by path, and their start times [us].
+def _begins(path: Path) -> tuple[dict[str, list[tuple[int, int]]], int]:
+    """First rows of the segments of each channel, by path, and their start times [us]; number of the segments.
 
     npTDMS keeps only the last value of a property, so methods of its reader are replaced to record the value of each
     segment. A channel that was absent from a segment, and stands beside others of its rate again, resumes at their time.
@@ -113,6 +122,7 @@ def _begins(path: Path) -> dict[str, list[tuple[int, int]]]:
     from nptdms.reader import TdmsReader
 
     begins: dict[str, list[tuple[int, int]]] = defaultdict(list)
+    pieces = 0
     with contextlib.closing(TdmsReader(str(path))) as reader:
         count, note = reader._update_object_metadata, reader._update_object_properties
         segments, before = list[Any](), set[str]()
@@ -120,6 +130,7 @@ def _begins(path: Path) -> dict[str, list[tuple[int, int]]]:
         about = reader.object_metadata
 
         def take(properties: dict[str, Any] | None) -> None:
+            nonlocal pieces
             rows = {key: one.num_values for key, one in about.items()}
             note(properties)
             for key, facts in (properties or {}).items():
@@ -128,19 +139,21 @@ def _begins(path: Path) -> dict[str, list[tuple[int, int]]]:
                     begins[key].append((rows.get(key, 0), int(start.as_datetime64("us").astype(np.int64))))
             count(segments[-1])
             written = {each.path for each in segments.pop().ordered_objects if each.has_data}
+            pieces += bool(written)
             steps = {key: about[key].properties.get("wf_increment") for key in written}
-            for key in (written - before) & rows.keys() & begins.keys():
+            for key in (written - before) & rows.keys():
                 beside = [about[each].num_values for each in written & before if steps[each] == steps[key]]
                 late = max(beside, default=0) - about[key].num_values
                 if steps[key] and late > 0:
                     at_s = steps[key] * (rows[key] + late)
+                    begins[key] = begins[key] or [(0, 0)]
                     begins[key].append((rows[key], begins[key][0][1] + round(1e6 * at_s)))
             before.clear()
             before.update(written)
 
         reader._update_object_metadata, reader._update_object_properties = segments.append, take
         reader.read_metadata()
-    return begins
+    return begins, pieces
 
 
 def _segments(path: Path, channel: Channel, begins: list[tuple[int, int]]) -> tuple[Segment, ...]:

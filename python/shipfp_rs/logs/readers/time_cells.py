@@ -1,18 +1,13 @@
-"""Conversion of time cells to seconds: numbers, stamps, and dates and times of day in any order of their parts.
-
-Also here:
-
-- Names that loggers use for time, date, clock, units of time and sample rate, in ten languages and more.
-"""
+"""Conversion of time cells to seconds: numbers, stamps, and dates and times of day in any order of their parts."""
 
 from __future__ import annotations
 
 import re
 import unicodedata
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, date, datetime, timedelta
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -22,59 +17,19 @@ import pyarrow.compute as pc
 from shipfp_rs.errors import InputError
 from shipfp_rs.support import units
 from shipfp_rs.support.arrays import Array
+from shipfp_rs.support.files import words_of
 
-TIMES_TEXT = """
-time t timestamp timestamps datetime dateandtime elapsedtime elapsed abstime abstimestamp reltime
-relativetime absolutetime measurementtime recordingtime logtime logtimestamp systemtime localtime
-utctime utc gpstime testtime runtime simtime simulationtime timeaxis timeseconds timesec seconds
-secs sec samplingtime epoch unix unixtime posix unixtimestamp xvalue x xaxis xtime xwert xdata
-xvalues timechannel mastertime tsec ts tms tus stamp clock zeit zeitstempel messzeit zeitpunkt
-zeitachse abtastzeit relativzeit relzeit abszeit absolutzeit uhrzeit datumzeit datumuhrzeit sekunden
-laufzeit zeitkanal tijd tijdstip tijdstempel tijdas meettijd looptijd seconden datumtijd datumentijd
-klok temps tempsécoulé heure horodatage horodate dateheure dateetheure instant secondes tempsrelatif
-tid tidspunkt tidsstempel tidsstämpel tidstempel tidpunkt forløbettid klokkeslæt klokkeslett
-klockslag sekunder datotid tiempo hora marcadetiempo fechahora fechayhora segundos
-tiempotranscurrido tempo ora dataora datahora dataeora segundosdecorridos secondi carimbodetempo
-tempotrascorso czas godzina datagodzina czaspomiaru sekundy znacznikczasu aika kellonaika aikaleima
-sekuntia zaman saat süre zamandamgası время часы датавремя χρόνος ώρα 时间 時間 時刻 时刻 시간
-"""
-WORDS = frozenset(TIMES_TEXT.split())
-"""Column names for time alone or date and time, in lower case without spaces and punctuation."""
-DATES_TEXT = """
-date datum dato fecha data pvm päivä päivämäärä tarih дата ημερομηνία 日期 日付 날짜 day recorddate
-measurementdate messdatum meetdatum utcdate localdate
-"""
-DATES = frozenset(DATES_TEXT.split())
-"""Column names for dates."""
-UNITS_TEXT = {
-    1.0: "s sec secs second seconds sek sekunde sekunden seconde seconden secondes "
-    " seg segundo segundos secondi secondo sekund sekunder sekundy sekunti sekuntia saniye с сек δ 秒 초",
-    1e-3: "ms msec millis millisecond milliseconds millisekunden milliseconden мс 毫秒",
-    1e-6: "us µs μs usec micros microsecond microseconds mikrosekunden 微秒",
-    1e-9: "ns nsec nanosecond nanoseconds nanosekunden",
-    60.0: "min mins minute minutes minuten minuti minutos minuter",
-    3600.0: "h hr hrs hour hours std stunde stunden uur uren heure heures hora horas ore timer",
-    86400.0: "d day days tag tage dag dagen",
+WORDS: Mapping[str, Any] = words_of("time_words")
+"""Words for time in all languages; the file says what each list is of."""
+TIMES, DATES, RATES, INTERVALS, STARTS = (
+    frozenset(WORDS[what].split()) for what in ("time", "date", "rate", "interval", "start")
+)
+SECONDS = {"": 1.0} | {
+    word: float(unit) for unit, words in WORDS["seconds"].items() for word in words.split()
 }
-SECONDS = {"": 1.0} | {word: factor for factor, text in UNITS_TEXT.items() for word in text.split()}
 """Seconds per unit of time, by name in lower case."""
-RATES_TEXT = """
-rate_hz fs sample_rate samplerate sampling_rate sample_frequency sampling_frequency sampling
-samples_per_second sps scan_rate logging_rate log_rate abtastrate abtastfrequenz messrate
-samplefrequentie bemonsteringsfrequentie fréquence_d'échantillonnage fréquence_échantillonnage
-samplingsfrekvens samplingsfrekvensen punktavläsningsfrekvens frecuencia_de_muestreo
-frequência_de_amostragem frequenza_di_campionamento częstotliwość_próbkowania näytteenottotaajuus
-örnekleme_frekansı частота_дискретизации
-"""
-RATE_NAMES = frozenset(RATES_TEXT.split())
-INTERVALS_TEXT = """
-dt ts delta_x deltax sample_interval sampling_interval sample_period sampling_period sample_time
-interval wf_increment abtastintervall abtastzeit abtastperiode periode_d'échantillonnage
-período_de_muestreo tinc hresolution increment xincrement x_increment xinc
-"""
-INTERVAL_NAMES = frozenset(INTERVALS_TEXT.split())
-"""Names of a sample rate [Hz] or a sample interval [s], in lower case with underscores."""
-
+MONTHS = {name: number for number, names in enumerate(WORDS["months"], start=1) for name in names.split()}
+"""Months by the first letters of their names."""
 BRACKETED = re.compile(r"(.*\S)\s*(?:\[([^\]]*)\]|\(([^)]*)\)|\{([^}]*)\}|<([^>]*)>)\s*")
 TAILS = tuple(
     re.compile(pattern)
@@ -144,7 +99,7 @@ def is_time(name: str) -> bool:
     (True, False)
     """
     counted = re.fullmatch(r"(\w{4,})\s+\d+\s+-\s+.+", name)
-    return plain(counted[1] if counted else name) in WORDS
+    return plain(counted[1] if counted else name) in TIMES
 
 
 def timed_by(name: str) -> set[str]:
@@ -156,7 +111,7 @@ def timed_by(name: str) -> set[str]:
     ({'data1_u_pickup'}, set())
     """
     words = re.split(r"[\s_.-]+", name.lower())
-    return {"_".join(words[:k] + words[k + 1 :]) for k, word in enumerate(words) if plain(word) in WORDS} - {
+    return {"_".join(words[:k] + words[k + 1 :]) for k, word in enumerate(words) if plain(word) in TIMES} - {
         ""
     }
 
@@ -166,15 +121,9 @@ def is_date(name: str) -> bool:
     return plain(name) in DATES
 
 
-START_NAMES = frozenset(
-    ["start", "xstart", "x_start", "t0", "x0", "xorigin", "x_origin", "xorg", "xzero", "x_zero", "hoffset"]
-)
-"""Names for the time of the first sample [s], in lower case with underscores."""
-
-
 def stated_start(facts: Iterable[tuple[str, float]]) -> float:
     """Time of the first sample [s] among named values, else 0."""
-    return next((value for name, value in facts if _key(name) in START_NAMES and np.isfinite(value)), 0.0)
+    return next((value for name, value in facts if _key(name) in STARTS and np.isfinite(value)), 0.0)
 
 
 def _key(name: str) -> str:
@@ -191,9 +140,9 @@ def stated_rate(facts: Iterable[tuple[str, object]]) -> float | None:
         known = float(number.reshape(-1)[0])
         if not 0.0 < known < np.inf:
             continue
-        if key in RATE_NAMES or key.removesuffix("_hz") in RATE_NAMES:
+        if key in RATES or key.removesuffix("_hz") in RATES:
             return known
-        if key in INTERVAL_NAMES:
+        if key in INTERVALS:
             return float(f"{1.0 / known:.12g}")
     return None
 
@@ -206,30 +155,6 @@ EPOCH = datetime.fromtimestamp(0, UTC)
 DAY_NS = 86_400_000_000_000
 MISSING = np.iinfo(np.int64).min
 """Value of an empty cell."""
-
-MONTHS = {
-    name: number
-    for number, names in enumerate(
-        (
-            "jan ene gen janv jän sty янв",
-            "feb févr fév fev lut helmi фев",
-            "mar mär mars mrt mrz maart märz marzo março мар maalis",
-            "apr avr abr kwi huhti апр",
-            "may mai mei maj mag maio mayo мая май touko",
-            "jun juin giu cze kesä июн",
-            "jul juil lug lip heinä июл",
-            "aug août aout ago sie elo авг",
-            "sep sept set wrz syys сен",
-            "oct okt ott out paź loka окт",
-            "nov lis marras ноя",
-            "dec dez déc dic gru joulu дек",
-        ),
-        start=1,
-    )
-    for name in names.split()
-}
-"""Months by the first letters of their names."""
-
 _SEP = r"[-./]\s?"
 _FRACTION = r"(?:[.,:](?P<f>\d{1,9})\d*)?"
 _CLOCK = (
@@ -245,7 +170,6 @@ _WORD = r"(?:[^\W\d]{2,10}\.?,?\s+)?(?P<a>\d{1,2})\.?[-./ ]+(?P<w>[^\W\d]{3,10})
 _US_WORD = r"(?:[^\W\d]{2,10}\.?,?\s+)?(?P<w>[^\W\d]{3,10})\.?\s+(?P<a>\d{1,2}),?\s+(?P<y>\d{4})"
 _BETWEEN = r"(?:[T_,;]\s?|\s+(?:-\s)?|[:-])"
 _COMPACT_CLOCK = r"(?P<H>\d\d)(?P<M>\d\d)(?P<S>\d\d)(?:[.,](?P<f>\d{1,9})\d*)?"
-
 _DATES = {"ymd": _YMD, "compact": _COMPACT, "two": _TWO, "word": _WORD, "us_word": _US_WORD}
 _PATTERNS = {name: re.compile(rf"\s*{date}\s*") for name, date in _DATES.items()}
 _PATTERNS |= {

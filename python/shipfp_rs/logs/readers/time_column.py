@@ -40,10 +40,6 @@ DAY_STEP = 1e-4
 LONGEST_STEP_S = 5.0
 """Longest plausible step [s] of a column without a unit; a column with longer steps is not taken as seconds."""
 CENTURIES_S = 6.3e9
-AMBIGUOUS = frozenset(
-    ["x", "xvalue", "xvalues", "xdata", "xaxis", "tempo", "clock", "data", "ora", "hora", "saat", "instant"]
-)
-"""Words for time that may also have another meaning."""
 WORDS = {"d": "day first", "m": "month first", "y": "year first", "": ""}
 ORDERS: dict[str, Order] = {"d": "d", "t": "d", "j": "d", "m": "m", "y": "y", "a": "y"}
 
@@ -196,7 +192,8 @@ def find_time(
     usable = [item for item in scored if item[0] > (0.0,)]
     if not usable:
         # A column clearly named as time is returned although it is not usable: its use raises an error.
-        certain = [plan for plan in numbers if plan and time_cells.plain(plan.name) not in AMBIGUOUS]
+        ambiguous = time_cells.WORDS["ambiguous"].split()
+        certain = [plan for plan in numbers if plan and time_cells.plain(plan.name) not in ambiguous]
         by_unit = [
             plan
             for c in columns
