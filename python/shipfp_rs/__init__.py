@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 from shipfp_rs._core import __version__ as __version__
 from shipfp_rs.errors import InputError as InputError
 from shipfp_rs.errors import ShipfpError as ShipfpError
+from shipfp_rs.support.hints import no_attribute
 
 if TYPE_CHECKING:
     from shipfp_rs import errors as errors
@@ -89,7 +90,7 @@ def __getattr__(name: str) -> Any:
         return import_module(f"shipfp_rs.{name}")
     if name in _WHERE:
         return getattr(import_module(f"shipfp_rs.{_WHERE[name]}"), name)
-    raise AttributeError(f"module 'shipfp_rs' has no attribute {name!r}")
+    raise no_attribute(import_module(__name__), name)
 
 
 def __dir__() -> list[str]:

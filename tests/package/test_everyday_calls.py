@@ -2,6 +2,7 @@
 
 import inspect
 import json
+import re
 import subprocess
 import sys
 
@@ -11,7 +12,9 @@ import pytest
 import shipfp_rs as fp
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.parquet import experiment_of
+from shipfp_rs.identification.estimate import Estimate
 from shipfp_rs.simulation.raw_log import trial_toml
+from shipfp_rs.support.hints import _guesses
 from shipfp_rs.sweeps import Plan, Sweep
 from shipfp_rs.sweeps.analysis import summarise
 
@@ -74,10 +77,58 @@ def test_a_trial_alone_opens_its_own_log(tmp_path):
     (tmp_path / "TRIAL.toml").write_text(trial_toml("stan-launch-804", "day.parquet", sensors, truth))
     trial = fp.Trial.load(tmp_path / "TRIAL.toml")
     assert fp.process(trial) == fp.process(trial.logs()[0], trial)
+    assert (
+        fp.process(tmp_path / "TRIAL.toml") == fp.process(str(tmp_path / "TRIAL.toml")) == fp.process(trial)
+    )
     with pytest.raises(InputError, match="process: both arguments are trials"):
         fp.process(trial, trial)
     with pytest.raises(InputError, match="process: found no trial beside the log"):
         fp.process(made)
+
+
+def test_an_experiment_is_read_as_a_dictionary_of_signals_and_written_as_csv(experiment, tmp_path):
+    assert dict(experiment) == dict(experiment.items()) == experiment.signals
+    assert [*experiment.keys()] == [*experiment]
+    assert len(experiment.values()) == len(experiment.signals)
+    assert experiment.get("M_load") is None
+    assert experiment.get("n_e") is experiment["n_e"]
+    pd = pytest.importorskip("pandas")
+    read = pd.read_csv(experiment.to_csv(tmp_path / "signals.csv"), index_col=0)
+    np.testing.assert_array_equal(read["n_e"], experiment["n_e"])
+    assert (tmp_path / "signals.csv").read_text() == experiment.to_csv()
+
+
+@pytest.mark.parametrize(("where", "guess"), [*_guesses()])
+def test_a_name_of_another_package_is_refused_with_what_to_type_here(where, guess):
+    owner = {"fp": fp, "Tabular": fp.Experiment, "Estimate": Estimate}.get(where) or getattr(fp, where)
+    assert not hasattr(owner, guess)
+    instead = _guesses()[where, guess].format(owner="experiment", name=guess)
+    with pytest.raises(AttributeError) as caught:
+        getattr(owner, guess)
+    assert re.fullmatch(r".* has no attribute '\w+'; type .*", str(caught.value))
+    owners = {"fp": fp, "experiment": fp.Experiment, "estimate": Estimate, "log": fp.Log}
+    owners |= {"fingerprint": fp.Fingerprint, "vessel": fp.Vessel}
+    for variable, names in re.findall(
+        r'(?<!")\b(fp|experiment|fingerprint|estimate|log|vessel)((?:\.\w+)+)', instead
+    ):
+        thing = owners[variable]
+        for name in names[1:].split(".")[: 1 if ".to_" in names else None]:
+            fields = getattr(thing, "__dataclass_fields__", {})
+            thing = fields[name] if name in fields else getattr(thing, name)
+
+
+def test_a_misspelt_name_is_refused_with_the_nearest_one(experiment):
+    for owner, name, near in (
+        (fp, "idntify", "identify"),
+        (LAUNCH, "inertias", "inertia"),
+        (fp.Vessel, "name", "names"),
+        (experiment, "durations", "duration"),
+    ):
+        with pytest.raises(AttributeError, match=f"has no attribute {name!r}; did you mean '{near}'"):
+            getattr(owner, name)
+    assert not hasattr(experiment, "_private")
+    with pytest.raises(AttributeError, match=r'type experiment\["n_e"\]$'):
+        experiment.n_e  # noqa: B018
 
 
 @pytest.mark.parametrize("way", ["index", "time", "time_s", "spans"])

@@ -167,7 +167,9 @@ def _figures(structure: Structure, values: Values) -> dict[str, tuple[str, Figur
         return lambda known: float(read(loop_at(tuple(known.items()))))
 
     def of_pole(pole: complex, part: str) -> Figure:
-        return of(lambda loop: getattr(loop.pole_near(pole), part))
+        # The nearest pole, since poles may exchange their order where the values differ.
+        none = complex(np.nan, np.nan)
+        return of(lambda loop: getattr(min(loop.poles, key=lambda one: abs(one - pole), default=none), part))
 
     figures: dict[str, tuple[str, Figure]] = {}
     for place, pole in enumerate(poles_of(structure, values), 1):
@@ -221,10 +223,6 @@ class _Loop:
             pole for place, pole in enumerate(upper) if not np.isclose(pole, upper[:place], rtol=1e-6).any()
         ]
         return np.array(sorted(kept, key=lambda pole: -pole.real))
-
-    def pole_near(self, pole: complex) -> complex:
-        """The pole nearest to that of other parameter values, since poles may exchange their order."""
-        return min(self.poles, key=lambda one: abs(one - pole), default=complex(np.nan, np.nan))
 
     def at(self, frequency_hz: float) -> complex:
         """The open loop at a frequency."""

@@ -138,7 +138,7 @@ class Change:
 
     @property
     def by(self) -> str:
-        """The change in words: relative to the value before, or absolute if that was zero."""
+        """The change in words, relative to the value before, or absolute if that was zero."""
         if math.isfinite(self.change_pct):
             return f" by {self.change_pct:+.1f} %"
         return f" by {rounded(self.change, self.places)} {unit_shown(self.unit)}".rstrip()

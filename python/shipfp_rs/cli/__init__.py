@@ -167,7 +167,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     asked: list[int] = []
     try:
         _open_closed_streams()
-        _collect_seldom()
+        gc.set_threshold(COLLECTED_AFTER)  # rarely, and not at exit, when the process frees all memory
+        atexit.register(gc.freeze)
         _take_odd_words_from_the_environment()
         for stream in (sys.stdout, sys.stderr):
             if isinstance(stream, io.TextIOWrapper):
@@ -191,12 +192,6 @@ def _open_closed_streams() -> None:
     for name in ("stdin", "stdout", "stderr"):
         if getattr(sys, name) is None:
             setattr(sys, name, open(os.devnull, "r" if name == "stdin" else "w", encoding="utf-8"))  # noqa: PTH123, SIM115
-
-
-def _collect_seldom() -> None:
-    """Collect garbage rarely, and not at exit, when the process frees all memory."""
-    gc.set_threshold(COLLECTED_AFTER)
-    atexit.register(gc.freeze)
 
 
 def _take_odd_words_from_the_environment() -> None:

@@ -181,7 +181,7 @@ def compare(
 
     if out is not None:
         if any(out.exists() and path.exists() and out.samefile(path) for path in (before, after)):
-            raise InputError(f"{out}: is a fingerprint that is compared; choose another name")
+            raise InputError(f"{out}: one of both fingerprints, expected a new file; choose another name")
         new_file(ending_in(out, ".png"), force=force)
     first, second = Fingerprint.load(before), Fingerprint.load(after)
     beside = [path.parent / "experiments.parquet" for path in (before, after)]

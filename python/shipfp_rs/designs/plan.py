@@ -169,7 +169,10 @@ class Plan(Brief):
                 )
                 (made / "volts_points.csv").write_text(_columns(volts), encoding="ascii")
             (made / "run_sheet.txt").write_text(as_text(title, self.heading(), self.sheet), encoding="utf-8")
-            (made / "run_sheet.html").write_text(as_html(title, self.heading(), self.sheet), encoding="utf-8")
+            page = environment().get_template("run_sheet.html")
+            rows = [stretch.cells() for stretch in self.sheet]
+            text = page.render(title=title, notes=self.heading(), head=HEAD, rows=rows)
+            (made / "run_sheet.html").write_text(text, encoding="utf-8")
             picture = figure(
                 self.excitation,
                 self.spectrum,
@@ -270,12 +273,6 @@ def as_text(title: str, notes: Sequence[str], stretches: Sequence[Stretch]) -> s
     lines = text_table(HEAD, [stretch.cells() for stretch in stretches], left=2)
     rule = "-" * max(map(len, lines))
     return "\n".join([title, "", *notes, "", lines[0], rule, *lines[1:], ""])
-
-
-def as_html(title: str, notes: Sequence[str], stretches: Sequence[Stretch]) -> str:
-    """Format the sheet as a printable page."""
-    rows = [stretch.cells() for stretch in stretches]
-    return environment().get_template("run_sheet.html").render(title=title, notes=notes, head=HEAD, rows=rows)
 
 
 def _stretch(segment: Segment, excitation: Excitation, expected: Experiment) -> Stretch:

@@ -219,7 +219,7 @@ def _sines(setting: Setting, duration_s: float) -> Excitation:
     frequencies = np.where(setting.limits.outside(moved), moved, frequencies)
     if not periods.any():
         raise InputError(
-            f"{duration_s:.4g} s are shorter than a period of every sine of the design, up to {frequencies.max():.4g} Hz; "
+            f"duration_s is {duration_s:.4g}, expected room for a period of a sine of up to {frequencies.max():.4g} Hz; "
             "make the trial longer"
         )
     amplitudes = setting.limits.amplitude_at(frequencies)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import ItemsView, Iterator, KeysView, Mapping, Sequence, ValuesView
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from importlib import import_module
@@ -125,12 +125,12 @@ class Experiment(Tabular, EvenlySampled):
 
     @property
     def driver(self) -> str:
-        """Name of the model's input: "n_set", or "command" of a drive in open loop."""
+        """Name of the model's input, "n_set", or "command" of a drive in open loop."""
         return "n_set" if "n_set" in self.signals else "command"
 
     @property
     def outputs(self) -> dict[str, Array]:
-        """Output signals: all except set point, command and load."""
+        """Output signals, all except set point, command and load."""
         return {name: row for name, row in self.signals.items() if name not in DRIVES}
 
     def __repr__(self) -> str:
@@ -180,8 +180,21 @@ class Experiment(Tabular, EvenlySampled):
     def __iter__(self) -> Iterator[str]:
         return iter(self.signals)
 
-    def __contains__(self, name: object) -> bool:
-        return name in self.signals
+    def keys(self) -> KeysView[str]:
+        """Names of the signals."""
+        return self.signals.keys()
+
+    def values(self) -> ValuesView[Array]:
+        """Samples of each signal."""
+        return self.signals.values()
+
+    def items(self) -> ItemsView[str, Array]:
+        """Name and samples of each signal."""
+        return self.signals.items()
+
+    def get(self, name: str, default: Any = None) -> Any:
+        """Return a signal by name, or `default`."""
+        return self.signals.get(name, default)
 
     def _ipython_key_completions_(self) -> list[str]:
         return [*self.signals]
@@ -269,14 +282,8 @@ class Experiment(Tabular, EvenlySampled):
         return "" if name == "M_load" and self.load.get("quantity") == "other" else UNITS[name]
 
     def _columns(self) -> Columns:
-        facts = {
-            "name": self.name,
-            "rate_hz": self.rate_hz,
-            "operating_point": dict(self.operating_point),
-            "hold": self.hold,
-            "kind": self.kind,
-            "provenance": dict(self.provenance),
-        }
+        own = {name: getattr(self, name) for name in _FACTS}
+        facts = {name: dict(one) if isinstance(one, Mapping) else one for name, one in own.items()}
         return Columns({TIME: self.time, **self.signals}, {TIME: "s", **UNITS}, facts)
 
     @classmethod

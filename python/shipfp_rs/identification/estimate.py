@@ -11,6 +11,7 @@ from pydantic import AfterValidator, BeforeValidator, Field
 
 from shipfp_rs.support.arrays import DEVIATIONS_95
 from shipfp_rs.support.files import finite
+from shipfp_rs.support.hints import Hinted
 from shipfp_rs.support.sentences import Sentence
 from shipfp_rs.support.validation import Figure, Number, Text, Whole, validated, wrong
 
@@ -57,7 +58,7 @@ Spread = Annotated[float, Field(strict=True, ge=0.0)]
 
 @validated
 @dataclass(frozen=True)
-class Estimate:
+class Estimate(Hinted):
     """One parameter or combination: value, standard deviation, 95 % interval, unit, status.
 
     `value`, `std` and `ci95` are None where the data do not determine them; `reason` then says why.
@@ -184,7 +185,7 @@ def rounded_rows(
             unit=estimate.unit,
             status=estimate.reason if estimate.reason in (ALONG, ASSUMED) else STATUS[estimate.status],
             reason=estimate.reason,
-            truth=rounded(real, places),
+            truth=rounded(real, places if real else None),
             holds_truth=None if real is None or low is None or high is None else low <= real <= high,
         )
 

@@ -129,7 +129,7 @@ class Content:
 
     @property
     def ends_at_meter(self) -> bool:
-        """Whether the model ends at a torque meter: its load is all the torque of a shaft, with the load's law in it."""
+        """Whether the model ends at a torque meter, whose load is all the torque of a shaft, with the load's law in it."""
         loads, p = [row.get("load", {}) for row in self.data], self.parameters.get("p")
         return (
             "load" in self.structure.get("elements", ())

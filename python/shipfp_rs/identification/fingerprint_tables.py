@@ -33,7 +33,7 @@ SHORT, WIDTH = 8, 80
 LOAD_ALONE = "The load's side by itself (speed and torque alone, no model of the drive):"
 
 
-class FingerprintTables(Content, Mapping[str, Estimate]):
+class FingerprintTables(Content, hints.Hinted, Mapping[str, Estimate]):
     """Names, text and tables of a fingerprint."""
 
     @property
@@ -59,7 +59,7 @@ class FingerprintTables(Content, Mapping[str, Estimate]):
 
     @property
     def correlations(self) -> dict[str, dict[str, float]]:
-        """Correlation between searched parameters [-]: ``fingerprint.correlations["tau_n"]["g"]``."""
+        """Correlation between searched parameters [-], as ``fingerprint.correlations["tau_n"]["g"]``."""
         names = list(self.covariance["names"])
         matrix = np.array(self.covariance["matrix"], dtype=np.float64).reshape(len(names), len(names))
         spread = np.sqrt(np.diag(matrix))

@@ -89,11 +89,6 @@ def _load_swing(experiment: Experiment) -> float:
     return float(np.std(experiment.normalised("M_load"))) if "M_load" in experiment.signals else 0.0
 
 
-def _load_mean(experiment: Experiment) -> float:
-    """Mean of a measured load's deviation over the torque of the operating point; 0 without one."""
-    return float(np.mean(experiment.normalised("M_load"))) if "M_load" in experiment.signals else 0.0
-
-
 def set_point_moves(experiments: Sequence[Experiment]) -> bool:
     """Whether the set point moves in one of the experiments, so that its dead time is identifiable."""
     return max(float(np.std(one.dn_set)) for one in experiments) >= LEAST_SWING
@@ -129,7 +124,8 @@ def _require_operating_point(experiment: Experiment) -> None:
             continue
         mean = float(np.nanmean(values))
         # Torque follows the load, whose mean deviation is no error.
-        loaded = abs(_load_mean(experiment)) if name.startswith("M_") else 0.0
+        loads = name.startswith("M_") and "M_load" in experiment.signals
+        loaded = abs(float(np.mean(experiment.normalised("M_load")))) if loads else 0.0
         if abs(mean) > POINT_OFF + loaded:
             raise InputError(
                 f"{experiment.name!r}: {name} is {100 * (1 + mean):.3g} % of its operating point on average, expected about "

@@ -284,7 +284,8 @@ def question_of(
             raise InputError(f"elements: no {name!r}, expected some of {', '.join(ELEMENTS)}")
     _require_parameters({"fixed": known, "priors": priors or {}})
     _require_values(known, priors or {})
-    elements = _known_elements(known) | elements
+    # An element with a known parameter acts.
+    elements = {name: True for name, own in TRIED.items() if not known.keys().isdisjoint(own)} | elements
     common = set.intersection(*(set(one.signals) for one in experiments))
     speed = next((name for name in ("n_e", "n_s") if name in common), None)
     if speed is None:
@@ -398,11 +399,6 @@ def _require_values(fixed: Mapping[str, float], priors: Mapping[str, tuple[float
     for name, (_, std) in priors.items():
         if not std > 0.0:
             raise InputError(f"priors.{name}: found a standard deviation of {std:g}, expected more than 0")
-
-
-def _known_elements(fixed: Mapping[str, float]) -> dict[str, bool]:
-    """Mark elements with a known parameter as acting."""
-    return {name: True for name, parameters in TRIED.items() if not fixed.keys().isdisjoint(parameters)}
 
 
 def _compared(

@@ -53,7 +53,8 @@ def undescribed(fit: ShipFit, misses_pct: Sequence[float], explained_pct: Sequen
     if (kind := suspected(fit.scores, 1.0 if fit.is_smooth else DISCREPANCY)) is not None:
         return kind
     poor = max(misses_pct) > LARGE_MISS_PCT or min(explained_pct) < LEAST_EXPLAINED_PCT
-    if poor and fit.side is not None and _is_a_load(fit.side):
+    # A torque that certainly rises with the speed is a load.
+    if poor and fit.side is not None and (fit.side.parameters["p"].ci95 or (0.0,))[0] > 0.0:
         return "misfit"
     if _contradicts_priors(fit):
         return "prior"
@@ -68,12 +69,6 @@ def _contradicts_priors(fit: ShipFit) -> bool:
         for name, (mean, deviation) in known.items()
         if name not in fit.question.priors and name != "g"
     )
-
-
-def _is_a_load(side: LoadSide) -> bool:
-    """Whether the torque certainly rises with the speed."""
-    ends = side.parameters["p"].ci95
-    return ends is not None and ends[0] > 0.0
 
 
 def _agree(fit: ShipFit, side: LoadSide) -> bool:

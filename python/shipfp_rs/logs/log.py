@@ -115,7 +115,7 @@ class Rows:
 LOGGER = logging.getLogger("shipfp_rs")
 
 
-class Log:
+class Log(hints.Hinted):
     """Channels of one recording, whose samples are read from disk on demand.
 
     Readers of logger formats build a log from a list of channels and a function that yields blocks of samples;

@@ -163,7 +163,10 @@ def intervals(
             ax.plot(middle, place, mark, color=color, ms=6)
     for state in dict.fromkeys(state for *_, state in rows):
         ax.plot([], [], color=STATES[state][0], marker=STATES[state][1], ms=6, lw=2.0, label=state)
-    labels = [_row_label(name, shown[name]) for name in reversed(shown)]
+    labels = [
+        f"{name} = {shown[name].value:.4g} {unit_shown(shown[name].unit)}".rstrip()
+        for name in reversed(shown)
+    ]
     ax.set_yticks(range(len(shown)), labels)
     ax.set_ylim(-0.6, max(len(shown), 1) - 0.4)
     ax.set_xscale("symlog", linthresh=EVEN_PCT, linscale=0.5)
@@ -290,7 +293,3 @@ def _write_end(ax: Axes, end: float, edge: float, place: int, color: str) -> Non
         fontsize="x-small",
         color=color,
     )
-
-
-def _row_label(name: str, estimate: Estimate) -> str:
-    return f"{name} = {estimate.value:.4g} {unit_shown(estimate.unit)}".rstrip()

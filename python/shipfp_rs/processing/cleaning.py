@@ -270,7 +270,9 @@ class Cleaner:
         samples = self.calibration(self.rows.read(first, stop))
         missing = ~np.isfinite(samples) | marks(self._lost, first, stop)
         if marks(self._hum, first, stop).any():
-            samples = self._without_hum(samples, missing, first)
+            # Spikes are bridged first, since each would affect samples within the filter's length.
+            filled = bridge(samples, missing | self._spiky(samples, missing)[0])
+            samples = samples - hum_in(filled, first, self._hum, self.channel.rate_hz, self.mains_hz)
         spiky, found = self._spiky(samples, missing)
         self._spikes.append(first + found[self._judged(found, first, len(samples))])
         lost = missing | spiky
@@ -317,11 +319,6 @@ class Cleaner:
                     f"to {until:g} s (samples {start} to {stop - 1}); it is an input of the model, and at most "
                     f"{longest_s:g} s are bridged (processing.faults.longest_bridge_s); end the window before it{sound}"
                 )
-
-    def _without_hum(self, samples: Array, missing: Mask, first: int) -> Array:
-        """Remove hum from a piece; spikes are bridged first, since each would affect samples within the filter's length."""
-        filled = bridge(samples, missing | self._spiky(samples, missing)[0])
-        return samples - hum_in(filled, first, self._hum, self.channel.rate_hz, self.mains_hz)
 
     def _spiky(self, samples: Array, missing: Mask) -> tuple[Mask, Spans]:
         """Mask of the spikes in a piece, shape (N,), and their spans."""

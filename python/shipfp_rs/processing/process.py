@@ -12,6 +12,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -62,7 +63,11 @@ STEADY = 0.02
 
 @checked
 def process(
-    log: Log | Trial, trial: Trial | None = None, vessel: Vessel | None = None, *, chunk: int | None = None
+    log: str | Path | Log | Trial,
+    trial: Trial | None = None,
+    vessel: Vessel | None = None,
+    *,
+    chunk: int | None = None,
 ) -> list[Experiment]:
     """Convert the windows of a log to experiments.
 
@@ -76,7 +81,7 @@ def process(
     Parameters
     ----------
     log
-        The recording. If only a trial is given, its logs are opened.
+        The recording. If only a trial is given, or the path of its TRIAL.toml, its logs are opened.
     trial
         Channels, windows, operating point and settings; windows of other logs are ignored.
     vessel
@@ -108,8 +113,10 @@ def process(
 
     Examples
     --------
-    >>> experiments = process(Trial.load("TRIAL.toml"))  # doctest: +SKIP
+    >>> experiments = process("TRIAL.toml")  # doctest: +SKIP
     """
+    if isinstance(log, str | Path):
+        log = Trial.load(log)
     if isinstance(log, Trial):
         if trial is not None:
             raise InputError(

@@ -193,7 +193,8 @@ def _page(title: str, ship: str, sections: Sequence[tuple[str, str, Sequence[str
     """Page with sections, its scripts and the policy that permits no others."""
     scripts = [_resource(name) for name in ("sort.js", "save.js", "zoom.js")]
     # Even if escaping fails, text of a log can neither run scripts nor send requests.
-    allowed = " ".join(f"'sha256-{_digest(script)}'" for script in scripts)
+    digests = (base64.b64encode(hashlib.sha256(script.encode()).digest()).decode() for script in scripts)
+    allowed = " ".join(f"'sha256-{digest}'" for digest in digests)
     policy = f"default-src 'none'; style-src 'unsafe-inline'; img-src data:; script-src {allowed}"
     return (
         environment()
@@ -235,10 +236,6 @@ def _folded(summary: str, parts: Iterable[str]) -> Iterable[str]:
 
 def _resource(name: str) -> str:
     return resources.files("shipfp_rs.report").joinpath(name).read_text(encoding="utf-8")
-
-
-def _digest(script: str) -> str:
-    return base64.b64encode(hashlib.sha256(script.encode()).digest()).decode("ascii")
 
 
 def _signals(

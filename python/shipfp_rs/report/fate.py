@@ -154,13 +154,14 @@ def _faults(experiments: Sequence[Experiment], say: Say) -> str:
     for experiment in experiments:
         for fault in faults(experiment):
             kind = say(wording.FAULTS.get(fault.kind, fault.kind))
+            treated = "" if fault.kept else f"{say('cut' if fault.cut else 'repaired')}: "
             per_minute = 60.0 * len(fault.spans) / experiment.duration
             rows.append(
                 [
                     kind,
                     experiment.name,
                     Cell(fault.channel, code=True),
-                    _done(fault, say),
+                    treated + say(fault.method),
                     number(str(len(fault.spans))),
                     number(f"{per_minute:.3g}"),
                     number(str(fault.samples)),
@@ -176,12 +177,6 @@ def _faults(experiments: Sequence[Experiment], say: Say) -> str:
     return table(say("faults by experiment and channel"), head, rows) + details(
         say("Which samples, counted from each channel's first"), bullets(places), printed=False
     )
-
-
-def _done(fault: Fault, say: Say) -> str:
-    """Treatment of a fault in words."""
-    method = say(fault.method)
-    return method if fault.kept else f"{say('cut' if fault.cut else 'repaired')}: {method}"
 
 
 def log_quality(experiments: Sequence[Experiment], say: Say) -> Iterable[str]:

@@ -29,7 +29,6 @@ from shipfp_rs.support.sentences import Sentence
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-    from matplotlib.lines import Line2D
     from matplotlib.ticker import Formatter
 
 
@@ -391,12 +390,7 @@ def _rows(ax: Axes, against: str) -> Iterator[Point]:
         label = str(container.get_label() if container is not None else line.get_label())
         series = "" if label.startswith("_") else label
         ends = [bar for bars in container.lines[2] for bar in bars.get_segments()] if container else []
-        x, y = _points(line)
+        x, y = (np.asarray(values, dtype=np.float64).tolist() for values in line.get_data())
         for place, (across, value) in enumerate(zip(x, y, strict=True)):
             low, high = (ends[place][0][1], ends[place][1][1]) if place < len(ends) else ("", "")
             yield panel, against, series, across, value, low, high
-
-
-def _points(line: Line2D) -> tuple[Sequence[float], Sequence[float]]:
-    x, y = (np.asarray(values, dtype=np.float64) for values in line.get_data())
-    return x.tolist(), y.tolist()

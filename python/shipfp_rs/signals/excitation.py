@@ -160,7 +160,7 @@ class Excitation(Brief, EvenlySampled):
 
     @property
     def crest_factor(self) -> float:
-        """Largest deviation over root mean square [-]: 1.41 for a sine; low values mean much power for little motion."""
+        """Largest deviation over root mean square [-], 1.41 for a sine; low values mean much power for little motion."""
         return self.amplitude_rpm / self.rms_rpm if self.rms_rpm > 0.0 else math.nan
 
     @property

@@ -26,7 +26,7 @@ from shipfp_rs.support.tables import shown
 
 
 @dataclass(frozen=True)
-class Declared:
+class Declared(hints.Hinted):
     """A parametric model: parameters with unit, bounds and start, outputs, equations."""
 
     name: str
@@ -233,7 +233,7 @@ class Editable(Declared):
         structure = self
         for name, value in values.items():
             if (tie := structure[name].tied) is not None:
-                raise InputError(f"parameter {name}: tied as {tie}, expected no start; give one to {tie.to}")
+                raise InputError(f"parameter {name}: tied as {tie}, so without a start; give one to {tie.to}")
             structure = structure._with(name, start=float(value))
         return structure
 

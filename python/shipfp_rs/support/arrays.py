@@ -8,13 +8,15 @@ Also here:
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Iterable, Mapping, Sequence, Sized
 from dataclasses import fields, is_dataclass
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+
+from shipfp_rs.support.hints import Hinted
 
 Array = npt.NDArray[np.float64]
 ComplexArray = npt.NDArray[np.complex128]
@@ -28,7 +30,7 @@ LONGEST = 70
 """Longest value in a short `repr`, in characters."""
 
 
-class EvenlySampled(ABC):
+class EvenlySampled(Hinted):
     """Base of classes with evenly spaced samples."""
 
     rate_hz: float

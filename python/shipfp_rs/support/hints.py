@@ -1,9 +1,15 @@
-"""Hints for error messages: misspelt names, and wrong units recognised by a value's size."""
+"""Hints for error messages: misspelt names, names of other packages, and wrong units recognised by a value's size."""
 
 from __future__ import annotations
 
+import csv
 import difflib
-from collections.abc import Sequence
+from abc import ABCMeta
+from collections.abc import Iterable, Sequence
+from functools import cache
+from importlib import resources
+from types import ModuleType
+from typing import TYPE_CHECKING, Any
 
 Slip = tuple[str, float]
 """Possible mistakes in words, each with the factor that corrects the value."""
@@ -49,3 +55,45 @@ def likely(value: float, low: float, high: float, slips: Sequence[Slip], unit: s
 def likely_ratio(ratio: float, slips: Sequence[Slip], within: float = 0.1) -> str:
     """Text for the mistake whose correction brings a ratio to 1; empty if no correction does."""
     return next((f"; {name}?" for name, factor in slips if abs(ratio * factor - 1.0) <= within), "")
+
+
+@cache
+def _guesses() -> dict[tuple[str, str], str]:
+    """What to type instead of a name of another package, by class ("fp" for the package) and name."""
+    text = (resources.files("shipfp_rs") / "data" / "guesses.csv").read_text(encoding="utf-8")
+    rows = csv.DictReader(text.splitlines())
+    return {(row["where"], name): row["instead"] for row in rows for name in row["guesses"].split()}
+
+
+def no_attribute(owner: object, name: str) -> AttributeError:
+    """Error of a name that a class, its instances or the package lack, with what to type instead."""
+    kind = owner if isinstance(owner, type) else type(owner)
+    label = kind.__name__ if kind is not ModuleType else "fp"
+    if name.startswith("_"):
+        return AttributeError(f"{label} has no attribute {name!r}")
+    found = [_guesses().get((place, name)) for place in (label, *(one.__name__ for one in kind.__mro__))]
+    if getattr(owner, "__dict__", None) and isinstance(owner, Iterable) and name in owner:
+        found = [f'{{owner}}["{name}"]']
+    told = [f"; type {one.format(owner=label.lower(), name=name)}" for one in found if one]
+    near = told[0] if told else nearest(name, [one for one in dir(owner) if not one.startswith("_")])
+    return AttributeError(f"{label} has no attribute {name!r}{near}")
+
+
+class HintedType(ABCMeta):
+    """Metaclass of `Hinted`, which says the same for names of the class."""
+
+    if not TYPE_CHECKING:
+
+        def __getattr__(cls, name: str) -> Any:
+            raise no_attribute(cls, name)
+
+
+class Hinted(metaclass=HintedType):
+    """Base of public classes: the error of a missing attribute says what to type instead."""
+
+    if not TYPE_CHECKING:  # or type checkers would accept every name
+
+        def __getattr__(self, name: str) -> Any:
+            if hasattr(type(self), name):  # a property that failed: its own error
+                return object.__getattribute__(self, name)
+            raise no_attribute(self, name)

@@ -8,15 +8,18 @@ Also here:
 from __future__ import annotations
 
 import json
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cache
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 import numpy as np
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.support.arrays import Array, same
+from shipfp_rs.support.files import ending_in, write_text_atomically
+from shipfp_rs.support.hints import Hinted
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -37,7 +40,7 @@ class Columns(NamedTuple):
     facts: Mapping[str, Any]
 
 
-class Tabular(ABC):
+class Tabular(Hinted):
     """Base of classes that convert to tables: one independent column, dependent columns, and metadata.
 
     Tables hold the metadata (name, operating point, ...) as JSON. For tables from other programs, missing or wrong
@@ -113,6 +116,11 @@ class Tabular(ABC):
         )
         frame.attrs[FACTS] = json.dumps(facts)
         return frame
+
+    def to_csv(self, path: str | Path | None = None) -> str | Path:
+        """Return `to_pandas` as CSV, or write it to a file and return its path."""
+        text: str = self.to_pandas().to_csv(lineterminator="\n")
+        return text if path is None else write_text_atomically(ending_in(path, ".csv"), text)
 
     @classmethod
     def from_pandas(cls, frame: pd.DataFrame, **facts: Any) -> Self:

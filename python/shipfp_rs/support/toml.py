@@ -15,7 +15,7 @@ from pydantic_core import ErrorDetails, PydanticCustomError
 from shipfp_rs.errors import InputError
 from shipfp_rs.support.arguments import LINES, is_one_line
 from shipfp_rs.support.files import read_text
-from shipfp_rs.support.hints import nearest, suggestion
+from shipfp_rs.support.hints import Hinted, HintedType, nearest, suggestion
 
 Model = TypeVar("Model", bound=BaseModel)
 
@@ -45,14 +45,14 @@ else:
     ModelMetaclass = type(BaseModel)
 
 
-class _Named(ModelMetaclass):
+class _Named(HintedType, ModelMetaclass):
     """Metaclass by which completion offers a table's own names without those of pydantic."""
 
     def __dir__(cls) -> list[str]:
         return [name for name in super().__dir__() if name not in _PYDANTIC]
 
 
-class Section(BaseModel, metaclass=_Named):
+class Section(Hinted, BaseModel, metaclass=_Named):
     """Base of every table of a configuration file: immutable, no unknown keys, no conversion of types."""
 
     model_config = ConfigDict(

@@ -55,17 +55,13 @@ def run_parts(plan: Plan, store: Store, pool: Pool, arrived: Callable[[pa.Record
                 if losses[part] < 2:
                     again.append(part)
                     continue
-                rows = _one_by_one(plan, pool, store.draws_of(part))
+                # A part that lost its worker twice: each draw alone, to find the one that kills it.
+                alone = [_alone(plan, pool, index) for index in store.draws_of(part)]
+                rows = pa.Table.from_batches(alone).combine_chunks().to_batches()[0]
             else:
                 rows = future.result()
             store.add(part, rows)
             arrived(rows)
-
-
-def _one_by_one(plan: Plan, pool: Pool, indices: Sequence[int]) -> pa.RecordBatch:
-    """Compute each draw of a part separately, after the part has lost its worker twice, to find the draw that kills it."""
-    rows = [_alone(plan, pool, index) for index in indices]
-    return pa.Table.from_batches(rows).combine_chunks().to_batches()[0]
 
 
 def _alone(plan: Plan, pool: Pool, index: int) -> pa.RecordBatch:

@@ -314,7 +314,7 @@ class Vessel(Sparse):
 
     @property
     def nominal_propeller_torque(self) -> float:
-        """Propeller torque at the operating point [Nm]: the brake torque at the shaft minus the drag."""
+        """Propeller torque at the operating point [Nm], the brake torque at the shaft minus the drag."""
         shaft_torque = self.nominal_brake_torque * self.gearbox.ratio * self.gearbox.efficiency
         return float(shaft_torque - self.gearbox.drag_Nm)
 

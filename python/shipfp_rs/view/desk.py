@@ -187,7 +187,7 @@ class Desk:
     def _draft(self, asked: Asked) -> dict[str, Any]:
         document = self._document(asked)
         channels = [one.channel for one in document.raw.wait()]
-        path = document.trial or self._new_name(document)
+        path = document.trial or self._free("TRIAL", document.path.stem, f"{document.path.stem}-trial")
         known = document.trial is not None
         draft = drafts.read_draft(path) if known else Draft(name=document.path.stem)
         return {
@@ -211,9 +211,6 @@ class Desk:
                 if known and other.trial == document.trial
             ],
         }
-
-    def _new_name(self, document: Document) -> Path:
-        return self._free("TRIAL", document.path.stem, f"{document.path.stem}-trial")
 
     def _free(self, *stems: str) -> Path:
         """First unused file name: one of the stems, or the last stem with a number."""

@@ -54,7 +54,7 @@ def vessel_file(values: Mapping[str, str], source: str) -> str:
     """Text of a vessel file from the values entered for dotted keys; keys without a value remain as comments."""
     given = {key: value.strip() for key, value in values.items() if value.strip()}
     if unknown := given.keys() - {line.key for line in _lines() if not line.is_table}:
-        raise InputError(f"{source}: {min(unknown)}: found an unknown key, expected one of the form")
+        raise InputError(f"{source}: {min(unknown)}: found an unknown key, expected a key of the form")
     written = [_filled(line, given) for line in _lines()]
     text = "\n".join(written) + "\n"
     validated(parsed_toml(text, source), Vessel, source)

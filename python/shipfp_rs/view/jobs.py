@@ -18,6 +18,7 @@ import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import IO, Any, Generic, TypeVar
 
@@ -64,16 +65,13 @@ class Background(Generic[T]):
 
     def _run(self) -> None:
         try:
-            self.result = self._function(self._tell)
+            self.result = self._function(partial(setattr, self, "progress"))
         except (ShipfpError, OSError, MemoryError) as error:
             self.error = str(error) or type(error).__name__
         except Exception as error:  # every error must reach the waiting page
             self.error = f"internal error: {type(error).__name__}: {error}"
         finally:
             self.done.set()
-
-    def _tell(self, share: float) -> None:
-        self.progress = share
 
 
 AT_ONCE = 2

@@ -251,7 +251,8 @@ def nanoseconds(cells: pa.Array, how: TextTime) -> Nanoseconds:
     """
     cells = pc.utf8_trim_whitespace(cells)
     empty = pc.or_kleene(cells.is_null(), pc.equal(cells, "")).to_numpy(zero_copy_only=False)
-    parts = pc.extract_regex(cells, _arrow_pattern(how.pattern))
+    # In Arrow's regular expressions, the class of letters of all languages has a different name.
+    parts = pc.extract_regex(cells, f"^(?:{_PATTERNS[how.pattern].pattern})$".replace(r"[^\W\d]", r"\pL"))
     fits = parts.is_valid().to_numpy(zero_copy_only=False)
     if not (fits | empty).all():
         _refuse(cells, ~(fits | empty))
@@ -287,11 +288,6 @@ def nanoseconds(cells: pa.Array, how: TextTime) -> Nanoseconds:
         value += np.where(empty, 0, days) * DAY_NS
     value[empty] = MISSING
     return value
-
-
-def _arrow_pattern(name: str) -> str:
-    # In Arrow's regular expressions, the class of letters of all languages has a different name.
-    return f"^(?:{_PATTERNS[name].pattern})$".replace(r"[^\W\d]", r"\pL")
 
 
 def _refuse(cells: pa.Array, wrong: npt.NDArray[np.bool_]) -> None:
