@@ -1,9 +1,4 @@
-"""From experiments to a fingerprint where no structure is given: the full model of the ship, intervals by profiles.
-
-Also here:
-
-- Expected fingerprints before a fit: intervals from the likelihood's curvature, without profiles.
-"""
+"""From experiments to a fingerprint without a given structure: the full ship, its intervals, and what is foreseen."""
 
 from __future__ import annotations
 

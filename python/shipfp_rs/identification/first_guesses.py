@@ -4,10 +4,6 @@ With both dead times and the lag known, the loop is linear in (p - g) / tau_n, v
 
     jw N = -(p - g) / tau_n N + (vK_p + vK_i / jw) / tau_n E - k_L / tau_n W,
     E = (U exp(-jw T_set) - N) exp(-jw T_d) / (1 + jw tau_act)
-
-Also here:
-
-- Inertias in kg m2 without a vessel's file, from operating points of torque and speed on the same shaft.
 """
 
 from __future__ import annotations

@@ -1,9 +1,4 @@
-"""The question of a fit: outputs, parameters that are always searched, elements that are tried, fixed values and priors.
-
-Also here:
-
-- Options of a search, and their requirements on the structure.
-"""
+"""The question of a fit: outputs, parameters, elements that are tried, fixed values and priors; and options of a search."""
 
 from __future__ import annotations
 

@@ -3,10 +3,6 @@
 Ljung's test (1999, section 16.6) asks whether lagged set points still explain residuals. A fit has already removed what its
 derivatives explain, so the derivatives' share is removed from the lagged set points first. Residuals and lagged set points
 are spectra in units of the noise that the residuals show, so the test statistic is chi-squared for noise of any colour.
-
-Also here:
-
-- Whiteness test of residuals by their correlations.
 """
 
 from __future__ import annotations

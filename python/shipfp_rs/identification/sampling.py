@@ -1,9 +1,4 @@
-"""Excited bandwidth of a record, and the course of inputs between samples.
-
-Also here:
-
-- Interpolation of masked samples from their neighbours, by auto- and cross-covariances (simple cokriging).
-"""
+"""Excited bandwidth of a record, the course of inputs between samples, and the interpolation of masked samples."""
 
 from __future__ import annotations
 

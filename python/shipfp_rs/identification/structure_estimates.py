@@ -1,9 +1,4 @@
-"""Estimates from a given structure's minimum: values, intervals, and reasons where the data determine none.
-
-Also here:
-
-- The fingerprint of a given structure: estimates, fits, tests and verdict at the search's minimum.
-"""
+"""The fingerprint of a given structure: values, intervals, and reasons where the data determine none."""
 
 from __future__ import annotations
 

@@ -202,7 +202,8 @@ def _starts(
 ) -> list[tuple[dict[str, float], list[dict[str, float]]]]:
     """Starting values from plateaus and steepest slopes of the record, with the fit's loop and with other bandwidths."""
     c = fit.likelihood.coordinates
-    values = c.values(basin.vector)
+    # Without the limit, lags of the torque have taken its place.
+    values = c.values(basin.vector) | {"tau_eng": 0.0}
     states = c.states_at(basin.vector)
     if "dM" not in fit.question.outputs:
         return []

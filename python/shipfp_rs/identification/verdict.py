@@ -1,9 +1,4 @@
-"""Plain sentences about a fit: what the data determine, what they don't, and what would.
-
-Also here:
-
-- States of a ship's elements, and the verdict: what the fingerprint can be used for, in rows and sentences.
-"""
+"""States of a ship's elements, and plain sentences on what a fingerprint can be used for and what the data do not tell."""
 
 from __future__ import annotations
 

@@ -1,9 +1,4 @@
-"""Declaration of a structure: parameters, outputs and equations, and properties derived from them.
-
-Also here:
-
-- Copies of a structure with changed starts, bounds, priors, ties and fixed values.
-"""
+"""Declaration of a structure: parameters, outputs and equations; copies with changed starts, bounds, priors and ties."""
 
 from __future__ import annotations
 

@@ -1,9 +1,4 @@
-"""A parameter of a structure: name, start, bounds and prior knowledge.
-
-Also here:
-
-- Outputs of a drive train and the signals that measure them.
-"""
+"""Parameters of a structure, and outputs of a drive train with the signals that measure them."""
 
 from __future__ import annotations
 

@@ -1,10 +1,4 @@
-"""Equations of the ship model, the nonlinear normalised drive train computed by the Rust kernel.
-
-Also here:
-
-- A drive in open loop, whose input is a command of torque, current, voltage or fuel instead of a governor's set
-  point.
-"""
+"""Equations of the ship, computed by the Rust kernel: with a governor, or in open loop behind a command."""
 
 from __future__ import annotations
 

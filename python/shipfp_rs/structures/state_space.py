@@ -1,9 +1,4 @@
-"""Linear state-space equations, exact between samples, with input dead times and derivatives.
-
-Also here:
-
-- State-space equations of the linear drive train, eq. 3.14 to 3.54 generalised.
-"""
+"""Linear state-space equations, exact between samples, with dead times and derivatives (eq. 3.14 to 3.54 generalised)."""
 
 from __future__ import annotations
 

@@ -1,10 +1,4 @@
-"""Parameters as linear functions of others, with their values and derivatives.
-
-Also here:
-
-- Combinations of the linear parameters that data may determine although they do not determine the single parameters.
-- A joint structure for several trials with shared and individual parameters.
-"""
+"""Parameters as linear functions of others: ties, combinations that data may determine, parameters that trials share."""
 
 from __future__ import annotations
 
