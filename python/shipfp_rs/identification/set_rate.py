@@ -24,9 +24,8 @@ ROUNDS, STEPS = 2, 12
 """Descents of each rate, each under the noise of the last, and their most steps."""
 REFINED, NEAR = 8, (0.97, 1.0, 1.03)
 """Number of rates by which the best one is refined, and rates that are tried again about it."""
-LEAST_ACTING, LASTING, APART = 10, 5, 0.01
-"""Least number of samples at which a ramp acts, and least mean number in a row, since a jump of a low-passed set point has a
-slope, too; difference of both set points from which it acts, over the set point's swing."""
+APART = 0.01
+"""Difference of the set points with and without a ramp from which it acts, over the set point's swing."""
 
 
 Search = Callable[[Question], ShipFit]
@@ -45,25 +44,28 @@ def with_set_rate(fit: ShipFit, search: Search, until: float | None, *, surely: 
         return fit
     known, found = _searched(fit, fit.best.vector, np.geomspace(1e-2 * steepest, steepest, GRID), until)
     rate = min(known, key=lambda one: known[one])
-    if not surely and (fit.total - known[rate] < 2.0 * BELIEVED or not _lasts(fit, rate)):
+    if not surely and (fit.total - known[rate] < 2.0 * BELIEVED or not _in_a_row(fit, rate)):
         return fit
     behind = search(replace(fit.question, fixed={**fit.question.fixed, "set_rate": rate}))
     start = behind.best.vector if behind.total < known[rate] else found[rate]
     known, found = _searched(fit, start, rate * np.array(NEAR), until)
     rate = min(known, key=lambda one: known[one])
     best = settled(behind_ramp(fit, rate, found[rate]), until)
-    return replace(best, gains={**fit.gains, "set_rate": fit.total - best.total}, ramp=_interval(known, rate))
+    return replace(
+        best,
+        gains={**fit.gains, "set_rate": fit.total - best.total},
+        ramp=_interval(known, rate, _in_a_row(fit, rate)),
+    )
 
 
-def _lasts(fit: ShipFit, rate: float) -> bool:
-    """Whether a ramp acts for long enough to be told from a jump."""
+def _in_a_row(fit: ShipFit, rate: float) -> float:
+    """Mean number of samples in a row at which a ramp acts."""
     acting = [
         np.abs(one.set_point - rate_limited(one.set_point, rate, one.data_hz)) > APART * np.ptp(one.set_point)
         for one in fit.likelihood.records
     ]
-    samples = sum(int(one.sum()) for one in acting)
-    runs = sum(int(np.count_nonzero(np.diff(one.astype(int)) > 0)) for one in acting)
-    return samples >= max(LEAST_ACTING, LASTING * runs)
+    runs = sum(int(np.count_nonzero(np.diff(one.astype(int), prepend=0) > 0)) for one in acting)
+    return sum(int(one.sum()) for one in acting) / max(runs, 1)
 
 
 def _searched(
@@ -112,8 +114,11 @@ def behind_ramp(fit: ShipFit, rate: float, vector: Array) -> ShipFit:
     return replace(fit, likelihood=likelihood, basins=(end,), question=question)
 
 
-def _interval(known: dict[float, float], best: float) -> Interval:
-    """Return the interval of the rate, where the total deviance has risen by the quantile's square."""
+def _interval(known: dict[float, float], best: float, in_a_row: float) -> Interval:
+    """Return the interval of the rate, where the total deviance has risen by the quantile's square.
+
+    The jump of a low-passed set point is known to half a sample; a ramp that acts for `in_a_row` samples, to that share.
+    """
     ends = []
     for side in (-1.0, 1.0):
         beyond = {
@@ -122,5 +127,5 @@ def _interval(known: dict[float, float], best: float) -> Interval:
         # Near the minimum the deviance is a parabola; the first point with a clear rise has its curvature.
         risen = next((one for one in sorted(beyond) if beyond[one] > 0.5 * RISE), None)
         reach = np.inf if risen is None else risen * np.sqrt(RISE / beyond[risen])
-        ends.append(float(best * np.exp(side * reach)))
+        ends.append(float(best * np.exp(side * np.hypot(reach, 0.5 / max(in_a_row, 1.0)))))
     return Interval(best, ends[0], ends[1], ("data", "data"))
