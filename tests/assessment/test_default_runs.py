@@ -12,7 +12,7 @@ import pytest
 
 from shipfp_rs import cli, signals
 from shipfp_rs.assessment import comparable
-from shipfp_rs.assessment.comparison import compare, trend
+from shipfp_rs.assessment.comparison import compare
 from shipfp_rs.assessment.validation import validate
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.parquet import write_experiments
@@ -108,27 +108,11 @@ def test_a_heavier_propeller_after_a_repair_is_found(first, mended):
     assert changed.joint.p < 1e-6
 
 
-def test_a_trend_through_default_runs(first, mended):
-    slope, std, _ = trend({0.0: first, 1.0: trial(2), 2.0: mended}, "tau_prop")
-    assert 0.0 < slope < 0.14 * first["tau_prop"].value + 3.0 * std
-    still, spread, _ = trend({0.0: first, 1.0: trial(2), 2.0: trial(7)}, "tau_prop")
-    assert abs(still) < 4.0 * spread
-
-
 def test_a_default_run_explains_another_trial_of_the_ship_better_than_one_after_a_repair(first, mended):
     own, other = (validate(first, one.experiments[0]) for one in (trial(2), mended))
     for output in ("dn", "dM"):
         assert own[output] > 95.0
         assert own[output] > other[output] + 1.0
-
-
-def test_the_command_compares_the_files_of_default_runs(first, mended, tmp_path, capsys):
-    files = [str(one.save(tmp_path / f"{name}.json")) for name, one in (("A", first), ("B", mended))]
-    assert cli.main(["compare", *files]) == 0
-    assert "tau_prop changed by" in capsys.readouterr().out
-    assert cli.main(["compare", *files, "--json"]) == 0
-    changes = json.loads(capsys.readouterr().out)["changes"]
-    assert [change["name"] for change in changes if change["significant"]] == ["tau_prop"]
 
 
 def test_a_limit_that_one_trial_shows_is_told_and_the_rest_compared(first, limited, tmp_path, capsys):

@@ -15,7 +15,7 @@ import pytest
 
 from shipfp_rs import cli
 from shipfp_rs.errors import InputError
-from shipfp_rs.support.files import json_text, read_json, replacing, replacing_folder
+from shipfp_rs.support.files import json_text, read_json, replacing_folder
 from tests.cli.small_trial import SMALL, write_small_trial
 
 LONG = "x" * 5000
@@ -136,14 +136,6 @@ def test_breakage_d2_a_full_disk_is_told_with_the_name_that_was_given(folder, ar
         told = line_of(arguments, capsys)
     assert named in told
     assert sorted(path.name for path in folder.iterdir()) == before, "nothing is left"
-
-
-def test_breakage_d2_a_full_device_is_told_by_its_name(tmp_path):
-    with (
-        pytest.raises(InputError, match="/dev/full: can't be written, No space left"),
-        replacing(Path("/dev/full")) as file,
-    ):
-        file.write_text("x")
 
 
 def test_breakage_d2_other_errors_of_files_keep_their_own_name(tmp_path):

@@ -100,7 +100,16 @@ class TestFrame:
             (IdentificationError("no start led\n  to a minimum"), 2, "no start led to a minimum"),
             (InternalError("kernel panicked"), 1, "SHIPFP_TRACEBACK=1"),
             (ZeroDivisionError("division by zero"), 1, "internal error: ZeroDivisionError: division by zero"),
-            (OSError(28, "No space left on device", "/full"), 2, "/full: No space left on device"),
+            (
+                OSError(28, "No space left on device", "/full"),
+                2,
+                "/full: No space left on device; choose another disk",
+            ),
+            (
+                PermissionError(13, "Permission denied", "a.csv"),
+                2,
+                "a.csv: Permission denied; give yourself the right",
+            ),
             (MemoryError(), 1, "out of memory"),
         ],
     )

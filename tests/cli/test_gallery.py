@@ -31,11 +31,6 @@ def test_breakage_d_slips_of_any_kind_cost_one_line(folder, seed, count):
         assert not found.broken, (given, found)
 
 
-def test_the_same_seed_gives_the_same_inputs(folder):
-    once, again = ([given.about for given in inputs(folder, 50, 3)] for _ in range(2))
-    assert once == again
-
-
 def test_inputs_without_a_slip_pass(folder):
     kept = [given for given in inputs(folder, 600, 0) if given.about == "nothing"]
     assert kept

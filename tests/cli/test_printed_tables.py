@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import errno
 import re
 import sys
 from dataclasses import replace
@@ -105,13 +104,6 @@ def test_each_command_s_help_ends_with_an_example_that_parses(command, capsys) -
     assert cli.main([name, "--help"]) == 0
     assert f"Example: shipfp {name}" in capsys.readouterr().out
     typer.main.get_command(cli.app).get_command(None, name).make_context(name, words)
-
-
-def test_a_file_error_says_what_would_help(capsys) -> None:
-    cli._fail(PermissionError(errno.EACCES, "Permission denied", "log.csv"))
-    assert "log.csv: Permission denied; give yourself the right" in capsys.readouterr().err
-    cli._fail(OSError(errno.ENOSPC, "No space left on device", "out"))
-    assert "choose another disk" in capsys.readouterr().err
 
 
 def test_columns_that_init_can_not_use_are_named(tmp_path, monkeypatch, capsys) -> None:

@@ -141,11 +141,6 @@ def test_the_command_prints_json_and_tables_and_draws(recorded, tmp_path, capsys
     assert "[[windows]]" in shown
 
 
-def test_a_trial_in_place_of_the_log_is_told(recorded, capsys):
-    assert cli.main(["inspect", str(recorded[1])]) == 2
-    assert "expected the log first" in capsys.readouterr().err
-
-
 def test_spikes_of_a_torque_in_volts_are_listed_without_a_trial():
     """Ripple of the shaft with spikes of one height has two levels and an even period, as a train has."""
     chirp = signals.chirp(0.01, 1.5, 240.0, 40.0, rate_hz=2000.0)

@@ -11,7 +11,7 @@ from shipfp_rs._core import RepeatScan
 from shipfp_rs.logs.faults import Fault, simulated
 from shipfp_rs.logs.faults.chirp import constant_frequency
 from shipfp_rs.logs.faults.extremes import TAPS, BlockExtremes
-from shipfp_rs.logs.faults.levels import MOST_BLOCK, HumScan, _Suspects, find_level_faults, hum_in
+from shipfp_rs.logs.faults.levels import MOST_BLOCK, HumScan, find_level_faults, hum_in
 from shipfp_rs.logs.faults.scan import scan
 from shipfp_rs.logs.log import Log, Rows
 from shipfp_rs.support.arrays import apart_from, clipped_to, joined, marks, runs
@@ -234,11 +234,3 @@ def test_a_record_tells_everything_as_json() -> None:
     }
     with pytest.raises(ValueError, match="kind 'odd', expected one of A, B"):
         Fault("odd", "u", "", np.empty((0, 2)))
-
-
-def test_blocks_at_a_limit_hold_no_more_in_memory_than_themselves():
-    samples = np.random.default_rng(0).standard_normal(1 << 16)
-    extremes = BlockExtremes(128)
-    extremes.feed(samples)
-    suspects = _Suspects(extremes, lambda first, stop: samples[first:stop])
-    assert suspects.samples(3).base is None

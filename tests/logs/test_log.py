@@ -151,7 +151,6 @@ def test_nothing_is_left_behind_when_writing_fails(tmp_path: Path) -> None:
         ("time [Nm],u\n1,1\n2,2\n", "'time' is in 'Nm', expected timestamps or a number of s, ms"),
         ("time,u\n2,1\n", "does not increase"),
         ("time,u,u\n0,1,1\n1,2,2\n", "'u' appears twice"),
-        ("time,u\n0,1\n1,2,3\n", "Expected 2 columns, got 3"),
     ],
 )
 def test_bad_files_are_refused_in_one_line(tmp_path: Path, text: str, message: str) -> None:
@@ -179,7 +178,6 @@ def test_a_stretch_between_two_samples_is_refused(path: Path, start_s: float) ->
     ("name", "message"),
     [
         ("missing.parquet", "no such file, expected a log file"),
-        ("run.csv.gz", "a compressed file, expected a log; unpack it first"),
         ("run.xyz", "unknown log format '.xyz', expected one of .parquet"),
     ],
 )

@@ -88,14 +88,6 @@ def test_breakage_c5_a_rate_that_drifts_is_not_taken_as_even() -> None:
     np.testing.assert_allclose(grid, at, atol=1e-9)
 
 
-def test_a_clock_of_whole_seconds_is_seen_through() -> None:
-    true = 0.35 + np.arange(5000) / 24.0
-    axis = time_axis("log", "time", lambda: [np.floor(true)])
-    assert axis.rate_hz == pytest.approx(24.0, rel=1e-9)
-    assert axis.start_s == pytest.approx(0.35, abs=1.0 / 24.0)
-    assert "one time for several rows" in axis.note
-
-
 def test_times_without_order_are_refused_with_the_row(tmp_path: Path) -> None:
     time = DRAW.permutation(np.arange(100.0))
     with pytest.raises(InputError, match=r"goes back at row \d+: .* cut the file there, or give rate_hz"):

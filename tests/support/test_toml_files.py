@@ -16,7 +16,8 @@ class Sail(Section):
 
 
 class Mast(Section):
-    height_m: float
+    height_m: float = Field(gt=0.0)
+    shrouds: int = 4
     wood: Literal["oak", "pine"] = "oak"
     sails: Annotated[tuple[Sail, ...], Field(strict=False)] = ()
 
@@ -48,7 +49,13 @@ MAIN: dict[str, Any] = {"height_m": 12.0}
         ({"rig": {"main": MAIN}, "flags": {"red": {"aera_m2": 1.0}}}, "flags.red.aera_m2: found an unknown key"),
         ({"rig": {"main": {**MAIN, "wood": "steel"}}}, "rig.main.wood: found 'steel', expected 'oak' or 'pine'"),
         ({"rig": {"main": 3}}, "rig.main: found 3, expected a table"),
+        ({"rog": {}, "rig": {"main": MAIN}}, "rog: found an unknown key, did you mean 'rig'?"),
         ({"rig": {"main": {"height_m": True}}}, "rig.main.height_m: found True, expected a valid number"),
+        ({"rig": {"main": {"height_m": "12.0"}}}, "rig.main.height_m: found '12.0', expected a valid number"),
+        ({"rig": {"main": {"height_m": float("nan")}}}, "rig.main.height_m: found nan, expected a finite number"),
+        ({"rig": {"main": {"height_m": -1.0}}}, "rig.main.height_m: found -1.0, expected greater than 0"),
+        ({"rig": {"main": {**MAIN, "shrouds": 2.5}}}, "rig.main.shrouds: found 2.5, expected a valid integer"),
+        ({"rig": {"main": {**MAIN, "wood": 3}}}, "rig.main.wood: found 3, expected 'oak' or 'pine'"),
         ({"rig": {"main": {**MAIN, "sails": "x" * 200}}}, f"rig.main.sails: found '{'x' * 56}..., expected a list"),
         ({"rig": {}}, "rig.main: found nothing, expected this key to be given"),
     ],

@@ -64,7 +64,6 @@ class TestFile:
     @pytest.mark.parametrize(
         ("content", "words"),
         [
-            ({"sweep": {"vesel": "x"}}, "sweep.vesel: found an unknown key, did you mean 'vessel'?"),
             ({"sweep": {}, "nois": {}}, "nois: found an unknown key, did you mean 'noise'?"),
             ({"factors": {"noise.levl": {"values": [1.0]}}}, "did you mean 'noise.level'?"),
             ({"factors": {"nose.level": {"values": [1.0]}}}, "did you mean 'noise'?"),
@@ -81,15 +80,12 @@ class TestFile:
                 "values or points for a grid",
             ),
             ({"sweep": {"vessel": "stan-lunch-804"}}, "did you mean 'stan-launch-804'?"),
-            ({"sweep": LOG, "faults": {"A": 1e15}}, "faults.A: found 1000000000000000.0"),
             ({"sweep": LOG, "sensors": {"receiver_limit_V": 1e15}}, "receiver_limit_V: found 1000"),
             ({"sweep": LOG, "sensors": {"rate_hz": 1e6}}, "found 180 s at 1e+06 Hz"),
             ({"sweep": LOG, "noise": {"n_e": 0.1}}, "noise.n_e: found it with chain 'log'"),
             ({"sweep": LOG, "excitation": {"rate_hz": 20.0}}, "excitation.rate_hz: found it"),
             ({"factors": {"sensors.edge_s": {"values": [0.1]}}}, "sensors.edge_s: found it with chain 'exp"),
-            ({"noise": {"M_s": 1.5}}, "noise.M_s: found 1.5, expected less than or equal to 1"),
             ({"excitation": {"duration_s": 1e6}}, "1e+06 s at 50 Hz, expected at most 5000000 samples"),
-            ({"sweep": {"time_limit_s": 1e9}}, "sweep.time_limit_s: found 1000000000.0"),
             ({"identify": {"seed": 3}}, "identify.seed: found 3, expected none"),
             ({"identify": {"fixed": {"tau_m": 1.0}}}, "has no parameter 'tau_m'"),
         ],

@@ -78,19 +78,7 @@ BAD_FILES = {
         "shaft.inertia_kg_m2: found 1e+09, with which the shaft would run up in 7.14e+07 s, expected 0.001",
     ),
     "not TOML": ("name =", "name = = ", "not TOML: Invalid value (at line 3, column 8)"),
-    "unknown key": ("inertia_kg_m2 = 21.2", "inertia_kg_m2 = 21.2\ninerta = 1", "shaft.inerta: found an unknown key, "),
-    "misspelt section": ("[gearbox]", "[gear_box]", "gear_box: found an unknown key, did you mean 'gearbox'?"),
-    "misspelt key": ("diameter_m", "diameter_mm", "propeller.diameter_mm: found an unknown key, did you mean 'diameter_m'?"),
-    "key left out": ("ratio = 3.0", "", "gearbox.ratio: found nothing, expected this key to be given"),
-    "number for a table": ("[water]\ndensity_kg_m3", "water", "water: found 1000.0, expected a table"),
-    "text for a number": ("ratio = 3.0", 'ratio = "3.0"', "gearbox.ratio: found '3.0', expected a valid number"),
     "not a number": ("ratio = 3.0", "ratio = nan", "gearbox.ratio: found nan, expected "),
-    "half a blade": ("blades = 3", "blades = 2.5", "propeller.blades: found 2.5, expected a valid integer"),
-    "negative inertia": (
-        "inertia_kg_m2 = 21.2",
-        "inertia_kg_m2 = -21.2",
-        "shaft.inertia_kg_m2: found -21.2, expected greater than 0",
-    ),
     "gain without loss": (
         "efficiency = 0.95",
         "efficiency = 1.05",
@@ -164,11 +152,6 @@ def test_missing_and_unreadable_files_are_named(tmp_path: Path) -> None:
     marked.write_text("name = 'Bö'", encoding="utf-8-sig")
     with pytest.raises(InputError, match="gearbox: found nothing"):
         Vessel.load(marked)
-
-
-def test_an_unknown_ship_is_answered_with_the_nearest_known_one() -> None:
-    with pytest.raises(InputError, match=r"'stan-tug-1206': .*did you mean 'stan-tug-1205'\?"):
-        Vessel.load("stan-tug-1206")
 
 
 def test_replace_names_the_ship_and_the_key() -> None:

@@ -1,9 +1,4 @@
-"""Changes between two fingerprints of a ship, and their significance.
-
-Also here:
-
-- Measured frequency responses of experiments and those of the fitted model.
-"""
+"""Changes between two fingerprints of a ship and their significance; measured responses beside modelled ones."""
 
 from __future__ import annotations
 

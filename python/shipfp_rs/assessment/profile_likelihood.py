@@ -1,9 +1,4 @@
-"""Profile likelihoods: increase of the cost as a parameter varies, and whether the data bound this parameter.
-
-Also here:
-
-- Leverage of each point of a frequency response in a fit weighted by standard deviations.
-"""
+"""Whether data bound a parameter: profile likelihoods, and the leverage of a frequency response's points."""
 
 from __future__ import annotations
 

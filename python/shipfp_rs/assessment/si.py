@@ -1,10 +1,4 @@
-"""Conversion of a fingerprint to SI units: inertias, slopes and gains, by the gear ratio and the operating point.
-
-Also here:
-
-- Linear parameters of a vessel, and vessels with given parameters.
-- Propagation of a fingerprint's uncertainty to the ship's Bode and step responses.
-"""
+"""A fingerprint in SI units, by the gear ratio and the operating point, and its uncertainty in the ship's responses."""
 
 from __future__ import annotations
 

@@ -1,9 +1,4 @@
-"""Validation: how well a fingerprint explains experiments that were not used in the fit.
-
-Also here:
-
-- Measured load steps: speed deviation and recovery time.
-"""
+"""Validation of a fingerprint on experiments that were not used in the fit, and on measured load steps."""
 
 from __future__ import annotations
 

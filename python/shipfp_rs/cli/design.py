@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -160,7 +159,7 @@ def _print(plan: Plan) -> None:
     if plan.needed is not None:
         met = "is met" if plan.needed.met else "is not met"
         needed = plan.needed.duration_s
-        takes = f"it takes about {needed:.0f} s" if isfinite(needed) else "no length meets it"
+        takes = f"it takes about {needed:.0f} s" if math.isfinite(needed) else "no length meets it"
         print_text(
             f"A standard deviation of {plan.needed.accuracy_pct:g} % {met}; {takes}, set by {plan.needed.limited_by}."
         )

@@ -1,9 +1,4 @@
-"""`shipfp inspect`: contents and faults of a log, before a fit.
-
-Also here:
-
-- `shipfp convert`: a log of any supported format to Parquet.
-"""
+"""`shipfp inspect` and `shipfp convert`: a log before a fit, its contents and faults, and its Parquet file."""
 
 from __future__ import annotations
 

@@ -1,9 +1,4 @@
-"""Options shared by several subcommands, and limits of numbers, names and paths.
-
-Also here:
-
-- Output of subcommands: tables and JSON on stdout, progress on stderr.
-"""
+"""What subcommands share: options, limits of numbers, names and paths, and output to stdout and stderr."""
 
 from __future__ import annotations
 
@@ -173,20 +168,15 @@ GAP = 2
 """Characters between columns, and around the table."""
 
 
-def print_json(content: Any) -> None:
-    """Print one JSON document."""
-    from shipfp_rs.support.files import json_text
-
-    print(json_text(content, ascii_only=False), end="")
-
-
 REPORT = "report.html"
 
 
 def print_results(content: Any, show: Callable[[], None], out: Path | None = None, *, json: bool) -> None:
     """Print results as JSON, or as text that ends with the folder they were written to, or the report in it."""
     if json:
-        print_json(content)
+        from shipfp_rs.support.files import json_text
+
+        print(json_text(content, ascii_only=False), end="")
         return
     show()
     if out is not None:

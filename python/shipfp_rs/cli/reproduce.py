@@ -1,9 +1,4 @@
-"""`shipfp reproduce`: the thesis's tables, ours beside the printed ones.
-
-Also here:
-
-- `shipfp compare`: significant changes between two fingerprints, or over many.
-"""
+"""`shipfp reproduce` and `shipfp compare`: results beside the thesis's, or beside an earlier fingerprint."""
 
 from __future__ import annotations
 

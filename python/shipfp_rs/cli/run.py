@@ -1,11 +1,4 @@
-"""`shipfp run`: identification from the user's log.
-
-Also here:
-
-- `shipfp check`: a dry run of a trial.
-- `shipfp demo`: the whole chain on a simulated log of a tug, then on the only published full-scale data.
-- `shipfp simulate`: virtual experiments, as clean signals or as a raw log with the faults of a measurement chain.
-"""
+"""The commands that run a trial: `shipfp check`, `run`, `demo` and `simulate`."""
 
 from __future__ import annotations
 

@@ -1,9 +1,4 @@
-"""Plan of a trial: set point, expected results, and the files for crew and signal generator.
-
-Also here:
-
-- Run sheet for the crew: times and amplitudes of the set point and of the response; plain text and HTML.
-"""
+"""Plan of a trial: set point, expected results, run sheet for the crew, and the signal generator's file."""
 
 from __future__ import annotations
 

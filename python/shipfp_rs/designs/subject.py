@@ -1,11 +1,4 @@
-"""Subject of a design: a structure at its expected values, about an operating point.
-
-Also here:
-
-- Identifiable quantities of a trial: parameters, and combinations of parameters that are only known together.
-- Prediction of the fingerprint from a record of an excitation.
-- Sensor noise: level, bandwidth, and accuracy of the calibration.
-"""
+"""Subject of a design: a structure at its expected values, its sensors' noise, and what a trial can identify of it."""
 
 from __future__ import annotations
 

@@ -1,9 +1,4 @@
-"""Waveforms of a design: sines in sequence or simultaneous, a chirp, steps, joined to one time series.
-
-Also here:
-
-- Limits of a trial: amplitude, rate of change, duration, excluded bands, and the signal generator.
-"""
+"""Waveforms of a design (sines in sequence or simultaneous, a chirp, steps) and the limits that they keep to."""
 
 from __future__ import annotations
 

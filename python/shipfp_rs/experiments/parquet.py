@@ -1,9 +1,4 @@
-"""Experiments in a Parquet file: a row per sample, a row group per experiment.
-
-Also here:
-
-- Experiments from pandas frames: signals by column names, rate by times, operating point by means.
-"""
+"""Experiments as tables: Parquet files with a row per sample, and frames of pandas."""
 
 from __future__ import annotations
 

@@ -1,11 +1,4 @@
-"""Frequency responses by averaged periodograms: H1 and H2, with coherence.
-
-Also here:
-
-- Common steps of the estimators: selection of signals, bridging of masked samples, and assembly of a response.
-- Noise at a spectral line, estimated from residuals at neighbouring frequencies.
-- Frequency responses: complex ratios of normalised outputs to the normalised set point.
-"""
+"""Frequency responses, by averaged periodograms (H1 and H2), and the noise at a spectral line."""
 
 from __future__ import annotations
 

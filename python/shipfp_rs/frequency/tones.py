@@ -1,9 +1,4 @@
-"""Frequency responses to sines, in sequence or simultaneous, by lines fitted to all channels.
-
-Also here:
-
-- Frequency responses to any excitation by local polynomials, which separate leakage from the response.
-"""
+"""Frequency responses to sines, by lines fitted to all channels, and to any excitation by local polynomials."""
 
 from __future__ import annotations
 

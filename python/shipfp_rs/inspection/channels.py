@@ -1,10 +1,4 @@
-"""Contents of a log's channels: gaps, levels, noise, pulses; each is read once, in parallel.
-
-Also here:
-
-- Kinds of faults that an inspection searched in each channel; without a trial, the channels' roles are unknown.
-- Recognition of pulse trains, with two levels or sinusoidal as from a variable-reluctance pick-up.
-"""
+"""Contents of a log's channels: gaps, levels, noise, pulses; each is read once, in parallel."""
 
 from __future__ import annotations
 

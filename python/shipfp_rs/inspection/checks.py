@@ -1,9 +1,4 @@
-"""Checks of calibrated signals at steady points: set point and speed, pulse trains, static torque.
-
-Also here:
-
-- Spectral lines of a steady channel, named by rotating parts (section 6.3.1, Table 6.9).
-"""
+"""Checks of calibrated signals at steady points: set point, speed, pulse trains, static torque, named spectral lines."""
 
 from __future__ import annotations
 

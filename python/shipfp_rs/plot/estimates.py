@@ -1,9 +1,4 @@
-"""Plots of estimates: intervals, profile likelihoods, correlations of residuals.
-
-Also here:
-
-- Step and frequency responses of several fingerprints with 95 % bands, which show the effect of a change.
-"""
+"""Plots of estimates: intervals, profiles, correlations of residuals, and responses of several fingerprints."""
 
 from __future__ import annotations
 

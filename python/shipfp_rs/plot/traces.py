@@ -1,9 +1,4 @@
-"""Plots of signals against time: measured, and compared with a model.
-
-Also here:
-
-- Plots of pulse trains: reflectors, missed and extra pulses.
-"""
+"""Plots against time: signals, measured or compared with a model, and pulse trains."""
 
 from __future__ import annotations
 

@@ -1,7 +1,5 @@
 """Signals of an experiment, prepared for a fit: low-pass, common rate, operating point, trend, ripple.
 
-Removal of torque ripple that is periodic in the angle of shaft and engine: unbalance, blades, firing.
-
 Blades in the wake and firing cylinders make the torque oscillate at multiples of the rotation frequency. Such ripple
 does not help a fit, and below half the sample rate its power may be twenty times that of the other noise. The frequency
 of the ripple varies with the speed, so a fixed filter can't remove it, but the angle is known from the tachometers.

@@ -1,9 +1,4 @@
-"""HTML elements of the report: sortable tables, lists, figures; the templates escape every text.
-
-Also here:
-
-- Language of a report: translation of English texts, numbers with its decimal sign.
-"""
+"""HTML elements of the report and its language; the templates escape every text."""
 
 from __future__ import annotations
 

@@ -1,9 +1,4 @@
-"""Operating point and inertia in rpm, Nm, kW and kg m2, shown above all normalised values.
-
-Also here:
-
-- Both sides of the drive train, estimated separately: the load from speed and torque alone, and the engine.
-"""
+"""Operating point, inertia, and load and engine each on its own, in rpm, Nm, kW and kg m2."""
 
 from __future__ import annotations
 

@@ -1,9 +1,4 @@
-"""Static pictures as inline SVG.
-
-Also here:
-
-- Zoomable time plots of signals, model, residuals and faults, packed into the page for zoom.js.
-"""
+"""Pictures of the report: static ones as inline SVG, and zoomable time plots for zoom.js."""
 
 from __future__ import annotations
 

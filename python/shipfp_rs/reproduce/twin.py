@@ -1,9 +1,4 @@
-"""The tug's trial on ships with known parameters: Table 7.1 with true values, for many seeded trials.
-
-Also here:
-
-- Estimates from each part of the twin's trial, with the true values.
-"""
+"""The tug's trial on ships with known parameters: Table 7.1 with true values, for many seeded trials."""
 
 from __future__ import annotations
 

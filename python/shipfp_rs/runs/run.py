@@ -1,9 +1,4 @@
-"""Run: TRIAL.toml to log, experiments, fingerprint and report, in a folder that is written atomically.
-
-Also here:
-
-- Fit requested by a TRIAL.toml or a SWEEP.toml: a declared structure, or a selection within the full ship.
-"""
+"""Run: TRIAL.toml to log, experiments, fingerprint and report, in a folder that is written atomically."""
 
 from __future__ import annotations
 

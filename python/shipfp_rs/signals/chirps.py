@@ -1,9 +1,4 @@
-"""Chirps: sines of changing frequency.
-
-Also here:
-
-- Sines in sequence, and multisines.
-"""
+"""Sines as excitation: chirps, sines in sequence, and multisines."""
 
 from __future__ import annotations
 

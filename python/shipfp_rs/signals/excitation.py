@@ -1,9 +1,4 @@
-"""Excitation: deviations of the set point from the operating point, and operations on them.
-
-Also here:
-
-- Argument checks shared by the builders of excitations.
-"""
+"""Excitation: deviations of the set point from the operating point, and operations on them."""
 
 from __future__ import annotations
 

@@ -1,9 +1,4 @@
-"""Random-looking signals: binary sequences and band-limited noise.
-
-Also here:
-
-- Steps: successive levels of the set point.
-"""
+"""Excitations that jump or look random: binary sequences, band-limited noise, steps."""
 
 from __future__ import annotations
 

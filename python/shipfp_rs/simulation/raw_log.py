@@ -1,9 +1,4 @@
-"""Simulated raw logs: a virtual trial as recorded by sensors and a logger, with realistic faults.
-
-Also here:
-
-- The measurement chain of section 6.1 (sensors and logger): signals in volts, with noise and realistic faults.
-"""
+"""Simulated raw logs: a virtual trial as sensors and a logger record it (section 6.1), with realistic faults."""
 
 from __future__ import annotations
 

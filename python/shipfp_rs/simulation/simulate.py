@@ -1,10 +1,4 @@
-"""Virtual experiments: the nonlinear plant of a vessel under an excitation, optionally with sensor noise.
-
-Also here:
-
-- Response of a simulated vessel to a record's set point, sampled like the record.
-- Fluctuations of the propeller's torque by uneven inflow, and the response of the drive train.
-"""
+"""Virtual experiments: the nonlinear plant of a vessel under an excitation, optionally with noise or uneven inflow."""
 
 from __future__ import annotations
 

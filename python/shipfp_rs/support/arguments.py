@@ -1,9 +1,4 @@
-"""Checks of public functions' arguments against their annotations, with clear error messages.
-
-Also here:
-
-- Argument checks shared by several packages.
-"""
+"""Checks of public functions' arguments, against their annotations and beyond, with clear error messages."""
 
 from __future__ import annotations
 

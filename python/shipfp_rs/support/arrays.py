@@ -1,10 +1,4 @@
-"""Shared types: arrays, values by name, evenly sampled data.
-
-Also here:
-
-- Quantiles of the normal distribution.
-- Spans of samples: from flags, joined, cut, and converted to flags.
-"""
+"""Shared types of arrays, and spans of samples."""
 
 from __future__ import annotations
 

@@ -1,10 +1,4 @@
-"""Numerical derivatives: complex step if reliable, else extrapolated differences.
-
-Also here:
-
-- Finite impulse response (FIR) low-pass of measured and simulated signals.
-- Interpolation of band-limited signals.
-"""
+"""Numerical derivatives, finite impulse response (FIR) low-pass, and interpolation of band-limited signals."""
 
 from __future__ import annotations
 

@@ -1,9 +1,4 @@
-"""Reading of text files, and atomic writing of files and folders.
-
-Also here:
-
-- JSON files without NaN and infinity: written as null, rejected when read.
-"""
+"""Reading of text and JSON files, and atomic writing of files and folders."""
 
 from __future__ import annotations
 

@@ -1,9 +1,4 @@
-"""Sentences that keep their template and values, so that they can be translated.
-
-Also here:
-
-- Languages of reports: each has a catalogue of translations in `locale`, with the English sentences as keys.
-"""
+"""Sentences that keep their template and values, and the catalogues in `locale` that translate them."""
 
 from __future__ import annotations
 

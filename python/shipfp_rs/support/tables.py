@@ -1,9 +1,4 @@
-"""Conversion of experiments and frequency responses to and from tables of xarray, pandas, Arrow and polars.
-
-Also here:
-
-- HTML from templates with escaping, and tables of objects in notebooks.
-"""
+"""Conversion to and from tables of xarray, pandas, Arrow and polars, and to HTML."""
 
 from __future__ import annotations
 

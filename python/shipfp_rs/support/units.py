@@ -1,9 +1,4 @@
-"""Units in the spellings of many loggers, repair of wrongly encoded characters, and factors to SI and rpm.
-
-Also here:
-
-- Conversion of recorded volts to speed set points and torques.
-"""
+"""Units in the spellings of many loggers, factors to SI and rpm, and calibration of recorded volts."""
 
 from __future__ import annotations
 

@@ -1,9 +1,4 @@
-"""One draw: from conditions to simulated trial, fingerprint and table row.
-
-Also here:
-
-- Time limit for Python code, in any thread or process.
-"""
+"""One draw: from conditions to simulated trial, fingerprint and table row, within a time limit."""
 
 from __future__ import annotations
 

@@ -1,9 +1,4 @@
-"""SWEEP.toml: vessel, trial, varying factors, and how each draw is identified.
-
-Also here:
-
-- Seed of each draw and its point in the unit cube, both determined by its index.
-"""
+"""SWEEP.toml: vessel, trial, varying factors, and how each draw is seeded and identified."""
 
 from __future__ import annotations
 

@@ -293,14 +293,11 @@ def bollard_curve(vessel: Vessel, n_e_rpm: npt.ArrayLike) -> BollardCurve:
     angular_speed = 2.0 * math.pi * n_e
     with np.errstate(invalid="ignore"):
         power_limit = np.where(angular_speed > 0.0, angular_speed * available, 0.0)
+    screw = vessel.propeller
+    coefficient = vessel.water.density_kg_m3 * screw.diameter_m**4 * screw.K_T  # eq. 3.9
     return BollardCurve(
         n_e_rpm=rpm,
-        bollard_pull=(1.0 - vessel.propeller.thrust_deduction) * _thrust_coefficient(vessel) * n_s**2,
+        bollard_pull=(1.0 - screw.thrust_deduction) * coefficient * n_s**2,
         brake_power=angular_speed * brake_torque,
         power_limit=power_limit,
     )
-
-
-def _thrust_coefficient(vessel: Vessel) -> float:
-    """Thrust over the square of the shaft speed [N s2] (eq. 3.9)."""
-    return vessel.water.density_kg_m3 * vessel.propeller.diameter_m**4 * vessel.propeller.K_T

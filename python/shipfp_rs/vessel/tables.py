@@ -1,9 +1,4 @@
-"""Tables of a vessel file: engine, gearbox, shaft, propeller, governor, and elements beyond the thesis's plant.
-
-Also here:
-
-- Plausible sizes of the numbers in a vessel file.
-"""
+"""Tables of a vessel file, with plausible sizes of their numbers."""
 
 from __future__ import annotations
 

@@ -1,9 +1,4 @@
-"""Draft of a trial, as edited on the page, and its TRIAL.toml: known keys are set, all other content and comments are kept.
-
-Also here:
-
-- Form for a vessel file, with the keys of the template of `shipfp init --vessel` as fields.
-"""
+"""Drafts of TRIAL.toml and of a vessel file, as edited on the page: other content and comments are kept."""
 
 from __future__ import annotations
 

@@ -1,9 +1,4 @@
-"""Checks and runs in separate processes, which a page starts, polls and stops.
-
-Also here:
-
-- Background work that a page starts and polls, on its own thread.
-"""
+"""Background work that a page starts, polls and stops: on a thread, or a run in a process of its own."""
 
 from __future__ import annotations
 

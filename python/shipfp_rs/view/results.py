@@ -1,9 +1,4 @@
-"""Finished runs and sweeps of a folder: a summary line for each, and their files.
-
-Also here:
-
-- Channels and signals at any zoom, in tiles of a thousand blocks.
-"""
+"""Finished runs and sweeps of a folder, and their signals at any zoom."""
 
 from __future__ import annotations
 

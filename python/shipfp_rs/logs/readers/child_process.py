@@ -1,8 +1,6 @@
 """Child processes that open files for their parent process and end with the parent.
 
-Readers based on third-party packages, run in a child process.
-
-On damaged files, the native code of these packages may crash, loop forever or request any amount of memory. In a child
+On damaged files, the native code of readers' packages may crash, loop forever or request any amount of memory. In a child
 process, such a failure becomes an error message and does not end the user's session.
 """
 
