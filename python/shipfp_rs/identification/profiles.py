@@ -262,11 +262,13 @@ class Profiles:
         """Minimum with the figure held at a target, searched from x; where that is high, also from another visited point."""
         end = self._held(self._moved(x, way, figure, target), figure, target, scale)
         if end.cost - self.best.cost > RISE * (1.0 + ABOUT):
-            # The deviance may have a lower minimum elsewhere at this target.
-            other = self._nearest(figure, target, visited)
-            if other is not x:
-                again = self._held(self._moved(other, way, figure, target), figure, target, scale)
-                end = min(end, again, key=lambda one: one.cost)
+            # The deviance may have a lower minimum elsewhere at this target, or the model no answer at the start.
+            others = [self._nearest(figure, target, visited)]
+            others += [] if np.isfinite(end.cost) else [self.best.vector]
+            for other in others:
+                if other is not x:
+                    again = self._held(self._moved(other, way, figure, target), figure, target, scale)
+                    end = min(end, again, key=lambda one: one.cost)
         return end
 
     def _moved(self, vector: Array, way: Array, figure: Figure, target: float) -> Array:
