@@ -301,7 +301,8 @@ def question_of(
     if loaded:
         elements["load"] = True
         if not set_point_moves(experiments):
-            elements.setdefault("dead_time_set_point", False)
+            # Torque over speed alone has one lag and one dead time.
+            elements = {"dead_time_set_point": False, "engine_lag": False} | elements
     for name, element in ELEMENTS.items():
         if elements.get(name, element.always):
             always += [one.name for one in element.parameters if one.name not in always and one.name != "T_0"]
