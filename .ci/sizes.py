@@ -26,7 +26,7 @@ BUDGETS = {
     "constants": 235,
     "python/shipfp_rs/identification": 10041,
     "python/shipfp_rs/structures": 3049,
-    "python/shipfp_rs/logs": 8046,
+    "python/shipfp_rs/logs": 8048,
     "python/shipfp_rs/tacho": 1809,
     "python/shipfp_rs/processing": 4625,
     "python/shipfp_rs/inspection": 931,
@@ -45,7 +45,7 @@ BUDGETS = {
     "python/shipfp_rs/simulation": 914,
     "python/shipfp_rs/frequency": 1133,
     "python/shipfp_rs/plot": 888,
-    "python": 51795,
+    "python": 51797,
     "rust/src": 11071,
     "tests": 39613,
 }

@@ -59,7 +59,7 @@ COMMANDS = [
     (typed("simulate stan-launch-804 --amplitude-rpm 0.03"), "--amplitude-rpm 0.03", "as a fraction of the speed"),
     (typed("simulate stan-launch-804 --noise 5"), "--noise is 5 times the signal", "percent for a fraction?"),
     (typed("simulate stan-launch-804 --amplitude-rpm 1300"), "deviates by up to 1300 rpm", "give deviations"),
-    (typed("convert log.csv out.csv", {"log.csv": "time,torque\n0,1\n"}), "time column 'time'", "give rate_hz (--rate)"),
+    (typed("convert log.csv out.csv", {"log.csv": "time,torque\n0,1\n"}), "1 row of samples", "expected 2 or more"),
     (typed("convert log.zip out.parquet", {"log.zip": "PK"}), "a compressed file", "unpack it first"),
     (typed("convert log.csv out.parquet", {"log.csv": "torque\n1\n2\n3\n"}), "no time base", "give rate_hz (--rate)"),
     (typed("inspect TRIAL.toml", {"TRIAL.toml": template("TRIAL")}), "a TRIAL.toml", "shipfp inspect LOG TRIAL.toml"),

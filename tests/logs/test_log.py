@@ -149,7 +149,7 @@ def test_nothing_is_left_behind_when_writing_fails(tmp_path: Path) -> None:
         ("time,u\n0,1\n1,2\n2,3\n,4\n4,5\n", "no time in row 4"),
         ("time,u\n2,1\n1,2\n", "does not increase"),
         ("time [Nm],u\n1,1\n2,2\n", "'time' is in 'Nm', expected timestamps or a number of s, ms"),
-        ("time,u\n2,1\n", "does not increase"),
+        ("time,u\n2,1\n", "1 row of samples, expected 2 or more"),
         ("time,u,u\n0,1,1\n1,2,2\n", "'u' appears twice"),
     ],
 )

@@ -145,6 +145,8 @@ class ClockScan:
         if not trusted:
             length = float(self._last - self._start)
             return Clock(self._start, (self._count - 1) / length if length > 0.0 else np.nan, whole, ())
+        if self._count < 2:
+            raise InputError(f"{name}: {self._count} row of samples, expected 2 or more")
         if not self._interval > 0.0:
             raise InputError(
                 f"{name}: time column {column!r} does not increase from row to row; give rate_hz (--rate)"
