@@ -8,7 +8,7 @@ import pytest
 import shipfp_rs as fp
 from shipfp_rs.identification import automatic
 from shipfp_rs.identification.question import question_of
-from shipfp_rs.identification.sampling import excited_hz
+from shipfp_rs.identification.sampling import excitation
 from shipfp_rs.identification.ship_fit import fit_ship
 from tests.identification.parity import BETWEEN_S, Case, simulated
 
@@ -66,4 +66,4 @@ def test_noise_of_the_set_point_widens_no_band(swing):
     chirp = swing * np.sin(2.0 * np.pi * (0.01 + 0.25e-3 * time) * time)  # 0.01 to 0.21 Hz
     noisy = chirp + 5e-5 * np.random.default_rng(1).standard_normal(len(time))
     # The chirp ends at 0.21 Hz.
-    assert 0.15 < excited_hz([noisy], rate_hz, 20.0) < 1.2 * excited_hz([chirp], rate_hz, 20.0)
+    assert 0.15 < excitation(noisy, rate_hz, 20.0)[1] < 1.2 * excitation(chirp, rate_hz, 20.0)[1]

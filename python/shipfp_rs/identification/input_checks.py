@@ -9,11 +9,10 @@ from scipy.signal import butter, sosfiltfilt
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import DRIVES, Experiment
+from shipfp_rs.identification.sampling import LEAST_SWING
 from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.sentences import Sentence
 
-LEAST_SWING = 2e-3
-"""Least standard deviation of a set point or load, relative to the operating point, that counts as excitation."""
 LEAST_SAMPLES = 200
 """Least number of samples of an experiment."""
 LEAST_CORRELATION = 0.3

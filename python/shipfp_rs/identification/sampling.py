@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Literal
 
 import numpy as np
@@ -34,34 +33,44 @@ def down_of(rate_hz: float, seen_hz: float) -> int:
     return max(1, int(rate_hz / (3.0 * seen_hz) + 1e-9))
 
 
-ABOVE_FLOOR, WHITE = 12.0, 1.25
-"""Least power of an input over the median of its white noise, which has more in one bin of 4000; largest ratio of the
-medians of two bands that are white noise."""
+LEAST_SWING = 2e-3
+"""Least standard deviation of a set point or load, relative to the operating point, that counts as excitation."""
+WHITE, ONE_RECORD_IN = 1.25, 100.0
+"""Largest ratio of the medians of two bands that are white noise; number of records of which the noise of one has a power
+above the floor."""
 
 
 def white_floor(power: Array, share: Numbers) -> float:
     """Return the power below which an input is white noise; `share`: frequencies over the highest that counts."""
     lower, upper = (float(np.median(power[(share > low) & (share <= low + 0.2)])) for low in (0.3, 0.5))
-    return ABOVE_FLOOR * lower if upper < WHITE * lower < WHITE**2 * upper else 0.0
+    # The power of white noise is exponentially distributed, with a mean of median / log 2.
+    above = float(np.log(ONE_RECORD_IN * len(power)) / np.log(2.0))
+    return above * lower if upper < WHITE * lower < WHITE**2 * upper else 0.0
 
 
-def excited_hz(inputs: Sequence[Array], rate_hz: float, most_hz: float) -> float:
-    """Return the frequency [Hz] below which the inputs have `EXCITED` of their power times frequency, at most `most_hz`."""
-    found = 0.0
-    for one in inputs:
-        if not len(one):
-            continue
-        count = prev_fast_len(len(one), real=True)
-        fade = np.minimum(np.arange(count), np.arange(count)[::-1]) / (EDGE_S * rate_hz)
-        power = np.abs(rfft((one[:count] - one[:count].mean()) * np.clip(fade, 0.0, 1.0))) ** 2
-        frequency = np.fft.rfftfreq(count, 1.0 / rate_hz)
-        floor = white_floor(power, frequency / most_hz)
-        power[power < floor] = 0.0
-        grown = np.cumsum(np.where(frequency <= most_hz, power * frequency, 0.0))
-        # The model answers the set point's noise beyond the excitation, the ship does not.
-        least_hz = max(LEAST_PERIODS * rate_hz / count, 0.0 if floor else LEAST_HZ)
-        found = max(found, float(frequency[np.searchsorted(grown, EXCITED * grown[-1])]), least_hz)
-    return min(found, most_hz)
+def excitation(values: Array, rate_hz: float, most_hz: float) -> tuple[Array, float]:
+    """Return an input without its white noise, and its bandwidth [Hz].
+
+    The bandwidth has `EXCITED` of the power times frequency, and is `most_hz` at most. The model answers the noise of a
+    measured input, but the ship does not: it never received it. White noise as strong as an excitation is one.
+    """
+    if not len(values):
+        return values, 0.0
+    count, mean = prev_fast_len(len(values), real=True), values.mean()
+    fade = np.minimum(np.arange(count), np.arange(count)[::-1]) / (EDGE_S * rate_hz)
+    spectrum = rfft(values[:count] - mean)
+    power = np.abs(rfft((values[:count] - mean) * np.clip(fade, 0.0, 1.0))) ** 2
+    frequency = np.fft.rfftfreq(count, 1.0 / rate_hz)
+    floor = white_floor(power, frequency / most_hz)
+    kept = np.maximum(power, np.abs(spectrum) ** 2) >= floor
+    clean = values.copy()
+    clean[:count] = mean + irfft(spectrum * kept, count)
+    if np.std(values - clean) >= LEAST_SWING:
+        clean, floor = values, 0.0
+    power[power < floor] = 0.0
+    grown = np.cumsum(np.where(frequency <= most_hz, power * frequency, 0.0))
+    least_hz = max(LEAST_PERIODS * rate_hz / count, 0.0 if floor else LEAST_HZ)
+    return clean, min(max(float(frequency[np.searchsorted(grown, EXCITED * grown[-1])]), least_hz), most_hz)
 
 
 NUGGET = 1e-4

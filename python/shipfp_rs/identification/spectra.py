@@ -21,7 +21,7 @@ from shipfp_rs import _core
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.identification.coordinates import loop_of
-from shipfp_rs.identification.sampling import BAND_HZ, SHORTEST_S, Between, down_of, excited_hz, kriged
+from shipfp_rs.identification.sampling import BAND_HZ, SHORTEST_S, Between, down_of, excitation, kriged
 from shipfp_rs.structures.parameter import BRAKE
 from shipfp_rs.structures.transfer import TransferFunctions
 from shipfp_rs.support.arrays import Array, ComplexArray
@@ -156,7 +156,9 @@ class Spectra:
             )
         most_hz = np.inf if wide else BAND_HZ * max(pace / QUICK_PACE, 1.0)
         seen_hz = min(most_hz, 0.4 * experiment.rate_hz)
-        band_hz = excited_hz([set_point, loads], experiment.rate_hz, seen_hz)
+        set_point, own_hz = excitation(set_point, experiment.rate_hz, seen_hz)
+        loads, load_hz = excitation(loads, experiment.rate_hz, seen_hz)
+        band_hz = max(own_hz, load_hz)
         if between is None:
             low_passed: Between = "band-limited" if experiment.is_low_passed else "straight"
             between = "held" if experiment.hold == "zero" else low_passed
