@@ -302,7 +302,7 @@ def question_of(
         elements["load"] = True
         if not set_point_moves(experiments):
             # Torque over speed alone has one lag and one dead time.
-            elements = {"dead_time_set_point": False, "engine_lag": False} | elements
+            elements = {"dead_time_set_point": False} | elements
     for name, element in ELEMENTS.items():
         if elements.get(name, element.always):
             always += [one.name for one in element.parameters if one.name not in always and one.name != "T_0"]

@@ -9,7 +9,7 @@ import numpy.typing as npt
 from scipy.fft import irfft, next_fast_len, prev_fast_len, rfft
 from scipy.linalg import solve
 
-from shipfp_rs.support.arrays import Array, Numbers
+from shipfp_rs.support.arrays import Array
 
 Between = Literal["band-limited", "straight", "held"]
 """Course of the inputs between samples: smooth, piecewise linear, or held."""
@@ -35,14 +35,15 @@ def down_of(rate_hz: float, seen_hz: float) -> int:
 
 LEAST_SWING = 2e-3
 """Least standard deviation of a set point or load, relative to the operating point, that counts as excitation."""
-WHITE, ONE_RECORD_IN = 1.25, 100.0
+WHITE, ONE_RECORD_IN = 1.4, 100.0
 """Largest ratio of the medians of two bands that are white noise; number of records of which the noise of one has a power
 above the floor."""
 
 
-def white_floor(power: Array, share: Numbers) -> float:
-    """Return the power below which an input is white noise; `share`: frequencies over the highest that counts."""
-    lower, upper = (float(np.median(power[(share > low) & (share <= low + 0.2)])) for low in (0.3, 0.5))
+def white_floor(power: Array) -> float:
+    """Return the power below which an input is white noise, by its powers from 0 Hz to half the sample rate."""
+    ends = [round(share * len(power)) for share in (0.24, 0.4, 0.56)]
+    lower, upper = (float(np.median(power[first:last])) for first, last in zip(ends, ends[1:], strict=False))
     # The power of white noise is exponentially distributed, with a mean of median / log 2.
     above = float(np.log(ONE_RECORD_IN * len(power)) / np.log(2.0))
     return above * lower if upper < WHITE * lower < WHITE**2 * upper else 0.0
@@ -61,7 +62,7 @@ def excitation(values: Array, rate_hz: float, most_hz: float) -> tuple[Array, fl
     spectrum = rfft(values[:count] - mean)
     power = np.abs(rfft((values[:count] - mean) * np.clip(fade, 0.0, 1.0))) ** 2
     frequency = np.fft.rfftfreq(count, 1.0 / rate_hz)
-    floor = white_floor(power, frequency / most_hz)
+    floor = white_floor(power)
     kept = np.maximum(power, np.abs(spectrum) ** 2) >= floor
     clean = values.copy()
     clean[:count] = mean + irfft(spectrum * kept, count)
