@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import Literal
 
 import numpy as np
@@ -43,7 +44,7 @@ above the floor."""
 def white_floor(power: Array) -> float:
     """Return the power below which an input is white noise, by its powers from 0 Hz to half the sample rate."""
     ends = [round(share * len(power)) for share in (0.24, 0.4, 0.56)]
-    lower, upper = (float(np.median(power[first:last])) for first, last in zip(ends, ends[1:], strict=False))
+    lower, upper = (float(np.median(power[first:last])) for first, last in pairwise(ends))
     # The power of white noise is exponentially distributed, with a mean of median / log 2.
     above = float(np.log(ONE_RECORD_IN * len(power)) / np.log(2.0))
     return above * lower if upper < WHITE * lower < WHITE**2 * upper else 0.0
