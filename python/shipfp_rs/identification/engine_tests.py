@@ -218,7 +218,7 @@ def suspected(scores: Mapping[str, Score], beyond: float = 1.0) -> str | None:
 
 def lacks_something(scores: Mapping[str, Score]) -> bool:
     """Whether any test of the engine's side shows an effect that chance does not explain."""
-    return any(score.fall > BELIEVED for score in scores.values())
+    return any(score.fall > SHOWN for score in scores.values())
 
 
 def limits_to_try(scores: Mapping[str, Score], among: Container[str]) -> list[str]:

@@ -486,6 +486,8 @@ class EquationLikelihood(Likelihood):
         ahead = tuple(one.get("tau_n", 0.0) - one.get("tau_prop", 0.0) for one in own) if self.gauge else ()
         found = super(EquationLikelihood, replace(self, ahead=ahead)).with_noise(vector)
         outputs = self.records[0].outputs
+        responses = map(self._dampened, self.records, found.responses, own)
+        found = replace(found, responses=tuple(responses))
         # At the brake a set point tells the whole engine's side.
         if not self.gauge or self.open_loop or set(outputs) != {"dn", "dM"}:
             return found
@@ -501,6 +503,18 @@ class EquationLikelihood(Likelihood):
             load = own[index]["p"] + own[index]["tau_prop"] * s
             waters.append(water_of(record.frequency_hz, *rows, model, load, accuracy, late_s))
         return replace(found, waters=tuple(waters))
+
+    def _dampened(self, record: Spectra, response: Numbers, values: Mapping[str, float]) -> Numbers:
+        """Return the response to which systematic errors are relative, larger where late sensors may dampen the outputs.
+
+        What delays a value dampens it: a hold by a sixth of the squared phase, a Bessel filter by about as much.
+        """
+        late = np.zeros((len(record.outputs), 1))
+        for output, name in enumerate(LATE.get(one, "") for one in record.outputs):
+            prior = QUANTITIES[name].prior if name in self.coordinates.free else None
+            late[output] = np.hypot(values.get(name, 0.0), prior[1] if prior else 0.0)
+        dampened = (2.0 * np.pi * record.frequency_hz * late) ** 2 / 6.0
+        return response * np.hypot(1.0, dampened / np.maximum(self.accuracy[:, None], 1e-12))
 
     def own_total(self, vector: Array) -> float:
         """Deviance under the likelihood's noise, with its log determinant; water counts beyond its expectation."""
