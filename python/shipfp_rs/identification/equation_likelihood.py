@@ -415,10 +415,6 @@ class EquationLikelihood(Likelihood):
             records.append(record.corrected(values, self._response, model, slips=slips))
         return replace(self, records=tuple(records))
 
-    def resettled_at(self, vector: Array) -> Self:
-        """Return the likelihood settled at a new point of the search, without new images, since images hardly change."""
-        return (self.corrected(vector) if self.is_corrected_by_model else self).with_noise(vector)
-
     def settled_at(self, vector: Array) -> Self:
         """Return the likelihood with records corrected, and noise estimated, by the model at a point of the search."""
         needs = self.is_corrected_by_model or any(one.between != "band-limited" for one in self.records)

@@ -16,7 +16,6 @@ from shipfp_rs.errors import IdentificationError
 from shipfp_rs.identification.basins import (
     best_basins,
     descend,
-    distinct,
 )
 from shipfp_rs.identification.equation_likelihood import EquationLikelihood
 from shipfp_rs.identification.first_guesses import first_guesses
@@ -112,9 +111,7 @@ def smooth_ship(
         ends.append(replace(fit.likelihood, records=straight).corrected(fit.best.vector))
     likelihood = min(ends, key=lambda end: descend(end, fit.best.vector, until=until).cost)
     points = [start for one in fit.basins for start in (one.vector, *_exchanged(likelihood, one.vector))]
-    basins = distinct(likelihood, [descend(likelihood, start, until=until) for start in points])
-    if not basins:
-        raise IdentificationError("identify: the ship found is unstable")
+    likelihood, basins, _ = best_basins(likelihood, points, until=until)
     return settled(replace(fit, likelihood=likelihood, basins=tuple(basins)), until)
 
 

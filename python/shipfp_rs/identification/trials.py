@@ -10,11 +10,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 
-from shipfp_rs.errors import IdentificationError, SimulationError
-from shipfp_rs.identification.basins import Basin, descend, distinct
+from shipfp_rs.errors import IdentificationError
+from shipfp_rs.identification.basins import Basin, descend, distinct, totalled
 from shipfp_rs.identification.engine_tests import engine_tests, lacks_something, limits_to_try, touched
 from shipfp_rs.identification.equation_likelihood import EquationLikelihood
 from shipfp_rs.identification.first_guesses import guesses_by_bandwidth
@@ -157,44 +158,22 @@ def _limited(fit: ShipFit, element: str, until: float | None, *, surely: bool = 
     ways = (likelihood, replace(likelihood, smooths=True), replace(likelihood, simulates=True, governed=()))
     found, ends = replace(fit, elements=(*fit.elements, element)), []
     for way in ways:
-        end = _by_own_noise(way, best.vector, ROUNDS, until)
-        if np.isfinite(end.cost):
-            own = way.resettled_at(end.vector)
-            ends.append(settled(replace(found, likelihood=own, basins=(end,)), until))
+        end = settled(replace(found, likelihood=way, basins=(Basin(np.inf, best.vector),)), until)
+        if np.isfinite(end.best.cost):
+            ends.append(end)
     return min(ends, key=lambda one: one.total, default=None)
 
 
 def _lowest(likelihood: EquationLikelihood, vectors: Sequence[Array], until: float | None) -> Basin:
     """Return the minimum of least total from several starts: the best `KEPT` descend for a round, the best two continue."""
-    begun = sorted(vectors, key=partial(_total, likelihood))[:KEPT]
-    ends = likelihood.each([partial(_by_own_noise, likelihood, start, 1, until) for start in begun])
+    quick: dict[str, Any] = {"steps": STEPS, "settled": STILL, "until": until}
+    begun = sorted(vectors, key=likelihood.total)[:KEPT]
+    ends = likelihood.each([partial(totalled, likelihood, start, rounds=1, **quick) for start in begun])
     ends = sorted(ends, key=lambda end: end.cost)[:2]
-    ends = likelihood.each([partial(_by_own_noise, likelihood, end.vector, ROUNDS, until) for end in ends])
+    ends = likelihood.each(
+        [partial(totalled, likelihood, end.vector, rounds=ROUNDS, **quick) for end in ends]
+    )
     return min(ends, key=lambda end: end.cost)
-
-
-def _total(likelihood: EquationLikelihood, vector: Array) -> float:
-    """Total deviance at a point of the search, with corrections and noise estimated at that point."""
-    try:
-        return likelihood.resettled_at(vector).own_total(vector)
-    except (SimulationError, np.linalg.LinAlgError):
-        return np.inf
-
-
-def _by_own_noise(likelihood: EquationLikelihood, start: Array, rounds: int, until: float | None) -> Basin:
-    """Descend repeatedly, each round with the noise of the previous minimum; the cost is the total deviance."""
-    end = Basin(np.inf, start, False)
-    for _ in range(rounds):
-        try:
-            own = likelihood.resettled_at(end.vector)
-        except (SimulationError, np.linalg.LinAlgError):
-            break
-        found = descend(own, end.vector, steps=STEPS, settled=STILL, until=until).vector
-        total = _total(likelihood, found)
-        if not total < end.cost - STILL:
-            break
-        end = Basin(total, found)
-    return end
 
 
 def _starts(
