@@ -24,11 +24,11 @@ RUST_FUNCTION = re.compile(r"^( *)(?:pub(?:\([a-z]+\))? )?(?:const )?(?:unsafe )
 
 BUDGETS = {
     "constants": 235,
-    "python/shipfp_rs/identification": 10041,
+    "python/shipfp_rs/identification": 10019,
     "python/shipfp_rs/structures": 3049,
-    "python/shipfp_rs/logs": 8048,
-    "python/shipfp_rs/tacho": 1809,
-    "python/shipfp_rs/processing": 4625,
+    "python/shipfp_rs/logs": 8050,
+    "python/shipfp_rs/tacho": 1799,
+    "python/shipfp_rs/processing": 4633,
     "python/shipfp_rs/inspection": 931,
     "python/shipfp_rs/experiments": 576,
     "python/shipfp_rs/assessment": 2262,
@@ -45,9 +45,9 @@ BUDGETS = {
     "python/shipfp_rs/simulation": 914,
     "python/shipfp_rs/frequency": 1133,
     "python/shipfp_rs/plot": 888,
-    "python": 51797,
+    "python": 51775,
     "rust/src": 11071,
-    "tests": 39613,
+    "tests": 39670,
 }
 """Most lines of each room, and most numeric constants of identification and structures. A commit that earns it lowers a
 number; none is raised without a word in the commit's text."""

@@ -47,6 +47,9 @@ def test_the_layout_is_found(tmp_path: Path, text: str) -> None:
         ("OK", "OK", "Timeout", "A.val [V],A.state,B.val [rpm],B.state"),
         ("192", "64", "0", "u [V],u_q,n [rpm],n_q"),
         ("0", "1073741824", "2147483648", "u.Value [V],u.Code,n.Value [rpm],n.Code"),
+        ("Good", "Uncertain", "Bad - I/O", "u [V],Status,n [rpm],Status"),
+        ("192", "64", "0", "u [V],Quality,n [rpm],Quality"),
+        ("OK", "OK", "Timeout", "u [V],State,n [rpm],State"),
     ],
 )
 def test_a_value_of_bad_status_is_missing_of_its_tag_alone(
@@ -61,6 +64,14 @@ def test_a_value_of_bad_status_is_missing_of_its_tag_alone(
     assert (fault.channel, fault.spans.tolist(), log.channels[n].unit) == (u, [[5, 7]], "rpm")
     assert np.flatnonzero(np.isnan(log[u])).tolist() == [5, 6]
     np.testing.assert_array_equal(log[n], 2 * np.arange(20))
+
+
+@pytest.mark.parametrize("scale", [1, 0.25])
+def test_equal_headings_of_numbers_beside_numbers_are_refused(scale: float, tmp_path: Path) -> None:
+    rows = "".join(f"{0.5 * k},{k},{scale * k},{2 * k},{scale * k + 3}\n" for k in range(20))
+    (tmp_path / "log.csv").write_text(f"time [s],u [V],p,n [rpm],p\n{rows}")
+    with pytest.raises(InputError, match="column 'p' appears twice"):
+        Log.open(tmp_path / "log.csv")
 
 
 def test_times_of_edges_alone_are_no_log(tmp_path: Path) -> None:

@@ -122,6 +122,27 @@ def test_init_writes_what_a_log_shows(tmp_path: Path, capsys):
     assert np.median(np.abs(EQUATION_6_7(recorded) - 1183.8)) < 2.0
 
 
+@pytest.mark.parametrize("shift_s", [0.0, 0.4])
+def test_steps_of_a_set_point_logged_on_change_are_found(shift_s, tmp_path: Path, capsys):
+    changes = 14.0 * np.arange(45) + np.random.default_rng(1).uniform(-shift_s, shift_s, 45).round(1)
+    level = 50 + 5 * (np.arange(45) % 3)
+    rows = [(time, f"{at},,") for time, at in zip(changes - changes[0], level, strict=True)]
+    rows += [
+        (time, f",{400.0 + time % 7.0:.3f},{60.0 + time % 5.0:.3f}") for time in np.arange(0.0, 620.0, 0.1)
+    ]
+    path = tmp_path / "log.csv"
+    path.write_text(
+        "time [s],set point [%],speed [rpm],torque [kNm]\n"
+        + "".join(f"{time:.1f},{cells}\n" for time, cells in sorted(rows))
+    )
+    (steps,) = (found for found in find_windows(Log.open(path), "set point") if found.kind == "steps")
+    assert steps.start_s == pytest.approx(14.0, abs=1.0)
+    assert steps.stop_s > 600.0
+    assert cli.main(["init", "--log", str(path), str(tmp_path / "campaign")]) == 0
+    assert "nothing but rest" not in capsys.readouterr().out
+    assert "\nheld = true " in (tmp_path / "campaign" / "TRIAL.toml").read_text()
+
+
 def test_init_asks_for_the_set_point_where_no_name_tells(tmp_path: Path, capsys):
     log, _ = schedule(3)
     path = log.write(tmp_path / "run.parquet")

@@ -58,3 +58,28 @@ def test_a_wheel_says_which_turns_it_counts_wrong():
     (fault,) = (one for one in found if "gap to gap" in str(one.method))
     (span,) = fault.spans / rate_hz
     assert span[0] < 1.1 < span[1]
+
+
+def train(rate_hz, high, order, deviation=0.0):
+    """Return 20 s of a wheel of 12 teeth at 260 teeth per second, its turn uneven by 20 %, and its number of teeth."""
+    time, turns = np.arange(0.0, 20.0, 1.0 / rate_hz), 260.0 / 12.0
+    angle = turns * time + 0.2 / (2.0 * np.pi * order) * (1.0 - np.cos(2.0 * np.pi * order * turns * time))
+    noise = np.random.default_rng(0).normal(0.0, deviation, len(time)) if deviation else 0.0
+    return (12.0 * angle % 1.0 < high) + noise, 12.0 * angle[-1]
+
+
+@pytest.mark.parametrize("high", [0.3, 0.5, 0.7])
+@pytest.mark.parametrize("rate_hz", [2000.0, 5000.0])
+@pytest.mark.parametrize("deviation", [0.0, 0.01, 0.05])
+def test_a_turn_uneven_by_a_fifth_loses_no_tooth_at_eight_samples_a_tooth(rate_hz, high, deviation):
+    samples, teeth_passed = train(rate_hz, high, 1, deviation)
+    pulses = tacho.pulse_times(samples, rate_hz)
+    assert len(pulses.times_s) == pytest.approx(teeth_passed, abs=1.5)
+    assert not len(pulses.gaps_s)
+
+
+@pytest.mark.parametrize("high", [0.07, 0.1, 0.93])
+@pytest.mark.parametrize("order", [1, 2])
+def test_pulses_shorter_than_a_sample_are_told_to_be_missing(high, order):
+    pulses = tacho.pulse_times(train(2000.0, high, order)[0], 2000.0)
+    assert np.diff(pulses.gaps_s).sum() == pytest.approx(20.0, abs=0.1)

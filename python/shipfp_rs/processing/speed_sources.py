@@ -145,7 +145,7 @@ class PulseTrain:
             fault(
                 "faint",
                 Sentence(
-                    "masked: lower than {height} and uneven, or none",
+                    "masked: lower than {height} and uneven, shorter than a sample, or none",
                     height=f"{self.pulses[label].limit:.3g}",
                 ),
                 *faint.T,

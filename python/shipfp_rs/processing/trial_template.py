@@ -16,7 +16,7 @@ from shipfp_rs.logs.log import Log
 from shipfp_rs.processing.roles import Roles
 from shipfp_rs.processing.trial import Processing
 from shipfp_rs.processing.trial_channels import SCALING, wanted_line
-from shipfp_rs.processing.windows import FoundWindow, longest_rest, proposed
+from shipfp_rs.processing.windows import FoundWindow, is_held, longest_rest, proposed
 from shipfp_rs.support.toml import TO_BE_GIVEN
 from shipfp_rs.support.units import TO_NM, TO_REV, TO_RPM, TO_W
 
@@ -162,12 +162,13 @@ def _channels(log: Log, roles: Roles, windows: Sequence[FoundWindow]) -> list[st
 
 
 def _held(log: Log, roles: Roles) -> str:
-    """Commented-out key `held` if the set point is as slow as a bus or PLC, and no faster than the torque; else nothing."""
+    """Key `held`, commented out unless certain, of a set point as slow as a bus or PLC and no faster than the torque."""
     if roles.set_point is None or roles.torque is None:
         return ""
     if log.channel(roles.set_point).rate_hz > min(SELDOM_HZ, log.channel(roles.torque).rate_hz):
         return ""
-    return "\n# held = true                 # of a bus or PLC: the drive holds each value until the next one comes"
+    mark = "" if is_held(log.channel(roles.set_point)) else "# "
+    return f"\n{mark}held = true                 # of a bus or PLC: the drive holds each value until the next one comes"
 
 
 def _resting(log: Log, roles: Roles, windows: Sequence[FoundWindow]) -> str:

@@ -13,6 +13,7 @@ import numpy as np
 from shipfp_rs.errors import InputError
 from shipfp_rs.logs.channel import Channel
 from shipfp_rs.logs.log import Log
+from shipfp_rs.logs.time_axis import finer
 from shipfp_rs.processing.conditioning import bridged, mean_pieces
 from shipfp_rs.processing.trial import Faults
 from shipfp_rs.support.arrays import Array, runs
@@ -191,7 +192,9 @@ def proposed(
         for start, stop in whole
         if min(window.stop_s, stop) - max(window.start_s, start) > 1.0
     ]
-    known = [window if _swings(log, mover, window) else _rest(window) for window in cut]
+    known = [
+        one if _swings(log, mover, one) else replace(one, kind="steady", frequency_hz=None) for one in cut
+    ]
     grown: list[FoundWindow] = []
     for window in (one for one in known if one.kind != "steady"):
         start, stop = next(one for one in whole if one[0] <= window.start_s and window.stop_s <= one[1])
@@ -207,10 +210,6 @@ def proposed(
         else:
             grown.append(replace(window, start_s=first, stop_s=last))
     return numbered([*grown, *(one for one in known if one.kind == "steady")])
-
-
-def _rest(window: FoundWindow) -> FoundWindow:
-    return replace(window, kind="steady", frequency_hz=None)
 
 
 def _whole(log: Log, drives: Sequence[str], start_s: float, stop_s: float) -> list[tuple[float, float]]:
@@ -394,6 +393,9 @@ class _Trace:
     @classmethod
     def of(cls, log: Log, name: str) -> _Trace:
         channel = log.channel(name)
+        if is_held(channel):
+            channel, blocks = finer(channel, log.raw_blocks, BLOCK_SAMPLES / BLOCK_S, held=True)
+            log = Log(log.name, [channel], blocks)
         ratio = max(math.floor(channel.rate_hz / COARSE_HZ), 1)
         block = _block(channel, ratio)
         if channel.samples < max(LEAST_REST_S * channel.rate_hz, REST_BLOCKS * block):
@@ -510,6 +512,11 @@ class _Trace:
         changes = np.sort(np.abs(np.diff(self.medians[max(first - 1, 0) : stop + 1])))
         risers = max(round(RISERS * len(changes)), 1)
         return bool(changes[-risers:].sum() > STAIR * changes.sum())
+
+
+def is_held(channel: Channel) -> bool:
+    """Whether a sample lasts as long as a rest: a set point's are then levels, logged when they change."""
+    return channel.rate_hz * LEAST_REST_S <= 1.0
 
 
 def _block(channel: Channel, ratio: int) -> int:

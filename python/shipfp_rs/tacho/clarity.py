@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from scipy.ndimage import median_filter
+from scipy.ndimage import correlate1d, median_filter
 
 from shipfp_rs.support.arrays import Array, Spans, runs
 
@@ -22,10 +22,10 @@ _LIMIT = 14.0
 """Limit of the height, in standard deviations of the noise."""
 _DENSE = 10.0
 """Samples per pulse below which the noise can't be measured and the limit does not show whether pulses were lost."""
-_IN_A_ROW = 20
+IN_A_ROW = 20
 """Number of successive periods of nearly equal length that identifies pulses; noise has less than half as many in a row."""
-_EVEN, _STRICTLY_EVEN = 0.25, 0.12
-"""Largest relative differences of periods in an even row, and in a strictly even row of crossings below the limit."""
+_EVEN = 0.25
+"""Largest relative difference of a period in an even row from the mean of those beside it."""
 _MARGIN = 2
 _UNTOLD = 16
 _NEIGHBOURS = 7
@@ -74,41 +74,31 @@ def clear_pulses(times: Array, heights: Array, limits: Array, usual: float) -> F
 
 
 def _in_rows(times: Array, doubted: Flags, faint: Flags) -> Flags:
-    """Mark doubted crossings in rows of even periods, and faint ones (below the limit) in strictly even rows."""
+    """Mark crossings in rows of even periods about doubted ones, faint ones (below the limit) within the rows' ends."""
     found = np.zeros(len(times), dtype=np.bool_)
     for first, stop in runs(doubted).tolist():
         # Include the crossings on either side that may belong to the same even row.
-        begin, end = max(first - _IN_A_ROW, 0), min(stop + _IN_A_ROW, len(times))
-        periods = np.diff(times[begin:end])
-        for tolerance, margin, taken in ((_EVEN, 0, ~faint), (_STRICTLY_EVEN, _MARGIN, faint)):
-            for start, last in (runs(_even(periods, tolerance)) + begin).tolist():
-                if last - start >= _IN_A_ROW:
-                    # The first and last crossings of a faint row may be noise.
-                    start += margin if start > 0 else 0
-                    last -= margin if last + 1 < len(times) else 0
-                    row = slice(max(start, first), min(last + 1, stop))
-                    found[row] |= taken[row]
+        begin, end = max(first - IN_A_ROW, 0), min(stop + IN_A_ROW, len(times))
+        for start, last in (runs(_even(np.diff(times[begin:end]))) + begin).tolist():
+            if last - start >= IN_A_ROW:
+                # The first and last crossings of a faint row may be noise.
+                inner = slice(start + _MARGIN if start else 0, last + 1 - _MARGIN * (last + 1 < len(times)))
+                found[start : last + 1] |= ~faint[start : last + 1]
+                found[inner] = True
     return found
 
 
 def _joined(times: Array, heights: Array, sure: Flags, low: Spans) -> Flags:
     """The sure pulses, and the low pulses that continue a row of sure ones."""
-    kept = sure.copy()
-    left = low.tolist()
-    while left:
-        joining = [
-            (first, stop)
-            for first, stop in left
-            if any(
-                0 <= beyond < len(times) and _goes_on(times, heights, end, beyond, kept)
-                for end, beyond in ((first, first - 1), (stop - 1, stop))
-            )
-        ]
-        if not joining:
-            break
+    kept, left = sure.copy(), low.tolist()
+
+    def joins(end: int, beyond: int) -> bool:
+        return 0 <= beyond < len(times) and _goes_on(times, heights, end, beyond, kept)
+
+    while joining := [one for one in left if joins(one[0], one[0] - 1) or joins(one[1] - 1, one[1])]:
         for first, stop in joining:
             kept[first:stop] = True
-        left = [span for span in left if tuple(span) not in joining]
+        left = [span for span in left if span not in joining]
     return kept
 
 
@@ -132,9 +122,8 @@ def unclear(times: Array, kept: Flags, low: Flags, missing: Spans, samples: int)
         doubted[-1] = ends[1] > _SILENCE * inner[-3:].max()
     if len(pulses) < len(times):
         doubted |= np.bincount(np.searchsorted(pulses, times[~kept]), minlength=len(doubted)) > 0
-    at = np.flatnonzero(doubted)
-    edges = np.concatenate([[0.0], pulses, [float(samples)]]) if at.size else np.zeros(1)
-    found = np.column_stack([edges[at], edges[at + 1]]) if at.size else np.empty((0, 2))
+    edges = np.concatenate([[0.0], pulses, [float(samples)]])
+    found = np.column_stack([edges[:-1][doubted], edges[1:][doubted]])
     # A stretch that consists mostly of missing samples is not listed.
     lost = np.zeros(len(found))
     for first, stop in missing.tolist():
@@ -142,19 +131,16 @@ def unclear(times: Array, kept: Flags, low: Flags, missing: Spans, samples: int)
     return np.asarray(found[lost < 0.5 * (found[:, 1] - found[:, 0])])
 
 
-def _even(periods: Array, tolerance: float) -> Flags:
-    """Whether each period equals the median of its neighbours; a single period may be two or three times as long."""
+def _even(periods: Array) -> Flags:
+    """Whether each period equals the mean of those beside it, also in irregular rotation; one may be of several teeth."""
     if not len(periods):
         return np.zeros(0, dtype=np.bool_)
     usual = median_filter(periods, size=_NEIGHBOURS, mode="nearest")
-    allowed = np.maximum(tolerance * usual, _GRID)
-    single = np.abs(periods - usual) <= allowed
-    beside = np.append(True, single[:-1]) & np.append(single[1:], True)
-    teeth = np.clip(np.rint(periods / usual), 2.0, _MOST_TEETH)
-    even = single | (beside & (np.abs(periods - teeth * usual) <= np.maximum(allowed, teeth * _GRID)))
-    # The median jumps where noise ends and pulses begin; intervals on either side of the jump are not even.
-    jumps = np.abs(np.diff(usual)) > allowed[1:] + allowed[:-1]
-    return np.asarray(even & ~(np.append(False, jumps) | np.append(jumps, False)))
+    allowed = np.maximum(_EVEN * usual, _GRID)
+    teeth = np.clip(np.rint(periods / usual), 1.0, _MOST_TEETH)
+    teeth[np.abs(periods - teeth * usual) > np.maximum(allowed, teeth * _GRID)] = 1.0
+    pitches = periods / teeth
+    return np.asarray(np.abs(pitches - correlate1d(pitches, [0.5, 0.0, 0.5], mode="nearest")) <= allowed)
 
 
 def _goes_on(times: Array, heights: Array, end: int, beyond: int, kept: Flags) -> bool:

@@ -13,17 +13,18 @@ from scipy.ndimage import median_filter
 from shipfp_rs._core import PulseTracker, pulse_levels
 from shipfp_rs.errors import InputError
 from shipfp_rs.support.arguments import checked
-from shipfp_rs.support.arrays import Array, Spans
+from shipfp_rs.support.arrays import Array, joined
 from shipfp_rs.tacho.clarity import (
     AT_REST,
     FAR_FROM_LIMIT,
+    IN_A_ROW,
     NEAR_LIMIT,
     Flags,
     clear_pulses,
     unclear,
     without_noise,
 )
-from shipfp_rs.tacho.tracks import require_positive
+from shipfp_rs.tacho.tracks import MISSED_FROM, require_positive
 
 
 def _no_spans() -> Array:
@@ -112,7 +113,7 @@ def pulse_times(
     are not counted twice. Levels that are not given follow the turning points of nine pulses before and after, since the
     amplitude of a variable-reluctance pick-up increases with speed and that of an optical pick-up may decrease with time.
     The noise determines the least height of a pulse. Where pulses can't be distinguished from noise or from the hum of a
-    shaft at rest, no times are returned and the stretch is listed in `gaps_s`.
+    shaft at rest, or last less than a sample, no times are returned and the stretch is listed in `gaps_s`.
 
     The gap of a wheel with missing teeth is not listed; `speed_from_pulses` inserts the missing teeth.
 
@@ -169,9 +170,9 @@ def pulse_times(
         raise InputError(_complaint(*pulse_levels(found.silent), threshold))
     missing = tracker.gaps
     times, grid, noise = found.column(0), found.column(2), found.column(3)
-    faint = _no_spans()
-    if threshold is None or hysteresis is None:
-        kept, low = found.clear(times)
+    faint, given = _no_spans(), threshold is not None and hysteresis is not None
+    if not given or any(found.short):
+        kept, low = found.clear(times, given)
         faint = unclear(times, kept, low, missing, found.samples)
         if not kept.all():
             times, grid, noise = times[kept], grid[kept], noise[kept]
@@ -180,7 +181,7 @@ def pulse_times(
         column /= rate_hz
     return PulseTimes(
         times,
-        _gaps(missing, faint) / rate_hz,
+        joined([missing, faint]) / rate_hz,
         low=float(low),
         middle=float(middle),
         high=float(high),
@@ -201,6 +202,7 @@ class _Found:
         self.samples = 0
         self._states = True
         self._windows: list[Array] = []
+        self.short: list[bool] = []
         self.silent: npt.NDArray[Any] = np.empty(0)
         """The last window of a record without a pulse train."""
 
@@ -214,6 +216,8 @@ class _Found:
         *columns, levels, windows = crossed
         self.columns.append((columns[0], columns[1], columns[2], columns[3]))
         self._windows.append(windows)
+        counts = np.cumsum(windows[:-1, 0]).astype(np.intp)
+        self.short += [_are_short(samples, part) for part in np.split(columns[0] - self.samples, counts)]
         self.samples += len(samples)
         self._states = self._states and _of_two_values(samples)
         if len(levels):
@@ -231,31 +235,20 @@ class _Found:
         every = [columns[which] for columns in self.columns]
         return every[0] if len(every) == 1 else np.concatenate(every)
 
-    def clear(self, times: Array) -> tuple[Flags, Flags]:
-        """Mark the crossings that are pulses, and the crossings barely higher than noise, shape (N,)."""
-        if self._states:
-            # A train of two values, such as 0 and 1, has no noise; what is estimated as noise is the sampling of its edges.
-            return np.ones(len(times), dtype=np.bool_), np.zeros(len(times), dtype=np.bool_)
+    def clear(self, times: Array, given: bool) -> tuple[Flags, Flags]:
+        """Mark the crossings that are pulses, all at given levels, and those barely higher than noise, shape (N,)."""
         count, limit, least, known = self.windows.T
         known = known[count > 0]
         # The largest median height of the windows; one or two disturbed windows are ignored.
         usual = float(np.max(median_filter(known, size=5, mode="nearest"))) if len(known) else 0.0
-        if (least >= np.maximum(FAR_FROM_LIMIT * limit, AT_REST * usual)).all():
-            return np.ones(len(times), dtype=np.bool_), np.zeros(len(times), dtype=np.bool_)
+        # A train of two values, such as 0 and 1, has no noise; what is estimated as noise is the sampling of its edges.
+        far = (least >= np.maximum(FAR_FROM_LIMIT * limit, AT_REST * usual)).all()
+        whole = np.repeat(np.logical_not(self.short), count.astype(np.int64))
+        if given or self._states or far:
+            return whole, np.zeros(len(times), dtype=np.bool_)
         limits = np.repeat(limit, count.astype(np.int64))
         every = without_noise(times, self.column(1), limits)
-        return clear_pulses(times, every, limits, usual), every < NEAR_LIMIT * limits
-
-
-def _gaps(missing: Spans, faint: Array) -> Array:
-    """Gaps of both kinds in order of time, overlapping ones joined [samples], shape (G, 2)."""
-    gaps = np.concatenate([missing.astype(np.float64), faint])
-    gaps = gaps[np.argsort(gaps[:, 0], kind="stable")]
-    if len(gaps) < 2 or not len(faint):
-        return gaps
-    reach = np.maximum.accumulate(gaps[:, 1])
-    apart = gaps[1:, 0] >= reach[:-1]
-    return np.column_stack([gaps[np.r_[True, apart], 0], reach[np.r_[apart, True]]])
+        return whole & clear_pulses(times, every, limits, usual), every < NEAR_LIMIT * limits
 
 
 def _of_two_values(samples: npt.NDArray[Any]) -> bool:
@@ -265,6 +258,17 @@ def _of_two_values(samples: npt.NDArray[Any]) -> bool:
         if (between[2:] & between[1:-1] & between[:-2]).any():
             return False
     return True
+
+
+def _are_short(samples: npt.NDArray[Any], times: Array) -> bool:
+    """Whether one sample alone is high (or low) at each crossing, and periods jump: some pulses lie between two samples."""
+    for part in (times[:64], times) if len(times) > IN_A_ROW else ():
+        places = np.clip(part.astype(np.intp)[:, None] + np.arange(-1, 3), 0, len(samples) - 1)
+        earlier, before, above, after = samples[places].astype(np.float64).T
+        if (0.5 * (above - before) <= [after - before, above - earlier]).any(axis=1).all():
+            return False
+    ratios = np.abs(np.diff(np.log(np.diff(times))))
+    return len(times) > IN_A_ROW and bool(ratios.max() > np.log(MISSED_FROM))
 
 
 def _complaint(bottom: float, top: float, threshold: float | None) -> str:

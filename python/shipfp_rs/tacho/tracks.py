@@ -25,7 +25,7 @@ _CLEARLY_BETTER = 0.05
 """Of two crossings close together, the first is the edge and the second a saw-tooth on it (Fig. 6.15), unless the second
 fits better by this fraction of a period. Uneven reflectors and changing speed cause smaller differences.
 """
-_MISSED_FROM = 1.6
+MISSED_FROM = 1.6
 _MOST_MISSED = 4
 """Largest number of successive missed pulses that are inserted; more indicate a stopped shaft or a dead pick-up."""
 _END_ZONE = _MEDIAN_WINDOW // 2
@@ -139,7 +139,7 @@ def cut_tracks(times: Array, gaps: Array, pulses_per_rev: int) -> list[Track]:
     """Cut the pulses at breaks, count the true intervals in each, and flag the repairs."""
     if len(times) < 2:
         return []
-    if not len(gaps) and pulses_are_even(times, _EXTRA_BELOW, _MISSED_FROM):
+    if not len(gaps) and pulses_are_even(times, _EXTRA_BELOW, MISSED_FROM):
         # Shortcut with the same result: no period is out of range of the median.
         size = len(times) - 1
         one, good = np.ones(size, dtype=np.int64), np.zeros(size, dtype=np.uint8)
@@ -150,7 +150,7 @@ def cut_tracks(times: Array, gaps: Array, pulses_per_rev: int) -> list[Track]:
     periods = np.diff(times)
     usual, irregular = _usual(periods, pulses_per_rev)
     ratio = periods / usual
-    count = np.where(ratio < _MISSED_FROM, 1, np.rint(ratio)).astype(np.int64)
+    count = np.where(ratio < MISSED_FROM, 1, np.rint(ratio)).astype(np.int64)
     over_gap = np.searchsorted(gaps[:, 0], times[1:]) > np.searchsorted(gaps[:, 1], times[:-1], side="right")
     # Counting continues across a gap only where the number of pulses in it is certain.
     broken = (count > 1 + _MOST_MISSED) | (over_gap & (np.abs(ratio - count) > 0.3))
@@ -246,7 +246,7 @@ def _outwards(track: Track, start: int, stop: int, *, alone: bool = True) -> Tra
             if abs(longer - 1.0) >= abs(seen - 1.0):
                 break
             seen, end = longer, end + 1
-        count = round(min(seen, most + 1)) if seen >= _MISSED_FROM else 1
+        count = round(min(seen, most + 1)) if seen >= MISSED_FROM else 1
         extra = end > place + 1 or any(flag & PulseFlag.EXTRA for flag in merged[place:end])
         flag = (PulseFlag.MISSED if count > 1 else 0) | (PulseFlag.EXTRA if extra else 0)
         unsure = flag or any(count != other for other in median_count[place:end])

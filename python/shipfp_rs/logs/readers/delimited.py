@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 import warnings
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -19,7 +20,7 @@ from shipfp_rs.errors import InputError, LogWarning
 from shipfp_rs.logs.log import Log, register_reader
 from shipfp_rs.logs.readers.delimited_layout import GROUPED, Layout, bare_number, find_layout
 from shipfp_rs.logs.readers.table import METADATA_KEY, Options, log_of_table
-from shipfp_rs.logs.readers.time_cells import is_time
+from shipfp_rs.logs.readers.time_cells import is_date, is_time
 
 PART = 1 << 22
 """Bytes of text parsed at once."""
@@ -60,13 +61,9 @@ def open_delimited(path: Path, rate_hz: float | None, time: str | None = None) -
         )
         and not (k == 0 and layout.counted and not time)
     ]
-    began = {METADATA_KEY: json.dumps({"start_s": layout.start_s}).encode()} if layout.start_s else None
+    named = _named(layout)
     schema = pa.schema(
-        pa.field(
-            f"{layout.headings[k]} [{layout.units[k]}]" if layout.units[k] else layout.headings[k],
-            index.kinds[k],
-            metadata=began,
-        )
+        pa.field(named[k][0], index.kinds[k], metadata={METADATA_KEY: json.dumps(named[k][1]).encode()})
         for k in kept
     )
     places = {name: k for k, name in zip(kept, schema.names, strict=True)}
@@ -92,6 +89,23 @@ def open_delimited(path: Path, rate_hz: float | None, time: str | None = None) -
     options = Options(time, layout.decimal == ",", not layout.named, blank, stated)
     notes = () if layout.named else ("no headings: columns are counted",)
     return log_of_table(path, schema, index.rows[-1], batches, rate_hz, options, notes)
+
+
+def _named(layout: Layout) -> list[tuple[str, dict[str, Any]]]:
+    """Name with unit, and metadata, of each column; one of equal headings also names that whose quality it may tell."""
+    began = {"start_s": layout.start_s} if layout.start_s else {}
+    named: list[tuple[str, dict[str, Any]]] = [(heading, began) for heading in layout.headings]
+    count = Counter(heading for heading in layout.headings if not (is_time(heading) or is_date(heading)))
+    for again in (heading for heading in count if count[heading] > 1):
+        places = [k for k, heading in enumerate(layout.headings) if heading == again]
+        for others in ((*layout.headings[1:], ""), ("", *layout.headings)):
+            if all(count[others[k]] == 1 for k in places):
+                for k in places:
+                    named[k] = (f"{others[k]} {again}", {**began, "again": again})
+    return [
+        (f"{name} [{unit}]" if unit else name, facts)
+        for (name, facts), unit in zip(named, layout.units, strict=True)
+    ]
 
 
 def _parts(path: Path, layout: Layout, offset: int) -> Iterator[tuple[int, bytes, int]]:
@@ -210,11 +224,8 @@ def _numbers(layout: Layout, cells: pa.ChunkedArray | pa.Array) -> tuple[pa.Arra
         except ValueError:
             values.append(None)
             others.append(cell)
-    counts = dict(
-        zip(*(part.to_pylist() for part in pc.value_counts(coded.cast(pa.string())).flatten()), strict=True)
-    )
-    told = [cell for cell in others for _ in range(counts[cell])]
-    return pa.array(values, pa.float64()).take(coded.indices), told
+    told = pc.is_in(coded.cast(pa.string()), value_set=pa.array(others, pa.string()))
+    return pa.array(values, pa.float64()).take(coded.indices), coded.filter(told).to_pylist()
 
 
 def _is_known(kind: pa.DataType) -> bool:

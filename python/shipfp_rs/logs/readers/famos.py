@@ -58,8 +58,6 @@ def open_famos(path: Path, rate_hz: float | None) -> Log:
                 pairs[channel.name] = samples
                 channels.append(Found.on(axis, channel.name, _unit(channel)))
             continue
-        if channel.name in keys:
-            raise InputError(f"{path}: channel {channel.name!r} appears twice; give each its own name")
         scaled = channel.y_factor != 1.0 or channel.y_offset != 0.0
         keys[channel.name] = (channel.uuid, "scaled" if scaled else "raw")
         even = _even(path, channel, later_s, rate_hz)

@@ -21,7 +21,7 @@ from shipfp_rs.logs.faults.record import Fault
 from shipfp_rs.logs.formats import one_line_errors
 from shipfp_rs.logs.log import Log
 from shipfp_rs.logs.readers.columns import tell_left_out
-from shipfp_rs.logs.readers.status_columns import QUALITY, Batches
+from shipfp_rs.logs.readers.status_columns import QUALITY, Batches, is_value
 from shipfp_rs.logs.readers.time_cells import EPOCH, TimePlan, split_unit
 from shipfp_rs.logs.time_axis import TimeAxis, time_axis
 from shipfp_rs.support.arrays import Array
@@ -50,7 +50,7 @@ def find_long_table(path: Path, fields: Fields, plan: TimePlan, batches: Batches
     signals do: either names share times that rise within each name, or the names alternate and each has steps at
     least as even as those of all rows.
     """
-    numbers = [field for field, facts in fields.values() if _is_value(field.type) and "rate_hz" not in facts]
+    numbers = [field for field, facts in fields.values() if is_value(field.type) and "rate_hz" not in facts]
     words = [field for field, _ in fields.values() if pa.types.is_string(field.type)]
     counted = [
         field.name
@@ -112,10 +112,6 @@ def find_long_table(path: Path, fields: Fields, plan: TimePlan, batches: Batches
 
 MOST_NUMBERS, MOST_NAMES = 4, 256
 """Most columns of numbers in a long table (value, name, quality and row number), and most integers that are names."""
-
-
-def _is_value(kind: pa.DataType) -> bool:
-    return bool(pa.types.is_floating(kind) or pa.types.is_integer(kind))
 
 
 def _name(key: str, cell: pa.Scalar) -> str:

@@ -176,7 +176,9 @@ class _Tree:
             if min(array.shape) == 1:
                 vector = array.ravel()
                 key = self._channel(name)
-                found[key] = _row(key, self._unit(name), vector)
+                found[key] = _row(
+                    key, self.units.get(name) or self.units.get(posixpath.dirname(name), ""), vector
+                )
                 continue
             table = array if array.shape[0] >= array.shape[1] else array.T
             if not is_table(table.shape):
@@ -217,9 +219,6 @@ class _Tree:
             and self.held[key].size == self.held[name].size
         ]
         return above if above and last.lower() in VALUES and len(only) == 1 else name
-
-    def _unit(self, name: str) -> str:
-        return self.units.get(name) or self.units.get(posixpath.dirname(name), "")
 
 
 def _row(name: str, unit: str, values: npt.NDArray[Any]) -> Row:

@@ -31,6 +31,11 @@ UNCERTAIN_UA = 1
 """Upper two bits of an uncertain status (OPC 10000-4, 7.39); a good one is zero."""
 
 
+def is_value(kind: pa.DataType) -> bool:
+    """Whether a column of this type may hold values: numbers other than true and false."""
+    return bool(pa.types.is_floating(kind) or pa.types.is_integer(kind))
+
+
 def find_statuses(schema: Sequence[pa.Field], names: Mapping[str, str], batches: Batches) -> Statuses:
     """Find the status column of each column of values; empty without.
 
@@ -40,10 +45,7 @@ def find_statuses(schema: Sequence[pa.Field], names: Mapping[str, str], batches:
     plain = {field.name: name for name, key in names.items() for field in schema if field.name == key}
     kinds = {field.name: field.type for field in schema}
     numbers = [
-        key
-        for key, name in plain.items()
-        if (pa.types.is_integer(kinds[key]) or pa.types.is_floating(kinds[key]))
-        and not (is_time(name) or is_date(name))
+        key for key, name in plain.items() if is_value(kinds[key]) and not (is_time(name) or is_date(name))
     ]
     codes = [
         key

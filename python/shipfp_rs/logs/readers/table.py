@@ -79,6 +79,7 @@ def log_of_table(
     statuses = find_statuses(schema, {name: field.name for name, (field, _) in fields.items()}, batches)
     told_by = {key for key, _ in statuses.values()}
     fields = {name: entry for name, entry in fields.items() if entry[0].name not in told_by}
+    _refuse_equal(path, [facts["again"] for _, facts in fields.values() if "again" in facts])
     recorded, batches = batches, without_bad(batches, statuses)
     plans = find_plans(path, fields, rows, batches, options)
     times = {key for plan in plans for key in plan.keys}
@@ -176,9 +177,7 @@ def log_of_table(
 
 def _named_fields(path: Path, schema: pa.Schema, rows: int) -> dict[str, tuple[pa.Field, dict[str, Any]]]:
     """Field and metadata of each column, by name without unit."""
-    if len(set(schema.names)) < len(schema.names):
-        twice = next(name for name in schema.names if schema.names.count(name) > 1)
-        raise InputError(f"{path}: column {twice!r} appears twice; give each channel its own name")
+    _refuse_equal(path, [name for name in schema.names if schema.names.count(name) > 1])
     fields: dict[str, tuple[pa.Field, dict[str, Any]]] = {}
     for field in schema:
         name, unit = split_unit(field.name)
@@ -186,6 +185,11 @@ def _named_fields(path: Path, schema: pa.Schema, rows: int) -> dict[str, tuple[p
         name = field.name if name in fields else name
         fields[name] = (field, {"unit": unit, "samples": rows, **_facts(path, field)})
     return fields
+
+
+def _refuse_equal(path: Path, names: Sequence[str]) -> None:
+    for name in names:
+        raise InputError(f"{path}: column {name!r} appears twice; give each channel its own name")
 
 
 def _rows_apart(
@@ -321,20 +325,17 @@ def is_time_like(kind: pa.DataType, name: str) -> bool:
 
 def _is_other_time(field: pa.Field, batches: Batches) -> bool:
     """Whether a column holds times, though it was not chosen as time column."""
-    if pa.types.is_timestamp(field.type) or not pa.types.is_string(field.type):
-        return bool(pa.types.is_timestamp(field.type))
-    cells = [
-        cell for part in _first(batches(field.name, 0, SAMPLE_ROWS)) for cell in part.to_pylist() if cell
-    ]
-    return bool(cells) and looks_like_time(cells[0])
+    parts = _first(batches(field.name, 0, SAMPLE_ROWS)) if pa.types.is_string(field.type) else []
+    first = next((cell for part in parts for cell in part.to_pylist() if cell), None)
+    return looks_like_time(first) if first else bool(pa.types.is_timestamp(field.type))
 
 
-def _first(batches: Iterator[pa.Array]) -> list[pa.Array]:
+def _first(batches: Iterator[pa.Array], rows: int = SAMPLE_ROWS) -> list[pa.Array]:
     parts, count = [], 0
     for batch in batches:
-        parts.append(batch[: SAMPLE_ROWS - count])
+        parts.append(batch[: rows - count])
         count += len(parts[-1])
-        if count >= SAMPLE_ROWS:
+        if count >= rows:
             break
     return parts
 
@@ -379,13 +380,8 @@ def _without_time(fields: Mapping[str, tuple[pa.Field, dict[str, Any]]], without
 
 
 def _numbers(batches: Batches, column: str, first: int, stop: int) -> Array:
-    parts: list[Array] = []
-    for batch in batches(column, first, stop - first):
-        parts.append(unmasked(_samples(batch)[: stop - first]))
-        first += len(parts[-1])
-        if first == stop:
-            break
-    return np.concatenate(parts)
+    parts = _first(batches(column, first, stop - first), stop - first)
+    return np.concatenate([unmasked(_samples(part)) for part in parts])
 
 
 def _samples(values: pa.Array) -> Samples:
