@@ -149,26 +149,6 @@ def test_breakage_d3_numbers_of_options_are_positive(folder, option, value, caps
     assert option in line_of(["inspect", "log.parquet", option, value], capsys)
 
 
-@pytest.mark.parametrize(
-    ("options", "said"),
-    [
-        (["--accuracy", "nan"], "--accuracy"),
-        (["--duration", "-1"], "--duration"),
-        (["--duration", "1e12"], "samples"),
-        (["--duration", "100", "--amplitude", "2000"], "--amplitude is 2000"),
-        (["--duration", "100", "--longest", "10"], "--longest is 10"),
-        (["--duration", "100", "--avoid", "5:1"], "--avoid: found '5:1'"),
-        (["--duration", "100", "--volts", "nan:1"], "--volts: found 'nan:1'"),
-        ([], "neither --duration nor --accuracy"),
-    ],
-)
-def test_breakage_d4_a_plan_is_refused_in_the_words_that_were_typed(folder, options, said, capsys):
-    told = line_of(["design", SHIP, *options], capsys)
-    assert said in told
-    assert "_pct" not in told
-    assert "_rpm" not in told
-
-
 def test_breakage_d3_json_has_no_numbers_without_end(tmp_path):
     nan = float("nan")
     assert json.loads(json_text({"a": [1.0, nan, float("inf")], "b": (nan,)})) == {

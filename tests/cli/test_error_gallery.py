@@ -17,6 +17,7 @@ from shipfp_rs.processing.cleaning import require_sense
 from shipfp_rs.support.toml import template
 from shipfp_rs.support.units import Calibration
 from shipfp_rs.vessel.vessel import Vessel
+from tests.cli.small_trial import SWEEP
 
 LAUNCH = (Path(fp.__file__).parent / "data" / "vessels" / "stan-launch-804.toml").read_text(encoding="utf-8")
 SHIP = fp.Vessel.load("stan-launch-804")
@@ -26,13 +27,25 @@ STEPS = fp.signals.steps([13.0], 1.0)
 def ship(old: str, new: str) -> tuple[dict[str, str], list[str]]:
     """Return the file of a launch with one slip in it, and the command that meets it."""
     assert old in LAUNCH
-    return {"my.toml": LAUNCH.replace(old, new)}, ["simulate", "my.toml"]
+    return {"my.toml": LAUNCH.replace(old, new, 1)}, ["simulate", "my.toml"]
 
 
 def trial(old: str, new: str) -> tuple[dict[str, str], list[str]]:
     """Return the template of a trial with one slip in it, and the command that meets it."""
     assert old in template("TRIAL")
     return {"TRIAL.toml": template("TRIAL").replace(old, new)}, ["run", "TRIAL.toml"]
+
+
+def sweep(old: str, new: str) -> tuple[dict[str, str], list[str]]:
+    """Return a sweep with one slip in it, and the command that meets it."""
+    text = SWEEP.replace("high = 2.0 }", "high = 2.0, points = 9 }")
+    assert old in text
+    return {"SWEEP.toml": text.replace(old, new)}, ["sweep", "SWEEP.toml", "--out", "out"]
+
+
+def designed(line: str, vessel: str = "stan-tug-1205") -> tuple[dict[str, str], list[str]]:
+    """Return a plan of a trial as it is asked for."""
+    return {}, ["design", vessel, *line.split(), "--out", "plan"]
 
 
 def typed(line: str, files: dict[str, str] | None = None) -> tuple[dict[str, str], list[str]]:
@@ -50,6 +63,24 @@ COMMANDS = [
     (ship("rated_speed_rpm = 1800.0", "rated_speed_rpm = 30.0"), "engine.rated_speed_rpm", "rev/s for rpm?"),
     (ship("inertia_kg_m2 = 21.2", "inertia = 21.2"), "shaft.inertia", "mean 'inertia_kg_m2'?"),
     (ship("K_p = 10.0", 'K_p = "10"'), "governor.K_p", "without quotes"),
+    (ship("inertia_kg_m2 = 21.2", "inertia_kg_m2 = 1e9"), "shaft.inertia_kg_m2: found 1e+09, with which", "in 7.14e+07 s"),
+    (ship("ratio = 3.0", "ratio = nan"), "gearbox.ratio: found nan, expected "),
+    (ship("efficiency = 0.95", "efficiency = 1.05"), "gearbox.efficiency: found 1.05, expected less than or equal to 1"),
+    (ship("side_inertia_kg_m2 = 2.81", "side_inertia_kg_m2 = 28.1"), "found 28.1, expected at most inertia_kg_m2, 21.2"),
+    (ship("g = -0.583", "g = 2.0"), "operating_point.g: found 2, expected less than the propeller's torque exponent 2"),
+    (ship("v = 1.583", "v = 0"), "operating_point.v: found 0, expected greater than or equal to 0.01"),
+    (ship("M_b_Nm = 222.93", "M_b_Nm = 222.93\nM_s_Nm = 635.0"), "M_b_Nm: found both M_b_Nm and M_s_Nm, expected one"),
+    (ship("600.0, 900.0", "900.0, 600.0"), "engine.envelope.speed_rpm: found 600 after 900, expected ascending speeds"),
+    (ship("600.0, 900.0", "900.0"), "engine.envelope.torque_Nm: found 6 values, expected 5 as in speed_rpm"),
+    (
+        ship("240.0, 340.0, 400.0, 446.0", "200.0, 200.0, 200.0, 200.0"),
+        "engine.envelope.torque_Nm: found 200 Nm at 1300 rpm, expected more than the operating point's",
+    ),
+    (ship("472.0, 472.0", "472.0, 600.0"), "found 600 Nm at 1800 rpm, 113.1 kW, expected at most the rated 89 kW"),
+    (
+        ship("cylinders = 4", "cylinders = 4\nminimum_torque_Nm = 300.0"),
+        "engine.minimum_torque_Nm: found 300, expected less than the operating point's brake torque 222.9 Nm",
+    ),
     (trial("pulses_per_rev = 4", "pulses_per_rev = 4.0"), "channels.PTM_4.pulses_per_rev", "valid integer"),
     (trial('log = "run.parquet"', 'logs = "run.parquet"'), "trial.logs", "mean 'log'?"),
     (trial('log = "run.parquet"', 'log = "run.prquet"'), "unknown log format '.prquet'", "mean '.parquet'?"),
@@ -66,6 +97,39 @@ COMMANDS = [
     (typed("init .", {"TRIAL.toml": "mine"}), "TRIAL.toml: exists already", "rename it"),
     (typed("sweep SWEEP.toml", {"SWEEP.toml": "[sweep]\ndraw = 10\n"}), "SWEEP.toml: sweep.draw", "mean 'draws'?"),
     (typed("reproduce virtul"), "Did you mean 'virtual'?; see shipfp reproduce --help"),
+    (typed("inti"), "No such command 'inti'", "see shipfp --help"),
+    (typed("init a b"), "see shipfp init --help"),
+    (typed("init --speed"), "see shipfp init --help"),
+    (typed("simulate missing.toml"), "missing.toml"),
+    (typed("simulate stan-tug-1205 --duration -1"), "'--duration': found '-1'"),
+    (typed("simulate stan-tug-1205 --excitation noise"), "'--excitation'", "see shipfp simulate --help"),
+    (typed("simulate stan-tug-1205 --raw --noise 0.1"), "--noise: expected none with --raw"),
+    (typed("simulate stan-tug-1205 --out log.csv"), "--out log.csv: expected a name that ends in .parquet"),
+    (typed("simulate stan-tug-1205 --amplitude-rpm 0"), "'--amplitude-rpm': found '0'"),
+    (sweep("duration_s = 10.0", "duration_s = 1e14"), "found 1e+14 s at 20 Hz, expected at most 5000000 samples a draw"),
+    (sweep("draws = 2", "draws = 1000000000000"), "draws: found 1000000000000, expected less than or equal to 10000000"),
+    (sweep('noise = "white"', "starts = 1000000000"), "identify.starts: found 1000000000, expected less"),
+    (sweep("draws = 2", 'design = "grid"\nrepeats = 9999999'), "expected at most 10000000 draws"),
+    (sweep("draws = 2", 'draws = 2\nname = ""'), "sweep.name: found an empty text"),
+    (designed(""), "neither --duration nor --accuracy"),
+    (designed("--accuracy nan"), "--accuracy"),
+    (designed("--duration -1"), "--duration"),
+    (designed("--duration 1e12"), "samples"),
+    (designed("--duration 100", "stan-tug-1206"), "did you mean 'stan-tug-1205'"),
+    (designed("--duration 100 --avoid 3"), "--avoid: found '3', expected LOW:HIGH"),
+    (designed("--duration 100 --avoid 5:1"), "--avoid: found '5:1'"),
+    (designed("--duration 100 --avoid 0:100"), "--avoid"),
+    (designed("--duration 100 --amplitude 2000"), "--amplitude is 2000"),
+    (designed("--duration 100 --kind squares --avoid 2:3"), "'squares' jumps"),
+    (designed("--duration 30"), "settling time"),
+    (designed("--duration 100 --rate-limit 1.5", "stan-launch-804"), "no zero crossing in"),
+    (designed("--duration 100 --longest 10"), "--longest is 10"),
+    (designed("--duration 100 --volts 0:5"), "expected 0 to 5 V"),
+    (designed("--duration 100 --volts nan:1"), "--volts: found 'nan:1'"),
+    (designed("--accuracy 3 --parameter T_M2"), "'T_M2' is not identifiable here"),
+    (designed("--duration 100 --parameter %s{}"), "--parameter: found without --accuracy"),
+    (designed("--duration 100 --torque-noise 1e15"), "--torque-noise is 1e+15, expected 1e-07 to 100"),
+    (designed("--duration 100", "missing.json"), "missing.json"),
 ]  # fmt: skip
 
 
@@ -147,7 +211,9 @@ def told_as(line: str, words: list[str]) -> None:
     assert line.strip("\n").count("\n") == 0
     assert [word for word in words if word not in line] == []
     assert re.search(
-        r"expected|did you mean|give |choose|check |unpack|rename|sample faster|--help", line, re.I
+        r"expected|did you mean|give |choose|check |unpack|rename|sample faster|make |shorten|--help",
+        line,
+        re.I,
     )
 
 
@@ -164,6 +230,7 @@ def test_a_slip_at_the_command_line_costs_one_line_and_writes_nothing(
     assert told.err.startswith("shipfp: error: ")
     told_as(told.err, words)
     assert (status, told.out) == (2, "")
+    assert not re.search("_pct|_rpm ", told.err)
     assert {path.name: path.read_text() for path in tmp_path.iterdir()} == files
 
 

@@ -252,35 +252,6 @@ class TestCommand:
         assert "<table>" in (out / "run_sheet.html").read_text()
         assert (out / "plan.png").read_bytes()[:4] == b"\x89PNG"
 
-    @pytest.mark.parametrize(
-        ("arguments", "message"),
-        [
-            ([TUG], "neither --duration nor --accuracy"),
-            (["stan-tug-1206", "--duration", "100"], "did you mean 'stan-tug-1205'"),
-            ([TUG, "--duration", "100", "--avoid", "3"], "--avoid: found '3', expected LOW:HIGH"),
-            ([TUG, "--duration", "100", "--avoid", "0:100"], "--avoid"),
-            ([TUG, "--duration", "100", "--amplitude", "2000"], "--amplitude is 2000"),
-            ([TUG, "--duration", "100", "--kind", "squares", "--avoid", "2:3"], "'squares' jumps"),
-            ([TUG, "--duration", "30"], "settling time"),
-            (["stan-launch-804", "--duration", "100", "--rate-limit", "1.5"], "no zero crossing in"),
-            ([TUG, "--duration", "100", "--longest", "10"], "--longest is 10"),
-            ([TUG, "--duration", "100", "--volts", "0:5"], "expected 0 to 5 V"),
-            ([TUG, "--accuracy", "3", "--parameter", "T_M2"], "'T_M2' is not identifiable here"),
-            ([TUG, "--duration", "100", "--parameter", "%s{}"], "--parameter: found without --accuracy"),
-            (
-                [TUG, "--duration", "100", "--torque-noise", "1e15"],
-                "--torque-noise is 1e+15, expected 1e-07 to 100",
-            ),
-            (["missing.json", "--duration", "100"], "missing.json"),
-        ],
-    )
-    def test_a_mistake_costs_one_line(self, arguments, message, tmp_path, capsys) -> None:
-        assert cli.main(["design", *arguments, "--out", str(tmp_path / "plan")]) == 2
-        error = capsys.readouterr().err
-        assert error.count("\n") == 1
-        assert message in error
-        assert not (tmp_path / "plan").exists()
-
 
 @pytest.mark.parametrize(
     ("samples", "said"), [(11_992, "10 min 0 s"), (1_189, "0 min 59 s"), (1_191, "1 min 0 s")]

@@ -20,7 +20,7 @@ from shipfp_rs.assessment.si import parameters_of, with_parameters
 from shipfp_rs.assessment.validation import cross_validation
 from shipfp_rs.identification.fingerprint import Estimate
 from shipfp_rs.support.units import torque_factor
-from shipfp_rs.vessel.steady_state import bollard_curve, steady_state
+from shipfp_rs.vessel.steady_state import steady_state
 from tests.gallery.slips import VALUES
 
 Base = tuple[Callable[..., Any], dict[str, Any]]
@@ -128,7 +128,6 @@ def _of_ships() -> dict[str, Base]:
     return {
         "Vessel.load": (fp.Vessel.load, {"name_or_path": "stan-launch-804"}),
         "steady_state": (steady_state, {"vessel": launch, "n_e_rpm": 1200.0}),
-        "bollard_curve": (bollard_curve, {"vessel": launch, "n_e_rpm": [1000.0, 1200.0]}),
         "linearise": (fp.linearise, {"vessel": launch, "n_e_rpm": 1200.0}),
         "frequency_response": (model.frequency_response, {"frequency_hz": [0.1, 1.0]}),
         "LinearModel": (

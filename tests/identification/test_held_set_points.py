@@ -1,18 +1,22 @@
 """A set point that a bus brings and the engine holds: stairs show in what is read as seldom, by a plant of no package's."""
 
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 import shipfp_rs as fp
 from shipfp_rs.identification.load_side import load_side_of
 from shipfp_rs.identification.question import question_of
 from shipfp_rs.logs.channel import Channel, blocks_of
-from tests.first_hour.fresh_machines import REST_S, STEP_S, System, drawn, moved
+from tests.families import small_steps
+from tests.families.plant import physical
 
-CYCLE_S = 0.04
+CYCLE_S, STEP_S = 0.04, 1e-3
+REST_S, CHIRP_S = 25.0, 100.0
+"""Before and after what moves, and how long it moves."""
 TRUE = {
     "tau_n": 2.4, "g": -0.05, "p": 2.1, "vK_p": 8.0, "vK_i": 8.0, "T_d": 0.05, "T_set": 0.02, "tau_act": 0.015,
     "tau_prop": 0.5, "T_s": 0.0, "update": 1.0,
@@ -20,15 +24,32 @@ TRUE = {
 
 
 @cache
+def moved() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Held set point, speed and torque of a pod in waves, each over its operating point, at each step."""
+    grid = np.arange(round((CHIRP_S + 2.0 * REST_S) / STEP_S)) * STEP_S
+    late, highest = np.clip(grid - REST_S, 0.0, CHIRP_S), TRUE["vK_p"] / TRUE["tau_n"] / (2.0 * np.pi) * 2.5
+    growth = np.log(highest / 0.03) / CHIRP_S
+    chirp = np.sin(2.0 * np.pi * 0.03 * np.expm1(growth * late) / growth)
+    fade = np.interp(late, [0.0, 1.0, CHIRP_S - 1.0, CHIRP_S], [0.0, 1.0, 1.0, 0.0])
+    held = round(CYCLE_S / STEP_S)
+    asked = (1.0 + 0.0214 * chirp * fade)[np.arange(len(grid)) // held * held]
+    keep = np.exp(-2.0 * np.pi * 0.92 * STEP_S)
+    rough = lfilter(
+        [np.sqrt(1.0 - keep**2)], [1.0, -keep], np.random.default_rng(2).standard_normal(len(grid))
+    )
+    heard, push = (partial(np.interp, xp=grid, fp=row) for row in (asked, 0.0038 * rough))
+    plant = physical(dict(TRUE), engine_speed=1.0, shaft_torque=1.0)
+    ran = small_steps.simulate(plant, heard, len(grid) * STEP_S, step_s=STEP_S, load=push)
+    return asked, ran.engine_speed, ran.brake_torque
+
+
+@cache
 def read(every_s: float = CYCLE_S) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Set point, speed and torque of a pod, each over its operating point, read every so many seconds."""
-    begun = drawn("pod", 226103, 100.0)
-    system = System("pod", begun.seed, TRUE, begun.rpm, begun.torque_Nm, 1.0, 100.0)
-    motion = moved(system, CYCLE_S)
     random, every = np.random.default_rng(5), round(every_s / STEP_S)
-    speed, torque = (row[::every] for row in (motion.speed, motion.brake))
+    asked, speed, torque = (row[::every] for row in moved())
     speed = speed + 1e-4 * random.standard_normal(len(speed))
-    return motion.asked[::every], speed, torque + 1e-3 * random.standard_normal(len(torque))
+    return asked, speed, torque + 1e-3 * random.standard_normal(len(torque))
 
 
 def asked(hold: str = "zero"):

@@ -391,12 +391,6 @@ def test_thinning_ten_million_samples_takes_no_longer_than_a_few_sorts_of_a_tent
     assert (thinned.min(), thinned.max()) == (samples.min(), samples.max())
 
 
-def test_the_page_has_both_lights_and_pictures_in_its_ink(page) -> None:
-    assert "prefers-color-scheme: dark" in page
-    assert "currentColor" in page
-    assert "#010203" not in page
-
-
 def test_a_fingerprint_without_experiments_or_verdict_still_makes_a_page(tmp_path, fingerprint) -> None:
     bare = replace(
         fingerprint, verdict=(), parameters={"v": Estimate(None, status="unidentifiable")}, derived={}

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from shipfp_rs.errors import InputError
-from shipfp_rs.vessel.steady_state import bollard_curve, steady_state
+from shipfp_rs.vessel.steady_state import steady_state
 from shipfp_rs.vessel.vessel import Vessel
 
 LAUNCH = Vessel.load("stan-launch-804")
@@ -45,34 +45,18 @@ def test_a_steady_state_has_no_derivative(ship: Vessel, fraction: float) -> None
     assert point.M_b * ratio * efficiency == pytest.approx(coefficient * point.n_s**p)
 
 
+def pull(ship: Vessel, n_e_rpm: float) -> float:
+    return (1.0 - ship.propeller.thrust_deduction) * steady_state(ship, n_e_rpm).thrust
+
+
 def test_bollard_pull_of_the_launch_agrees_with_its_sea_trial() -> None:
     # Section 3.2.2: at 1100 rpm 0.036 t are 7 % of the pull; the rounding of the two leaves some 10 %.
-    pull = bollard_curve(LAUNCH, [1100.0]).bollard_pull[0]
-    assert pull / 9810.0 == pytest.approx(0.036 / 0.07, rel=0.1)
+    assert pull(LAUNCH, 1100.0) / 9810.0 == pytest.approx(0.036 / 0.07, rel=0.1)
 
 
 def test_bollard_pull_of_the_tug_agrees_with_its_product_sheet() -> None:
     # Appendix C: 9.1 t with both propellers.
-    assert 2 * bollard_curve(TUG, [1800.0]).bollard_pull[0] / 9810.0 == pytest.approx(9.1, rel=0.01)
-
-
-def test_brake_power_meets_the_rating_at_rated_speed_and_not_before() -> None:
-    for ship in (LAUNCH, TUG):
-        curve = bollard_curve(ship, np.linspace(600.0, 1800.0, 25))
-        assert (curve.brake_power < curve.power_limit).all()
-        assert curve.brake_power[-1] / curve.power_limit[-1] > 0.9
-    point = steady_state(LAUNCH, 1500.0)
-    curve = bollard_curve(LAUNCH, [1500.0])
-    assert curve.brake_power[0] == pytest.approx(point.brake_power)
-    assert curve.bollard_pull[0] == pytest.approx(0.94 * point.thrust)  # thrust deduction 0.06, Table 3.2
-
-
-def test_at_rest_nothing_is_needed_and_unlimited_engines_have_no_limit() -> None:
-    curve = bollard_curve(LAUNCH, [0.0])
-    assert curve.bollard_pull[0] == curve.brake_power[0] == curve.power_limit[0] == 0.0
-    unlimited = LAUNCH.replace({"engine.envelope": None})
-    assert bollard_curve(unlimited, [1300.0]).power_limit[0] == np.inf
-    assert steady_state(unlimited, 2500.0).M_b > 472.0
+    assert 2 * pull(TUG, 1800.0) / 9810.0 == pytest.approx(9.1, rel=0.01)
 
 
 def test_a_set_point_out_of_reach_is_refused_with_both_torques() -> None:
@@ -83,5 +67,4 @@ def test_a_set_point_out_of_reach_is_refused_with_both_torques() -> None:
     for bad in (0.0, -5.0, np.nan):
         with pytest.raises(InputError, match="expected a positive number"):
             steady_state(LAUNCH, bad)
-    with pytest.raises(InputError, match="none negative"):
-        bollard_curve(LAUNCH, [-1.0])
+    assert steady_state(LAUNCH.replace({"engine.envelope": None}), 2500.0).M_b > 472.0

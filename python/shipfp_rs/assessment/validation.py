@@ -18,6 +18,7 @@ from shipfp_rs.identification.identify import identify
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.support.arguments import checked
 from shipfp_rs.support.arrays import Array
+from shipfp_rs.support.spikes import bridge
 from shipfp_rs.support.tables import text_table
 from shipfp_rs.support.threads import with_one_blas_thread
 
@@ -60,8 +61,8 @@ def measured_steps(experiment: Experiment) -> list[MeasuredStep]:
     if not {"M_load", "n_e"} <= set(experiment.signals):
         return []
     rate_hz = experiment.rate_hz
-    load, speed = (_bridged(experiment.normalised(name)) for name in ("M_load", "n_e"))
-    measured = _bridged(experiment.signals["M_load"])
+    rows = (experiment.normalised("M_load"), experiment.normalised("n_e"), experiment.signals["M_load"])
+    load, speed, measured = (bridge(row, ~np.isfinite(row)) for row in rows)
     asked = experiment.dn_set if "n_set" in experiment.signals else np.zeros(len(load))
     around, before = round(AROUND_S * rate_hz), round(BEFORE_S * rate_hz)
     places = _places(load, around, round(APART_S * rate_hz))
@@ -88,12 +89,6 @@ def measured_steps(experiment: Experiment) -> list[MeasuredStep]:
         size = float(measured[after].mean() - measured[level].mean())
         found.append(MeasuredStep(place / rate_hz, size, deviation, float(max(last, 0.0)) if back else None))
     return found
-
-
-def _bridged(row: Array) -> Array:
-    """Signal with masked samples interpolated linearly."""
-    kept = np.flatnonzero(np.isfinite(row))
-    return np.interp(np.arange(len(row)), kept, row[kept]) if len(kept) else np.zeros(len(row))
 
 
 def _places(load: Array, around: int, apart: int) -> list[int]:

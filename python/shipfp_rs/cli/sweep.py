@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import contextlib
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -24,7 +23,7 @@ from shipfp_rs.cli.options import (
 from shipfp_rs.errors import InputError
 
 if TYPE_CHECKING:
-    from shipfp_rs.sweeps import Progress, Sweep
+    from shipfp_rs.sweeps import Sweep
 
 TYPED = {
     "draws_per_task": "--draws-per-task",
@@ -74,7 +73,7 @@ def sweep(
     if seed is not None:
         wanted = wanted.model_copy(update={"sweep": wanted.sweep.model_copy(update={"seed": seed})})
     try:
-        with _progress() as notify, as_typed(TYPED):
+        with as_typed(TYPED):
             result = run(
                 wanted,
                 out,
@@ -83,7 +82,6 @@ def sweep(
                 address=address,
                 draws_per_task=draws_per_task,
                 accuracy_pct=accuracy,
-                progress=notify,
             )
     except KeyboardInterrupt:
         print(f"shipfp: completed draws are in {out}; the same command continues", file=sys.stderr)
@@ -182,32 +180,3 @@ def _percent(share: float | None) -> str:
 
 def _shown(value: float | str) -> str:
     return value if isinstance(value, str) else f"{value:.4g}"
-
-
-@contextlib.contextmanager
-def _progress() -> Iterator[Callable[[Progress], None] | None]:
-    """Function that shows a bar, the rate and the remaining time on a terminal; None in a pipe."""
-    if not sys.stderr.isatty():
-        yield None
-        return
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
-    from rich.progress import Progress as Bar
-
-    columns = (
-        BarColumn(),
-        MofNCompleteColumn(),
-        TextColumn("{task.fields[failed]} failed, {task.fields[rate]}"),
-        TimeRemainingColumn(),
-        TextColumn("left"),
-    )
-    with Bar(*columns, console=Console(stderr=True), speed_estimate_period=300.0) as bar:
-        task = bar.add_task("draws", total=None, failed=0, rate="-")
-
-        def notify(state: Progress) -> None:
-            bar.update(task, completed=state.done, total=state.draws, failed=state.failed)
-            elapsed = bar.tasks[0].elapsed or 0.0
-            if state.made and elapsed:
-                bar.update(task, rate=f"{state.made / elapsed:.3g} draws/s")
-
-        yield notify

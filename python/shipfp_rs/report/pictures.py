@@ -18,7 +18,7 @@ from shipfp_rs.plot import style
 from shipfp_rs.plot.traces import units
 from shipfp_rs.report.fate import Fault, faults
 from shipfp_rs.report.markup import Say, link_to, piece
-from shipfp_rs.support.arrays import Array, runs
+from shipfp_rs.support.arrays import Array, joined, runs
 from shipfp_rs.support.sentences import Sentence
 
 if TYPE_CHECKING:
@@ -189,18 +189,13 @@ def thin(samples: Array, width: int) -> Array:
 
 def _mark(fault: Fault, experiment: Experiment, say: Say) -> dict[str, Any]:
     """Spans of a fault [s], merged where a screen can't separate them."""
-    spans = fault.spans_s[np.argsort(fault.spans_s[:, 0], kind="stable")]
-    ends = np.maximum.accumulate(spans[:, 1])
-    apart = np.append(True, spans[1:, 0] - ends[:-1] > experiment.duration / MARKS)
-    begins = np.flatnonzero(apart)
-    last = np.append(begins[1:], len(spans)) - 1
-    places = np.round(np.column_stack([spans[begins, 0], ends[last]]), 4)
+    places = np.round(joined([fault.spans_s], experiment.duration / MARKS), 4)
     what = say(wording.FAULTS.get(fault.kind, fault.kind))
     return {
         "label": f"{what}, {fault.channel}: {say(fault.method)}",
         "kind": fault.kind,
         "cut": fault.cut,
-        "count": len(spans),
+        "count": len(fault.spans_s),
         "spans": places.tolist(),
     }
 

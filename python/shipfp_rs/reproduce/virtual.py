@@ -273,7 +273,7 @@ def _normalised() -> list[Row]:
             exact,
             f"eq. 3.23 with M_s0 = 2.85 x 222.93 Nm; with {torque}",
         ),
-        Row("3.6", "1300 rpm, central differences", "ours", "linear", numerical, own),
+        Row("3.6", "1300 rpm, complex steps", "ours", "linear", numerical, own),
     ]
 
 

@@ -73,10 +73,15 @@ def one_of(name: str, value: str, known: Iterable[str]) -> str:
 def expect(holds: bool, key: str, found: object, expected: str) -> None:
     """Raise `InputError` unless a condition holds; the text names the key, the value (shortened) and the expectation."""
     if not holds:
-        shown = repr(found)
-        raise InputError(
-            f"{key}: found {shown if len(shown) < 60 else shown[:57] + '...'}, expected {expected}"
-        )
+        raise InputError(f"{key}: found {shown(found)}, expected {expected}")
+
+
+def shown(value: object) -> str:
+    """Python's text of a value, shortened to 60 characters; of a longer whole number, its digits are counted."""
+    if isinstance(value, int) and value.bit_length() > 1000:  # Python refuses to print longer numbers
+        return f"a whole number of {round(value.bit_length() * math.log10(2.0))} digits"
+    text = repr(value)
+    return text if len(text) <= 60 else f"{text[:57]}..."
 
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -355,8 +360,7 @@ def _looked_at(value: Any) -> Iterable[Any]:
 def told(value: Any) -> str:
     """Short text for a value, for error messages."""
     if value is None or isinstance(value, bool | numbers.Number | str):
-        shown = repr(value)
-        return shown if len(shown) <= 60 else f"{shown[:57]}..."
+        return shown(value)
     if isinstance(value, np.ndarray):
         return f"an array of {value.dtype}"
     if isinstance(value, list | tuple) and value and len({type(one) for one in value}) == 1:

@@ -97,8 +97,8 @@ def runs(flags: Mask) -> Spans:
     return edges.reshape(-1, 2).astype(np.int64)
 
 
-def joined(spans: Iterable[npt.NDArray[Any]], gap: int = 0) -> Spans:
-    """Spans in ascending order, shape (K, 2); overlapping spans, and spans at most `gap` samples apart, are joined."""
+def joined(spans: Iterable[Numbers], gap: float = 0) -> Numbers:
+    """Spans in ascending order, shape (K, 2); overlapping spans, and spans at most `gap` apart, are joined."""
     every = np.concatenate([np.empty((0, 2), dtype=np.int64), *spans])
     every = every[np.argsort(every[:, 0], kind="stable")]
     if len(every) < 2:

@@ -13,9 +13,10 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from pydantic_core import ErrorDetails, PydanticCustomError
 
 from shipfp_rs.errors import InputError
-from shipfp_rs.support.arguments import LINES, is_one_line
+from shipfp_rs.support.arguments import LINES, is_one_line, shown
 from shipfp_rs.support.files import read_text
 from shipfp_rs.support.hints import Hinted, HintedType, nearest, suggestion
+from shipfp_rs.support.validation import wrong
 
 Model = TypeVar("Model", bound=BaseModel)
 
@@ -65,7 +66,7 @@ class Section(Hinted, BaseModel, metaclass=_Named):
 
 def unexpected(key: str, found: object, expected: str) -> PydanticCustomError:
     """Error to be raised by a validator of several keys; `key` is relative to the validator's section."""
-    return PydanticCustomError("unexpected", "{expected}", {"key": key, "found": found, "expected": expected})
+    return wrong(expected, found, key)
 
 
 def read_toml(path: str | Path, model: type[Model]) -> Model:
@@ -166,14 +167,14 @@ def _require_plain(content: Mapping[str, Any], source: str) -> None:
             inside = value.translate(LINES) if key.endswith(SEVERAL_LINES) else value
             if not is_one_line(inside):
                 raise InputError(
-                    f"{source}: {key}: found {_shown(value)}, expected a text without control characters"
+                    f"{source}: {key}: found {shown(value)}, expected a text without control characters"
                 )
             continue
         if isinstance(value, float) and not math.isfinite(value):
             raise InputError(f"{source}: {key}: found {value}, expected a finite number")
         if abs(value) > LARGEST and not key.endswith("seed"):
             raise InputError(
-                f"{source}: {key}: found {_shown(value)}, expected a number of at most {LARGEST:g} in size"
+                f"{source}: {key}: found {shown(value)}, expected a number of at most {LARGEST:g} in size"
             )
         if 0.0 < abs(value) < SMALLEST:
             raise InputError(
@@ -215,7 +216,7 @@ def _one_line(error: ErrorDetails, model: type[BaseModel]) -> str:
     location = [str(part) for part in error["loc"] if str(part) not in ("float", "int", "bool", "str")]
     key, found, context = ".".join(location), error["input"], error.get("ctx", {})
     match error["type"]:
-        case "unexpected":
+        case "wrong":
             key = ".".join([*location, context["key"]])
             return f"{key}: found {context['found']}, expected {context['expected']}{_near_table(model, location)}"
         case "extra_forbidden":
@@ -227,14 +228,14 @@ def _one_line(error: ErrorDetails, model: type[BaseModel]) -> str:
             return f"{key}: found an unknown key, {suggestion(location[-1], known)}"
         case "missing" if isinstance(error["loc"][-1], int):
             key = ".".join(location[:-1])
-            return f"{key}: found {_shown(found)}, expected a list of more than {error['loc'][-1]}"
+            return f"{key}: found {shown(found)}, expected a list of more than {error['loc'][-1]}"
         case "missing":
             return f"{key}: found nothing, expected this key to be given"
         case "too_short" | "too_long" | "string_too_short" | "string_too_long":
             return f"{key}: found {_length(found)}, expected {_lengths(error['type'], context)}"
     if location != [str(part) for part in error["loc"]]:
-        return f"{key}: found {_shown(found)}, expected a number, a text in quotes, true or false"
-    return f"{key}: found {_shown(found)}, expected {_expected(error)}"
+        return f"{key}: found {shown(found)}, expected a number, a text in quotes, true or false"
+    return f"{key}: found {shown(found)}, expected {_expected(error)}"
 
 
 def _near_table(model: type[BaseModel], location: Sequence[str]) -> str:
@@ -275,13 +276,6 @@ def _lengths(kind: str, context: Mapping[str, Any]) -> str:
             "a text that is not empty" if (which, limit) == ("at least", 1) else f"{which} {limit} characters"
         )
     return f"a list of {which} {limit}"
-
-
-def _shown(value: object) -> str:
-    if isinstance(value, int) and value.bit_length() > 1000:  # Python refuses to print longer numbers
-        return f"a whole number of {round(value.bit_length() * math.log10(2.0))} digits"
-    text = repr(value)
-    return text if len(text) <= 60 else f"{text[:57]}..."
 
 
 def _models_at(model: type[BaseModel], location: Sequence[int | str]) -> set[type[BaseModel]]:

@@ -12,7 +12,7 @@ from pydantic.dataclasses import dataclass as pydantic_dataclass
 from pydantic_core import ErrorDetails, PydanticCustomError
 
 from shipfp_rs.errors import InputError
-from shipfp_rs.support.arguments import is_one_line
+from shipfp_rs.support.arguments import is_one_line, shown
 
 Made = TypeVar("Made")
 
@@ -100,6 +100,5 @@ def mistake(error: ErrorDetails) -> str:
     if context.get("key"):
         found = context["found"]
     key = ".".join(str(part) for part in (*error["loc"], context.get("key")) if part not in (None, ""))
-    shown = "nothing" if error["type"] == "missing" else repr(found)
     words = WORDS.get(error["type"], "").format(**context) or error["msg"].removeprefix("Input should be ")
-    return f"{key}: found {shown if len(shown) < 60 else f'{shown[:57]}...'}, expected {words}"
+    return f"{key}: found {'nothing' if error['type'] == 'missing' else shown(found)}, expected {words}"

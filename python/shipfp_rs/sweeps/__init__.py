@@ -12,7 +12,7 @@ from typing import Any, Literal
 import pyarrow as pa
 
 from shipfp_rs.errors import InputError, ShipfpError
-from shipfp_rs.support.arguments import Positive, accuracy, checked
+from shipfp_rs.support.arguments import Count, Positive, accuracy, checked
 from shipfp_rs.support.files import json_text, write_text_atomically
 from shipfp_rs.support.progress import on_a_line
 from shipfp_rs.support.progress import tell as report
@@ -88,7 +88,7 @@ def sweep(
     executor: Literal["processes", "threads", "dask"] | Executor = "processes",
     workers: int | None = None,
     address: str | None = None,
-    draws_per_task: int | None = None,
+    draws_per_task: Count | None = None,
     accuracy_pct: Positive = ACCURACY_PCT,
     progress: Callable[[Progress], None] | None = None,
 ) -> Sweep:
@@ -140,8 +140,6 @@ def sweep(
     """
     plan = plan if isinstance(plan, Plan) else Plan.load(plan)
     accuracy(accuracy_pct)
-    if draws_per_task is not None and draws_per_task < 1:
-        raise InputError(f"draws_per_task is {draws_per_task}, expected 1 or more")
     if workers is not None and not 1 <= workers <= MOST_WORKERS:
         raise InputError(f"workers is {workers}, expected 1 to {MOST_WORKERS}")
     check_pool(executor, address)

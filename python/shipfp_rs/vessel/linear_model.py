@@ -6,7 +6,7 @@ import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -15,7 +15,7 @@ from scipy import signal
 from shipfp_rs.errors import InputError
 from shipfp_rs.support.arguments import check_fields, checked
 from shipfp_rs.support.arrays import Array, ComplexArray
-from shipfp_rs.support.tables import package
+from shipfp_rs.support.derivatives import COMPLEX_STEP
 from shipfp_rs.vessel.drive_train import PLANT_PARAMETERS, drive_train
 from shipfp_rs.vessel.steady_state import OperatingPoint, steady_state
 from shipfp_rs.vessel.vessel import Vessel
@@ -75,12 +75,6 @@ class LinearModel:
         """Poles of the closed loop [rad/s], shape (2,)."""
         self._require_no_dead_time()
         return np.roots(self._denominator()).astype(np.complex128)
-
-    @checked
-    def zeros(self, output: Output) -> ComplexArray:
-        """Zeros of the transfer function from the set point to `output` [rad/s], shape (Z,)."""
-        self._require_no_dead_time()
-        return np.roots(self._numerator(output)).astype(np.complex128)
 
     @checked
     def dc_gain(self, output: Output) -> float:
@@ -204,21 +198,6 @@ class LinearModel:
         signals = {SIGNALS[output]: curve for output, curve in zip(outputs, curves, strict=True)}
         return FrequencyResponse(name, frequency, signals, provenance={"source": "linear model"})
 
-    @checked
-    def to_control(self, outputs: Sequence[Output] = ("dn", "dM_b")) -> Any:
-        """Return the state space as a python-control object with named signals.
-
-        Raises
-        ------
-        InputError
-            If python-control is not installed, and as for `state_space`.
-        """
-        control = package("control", "python-control")
-        space = self.state_space(outputs)
-        return control.ss(
-            space.A, space.B, space.C, space.D, inputs=["dn_set"], outputs=list(outputs), states=["dn", "dE"]
-        )
-
     def _denominator(self) -> Array:
         return np.array([self.tau_n, self.p - self.g + self.v * self.K_p, self.v * self.K_i])
 
@@ -286,15 +265,13 @@ def linearise(vessel: Vessel, n_e_rpm: float | None = None) -> LinearModel:
     )
 
 
-def linearise_numerically(vessel: Vessel, n_e_rpm: float | None = None, *, step: float = 1e-5) -> LinearModel:
-    """Linearise the nonlinear plant by central differences of its right-hand side, as a check of `linearise`.
+def linearise_numerically(vessel: Vessel, n_e_rpm: float | None = None) -> LinearModel:
+    """Linearise the nonlinear plant by complex steps of its right-hand side, as a check of `linearise`.
 
     Parameters
     ----------
     vessel, n_e_rpm
         The ship and its set point [rpm], as for `steady_state`.
-    step
-        Half width of the differences, relative to the operating point; the error is proportional to its square.
 
     Raises
     ------
@@ -308,9 +285,7 @@ def linearise_numerically(vessel: Vessel, n_e_rpm: float | None = None, *, step:
     point = steady_state(vessel, n_e_rpm)
     # Columns: derivatives of (dn', dX, dM_b, dM_g) by dn, dE and dn_set.
     by_n, by_E, by_n_set = (
-        (_right_hand_side(vessel, point, step * axis) - _right_hand_side(vessel, point, -step * axis))
-        / (2.0 * step)
-        for axis in np.eye(3)
+        _right_hand_side(vessel, point, COMPLEX_STEP * axis).imag / COMPLEX_STEP for axis in 1j * np.eye(3)
     )
     K_p, K_i = by_n_set[1], by_E[1]
     v = by_E[2] / K_i
@@ -327,7 +302,7 @@ def linearise_numerically(vessel: Vessel, n_e_rpm: float | None = None, *, step:
     )
 
 
-def _right_hand_side(vessel: Vessel, point: OperatingPoint, deviation: Array) -> Array:
+def _right_hand_side(vessel: Vessel, point: OperatingPoint, deviation: ComplexArray) -> ComplexArray:
     """Normalised (dn/dt, X, M_b, M_g) of the plant, at relative deviations of (n, E, n_set) from the steady state."""
     dn, dE, dn_set = deviation
     q = dict(zip(PLANT_PARAMETERS, vessel.plant_parameters().tolist(), strict=True))

@@ -8,14 +8,13 @@ from dataclasses import dataclass
 from types import MappingProxyType
 
 import numpy as np
-import numpy.typing as npt
 from scipy.optimize import brentq
 
 from shipfp_rs import _core
 from shipfp_rs.errors import InputError
 from shipfp_rs.support import hints
 from shipfp_rs.support.arguments import checked, positive
-from shipfp_rs.support.arrays import Array, Brief
+from shipfp_rs.support.arrays import Array
 from shipfp_rs.vessel.drive_train import PLANT_PARAMETERS, drive_train
 from shipfp_rs.vessel.vessel import Vessel
 
@@ -235,69 +234,3 @@ def whole_about(vessel: Vessel, point: OperatingPoint) -> tuple[Array, Array]:
         "resistance": q["ship_resistance"] * blades_speed / q["ship_mass"],
     }
     return ship_about(vessel, point, ship), np.array([detail[name] for name in _core.SHIP_DETAIL])
-
-
-@dataclass(frozen=True, repr=False)
-class BollardCurve(Brief):
-    """Static performance over engine speed (Figs 3.2, 3.3).
-
-    Every array has shape (N,), one entry for each speed.
-
-    Parameters
-    ----------
-    n_e_rpm
-        Engine speed [rpm].
-    bollard_pull
-        Thrust minus thrust deduction [N].
-    brake_power
-        Engine power that the propeller demands [W].
-    power_limit
-        Engine power at the torque limit [W]; infinite without a limit.
-    """
-
-    n_e_rpm: Array
-    bollard_pull: Array
-    brake_power: Array
-    power_limit: Array
-
-
-@checked
-def bollard_curve(vessel: Vessel, n_e_rpm: npt.ArrayLike) -> BollardCurve:
-    """Return the static curves of bollard pull and brake power (Figs 3.2 and 3.3).
-
-    Speeds that the engine can't reach are included; at such speeds the brake power exceeds its limit.
-
-    Parameters
-    ----------
-    vessel
-        The ship.
-    n_e_rpm
-        Engine speeds [rpm], shape (N,).
-
-    Raises
-    ------
-    InputError
-        If the speeds are not one-dimensional, or not finite, or negative.
-    """
-    rpm = np.array(n_e_rpm, dtype=np.float64)
-    if rpm.ndim != 1 or not (np.isfinite(rpm) & (rpm >= 0.0)).all():
-        raise InputError(
-            f"n_e_rpm has shape {rpm.shape}, expected one dimension of finite speeds, none negative"
-        )
-    speed, limit = vessel.envelope()
-    n_e = rpm / 60.0
-    n_s = n_e / vessel.gearbox.ratio
-    torque = vessel.torque_coefficient * n_s**vessel.propeller.torque_exponent
-    brake_torque = torque / (vessel.gearbox.ratio * vessel.gearbox.efficiency)
-    available = np.interp(n_e, speed, limit) if limit.size else np.full_like(n_e, np.inf)
-    angular_speed = 2.0 * math.pi * n_e
-    with np.errstate(invalid="ignore"):
-        power_limit = np.where(angular_speed > 0.0, angular_speed * available, 0.0)
-    screw = vessel.propeller
-    coefficient = vessel.water.density_kg_m3 * screw.diameter_m**4 * screw.K_T  # eq. 3.9
-    return BollardCurve(
-        n_e_rpm=rpm,
-        bollard_pull=(1.0 - screw.thrust_deduction) * coefficient * n_s**2,
-        brake_power=angular_speed * brake_torque,
-        power_limit=power_limit,
-    )
