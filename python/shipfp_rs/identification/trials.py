@@ -7,7 +7,7 @@ the noise estimated from its own residuals.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -15,14 +15,14 @@ from typing import Any
 import numpy as np
 
 from shipfp_rs.errors import IdentificationError
-from shipfp_rs.identification.basins import Basin, descend, distinct, totalled
+from shipfp_rs.identification.basins import Basin, totalled
 from shipfp_rs.identification.engine_tests import engine_tests, lacks_something, limits_to_try, touched
 from shipfp_rs.identification.equation_likelihood import EquationLikelihood
 from shipfp_rs.identification.first_guesses import guesses_by_bandwidth
 from shipfp_rs.identification.limited_likelihood import LimitedLikelihood
 from shipfp_rs.identification.question import TRIED
 from shipfp_rs.identification.set_rate import Search, with_set_rate
-from shipfp_rs.identification.ship_found import BELIEVED, DEFAULTS, ShipFit, settled
+from shipfp_rs.identification.ship_found import BELIEVED, DEFAULTS, ShipFit, exchanged, settled
 from shipfp_rs.structures.elements import ELEMENTS
 from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.progress import tell
@@ -44,8 +44,6 @@ less torque than the engine gives while the shaft accelerates."""
 STEEP, RATES = 0.99, (0.6, 1.0, 1.6, 2.5)
 """Quantile of the torque's slope, and factors on it at which limits of the rate are tried: a gauge shows slopes down to 0.4
 times the rack's, noise steeper ones."""
-REDIVIDED, REFINED = 3, 4
-"""Most rounds of redistributed delays, and number of minima in each that are refined."""
 GAINS = (1.0, 2.0, 4.0)
 """Factors of the governor's gains in starts with a limited rate: a fit without the limit underestimates them."""
 
@@ -94,51 +92,11 @@ def with_limits(fit: ShipFit, given: Sequence[str], search: Search, until: float
             break
         fit = min(found, key=lambda one: one.total)
         fit = replace(fit, scores=engine_tests(fit))
-    return fit if fit.is_smooth else _with_other_delays(fit, until)
-
-
-def _with_other_delays(fit: ShipFit, until: float | None) -> ShipFit:
-    """Return the likeliest fit after descents with the total delay redistributed among dead times and lag.
-
-    The data determine the total better than each delay, and the fit without limits has adapted its delays to the limit.
-    """
-    c = fit.likelihood.coordinates
-    for _ in range(REDIVIDED if {"T_d", "T_set", "tau_act"} <= set(c.free) else 0):
-        states = c.states_at(fit.best.vector)
-        starts = [c.vector({**fit.values, **one}, states) for one in _redivided(fit.values)]
-        jobs = [
-            partial(descend, fit.likelihood, one, steps=STEPS, settled=STILL, until=until) for one in starts
-        ]
-        ends = distinct(fit.likelihood, [fit.best, *fit.likelihood.each(jobs)])[:REFINED]
-        tried = [settled(replace(fit, basins=(end,)), until) for end in ends if end is not fit.best]
-        best = min((fit, *tried), key=lambda one: one.total)
-        if best.total > fit.total - STILL:
-            break
-        fit = best
-    return fit
-
-
-def _redivided(values: Mapping[str, float]) -> list[dict[str, float]]:
-    """Starts with the total delay redistributed, some with another lead of the governor."""
-    dead, late, lag = (values[name] for name in ("T_d", "T_set", "tau_act"))
-    inside, lead = dead + lag, values["vK_p"] / values["vK_i"]
-    less = lag - 0.5 * min(lead, lag)
-    # Loop's and set point's dead time, lag, and a shift of lead and lag together.
-    ways = [
-        (late, dead, lag, 0.0),
-        (inside, late, 0.0, 0.0),
-        (0.3 * inside, late, 0.7 * inside, 0.0),
-        (0.0, late, inside, 0.0),
-        (inside + late, 0.0, 0.0, 0.0),
-        (0.0, inside + late, 0.0, 0.0),
-        (0.0, late + dead, less, less - lag),
-        (dead, late, lag + lead, lead),
-    ]
-    return [
-        {name: max(delay, 3e-3) for name, delay in zip(("T_d", "T_set", "tau_act"), delays, strict=True)}
-        | {"vK_p": values["vK_i"] * (lead + shift)}
-        for *delays, shift in ways
-    ]
+    if fit.is_smooth:
+        return fit
+    starts = exchanged(fit.likelihood, fit.best.vector)
+    others = [settled(replace(fit, basins=(Basin(np.inf, one),)), until) for one in starts]
+    return min((fit, *(one for one in others if np.isfinite(one.best.cost))), key=lambda one: one.total)
 
 
 def _limited(fit: ShipFit, element: str, until: float | None, *, surely: bool = False) -> ShipFit | None:
