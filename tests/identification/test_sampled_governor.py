@@ -3,13 +3,8 @@
 from dataclasses import replace
 
 import numpy as np
-import pytest
 
 import shipfp_rs as fp
-from shipfp_rs.identification import automatic
-from shipfp_rs.identification.question import question_of
-from shipfp_rs.identification.sampling import excitation
-from shipfp_rs.identification.ship_fit import fit_ship
 from tests.identification.parity import BETWEEN_S, Case, simulated
 
 NAMES = ("tau_n", "g", "vK_p", "vK_i", "p", "T_d", "T_set")
@@ -36,34 +31,9 @@ def test_steps_that_keep_the_clocks_time_bias_no_gain():
         assert low <= truth[name] <= high, name
 
 
-def test_of_ends_as_likely_one_is_told_that_the_loads_side_has(monkeypatch):
-    _, experiment = recorded({"tau_act": 0.05}, "chirp")
-    fit = fit_ship(question_of([experiment]))
-    both = replace(fit, basins=(fit.best, fit.best))
-    known = automatic.undescribed
-    monkeypatch.setattr(
-        automatic, "undescribed", lambda one, *rest: "sides" if one is both else known(one, *rest)
-    )
-    found, _, kind = automatic._described(both)
-    assert kind is None
-    assert len(found.basins) == 1
-    monkeypatch.setattr(automatic, "undescribed", lambda *_: "gain")
-    assert automatic._described(both)[2] == "gain"
-
-
 def test_a_soft_shaft_of_a_small_ship_biases_no_load():
     own = {"tau_n": 0.38, "tau_prop": 0.08, "vK_p": 0.8, "vK_i": 8.0, "tau_act": 0.18, "T_d": 0.02}
     truth, experiment = recorded(own | {"tau_twist": 0.0142, "zeta_twist": 0.35}, "chirp")
     side = fp.load_side(experiment)
     low, high = side.parameters["tau_n"].ci95
     assert low <= truth["tau_n"] <= high
-
-
-@pytest.mark.parametrize("swing", [0.1, 0.01, 0.001])
-def test_noise_of_the_set_point_widens_no_band(swing):
-    rate_hz = 50.0
-    time = np.arange(round(400.0 * rate_hz)) / rate_hz
-    chirp = swing * np.sin(2.0 * np.pi * (0.01 + 0.25e-3 * time) * time)  # 0.01 to 0.21 Hz
-    noisy = chirp + 5e-5 * np.random.default_rng(1).standard_normal(len(time))
-    # The chirp ends at 0.21 Hz.
-    assert 0.15 < excitation(noisy, rate_hz, 20.0)[1] < 1.2 * excitation(chirp, rate_hz, 20.0)[1]

@@ -9,7 +9,7 @@ from typing import Any, Literal
 import numpy as np
 
 from shipfp_rs.experiments.experiment import Experiment
-from shipfp_rs.identification.basins import Basin, descend
+from shipfp_rs.identification.basins import Basin
 from shipfp_rs.identification.coordinates import WITHOUT_EFFECT, Figure
 from shipfp_rs.identification.engine_tests import engine_curves
 from shipfp_rs.identification.estimate import (
@@ -174,12 +174,7 @@ def intervals_of(
     if intervals == "symmetric":
         profiles = Profiles(fit.likelihood, list(fit.basins))
         return fit, {name: profiles.symmetric(figure) for name, figure in figures.items()}, []
-    if isinstance(fit.likelihood, LimitedLikelihood) and fit.likelihood.simulates:
-        # Derivatives of simulations hold in a neighbourhood of the minimum that is too small for a profile.
-        profiles = Profiles(fit.likelihood, [descend(fit.likelihood, one.vector) for one in fit.basins])
-        found = {name: profiles.symmetric(one, surely=True) for name, one in figures.items()}
-    else:
-        fit, profiles, found = profiled(fit, figures, refined, fit.question.bounds)
+    fit, profiles, found = profiled(fit, figures, refined, fit.question.bounds)
     c = fit.likelihood.coordinates
     most = profiles.best.cost + RISE * (1.0 + NEAR)
     inside = [point.vector for point in profiles.visited if point.cost < most]

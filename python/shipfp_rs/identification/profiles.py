@@ -98,18 +98,15 @@ class Profiles:
         (low, first, _), (high, last, _) = ends
         return Interval(value, min(low, value), max(high, value), (first, last))
 
-    def symmetric(self, figure: Figure, *, surely: bool = False) -> Interval:
+    def symmetric(self, figure: Figure) -> Interval:
         """Return the interval from the curvature alone, without a profile; it may cross the bounds of parameters.
 
-        `surely`: a parameter that the deviance presses to its bound by less than the quantile is free, too. Parameters leave
-        a bound only inward.
+        Parameters leave a bound only inward.
         """
         best = self.best
         slope, now = self.gradient(figure, best.vector), self._products(best)
         inward = self._inward(best.vector)
         held = (inward * now.downhill < 0.0) & (slope == 0.0)
-        if surely:
-            held &= now.downhill**2 * np.diag(scaled_inverse(now.matrix)) > RISE
         free = np.flatnonzero(~held)
         matrix, slope, inward = now.matrix[np.ix_(free, free)], slope[free], inward[free]
         down, up = (np.sqrt(RISE * _spread(matrix, side * slope, inward)) for side in (-1.0, 1.0))

@@ -112,8 +112,8 @@ def _limited(fit: ShipFit, element: str, until: float | None, *, surely: bool = 
     if not np.isfinite(best.cost) or not (surely or (best.cost < fit.total and inside)):
         return None
     assert isinstance(likelihood, LimitedLikelihood)
-    # Clamps on noisy signals find the limit; in calm water simulations are more exact.
-    ways = (likelihood, replace(likelihood, smooths=True), replace(likelihood, simulates=True, governed=()))
+    # Clamps on noisy signals find the limit.
+    ways = (likelihood, replace(likelihood, smooths=True))
     found, ends = replace(fit, elements=(*fit.elements, element)), []
     for way in ways:
         end = settled(replace(found, likelihood=way, basins=(Basin(np.inf, best.vector),)), until)
