@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from scipy.signal import lfilter
@@ -94,7 +92,7 @@ def test_in_calm_water_nothing_is_left_but_the_noise(water, place):
 def test_the_speed_that_the_governor_saw_has_the_waters_motion_but_not_the_sensors_noise(water, wet):
     likelihood = likelihood_of(water * wet, "M_b")
     at_truth = likelihood.coordinates.vector({**OFF, **TRUE})
-    (found,) = replace(likelihood, smooths=True).settled_at(at_truth).governed
+    (found,) = likelihood.settled_at(at_truth).governed
     clean, calm = (measured(row, "M_b", noise=0.0).normalised("n_e") for row in (water * wet, 0.0 * water))
     inside = slice(round(6.0 * RATE_HZ), -round(6.0 * RATE_HZ))
     moved, noise = np.std((clean - calm)[inside]), 1e-4

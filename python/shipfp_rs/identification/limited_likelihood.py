@@ -51,13 +51,10 @@ class LimitedLikelihood(EquationLikelihood):
 
     Parameters
     ----------
-    smooths
-        Whether the governor's speed is without the sensor's noise, which is known only near a minimum.
     governed
-        For each record, the speed that the governor saw; empty: as measured.
+        For each record, the speed that the governor saw, without the sensor's noise; empty: as measured.
     """
 
-    smooths: bool = False
     governed: tuple[Governed, ...] = ()
 
     @property
@@ -173,8 +170,6 @@ class LimitedLikelihood(EquationLikelihood):
     def _governed(self, vector: Array, record: int) -> Governed:
         """The model's speed, and of the residual what torque and speed share: sensors' noise is in one of them alone."""
         data, held = self.records[record], float(np.mean(np.abs(self.removed(vector, record)[0]) > HOLDS))
-        if not self.smooths:
-            return Governed(data.whole[data.outputs.index("dn")], np.ones(len(data.frequency_hz)), held)
         model = self.modelled(vector, record)
         torque = data.outputs.index(BRAKE if BRAKE in data.outputs else "dM")
         rows = [

@@ -110,24 +110,6 @@ class Stretches:
         now = Products(float(self._gram[0, 0]), self._gram[0, 1:end], self._gram[1:end, 1:end])
         return Profiles(self.likelihood, []).covariance(Basin(now.cost, self.vector, products=now))
 
-    def influence(self, gradient: Array) -> tuple[Array, Array, Array]:
-        """Return the changes of a figure with this gradient that are due to stretches, systematic errors and priors.
-
-        One change for each stretch of the records (S,), each systematic error (E,) and each prior (K,); the latter two are
-        changes for one standard deviation.
-        """
-        return self._moved(self._covariance @ gradient)
-
-    def _moved(self, along: Array) -> tuple[Array, Array, Array]:
-        """Change of the parameters along a direction (P,) due to stretches, systematic errors and priors."""
-        size = len(along)
-        pairs = zip(self._white, self._smooth, strict=True)
-        errors = [
-            _products(shapes, np.tensordot(along, rows[1 : 1 + size], 1)[None])[:, 0]
-            for rows, shapes in pairs
-        ]
-        return along @ self._slopes[:size], np.sum(errors, axis=0), self._priors @ along
-
     def scores(self) -> list[Score]:
         """Return the test of each column."""
         size, found = self._priors.shape[1], []

@@ -112,14 +112,9 @@ def _limited(fit: ShipFit, element: str, until: float | None, *, surely: bool = 
     if not np.isfinite(best.cost) or not (surely or (best.cost < fit.total and inside)):
         return None
     assert isinstance(likelihood, LimitedLikelihood)
-    # Clamps on noisy signals find the limit.
-    ways = (likelihood, replace(likelihood, smooths=True))
-    found, ends = replace(fit, elements=(*fit.elements, element)), []
-    for way in ways:
-        end = settled(replace(found, likelihood=way, basins=(Basin(np.inf, best.vector),)), until)
-        if np.isfinite(end.best.cost):
-            ends.append(end)
-    return min(ends, key=lambda one: one.total, default=None)
+    found = replace(fit, elements=(*fit.elements, element), likelihood=likelihood)
+    found = settled(replace(found, basins=(Basin(np.inf, best.vector),)), until)
+    return found if np.isfinite(found.best.cost) else None
 
 
 def _lowest(likelihood: EquationLikelihood, vectors: Sequence[Array], until: float | None) -> Basin:
