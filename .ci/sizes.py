@@ -23,15 +23,15 @@ RUST_FUNCTION = re.compile(r"^( *)(?:pub(?:\([a-z]+\))? )?(?:const )?(?:unsafe )
 
 
 BUDGETS = {
-    "constants": 235,
-    "python/shipfp_rs/identification": 10019,
+    "constants": 233,
+    "python/shipfp_rs/identification": 9814,
     "python/shipfp_rs/structures": 3049,
     "python/shipfp_rs/logs": 8050,
     "python/shipfp_rs/tacho": 1799,
     "python/shipfp_rs/processing": 4633,
     "python/shipfp_rs/inspection": 931,
     "python/shipfp_rs/experiments": 576,
-    "python/shipfp_rs/assessment": 2257,
+    "python/shipfp_rs/assessment": 2259,
     "python/shipfp_rs/report": 2385,
     "python/shipfp_rs/reproduce": 1826,
     "python/shipfp_rs/view": 2185,
@@ -45,9 +45,9 @@ BUDGETS = {
     "python/shipfp_rs/simulation": 914,
     "python/shipfp_rs/frequency": 1133,
     "python/shipfp_rs/plot": 888,
-    "python": 51637,
+    "python": 51434,
     "rust/src": 11071,
-    "tests": 39305,
+    "tests": 39299,
 }
 """Most lines of each room, and most numeric constants of identification and structures. A commit that earns it lowers a
 number; none is raised without a word in the commit's text."""

@@ -270,6 +270,8 @@ def response_with_deviation(
 
     response, _ = structure.equations.response(fingerprint.optimum, frequency, ())
     amplitude, phase = _deviation(fingerprint, structure, seen)
+    # Beyond these an amplitude, and a phase, is entirely unknown.
+    amplitude, phase = np.minimum(amplitude, 1.0), np.minimum(phase, np.pi / np.sqrt(3.0))
     return FrequencyResponse(
         structure.name,
         frequency,

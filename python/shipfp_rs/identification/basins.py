@@ -217,7 +217,12 @@ def totalled(
     likelihood: Likelihood, vector: Array, *, rounds: int = 2, still: float = 0.0, **search: Any
 ) -> Basin:
     """Return the minimum under the noise of its own residuals; the cost is the total deviance. `search`: see `settle`."""
-    likelihood, end = settle(likelihood, Basin(np.inf, vector, False), rounds=rounds, still=still, **search)
+    start = Basin(np.inf, vector, False)
+    try:
+        likelihood = likelihood.settled_at(vector)  # so that the first descent's noise is without systematic errors
+    except (SimulationError, np.linalg.LinAlgError):
+        return start
+    likelihood, end = settle(likelihood, start, rounds=rounds, still=still, **search)
     return Basin(likelihood.total(end.vector) if np.isfinite(end.cost) else np.inf, end.vector, end.settled)
 
 

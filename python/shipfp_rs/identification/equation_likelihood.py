@@ -417,7 +417,9 @@ class EquationLikelihood(Likelihood):
 
     def settled_at(self, vector: Array) -> Self:
         """Return the likelihood with records corrected, and noise estimated, by the model at a point of the search."""
-        needs = self.is_corrected_by_model or any(one.between != "band-limited" for one in self.records)
+        # Images of straight lines hardly change with the model.
+        new = any(one.between != "band-limited" and one.images is None for one in self.records)
+        needs = self.is_corrected_by_model or new
         return (self.corrected(vector) if needs else self).with_noise(vector)
 
     def _whole(self, vector: Array, record: int) -> Array | None:
