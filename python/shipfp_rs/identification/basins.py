@@ -219,7 +219,8 @@ def totalled(
     """Return the minimum under the noise of its own residuals; the cost is the total deviance. `search`: see `settle`."""
     start = Basin(np.inf, vector, False)
     try:
-        likelihood = likelihood.settled_at(vector)  # so that the first descent's noise is without systematic errors
+        # Noise from which systematic errors are taken off needs a first estimate of it.
+        likelihood = likelihood.settled_at(vector)
     except (SimulationError, np.linalg.LinAlgError):
         return start
     likelihood, end = settle(likelihood, start, rounds=rounds, still=still, **search)
