@@ -24,7 +24,7 @@ RUST_FUNCTION = re.compile(r"^( *)(?:pub(?:\([a-z]+\))? )?(?:const )?(?:unsafe )
 
 BUDGETS = {
     "constants": 233,
-    "python/shipfp_rs/identification": 9814,
+    "python/shipfp_rs/identification": 9815,
     "python/shipfp_rs/structures": 3049,
     "python/shipfp_rs/logs": 8050,
     "python/shipfp_rs/tacho": 1799,
@@ -45,9 +45,9 @@ BUDGETS = {
     "python/shipfp_rs/simulation": 914,
     "python/shipfp_rs/frequency": 1133,
     "python/shipfp_rs/plot": 888,
-    "python": 51434,
+    "python": 51435,
     "rust/src": 11071,
-    "tests": 39299,
+    "tests": 39233,
 }
 """Most lines of each room, and most numeric constants of identification and structures. A commit that earns it lowers a
 number; none is raised without a word in the commit's text."""

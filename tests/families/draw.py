@@ -137,7 +137,7 @@ class Draw:
 
     def motion(self, step_s: float = STEP_S):
         """Simulate the trial."""
-        return self.module.simulated(self, step_s)
+        return fast_motion(self, step_s=step_s)
 
     def clean(self, motion=None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return set point, speed and torque over the operating point at `MIDDLE_HZ`, without noise."""

@@ -10,7 +10,6 @@ import numpy as np
 
 from tests.families import recording, sensors
 from tests.families.draw import Loads, Ranges
-from tests.families.small_steps import simulate
 from tests.families.tug import rippled
 
 RANGES = Ranges(tau_n=(0.3, 2.0), p=(0.0, 1.0), g=(-1.5, 0.3))
@@ -44,13 +43,6 @@ def loads(random, excitation, plant):
         rows.append((at, random.uniform(-0.3, 0.3)))
         at += random.uniform(10.0, 40.0)
     return Loads(np.array(rows), plant.shaft_torque)
-
-
-def simulated(draw, step_s):
-    """Run the trial by small steps."""
-    return simulate(
-        draw.plant, draw.excitation, draw.excitation.stop_s, step_s=step_s, water=draw.water, load=draw.loads
-    )
 
 
 LOAD_TABLE = (

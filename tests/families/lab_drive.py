@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tests.families import recording, sensors, tug
+from tests.families import recording, sensors
 from tests.families.draw import Ranges
 
 RANGES = Ranges(tau_n=(0.3, 1.5), p=(0.0, 2.3), twist_hz=(5.0, 15.0))
@@ -31,9 +31,6 @@ def scale(random):
 
 def place(random):
     return "brake"
-
-
-simulated = tug.simulated
 
 
 def recorded(draw):

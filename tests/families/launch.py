@@ -14,7 +14,6 @@ LATEST_TORQUE_S = 0.003
 
 
 law = tug.law
-simulated = tug.simulated
 
 
 def scale(random):

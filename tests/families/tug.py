@@ -9,7 +9,6 @@ import numpy as np
 
 from tests.families import recording, sensors
 from tests.families.draw import Ranges
-from tests.families.small_steps import simulate
 
 RANGES = Ranges(tau_n=(0.5, 3.0), p=(1.7, 2.5))
 LATEST_TORQUE_S = 0.005
@@ -42,11 +41,6 @@ def scale(random):
 
 def place(random):
     return "gauge"
-
-
-def simulated(draw, step_s):
-    """Run the trial by small steps."""
-    return simulate(draw.plant, draw.excitation, draw.excitation.stop_s, step_s=step_s, water=draw.water)
 
 
 def recorded(draw):

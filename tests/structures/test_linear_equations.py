@@ -192,7 +192,7 @@ class TestDeadTimeInTheLoop:
     def compare(self, dn_set, hold, T_set, allowed):
         parameters = twin.vector(T_d=self.T_d, T_set=T_set, K_p=5.0)
         start = np.zeros(2)
-        expected = twin.simulate_delayed(parameters, dn_set, self.dt, hold, start, 4)
+        expected = twin.simulate_delayed(parameters, dn_set, self.dt, hold)
         found = simulate(parameters, dn_set, self.dt, hold, start)
         largest = np.abs(expected).max(axis=1)
         np.testing.assert_array_less(np.abs(found - expected).max(axis=1), allowed * largest)
@@ -292,7 +292,7 @@ class TestSensitivities:
         _, found = sensitivities(parameters, chirp, dt, "first", np.zeros(2), [T_D])
 
         def reference(x):
-            return twin.simulate_delayed(x, chirp, dt, "first", np.zeros(2), 4)
+            return twin.simulate_delayed(x, chirp, dt, "first")
 
         self.assert_close(found[0], richardson(reference, parameters, T_D, 0.01), 1e-3)
 

@@ -1,4 +1,4 @@
-"""NumPy reference of the linear structure: from the equations, sharing nothing with the kernels."""
+"""The linear structure from its equations, without the kernels: responses, and records with and without a dead time."""
 
 import functools
 import math
@@ -8,6 +8,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from tests.twins import ship
 from tests.twins.vectors import vectors
 
 Array = NDArray[np.float64]
@@ -95,60 +96,11 @@ def simulate(parameters: Array, dn_set: Array, dt: float, hold: str, initial: Ar
     return np.array(rows).T
 
 
-def simulate_delayed(
-    parameters: Array, dn_set: Array, dt: float, hold: str, initial: Array, substeps: int
-) -> Array:
-    """A dead time in the loop by the method of steps: RK4 with `substeps` a sample, cubic Hermite between.
-
-    Both dead times must be whole numbers of the small step, so that corners fall on its ends.
-    """
-    tau_n, g, v, K_p, K_i, p, _, T_d, T_set = parameters
-    h = dt / substeps
-    assert T_d >= h
-    for dead_time in (T_d, T_set):
-        assert abs(dead_time / h - round(dead_time / h)) < 1e-6
-    lag = round(T_d / h)
-    steps = (dn_set.size - 1) * substeps
-    # z and its slopes at both sides of every step's start: z' jumps where u does.
-    z, slope_after, slope_before = np.zeros((3, steps + 1))
-
-    def late_z(step: int, fraction: float) -> float:
-        index = step - lag
-        if index < 0:
-            return float(z[0])
-        t = fraction
-        return float(
-            (1 + 2 * t) * (1 - t) ** 2 * z[index]
-            + t * (1 - t) ** 2 * h * slope_after[index]
-            + t**2 * (3 - 2 * t) * z[index + 1]
-            + t**2 * (t - 1) * h * slope_before[index + 1]
-        )
-
-    state = np.array(initial, dtype=float)
-    z[0] = K_i * state[1] - K_p * state[0]
-    rows = []
-    for step in range(steps + 1):
-        start, end = step * h, (step + 1) * h
-        u1 = set_point(dn_set, dt, hold, T_set, start, end)
-        u2 = set_point(dn_set, dt, hold, T_set + T_d, start, end)
-
-        def rate(state: Array, fraction: float, step: int = step, u1=u1, u2=u2) -> Array:
-            n = state[0]
-            early, late = (u[0] + fraction * (u[1] - u[0]) for u in (u1, u2))
-            w = v * (K_p * late + late_z(step, fraction))
-            return np.array([(-(p - g) * n + w) / tau_n, early - n])
-
-        first = rate(state, 0)
-        slope_after[step] = K_i * first[1] - K_p * first[0]
-        if step % substeps == 0:
-            rows.append(outputs(parameters, *state, first[0], u1[0]))
-        if step == steps:
-            break
-        second = rate(state + h / 2 * first, 0.5)
-        third = rate(state + h / 2 * second, 0.5)
-        fourth = rate(state + h * third, 1)
-        state = state + h / 6 * (first + 2 * second + 2 * third + fourth)
-        z[step + 1] = K_i * state[1] - K_p * state[0]
-        last = rate(state, 1)
-        slope_before[step + 1] = K_i * last[1] - K_p * last[0]
-    return np.array(rows).T
+def simulate_delayed(parameters: Array, dn_set: Array, dt: float, hold: str) -> Array:
+    """A dead time in the loop, from rest: the ship whose load's law is a straight line, by the method of steps."""
+    linear = dict(zip(DEFAULTS, parameters, strict=True))
+    linear |= {"damping": linear["p"] - 1.0, "p": 1.0}
+    rows = ship.simulate(linear, 1.0 + dn_set, np.empty(0), dt, hold, ("dn", "dE", "dM_b", "dM_g"))
+    times = np.arange(dn_set.size) * dt
+    asked = [set_point(dn_set, dt, hold, linear["T_set"], time, time + 1e-9)[0] for time in times]
+    return np.array([*rows, linear["K_p"] * (asked - rows[0]) + linear["K_i"] * rows[1]])
