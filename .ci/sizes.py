@@ -23,8 +23,8 @@ RUST_FUNCTION = re.compile(r"^( *)(?:pub(?:\([a-z]+\))? )?(?:const )?(?:unsafe )
 
 
 BUDGETS = {
-    "constants": 233,
-    "python/shipfp_rs/identification": 9815,
+    "constants": 235,
+    "python/shipfp_rs/identification": 10068,
     "python/shipfp_rs/structures": 3049,
     "python/shipfp_rs/logs": 8050,
     "python/shipfp_rs/tacho": 1799,
@@ -45,9 +45,9 @@ BUDGETS = {
     "python/shipfp_rs/simulation": 914,
     "python/shipfp_rs/frequency": 1133,
     "python/shipfp_rs/plot": 888,
-    "python": 51435,
+    "python": 51688,
     "rust/src": 11071,
-    "tests": 39233,
+    "tests": 39290,
 }
 """Most lines of each room, and most numeric constants of identification and structures. A commit that earns it lowers a
 number; none is raised without a word in the commit's text."""

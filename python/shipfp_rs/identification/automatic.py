@@ -9,7 +9,7 @@ from typing import Any, Literal
 import numpy as np
 
 from shipfp_rs.experiments.experiment import Experiment
-from shipfp_rs.identification.basins import Basin
+from shipfp_rs.identification.basins import Basin, descend
 from shipfp_rs.identification.coordinates import WITHOUT_EFFECT, Figure
 from shipfp_rs.identification.engine_tests import engine_curves
 from shipfp_rs.identification.estimate import (
@@ -41,6 +41,7 @@ from shipfp_rs.identification.question import (
 from shipfp_rs.identification.ship_fit import fit_ship, refined, smooth_ship
 from shipfp_rs.identification.ship_found import DEFAULTS, DISCREPANCY, ShipFit
 from shipfp_rs.identification.sides import covariance_of, load_alone, undescribed
+from shipfp_rs.identification.stretches import Stretches
 from shipfp_rs.identification.structure_estimates import fitted, of_structure
 from shipfp_rs.identification.structure_fit import StructureFit, likelihood_of
 from shipfp_rs.identification.usability import SMALL_MISS_PCT, explained_pct, misses_pct, strain
@@ -94,8 +95,7 @@ def answered(
 ) -> Fingerprint:
     """Return the fingerprint of a fitted ship."""
     question = fit.question
-    missed, rows = misses_pct(fit.likelihood, fit.best.vector), explained_pct(fit.likelihood, fit.best.vector)
-    kind = undescribed(fit, missed, [min(row) for row in rows])
+    fit, (missed, rows), kind = _described(fit)
     before, values, c = fit, fit.values, fit.likelihood.coordinates
     gains = ("K_p", "K_i") if "v" in c.free else ()
     names = [name for name in c.names if name not in NUISANCES]
@@ -123,10 +123,7 @@ def answered(
     if kind:
         parameters, derived = load_alone(parameters, fit.side, kind, question.bounds), {}
     if fit is not before:  # a profile reached a lower minimum
-        missed, rows = (
-            misses_pct(fit.likelihood, fit.best.vector),
-            explained_pct(fit.likelihood, fit.best.vector),
-        )
+        missed, rows = _missed(fit)
     misses = dict(zip(question.outputs, missed, strict=True))
     covariance = (
         covariance_of(parameters, fit.side) if kind and fit.side else _covariance(profiles, fit, parameters)
@@ -167,6 +164,29 @@ def _adequate(fit: ShipFit, misses: Mapping[str, float], kind: str | None) -> di
     }
 
 
+def _described(fit: ShipFit) -> tuple[ShipFit, tuple[list[float], list[list[float]]], str | None]:
+    """Return the fit, its misfit and explained shares, and the contradiction to its engine, if any.
+
+    If load and engine contradict each other, an equally likely minimum without a contradiction is preferred.
+    """
+    missed, rows = _missed(fit)
+    kind = undescribed(fit, missed, [min(row) for row in rows])
+    if kind != "sides":
+        return fit, (missed, rows), kind
+    for end in [end for end in fit.basins[1:] if end.cost < fit.best.cost + RISE]:
+        likely = replace(fit, basins=(end,))
+        missed_there, rows_there = _missed(likely)
+        if undescribed(likely, missed_there, [min(row) for row in rows_there]) is None:
+            return likely, (missed_there, rows_there), None
+    return fit, (missed, rows), kind
+
+
+def _missed(fit: ShipFit) -> tuple[list[float], list[list[float]]]:
+    """Return the misfit of each output [%], and the explained share of each record's outputs [%]."""
+    at = fit.likelihood, fit.best.vector
+    return misses_pct(*at), explained_pct(*at)
+
+
 def intervals_of(
     fit: ShipFit, figures: Mapping[str, Figure], intervals: Literal["profile", "symmetric"]
 ) -> tuple[ShipFit, dict[str, Interval], list[dict[str, float]]]:
@@ -174,14 +194,21 @@ def intervals_of(
     if intervals == "symmetric":
         profiles = Profiles(fit.likelihood, list(fit.basins))
         return fit, {name: profiles.symmetric(figure) for name, figure in figures.items()}, []
-    fit, profiles, found = profiled(fit, figures, refined, fit.question.bounds)
+    if isinstance(fit.likelihood, LimitedLikelihood) and fit.likelihood.simulates:
+        # Derivatives of simulations hold in a neighbourhood of the minimum that is too small for a profile.
+        profiles = Profiles(fit.likelihood, [descend(fit.likelihood, one.vector) for one in fit.basins])
+        found = {name: profiles.symmetric(one, surely=True) for name, one in figures.items()}
+    else:
+        fit, profiles, found = profiled(fit, figures, refined, fit.question.bounds)
     c = fit.likelihood.coordinates
     most = profiles.best.cost + RISE * (1.0 + NEAR)
     inside = [point.vector for point in profiles.visited if point.cost < most]
-    wider = 1.0 if fit.is_smooth else DISCREPANCY
+    stretches = Stretches(fit.likelihood, fit.best.vector)
+    beyond = 1.0 if fit.is_smooth else DISCREPANCY
     for name, figure in figures.items():
         one = profiles.widened(figure, found[name])
-        moved = figure(fit.values) - one.value
+        slope = fit.likelihood.coordinates.gradient(figure, fit.best.vector)
+        wider, moved = beyond * stretches.widening(slope), figure(fit.values) - one.value
         low = one.value - wider * (one.value - one.low) + min(moved, 0.0)
         high = one.value + wider * (one.high - one.value) + max(moved, 0.0)
         least, most = fit.question.bounds.get(name, (-np.inf, np.inf))

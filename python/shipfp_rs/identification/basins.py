@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, partial
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from scipy.linalg.lapack import dposv
@@ -27,7 +27,7 @@ factors after an accepted and after a rejected step (Marquardt 1963); and the gr
 step (Nielsen 1999)."""
 MOST_DAMPED = 1e4
 """Damping at which a descent stops: steps are then a ten-thousandth of the gradient's and gain nothing."""
-FIRST, ROUGH, FINE = (3, 50.0), (8, 50.0), (MOST_STEPS, SETTLED)
+FIRST, ROUGH, MIDDLE, FINE = (3, 50.0), (8, 50.0), (30, 1.0), (MOST_STEPS, SETTLED)
 """Most steps and least decrease of each round of descents, from many starts to few minima."""
 MOST_BASINS = 5
 SAME = 4.0
@@ -181,6 +181,49 @@ def _solved(matrix: Array, right: Array) -> Array:
     return solution
 
 
+def best_basins(
+    likelihood: Known,
+    starts: Sequence[Array],
+    *,
+    until: float | None = None,
+    alone: Callable[..., Basin] | None = None,
+) -> tuple[Known, list[Basin], float]:
+    """Return the likelihood with estimated noise, its distinct minima, the lowest first, and the total of the lowest.
+
+    Rough descents with white noise come first. The best of them continue by `alone` (default: `by_own_noise`), each with the
+    noise of its own residuals; the likeliest of these gives the noise for all.
+
+    Raises
+    ------
+    IdentificationError
+        If no start leads to a model that can be simulated.
+    """
+    ends = each(likelihood, starts, until, *FIRST)
+    ends = each(likelihood, [end.vector for end in ends], until, *ROUGH)
+    ends = distinct(likelihood, ends)[:MOST_BASINS]
+    jobs = [partial(alone or by_own_noise, likelihood, end.vector, until=until) for end in ends]
+    ends = sorted(likelihood.each(jobs), key=lambda end: end.cost)
+    if not ends or not np.isfinite(ends[0].cost):
+        raise IdentificationError(
+            f"identify: none of {len(starts)} starts leads to a model that can be simulated"
+        )
+    total, vectors = ends[0].cost, [end.vector for end in ends if np.isfinite(end.cost)]
+    likelihood = likelihood.settled_at(vectors[0]) if alone else likelihood.with_noise(vectors[0])
+    ends = distinct(likelihood, each(likelihood, vectors, until, *FINE))
+    return likelihood, [end for end in ends if end.cost < ends[0].cost + ALIKE], total
+
+
+def by_own_noise(likelihood: Likelihood, vector: Array, *, until: float | None = None) -> Basin:
+    """Descend twice with the noise of the residuals; the cost is the total deviance, log determinant included."""
+    for steps, settled in (MIDDLE, FINE):
+        try:
+            likelihood = likelihood.with_noise(vector)
+        except (SimulationError, np.linalg.LinAlgError):
+            return Basin(np.inf, vector, False)
+        vector = descend(likelihood, vector, steps=steps, settled=settled, until=until).vector
+    return Basin(likelihood.total(vector), vector)
+
+
 def settle(
     likelihood: Known,
     start: Basin,
@@ -188,7 +231,6 @@ def settle(
     rounds: int,
     still: float,
     least: float = 0.0,
-    steps: int = MOST_STEPS,
     settled: float = SETTLED,
     until: float | None = None,
 ) -> tuple[Known, Basin]:
@@ -200,10 +242,10 @@ def settle(
     best = start
     for _ in range(rounds):
         try:
-            following = likelihood.settled_at(best.vector)
+            following = likelihood.resettled_at(best.vector)
         except (SimulationError, np.linalg.LinAlgError):
             break
-        end = descend(following, best.vector, steps=steps, settled=settled, until=until)
+        end = descend(following, best.vector, settled=settled, until=until)
         if not np.isfinite(end.cost):  # diverges with its own corrections
             break
         moved = end.vector - best.vector
@@ -211,52 +253,6 @@ def settle(
         if end.products is None or moved @ end.products.matrix @ moved < still or np.abs(moved).max() < least:
             break
     return likelihood, best
-
-
-def totalled(
-    likelihood: Likelihood, vector: Array, *, rounds: int = 2, still: float = 0.0, **search: Any
-) -> Basin:
-    """Return the minimum under the noise of its own residuals; the cost is the total deviance. `search`: see `settle`."""
-    start = Basin(np.inf, vector, False)
-    try:
-        # Noise from which systematic errors are taken off needs a first estimate of it.
-        likelihood = likelihood.settled_at(vector)
-    except (SimulationError, np.linalg.LinAlgError):
-        return start
-    likelihood, end = settle(likelihood, start, rounds=rounds, still=still, **search)
-    return Basin(likelihood.total(end.vector) if np.isfinite(end.cost) else np.inf, end.vector, end.settled)
-
-
-def best_basins(
-    likelihood: Known,
-    starts: Sequence[Array],
-    *,
-    until: float | None = None,
-    alone: Callable[..., Basin] = totalled,
-) -> tuple[Known, list[Basin], float]:
-    """Return the likelihood with estimated noise, its distinct minima, the lowest first, and the total of the lowest.
-
-    Rough descents with white noise come first. The best of them continue by `alone`, each with the noise of its own
-    residuals; the likeliest of these gives the noise for all.
-
-    Raises
-    ------
-    IdentificationError
-        If no start leads to a model that can be simulated.
-    """
-    ends = each(likelihood, starts, until, *FIRST)
-    ends = each(likelihood, [end.vector for end in ends], until, *ROUGH)
-    ends = distinct(likelihood, ends)[:MOST_BASINS]
-    jobs = [partial(alone, likelihood, end.vector, until=until) for end in ends]
-    ends = sorted(likelihood.each(jobs), key=lambda end: end.cost)
-    if not ends or not np.isfinite(ends[0].cost):
-        raise IdentificationError(
-            f"identify: none of {len(starts)} starts leads to a model that can be simulated"
-        )
-    total, vectors = ends[0].cost, [end.vector for end in ends if np.isfinite(end.cost)]
-    likelihood = likelihood.settled_at(vectors[0])
-    ends = distinct(likelihood, each(likelihood, vectors, until, *FINE))
-    return likelihood, [end for end in ends if end.cost < ends[0].cost + ALIKE], total
 
 
 def distinct(likelihood: Likelihood, ends: Sequence[Basin]) -> list[Basin]:

@@ -415,11 +415,13 @@ class EquationLikelihood(Likelihood):
             records.append(record.corrected(values, self._response, model, slips=slips))
         return replace(self, records=tuple(records))
 
+    def resettled_at(self, vector: Array) -> Self:
+        """Return the likelihood settled at a new point of the search, without new images, since images hardly change."""
+        return (self.corrected(vector) if self.is_corrected_by_model else self).with_noise(vector)
+
     def settled_at(self, vector: Array) -> Self:
         """Return the likelihood with records corrected, and noise estimated, by the model at a point of the search."""
-        # Images of straight lines hardly change with the model.
-        new = any(one.between != "band-limited" and one.images is None for one in self.records)
-        needs = self.is_corrected_by_model or new
+        needs = self.is_corrected_by_model or any(one.between != "band-limited" for one in self.records)
         return (self.corrected(vector) if needs else self).with_noise(vector)
 
     def _whole(self, vector: Array, record: int) -> Array | None:

@@ -243,7 +243,7 @@ class Likelihood:
         Minima are compared by this total, since the noise estimated at a minimum favours that minimum.
         """
         try:
-            return self.settled_at(vector).own_total(vector)
+            return self.with_noise(vector).own_total(vector)
         except (SimulationError, np.linalg.LinAlgError):
             return np.inf
 
@@ -293,6 +293,10 @@ class Likelihood:
     def settled_at(self, vector: Array) -> Self:
         """Return the likelihood with noise, and what else depends on the model, estimated at a point of the search."""
         return self.with_noise(vector)
+
+    def resettled_at(self, vector: Array) -> Self:
+        """Return the likelihood settled at a new point, without what hardly depends on the point."""
+        return self.settled_at(vector)
 
     def _noise(self, residuals: Sequence[Numbers], unsure: Sequence[Numbers | float]) -> tuple[Numbers, ...]:
         """Root of the inverse spectral matrix of each record's residuals."""

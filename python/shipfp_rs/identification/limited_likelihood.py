@@ -1,7 +1,8 @@
 """The likelihood of a ship with limits of torque or rate: the closed form without limits, and the torque that they remove.
 
 A limit clamps a known signal: the governor's command for the measured set point and speed. This needs no simulation and
-allows for moving water, and an oscillating loop does not mislead the search.
+allows for moving water, and an oscillating loop does not mislead the search. In calm water the difference of two
+simulations is more exact, and is used near a minimum.
 """
 
 from __future__ import annotations
@@ -51,10 +52,16 @@ class LimitedLikelihood(EquationLikelihood):
 
     Parameters
     ----------
+    simulates
+        Whether the effect is the difference of two simulations, with and without limits: exact in calm water.
+    smooths
+        Whether the governor's speed is without the sensor's noise, which is known only near a minimum.
     governed
-        For each record, the speed that the governor saw, without the sensor's noise; empty: as measured.
+        For each record, the speed that the governor saw; empty: as measured.
     """
 
+    simulates: bool = False
+    smooths: bool = False
     governed: tuple[Governed, ...] = ()
 
     @property
@@ -69,11 +76,17 @@ class LimitedLikelihood(EquationLikelihood):
 
     def taken(self, vector: Array, record: int) -> ComplexArray:
         """Spectra (O, F) of the limits' effect on the outputs of a record."""
-        answer = self._clamped(vector, record)
+        answer = self._simulated_effect(vector, record) if self.simulates else self._clamped(vector, record)
         if not np.isfinite(answer).all():
             raise SimulationError("what the limits take off is not finite")
         answer[:, 0] = 0.0  # means determine only the offsets
         return answer + super().taken(vector, record)
+
+    def _simulated_effect(self, vector: Array, record: int) -> ComplexArray:
+        """Difference of the spectra (O, F) of two simulations, with and without the limits."""
+        data = self.records[record]
+        limited, free = (self.simulated(vector, record, acting) for acting in (self._limits(vector), {}))
+        return data.see(data.low_passed(limited - free))
 
     def _clamped(self, vector: Array, record: int) -> ComplexArray:
         """Response (O, F) of the loop to the torque that the clamps remove."""
@@ -165,11 +178,15 @@ class LimitedLikelihood(EquationLikelihood):
     def with_noise(self, vector: Array) -> Self:
         """Return the likelihood with the noise of the residuals, and the governor's speed, at a point of the search."""
         found = super().with_noise(vector)
+        if self.simulates:
+            return found
         return replace(found, governed=tuple(found._governed(vector, at) for at in range(len(self.records))))
 
     def _governed(self, vector: Array, record: int) -> Governed:
         """The model's speed, and of the residual what torque and speed share: sensors' noise is in one of them alone."""
         data, held = self.records[record], float(np.mean(np.abs(self.removed(vector, record)[0]) > HOLDS))
+        if not self.smooths:
+            return Governed(data.whole[data.outputs.index("dn")], np.ones(len(data.frequency_hz)), held)
         model = self.modelled(vector, record)
         torque = data.outputs.index(BRAKE if BRAKE in data.outputs else "dM")
         rows = [

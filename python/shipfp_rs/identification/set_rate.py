@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from shipfp_rs.identification.basins import descend, totalled
+from shipfp_rs.identification.basins import descend
 from shipfp_rs.identification.profiles import RISE, Interval
 from shipfp_rs.identification.question import Question
 from shipfp_rs.identification.ship_found import BELIEVED, ShipFit, settled
@@ -78,8 +78,14 @@ def _searched(
     def tried(rate: float) -> None:
         near = min(found, key=lambda other: abs(np.log(other / rate)), default=None)
         one = behind_ramp(fit, rate, start if near is None else found[near])
-        end = totalled(one.likelihood, one.best.vector, rounds=ROUNDS, steps=STEPS, settled=1.0, until=until)
-        known[rate], found[rate] = end.cost, end.vector
+        likelihood, end = one.likelihood, one.best
+        for _ in range(ROUNDS):
+            if not np.isfinite(end.cost):
+                break
+            likelihood = likelihood.resettled_at(end.vector)
+            end = descend(likelihood, end.vector, steps=STEPS, settled=1.0, until=until)
+        known[rate] = likelihood.total(end.vector) if np.isfinite(end.cost) else np.inf
+        found[rate] = end.vector
 
     # Slow ramps come last: each descent begins at the minimum of the next faster one.
     for rate in sorted(grid.tolist(), reverse=True):

@@ -16,6 +16,7 @@ from shipfp_rs.errors import IdentificationError
 from shipfp_rs.identification.basins import (
     best_basins,
     descend,
+    distinct,
 )
 from shipfp_rs.identification.equation_likelihood import EquationLikelihood
 from shipfp_rs.identification.first_guesses import first_guesses
@@ -25,7 +26,6 @@ from shipfp_rs.identification.sampling import Between
 from shipfp_rs.identification.ship_found import (
     DEFAULTS,
     ShipFit,
-    exchanged,
     settled,
 )
 from shipfp_rs.identification.trials import with_limits
@@ -111,9 +111,21 @@ def smooth_ship(
         straight = tuple(one.running("straight") for one in fit.likelihood.records)
         ends.append(replace(fit.likelihood, records=straight).corrected(fit.best.vector))
     likelihood = min(ends, key=lambda end: descend(end, fit.best.vector, until=until).cost)
-    points = [start for one in fit.basins for start in (one.vector, *exchanged(likelihood, one.vector))]
-    likelihood, basins, _ = best_basins(likelihood, points, until=until)
+    points = [start for one in fit.basins for start in (one.vector, *_exchanged(likelihood, one.vector))]
+    basins = distinct(likelihood, [descend(likelihood, start, until=until) for start in points])
+    if not basins:
+        raise IdentificationError("identify: the ship found is unstable")
     return settled(replace(fit, likelihood=likelihood, basins=tuple(basins)), until)
+
+
+def _exchanged(likelihood: EquationLikelihood, vector: Array) -> list[Array]:
+    """Return the point with the lags of actuator and engine exchanged: a weak slope hardly tells them apart."""
+    names = likelihood.coordinates.names
+    if not {"tau_act", "tau_eng"} <= set(names):
+        return []
+    places, other = [names.index("tau_act"), names.index("tau_eng")], vector.copy()
+    other[places] = vector[places[::-1]]
+    return [other]
 
 
 def _begun(

@@ -13,7 +13,6 @@ from shipfp_rs.identification.profiles import Interval
 from shipfp_rs.identification.question import Question
 from shipfp_rs.identification.stretches import Score
 from shipfp_rs.structures.elements import QUANTITIES
-from shipfp_rs.support.arrays import Array
 
 BELIEVED = 25.0
 """Decrease of the deviance from which a tried element counts as on. By chance, two parameters
@@ -59,13 +58,3 @@ def settled(fit: ShipFit, until: float | None) -> ShipFit:
     likelihood, best = settle(fit.likelihood, fit.best, rounds=RECORRECTED, still=STILL, until=until)
     ends = [descend(likelihood, one.vector, until=until) for one in fit.basins[1:]]
     return replace(fit, likelihood=likelihood, basins=tuple(distinct(likelihood, [best, *ends])) or (best,))
-
-
-def exchanged(likelihood: EquationLikelihood, vector: Array) -> list[Array]:
-    """Return the point with the lags of actuator and engine exchanged: a weak slope hardly tells them apart."""
-    names = likelihood.coordinates.names
-    if not {"tau_act", "tau_eng"} <= set(names):
-        return []
-    places, other = [names.index("tau_act"), names.index("tau_eng")], vector.copy()
-    other[places] = vector[places[::-1]]
-    return [other]

@@ -177,7 +177,7 @@ class Spectra:
     def with_set_point(self, set_point: Array) -> Spectra:
         """Return the spectra with another set point (N,); the other signals stay as they are."""
         kept = {name: row for name, row in self._low_passed.items() if name != "set point"}
-        return replace(self, set_point=set_point, images=None, shown=None, _delayed={}, _low_passed=kept)
+        return replace(self, set_point=set_point, _delayed={}, _low_passed=kept)
 
     @cached_property
     def down(self) -> int:

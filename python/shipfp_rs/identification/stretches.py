@@ -1,7 +1,8 @@
-"""Deviance gradients of short stretches, for tests of what a model lacks.
+"""Deviance gradients of short stretches, for intervals that allow for a wrong model and for tests of what a model lacks.
 
-A deviance is a sum over time. An effect that a model lacks is significant only if several stretches show it, not one jump
-of the set point alone. Estimates that share data are compared stretch by stretch, too.
+A deviance is a sum over time. If the model is right, its gradients in stretches of the records scatter as much as its
+curvature predicts. If the model is wrong they scatter more, and so do estimates (White 1982, doi:10.2307/1912526). An
+effect that a model lacks is significant only if several stretches show it, not one jump of the set point alone.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from scipy.fft import irfft
 
 from shipfp_rs.identification.basins import Basin
 from shipfp_rs.identification.likelihood import Likelihood, Products, turned
-from shipfp_rs.identification.profiles import Profiles
+from shipfp_rs.identification.profiles import Profiles, scaled_inverse
 from shipfp_rs.identification.spectra import Spectra
 from shipfp_rs.support.arrays import Array, ComplexArray
 
@@ -109,6 +110,32 @@ class Stretches:
         end = 1 + self._priors.shape[1]
         now = Products(float(self._gram[0, 0]), self._gram[0, 1:end], self._gram[1:end, 1:end])
         return Profiles(self.likelihood, []).covariance(Basin(now.cost, self.vector, products=now))
+
+    def widening(self, gradient: Array) -> float:
+        """Return a figure's standard deviation by the scatter of stretches over that by the curvature, at least 1."""
+        # Parameters on a bound are free here, since their true values may be inside it.
+        end = 1 + self._priors.shape[1]
+        along = scaled_inverse(self._gram[1:end, 1:end]) @ gradient
+        scatter = sum(float(moves @ moves) for moves in self._moved(along))
+        return float(np.sqrt(max(scatter / max(float(gradient @ along), 1e-300), 1.0)))
+
+    def influence(self, gradient: Array) -> tuple[Array, Array, Array]:
+        """Return the changes of a figure with this gradient that are due to stretches, systematic errors and priors.
+
+        One change for each stretch of the records (S,), each systematic error (E,) and each prior (K,); the latter two are
+        changes for one standard deviation.
+        """
+        return self._moved(self._covariance @ gradient)
+
+    def _moved(self, along: Array) -> tuple[Array, Array, Array]:
+        """Change of the parameters along a direction (P,) due to stretches, systematic errors and priors."""
+        size = len(along)
+        pairs = zip(self._white, self._smooth, strict=True)
+        errors = [
+            _products(shapes, np.tensordot(along, rows[1 : 1 + size], 1)[None])[:, 0]
+            for rows, shapes in pairs
+        ]
+        return along @ self._slopes[:size], np.sum(errors, axis=0), self._priors @ along
 
     def scores(self) -> list[Score]:
         """Return the test of each column."""

@@ -6,14 +6,13 @@ import logging
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 
-from shipfp_rs.errors import IdentificationError, InputError
+from shipfp_rs.errors import IdentificationError, InputError, SimulationError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.frequency import FrequencyResponse
-from shipfp_rs.identification.basins import Basin, Minima, best_basins, descend, distinct, totalled
+from shipfp_rs.identification.basins import Basin, Minima, best_basins, descend, distinct, settle
 from shipfp_rs.identification.coordinates import Coordinates
 from shipfp_rs.identification.equation_likelihood import EquationLikelihood
 from shipfp_rs.identification.first_guesses import LoopSpectra, guesses_from, guesses_in_open_loop
@@ -130,7 +129,17 @@ def _sharpened(likelihood: Fitted, basins: Sequence[Basin], until: float | None)
     return [descend(likelihood, one.vector, steps=STEPS, settled=settled, until=until) for one in basins]
 
 
-_settled = partial(totalled, rounds=ROUNDS, still=STILL, least=UNMOVED, settled=SETTLED)
+def _settled(likelihood: Fitted, vector: Array, *, until: float | None) -> Basin:
+    """Return the minimum under the noise of its own residuals; the cost is the total deviance."""
+    start = Basin(np.inf, vector, False)
+    try:
+        likelihood = likelihood.settled_at(vector)
+    except (SimulationError, np.linalg.LinAlgError):
+        return start
+    likelihood, end = settle(
+        likelihood, start, rounds=ROUNDS, still=STILL, least=UNMOVED, settled=SETTLED, until=until
+    )
+    return Basin(likelihood.total(end.vector), end.vector, end.settled)
 
 
 def likelihood_of(

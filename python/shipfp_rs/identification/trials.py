@@ -7,22 +7,21 @@ the noise estimated from its own residuals.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 
-from shipfp_rs.errors import IdentificationError
-from shipfp_rs.identification.basins import Basin, totalled
+from shipfp_rs.errors import IdentificationError, SimulationError
+from shipfp_rs.identification.basins import Basin, descend, distinct
 from shipfp_rs.identification.engine_tests import engine_tests, lacks_something, limits_to_try, touched
 from shipfp_rs.identification.equation_likelihood import EquationLikelihood
 from shipfp_rs.identification.first_guesses import guesses_by_bandwidth
 from shipfp_rs.identification.limited_likelihood import LimitedLikelihood
 from shipfp_rs.identification.question import TRIED
 from shipfp_rs.identification.set_rate import Search, with_set_rate
-from shipfp_rs.identification.ship_found import BELIEVED, DEFAULTS, ShipFit, exchanged, settled
+from shipfp_rs.identification.ship_found import BELIEVED, DEFAULTS, ShipFit, settled
 from shipfp_rs.structures.elements import ELEMENTS
 from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.progress import tell
@@ -44,6 +43,8 @@ less torque than the engine gives while the shaft accelerates."""
 STEEP, RATES = 0.99, (0.6, 1.0, 1.6, 2.5)
 """Quantile of the torque's slope, and factors on it at which limits of the rate are tried: a gauge shows slopes down to 0.4
 times the rack's, noise steeper ones."""
+REDIVIDED, REFINED = 3, 4
+"""Most rounds of redistributed delays, and number of minima in each that are refined."""
 GAINS = (1.0, 2.0, 4.0)
 """Factors of the governor's gains in starts with a limited rate: a fit without the limit underestimates them."""
 
@@ -92,11 +93,51 @@ def with_limits(fit: ShipFit, given: Sequence[str], search: Search, until: float
             break
         fit = min(found, key=lambda one: one.total)
         fit = replace(fit, scores=engine_tests(fit))
-    if fit.is_smooth:
-        return fit
-    starts = exchanged(fit.likelihood, fit.best.vector)
-    others = [settled(replace(fit, basins=(Basin(np.inf, one),)), until) for one in starts]
-    return min((fit, *(one for one in others if np.isfinite(one.best.cost))), key=lambda one: one.total)
+    return fit if fit.is_smooth else _with_other_delays(fit, until)
+
+
+def _with_other_delays(fit: ShipFit, until: float | None) -> ShipFit:
+    """Return the likeliest fit after descents with the total delay redistributed among dead times and lag.
+
+    The data determine the total better than each delay, and the fit without limits has adapted its delays to the limit.
+    """
+    c = fit.likelihood.coordinates
+    for _ in range(REDIVIDED if {"T_d", "T_set", "tau_act"} <= set(c.free) else 0):
+        states = c.states_at(fit.best.vector)
+        starts = [c.vector({**fit.values, **one}, states) for one in _redivided(fit.values)]
+        jobs = [
+            partial(descend, fit.likelihood, one, steps=STEPS, settled=STILL, until=until) for one in starts
+        ]
+        ends = distinct(fit.likelihood, [fit.best, *fit.likelihood.each(jobs)])[:REFINED]
+        tried = [settled(replace(fit, basins=(end,)), until) for end in ends if end is not fit.best]
+        best = min((fit, *tried), key=lambda one: one.total)
+        if best.total > fit.total - STILL:
+            break
+        fit = best
+    return fit
+
+
+def _redivided(values: Mapping[str, float]) -> list[dict[str, float]]:
+    """Starts with the total delay redistributed, some with another lead of the governor."""
+    dead, late, lag = (values[name] for name in ("T_d", "T_set", "tau_act"))
+    inside, lead = dead + lag, values["vK_p"] / values["vK_i"]
+    less = lag - 0.5 * min(lead, lag)
+    # Loop's and set point's dead time, lag, and a shift of lead and lag together.
+    ways = [
+        (late, dead, lag, 0.0),
+        (inside, late, 0.0, 0.0),
+        (0.3 * inside, late, 0.7 * inside, 0.0),
+        (0.0, late, inside, 0.0),
+        (inside + late, 0.0, 0.0, 0.0),
+        (0.0, inside + late, 0.0, 0.0),
+        (0.0, late + dead, less, less - lag),
+        (dead, late, lag + lead, lead),
+    ]
+    return [
+        {name: max(delay, 3e-3) for name, delay in zip(("T_d", "T_set", "tau_act"), delays, strict=True)}
+        | {"vK_p": values["vK_i"] * (lead + shift)}
+        for *delays, shift in ways
+    ]
 
 
 def _limited(fit: ShipFit, element: str, until: float | None, *, surely: bool = False) -> ShipFit | None:
@@ -112,21 +153,48 @@ def _limited(fit: ShipFit, element: str, until: float | None, *, surely: bool = 
     if not np.isfinite(best.cost) or not (surely or (best.cost < fit.total and inside)):
         return None
     assert isinstance(likelihood, LimitedLikelihood)
-    found = replace(fit, elements=(*fit.elements, element), likelihood=likelihood)
-    found = settled(replace(found, basins=(Basin(np.inf, best.vector),)), until)
-    return found if np.isfinite(found.best.cost) else None
+    # Clamps on noisy signals find the limit; in calm water simulations are more exact.
+    ways = (likelihood, replace(likelihood, smooths=True), replace(likelihood, simulates=True, governed=()))
+    found, ends = replace(fit, elements=(*fit.elements, element)), []
+    for way in ways:
+        end = _by_own_noise(way, best.vector, ROUNDS, until)
+        if np.isfinite(end.cost):
+            own = way.resettled_at(end.vector)
+            ends.append(settled(replace(found, likelihood=own, basins=(end,)), until))
+    return min(ends, key=lambda one: one.total, default=None)
 
 
 def _lowest(likelihood: EquationLikelihood, vectors: Sequence[Array], until: float | None) -> Basin:
     """Return the minimum of least total from several starts: the best `KEPT` descend for a round, the best two continue."""
-    quick: dict[str, Any] = {"steps": STEPS, "settled": STILL, "until": until}
-    begun = sorted(vectors, key=likelihood.total)[:KEPT]
-    ends = likelihood.each([partial(totalled, likelihood, start, rounds=1, **quick) for start in begun])
+    begun = sorted(vectors, key=partial(_total, likelihood))[:KEPT]
+    ends = likelihood.each([partial(_by_own_noise, likelihood, start, 1, until) for start in begun])
     ends = sorted(ends, key=lambda end: end.cost)[:2]
-    ends = likelihood.each(
-        [partial(totalled, likelihood, end.vector, rounds=ROUNDS, **quick) for end in ends]
-    )
+    ends = likelihood.each([partial(_by_own_noise, likelihood, end.vector, ROUNDS, until) for end in ends])
     return min(ends, key=lambda end: end.cost)
+
+
+def _total(likelihood: EquationLikelihood, vector: Array) -> float:
+    """Total deviance at a point of the search, with corrections and noise estimated at that point."""
+    try:
+        return likelihood.resettled_at(vector).own_total(vector)
+    except (SimulationError, np.linalg.LinAlgError):
+        return np.inf
+
+
+def _by_own_noise(likelihood: EquationLikelihood, start: Array, rounds: int, until: float | None) -> Basin:
+    """Descend repeatedly, each round with the noise of the previous minimum; the cost is the total deviance."""
+    end = Basin(np.inf, start, False)
+    for _ in range(rounds):
+        try:
+            own = likelihood.resettled_at(end.vector)
+        except (SimulationError, np.linalg.LinAlgError):
+            break
+        found = descend(own, end.vector, steps=STEPS, settled=STILL, until=until).vector
+        total = _total(likelihood, found)
+        if not total < end.cost - STILL:
+            break
+        end = Basin(total, found)
+    return end
 
 
 def _starts(
