@@ -19,7 +19,7 @@ from shipfp_rs.identification.estimate import with_interval
 from shipfp_rs.identification.fingerprint import Estimate, Fingerprint
 from shipfp_rs.identification.identifiability import gradient_of
 from shipfp_rs.structures.elements import LATE_CHANNELS
-from shipfp_rs.structures.linearised import StateSpace, loop_of, open_loop, require_linear, state_space
+from shipfp_rs.structures.linearised import StateSpace, loop_of, require_linear, state_space
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.support.arguments import checked
 from shipfp_rs.support.arrays import DEVIATIONS_95, Array, ComplexArray, Values
@@ -209,11 +209,9 @@ class _Loop:
         poles = np.linalg.eigvals(state_space(self.structure, inside, PADE).A).astype(np.complex128)
         poles = poles[np.argsort(-poles.real)][:SLOWEST]
         for _ in range(20):
-            step = 1e-6 * np.maximum(np.abs(poles), 1e-3)
-            asked = np.concatenate([poles, poles + step, poles - step])
             with np.errstate(over="ignore", invalid="ignore"):  # far poles do not converge and are left out
-                value, above, below = np.split(self.equations.characteristic(known, asked), 3)
-                moved = value * 2.0 * step / (above - below)
+                value, slope = self.equations.characteristic(known, poles)
+                moved = value / slope
             poles = poles - moved
         # For a root of the approximation without a nearby exact pole, the iteration does not converge.
         poles = poles[np.abs(moved) < SETTLED * np.abs(poles)]
@@ -226,12 +224,12 @@ class _Loop:
 
     def at(self, frequency_hz: float) -> complex:
         """The open loop at a frequency."""
-        return complex(open_loop(self.structure, self.values, [frequency_hz])[0])
+        return complex(self.equations.open_loop(self.known, 2j * np.pi * np.array([frequency_hz]))[0])
 
     @cached_property
     def searched(self) -> ComplexArray:
         """The open loop at `SEARCHED_HZ`."""
-        return open_loop(self.structure, self.values, SEARCHED_HZ)
+        return self.equations.open_loop(self.known, 2j * np.pi * SEARCHED_HZ)
 
     @cached_property
     def phase(self) -> Array:

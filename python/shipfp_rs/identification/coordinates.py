@@ -13,14 +13,16 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 
+from shipfp_rs.structures.dual import Parameters
 from shipfp_rs.structures.elements import ABSENT, QUANTITIES
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.structures.ties import Ties, followed
-from shipfp_rs.support.arrays import Array, Values
+from shipfp_rs.structures.transfer import loop_parameters
+from shipfp_rs.support.arrays import Array
 
 Figure = Callable[[Mapping[str, float]], float]
 """A quantity as a function of the parameters."""
@@ -308,13 +310,12 @@ def wall_rows(c: Coordinates, values: Mapping[str, float], by: Array) -> list[Ar
     return rows
 
 
-def loop_of(values: Values) -> dict[str, float]:
+def loop_of(values: Parameters) -> dict[str, Any]:
     """Return the parameters of transfer functions from those of the two equations.
 
     There p includes the damping, gains exclude v where it is known, and the dead time excludes half of a sampling period.
     """
-    found = {**values, "p": values["p"] + values.get("damping", 0.0)}
-    found["T_d"] = values.get("T_d", 0.0) - 0.5 * values.get("T_s", 0.0)
+    found = loop_parameters(values, mean_sampling=True)
     for gain in ("vK_p", "vK_i", "vK_d"):
         if "v" in found and gain in found:
             found[gain[1:]] = found.pop(gain) / found["v"]

@@ -28,6 +28,7 @@ from shipfp_rs.identification.likelihood import (
 )
 from shipfp_rs.identification.moving_water import BAND, Water, water_of
 from shipfp_rs.identification.spectra import LATE, Spectra
+from shipfp_rs.structures.dual import varied
 from shipfp_rs.structures.elements import QUANTITIES
 from shipfp_rs.structures.ship import BRAKE_SCALE, CommandedEquations, observed, stepper_parameters
 from shipfp_rs.structures.ship import INDEX as SHIP_INDEX
@@ -52,12 +53,6 @@ UNKNOWNS = {
 only to parts in a thousand. Set point and speed therefore differ by an offset, and the torque is scaled by another mean
 than the load's."""
 
-
-MOVED_BY_WATER = (
-    *("tau_n", "tau_prop", "g", "vK_p", "vK_i", "vK_d", "v"),
-    *("T_d", "T_s", "tau_act", "T_f", "tau_eng", "tau_twist", "zeta_twist"),
-)
-"""Parameters that change the ratio of torque to speed in moving water."""
 Asked = tuple[Array, Array, float, list[tuple[Array, float]], list[int], bool, bool]
 """Arguments that the kernel's functions share."""
 STEP = 1e-4
@@ -468,16 +463,13 @@ class EquationLikelihood(Likelihood):
         """Torque over speed (F,) in moving water, as measured, and its derivatives by kernel parameters, (W, F)."""
         values = self.values_of(vector, record)
         own = dict(zip(self.unknowns, vector[self.coordinates.states(record)], strict=True))
-        inside = [name for name in names if name in MOVED_BY_WATER]
         loop = TransferFunctions(self.records[record].outputs, self.gauge, self.place)
-        ratio, told = loop.torque_over_speed(loop_of(values), s, [*inside, "T_d"])
+        ratio, slopes = loop.torque_over_speed(loop_of(varied(values, names)), s, names)
         late = np.exp(s * (values.get("T_n", 0.0) - values.get("T_M", 0.0)))
         late *= 1.0 + own.get("torque scale", 0.0)
-        slopes = np.zeros((len(names), len(s)), dtype=np.complex128)
-        slopes[[names.index(name) for name in inside]] = told[:-1]
-        for name, by in (("T_M", -s * ratio), ("T_n", s * ratio), ("s_M", ratio), ("T_s", -0.5 * told[-1])):
+        for name, by in (("T_M", -s * ratio), ("T_n", s * ratio), ("s_M", ratio)):
             if name in names:
-                slopes[names.index(name)] += by
+                slopes[names.index(name)] = by
         return ratio * late, slopes * late
 
     def with_noise(self, vector: Array) -> Self:

@@ -236,7 +236,7 @@ class LimitedLikelihood(EquationLikelihood):
         for index, (record, one) in enumerate(zip(self.records, self.governed, strict=True)):
             s = 1j * np.maximum(2.0 * np.pi * record.frequency_hz[1:], SLOWEST)
             loop = TransferFunctions(record.outputs, self.gauge, self.place)
-            back = loop.return_difference(loop_of(self.values_of(vector, index)), s) - 1.0
+            back = loop.open_loop(loop_of(self.values_of(vector, index)), s)
             found += 4.0 * one.held * float(np.sum(np.log(np.abs(1.0 + back * one.wet[1:]))))
         return float(np.sqrt(max(found, 0.0)))
 

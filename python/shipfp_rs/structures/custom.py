@@ -45,11 +45,8 @@ class MatrixEquations(StateSpaceEquations):
         """The outputs are linear in the initial states."""
         return self.states
 
-    def models(self, values: Values, names: Names) -> list[Model]:
-        """Return one model for each name, with its derivative by this parameter.
-
-        Without names, one model without derivative.
-        """
+    def model(self, values: Values, names: Names) -> Model:
+        """Return the model with its derivatives by `names`; without names, along a first axis of length 1."""
         moved = [p for p in self.parameters if p.name in names]
         matrices = self._matrices(values)
         states = [f"initial x{index + 1}" for index in range(len(matrices[0]))]
@@ -62,13 +59,11 @@ class MatrixEquations(StateSpaceEquations):
 
         slopes = by_part(self.differences, at, *_about(values, moved)) if moved else []
         by = {p.name: parts for p, parts in zip(moved, slopes, strict=True)}
-        models = []
-        for name in names or [""]:
-            slope = by.get(name, [np.zeros_like(part) for part in matrices])
-            A, B, C, D = (part + 1j * STEP * d for part, d in zip(matrices, slope, strict=True))
-            unit = np.array([state == name for state in states])
-            models.append(Model(A, B, C, D, start + 1j * STEP * unit, np.zeros(1)))
-        return models
+        none = [np.zeros_like(part) for part in matrices]
+        own = zip(*(by.get(name, none) for name in names or [""]), strict=True)
+        A, B, C, D = (part + 1j * STEP * np.array(slope) for part, slope in zip(matrices, own, strict=True))
+        unit = np.array([[state == name for state in states] for name in names or [""]])
+        return Model(A, B, C, D, start + 1j * STEP * unit, np.zeros((len(A), 1)))
 
     def _matrices(self, values: Values) -> list[npt.NDArray[Any]]:
         own = {p.name: values[p.name] for p in self.parameters}

@@ -13,11 +13,12 @@ from scipy.interpolate import CubicSpline
 from shipfp_rs import _core
 from shipfp_rs.errors import InputError, SimulationError
 from shipfp_rs.experiments.experiment import Experiment, Hold
+from shipfp_rs.structures.dual import varied
 from shipfp_rs.structures.elements import QUANTITIES, chosen
 from shipfp_rs.structures.equations import Equations
 from shipfp_rs.structures.parameter import BRAKE, Torque, require_outputs, signals_of
 from shipfp_rs.structures.state_space import LinearEquations
-from shipfp_rs.structures.transfer import Place, TransferFunctions
+from shipfp_rs.structures.transfer import Place, TransferFunctions, loop_parameters
 from shipfp_rs.support.arrays import Array, ComplexArray, Names, Values
 from shipfp_rs.support.derivatives import interpolated
 
@@ -198,16 +199,8 @@ class ShipEquations(Equations):
     ) -> tuple[ComplexArray, ComplexArray]:
         """Return the response (O, F) of the linearisation and its derivatives by `names`, shape (W, O, F)."""
         place: Place = "propeller" if self.propeller_speed else "engine"
-        linear = TransferFunctions(self.outputs, self.gauge, place)
-        damping = values.get("damping", 0.0)
-        known = {**values, "p": values["p"] + damping}
-        asked = ["p" if name == "damping" else name for name in names]
-        if not (self.mean_sampling and values.get("T_s")):
-            return linear.response(known, frequency_hz, asked)
-        known["T_d"] = known.get("T_d", 0.0) - 0.5 * known["T_s"]
-        found, slopes = linear.response(known, frequency_hz, [*asked, "T_d"])
-        slopes[[name == "T_s" for name in names] + [False]] -= 0.5 * slopes[-1]
-        return found, slopes[:-1]
+        q = loop_parameters(varied(values, names), mean_sampling=self.mean_sampling)
+        return TransferFunctions(self.outputs, self.gauge, place).response(q, frequency_hz, names)
 
 
 KIND = "commanded"
@@ -270,29 +263,15 @@ class CommandedEquations(ShipEquations):
         self, values: Values, frequency_hz: Array, names: Names
     ) -> tuple[ComplexArray, ComplexArray]:
         """Return the response (O, F) to the command and its derivatives by `names`, shape (W, O, F)."""
-        s = 2j * np.pi * np.asarray(frequency_hz)
-        own, inertia = values["p"] + values.get("damping", 0.0), "tau_prop" if self.gauge else "tau_n"
-        lag, late = values.get("tau_act", 0.0), values.get("T_d", 0.0)
-        speed = 1.0 / (values["tau_n"] * s + own - values["g"])
-        outputs = {"dn": values["v"] * np.exp(-s * late) / (1.0 + s * lag) * speed}
-        torque = np.exp(-s * values.get("T_M", 0.0)) * outputs["dn"]
-        outputs["dM"] = torque * (own + values[inertia] * s)
-        by: dict[str, Any] = {
-            "v": 1.0 / values["v"], "tau_n": -s * speed, "p": -speed, "damping": -speed, "g": speed,
-            "T_d": -s, "tau_act": -s / (1.0 + s * lag),
-        }  # fmt: skip
-        of_torque: dict[str, Any] = {
-            "p": torque,
-            "damping": torque,
-            inertia: s * torque,
-            "T_M": -s * outputs["dM"],
-        }
-        found = np.array([outputs[output] for output in self.outputs])
-        slopes = np.zeros((len(names), *found.shape), dtype=complex)
-        for row, name in zip(slopes, names, strict=True):
-            for place, output in enumerate(self.outputs):
-                row[place] = by.get(name, 0.0) * outputs[output]
-                row[place] += of_torque.get(name, 0.0) if output == "dM" else 0.0
+        q = loop_parameters(varied(values, names), mean_sampling=False)
+        linear = TransferFunctions(self.outputs, self.gauge, "engine", governed=False)
+        found, slopes = linear.response(q, frequency_hz, names)
+        if "dM" in self.outputs:
+            s, place = 2j * np.pi * np.asarray(frequency_hz), self.outputs.index("dM")
+            late = np.exp(-s * values.get("T_M", 0.0))
+            found[place] *= late
+            slopes[:, place] *= late
+            slopes[[name == "T_M" for name in names], place] = -s * found[place]
         return found, slopes
 
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from abc import abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -12,8 +14,9 @@ import numpy.typing as npt
 from shipfp_rs import _core
 from shipfp_rs.errors import InputError, SimulationError
 from shipfp_rs.experiments.experiment import Experiment
+from shipfp_rs.structures.dual import Parameters
 from shipfp_rs.structures.equations import Equations
-from shipfp_rs.structures.transfer import SLOWEST
+from shipfp_rs.structures.transfer import TransferFunctions, commanded, driven
 from shipfp_rs.support.arrays import Array, ComplexArray, Names, Values
 
 STEP = 1e-30
@@ -29,9 +32,10 @@ DEGREE = 14
 
 
 class Model(NamedTuple):
-    """Matrices of x' = A x + B u, y = C x + D u and the initial x; imaginary parts are derivatives times `STEP`.
+    """Matrices of x' = A x + B u, y = C x + D u and the initial x, each with a first axis of W parameters.
 
-    The inputs u (J,) are one signal with the delays `late` (J,) [s].
+    Imaginary parts are derivatives by the parameter times `STEP`. The inputs u (J,) are one signal with the delays `late`
+    (W, J) [s].
     """
 
     A: npt.NDArray[Any]
@@ -46,11 +50,8 @@ class StateSpaceEquations(Equations):
     """Equations given by a model that depends on the parameters."""
 
     @abstractmethod
-    def models(self, values: Values, names: Names) -> list[Model]:
-        """Return one model for each name, with its derivative by this parameter.
-
-        Without names, one model without derivative.
-        """
+    def model(self, values: Values, names: Names) -> Model:
+        """Return the model with its derivatives by `names`; without names, along a first axis of length 1."""
 
     def simulate(self, values: Values, experiment: Experiment) -> Array:
         """Return the normalised outputs, shape (O, N)."""
@@ -58,7 +59,7 @@ class StateSpaceEquations(Equations):
 
     def sensitivities(self, values: Values, experiment: Experiment, names: Names) -> tuple[Array, Array]:
         """Return the outputs (O, N) and their derivatives by `names`, shape (W, O, N)."""
-        model = _together(self.models(values, names), values)
+        model = _finite(self.model(values, names), values)
         dt = 1.0 / experiment.rate_hz
         # Overflow is detected here.
         with np.errstate(all="ignore"):
@@ -74,7 +75,7 @@ class StateSpaceEquations(Equations):
         self, values: Values, frequency_hz: Array, names: Names
     ) -> tuple[ComplexArray, ComplexArray]:
         """Return the response (O, F) and its derivatives by `names`, shape (W, O, F)."""
-        A, B, C, D = (_parted(part, len(names)) for part in _together(self.models(values, names), values)[:4])
+        A, B, C, D = (_parted(part, len(names)) for part in _finite(self.model(values, names), values)[:4])
         resolvent = 2j * np.pi * frequency_hz[:, None, None] * np.eye(len(A[0])) - A[0]
         try:
             states = np.linalg.solve(resolvent, B[0])[..., 0]
@@ -92,13 +93,11 @@ class StateSpaceEquations(Equations):
         return np.ascontiguousarray(found.T), np.ascontiguousarray(slopes.swapaxes(1, 2))
 
 
-def _together(models: list[Model], values: Values) -> Model:
-    """Stack models along a first axis of their arrays."""
-    together = Model(*(np.array(parts) for parts in zip(*models, strict=True)))
-    for name, part in zip(Model._fields, together, strict=True):
+def _finite(model: Model, values: Values) -> Model:
+    for name, part in zip(Model._fields, model, strict=True):
         if not np.isfinite(part).all():
             raise SimulationError(f"matrices: {name} is not finite with {listed(values)}")
-    return together
+    return model
 
 
 def listed(values: Values) -> str:
@@ -183,26 +182,139 @@ def _exponential(matrices: npt.NDArray[Any]) -> npt.NDArray[Any]:
     return found
 
 
+LEAST_S = 1e-8
+"""Time constants and dead times [s] below this are none: their poles would be too fast for double precision."""
+STATES, INPUTS = 64, 3
+Form = npt.NDArray[Any]
+"""Signal as a linear combination: coefficients of `STATES` states, then of `INPUTS` inputs."""
+
+
+class Wiring:
+    """Elements in state space: signals are linear combinations of states and inputs, and each element adds its states.
+
+    Dead times are Pade approximations [order - 1 / order], without direct feedthrough, in the orthonormal states of the
+    Legendre delay network (Voelker and Eliasmith 2018, DOI 10.1162/neco_a_01046). With a delay `late` of the input, all
+    delays of the input are exact. The first states begin at `start`.
+    """
+
+    def __init__(self, order: int, start: Sequence[Any] = (), late: Any = None) -> None:
+        self.exact, self.late = late is not None, [0.0 if late is None else late]
+        self.start = [*start]
+        self.rates: list[Form] = []
+        self.unit = np.eye(STATES + INPUTS)
+        self.input = self.unit[STATES]
+        self.within, self.into, self.norm = _delay_network(order)
+
+    def state(self, start: Any = 0.0) -> Form:
+        """Return a new state; its rate of change is to be set."""
+        self.rates.append(self.input)
+        self.start += [start] * (len(self.rates) > len(self.start))
+        return np.asarray(self.unit[len(self.rates) - 1])
+
+    def integrated(self, signal: Form) -> Form:
+        """Return the integral of a signal."""
+        state = self.state()
+        self.rates[-1] = signal
+        return state
+
+    def lagged(self, signal: Form, time_constant: Any) -> Form:
+        """Return a signal filtered by 1 / (1 + time_constant s)."""
+        if _none(time_constant):
+            return signal
+        state = self.state()
+        self.rates[-1] = (signal - state) / time_constant
+        return state
+
+    def delayed(self, signal: Form, dead_time: Any, period: Any = 0.0) -> Form:
+        """Return a signal that is late by `dead_time`; sampling and holding it delays it by half a period."""
+        late = dead_time + 0.5 * period
+        if _none(late):
+            return signal
+        direct = np.zeros_like(signal)
+        if self.exact:
+            direct[..., STATES + len(self.late)] = signal[..., STATES]
+            self.late.append(self.late[0] + late)
+            signal = np.where(np.arange(STATES + INPUTS) < STATES, signal, 0.0)
+        late = late + max(LEAST_S - np.max(np.real(late)), 0.0)
+        held = sum(signal[..., [place]] * one for place, one in enumerate(self.start))
+        states = np.array([self.state(start) for start in (held, *[0.0] * (len(self.norm) - 1))])
+        for place, rate in enumerate(self.within @ states, -len(states)):
+            self.rates[place] = (rate + self.into[place] * signal) / late
+        return np.asarray(direct + self.norm @ states)
+
+    def model(self, outputs: Sequence[Form], count: int = 1) -> Model:
+        """Return the state space with these outputs and a first axis of length `count`."""
+
+        def stacked(rows: Sequence[Any]) -> npt.NDArray[Any]:
+            return np.stack(np.broadcast_arrays(*rows, np.zeros((count, 1)))[:-1], axis=1)
+
+        rates, seen = stacked(self.rates), stacked(outputs)
+        states, inputs = slice(len(self.rates)), slice(STATES, STATES + len(self.late))
+        A, B, C, D = (part[..., own] for part in (rates, seen) for own in (states, inputs))
+        return Model(A, B, C, D, stacked(self.start)[..., 0], stacked(self.late)[..., 0])
+
+
+def _none(time: Any) -> bool:
+    if isinstance(time, np.ndarray):
+        return bool(time.real.max() < LEAST_S and not time.imag.any())
+    return bool(time < LEAST_S)
+
+
+@cache
+def _delay_network(order: int) -> tuple[Array, Array, Array]:
+    """Matrices of the Legendre delay network: T x' = within x + into u, y = norm x."""
+    orders = np.arange(order)
+    norm = np.sqrt(2.0 * orders + 1.0)
+    signs = np.where(orders[:, None] < orders, -1.0, (-1.0) ** (orders[:, None] - orders + 1))
+    return np.outer(norm, norm) * signs, (-1.0) ** orders * norm, norm
+
+
+def wired(
+    q: Parameters, wiring: Wiring, *, gauge: bool = False, propeller_speed: bool = False
+) -> dict[str, Form]:
+    """Return the outputs of the drive train and the governor's command, all as late as their sensors.
+
+    With a stiff shaft tau_n dn/dt = M_b - p n and M_g = p n + tau_prop dn/dt. With a flexible shaft, the engine's side
+    is (tau_n - tau_prop) dn_e/dt = M_b - M_g, the shaft M_g = M_k + zeta_twist (n_e - n_s) with
+    tau_twist dM_k/dt = n_e - n_s, and the propeller's side tau_prop dn_s/dt = M_g - p n_s.
+    """
+    set_point = wiring.input if wiring.exact else wiring.delayed(wiring.input, q.get("T_set", 0.0))
+    n_e = propeller = wiring.state()
+    integral, command = commanded(q, wiring, n_e, set_point)
+    rack, brake = driven(q, wiring, n_e, command)
+    tau_n, tau_prop = q["tau_n"], q.get("tau_prop", 0.0)
+    if q.get("tau_twist"):
+        propeller = wiring.state()
+        slip = n_e - propeller
+        shaft = wiring.integrated(slip / q["tau_twist"]) + q.get("zeta_twist", 0.0) * slip
+        wiring.rates[-2] = (shaft - q["p"] * propeller) / tau_prop
+        wiring.rates[0] = (brake - shaft) / (tau_n - tau_prop)
+    else:
+        wiring.rates[0] = (brake - q["p"] * n_e) / tau_n
+        shaft = q["p"] * n_e + tau_prop * wiring.rates[0]
+    return {
+        "dn": wiring.delayed(propeller if propeller_speed else n_e, q.get("T_n", 0.0)),
+        "dM": wiring.delayed(shaft if gauge else brake, q.get("T_M", 0.0)),
+        "dM_b": wiring.delayed(brake, q.get("T_B", 0.0)),
+        "dE": integral,
+        "dX": rack,
+        "command": command,
+    }
+
+
 ORDER = 6
 """States of the loop's delay, a [5/6] Pade approximation with an error of 2.4e-6 at omega T_d = 3."""
-SHORTEST = 1e-8
-"""Dead time of the loop [s] up to which a first-order expansion is used, with an error below 1e-12."""
-# Orthonormal states of the delay (Legendre delay network, Voelker and Eliasmith 2018, DOI 10.1162/neco_a_01046).
-_ORDERS = np.arange(ORDER)
-_NORM = np.sqrt(2.0 * _ORDERS + 1.0)
-_INTO = (-1.0) ** _ORDERS * _NORM
-_WITHIN = np.outer(_NORM, _NORM) * np.where(
-    _ORDERS[:, None] < _ORDERS, -1.0, (-1.0) ** (_ORDERS[:, None] - _ORDERS + 1)
-)
 
 
 @dataclass(frozen=True)
 class LinearEquations(StateSpaceEquations):
     """Linear structure with dead times, eq. 3.31, 3.35 and 3.38 generalised; see `Structure.linear`.
 
-    u1 is the set point delayed by T_set, u2 is u1 delayed by T_d, and y is z = vK_i E - vK_p n delayed by T_d:
+    The governor's command K_p (u1 - n) + K_i E is delayed by T_d, and u1 is the set point delayed by T_set:
 
-        tau_n n' = -(p - g) n + vK_p u2 + y        E' = u1 - n
+        tau_n n' = -(p - g) n + v command(t - T_d)        E' = u1 - n
+
+    In time, the rack dX is the command; in the frequency response it is delayed by T_d, too.
     """
 
     outputs: tuple[str, ...]
@@ -210,100 +322,23 @@ class LinearEquations(StateSpaceEquations):
     states: tuple[str, ...] = ("initial dn", "initial dE")
     linear_in: tuple[str, ...] = ("initial dn", "initial dE")
 
-    def models(self, values: Values, names: Names) -> list[Model]:
-        """Return the model with its derivative by each name, or without derivative if there are no names."""
-        order = 2 + ORDER * (values.get("T_d", 0.0) > SHORTEST)
-        moved: list[Any] = [{**values, name: values.get(name, 0.0) + 1j * STEP} for name in names] or [values]
-        return [self._model(one, order) for one in moved]
-
-    @staticmethod
-    def _parameters(q: Any) -> tuple[Any, ...]:
-        """Return tau_n, p, v, K_p and K_i; without v, the last two are the products vK_p and vK_i, and v is 1."""
-        gains = (q.get(name, q.get(f"v{name}", 0.0)) for name in ("K_p", "K_i"))
-        return q["tau_n"], q["p"], q.get("v", 1.0), *gains
-
-    def _model(self, q: Any, order: int) -> Model:
-        tau_n, p, v, K_p, K_i = self._parameters(q)
-        n, E = (q.get(state, 0.0) for state in self.states)
-        T_d, T_set = q.get("T_d", 0.0), q.get("T_set", 0.0)
-        a, b, c = (p - q["g"]) / tau_n, v * K_p / tau_n, v * K_i / tau_n
-        rows, inputs = len(self.outputs), 2 + (order == 2 and "T_d" in q)
-        A, B, C, D = (
-            np.zeros(shape, dtype=np.complex128)
-            for shape in ((order, order), (order, inputs), (rows, order), (rows, inputs))
-        )
-        start = np.zeros(order, dtype=np.complex128)
-        A[1, 0], B[1, 0], start[:2] = -1.0, 1.0, (n, E)
-        if order > 2:
-            A[0, 0], A[0, 2:], B[0, 1] = -a, _NORM, b
-            A[2:, 2:], A[2:, 0], A[2:, 1] = _WITHIN / T_d, -b / T_d * _INTO, c / T_d * _INTO
-            start[2] = c * E - b * n
-        else:
-            A[0, :2], B[0, 1] = (-a - b, c), b
-            if inputs > 2:
-                # y = z - T_d z' to first order, with z' = c (u1 - n) - b n' just before a step.
-                A[0], B[0, 2] = A[0] * (1.0 + T_d * b), T_d * (b * b - c)
-                A[0, 0] += T_d * c
-        for row, (output, of_states) in enumerate(zip(self.outputs, C, strict=True)):
-            if output == "dM":
-                inertia = q.get("tau_prop", 0.0) if self.gauge else tau_n
-                of_states[:] = inertia * A[0]
-                of_states[0] += p
-                D[row] = inertia * B[0]
-            elif output == "dX":
-                of_states[:2], D[row, 0] = (-K_p, K_i), K_p
-            else:
-                of_states[("dn", "dE").index(output)] = 1.0
-        return Model(A, B, C, D, start, np.array([T_set, T_set + T_d, T_set + SHORTEST][:inputs]))
-
-    def sensitivities(self, values: Values, experiment: Experiment, names: Names) -> tuple[Array, Array]:
-        """Return the outputs (O, N) and their derivatives by `names`, shape (W, O, N)."""
-        found, slopes = super().sensitivities(values, experiment, names)
-        if "T_d" in names and "dM" in self.outputs:
-            # The record starts from rest, so its first sample does not depend on the dead time.
-            slopes[names.index("T_d"), self.outputs.index("dM"), 0] = 0.0
-        return found, slopes
+    def model(self, values: Values, names: Names) -> Model:
+        """Return the model with its derivatives by `names`; without names, along a first axis of length 1."""
+        q = {
+            own: values.get(own, 0.0) + 1j * STEP * np.array([[name == own] for name in names or [""]])
+            for own in {*values, *names}
+        }
+        wiring = Wiring(ORDER, [q.get(state, 0.0) for state in self.states], q.get("T_set", 0.0))
+        rows = wired(q, wiring, gauge=self.gauge)
+        rows["dX"] = rows["command"]
+        return wiring.model([rows[output] for output in self.outputs], len(names) or 1)
 
     def stable(self, values: Values) -> bool:
         """Whether the closed loop is stable: exact without T_d, else with the [5/6] Pade approximation of T_d."""
-        (model,) = self.models(values, ())
-        return bool(np.linalg.eigvals(model.A.real).real.max() < 0.0)
+        return bool(np.linalg.eigvals(self.model(values, ()).A[0].real).real.max() < 0.0)
 
     def response(
         self, values: Values, frequency_hz: Array, names: Names
     ) -> tuple[ComplexArray, ComplexArray]:
         """Return the response (O, F) and its derivatives by `names`, shape (W, O, F), with exact dead times."""
-        tau_n, p, v, K_p, K_i = self._parameters(values)
-        s = 1j * np.maximum(2.0 * np.pi * frequency_hz, SLOWEST)
-        inertia, inertia_name = (values.get("tau_prop", 0.0), "tau_prop") if self.gauge else (tau_n, "tau_n")
-        delay, late = np.exp(-s * values.get("T_set", 0.0)), np.exp(-s * values.get("T_d", 0.0))
-        governor = (K_p + K_i / s) * late
-        closed = tau_n * s + p - values["g"] + v * governor
-        speed = v * governor * delay / closed
-        error = delay - speed
-        load = p + inertia * s
-        found = {"dn": speed, "dM": load * speed, "dE": error / s, "dX": governor * error}
-        by_governor = {"K_p": late, "K_i": late / s, "T_d": -s * governor}
-        by_closed: dict[str, Any] = {"tau_n": s, "p": 1.0, "g": -1.0}
-        by_load: dict[str, Any] = {"p": 1.0, inertia_name: s}
-        slopes = np.zeros((len(names), len(self.outputs), len(s)), dtype=np.complex128)
-        for slope, name in zip(slopes, names, strict=True):
-            dgovernor = by_governor.get(name.removeprefix("v"), 0.0)
-            dspeed: Any = 0.0
-            if name in by_closed:
-                dspeed = -by_closed[name] / closed * speed
-            elif name == "v":
-                dspeed = governor / closed * error
-            elif name == "T_set":
-                dspeed = -s * speed
-            elif name.removeprefix("v") in by_governor:
-                dspeed = v * dgovernor / closed * error
-            derror = -s * delay - dspeed if name == "T_set" else -dspeed
-            for row, output in zip(slope, self.outputs, strict=True):
-                if output == "dn":
-                    row[:] = dspeed
-                elif output == "dM":
-                    row[:] = load * dspeed + by_load.get(name, 0.0) * speed
-                else:
-                    row[:] = derror / s if output == "dE" else dgovernor * error + governor * derror
-        return np.array([found[output] for output in self.outputs]), slopes
+        return TransferFunctions(self.outputs, self.gauge, "engine").response(values, frequency_hz, names)

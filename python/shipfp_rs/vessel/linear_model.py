@@ -6,7 +6,7 @@ import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, get_args
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -14,7 +14,7 @@ from scipy import signal
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.support.arguments import check_fields, checked
-from shipfp_rs.support.arrays import Array, ComplexArray
+from shipfp_rs.support.arrays import ComplexArray
 from shipfp_rs.support.derivatives import COMPLEX_STEP
 from shipfp_rs.vessel.drive_train import PLANT_PARAMETERS, drive_train
 from shipfp_rs.vessel.steady_state import OperatingPoint, steady_state
@@ -27,6 +27,8 @@ Output = Literal["dn", "dE", "dM_b", "dM_g", "dX"]
 
 SIGNALS: Mapping[Output, str] = {"dn": "n_e", "dE": "E_n", "dM_b": "M_b", "dM_g": "M_g", "dX": "X_f"}
 """Signal of each output."""
+S = np.poly1d([1.0, 0.0])
+"""Laplace variable."""
 
 
 @dataclass(frozen=True)
@@ -74,18 +76,20 @@ class LinearModel:
     def poles(self) -> ComplexArray:
         """Poles of the closed loop [rad/s], shape (2,)."""
         self._require_no_dead_time()
-        return np.roots(self._denominator()).astype(np.complex128)
+        return np.asarray(self._parts(S)[1].roots, dtype=np.complex128)
 
     @checked
     def dc_gain(self, output: Output) -> float:
         """Static gain from the set point to `output`: dn 1, dE (p - g)/(v K_i), torques p (Table 3.4)."""
-        return float(self._numerator(output)[-1] / self._denominator()[-1])
+        numerators, denominator = self._parts(0.0)
+        return float(numerators[output] / denominator)
 
     @checked
     def high_frequency_gain(self, output: Output) -> float:
         """Gain from the set point to `output` at high frequency: v K_p for the brake torque (eq. 3.40)."""
-        numerator, denominator = self._numerator(output), self._denominator()
-        return float(numerator[0] / denominator[0]) if len(numerator) == len(denominator) else 0.0
+        numerators, denominator = self._parts(S)
+        proper = numerators[output].order == denominator.order
+        return float(numerators[output].coef[0] / denominator.coef[0]) if proper else 0.0
 
     @checked
     def transfer_function(self, output: Output) -> signal.TransferFunction:
@@ -97,7 +101,8 @@ class LinearModel:
             If the model has a dead time, which is not a rational function of s; use `response` instead.
         """
         self._require_no_dead_time()
-        return signal.TransferFunction(self._numerator(output), self._denominator())
+        numerators, denominator = self._parts(S)
+        return signal.TransferFunction(numerators[output].coef, denominator.coef)
 
     @checked
     def state_space(self, outputs: Sequence[Output] = ("dn", "dM_b")) -> signal.StateSpace:
@@ -111,23 +116,14 @@ class LinearModel:
         self._require_no_dead_time()
         if len(outputs) == 0:
             raise InputError(f"outputs is empty, expected at least one of {', '.join(get_args(Output))}")
-        A = (
-            np.array([[self.g - self.p - self.v * self.K_p, self.v * self.K_i], [-self.tau_n, 0.0]])
-            / self.tau_n
-        )
-        B = np.array([[self.v * self.K_p / self.tau_n], [1.0]])
-        rack = np.array([-self.K_p, self.K_i, self.K_p])
-        speed = np.array([1.0, 0.0, 0.0])
-        acceleration = np.hstack([A[0], B[0]])
-        rows = {
-            "dn": speed,
-            "dE": np.array([0.0, 1.0, 0.0]),
-            "dM_b": self.g * speed + self.v * rack,
-            "dM_g": self.p * speed + self.tau_prop * acceleration,
-            "dX": rack,
-        }
-        CD = np.array([rows[output] for output in outputs])
-        return signal.StateSpace(A, B, CD[:, :2], CD[:, 2:])
+        dn, dE, dn_set = np.eye(3)
+        dX = self.K_p * (dn_set - dn) + self.K_i * dE
+        dM_b = self.g * dn + self.v * dX
+        rate = (dM_b - self.p * dn) / self.tau_n
+        dM_g = self.p * dn + self.tau_prop * rate
+        rows = {"dn": dn, "dE": dE, "dM_b": dM_b, "dM_g": dM_g, "dX": dX}
+        AB, CD = np.array([rate, dn_set - dn]), np.array([rows[output] for output in outputs])
+        return signal.StateSpace(AB[:, :2], AB[:, 2:], CD[:, :2], CD[:, 2:])
 
     @checked
     def response(
@@ -154,22 +150,12 @@ class LinearModel:
                 f"frequency_hz[{bad[0]}]: found {frequency[bad[0]]}, expected a finite frequency of 0 Hz or more"
             )
         s = 2j * np.pi * frequency
-        shaft = self.tau_n * s + self.p - self.g
-        # The equations are multiplied by s: no division by s at 0 Hz.
-        rack = (self.K_p * s + self.K_i) * np.exp(-s * self.T_d)
         with np.errstate(all="ignore"):
-            common = np.exp(-s * self.T_set) / (s * shaft + self.v * rack)
+            numerators, denominator = self._parts(s, np.exp(-s * self.T_d))
+            common = np.exp(-s * self.T_set) / denominator
         if not np.isfinite(common).all():
             raise InputError("frequency_hz: at 0 Hz the response needs v K_i other than 0")
-        speed = self.v * rack * common
-        rows = {
-            "dn": speed,
-            "dE": shaft * common,
-            "dM_b": (self.p + self.tau_n * s) * speed,
-            "dM_g": (self.p + self.tau_prop * s) * speed,
-            "dX": rack * shaft * common,
-        }
-        return np.array([rows[output] for output in outputs], dtype=np.complex128)
+        return np.array([numerators[output] * common for output in outputs], dtype=np.complex128)
 
     @checked
     def frequency_response(
@@ -198,20 +184,17 @@ class LinearModel:
         signals = {SIGNALS[output]: curve for output, curve in zip(outputs, curves, strict=True)}
         return FrequencyResponse(name, frequency, signals, provenance={"source": "linear model"})
 
-    def _denominator(self) -> Array:
-        return np.array([self.tau_n, self.p - self.g + self.v * self.K_p, self.v * self.K_i])
-
-    def _numerator(self, output: Output) -> Array:
-        governor = np.array([self.K_p, self.K_i])
-        shaft = np.array([self.tau_n, self.p - self.g])
-        numerators = {
-            "dn": self.v * governor,
+    def _parts(self, s: Any, late: Any = 1.0) -> tuple[dict[Output, Any], Any]:
+        """Numerators of the transfer functions and their denominator at `s`, numbers or `S`, both multiplied by s."""
+        governor, shaft = (self.K_p * s + self.K_i) * late, self.tau_n * s + (self.p - self.g)
+        speed = self.v * governor
+        return {
+            "dn": speed,
             "dE": shaft,
-            "dM_b": np.polymul(self.v * governor, [self.tau_n, self.p]),
-            "dM_g": np.polymul(self.v * governor, [self.tau_prop, self.p]),
-            "dX": np.polymul(governor, shaft),
-        }
-        return numerators[output]
+            "dM_b": (self.tau_n * s + self.p) * speed,
+            "dM_g": (self.tau_prop * s + self.p) * speed,
+            "dX": governor * shaft,
+        }, s * shaft + speed
 
     def _require_no_dead_time(self) -> None:
         if self.T_d or self.T_set:
