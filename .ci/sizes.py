@@ -43,9 +43,9 @@ BUDGETS = {
     "python/shipfp_rs/runs": 423,
     "python/shipfp_rs/signals": 880,
     "python/shipfp_rs/simulation": 914,
-    "python/shipfp_rs/frequency": 1133,
+    "python/shipfp_rs/frequency": 1131,
     "python/shipfp_rs/plot": 888,
-    "python": 51592,
+    "python": 51590,
     "rust/src": 11071,
     "tests": 39290,
 }

@@ -16,6 +16,7 @@ from shipfp_rs.assessment.closed_loop import structure_of
 from shipfp_rs.errors import InputError, SimulationError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.frequency import FrequencyResponse
+from shipfp_rs.frequency.spectra import UNKNOWN_AMPLITUDE, UNKNOWN_PHASE
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.identification.first_guesses import ENGINE_SIDE, operating_point, scaled
 from shipfp_rs.structures.structure import Structure
@@ -270,8 +271,7 @@ def response_with_deviation(
 
     response, _ = structure.equations.response(fingerprint.optimum, frequency, ())
     amplitude, phase = _deviation(fingerprint, structure, seen)
-    # Beyond these an amplitude, and a phase, is entirely unknown.
-    amplitude, phase = np.minimum(amplitude, 1.0), np.minimum(phase, np.pi / np.sqrt(3.0))
+    amplitude, phase = np.minimum(amplitude, UNKNOWN_AMPLITUDE), np.minimum(phase, UNKNOWN_PHASE)
     return FrequencyResponse(
         structure.name,
         frequency,

@@ -267,6 +267,8 @@ def _student(variance: float, freedom: float) -> float:
 
 FREQUENCY = "frequency_hz"
 _PARTS = ("amplitude_std", "phase_std", "coherence")
+UNKNOWN_AMPLITUDE, UNKNOWN_PHASE = 1.0, math.pi / math.sqrt(3.0)
+"""Standard deviations, relative and in rad, of an amplitude and a phase of which nothing is known."""
 MOST_TURNS = 4.0
 """Number of turns (phase / 2 pi) above which a fitted phase is assumed to be in degrees."""
 
@@ -345,12 +347,8 @@ class FrequencyResponse(Tabular):
                         f"response {self.name!r}: {attribute} of {key!r} must be positive, found {np.min(values)}"
                     )
         for attribute, most, slip in (
-            ("amplitude_std", 1.0, "percent for a fraction"),
-            (
-                "phase_std",
-                math.pi / math.sqrt(3.0),
-                "degrees for radians",
-            ),  # standard deviation of a completely unknown phase
+            ("amplitude_std", UNKNOWN_AMPLITUDE, "percent for a fraction"),
+            ("phase_std", UNKNOWN_PHASE, "degrees for radians"),
         ):
             for key, values in getattr(self, attribute).items():
                 if len(values) > 1 and values.min() > most:

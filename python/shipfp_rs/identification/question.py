@@ -301,7 +301,7 @@ def question_of(
     if loaded:
         elements["load"] = True
         if not set_point_moves(experiments):
-            # Torque over speed alone has one lag and one dead time.
+            # Torque over speed alone has one dead time.
             elements = {"dead_time_set_point": False} | elements
     for name, element in ELEMENTS.items():
         if elements.get(name, element.always):
