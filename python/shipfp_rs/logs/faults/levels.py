@@ -65,7 +65,7 @@ class HumScan:
         """Stretches of whole blocks with hum of at least this amplitude, shape (K, 2)."""
         whole = len(self._rest) // self.block * self.block
         parts = np.concatenate([*self._parts, self._waves(self._rest[:whole].reshape(-1, self.block))])
-        if not len(parts):
+        if not np.isfinite(parts).any():
             return np.empty((0, 2), dtype=np.int64)
         amplitude = np.hypot(parts[:, :3], parts[:, 3:])
         hum, sides = amplitude[:, 0], amplitude[:, 1:].mean(axis=1)
