@@ -145,7 +145,7 @@ class PulseTrain:
             fault(
                 "faint",
                 Sentence(
-                    "masked: lower than {height} and uneven, shorter than a sample, or none",
+                    "no clear pulses, masked: lower than {height} at uneven intervals, shorter than a sample, or absent",
                     height=f"{self.pulses[label].limit:.3g}",
                 ),
                 *faint.T,
