@@ -24,15 +24,15 @@ RUST_FUNCTION = re.compile(r"^( *)(?:pub(?:\([a-z]+\))? )?(?:const )?(?:unsafe )
 
 BUDGETS = {
     "constants": 235,
-    "python/shipfp_rs/identification": 10061,
+    "python/shipfp_rs/identification": 10209,
     "python/shipfp_rs/structures": 2979,
     "python/shipfp_rs/logs": 8050,
     "python/shipfp_rs/tacho": 1799,
     "python/shipfp_rs/processing": 4633,
     "python/shipfp_rs/inspection": 931,
     "python/shipfp_rs/experiments": 576,
-    "python/shipfp_rs/assessment": 2257,
-    "python/shipfp_rs/report": 2385,
+    "python/shipfp_rs/assessment": 2275,
+    "python/shipfp_rs/report": 2394,
     "python/shipfp_rs/reproduce": 1826,
     "python/shipfp_rs/view": 2185,
     "python/shipfp_rs/sweeps": 1878,
@@ -45,9 +45,9 @@ BUDGETS = {
     "python/shipfp_rs/simulation": 914,
     "python/shipfp_rs/frequency": 1131,
     "python/shipfp_rs/plot": 888,
-    "python": 51590,
+    "python": 51765,
     "rust/src": 11071,
-    "tests": 39290,
+    "tests": 39340,
 }
 """Most lines of each room, and most numeric constants of identification and structures. A commit that earns it lowers a
 number; none is raised without a word in the commit's text."""

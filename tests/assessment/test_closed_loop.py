@@ -187,6 +187,7 @@ def test_the_ship_with_a_lag_and_a_twist_has_its_margins_and_recovers_as_it_is_s
         adequate={},
         parameters={},
         derived={},
+        behind_meter={},
         identifiability=SimpleNamespace(null_space=()),
         covariance={"names": [], "matrix": []},
     )

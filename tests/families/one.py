@@ -63,13 +63,14 @@ def main() -> None:
 
 
 def identified(experiment, truth, figures=False) -> dict:
-    """Let the package identify arrays; with `truth`, the elements that are on are given; `figures` of the loop, too."""
+    """Let the package identify arrays or experiments; with `truth`, the elements that are on are given; `figures`: the
+    loop's, too."""
     import shipfp_rs as fp
 
     began, worked = time.perf_counter(), time.process_time()
     answer, error, loop = None, None, None
     try:
-        data = fp.Experiment(**experiment)
+        data = fp.Experiment(**experiment) if isinstance(experiment, dict) else experiment
         found = fp.identify(data) if truth is None else fp.identify(data, true_structure(fp, truth))
         answer = found.to_dict()
         loop = loop_told(found) if figures else None

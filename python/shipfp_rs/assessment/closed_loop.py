@@ -18,6 +18,7 @@ from shipfp_rs.frequency import FrequencyResponse
 from shipfp_rs.identification.estimate import with_interval
 from shipfp_rs.identification.fingerprint import Estimate, Fingerprint
 from shipfp_rs.identification.identifiability import gradient_of
+from shipfp_rs.identification.whole_ship import whole_ship
 from shipfp_rs.structures.elements import LATE_CHANNELS
 from shipfp_rs.structures.linearised import StateSpace, loop_of, require_linear, state_space
 from shipfp_rs.structures.structure import Structure
@@ -108,7 +109,8 @@ def closed_loop(fingerprint: Fingerprint, structure: Structure | None = None) ->
     Parameters
     ----------
     fingerprint
-        Fingerprint of a linear structure: that of the ship or of a vessel's plant.
+        Fingerprint of a linear structure: that of the ship or of a vessel's plant. Where the model ends at a torque meter
+        the figures are those of the whole ship, if the load behind the meter is known, else those of the drive alone.
     structure
         Structure of the fingerprint; None rebuilds it.
 
@@ -141,6 +143,8 @@ def closed_loop(fingerprint: Fingerprint, structure: Structure | None = None) ->
     >>> found["phase margin"].unit
     'deg'
     """
+    if fingerprint.behind_meter:
+        fingerprint, structure = whole_ship(fingerprint), None
     structure = structure or structure_of(fingerprint)
     require_linear(structure)
     values = dict(fingerprint.optimum)

@@ -18,7 +18,14 @@ from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.frequency import FrequencyResponse
 from shipfp_rs.frequency.spectra import UNKNOWN_AMPLITUDE, UNKNOWN_PHASE
 from shipfp_rs.identification.fingerprint import Fingerprint
-from shipfp_rs.identification.first_guesses import ENGINE_SIDE, operating_point, scaled
+from shipfp_rs.identification.first_guesses import (
+    BEFORE_METER,
+    ENGINE_SIDE,
+    INERTIAS,
+    operating_point,
+    scaled,
+)
+from shipfp_rs.identification.whole_ship import whole_ship
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.structures.ties import true_values
 from shipfp_rs.support.arguments import checked
@@ -61,7 +68,8 @@ def in_si(fingerprint: Fingerprint, vessel: Vessel) -> dict[str, dict[str, Any]]
     -------
     dict
         {"value", "std", "ci95", "unit"} of each quantity; undetermined parameters have none. Inertias are referred to the
-        propeller shaft, gains act on the engine's speed in rpm, the torque limit is that of the engine.
+        propeller shaft, gains act on the engine's speed in rpm, the torque limit is that of the engine. Where the model ends
+        at a torque meter "inertia_before_meter" is the inertia up to it, and "inertia" the whole ship's, if that is known.
 
     Notes
     -----
@@ -80,12 +88,18 @@ def in_si(fingerprint: Fingerprint, vessel: Vessel) -> dict[str, dict[str, Any]]
         "Nm/(rpm s)": slope,
         "Nm": abs(shaft_torque) / vessel.torque_ratio,
     }
-    known = {name: one for name, one in fingerprint.parameters.items() if one.value is not None}
-    return {
-        quantity: scaled(known[name], factors.get(unit, 1.0), unit)
-        for name, (quantity, unit) in QUANTITIES.items()
-        if name in known
-    }
+    found: dict[str, dict[str, Any]] = {}
+    for one in (fingerprint, whole_ship(fingerprint)):
+        left_out = INERTIAS if one.ends_at_meter else {}
+        known = {name: row for name, row in one.parameters.items() if row.value is not None}
+        found |= {
+            quantity: scaled(known[name], factors.get(unit, 1.0), unit)
+            for name, (quantity, unit) in QUANTITIES.items()
+            if name in known and name not in left_out
+        }
+        if one.ends_at_meter and "tau_n" in known:
+            found[BEFORE_METER["tau_n"]] = scaled(known["tau_n"], factors["kg m2"], "kg m2")
+    return found
 
 
 def doubts(fingerprint: Fingerprint, vessel: Vessel) -> list[str]:

@@ -68,6 +68,9 @@ class Fingerprint(FingerprintTables, FingerprintSimulation):
     load_side
         Name to estimate of the load from speed and torque alone, without a model of drive and governor, see `load_side`;
         empty if speed and torque determine nothing.
+    behind_meter
+        "p", "c_2" and "tau_prop" of the load behind the meter of a shaft's torque, where the model ends at such a meter and
+        the set point moves; see `whole_ship`. Relative to the torque before the meter.
     usable, usability
         What the fingerprint can be used for, in the verdict's first sentence, and in a word: "usable", "usable except" (the
         parameters or intervals in the sentence) or "not usable"; empty where unknown, as for frequency responses.

@@ -112,6 +112,7 @@ class Content:
     )
     adequate: Annotated[Mapping[str, Any], Shape(Adequate)] = field(default_factory=dict)
     load_side: Mapping[str, Estimate] = field(default_factory=dict)
+    behind_meter: Mapping[str, Estimate] = field(default_factory=dict)
     usable: Text = ""
     usability: Usable = ""
     why_not: WhyNot = ""
@@ -159,7 +160,7 @@ OF_A_SEARCH = ("optimum", "criterion", "converged", "message", "minima")
 
 def require_agreement(found: Content) -> None:
     """Raise `InputError`, with a line about one key, where parts of a fingerprint contradict each other."""
-    for key in ("parameters", "derived", "load_side"):
+    for key in ("parameters", "derived", "load_side", "behind_meter"):
         for name, one in getattr(found, key).items():
             _require_estimate(f"{key}.{name}", one.value, one.std, one.ci95)
     for name, row in found.si.items():

@@ -24,6 +24,8 @@ ENGINE_SIDE = "M_b"
 LEAST_RPM = 5.0
 """Least operating speed in rpm; lower ones are normalised speeds."""
 INERTIAS: Mapping[str, str] = {"tau_n": "inertia", "tau_prop": "propeller_inertia"}
+BEFORE_METER: Mapping[str, str] = {"tau_n": "inertia_before_meter"}
+"""Names in SI units of the inertias, and of that of a model that ends at a torque meter."""
 
 
 def inertias(fingerprint: Fingerprint) -> dict[str, dict[str, Any]]:
@@ -36,7 +38,8 @@ def inertias(fingerprint: Fingerprint) -> dict[str, dict[str, Any]]:
         if point is None or abs(point[0]) < LEAST_RPM or (point[2] == ENGINE_SIDE) != (speed == "n_e"):
             continue
         factor = abs(point[1] / (2.0 * math.pi * point[0] / 60.0))
-        known = {quantity: fingerprint.parameters.get(name) for name, quantity in INERTIAS.items()}
+        names = BEFORE_METER if fingerprint.ends_at_meter else INERTIAS
+        known = {quantity: fingerprint.parameters.get(name) for name, quantity in names.items()}
         return {
             quantity: scaled(estimate, factor, "kg m2") | {"seen_from": place}
             for quantity, estimate in known.items()

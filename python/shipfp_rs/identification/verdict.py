@@ -265,8 +265,11 @@ TO_THE_METER = Sentence(
 )
 AT_THE_METER = Sentence(
     "The load is all the torque of a shaft, so the model ends at its meter: tau_n is the inertia before it, and gains, "
-    "margins and steps are those of the drive without its load. If the set point moves, the same record tells the "
-    "whole ship with this channel as the shaft's torque instead of a load."
+    "margins and steps are those of the drive without its load. A record whose set point moves tells the whole ship."
+)
+BEHIND_THE_METER = Sentence(
+    "The load is all the torque of a shaft, so the model ends at its meter: tau_n is the inertia before it. By speed and "
+    "this torque alone, what lies behind it has {load}; the loop's figures are those of the whole ship."
 )
 NO_TORQUE = Sentence(
     "A torque of the load acts with a gain k_L of 1, but {shown} was found: is the channel a torque? A pitch, a current or "

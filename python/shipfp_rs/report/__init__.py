@@ -22,6 +22,7 @@ from shipfp_rs.frequency import FrequencyResponse
 from shipfp_rs.identification.automatic import FULL_SHIP
 from shipfp_rs.identification.estimate import rounded_rows
 from shipfp_rs.identification.fingerprint import Fingerprint
+from shipfp_rs.identification.whole_ship import whole_ship
 from shipfp_rs.plot.frequency import windows
 from shipfp_rs.plot.traces import units
 from shipfp_rs.report import answer, fate, findings, loop, markup, operating
@@ -139,8 +140,11 @@ def render(
     say = Say(language)
     pictures = Pictures(say)
     figures = loop.figures(fingerprint, structure)
+    whole = whole_ship(fingerprint)
     if fingerprint.engine_described:
-        beside = loop.step_response(fingerprint, structure, figures, pictures, say)
+        beside = loop.step_response(
+            whole, structure if whole is fingerprint else None, figures, pictures, say
+        )
     else:  # gains are refused: the picture says why
         beside = operating.beyond(fingerprint, pictures, say)
     top = facts(fingerprint, experiments, vessel, say)

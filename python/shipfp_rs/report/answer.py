@@ -25,6 +25,7 @@ from shipfp_rs.identification.estimate import (
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.identification.first_guesses import operating_point
 from shipfp_rs.identification.ship_found import BELIEVED
+from shipfp_rs.identification.whole_ship import whole_ship
 from shipfp_rs.identification.wording import DOUBT
 from shipfp_rs.plot.style import COLOURS, LABELS, dress, envelope
 from shipfp_rs.report.markup import Say, piece
@@ -93,10 +94,12 @@ def answer(
     )
     # If the search found no minimum, there are no results to show, not even for the model.
     told = fingerprint.why_not != "no minimum"
-    tables = [piece("facts", heading, [*top, *ship_rows(fingerprint, say)], failed)] if told else []
+    tables = (
+        [piece("facts", heading, [*top, *ship_rows(whole_ship(fingerprint), say)], failed)] if told else []
+    )
     # The loop is omitted for a failed fit: a reader would take the model's loop for the ship's.
     if loop and not failed:
-        rows = loop_rows(loop, say, of_ship=not fingerprint.ends_at_meter)
+        rows = loop_rows(loop, say, of_ship=not whole_ship(fingerprint).ends_at_meter)
         tables.append(piece("facts", say("What it means for the speed loop"), rows, False))
     drawn = [_picture(experiments, simulated, pictures, say), "" if failed else beside]
     if not fingerprint.engine_described:  # why gains are refused stands first

@@ -13,6 +13,7 @@ from shipfp_rs.identification.estimate import Estimate, Row, rounded_rows
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.identification.fingerprint_tables import agreement, beside_the_whole
 from shipfp_rs.identification.first_guesses import ENGINE_SIDE, operating_point
+from shipfp_rs.identification.whole_ship import whole_ship
 from shipfp_rs.plot.style import BLUE, GREY, ORANGE, dress
 from shipfp_rs.report.answer import interval, short_name
 from shipfp_rs.report.loop import scaled
@@ -65,13 +66,14 @@ def facts(
     if fingerprint.why_not:
         return rows
     by_vessel = any("seen_from" not in row for row in fingerprint.si.values())
+    known = whole_ship(fingerprint).parameters
     for name in ("tau_n", "tau_prop"):
-        estimate = fingerprint.parameters.get(name)
+        estimate = known.get(name)
         if estimate is None or estimate.value is None or not ratio or by_vessel:
             continue
         inertia = scaled(estimate, abs(torque_Nm / turning), "kg m2")
         rows.append(_fact(short_name(name, say), inertia, say("seen from the torque's place"), say))
-    whole = fingerprint.parameters.get("tau_n")
+    whole = known.get("tau_n")
     if whole is not None and whole.value is not None and feeds_a_generator(fingerprint, experiments, vessel):
         name = say("inertia constant")
         rows.append(
