@@ -24,7 +24,7 @@ RUST_FUNCTION = re.compile(r"^( *)(?:pub(?:\([a-z]+\))? )?(?:const )?(?:unsafe )
 
 BUDGETS = {
     "constants": 235,
-    "python/shipfp_rs/identification": 10209,
+    "python/shipfp_rs/identification": 10121,
     "python/shipfp_rs/structures": 2979,
     "python/shipfp_rs/logs": 8050,
     "python/shipfp_rs/tacho": 1799,
@@ -45,9 +45,9 @@ BUDGETS = {
     "python/shipfp_rs/simulation": 914,
     "python/shipfp_rs/frequency": 1131,
     "python/shipfp_rs/plot": 888,
-    "python": 51765,
+    "python": 51677,
     "rust/src": 11071,
-    "tests": 39340,
+    "tests": 39288,
 }
 """Most lines of each room, and most numeric constants of identification and structures. A commit that earns it lowers a
 number; none is raised without a word in the commit's text."""

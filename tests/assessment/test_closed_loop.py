@@ -177,9 +177,11 @@ def test_a_structure_without_poles_is_refused(launch: Fingerprint) -> None:
         closed_loop(launch, box)
 
 
-def test_the_ship_with_a_lag_and_a_twist_has_its_margins_and_recovers_as_it_is_simulated() -> None:
-    ship = Structure.ship(["dead_time_loop", "actuator_lag"], torque="gauge")
-    values = {parameter.name: parameter.start for parameter in ship.parameters} | {"T_d": 0.04}
+@pytest.mark.parametrize("late_s", [0.0, 0.15])
+def test_the_ship_with_a_lag_has_its_margins_and_recovers_as_it_is_simulated(late_s: float) -> None:
+    ship = Structure.ship(["dead_time_loop", "actuator_lag", "dead_time_set_point"], torque="gauge")
+    values = {parameter.name: parameter.start for parameter in ship.parameters}
+    values |= {"T_d": 0.04, "T_set": late_s}
     made = SimpleNamespace(
         engine_described=True,
         optimum=values,

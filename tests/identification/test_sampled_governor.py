@@ -5,9 +5,6 @@ from dataclasses import replace
 import numpy as np
 
 import shipfp_rs as fp
-from shipfp_rs.identification import automatic
-from shipfp_rs.identification.question import question_of
-from shipfp_rs.identification.ship_fit import fit_ship
 from tests.identification.parity import BETWEEN_S, Case, simulated
 
 NAMES = ("tau_n", "g", "vK_p", "vK_i", "p", "T_d", "T_set")
@@ -32,21 +29,6 @@ def test_steps_that_keep_the_clocks_time_bias_no_gain():
     for name in NAMES:
         low, high = found.parameters[name].ci95
         assert low <= truth[name] <= high, name
-
-
-def test_of_ends_as_likely_one_is_told_that_the_loads_side_has(monkeypatch):
-    _, experiment = recorded({"tau_act": 0.05}, "chirp")
-    fit = fit_ship(question_of([experiment]))
-    both = replace(fit, basins=(fit.best, fit.best))
-    known = automatic.undescribed
-    monkeypatch.setattr(
-        automatic, "undescribed", lambda one, *rest: "sides" if one is both else known(one, *rest)
-    )
-    found, _, kind = automatic._described(both)
-    assert kind is None
-    assert len(found.basins) == 1
-    monkeypatch.setattr(automatic, "undescribed", lambda *_: "gain")
-    assert automatic._described(both)[2] == "gain"
 
 
 def test_a_soft_shaft_of_a_small_ship_biases_no_load():

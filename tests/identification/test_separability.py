@@ -60,7 +60,7 @@ def assert_products_only(found: Fingerprint, truth: dict[str, float]) -> None:
         estimate = found.derived[name]
         assert abs(estimate.value - truth["v"] * truth[name[1:]]) < 4 * estimate.std
     assert set(GAINS) <= set(found.identifiability.closes_gap)
-    assert any(line.startswith("Known only together: ") and "vK_p" in line for line in found.verdict)
+    assert any(line.startswith("Known together: ") and "vK_p" in line for line in found.verdict)
 
 
 def test_speed_and_torque_tell_the_products_alone():

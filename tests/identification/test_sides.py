@@ -6,12 +6,6 @@ import numpy as np
 import pytest
 
 import shipfp_rs as fp
-from shipfp_rs.identification.coordinates import Itself
-from shipfp_rs.identification.profiles import scaled_inverse
-from shipfp_rs.identification.question import question_of
-from shipfp_rs.identification.ship_fit import fit_ship
-from shipfp_rs.identification.sides import _deviation_apart
-from shipfp_rs.identification.stretches import Stretches
 from tests.families import other_governors
 from tests.families.draw import draw
 from tests.identification.parity import Case, simulated
@@ -55,21 +49,6 @@ def test_a_smooth_ship_has_both_sides_and_they_agree():
     alone, whole = found.load_side["p"], found.parameters["p"]
     assert set(found.adequate["engine_curves"]) == {"error", "slope"}
     assert abs(alone.value - whole.value) < 3.5 * (alone.std**2 + whole.std**2) ** 0.5
-
-
-def test_both_estimates_share_data_so_that_their_difference_varies_by_less():
-    ship = other_governors.draw("dead_band", 150000)
-    experiment = fp.Experiment(**ship.experiment())
-    fit = fit_ship(question_of([experiment], torque=ship.truth()["place"]))
-    c, vector = fit.likelihood.coordinates, fit.best.vector
-    gradient, stretches = c.gradient(Itself("p"), vector), Stretches(fit.likelihood, vector)
-    parts = stretches.influence(gradient)
-    covariance = scaled_inverse(fit.likelihood.products(vector).matrix)
-    whole = np.sqrt(gradient @ covariance @ gradient)
-    # Stretches, smooth errors and priors together make what the curvature says.
-    assert np.sqrt(sum(part @ part for part in parts)) == pytest.approx(whole, rel=0.5)
-    apart = _deviation_apart(fit, fit.side, "p", gradient, stretches)
-    assert 0.2 < apart / np.hypot(whole, fit.side.parameters["p"].std) < 0.8
 
 
 def smooth(ship):

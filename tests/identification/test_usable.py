@@ -9,9 +9,9 @@ import pytest
 
 import shipfp_rs as fp
 from shipfp_rs.assessment.si import doubts, in_si
+from shipfp_rs.identification.adequacy import LARGE_MISS_PCT, LEAST_EXPLAINED_PCT, misses_of, stands
 from shipfp_rs.identification.fingerprint import Estimate, Fingerprint, Identifiability
 from shipfp_rs.identification.stretches import Score
-from shipfp_rs.identification.usability import LARGE_MISS_PCT, LEAST_EXPLAINED_PCT, judged, misses_of
 from shipfp_rs.identification.verdict import element_rows, with_verdict
 from shipfp_rs.identification.wording import missed
 from shipfp_rs.structures.ties import true_values
@@ -191,13 +191,15 @@ def test_a_given_structure_is_judged_too(found) -> None:
     fit = {"dn": tested, "dM": tested, "overall": {"structure_p": 1e-9}}
 
     def told(fit) -> Fingerprint:
-        return judged(replace(found, fit=fit, adequate={}), misses_of(fit, 5000), tested=True)
+        misses = misses_of(fit, 5000)
+        adequate = {"stands": stands(misses, fit["overall"]["structure_p"]), "misses_pct": misses}
+        return with_verdict(replace(found, fit=fit, adequate=adequate))
 
     bent = told(fit)
     assert bent.usable == NOT_FOR_TUNING + (
         "its intervals hold for the model, not for the drive train, of whose response the model misses 4.4 %."
     )
     assert (bent.usability, bent.adequate["stands"]) == ("usable except", False)
-    assert bent.verdict == (bent.usable, *found.verdict)
+    assert bent.verdict[0] == bent.usable
     assert told({**fit, "overall": {"structure_p": 0.3}}).usability == "usable"
     assert told({**fit, "dn": {**tested, "nrmse_pct": 60.0}}).why_not == "misfit"

@@ -14,8 +14,7 @@ from shipfp_rs.assessment.si import in_si
 from shipfp_rs.identification.estimate import Estimate, Identifiability, rounded_rows
 from shipfp_rs.identification.first_guesses import operating_point
 from shipfp_rs.identification.input_checks import doubts
-from shipfp_rs.identification.usability import MISSES, usability
-from shipfp_rs.identification.verdict import BENT
+from shipfp_rs.identification.usability import BENT, MISSES, Case, usability
 from shipfp_rs.identification.wording import rank
 from shipfp_rs.report import render
 from shipfp_rs.report.answer import interval, loop_rows, open_questions, ship_rows
@@ -122,11 +121,7 @@ def test_what_stands_in_the_way_is_told_in_the_order_in_which_one_looks(found) -
     order = ["(tau_prop)", "(T_d)", "(tau_n)", "(vK_p)"]
     assert sorted(order, key=line.index) == order
     known = {"p": Estimate(2.0, 0.01, (1.98, 2.02))}
-    told = usability(
-        replace(
-            missing, parameters={**missing.parameters, **known}, adequate={"stands": True, "misses_pct": {}}
-        )
-    )
+    told = usability(Case(replace(missing, parameters={**missing.parameters, **known})))
     assert "do not determine tau_prop, T_d, tau_n and vK_p, for " in told.sentence
 
 

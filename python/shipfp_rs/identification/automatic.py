@@ -9,6 +9,7 @@ from typing import Any, Literal
 import numpy as np
 
 from shipfp_rs.experiments.experiment import Experiment
+from shipfp_rs.identification.adequacy import explained_pct, misses_pct, stands, strain
 from shipfp_rs.identification.basins import Basin, descend
 from shipfp_rs.identification.coordinates import WITHOUT_EFFECT, Figure
 from shipfp_rs.identification.engine_tests import engine_curves
@@ -44,7 +45,6 @@ from shipfp_rs.identification.sides import covariance_of, load_alone, undescribe
 from shipfp_rs.identification.stretches import Stretches
 from shipfp_rs.identification.structure_estimates import fitted, of_structure
 from shipfp_rs.identification.structure_fit import StructureFit, likelihood_of
-from shipfp_rs.identification.usability import SMALL_MISS_PCT, explained_pct, misses_pct, strain
 from shipfp_rs.identification.verdict import element_rows, with_verdict
 from shipfp_rs.structures.elements import ELEMENTS, QUANTITIES
 from shipfp_rs.structures.parameter import Parameter
@@ -95,7 +95,8 @@ def answered(
 ) -> Fingerprint:
     """Return the fingerprint of a fitted ship."""
     question = fit.question
-    fit, (missed, rows), kind = _described(fit)
+    missed, rows = _missed(fit)
+    kind = undescribed(fit, missed, [min(row) for row in rows])
     before, values, c = fit, fit.values, fit.likelihood.coordinates
     gains = ("K_p", "K_i") if "v" in c.free else ()
     names = [name for name in c.names if name not in NUISANCES]
@@ -156,29 +157,12 @@ def _adequate(fit: ShipFit, misses: Mapping[str, float], kind: str | None) -> di
         limits = {"limit": {**told, **fit.likelihood.effect(fit.best.vector)}}
     return {
         **limits,
-        "stands": max(misses.values()) <= SMALL_MISS_PCT,
+        "stands": stands(misses),
         "misses_pct": misses,
         "sides": {"load": fit.side is not None or not kind, "engine": not kind},
         "engine": {name: score._asdict() for name, score in fit.scores.items()},
         "engine_curves": engine_curves(fit) if fit.scores else {},
     }
-
-
-def _described(fit: ShipFit) -> tuple[ShipFit, tuple[list[float], list[list[float]]], str | None]:
-    """Return the fit, its misfit and explained shares, and the contradiction to its engine, if any.
-
-    If load and engine contradict each other, an equally likely minimum without a contradiction is preferred.
-    """
-    missed, rows = _missed(fit)
-    kind = undescribed(fit, missed, [min(row) for row in rows])
-    if kind != "sides":
-        return fit, (missed, rows), kind
-    for end in [end for end in fit.basins[1:] if end.cost < fit.best.cost + RISE]:
-        likely = replace(fit, basins=(end,))
-        missed_there, rows_there = _missed(likely)
-        if undescribed(likely, missed_there, [min(row) for row in rows_there]) is None:
-            return likely, (missed_there, rows_there), None
-    return fit, (missed, rows), kind
 
 
 def _missed(fit: ShipFit) -> tuple[list[float], list[list[float]]]:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 import numpy.typing as npt
 
@@ -66,13 +64,3 @@ def information_criteria(scatter: Array, samples: int, parameters: int) -> dict[
         "bic": float(likelihood + parameters * np.log(samples)),
         "caic": float(likelihood + parameters * (np.log(samples) + 1.0)),
     }
-
-
-def missed_pct(row: Mapping[str, float | None], chance: float = 0.0) -> float:
-    """Return the misfit of an output, in per cent of its spread.
-
-    The misfit is the root of the share of the whitened residual that the set point still explains, less the share by chance.
-    """
-    share = (row.get("input_explained_pct") or 0.0) / 100.0
-    rest = max(1.0 - (row.get("nrmse_pct") or 0.0) / 100.0, 0.0)
-    return float(100.0 * max(share - chance, 0.0) ** 0.5 * rest)

@@ -89,7 +89,6 @@ class Record:
         self.weight = np.ones(len(self.s))
         self.Z, self.count, self.share = self.N, len(self.s), 1.0
         self.left, self.answer, self.A = self.M, self.N, np.empty((0, len(self.s)), complex)
-        self.noise = self.M
 
     @cached_property
     def _bandwidth(self) -> float:
@@ -225,23 +224,7 @@ class Fit:
                 self._instruments(x)
                 again = True
         spread = inverse @ self._normal(x, instruments=True)[0] @ inverse.T
-        self.x, self.inverse = x, inverse
         return x, spread[: self.main, : self.main]
-
-    def influence(self, unknown: int, index: int) -> ComplexArray:
-        """Influence of an unmodelled torque on an estimated unknown, at each frequency of a record (F,)."""
-        record, hats, x = self.records[index], self.hats[index], self.x
-        told, B = self._columns(x, record, record.Z, record.s * record.Z)
-        along = self.inverse[unknown]
-        amplitude, phase = along[self.main :].reshape(2, -1)
-        found = along[[*range(len(SHARED)), len(SHARED) + index]] @ B
-        found += self.accuracy * told * ((amplitude + 1j * phase) @ hats)
-        found[record.count :] = 0.0
-        return np.asarray(found * record.weight**2)
-
-    def answer_to(self, speed: ComplexArray, index: int) -> ComplexArray:
-        """Response of the load's torque to a small deviation of the speed, (F,)."""
-        return self._columns(self.x, self.records[index], speed, self.records[index].s * speed)[0]
 
     def _begun(self) -> Array:
         """Starting values by least squares of torque on speed and acceleration, and weights from their residuals."""
@@ -330,8 +313,8 @@ class Fit:
         for index, (record, hats) in enumerate(zip(self.records, self.hats, strict=True)):
             own = found[[*range(len(SHARED)), len(SHARED) + index]]
             smooth = self.accuracy * record.answer * ((amplitude + 1j * phase) @ hats)
-            record.noise = record.left - own @ record.A - smooth
-            root = np.abs(noise_root(record.noise[None])[:, 0, 0])
+            noise = record.left - own @ record.A - smooth
+            root = np.abs(noise_root(noise[None])[:, 0, 0])
             record.weight = root**share * record.weight ** (1.0 - share)
 
 
@@ -377,7 +360,7 @@ class LoadSide:
 
     `parameters` has p, c_2, T_M, "tau_prop" behind a gauge or "tau_n" at the brake, "k_L" with a measured load, and
     "torque scale" where there is one experiment. `covariance` (P, P) is in their order. `si` is the inertia in kg m2, with
-    the place it is seen from. `equation` is what was fitted.
+    the place it is seen from.
     """
 
     torque: Torque
@@ -385,9 +368,6 @@ class LoadSide:
     covariance: Array
     records: tuple[LoadRecord, ...]
     si: Mapping[str, Mapping[str, Any]]
-    equation: Fit
-    places: Mapping[str, int]
-    """Indices of the parameters among the equation's unknowns."""
 
     @property
     def law(self) -> dict[str, float]:
@@ -496,7 +476,7 @@ def _told(
         for one, record, scale in zip(spectra, fit.records, scales, strict=True)
     )
     si = _si(several, speed, signal, QUANTITIES[inertia], parameters[inertia], vessel)
-    return LoadSide(side, parameters, covariance[np.ix_(places, places)], records, si, fit, told)
+    return LoadSide(side, parameters, covariance[np.ix_(places, places)], records, si)
 
 
 def load_side_of(question: Question, records: Sequence[Spectra] | None = None) -> LoadSide | None:

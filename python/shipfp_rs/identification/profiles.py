@@ -210,7 +210,7 @@ class Profiles:
         visited: list[Basin] = []
         for _ in range(tries):
             distance = min(distance, room)
-            end = self._at(value + side * distance, figure, scale, x, way, visited)
+            end = self._at(value + side * distance, figure, scale, x, way)
             if not np.isfinite(end.cost):
                 over = distance
                 distance = 0.5 * (reached + over)
@@ -250,37 +250,17 @@ class Profiles:
         # Out of tries: the next target is closer to the end than the last point inside.
         return value + side * max(reached, min(distance, FURTHER * reached)), "data", visited
 
-    def _at(
-        self,
-        target: float,
-        figure: Figure,
-        scale: float,
-        x: Array,
-        way: Array,
-        visited: Sequence[Basin],
-    ) -> Basin:
-        """Minimum with the figure held at a target, searched from x; where that is high, also from another visited point."""
+    def _at(self, target: float, figure: Figure, scale: float, x: Array, way: Array) -> Basin:
+        """Minimum with the figure held at a target, searched from x; where the model has no answer, from the minimum."""
         end = self._held(self._moved(x, way, figure, target), figure, target, scale)
-        if end.cost - self.best.cost > RISE * (1.0 + ABOUT):
-            # The deviance may have a lower minimum elsewhere at this target, or the model no answer at the start.
-            others = [self._nearest(figure, target, visited)]
-            others += [] if np.isfinite(end.cost) else [self.best.vector]
-            for other in others:
-                if other is not x:
-                    again = self._held(self._moved(other, way, figure, target), figure, target, scale)
-                    end = min(end, again, key=lambda one: one.cost)
-        return end
+        if np.isfinite(end.cost):
+            return end
+        return self._held(self._moved(self.best.vector, way, figure, target), figure, target, scale)
 
     def _moved(self, vector: Array, way: Array, figure: Figure, target: float) -> Array:
         """Move a search vector along a direction until the figure is close to the target."""
         c = self.likelihood.coordinates
         return np.clip(vector + way * (target - figure(c.values(vector))), *c.bounds)
-
-    def _nearest(self, figure: Figure, target: float, visited: Sequence[Basin]) -> Array:
-        """Return the point whose figure is nearest to a target, among those that the data do not reject."""
-        c, most = self.likelihood.coordinates, self.best.cost + RISE
-        points = [one for one in (*self.basins, *self.visited, *visited) if one.cost <= most]
-        return min(points, key=lambda one: abs(figure(c.values(one.vector)) - target)).vector
 
     def _way(self, end: Basin, figure: Figure, otherwise: Array) -> Array:
         """Change of the search vector per unit change of the figure, at a point of a profile that may be curved."""

@@ -119,14 +119,6 @@ class Stretches:
         scatter = sum(float(moves @ moves) for moves in self._moved(along))
         return float(np.sqrt(max(scatter / max(float(gradient @ along), 1e-300), 1.0)))
 
-    def influence(self, gradient: Array) -> tuple[Array, Array, Array]:
-        """Return the changes of a figure with this gradient that are due to stretches, systematic errors and priors.
-
-        One change for each stretch of the records (S,), each systematic error (E,) and each prior (K,); the latter two are
-        changes for one standard deviation.
-        """
-        return self._moved(self._covariance @ gradient)
-
     def _moved(self, along: Array) -> tuple[Array, Array, Array]:
         """Change of the parameters along a direction (P,) due to stretches, systematic errors and priors."""
         size = len(along)

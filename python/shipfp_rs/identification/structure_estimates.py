@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.stats import chi2
 
+from shipfp_rs.identification.adequacy import misses_of, misses_pct, stands, structure_test
 from shipfp_rs.identification.coordinates import Figure
 from shipfp_rs.identification.equation_likelihood import EquationLikelihood
 from shipfp_rs.identification.estimate import (
@@ -21,7 +22,6 @@ from shipfp_rs.identification.estimate import (
     with_interval,
 )
 from shipfp_rs.identification.fingerprint import (
-    UNSETTLED,
     Fingerprint,
     record_row,
     search_settings,
@@ -47,8 +47,7 @@ from shipfp_rs.identification.question import Options
 from shipfp_rs.identification.residual_tests import residual_tests
 from shipfp_rs.identification.structure_fit import StructureFit, fit_structure, refined
 from shipfp_rs.identification.structure_likelihood import Data, InBand, Response, Samples, Seen
-from shipfp_rs.identification.usability import SMALL_MISS_PCT, judged, misses_of, misses_pct
-from shipfp_rs.identification.verdict import structure_test, verdict
+from shipfp_rs.identification.verdict import with_verdict
 from shipfp_rs.structures.structure import Parameter, Structure
 from shipfp_rs.structures.ties import COMBINATIONS
 from shipfp_rs.support.arrays import DEVIATIONS_95, Array, Mask, Numbers
@@ -361,13 +360,16 @@ def of_structure(fit: StructureFit, options: Options, *, vessel: str | None = No
     }
     overall = _overall(fit, found)
     overall |= structure_test({output: test.figures() for output, test in tests.items()})
-    converged = fit.best.settled
     # In closed form the misfit is that of a ship whose structure is found; else residuals test the structure.
     closed = isinstance(fit.likelihood, EquationLikelihood) and not fit.likelihood.white
     samples = next((test.samples for test in tests.values()), 1)
     missed = misses_pct(fit.likelihood, fit.best.vector) if closed else []
     misses = dict(zip(structure.outputs, missed, strict=True)) if closed else misses_of(table, samples)
     tested = "structure_p" in overall
+    adequate = {
+        "stands": stands(misses, None if closed else overall.get("structure_p")),
+        "misses_pct": misses,
+    }
     fingerprint = Fingerprint(
         parameters=parameters,
         derived=derived,
@@ -392,19 +394,13 @@ def of_structure(fit: StructureFit, options: Options, *, vessel: str | None = No
         },
         seed=options.seed,
         versions=versions(),
-        verdict=verdict(
-            parameters,
-            derived,
-            found.identifiability,
-            {**table, "overall": overall},
-            structure,
-            "" if converged else UNSETTLED,
-            contradicted=not closed or max(misses.values()) > SMALL_MISS_PCT,
-        ),
+        adequate=adequate if closed or tested else {},
     )
-    if not (closed or tested or any(isinstance(one, Samples) for one in records)):
-        return fingerprint
-    return judged(fingerprint, misses if closed or tested else None, tested=tested and not closed)
+    return with_verdict(
+        fingerprint,
+        is_short=not (closed or tested) and any(isinstance(one, Samples) for one in records),
+        contradicted=not (closed and adequate["stands"]),
+    )
 
 
 def _noise(records: Sequence[Seen]) -> str:

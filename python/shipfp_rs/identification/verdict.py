@@ -8,71 +8,100 @@ from typing import Any
 
 import numpy as np
 
+from shipfp_rs.identification.adequacy import missed_pct
 from shipfp_rs.identification.estimate import KNOWN, OPEN, Estimate, is_rough, rounded_rows
 from shipfp_rs.identification.fingerprint import Fingerprint, Identifiability
 from shipfp_rs.identification.fingerprint_content import ALARM
-from shipfp_rs.identification.fit_statistics import missed_pct
-from shipfp_rs.identification.question import BOUNDS, PRIORS, TRIED, within_reach
+from shipfp_rs.identification.question import TRIED
 from shipfp_rs.identification.ship_found import BELIEVED, ShipFit
-from shipfp_rs.identification.sides import KINDS
-from shipfp_rs.identification.usability import Usability, misfit, usability
+from shipfp_rs.identification.usability import Case, usability
 from shipfp_rs.structures.elements import ELEMENTS
 from shipfp_rs.structures.names import OF_WHAT
-from shipfp_rs.structures.structure import Structure
-from shipfp_rs.support.sentences import Sentence, joined, listed
+from shipfp_rs.support.sentences import Sentence, joined
 from shipfp_rs.support.units import unit_shown
 
 SMALL_PCT = 0.1
 """Misfit, in per cent of an output's spread, that is no fault of the structure: no sensor of a ship is more accurate."""
+SHORT_S = 0.02
+"""Largest value of a delay that may be zero, for it to be called off [s]."""
+AT_THE_METER = Sentence(
+    "The load is all the torque of a shaft, so the model ends at its meter: tau_n is the inertia before it, and gains, "
+    "margins and steps are those of the drive without its load. A record whose set point moves tells the whole ship."
+)
+BEHIND_THE_METER = Sentence(
+    "The load is all the torque of a shaft, so the model ends at its meter: tau_n is the inertia before it. By speed and "
+    "this torque alone, what lies behind it has {load}; the loop's figures are those of the whole ship."
+)
+NO_TORQUE = Sentence(
+    "A torque of the load acts with a gain k_L of 1, but {shown} was found: is the channel a torque? A pitch, a current or "
+    'a valve is quantity = "other".'
+)
+PLAUSIBLE_LOAD = (0.5, 2.0)
+"""Range of the gain of a measured torque of the load."""
+STATES: Mapping[str, str] = {
+    "on": Sentence("Acting elements: {elements}."),
+    "off": Sentence("Not found to act: {elements}."),
+    "open": Sentence("Undecided: {elements}."),
+}
+"""Sentence that lists the elements in each state."""
+UNDECIDED = 6.0
+"""Decrease of the deviance from which a searched element may act; chance gives it once in 20 with two parameters."""
 
 
-def verdict(
-    parameters: Mapping[str, Estimate],
-    derived: Mapping[str, Estimate],
-    identifiability: Identifiability,
-    fit: Mapping[str, Mapping[str, float | None]],
-    structure: Structure,
-    trouble: str = "",
+def with_verdict(
+    fingerprint: Fingerprint,
+    strain: float = 0.0,
+    kind: str | None = None,
     *,
-    contradicted: bool = True,
-) -> tuple[str, ...]:
-    """Return the sentences of the verdict, most important first.
+    is_short: bool = False,
+    contradicted: bool = False,
+) -> Fingerprint:
+    """Return the fingerprint with its usability and verdict.
 
-    `trouble` is why the search did not reach a minimum; `contradicted`: whether residuals may contradict the structure.
+    `strain`, `kind` and `is_short` are those of `Case`; `contradicted`: whether residuals may contradict the structure. A
+    fingerprint without `adequate`, as of a frequency response, has no usability unless its records are too short.
     """
-    lines = [
-        *(
-            [
-                Sentence(
-                    "The search did not end in a minimum, so take no figure for an estimate: {trouble}.",
-                    trouble=trouble,
-                )
-            ]
-            if trouble
-            else []
-        ),
-        *_known(parameters, derived),
-        *_unknown(parameters),
-        *_gaps(identifiability),
-        *(_contradictions(fit, structure) if contradicted else ()),
-    ]
-    if poor := _poor(fit):
-        lines.append(
-            Sentence(
-                "The structure {structure} explains the data poorly ({figures}): its intervals hold for the structure, not "
-                "for the drive train.",
-                structure=repr(structure.name),
-                figures=joined(poor),
-            )
+    told = fingerprint.verdict
+    if fingerprint.adequate or is_short:
+        found = usability(Case(fingerprint, kind, strain, is_short))
+        fingerprint = replace(
+            fingerprint, usable=found.sentence, usability=found.state, why_not=found.why_not
         )
-    return tuple(lines)
+    lines = (
+        *([fingerprint.usable] if fingerprint.usable and fingerprint.why_not != "no minimum" else []),
+        *_found(fingerprint, is_short),
+        *_unknown(fingerprint.parameters),
+        *_gaps(fingerprint.identifiability),
+        *(_contradictions(fingerprint) if contradicted else ()),
+        *_poor(fingerprint),
+        *_elements(fingerprint),
+    )
+    return replace(fingerprint, verdict=(*lines, *told))
 
 
-def _known(parameters: Mapping[str, Estimate], derived: Mapping[str, Estimate]) -> Iterator[str]:
-    yield from known(parameters)
-    together = [shown(name, estimate) for name, estimate in derived.items()]
-    if together:
-        yield Sentence("Known only together: {estimates}.", estimates=joined(together, "; "))
+def _found(fingerprint: Fingerprint, is_short: bool) -> Iterator[str]:
+    """Yield what was found, most important first."""
+    trouble, limit = fingerprint.settings.get("message"), fingerprint.adequate.get("limit")
+    if trouble:
+        yield Sentence(
+            "The search did not end in a minimum, so take no figure for an estimate: {trouble}.",
+            trouble=trouble,
+        )
+    if limit:
+        yield _clear_of(limit)
+    if fingerprint.ends_at_meter:
+        yield AT_THE_METER
+    yield from _no_torque(fingerprint)
+    if fingerprint.usability == "not usable" and not trouble:
+        return
+    for line in known(fingerprint.parameters):
+        doubted = is_short and line.template == "Known: {estimates}."
+        yield (
+            Sentence("Estimated, if the structure is right: {estimates}.", **line.values) if doubted else line
+        )
+    if fingerprint.derived:
+        estimates = [shown(*item) for item in fingerprint.derived.items()]
+        yield Sentence("Known together: {estimates}.", estimates=joined(estimates, "; "))
 
 
 def known(parameters: Mapping[str, Estimate]) -> Iterator[Sentence]:
@@ -118,7 +147,7 @@ def _because(name: str, estimate: Estimate) -> Sentence:
 
 def _gaps(identifiability: Identifiability) -> Iterator[str]:
     """Yield what the data can't distinguish, and what would settle it."""
-    if identifiability.rank < identifiability.free:
+    if identifiability.null_space:
         yield Sentence(
             "The data determine {rank} independent combinations of the {free} free parameters. The response does "
             "not change along: {directions}.",
@@ -133,45 +162,35 @@ def _gaps(identifiability: Identifiability) -> Iterator[str]:
         )
 
 
-def _poor(fit: Mapping[str, Mapping[str, float | None]]) -> list[str]:
-    """Figures of a fit that explains the data poorly."""
-    overall = fit.get("overall", {})
+def _poor(fingerprint: Fingerprint) -> Iterator[str]:
+    """Yield that a structure explains the data poorly."""
+    overall = fingerprint.fit.get("overall", {})
     chi_squared, freedom = overall.get("chi_squared"), overall.get("degrees_of_freedom")
+    poor = []
     if chi_squared is not None and freedom is not None:
         # With known deviations chi-squared is better than per cent, since some points may have no weight.
-        poor = chi_squared > 2 * freedom
-        told = Sentence(
-            "chi-squared {value} at {freedom} degrees of freedom",
-            value=f"{chi_squared:.4g}",
-            freedom=f"{freedom:.0f}",
+        if chi_squared > 2 * freedom:
+            said = Sentence("chi-squared {value} at {freedom} degrees of freedom")
+            poor = [Sentence(said, value=f"{chi_squared:.4g}", freedom=f"{freedom:.0f}")]
+    elif fingerprint.adequate.get("sides") is None:
+        poor = [
+            Sentence("fit of {output} {share} %", output=output, share=f"{value:.1f}")
+            for output, row in fingerprint.fit.items()
+            if output != "overall" and (value := row["nrmse_pct"]) is not None and value < 60.0
+        ]
+    if poor:
+        yield Sentence(
+            "The structure {structure} explains the data poorly ({figures}): its intervals hold for the structure, not "
+            "for the drive train.",
+            structure=repr(fingerprint.structure["name"]),
+            figures=joined(poor),
         )
-        return [told] if poor else []
-    rows = {output: row["nrmse_pct"] for output, row in fit.items() if output != "overall"}
-    return [
-        Sentence("fit of {output} {share} %", output=output, share=f"{value:.1f}")
-        for output, value in rows.items()
-        if value is not None and value < 60.0
-    ]
 
 
-def structure_test(tests: Mapping[str, Mapping[str, float | None]]) -> dict[str, float]:
-    """Return the joint test of the structure by the residuals of all outputs; empty without residual tests.
-
-    "structure_p" is the outputs' least p-value times their number (Bonferroni). "structure_misses_pct"
-    is the largest share of an output's residual that the set point explains [%]: on long records a structure may be
-    rejected though what it lacks is small.
-    """
-    found = [p for row in tests.values() if (p := row.get("input_correlation_p")) is not None]
-    if not found:
-        return {}
-    missed = max(row.get("input_explained_pct") or 0.0 for row in tests.values())
-    return {"structure_p": min(1.0, len(found) * min(found)), "structure_misses_pct": missed}
-
-
-def _contradictions(fit: Mapping[str, Mapping[str, float | None]], structure: Structure) -> list[str]:
+def _contradictions(fingerprint: Fingerprint) -> list[str]:
     """Say where the residuals contradict the structure, or else the noise model."""
-    threshold = ALARM / len(structure.outputs)
-    rows = {output: row for output, row in fit.items() if output in structure.outputs}
+    rows = {output: row for output, row in fingerprint.fit.items() if output != "overall"}
+    threshold, name = ALARM / len(rows), repr(fingerprint.structure["name"])
     follows = {
         output: _chance(p)
         for output, row in rows.items()
@@ -201,7 +220,7 @@ def _contradictions(fit: Mapping[str, Mapping[str, float | None]], structure: St
                 "The residuals contradict the structure {structure}: the set point still explains some of {outputs}. "
                 "Dynamics are missing, a dead time for instance; the intervals hold for the structure, not for the drive "
                 "train.",
-                structure=repr(structure.name),
+                structure=name,
                 outputs=joined(followed),
             )
         ]
@@ -235,59 +254,6 @@ def shown(name: str, estimate: Estimate) -> Sentence:
     unit = unit_shown(estimate.unit) or Sentence(OF_WHAT.get(name, ""))
     text = "{name} = {value}{spread} {unit}" if unit else "{name} = {value}{spread}"
     return Sentence(text, name=name, value=row.value, spread=spread, unit=unit)
-
-
-SHORT_S = 0.02
-"""Largest value of a delay that may be zero, for it to be called off [s]."""
-
-BENT = Sentence(
-    "Usable for simulation and comparison, but not for control tuning: its intervals hold for the model, not for the drive "
-    "train; both agree only if the channels are wrong by more than a calibration allows."
-)
-LIMITED = Sentence(
-    "Usable for simulation and comparison, but not for control tuning: a limit of torque or rate acts, and on simulated "
-    "ships with such a limit fewer than nine intervals in ten held the true value."
-)
-LOAD_ONLY = Sentence(
-    "Usable for simulation and comparison of the load's side only: drive and governor are not described ({what}), so "
-    "gains, delays and the slope of the drive's torque are not given."
-)
-NO_GAUGE = Sentence(
-    "Usable for simulation and comparison, but not for control tuning: the torque is hardly a gauge's, since {share} % of "
-    "the inertia would lie behind it. If it is the drive's own, say torque = brake: tau_n and the gains are now too large "
-    "by about {over} %."
-)
-BEHIND_A_GAUGE = 0.9
-"""Share of the inertia behind the sensor, above which a torque called gauge is probably the brake's: brake torques show 0.95
-to 1, gauges of the test ships up to 0.7."""
-TO_THE_METER = Sentence(
-    "Usable for simulation and comparison, but not for control tuning: the model ends at the load's torque meter."
-)
-AT_THE_METER = Sentence(
-    "The load is all the torque of a shaft, so the model ends at its meter: tau_n is the inertia before it, and gains, "
-    "margins and steps are those of the drive without its load. A record whose set point moves tells the whole ship."
-)
-BEHIND_THE_METER = Sentence(
-    "The load is all the torque of a shaft, so the model ends at its meter: tau_n is the inertia before it. By speed and "
-    "this torque alone, what lies behind it has {load}; the loop's figures are those of the whole ship."
-)
-NO_TORQUE = Sentence(
-    "A torque of the load acts with a gain k_L of 1, but {shown} was found: is the channel a torque? A pitch, a current or "
-    'a valve is quantity = "other".'
-)
-PLAUSIBLE_LOAD = (0.5, 2.0)
-"""Range of the gain of a measured torque of the load."""
-STATES: Mapping[str, str] = {
-    "on": Sentence("Acting elements: {elements}."),
-    "off": Sentence("Not found to act: {elements}."),
-    "open": Sentence("Undecided: {elements}."),
-}
-"""Sentence that lists the elements in each state."""
-ALWAYS = ("tau_n", "g", "p", "vK_p", "vK_i")
-"""Parameters of every ship; a value at the end of the search range is not plausible for them."""
-AT_BOUND = 1e-6
-UNDECIDED = 6.0
-"""Decrease of the deviance from which a searched element may act; chance gives it once in 20 with two parameters."""
 
 
 def element_rows(fit: ShipFit, parameters: Mapping[str, Estimate]) -> dict[str, dict[str, Any]]:
@@ -331,14 +297,6 @@ def element_rows(fit: ShipFit, parameters: Mapping[str, Estimate]) -> dict[str, 
     return rows
 
 
-def _is_on_bound(name: str, estimate: Estimate) -> bool:
-    """Whether a parameter that every ship has is at an end of the search range."""
-    if name not in ALWAYS or estimate.status not in KNOWN or estimate.value is None:
-        return False
-    low, high = within_reach(BOUNDS[name], PRIORS.get(name))
-    return min(estimate.value - low, high - estimate.value) <= AT_BOUND * (high - low)
-
-
 def _row(
     name: str, state: str, limit: dict[str, Any] | None, evidence: float | None = None
 ) -> dict[str, Any]:
@@ -347,6 +305,18 @@ def _row(
 
 def _limit(name: str, value: float, unit: str) -> dict[str, Any]:
     return {"parameter": name, "value": float(value), "unit": unit, "level": 0.95}
+
+
+def _elements(fingerprint: Fingerprint) -> Iterator[str]:
+    """Yield the elements in each state."""
+    rows = {name: row for name, row in fingerprint.elements.items() if name != "sampling"}
+    for state, said in STATES.items():
+        if found := [_element(row) for row in rows.values() if row["state"] == state]:
+            yield Sentence(said, elements=joined(found))
+    if "sampling" in fingerprint.elements:
+        yield Sentence(
+            "If the governor computes at intervals, half of such an interval is part of the dead time T_d."
+        )
 
 
 def _element(row: Mapping[str, Any]) -> Sentence:
@@ -360,13 +330,6 @@ def _element(row: Mapping[str, Any]) -> Sentence:
         parameter=limit["parameter"],
         value=f"{limit['value']:.3g}",
         unit=limit["unit"],
-    )
-
-
-def _is_limited(fingerprint: Fingerprint) -> bool:
-    """Whether a limit of torque or rate acts."""
-    return any(
-        fingerprint.elements.get(name, {}).get("state") == "on" for name in TRIED if name != "set_rate"
     )
 
 
@@ -393,76 +356,4 @@ def _clear_of(limit: Mapping[str, float]) -> Sentence:
         name=Sentence("the actuator's rate" if level == "rate" else "the torque"),
         level=f"{limit[level]:.3g}" + (" 1/s" if level == "rate" else ""),
         **{name: f"{100.0 * limit[name]:.2g}" for name in ("share", "removed", "amplitude")},
-    )
-
-
-def _behind(fingerprint: Fingerprint) -> float:
-    """Return the share of the inertia behind the gauge; 0 for a brake torque."""
-    behind, whole = (fingerprint.parameters.get(name) for name in ("tau_prop", "tau_n"))
-    if "tau_prop" not in fingerprint.load_side or behind is None or whole is None:
-        return 0.0
-    return (behind.value or 0.0) / (whole.value or np.inf)
-
-
-def with_verdict(fingerprint: Fingerprint, strain: float = 0.0, kind: str | None = None) -> Fingerprint:
-    """Return the fingerprint with its usability and verdict.
-
-    `strain` is that of `adequacy`; `kind` is the contradiction, of `sides.KINDS`, to the model's drive and governor.
-    """
-    found = usability(fingerprint)
-    if kind is not None:
-        what = misfit(fingerprint) if kind == "misfit" else KINDS[kind]
-        if found.state != "not usable" or fingerprint.load_side:
-            found = Usability("usable except", Sentence(LOAD_ONLY, what=what))
-    ended = [name for name, one in fingerprint.parameters.items() if _is_on_bound(name, one)]
-    if ended and found.state != "not usable":
-        sentence = Sentence(
-            "Not usable, because the search ended at a bound of {names}; the model does not describe this ship.",
-            names=listed(ended),
-        )
-        found = Usability("not usable", sentence, "misfit")
-    elif kind is None and found.state != "not usable" and (share := _behind(fingerprint)) > BEHIND_A_GAUGE:
-        share = min(share, 1.0)
-        figures = {"share": f"{100.0 * share:.0f}", "over": f"{100.0 / share - 100.0:.1f}"}
-        found = Usability("usable except", Sentence(NO_GAUGE, **figures))
-    elif kind is None and found.state == "usable" and fingerprint.ends_at_meter:
-        found = Usability("usable except", TO_THE_METER)
-    elif kind is None and strain > 1.0 and found.state == "usable":
-        found = replace(found, state="usable except", sentence=BENT)
-    elif _is_limited(fingerprint) and found.state == "usable":
-        found = replace(found, state="usable except", sentence=LIMITED)
-    limit = fingerprint.adequate.get("limit")
-    lines = [
-        found.sentence,
-        *([_clear_of(limit)] if limit else []),
-        *([AT_THE_METER] if fingerprint.ends_at_meter else []),
-        *_no_torque(fingerprint),
-    ]
-    lines += [] if found.state == "not usable" else known(fingerprint.parameters)
-    if fingerprint.derived and found.state != "not usable":
-        estimates = [shown(*item) for item in fingerprint.derived.items()]
-        lines.append(Sentence("Known together: {estimates}.", estimates=joined(estimates, "; ")))
-    for name, one in fingerprint.parameters.items():
-        if one.status == "unidentifiable":
-            lines.append(not_identifiable(name, one))
-    by_state: dict[str, list[str]] = {"on": [], "off": [], "open": []}
-    for name, row in fingerprint.elements.items():
-        if name == "sampling":
-            continue
-        by_state[row["state"]].append(_element(row))
-    for state, said in STATES.items():
-        if by_state[state]:
-            lines.append(Sentence(said, elements=joined(by_state[state])))
-    if "sampling" in fingerprint.elements:
-        lines.append(
-            Sentence(
-                "If the governor computes at intervals, half of such an interval is part of the dead time T_d."
-            )
-        )
-    return replace(
-        fingerprint,
-        usable=found.sentence,
-        usability=found.state,
-        why_not=found.why_not,
-        verdict=tuple(lines),
     )

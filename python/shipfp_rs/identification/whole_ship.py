@@ -17,8 +17,8 @@ from shipfp_rs.identification.estimate import Estimate
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.identification.input_checks import set_point_moves
 from shipfp_rs.identification.load_side import load_side
-from shipfp_rs.identification.usability import usability
-from shipfp_rs.identification.verdict import AT_THE_METER, BEHIND_THE_METER, TO_THE_METER, shown
+from shipfp_rs.identification.usability import TO_THE_METER, Case, usability
+from shipfp_rs.identification.verdict import AT_THE_METER, BEHIND_THE_METER, shown
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.support.sentences import Sentence, joined
 
@@ -41,7 +41,7 @@ def with_far_side(fingerprint: Fingerprint) -> Fingerprint:
     found = replace(fingerprint, behind_meter=known, verdict=tuple(lines))
     if found.usable != TO_THE_METER:
         return found
-    judged = usability(found)
+    judged = usability(Case(found))
     return replace(
         found,
         usable=judged.sentence,

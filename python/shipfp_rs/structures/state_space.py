@@ -278,8 +278,8 @@ def wired(
     is (tau_n - tau_prop) dn_e/dt = M_b - M_g, the shaft M_g = M_k + zeta_twist (n_e - n_s) with
     tau_twist dM_k/dt = n_e - n_s, and the propeller's side tau_prop dn_s/dt = M_g - p n_s.
     """
+    n_e = propeller = wiring.state()  # the first state, of rate 0
     set_point = wiring.input if wiring.exact else wiring.delayed(wiring.input, q.get("T_set", 0.0))
-    n_e = propeller = wiring.state()
     integral, command = commanded(q, wiring, n_e, set_point)
     rack, brake = driven(q, wiring, n_e, command)
     tau_n, tau_prop = q["tau_n"], q.get("tau_prop", 0.0)
