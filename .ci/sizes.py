@@ -47,7 +47,7 @@ BUDGETS = {
     "python/shipfp_rs/plot": 888,
     "python": 51677,
     "rust/src": 11071,
-    "tests": 39288,
+    "tests": 38708,
 }
 """Most lines of each room, and most numeric constants of identification and structures. A commit that earns it lowers a
 number; none is raised without a word in the commit's text."""

@@ -84,6 +84,8 @@ def _no_figure_left_open() -> Iterator[None]:
 def browser() -> Iterator[Any]:
     """Chromium, for tests of pages; where it or Playwright is missing they are skipped."""
     playwright = pytest.importorskip("playwright.sync_api", reason="needs Playwright: pip install playwright")
+    if CHROMIUM is None:
+        pytest.skip("needs Chromium: apt-get install chromium")
     with playwright.sync_playwright() as driver:
         # As root, as in a container, Chromium runs without its sandbox or not at all.
         arguments = ["--no-sandbox"] if os.geteuid() == 0 else []

@@ -17,12 +17,7 @@ from shipfp_rs.vessel.vessel import Vessel
 Array = npt.NDArray[np.float64]
 
 LAUNCH = linearise(Vessel.load("stan-launch-804"))
-TRUTH = {
-    "tau_n": LAUNCH.tau_n,
-    "g": LAUNCH.g,
-    "vK_p": LAUNCH.v * LAUNCH.K_p,
-    "vK_i": LAUNCH.v * LAUNCH.K_i,
-}
+TRUTH = {"tau_n": LAUNCH.tau_n, "g": LAUNCH.g, "vK_p": LAUNCH.v * LAUNCH.K_p, "vK_i": LAUNCH.v * LAUNCH.K_i}
 POINT = {"n_set": 1300.0, "n_e": 1300.0, "M_b": 222.93, "X_f": 13.07}
 SIGNALS = {"dn": "n_e", "dM_b": "M_b", "dX": "X_f"}
 

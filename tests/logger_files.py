@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -14,24 +15,14 @@ import pyarrow.ipc
 import pyarrow.parquet
 import pytest
 
+from shipfp_rs.logs.log import Log
+
 REAL = Path(__file__).parent / "data" / "logs"
 RATE_HZ = 100.0
 START = datetime(2026, 5, 1, 10, tzinfo=UTC)
 
-TYPES = (
-    "bool",
-    "int8",
-    "uint8",
-    "int16",
-    "uint16",
-    "int32",
-    "uint32",
-    "int64",
-    "uint64",
-    "float16",
-    "float32",
-    "float64",
-)
+WHOLE = tuple(f"{sign}int{bits}" for bits in (8, 16, 32, 64) for sign in ("", "u"))
+TYPES = ("bool", *WHOLE, "float16", "float32", "float64")
 
 Arrays = dict[str, npt.NDArray[np.generic]]
 Units = Mapping[str, str]
@@ -46,17 +37,19 @@ def extremes(dtype: str, count: int = 300) -> npt.NDArray[np.generic]:
         return draw.integers(0, 2, count).astype(bool)
     if np.dtype(dtype).kind in "iu":
         ends = np.iinfo(dtype)
-        return np.concatenate(
-            [
-                np.array([ends.min, ends.max, ends.max - 1, 0], dtype),
-                draw.integers(ends.min, ends.max, count - 4, dtype),
-            ]
-        )
+        edges = np.array([ends.min, ends.max, ends.max - 1, 0], dtype)
+        return np.concatenate([edges, draw.integers(ends.min, ends.max, count - 4, dtype)])
     ends = np.finfo(dtype)
     special = np.array(
         [ends.min, ends.max, ends.tiny, ends.smallest_subnormal, -0.0, np.inf, -np.inf, np.nan], dtype
     )
     return np.concatenate([special, draw.standard_normal(count - len(special)).astype(dtype)])
+
+
+def opened(folder: Path, *lines: str, name: str = "log.csv") -> Log:
+    """Write the lines of a text log, and open it."""
+    (folder / name).write_text("\n".join([*lines, ""]), encoding="utf-8")
+    return Log.open(folder / name)
 
 
 def _piece(arrays: Arrays) -> int:
@@ -69,13 +62,13 @@ def write_parquet(path: Path, arrays: Arrays, rate_hz: float = RATE_HZ) -> None:
     pa.parquet.write_table(pa.table({"time": time, **arrays}), path, row_group_size=_piece(arrays))
 
 
-def write_feather(path: Path, arrays: Arrays) -> None:
-    time = np.arange(len(next(iter(arrays.values())))) / RATE_HZ
+def write_feather(path: Path, arrays: Arrays, rate_hz: float = RATE_HZ) -> None:
+    time = np.arange(len(next(iter(arrays.values())))) / rate_hz
     pa.feather.write_feather(pa.table({"time": time, **arrays}), path, chunksize=_piece(arrays))
 
 
-def write_arrow(path: Path, arrays: Arrays) -> None:
-    time = np.arange(len(next(iter(arrays.values())))) / RATE_HZ
+def write_arrow(path: Path, arrays: Arrays, rate_hz: float = RATE_HZ) -> None:
+    time = np.arange(len(next(iter(arrays.values())))) / rate_hz
     table = pa.table({"time": time, **arrays})
     with pa.ipc.new_stream(path, table.schema) as writer:
         writer.write_table(table, max_chunksize=_piece(arrays))
@@ -124,14 +117,18 @@ def write_mdf(
         file.save(path, overwrite=True, compression=compression)
 
 
-def write_hdf5(path: Path, arrays: Arrays) -> None:
-    h5py = pytest.importorskip("h5py")
-    with h5py.File(path, "w") as file:
-        file.attrs["rate_hz"] = RATE_HZ
+def hdf5_file(path: Path) -> Any:
+    """Begin an HDF5 file; skip the test where its package is missing."""
+    return pytest.importorskip("h5py").File(path, "w")
+
+
+def write_hdf5(path: Path, arrays: Arrays, rate_hz: float = RATE_HZ, units: Units = NO_UNITS) -> None:
+    with hdf5_file(path) as file:
+        file.attrs["rate_hz"] = rate_hz
         file.attrs["start_utc"] = START.isoformat()
         for name, array in arrays.items():
             dataset = file.create_dataset(name, data=array, chunks=(_piece(arrays),), compression="gzip")
-            dataset.attrs["unit"] = "V"
+            dataset.attrs["unit"] = units.get(name, "V")
 
 
 def write_mat_7_3(path: Path, arrays: Arrays) -> None:

@@ -13,9 +13,9 @@ from pathlib import Path
 
 import pytest
 
-from shipfp_rs import cli
 from shipfp_rs.errors import InputError
 from shipfp_rs.support.files import json_text, read_json, replacing_folder
+from tests.cli.refusal import refused
 from tests.cli.small_trial import SMALL, write_small_trial
 
 LONG = "x" * 5000
@@ -38,16 +38,6 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def line_of(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> str:
-    """Run a command that must be refused and return its one line."""
-    status = cli.main(arguments)
-    told = capsys.readouterr().err
-    assert status == 2, told
-    assert told.count("\n") == 1
-    assert len(told) < 1000
-    return told
-
-
 @pytest.mark.parametrize("name", [LONG, "", "one", "one/in", "log.parquet/in", "/proc/in", "a\nb"])
 @pytest.mark.parametrize(
     "command",
@@ -62,7 +52,7 @@ def line_of(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> str:
     ],
 )
 def test_breakage_d2_no_folder_of_this_name_can_be_made(folder, command, name, capsys):
-    line_of([*command, name], capsys)
+    refused([*command, name], capsys)
 
 
 @pytest.mark.parametrize(
@@ -72,7 +62,7 @@ def test_breakage_d2_no_folder_of_this_name_can_be_made(folder, command, name, c
     "command", [["simulate", SHIP, "--duration", "5", "--out"], ["convert", "log.parquet"]]
 )
 def test_breakage_d2_no_file_of_this_name_can_be_written(folder, command, name, capsys):
-    line_of([*command, name], capsys)
+    refused([*command, name], capsys)
 
 
 @pytest.mark.parametrize(
@@ -93,7 +83,7 @@ def test_breakage_d2_no_file_of_this_name_can_be_written(folder, command, name, 
 def test_breakage_d2_what_is_no_description_is_not_read(folder, command, name, capsys):
     if command[0] == "view" and name in (".", "log.parquet", "/dev/null"):
         pytest.skip("a folder and a log can be looked at")
-    line_of([*command, name], capsys)
+    refused([*command, name], capsys)
 
 
 @pytest.mark.parametrize("name", [LONG + ".csv", "", "one", "pipe.csv", "/dev/null", "."])
@@ -103,7 +93,7 @@ def test_breakage_d2_what_is_no_description_is_not_read(folder, command, name, c
 def test_breakage_d2_d4_what_is_no_log_is_not_read(folder, command, name, capsys):
     if command[0] == "view" and name == ".":
         pytest.skip("a folder can be looked at")
-    told = line_of([*command, name, *(["out.parquet"] if command[0] == "convert" else [])], capsys)
+    told = refused([*command, name, *(["out.parquet"] if command[0] == "convert" else [])], capsys)
     assert "no such log" not in told or name.startswith("x")
 
 
@@ -133,7 +123,7 @@ def disk_of(size: int) -> Iterator[None]:
 def test_breakage_d2_a_full_disk_is_told_with_the_name_that_was_given(folder, arguments, named, capsys):
     before = sorted(path.name for path in folder.iterdir())
     with disk_of(1024):
-        told = line_of(arguments, capsys)
+        told = refused(arguments, capsys)
     assert named in told
     assert sorted(path.name for path in folder.iterdir()) == before, "nothing is left"
 
@@ -146,7 +136,7 @@ def test_breakage_d2_other_errors_of_files_keep_their_own_name(tmp_path):
 @pytest.mark.parametrize("option", ["--rate", "--cq"])
 @pytest.mark.parametrize("value", ["0", "-1", "nan", "inf", "1e300", "", "a", "1e-400"])
 def test_breakage_d3_numbers_of_options_are_positive(folder, option, value, capsys):
-    assert option in line_of(["inspect", "log.parquet", option, value], capsys)
+    assert option in refused(["inspect", "log.parquet", option, value], capsys)
 
 
 def test_breakage_d3_json_has_no_numbers_without_end(tmp_path):
@@ -179,4 +169,4 @@ def test_breakage_d1_toml_without_end_is_refused(tmp_path, capsys):
         SMALL + "\n[x]\n" * 2,
     ):
         (tmp_path / "TRIAL.toml").write_text(text)
-        line_of(["run", str(tmp_path / "TRIAL.toml"), "--out", str(tmp_path / "out")], capsys)
+        refused(["run", str(tmp_path / "TRIAL.toml"), "--out", str(tmp_path / "out")], capsys)

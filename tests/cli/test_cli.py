@@ -21,6 +21,7 @@ from shipfp_rs.logs.log import Log
 from shipfp_rs.processing.trial import Trial
 from shipfp_rs.reproduce import Reproduction, Row
 from shipfp_rs.reproduce.fullscale import FILES, best_of
+from tests.cli.refusal import refused
 
 
 def shipfp(*arguments: object) -> subprocess.CompletedProcess[str]:
@@ -157,8 +158,7 @@ class TestInit:
         rows = "\n".join(f"{1183.8 + 0.1 * (k % 3):.1f};{1.725 + 1e-3 * (k % 5):.3f}" for k in range(6000))
         (tmp_path / "run.csv").write_text(f"n_set [rpm];Torque [kNm]\n{rows}\n".replace(".", ","))
         arguments = ["init", str(tmp_path / "new"), "--log", str(tmp_path / "run.csv")]
-        assert cli.main(arguments) == 2
-        assert "give rate_hz (--rate)" in one_line(capsys.readouterr().err)
+        assert "give rate_hz (--rate)" in refused(arguments, capsys)
         assert cli.main([*arguments, "--rate", "100"]) == 0
         told = " ".join(capsys.readouterr().out.split())
         assert "no channel is a pulse train" in told
@@ -209,8 +209,10 @@ class TestSimulate:
 
     def test_files_that_are_there_stay(self, tmp_path, capsys) -> None:
         (tmp_path / "log.truth.json").write_text("mine")
-        assert cli.main(["simulate", "stan-tug-1205", "--out", str(tmp_path / "log.parquet")]) == 2
-        assert "log.truth.json: exists already" in one_line(capsys.readouterr().err)
+        out = str(tmp_path / "log.parquet")
+        assert "log.truth.json: exists already" in refused(
+            ["simulate", "stan-tug-1205", "--out", out], capsys
+        )
         assert [file.name for file in tmp_path.iterdir()] == ["log.truth.json"]
 
 
@@ -347,8 +349,7 @@ class TestRun:
         units = {name: channel.unit for name, channel in log.channels.items()}
         Log.from_arrays(samples, rate_hz=2000.0, units=units, name="gap").write(tmp_path / "gap.parquet")
         self.spoil(trial, str(shown[1] / "log.parquet"), "gap.parquet")
-        assert cli.main(["run", str(trial), "--out", "result"]) == 2
-        line = one_line(capsys.readouterr().err)
+        line = refused(["run", str(trial), "--out", "result"], capsys)
         assert "U_setpoint" in line
         assert "from 100 to 100.5 s" in line
 

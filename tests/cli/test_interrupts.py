@@ -96,14 +96,6 @@ def is_due(folder: Path, command: str, number: int) -> bool:
     return busy_s(number) >= BUSY_S
 
 
-def remove(path: Path) -> None:
-    """Remove what a command that was done before the signal has made."""
-    if path.is_dir():
-        shutil.rmtree(path)
-    else:
-        path.unlink()
-
-
 @pytest.mark.skipif(
     not Path("/proc/self/stat").exists(), reason="no processor seconds of another process are told"
 )
@@ -133,8 +125,8 @@ def test_a_command_ends_at_once_and_leaves_nothing(folder, command, number, stat
     left = {path.name for path in folder.iterdir()} - before - {"log.parquet.shipfp-pyramid"}
     if (folder / "new.parquet").exists():
         assert len(pq.ParquetFile(folder / "new.parquet").read(columns=[0])) == SAMPLES
-    for name in left:
-        remove(folder / name)
+    for path in [folder / name for name in left]:  # what a command that was done before the signal has made
+        shutil.rmtree(path) if path.is_dir() else path.unlink()
     assert "Traceback" not in told
     # The command was done, and its result in place, but the interpreter had not ended yet.
     whole = left and not any(name.startswith(".") for name in left)

@@ -34,25 +34,12 @@ def _names(columns: Columns) -> list[str]:
 def tektronix(path: Path, rate_hz: float, columns: Columns) -> None:
     """An oscilloscope's own units at its inputs, labels above the names of the inputs, a time with few digits."""
     inputs = [f"CH{k + 1}" for k in range(len(columns))]
-    each = {
-        "Sample Interval": f"{1.0 / rate_hz:.6E}",
-        "Record Length": str(len(next(iter(columns.values())))),
-    }
-    head = [
-        "Model,MSO58",
-        "Firmware Version,2.0.3.950",
-        "",
-        "Waveform Type,ANALOG" + ",ANALOG" * (len(inputs) - 1),
-    ]
-    head += [
-        ",".join([key, *[value] * len(inputs)]) for key, value in {"Horizontal Units": "s", **each}.items()
-    ]
-    head += [
-        ",".join(["Vertical Units", *_units(columns)]),
-        "," * len(inputs),
-        ",".join(["Label", *_names(columns)]),
-    ]
-    head += [",".join(["TIME", *inputs])]
+    each = {"Waveform Type": "ANALOG", "Horizontal Units": "s", "Sample Interval": f"{1.0 / rate_hz:.6E}",
+            "Record Length": str(len(next(iter(columns.values()))))}  # fmt: skip
+    head = ["Model,MSO58", "Firmware Version,2.0.3.950", ""]
+    head += [",".join([key, *[value] * len(inputs)]) for key, value in each.items()]
+    head += [",".join(["Vertical Units", *_units(columns)]), "," * len(inputs)]
+    head += [",".join(["Label", *_names(columns)]), ",".join(["TIME", *inputs])]
     _write(path, head, (",".join([f"{t - 5.0:.6e}", *cells]) for t, cells in _rows(rate_hz, columns)))
 
 
@@ -147,10 +134,27 @@ def edges(path: Path, name: str, rises_s: np.ndarray, falls_s: np.ndarray) -> No
     _write(path, [f"Time [s],{name}"], (f"{t:.9f},{state}" for t, state in rows))
 
 
-def _plain(path: Path, rate_hz: float, columns: Columns, clock: str = "Time [s]") -> Iterator[list[str]]:
+def _plain(rate_hz: float, columns: Columns, clock: str = "Time [s]") -> Iterator[list[str]]:
     """Headings and rows of a table with a time."""
     yield [clock, *(f"{name} [{unit}]" for name, unit in columns)]
     yield from ([f"{t:.4f}", *cells] for t, cells in _rows(rate_hz, columns))
+
+
+def csv_with_units(path: Path, rate_hz: float, columns: Columns) -> None:
+    """Units in brackets behind the names."""
+    _write(path, [], map(",".join, _plain(rate_hz, columns)))
+
+
+def csv_with_commas(path: Path, rate_hz: float, columns: Columns) -> None:
+    """The same with decimal commas."""
+    rows = map(";".join, _plain(rate_hz, columns, "Zeit [s]"))
+    _write(path, [], (row.replace(".", ",") for row in rows))
+
+
+def csv_with_a_line_of_units(path: Path, rate_hz: float, columns: Columns) -> None:
+    """Units in a line of their own."""
+    _, *rows = map(",".join, _plain(rate_hz, columns))
+    _write(path, [",".join(["Time", *_names(columns)]), ",".join(["s", *_units(columns)])], rows)
 
 
 def statuses(path: Path, rate_hz: float, columns: Columns) -> None:
@@ -177,7 +181,7 @@ def times_of_each(path: Path, rate_hz: float, columns: Columns) -> None:
 
 def packed_clock(path: Path, rate_hz: float, columns: Columns) -> None:
     """The time of day as one number, 95959.98, over the hour."""
-    head, *rows = _plain(path, rate_hz, columns, "Time")
+    head, *rows = _plain(rate_hz, columns, "Time")
     at = (
         f"{START.replace(hour=9, minute=59, second=20) + timedelta(seconds=float(t)):%H%M%S.%f}"
         for t, *_ in rows
@@ -187,13 +191,13 @@ def packed_clock(path: Path, rate_hz: float, columns: Columns) -> None:
 
 def twice(path: Path, rate_hz: float, columns: Columns) -> None:
     """Each row stands there twice."""
-    head, *rows = map(",".join, _plain(path, rate_hz, columns))
+    head, *rows = map(",".join, _plain(rate_hz, columns))
     _write(path, [head], (row for row in rows for _ in range(2)))
 
 
 def carriage_returns(path: Path, rate_hz: float, columns: Columns) -> None:
     """Lines that end in CR alone."""
-    path.write_text("".join(f"{','.join(row)}\r" for row in _plain(path, rate_hz, columns)), newline="")
+    path.write_text("".join(f"{','.join(row)}\r" for row in _plain(rate_hz, columns)), newline="")
 
 
 def on_change(path: Path, rate_hz: float, columns: Columns) -> None:
@@ -201,7 +205,7 @@ def on_change(path: Path, rate_hz: float, columns: Columns) -> None:
     (first, values), *rest = columns.items()
     values = np.round(2.0 * values) / 2.0
     told = np.where(np.diff(values, prepend=np.nan) == 0.0, np.nan, values)
-    _write(path, [], map(",".join, _plain(path, rate_hz, {first: told, **dict(rest)})))
+    _write(path, [], map(",".join, _plain(rate_hz, {first: told, **dict(rest)})))
 
 
 def with_units(path: Path, rate_hz: float, columns: Columns) -> None:

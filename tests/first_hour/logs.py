@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pytest
 
 import shipfp_rs as fp
 from shipfp_rs import _core, cli
@@ -21,27 +20,9 @@ from shipfp_rs.structures.structure import Structure
 from shipfp_rs.support.units import TO_NM, TO_RPM, TO_W, told
 from shipfp_rs.vessel.linear_model import linearise
 from shipfp_rs.vessel.vessel import Vessel
-from tests.first_hour.exports import (
-    carriage_returns,
-    catman,
-    controller,
-    edges,
-    labview,
-    long_table,
-    on_change,
-    packed_clock,
-    picoscope,
-    statuses,
-    tektronix,
-    times_of_each,
-    twice,
-    two_rates,
-    with_units,
-    yokogawa,
-)
-from tests.logger_files import write_mat_5, write_mdf, write_parquet, write_tdms
-from tests.logs.test_buses import DBC
-from tests.logs.test_two_buses import candump, mf4, relative_asc
+from tests.first_hour import exports
+from tests.logger_files import write_hdf5, write_mat_5, write_mdf, write_parquet, write_tdms
+from tests.logs.bus_files import DBC, candump, mf4, relative_asc
 from tests.twins.ship import vector
 
 Columns = Mapping[tuple[str, str], np.ndarray]
@@ -53,30 +34,6 @@ FULL_NM = 400.0
 """Torque of an engine on a bus of which it tells per cent [Nm]."""
 NOISE = {"n_e": 0.01, "M_g": 0.02, "M_b": 0.02}
 """Standard deviations over those of the clean signals."""
-
-
-def _text(path: Path, rate_hz: float, columns: Columns, *, comma: bool, units_below: bool) -> None:
-    time = np.arange(len(next(iter(columns.values())))) / rate_hz
-    table = {("Zeit" if comma else "Time", "s"): time, **columns}
-    heads = [[name for name, _ in table], [unit for _, unit in table]]
-    if not units_below:
-        heads = [[f"{name} [{unit}]" for name, unit in table]]
-    rows = [*heads, *([f"{value:.7g}" for value in row] for row in zip(*table.values(), strict=True))]
-    lines = [(";" if comma else ",").join(row) for row in rows]
-    body = [line.replace(".", ",") if comma else line for line in lines[len(heads) :]]
-    path.write_text("\n".join([*lines[: len(heads)], *body]) + "\n", encoding="utf-8")
-
-
-def csv_with_commas(path: Path, rate_hz: float, columns: Columns) -> None:
-    _text(path, rate_hz, columns, comma=True, units_below=False)
-
-
-def csv_with_units(path: Path, rate_hz: float, columns: Columns) -> None:
-    _text(path, rate_hz, columns, comma=False, units_below=False)
-
-
-def csv_with_a_line_of_units(path: Path, rate_hz: float, columns: Columns) -> None:
-    _text(path, rate_hz, columns, comma=False, units_below=True)
 
 
 def parquet(path: Path, rate_hz: float, columns: Columns) -> None:
@@ -97,37 +54,22 @@ def mdf(path: Path, rate_hz: float, columns: Columns) -> None:
 
 
 def hdf5(path: Path, rate_hz: float, columns: Columns) -> None:
-    h5py = pytest.importorskip("h5py")
-    with h5py.File(path, "w") as file:
-        file.attrs["rate_hz"] = rate_hz
-        for (name, unit), values in columns.items():
-            file.create_dataset(name, data=values).attrs["unit"] = unit
+    write_hdf5(path, {name: values for (name, _), values in columns.items()}, rate_hz, dict(columns.keys()))
 
 
 SUFFIXES: Mapping[Callable[..., None], str] = {
-    csv_with_commas: ".csv",
-    csv_with_units: ".csv",
-    csv_with_a_line_of_units: ".csv",
     parquet: ".parquet",
     matlab: ".mat",
     tdms: ".tdms",
     mdf: ".mf4",
     hdf5: ".h5",
-    tektronix: ".csv",
-    picoscope: ".csv",
-    labview: ".lvm",
-    catman: ".asc",
-    yokogawa: ".csv",
-    long_table: ".csv",
-    two_rates: ".csv",
-    controller: ".csv",
+    exports.labview: ".lvm",
+    exports.catman: ".asc",
     mf4: ".mf4",
     candump: ".log",
     relative_asc: ".asc",
-    **dict.fromkeys(
-        (statuses, times_of_each, packed_clock, twice, carriage_returns, on_change, with_units), ".csv"
-    ),
 }
+"""Of formats other than .csv."""
 
 
 def tug() -> Vessel:
@@ -178,6 +120,15 @@ def multisine(rate_hz: float, rpm: float) -> fp.Excitation:
 def steps(rate_hz: float, rpm: float) -> fp.Excitation:
     heights = rpm * np.array([1.0, -1.0, -0.6, 1.2, 0.4, -1.0, 0.6, 0.0])
     return fp.signals.steps(np.diff(heights, prepend=0.0), 14.037, rate_hz=rate_hz)
+
+
+def answer(path: Path, answers: Mapping[str, str]) -> None:
+    """Write into a trial what a person gives in place of what `init` left."""
+    text = path.read_text(encoding="utf-8")
+    for question, given in answers.items():
+        assert text.count(question) == 1
+        text = text.replace(question, given)
+    path.write_text(text, encoding="utf-8")
 
 
 @dataclass(frozen=True)
@@ -235,12 +186,9 @@ class Row:
         logs = [part for path in self.written(folder) for part in ("--log", str(path))]
         assert cli.main(["init", str(folder), *logs, *self.options(folder)]) == 0
         path = folder / "TRIAL.toml"
-        text = path.read_text(encoding="utf-8")
-        assert text.count('"to be given"') == sum("to be given" in question for question in self.answers)
-        for question, answer in self.answers.items():
-            assert text.count(question) == 1
-            text = text.replace(question, answer)
-        path.write_text(text, encoding="utf-8")
+        asked = path.read_text(encoding="utf-8").count('"to be given"')
+        assert asked == sum("to be given" in question for question in self.answers)
+        answer(path, self.answers)
         return path
 
     def options(self, folder: Path) -> list[str]:
@@ -263,7 +211,7 @@ class Row:
 
     def written(self, folder: Path) -> list[Path]:
         """Write the log; return its path, or those of each logger."""
-        path = folder / f"log{SUFFIXES[self.write]}"
+        path = folder / f"log{SUFFIXES.get(self.write, '.csv')}"
         self.write(path, self.rate_hz, self.columns())
         return [path]
 
@@ -327,7 +275,7 @@ class TwoLoggers(Loaded):
 
     def written(self, folder: Path) -> list[Path]:
         columns = list(self.columns().items())
-        paths = [folder / f"{name}{SUFFIXES[self.write]}" for name in ("speed", "load")]
+        paths = [folder / f"{name}{SUFFIXES.get(self.write, '.csv')}" for name in ("speed", "load")]
         for path, part in zip(paths, (columns[:2], columns[2:]), strict=True):
             self.write(path, self.rate_hz, dict(part))
         return paths
@@ -380,7 +328,7 @@ class Edges(Encoder):
             )
             for part in (0.0, 0.4)
         )
-        edges(folder / "digital.csv", name, rises, falls)
+        exports.edges(folder / "digital.csv", name, rises, falls)
         self.write(
             folder / "rest.csv", self.rate_hz, {key: x for key, x in columns.items() if key[0] != name}
         )
@@ -415,7 +363,7 @@ class Bus(Row):
             frames.append((at_s, 0, 0x0CF00400, f"FF7D{torque.hex()}{speed.hex()}00FF7D"))
             if self.beside:
                 frames.append((at_s, 1, 0x0CF00400, f"FF7D9B{0xC0 + k * k % 7:02X}1500FF7D"))
-        path = folder / f"bus{SUFFIXES[self.write]}"
+        path = folder / f"bus{SUFFIXES.get(self.write, '.csv')}"
         self.write(path, frames)
         return [path]
 
@@ -461,16 +409,19 @@ class Commanded(Row):
         }
 
 
+ENGINE = {"n_set": ("Speed demand", "rpm"), "n_e": ("Engine speed", "rpm"), "M_b": ("Engine torque", "Nm")}
+GENERATING_SET = {"n_set": ("Speed set point", "rpm"), "n_e": ("Engine speed", "rpm"), "M_b": ("Engine torque", "Nm"),
+                  "M_load": ("Generator power", "kW")}  # fmt: skip
 ROWS = (
-    Row("German text, sines of a tug", csv_with_commas, tug, sines, 50.0,
+    Row("German text, sines of a tug", exports.csv_with_commas, tug, sines, 50.0,
         {"n_set": ("Sollgeschwindigkeit", "U/min"), "n_e": ("Istgeschwindigkeit", "U/min"), "M_g": ("Wellenmoment", "kNm")},
         {("Öltemperatur", "°C"): 74.0}),
-    Row("English text, chirp of a launch", csv_with_units, launch, chirp, 50.0,
+    Row("English text, chirp of a launch", exports.csv_with_units, launch, chirp, 50.0,
         {"n_set": ("Speed set point", "rpm"), "n_e": ("Encoder", "rpm"), "M_b": ("Motor torque", "Nm")},
         {("Engine load", "%"): 61.0, ("Fuel pressure", "bar"): 4.0}),
     Row("MATLAB, multisine of a laboratory drive", matlab, lab_drive, multisine, 50.0,
         {"n_set": ("MotorVelocitySet_deg_s", ""), "n_e": ("feedback_deg_s", ""), "M_b": ("MotorTorque_Nm", "Nm")}),
-    Row("French text, steps of a generating set", csv_with_a_line_of_units, genset, steps, 100.0,
+    Row("French text, steps of a generating set", exports.csv_with_a_line_of_units, genset, steps, 100.0,
         {"n_set": ("Consigne vitesse", "tr/min"), "n_e": ("Vitesse moteur", "tr/min"), "M_b": ("Couple moteur", "N m")},
         {("Charge", "%"): 45.0}),
     Row("Norwegian Parquet, multisine of a tug", parquet, tug, multisine, 20.0,
@@ -485,64 +436,61 @@ ROWS = (
     Row("Spanish HDF5, multisine of a generating set", hdf5, genset, multisine, 50.0,
         {"n_e": ("Velocidad medida", "rad/s"), "n_set": ("Consigna de velocidad", "rad/s"), "M_b": ("Par motor", "N m")},
         {("Frecuencia de red", "Hz"): 50.0}),
-    Row("German text, multisine of a tug without torque", csv_with_commas, tug, multisine, 50.0,
+    Row("German text, multisine of a tug without torque", exports.csv_with_commas, tug, multisine, 50.0,
         {"n_set": ("Drehzahl Soll", "1/min"), "n_e": ("Drehzahl Ist", "1/min")}),
     Row("Two speeds with a gear between, chirp of a launch", parquet, launch, chirp, 50.0,
         {"n_set": ("Engine speed demand", "rpm"), "n_e": ("Engine speed", "rpm"), "n_s": ("Shaft speed", "rpm"),
          "M_g": ("Shaft torque", "lbf ft")},
         {("Speed over ground", "kn"): 0.2, ("Throttle position", "%"): 55.0}),
-    Loaded("Load steps of a generating set at a set point that rests", csv_with_units, genset, steps, 50.0,
-        {"n_set": ("Speed set point", "rpm"), "n_e": ("Engine speed", "rpm"), "M_b": ("Engine torque", "Nm"),
-         "M_load": ("Generator power", "kW")}, share=0.0),
-    Loaded("German load steps beside a set point that moves", csv_with_commas, genset, steps, 50.0,
+    Loaded("Load steps of a generating set at a set point that rests", exports.csv_with_units, genset, steps, 50.0,
+        GENERATING_SET, share=0.0),
+    Loaded("German load steps beside a set point that moves", exports.csv_with_commas, genset, steps, 50.0,
         {"n_set": ("Drehzahl Soll", "1/min"), "n_e": ("Drehzahl Ist", "1/min"), "M_b": ("Motormoment", "Nm"),
          "M_load": ("Generator Leistung", "kW")}, share=0.02),
     Loaded("A load from zero on an engine that idles", parquet, genset, steps, 50.0,
-        {"n_set": ("Speed set point", "rpm"), "n_e": ("Engine speed", "rpm"), "M_b": ("Engine torque", "Nm"),
-         "M_load": ("Generator power", "kW")}, share=0.0, levels=(0.0, *LEVELS), idles=0.1),
+        GENERATING_SET, share=0.0, levels=(0.0, *LEVELS), idles=0.1),
     TwoLoggers("Load steps in two logs on one clock", parquet, genset, steps, 50.0,
-        {"n_set": ("Speed set point", "rpm"), "n_e": ("Engine speed", "rpm"), "M_b": ("Engine torque", "Nm"),
-         "M_load": ("Generator power", "kW")}, share=0.02),
-    Commanded("Torque steps of a laboratory drive in open loop", csv_with_units, lab_drive, steps, 50.0,
+        GENERATING_SET, share=0.02),
+    Commanded("Torque steps of a laboratory drive in open loop", exports.csv_with_units, lab_drive, steps, 50.0,
         {"command": ("Torque command", "Nm"), "n_e": ("Motor speed", "rpm")}),
     Commanded("Voltage steps beside a torque, in open loop", hdf5, lab_drive, steps, 50.0,
         {"command": ("Torque demand", "V"), "n_e": ("Motor speed", "rpm"), "M_b": ("Motor torque", "Nm")},
         own={"g": -0.8, "v": 1.6, "tau_act": 0.06}, command=4.0),
-    Loaded("Load steps of a generating set whose set point no logger recorded", csv_with_units, genset, steps, 50.0,
-        {"n_e": ("Engine speed", "rpm"), "M_b": ("Engine torque", "Nm"), "M_load": ("Generator power", "kW")}, share=0.0),
+    Loaded("Load steps of a generating set whose set point no logger recorded", exports.csv_with_units, genset, steps,
+        50.0, {"n_e": ("Engine speed", "rpm"), "M_b": ("Engine torque", "Nm"), "M_load": ("Generator power", "kW")},
+        share=0.0),
     Encoder("An encoder's pulses and a torque in volts, at 1 kHz", parquet, launch, chirp, 1000.0,
         {"n_set": ("Speed demand", "rpm"), "n_e": ("Encoder track A", "V"), "M_b": ("Engine torque", "V")},
         answers={'calibration = "to be given"': "calibration = { scale = 200.0, offset = 0.0 }"}),
     Bus("An engine's bus, its torque in per cent", mf4, launch, multisine, 50.0,
         {"n_set": ("EngRequestedSpeed", "rpm"), "n_e": ("EngSpeed", "rpm"), "M_b": ("ActualEngPercentTorque", "%")},
         answers={'rated_torque_Nm = "to be given"': "rated_torque_Nm = 400.0"}),
-    Commanded("German torque steps of a laboratory drive in open loop", csv_with_commas, lab_drive, steps, 50.0,
+    Commanded("German torque steps of a laboratory drive in open loop", exports.csv_with_commas, lab_drive, steps, 50.0,
         {"command": ("Motormoment Sollwert", "Nm"), "n_e": ("Motordrehzahl", "1/min"),
          "M_b": ("Motormoment Istwert", "Nm")}),
     TwoLoggers("German load steps by two loggers, one for the load", tdms, genset, steps, 50.0,
         {"n_set": ("Solldrehzahl", "1/min"), "n_e": ("Istdrehzahl", "1/min"), "M_b": ("Motormoment", "Nm"),
          "M_load": ("Generatorleistung", "kW")}, share=0.0),
-    Row("Tektronix text with labels, chirp of a launch", tektronix, launch, chirp, 100.0,
-        {"n_set": ("Speed demand", "rpm"), "n_e": ("Engine speed", "rpm"), "M_b": ("Engine torque", "Nm")}),
-    Row("PicoScope text, multisine of a laboratory drive", picoscope, lab_drive, multisine, 100.0,
+    Row("Tektronix text with labels, chirp of a launch", exports.tektronix, launch, chirp, 100.0, ENGINE),
+    Row("PicoScope text, multisine of a laboratory drive", exports.picoscope, lab_drive, multisine, 100.0,
         {"n_e": ("Channel A", "rpm"), "n_set": ("Channel B", "rpm"), "M_g": ("Channel C", "Nm")}),
-    Row("LabVIEW text, sines of a laboratory drive", labview, lab_drive, sines, 100.0,
+    Row("LabVIEW text, sines of a laboratory drive", exports.labview, lab_drive, sines, 100.0,
         {"n_set": ("Speed setpoint", "rad/s"), "n_e": ("Speed", "rad/s"), "M_b": ("Motor torque", "Nm")}),
-    Row("German catman text, sines of a tug", catman, tug, sines, 50.0,
+    Row("German catman text, sines of a tug", exports.catman, tug, sines, 50.0,
         {"n_set": ("Solldrehzahl", "1/min"), "n_e": ("Istdrehzahl", "1/min"), "M_g": ("Wellenmoment", "kNm")},
         {("Öltemperatur", "°C"): 71.0}),
-    Loaded("Yokogawa text, load steps of a generating set", yokogawa, genset, steps, 100.0,
+    Loaded("Yokogawa text, load steps of a generating set", exports.yokogawa, genset, steps, 100.0,
         {"n_set": ("Speed reference", "rpm"), "n_e": ("Engine speed", "rpm"), "M_b": ("Engine torque", "Nm"),
          "M_load": ("Generator power", "kW")}, share=0.02),
-    Edges("A tachometer's edges beside a table, chirp of a launch", csv_with_units, launch, chirp, 50.0,
+    Edges("A tachometer's edges beside a table, chirp of a launch", exports.csv_with_units, launch, chirp, 50.0,
         {"n_set": ("Speed demand", "rpm"), "n_e": ("Tacho", ""), "M_b": ("Engine torque", "Nm")}),
-    Row("Italian text of two rates, multisine of a tug", two_rates, tug, multisine, 100.0,
+    Row("Italian text of two rates, multisine of a tug", exports.two_rates, tug, multisine, 100.0,
         {"n_set": ("Velocità richiesta", "giri/min"), "n_e": ("Velocità motore", "giri/min"),
          "M_g": ("Coppia albero", "kNm")}),
-    Row("One signal a row, multisine of a generating set", long_table, genset, multisine, 20.0,
+    Row("One signal a row, multisine of a generating set", exports.long_table, genset, multisine, 20.0,
         {"n_set": ("DG1_SPEED_REF", "rpm"), "n_e": ("DG1_SPEED_ACT", "rpm"), "M_b": ("DG1_ENGINE_TORQUE", "kNm")},
         {("DG1_OIL_TEMP", "°C"): 82.0}),
-    Row("German controller's held values, steps of a launch", controller, launch, steps, 50.0,
+    Row("German controller's held values, steps of a launch", exports.controller, launch, steps, 50.0,
         {"n_set": ("Drehzahl Sollwert", "1/min"), "n_e": ("Drehzahl Istwert", "1/min"), "M_b": ("Motormoment", "%")},
         answers={'rated_torque_Nm = "to be given"': "rated_torque_Nm = 400.0"}),
     Bus("Engines on two buses, one of which idles", candump, launch, multisine, 50.0,
@@ -552,19 +500,17 @@ ROWS = (
     Bus("A bus whose clock tells steps", relative_asc, launch, multisine, 50.0,
         {"n_set": ("EngRequestedSpeed", "rpm"), "n_e": ("EngSpeed", "rpm"), "M_b": ("ActualEngPercentTorque", "%")},
         answers={'rated_torque_Nm = "to be given"': "rated_torque_Nm = 400.0"}),
-    Row("A historian's columns of status, multisine of a tug", statuses, tug, multisine, 50.0,
+    Row("A historian's columns of status, multisine of a tug", exports.statuses, tug, multisine, 50.0,
         {"n_set": ("Speed setpoint", "rpm"), "n_e": ("Engine speed", "rpm"), "M_g": ("Shaft torque", "kNm")}),
-    Row("A time for each channel, chirp of a launch", times_of_each, launch, chirp, 50.0,
-        {"n_set": ("Speed demand", "rpm"), "n_e": ("Engine speed", "rpm"), "M_b": ("Engine torque", "Nm")}),
-    Row("A clock as one number over the hour, sines of a tug", packed_clock, tug, sines, 20.0,
+    Row("A time for each channel, chirp of a launch", exports.times_of_each, launch, chirp, 50.0, ENGINE),
+    Row("A clock as one number over the hour, sines of a tug", exports.packed_clock, tug, sines, 20.0,
         {"n_set": ("Solldrehzahl", "1/min"), "n_e": ("Istdrehzahl", "1/min"), "M_g": ("Wellenmoment", "kNm")}),
-    Row("Each row twice, multisine of a laboratory drive", twice, lab_drive, multisine, 50.0,
+    Row("Each row twice, multisine of a laboratory drive", exports.twice, lab_drive, multisine, 50.0,
         {"n_set": ("Speed reference", "rpm"), "n_e": ("Motor speed", "rpm"), "M_b": ("Motor torque", "Nm")}),
-    Row("Lines that end in CR alone, multisine of a generating set", carriage_returns, genset, multisine, 50.0,
+    Row("Lines that end in CR alone, multisine of a generating set", exports.carriage_returns, genset, multisine, 50.0,
         {"n_set": ("Speed reference", "rpm"), "n_e": ("Engine speed", "rpm"), "M_b": ("Engine torque", "Nm")}),
-    Row("A set point recorded on change, chirp of a launch", on_change, launch, chirp, 50.0,
-        {"n_set": ("Speed demand", "rpm"), "n_e": ("Engine speed", "rpm"), "M_b": ("Engine torque", "Nm")}),
-    Row("A unit in each cell, chirp of a laboratory drive", with_units, lab_drive, chirp, 50.0,
+    Row("A set point recorded on change, chirp of a launch", exports.on_change, launch, chirp, 50.0, ENGINE),
+    Row("A unit in each cell, chirp of a laboratory drive", exports.with_units, lab_drive, chirp, 50.0,
         {"n_set": ("Speed setpoint", "rpm"), "n_e": ("Motor speed", "rpm"), "M_b": ("Motor torque", "Nm")}),
     Encoder("Twelve teeth on an uneven engine, at 4 kHz", parquet, launch, chirp, 4000.0,
         {"n_set": ("Speed demand", "rpm"), "n_e": ("Encoder track A", "V"), "M_b": ("Engine torque", "V")},

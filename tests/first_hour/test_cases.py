@@ -24,6 +24,8 @@ from shipfp_rs.processing.trial import Processing
 from shipfp_rs.processing.trial_channels import Load, SetPoint, Tacho, Torque
 from shipfp_rs.processing.trial_template import drafted, moved, windows_toml
 from shipfp_rs.support.toml import template
+from tests.cli.refusal import refused
+from tests.first_hour.logs import answer
 
 CASES = Path(__file__).parents[1] / "data" / "cases"
 GENSET = {
@@ -39,12 +41,8 @@ def trial(folder: Path, name: str, answers: dict[str, str]) -> Path:
     shutil.copy(CASES / f"{name}.csv", folder)
     assert cli.main(["init", str(folder), "--log", str(folder / f"{name}.csv")]) == 0
     path = folder / "TRIAL.toml"
-    text = path.read_text(encoding="utf-8")
-    for asked, given in answers.items():
-        assert text.count(asked) == 1
-        text = text.replace(asked, given)
-    assert '= "to be given"' not in text
-    path.write_text(text, encoding="utf-8")
+    answer(path, answers)
+    assert '= "to be given"' not in path.read_text(encoding="utf-8")
     return path
 
 
@@ -116,8 +114,7 @@ def test_cases_units_that_can_t_be_are_refused_by_the_channel_s_key(
     path = trial(tmp_path, "genset_power", GENSET)
     capsys.readouterr()
     path.write_text(path.read_text().replace(old, new))
-    assert cli.main(["check", str(path)]) == 2
-    (line,) = capsys.readouterr().err.splitlines()
+    line = refused(["check", str(path)], capsys)
     assert said in line
     assert "pulses_per_rev" not in line
 

@@ -10,6 +10,7 @@ import pytest
 from shipfp_rs.errors import LogWarning
 from shipfp_rs.logs.log import Log
 from tests.first_hour.exports import catman, edges, labview, long_table, tektronix, yokogawa
+from tests.logger_files import opened
 
 COLUMNS = {
     ("Speed demand", "rpm"): 900.0 + np.round(np.sin(0.1 * np.arange(300)), 3),
@@ -35,8 +36,7 @@ def test_records_of_a_trace_without_times_are_found_below_lines_of_figures(tmp_p
     yokogawa(tmp_path / "all.csv", 50.0, COLUMNS)
     lines = (tmp_path / "all.csv").read_text().split("\n")
     rows = [line if line[:1] in ('"', "") else line[line.index(",") :] for line in lines]
-    (tmp_path / "log.csv").write_text("\n".join(rows))
-    log = Log.open(tmp_path / "log.csv")
+    log = opened(tmp_path, *rows[:-1])
     assert {(name, channel.unit, channel.rate_hz) for name, channel in log.channels.items()} == {
         (*key, 50.0) for key in COLUMNS
     }

@@ -18,6 +18,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from scipy import io, sparse
 
 import shipfp_rs as fp
 from shipfp_rs import cli
@@ -27,7 +28,9 @@ from shipfp_rs.support.files import replacing_folder
 from shipfp_rs.sweeps.store import opened
 from shipfp_rs.tacho.speed import interval_gain, resample
 from shipfp_rs.vessel.steady_state import steady_state
+from tests.cli.refusal import refused
 from tests.cli.small_trial import SMALL, SWEEP, small_log
+from tests.logger_files import hdf5_file
 from tests.view.serving import served
 
 SECRET = b"a line of another file\n" * 10
@@ -51,45 +54,30 @@ def folder(tmp_path: Path, log_file: Path, monkeypatch: pytest.MonkeyPatch) -> P
     return tmp_path
 
 
-def refused(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> str:
-    """Run a command that must be refused, and return its one line."""
-    status = cli.main(arguments)
-    told = capsys.readouterr()
-    assert (status, told.out) == (2, ""), told
-    assert told.err.count("\n") == 1
-    assert "internal" not in told.err
-    return told.err
+def _external_storage(h5py, file) -> None:
+    stored = file.create_dataset("u", (100,), dtype="i1", external=[("secret", 0, 100)])
+    stored.attrs["rate_hz"] = 10.0
 
 
-def _external_storage(h5py, path: Path) -> None:
-    with h5py.File(path, "w") as file:
-        stored = file.create_dataset("u", (100,), dtype="i1", external=[("secret", 0, 100)])
-        stored.attrs["rate_hz"] = 10.0
+def _virtual_dataset(h5py, file) -> None:
+    layout = h5py.VirtualLayout((100,), "f8")
+    layout[:] = h5py.VirtualSource("other.h5", "u", (100,))
+    file.create_virtual_dataset("u", layout).attrs["rate_hz"] = 10.0
 
 
-def _virtual_dataset(h5py, path: Path) -> None:
-    with h5py.File(path, "w") as file:
-        layout = h5py.VirtualLayout((100,), "f8")
-        layout[:] = h5py.VirtualSource("other.h5", "u", (100,))
-        file.create_virtual_dataset("u", layout).attrs["rate_hz"] = 10.0
-
-
-def _external_link(h5py, path: Path) -> None:
+def _external_link(h5py, file) -> None:
     # Words beside a table name its columns, wherever they stand.
-    with h5py.File(path, "w") as file:
-        file.create_dataset("table", data=np.zeros((100, 2))).attrs["rate_hz"] = 10.0
-        file["words"] = h5py.ExternalLink("other.h5", "/words")
+    file.create_dataset("table", data=np.zeros((100, 2))).attrs["rate_hz"] = 10.0
+    file["words"] = h5py.ExternalLink("other.h5", "/words")
 
 
-def _external_group(h5py, path: Path) -> None:
-    with h5py.File(path, "w") as file:
-        file.create_dataset("u", data=np.zeros(100)).attrs["rate_hz"] = 10.0
-        file.create_group("inner")["all"] = h5py.ExternalLink("other.h5", "/")
+def _external_group(h5py, file) -> None:
+    file.create_dataset("u", data=np.zeros(100)).attrs["rate_hz"] = 10.0
+    file.create_group("inner")["all"] = h5py.ExternalLink("other.h5", "/")
 
 
-def _endless(h5py, path: Path) -> None:
-    with h5py.File(path, "w") as file:
-        file.create_dataset("u", (10**13,), dtype="f8", chunks=(1000,)).attrs["rate_hz"] = 10.0
+def _endless(h5py, file) -> None:
+    file.create_dataset("u", (10**13,), dtype="f8", chunks=(1000,)).attrs["rate_hz"] = 10.0
 
 
 @pytest.mark.parametrize(
@@ -111,7 +99,8 @@ def test_an_hdf5_file_shows_its_own_bytes_only(
     with h5py.File("other.h5", "w") as file:
         file.create_dataset("u", data=np.arange(100.0))
         file.create_dataset("words", data=["one", "two"], dtype=h5py.string_dtype())
-    write(h5py, Path("log.h5"))
+    with h5py.File("log.h5", "w") as file:
+        write(h5py, file)
     with pytest.raises(InputError, match=said.replace("+", r"\+")):
         Log.open("log.h5")
 
@@ -332,27 +321,17 @@ def test_a_limit_that_is_known_is_fitted_with_its_element(record: fp.Experiment)
     assert found.parameters["M_max"].value == 3.0
 
 
-def _sparse(io, sparse, path: Path) -> None:
-    io.savemat(path, {"u": np.arange(9.0), "fs": 10.0, "S": sparse.csc_matrix(np.eye(3))})
-
-
-def _complex(io, sparse, path: Path) -> None:
-    io.savemat(path, {"u": np.arange(9.0), "fs": 10.0, "S": np.arange(9.0) + 1j})
-
-
 @pytest.mark.parametrize(
-    ("write", "left_out"),
+    ("matrix", "left_out"),
     [
-        pytest.param(_sparse, "S", id="d6-sparse-matrix"),
-        pytest.param(_complex, r"S \(complex\)", id="d7-complex-numbers"),
+        pytest.param(sparse.csc_matrix(np.eye(3)), "S", id="d6-sparse-matrix"),
+        pytest.param(np.arange(9.0) + 1j, r"S \(complex\)", id="d7-complex-numbers"),
     ],
 )
 def test_what_is_no_channel_of_a_matlab_file_is_left_out_with_a_word(
-    write: Callable[..., None], left_out: str, tmp_path: Path
+    matrix: Any, left_out: str, tmp_path: Path
 ) -> None:
-    from scipy import io, sparse
-
-    write(io, sparse, tmp_path / "log.mat")
+    io.savemat(tmp_path / "log.mat", {"u": np.arange(9.0), "fs": 10.0, "S": matrix})
     with pytest.warns(LogWarning, match=f"no vectors of numbers: {left_out}"):
         log = Log.open(tmp_path / "log.mat")
     assert list(log.channels) == ["u"]
@@ -557,8 +536,7 @@ def test_c7_two_swapped_first_rows_are_told(tmp_path: Path) -> None:
 
 
 def test_c7_the_sign_of_degrees_stays_what_it_is(tmp_path: Path) -> None:
-    h5py = pytest.importorskip("h5py")
-    with h5py.File(tmp_path / "log.h5", "w") as file:
+    with hdf5_file(tmp_path / "log.h5") as file:
         stored = file.create_dataset("u", data=np.arange(9.0))
         stored.attrs["rate_hz"], stored.attrs["unit"] = 10.0, np.bytes_("°C".encode("latin-1"))
     (tmp_path / "log.csv").write_bytes("time,u [°C]\n0,1\n1,2\n2,3\n".encode("latin-1"))

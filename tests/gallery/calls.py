@@ -94,10 +94,7 @@ def _of_signals() -> dict[str, Base]:
     band = {"low_hz": 0.1, "high_hz": 2.0}
     return {
         "chirp": (fp.signals.chirp, {"start_hz": 0.1, "stop_hz": 2.0, "duration_s": 10.0, **common}),
-        "sine_sequence": (
-            fp.signals.sine_sequence,
-            {"frequencies_hz": [0.5, 1.0], "periods": 3.0, **common},
-        ),
+        "sine_sequence": (fp.signals.sine_sequence, {"frequencies_hz": [0.5, 1.0], "periods": 3.0, **common}),
         "multisine": (
             fp.signals.multisine,
             {"frequencies_hz": [0.5, 1.0], "period_s": 4.0, "iterations": 10, **common},
@@ -192,10 +189,7 @@ def _of_logs(log: fp.Log, trial: fp.Trial, record: fp.Experiment) -> dict[str, B
             },
         ),
         "Experiment.window": (record.window, {"start_s": 1.0, "stop_s": 20.0}),
-        "write_experiments": (
-            fp.write_experiments,
-            {"path": "new.parquet", "experiments": [record]},
-        ),
+        "write_experiments": (fp.write_experiments, {"path": "new.parquet", "experiments": [record]}),
         "read_experiments": (fp.read_experiments, {"path": "records.parquet"}),
     }
 
@@ -219,14 +213,8 @@ def _of_spectra(record: fp.Experiment) -> dict[str, Base]:
             {"samples": samples, "rate_hz": 10.0, "frequencies_hz": [0.48]},
         ),
         "sine_response": (fp.frequency.sine_response, {"output": answer, "set_point": answer}),
-        "local_response": (
-            fp.frequency.local_response,
-            {"experiment": record, "band_hz": (0.1, 1.0)},
-        ),
-        "spectral_response": (
-            fp.frequency.spectral_response,
-            {"experiments": record, "segment_s": 8.0},
-        ),
+        "local_response": (fp.frequency.local_response, {"experiment": record, "band_hz": (0.1, 1.0)}),
+        "spectral_response": (fp.frequency.spectral_response, {"experiments": record, "segment_s": 8.0}),
         "multisine_response": (fp.frequency.multisine_response, {"experiment": record, "period_s": 5.0}),
         "stepped_sine_response": (fp.frequency.stepped_sine_response, {"experiments": record}),
     }
@@ -244,10 +232,7 @@ def _of_structures() -> dict[str, Base]:
         "Structure.with_bounds": (linear.with_bounds, {"tau_n": (0.1, 5.0)}),
         "Structure.with_prior": (linear.with_prior, {"tau_n": (1.0, 0.1)}),
         "Structure.with_tied": (linear.with_tied, {"vK_i": ("vK_p", 1.0)}),
-        "Parameter": (
-            fp.Parameter,
-            {"name": "a", "unit": "s", "start": 1.0, "lower": 0.1, "upper": 2.0},
-        ),
+        "Parameter": (fp.Parameter, {"name": "a", "unit": "s", "start": 1.0, "lower": 0.1, "upper": 2.0}),
     }
 
 

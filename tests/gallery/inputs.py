@@ -88,10 +88,10 @@ def inputs(folder: Path, count: int, seed: int) -> list[Input | Call]:
     text = (folder / "log.csv").read_text(encoding="utf-8")
     fingerprint = json.loads((folder / "fingerprint.json").read_text(encoding="utf-8"))
     makers: list[Callable[[], Input | Call]] = [
-        *[lambda: _trial("check", chance)] * 5,
-        *[lambda: _trial("run", chance)],
-        *[lambda: _sweep(chance)] * 2,
-        *[lambda: _vessel(chance)] * 3,
+        *[lambda: _slip("trial", "check", chance)] * 5,
+        *[lambda: _slip("trial", "run", chance, "--out", "out")],
+        *[lambda: _slip("sweep", "sweep", chance, "--out", "out", *SWEEPING)] * 2,
+        *[lambda: _slip("vessel", "simulate", chance, "--duration", "5")] * 3,
         *[lambda: _option(chance)] * 5,
         *[lambda: _fingerprint(fingerprint, chance)] * 2,
         *[lambda: _damaged(chance)],
@@ -108,20 +108,9 @@ def _parsed(kind: str) -> tuple[dict[str, Any], list[Any]]:
     return content, places(model, content)
 
 
-def _trial(command: str, chance: random.Random) -> Input:
-    about, content = slipped(*_parsed("trial"), chance)
-    out = ("--out", "out") if command == "run" else ()
-    return Input((command, "slip.toml", *out), about, {"slip.toml": toml(content)})
-
-
-def _sweep(chance: random.Random) -> Input:
-    about, content = slipped(*_parsed("sweep"), chance)
-    return Input(("sweep", "slip.toml", "--out", "out", *SWEEPING), about, {"slip.toml": toml(content)})
-
-
-def _vessel(chance: random.Random) -> Input:
-    about, content = slipped(*_parsed("vessel"), chance)
-    return Input(("simulate", "slip.toml", "--duration", "5"), about, {"slip.toml": toml(content)})
+def _slip(kind: str, command: str, chance: random.Random, *options: str) -> Input:
+    about, content = slipped(*_parsed(kind), chance)
+    return Input((command, "slip.toml", *options), about, {"slip.toml": toml(content)})
 
 
 def _fingerprint(content: dict[str, Any], chance: random.Random) -> Input:

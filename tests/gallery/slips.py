@@ -33,10 +33,7 @@ Place = tuple[str | int, ...]
 
 def places(model: type[BaseModel], content: Mapping[str, Any]) -> list[Place]:
     """Return every key that a file can hold: those of the model's tables, and those that are in it."""
-    found: dict[Place, None] = {}
-    for place in [*_declared(model, ()), *held(content, ())]:
-        found[place] = None
-    return list(found)
+    return list(dict.fromkeys([*_declared(model, ()), *held(content, ())]))
 
 
 def _declared(model: type[BaseModel], place: Place) -> Iterator[Place]:
@@ -57,14 +54,9 @@ def _models_in(annotation: Any) -> set[type[BaseModel]]:
 
 
 def held(content: Any, place: Place) -> Iterator[Place]:
-    pairs = (
-        content.items()
-        if isinstance(content, Mapping)
-        else enumerate(content)
-        if isinstance(content, list)
-        else ()
-    )
-    for key, value in pairs:
+    if not isinstance(content, Mapping | list):
+        return
+    for key, value in content.items() if isinstance(content, Mapping) else enumerate(content):
         yield (*place, key)
         yield from held(value, (*place, key))
 
@@ -104,11 +96,7 @@ def slipped(
 
 def toml(content: Mapping[str, Any]) -> str:
     """Write parsed TOML as text, every table in one line."""
-    return "".join(f"{_key(key)} = {_written(value)}\n" for key, value in content.items())
-
-
-def _key(key: str) -> str:
-    return json.dumps(key)
+    return "".join(f"{json.dumps(key)} = {_written(value)}\n" for key, value in content.items())
 
 
 def _written(value: Any) -> str:
@@ -119,7 +107,7 @@ def _written(value: Any) -> str:
     if isinstance(value, float):
         return {math.inf: "inf", -math.inf: "-inf"}.get(value, "nan" if math.isnan(value) else repr(value))
     if isinstance(value, Mapping):
-        return "{" + ", ".join(f"{_key(key)} = {_written(inner)}" for key, inner in value.items()) + "}"
+        return "{" + ", ".join(f"{json.dumps(key)} = {_written(inner)}" for key, inner in value.items()) + "}"
     if isinstance(value, list | tuple):
         return "[" + ", ".join(map(_written, value)) + "]"
     return str(value)

@@ -10,42 +10,11 @@ from shipfp_rs.errors import InputError, LogWarning
 from shipfp_rs.logs.log import Log
 from shipfp_rs.logs.readers.can_signals import Signal
 from shipfp_rs.processing.process import process
-from shipfp_rs.processing.trial import Trial
 from shipfp_rs.vessel.vessel import Vessel
+from tests.logs.bus_files import DBC, mf4
+from tests.processing.test_speed_sources import trial
 
 DATA = Path(__file__).parents[1] / "data" / "logs"
-DBC = """VERSION ""
-NS_ :
-BS_:
-BU_: ECU
-BO_ 2348810244 TSC1: 8 ECU
- SG_ EngRequestedSpeed : 8|16@1+ (0.125,0) [0|8031.875] "rpm" ECU
-BO_ 2364540158 EEC1: 8 ECU
- SG_ ActualEngPercentTorque : 16|8@1+ (1,-125) [-125|125] "%" ECU
- SG_ EngSpeed : 24|16@1+ (0.125,0) [0|8031.875] "rpm" ECU
-BA_DEF_ BO_ "VFrameFormat" ENUM "StandardCAN","ExtendedCAN","reserved","J1939PG";
-BA_DEF_ "ProtocolType" STRING ;
-BA_DEF_DEF_ "VFrameFormat" "J1939PG";
-BA_DEF_DEF_ "ProtocolType" "";
-BA_ "ProtocolType" "J1939";
-BA_ "VFrameFormat" BO_ 2348810244 3;
-BA_ "VFrameFormat" BO_ 2364540158 3;
-"""
-
-
-def mf4(path: Path, frames: list[tuple[float, int, bytes]]) -> None:
-    asammdf = pytest.importorskip("asammdf")
-    frames = sorted(frames, key=lambda frame: frame[0])
-    kinds = [("CAN_DataFrame.ID", "<u4"), ("CAN_DataFrame.IDE", "u1"), ("CAN_DataFrame.DataLength", "u1"),
-             ("CAN_DataFrame.DataBytes", "(8,)u1")]  # fmt: skip
-    rows = np.zeros(len(frames), dtype=kinds)
-    rows["CAN_DataFrame.ID"] = [identifier for _, identifier, _ in frames]
-    rows["CAN_DataFrame.IDE"], rows["CAN_DataFrame.DataLength"] = 1, 8
-    rows["CAN_DataFrame.DataBytes"] = np.array([list(data) for *_, data in frames], dtype=np.uint8)
-    times = np.array([time for time, *_ in frames])
-    with asammdf.MDF(version="4.10") as file:
-        file.append([asammdf.Signal(rows, times, name="CAN_DataFrame")], acq_name="CAN")
-        file.save(path, overwrite=True)
 
 
 def test_an_engine_on_j1939_becomes_an_experiment(tmp_path: Path) -> None:
@@ -56,22 +25,18 @@ def test_an_engine_on_j1939_becomes_an_experiment(tmp_path: Path) -> None:
     frames = []
     for k, (n_set, n_e) in enumerate(zip(truth.signals["n_set"], truth.signals["n_e"], strict=True)):
         time = k / truth.rate_hz + 1.0 + jitter[k]
-        asked = b"\xfd" + round(n_set / 0.125).to_bytes(2, "little") + b"\xe1" + b"\xff" * 4
-        told = b"\xff\x7d\xa0" + round(n_e / 0.125).to_bytes(2, "little") + b"\x00\xff\x7d"
-        frames += [(time, 0x0C000003, asked), (time + 1e-3, 0x0CF00400, told)]
+        asked, told = (round(rpm / 0.125).to_bytes(2, "little").hex() for rpm in (n_set, n_e))
+        frames += [
+            (time, None, 0x0C000003, f"FD{asked}E1FFFFFFFF"),
+            (time + 1e-3, None, 0x0CF00400, f"FF7DA0{told}00FF7D"),
+        ]
     mf4(tmp_path / "bus.mf4", frames)
     (tmp_path / "engine.dbc").write_text(DBC)
-    (tmp_path / "TRIAL.toml").write_text(
-        '[trial]\nname = "bus"\nvessel = "stan-tug-1205"\nlog = "bus.mf4"\nnames = "engine.dbc"\n'
-        '[channels.set_point]\ncolumn = "EngRequestedSpeed"\nunit = "rpm"\ncalibration = { scale = 1.0 }\n'
-        '[channels.speed]\ncolumn = "EngSpeed"\nunit = "rpm"\ndelay_s = 0.001\n'
-        "[operating_point]\nn_e_rpm = 1183.8\n[processing]\nrate_hz = 20.0\nspeed = 'fused'\n"
-        "[[windows]]\nname = 'C1'\nstart_s = 4.0\nstop_s = 18.0\n"
-    )
-    trial = Trial.load(tmp_path / "TRIAL.toml")
-    (log,) = trial.logs()
+    log = Log.open(tmp_path / "bus.mf4", names=tmp_path / "engine.dbc")
     assert log.channels["EngSpeed"].resolution == 0.125
-    (experiment,) = process(log, trial)
+    table = 'column = "EngSpeed"\nunit = "rpm"\ndelay_s = 0.001'
+    described = trial(tmp_path, table, n_e_rpm=1183.8, window=(4.0, 18.0), set_point="EngRequestedSpeed")
+    (experiment,) = process(log, described)
     time = 4.0 - 1.0 + np.arange(len(experiment.signals["n_e"])) / experiment.rate_hz
     for name in ("n_set", "n_e"):
         expected = np.interp(time, np.arange(len(truth.signals[name])) / truth.rate_hz, truth.signals[name])
@@ -111,7 +76,7 @@ def test_a_channel_list_names_the_channels() -> None:
 
 
 def test_a_bus_that_no_dbc_knows_says_what_to_give(tmp_path: Path) -> None:
-    mf4(tmp_path / "bus.mf4", [(k / 10, 0x18FFAA00, bytes(8)) for k in range(20)])
+    mf4(tmp_path / "bus.mf4", [(k / 10, None, 0x18FFAA00, "00" * 8) for k in range(20)])
     with pytest.raises(
         InputError, match=r"0x18FFAA00\) is known without a DBC; give one \(--names FILE.dbc\)"
     ):

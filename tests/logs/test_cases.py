@@ -1,7 +1,6 @@
 """Logs after troubles that people report in public are read with every sample at its own time."""
 
 import shutil
-import warnings
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -16,6 +15,7 @@ from shipfp_rs.inspection import inspect_log
 from shipfp_rs.inspection.pictures import draw
 from shipfp_rs.logs.channel import Channel, in_blocks
 from shipfp_rs.logs.log import Log
+from tests.logger_files import hdf5_file, opened
 
 CASES = Path(__file__).parents[1] / "data" / "cases"
 
@@ -96,9 +96,7 @@ def test_cases_names_stand_above_units_whatever_these_are(
     ],
 )
 def test_cases_unknown_units_are_kept_as_text(tmp_path: Path, heading: str, expected: dict[str, str]) -> None:
-    path = tmp_path / "log.csv"
-    path.write_text(heading + "\n" + "".join(f"{0.01 * k:.2f},{k % 7},{k % 5}\n" for k in range(40)))
-    log = Log.open(path)
+    log = opened(tmp_path, heading, *(f"{0.01 * k:.2f},{k % 7},{k % 5}" for k in range(40)))
     assert {channel.name: channel.unit for channel in log.channels.values()} == expected
 
 
@@ -118,18 +116,14 @@ def test_cases_a_time_base_beside_the_headings_is_found() -> None:
     ],
 )
 def test_cases_a_time_base_in_wider_lines_is_found(tmp_path: Path, heading: str) -> None:
-    path = tmp_path / "log.csv"
     counted = heading.startswith("X,")
-    path.write_text(
-        heading
-        + "\n"
-        + "".join(f"{f'{k},' if counted else ''}{0.1 * (k % 7):.1f},{k % 5}\n" for k in range(40))
-    )
-    log = Log.open(path)
+    rows = [f"{f'{k},' if counted else ''}{0.1 * (k % 7):.1f},{k % 5}" for k in range(40)]
+    log = opened(tmp_path, heading, *rows)
     assert list(log.channels) == ["CH1", "CH2"]
     assert {(round(c.rate_hz, 6), c.start_s) for c in log.channels.values()} == {(50_000.0, -0.002)}
 
 
+@pytest.mark.filterwarnings("ignore::shipfp_rs.errors.LogWarning")
 @pytest.mark.parametrize("suffix", [".dat", ".raw", ".log", ".txt"])
 @pytest.mark.parametrize("name", ["inval.mf4", "sl_one.mat"])
 def test_cases_first_bytes_decide_under_a_suffix_of_other_formats(
@@ -139,9 +133,7 @@ def test_cases_first_bytes_decide_under_a_suffix_of_other_formats(
         pytest.importorskip("asammdf")
     other = (tmp_path / "log").with_suffix(suffix)
     shutil.copyfile(CASES / name, other)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", LogWarning)
-        assert Log.open(other).channels == Log.open(CASES / name).channels
+    assert Log.open(other).channels == Log.open(CASES / name).channels
 
 
 @pytest.mark.parametrize(
@@ -165,8 +157,7 @@ def test_cases_vectors_that_are_no_channels_are_left_out_of_matlab(
 
 
 def test_cases_a_time_of_another_run_is_not_taken(tmp_path: Path) -> None:
-    h5py = pytest.importorskip("h5py")
-    with h5py.File(tmp_path / "log.h5", "w") as file:
+    with hdf5_file(tmp_path / "log.h5") as file:
         file["one/time"] = np.arange(50) * 0.1
         file["one/n"] = np.arange(50.0)
         file["two/n"] = np.arange(50.0)

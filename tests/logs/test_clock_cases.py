@@ -1,6 +1,5 @@
 """A log whose clock jumps is two stretches, each with its own times, and nothing spans both."""
 
-import warnings
 from pathlib import Path
 
 import numpy as np
@@ -9,8 +8,8 @@ import pytest
 from shipfp_rs.errors import InputError, LogWarning
 from shipfp_rs.logs.log import Log
 from shipfp_rs.processing.process import process
-from shipfp_rs.processing.trial import Trial
 from shipfp_rs.processing.windows import proposed
+from tests.processing.test_speed_sources import trial
 
 ROWS = 4000
 SWING = 800.0 + 20.0 * np.sin(2 * np.pi * np.arange(ROWS) / 437.0)
@@ -73,35 +72,20 @@ def test_cases_a_clock_that_is_off_for_a_while_parts_nothing(tmp_path: Path, by_
     np.testing.assert_allclose(log.read("speed"), SWING, atol=1e-6)
 
 
+@pytest.mark.filterwarnings("ignore::shipfp_rs.errors.LogWarning")
 def test_cases_no_window_spans_a_jump_of_the_clock(tmp_path: Path) -> None:
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", LogWarning)
-        log = Log.open(logged(tmp_path / "log.csv", jumping(-12.0, uneven=False)))
+    log = Log.open(logged(tmp_path / "log.csv", jumping(-12.0, uneven=False)))
     windows = proposed(log, ["set point"], "set point")
     assert all(window.stop_s <= 15.02 or window.start_s >= 16.99 for window in windows)
-    text = """
-        [trial]
-        name = "trial"
-        vessel = "stan-tug-1205"
-        log = "log.csv"
-        [channels.set_point]
-        column = "set point"
-        unit = "rpm"
-        [channels.speed]
-        column = "speed"
-        unit = "rpm"
-        kind = "speed"
-        [processing.faults]
-        longest_bridge_s = 5.0
-        [operating_point]
-        n_e_rpm = 800.0
-        [[windows]]
-        name = "both"
-        start_s = 5.0
-        stop_s = 35.0
-        kind = "sine"
-    """
-    (tmp_path / "TRIAL.toml").write_text(text)
-    trial = Trial.load(tmp_path / "TRIAL.toml")
-    with pytest.raises(InputError, match=r"window 'both': the clock was reset within it; .* before 15.01 s"):
-        process(log, trial)
+    described = trial(
+        tmp_path,
+        'column = "speed"\nunit = "rpm"\nkind = "speed"',
+        n_e_rpm=800.0,
+        rate_hz=50.0,
+        window=(5.0, 35.0),
+        speed="best",
+        set_point="set point",
+        more="[processing.faults]\nlongest_bridge_s = 5.0\n",
+    )
+    with pytest.raises(InputError, match=r"window 'W': the clock was reset within it; .* before 15.01 s"):
+        process(log, described)

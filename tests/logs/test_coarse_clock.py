@@ -1,6 +1,5 @@
 """A clock of whole seconds: its jumps are gaps of whole seconds, and a second with fewer rows lacks some."""
 
-from collections.abc import Iterator
 from datetime import datetime, timedelta
 from pathlib import Path
 
@@ -8,20 +7,15 @@ import numpy as np
 import pytest
 
 from shipfp_rs.errors import LogWarning
-from shipfp_rs.logs.log import Log
 from shipfp_rs.logs.time_axis import TimeAxis, time_axis
+from tests.logger_files import opened
+from tests.logs.test_time_axis import on_grid
 
 
 def gridded(stamps: np.ndarray) -> tuple[TimeAxis, np.ndarray]:
     """The grid, and which row each of its samples is, NaN for none; every NaN is told."""
-    count = len(stamps)
-
-    def blocks(name: str, first: int, size: int) -> Iterator[np.ndarray]:
-        for start in range(first, count, size):
-            yield np.arange(start, min(start + size, count), dtype=np.float64)
-
     axis = time_axis("log", "time", lambda: [stamps])
-    grid = np.concatenate(list(axis.on_grid(blocks)("u", 0, 997)))
+    grid = on_grid(axis, np.arange(len(stamps), dtype=np.float64), size=997)
     told = np.zeros(axis.samples, dtype=bool)
     for fault in axis.faults:
         for first, stop in fault.spans:
@@ -93,12 +87,11 @@ def test_texts_of_whole_seconds_jump(tmp_path: Path, jump: float, kind: str, wor
     begin = datetime(2026, 10, 25, 2, 58)  # an hour that comes twice
     values = np.sin(np.arange(6000) / 80.0)
     rows = [
-        f"{begin + timedelta(seconds=k // 50 + (jump if k >= 3020 else 0.0)):%Y-%m-%d %H:%M:%S},{values[k]:.9f}\n"
+        f"{begin + timedelta(seconds=k // 50 + (jump if k >= 3020 else 0.0)):%Y-%m-%d %H:%M:%S},{values[k]:.9f}"
         for k in range(6000)
     ]
-    (tmp_path / "log.csv").write_text("Time,u [V]\n" + "".join(rows))
     with pytest.warns(LogWarning) as told:
-        log = Log.open(tmp_path / "log.csv")
+        log = opened(tmp_path, "Time,u [V]", *rows)
     assert any(words in str(one.message) for one in told)
     assert [fault.kind for fault in log.faults] == [kind]
     samples = log["u"]

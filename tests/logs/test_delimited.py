@@ -10,7 +10,7 @@ from shipfp_rs.errors import InputError, LogWarning
 from shipfp_rs.logs.channel import Channel
 from shipfp_rs.logs.log import Log
 from shipfp_rs.logs.readers import delimited
-from tests.logger_files import WRITERS
+from tests.logger_files import WRITERS, opened
 
 U = Channel("u", "V", 2.0, 4)
 N = Channel("n", "rpm", 2.0, 4)
@@ -56,10 +56,9 @@ def test_a_value_of_bad_status_is_missing_of_its_tag_alone(
     good: str, vague: str, bad: str, names: str, tmp_path: Path
 ) -> None:
     told = {3: vague, 5: bad, 6: bad}
-    rows = "".join(f"{0.5 * k},{k},{told.get(k, good)},{2 * k},{good}\n" for k in range(20))
-    (tmp_path / "log.csv").write_text(f"time [s],{names}\n{rows}")
+    rows = [f"{0.5 * k},{k},{told.get(k, good)},{2 * k},{good}" for k in range(20)]
     with pytest.warns(LogWarning, match="samples 5 to 6; missing: the status of 2 values is bad"):
-        log = Log.open(tmp_path / "log.csv")
+        log = opened(tmp_path, f"time [s],{names}", *rows)
     (fault,), (u, n) = log.faults, log.channels
     assert (fault.channel, fault.spans.tolist(), log.channels[n].unit) == (u, [[5, 7]], "rpm")
     assert np.flatnonzero(np.isnan(log[u])).tolist() == [5, 6]
@@ -68,29 +67,24 @@ def test_a_value_of_bad_status_is_missing_of_its_tag_alone(
 
 @pytest.mark.parametrize("scale", [1, 0.25])
 def test_equal_headings_of_numbers_beside_numbers_are_refused(scale: float, tmp_path: Path) -> None:
-    rows = "".join(f"{0.5 * k},{k},{scale * k},{2 * k},{scale * k + 3}\n" for k in range(20))
-    (tmp_path / "log.csv").write_text(f"time [s],u [V],p,n [rpm],p\n{rows}")
+    rows = [f"{0.5 * k},{k},{scale * k},{2 * k},{scale * k + 3}" for k in range(20)]
     with pytest.raises(InputError, match="column 'p' appears twice"):
-        Log.open(tmp_path / "log.csv")
+        opened(tmp_path, "time [s],u [V],p,n [rpm],p", *rows)
 
 
 def test_times_of_edges_alone_are_no_log(tmp_path: Path) -> None:
-    (tmp_path / "log.csv").write_text("Edge [s]\n0.1\n0.21\n0.33\n")
     with pytest.raises(InputError, match=r"times in 'Edge' and no values beside them.* file = of \[channels"):
-        Log.open(tmp_path / "log.csv")
+        opened(tmp_path, "Edge [s]", "0.1", "0.21", "0.33")
 
 
 def test_a_number_type_holds_in_every_part_of_the_file(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(delimited, "PART", 64)
-    path = tmp_path / "log.csv"
     large = [2**64 - 1 if k == 70 else k for k in range(100)]
     half = [k + 0.5 if k == 90 else k for k in range(100)]
-    path.write_text(
-        "time,large,half,count\n" + "".join(f"{k},{large[k]},{half[k]},{-k}\n" for k in range(100))
-    )
-    log = Log.open(path)
+    rows = [f"{k},{large[k]},{half[k]},{-k}" for k in range(100)]
+    log = opened(tmp_path, "time,large,half,count", *rows)
     for name, values, dtype in (
         ("large", large, np.uint64),
         ("half", half, float),
@@ -102,10 +96,9 @@ def test_a_number_type_holds_in_every_part_of_the_file(
 
 def test_a_word_far_down_is_a_gap_that_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(delimited, "PART", 64)
-    path = tmp_path / "log.csv"
-    path.write_text("time,u\n" + "".join(f"{k},{'abc' if k == 70 else k}\n" for k in range(100)))
+    rows = [f"{k},{'abc' if k == 70 else k}" for k in range(100)]
     with pytest.warns(LogWarning, match="1 cells of 'u' are no numbers and taken as missing: 'abc'"):
-        log = Log.open(path)
+        log = opened(tmp_path, "time,u", *rows)
     values = log.read("u")
     np.testing.assert_array_equal(np.flatnonzero(np.isnan(values)), [70])
     np.testing.assert_array_equal(values[71:], np.arange(71, 100))
@@ -122,8 +115,7 @@ def test_units_and_signs_may_stand_apart_in_cells(
     rows = [row.format(t=0.1 * k, n=1500 + k % 3, M=40 + k % 2) for k in range(40)]
     if "+ {n}" in row:
         rows = [each.replace(".", ",") for each in rows]
-    (tmp_path / "log.csv").write_text("\n".join([head, *rows, ""]))
-    log = Log.open(tmp_path / "log.csv")
+    log = opened(tmp_path, head, *rows)
     assert tuple(channel.unit for channel in log.channels.values()) == units
     speed, torque = (log.read(name) for name in log.channels)
     np.testing.assert_array_equal(speed, 1500.0 + np.arange(40) % 3)
@@ -148,19 +140,3 @@ def test_a_file_cut_anywhere_loses_one_record_at_most(tmp_path: Path) -> None:
         np.testing.assert_array_equal(log.read("counts"), counts[:rows])
         assert len(caught) == bool(lost)
         assert all(f"{lost!r} is left out" in str(warning.message) for warning in caught)
-
-
-@pytest.mark.parametrize(
-    ("content", "message"),
-    [
-        (b"\xff\xfet\0i\0m\0e\0\n\0", "without rows of numbers"),
-        (b"t\0\0\0i\0\0m\0e\0\n\0", "not a text file, since it contains zero bytes"),
-        (b"on,off\nyes,no\n", "empty or without rows of numbers"),
-        (b"time,u\n0,1\n1,2\n2,3,4\n", "line 4.*Expected 2 columns, got 3"),
-    ],
-)
-def test_what_is_no_table_of_numbers_is_refused(tmp_path: Path, content: bytes, message: str) -> None:
-    path = tmp_path / "log.csv"
-    path.write_bytes(content)
-    with pytest.raises(InputError, match=message):
-        Log.open(path)

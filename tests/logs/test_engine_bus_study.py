@@ -24,7 +24,7 @@ from tests.families import excitations
 from tests.families.plant import Plant, normalised, physical
 from tests.families.small_steps import simulate
 from tests.families.water import Water
-from tests.logs.test_buses import DBC, mf4
+from tests.logs.bus_files import DBC, mf4
 
 PERIOD_S, STEP_S = 0.01, 5e-4
 TOLD = ("tau_n", "g", "vK_p", "vK_i", "p", "T_d", "T_set", "p-g", "(p-g)/tau_n", "vK_p/tau_n", "vK_i/tau_n")
@@ -117,11 +117,10 @@ def recorded(random: np.random.Generator, folder: Path) -> Plant:
     frames = []
     for k, time in enumerate(np.arange(len(sent)) * PERIOD_S):
         asked = round(float(excitation(np.array([time]))[0]) * rpm / 0.125)
-        frames.append((time + 1.0, 0x0C000003, b"\xfd" + asked.to_bytes(2, "little") + b"\xe1" + b"\xff" * 4))
-        told = round(speed[k] / 0.125).to_bytes(2, "little")
+        frames.append((time + 1.0, None, 0x0C000003, f"FD{asked.to_bytes(2, 'little').hex()}E1FFFFFFFF"))
+        told = round(speed[k] / 0.125).to_bytes(2, "little").hex()
         part = int(np.clip(round(torque[k] / per_cent) + 125, 0, 250))
-        eec1 = b"\xff\x7d" + bytes([part]) + told + b"\x00\xff\x7d"
-        frames.append((sent[k] + jitter[k] + 1.0, 0x0CF00400, eec1))
+        frames.append((sent[k] + jitter[k] + 1.0, None, 0x0CF00400, f"FF7D{part:02X}{told}00FF7D"))
     mf4(folder / "bus.mf4", frames)
     (folder / "engine.dbc").write_text(DBC)
     (folder / "TRIAL.toml").write_text(

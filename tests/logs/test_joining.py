@@ -19,21 +19,16 @@ def piece(path: Path, first: int, stop: int, start: float) -> None:
     path.write_text("time [s],u [V]\n" + rows)
 
 
-def test_breakage_c5_pieces_are_one_log(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("counts_on", "told"), [(True, "3 files as one"), (False, "back to back")])
+def test_breakage_c5_pieces_are_one_log_by_their_times_or_else_by_their_names(
+    counts_on: bool, told: str, tmp_path: Path
+) -> None:
     for number, first in ((2, 100), (10, 200), (1, 0)):
-        piece(tmp_path / f"run_{number}.csv", first, first + 100, first / 10)
+        piece(tmp_path / f"run_{number}.csv", first, first + 100, first / 10 if counts_on else 0.0)
     log = Log.open(tmp_path / "run_*.csv")
     np.testing.assert_array_equal(log.read("u"), U)
     np.testing.assert_array_equal(log.read("u", 9.0, 11.0), U[90:110])
-    assert "3 files as one" in log.notes[0]
-
-
-def test_breakage_c5_pieces_that_count_for_themselves_follow_their_names(tmp_path: Path) -> None:
-    for number, first in ((2, 100), (10, 200), (1, 0)):
-        piece(tmp_path / f"run_{number}.csv", first, first + 100, 0.0)
-    log = Log.open(tmp_path / "run_*.csv")
-    np.testing.assert_array_equal(log.read("u"), U)
-    assert "back to back" in log.notes[0]
+    assert told in log.notes[0]
 
 
 def test_breakage_c5_a_missing_piece_is_a_gap(tmp_path: Path) -> None:

@@ -105,17 +105,11 @@ def test_integers_with_gaps_survive_being_written(tmp_path: Path, monkeypatch: p
     np.testing.assert_array_equal(again.read("counts"), [1, 2, 3, 4, np.nan, 6, 7])
 
 
-def test_timestamps_are_a_time_base(tmp_path: Path) -> None:
+def test_timestamps_are_a_time_base_and_a_rate_that_contradicts_them_is_told(tmp_path: Path) -> None:
     path = tmp_path / "run.parquet"
     stamps = pa.array((TIME * 1e6).round().astype(np.int64), type=pa.timestamp("us"))
     pa.parquet.write_table(pa.table({"Time": stamps, "u": TORQUE}), path)
     assert Log.open(path).channel("u").rate_hz == pytest.approx(RATE_HZ)
-
-
-def test_a_rate_that_the_file_contradicts_is_told(tmp_path: Path) -> None:
-    path = tmp_path / "run.parquet"
-    stamps = pa.array((TIME * 1e6).round().astype(np.int64), type=pa.timestamp("us"))
-    pa.parquet.write_table(pa.table({"Time": stamps, "u": TORQUE}), path)
     with pytest.warns(LogWarning, match="a rate of 1e-09 Hz is given, but the column of time tells 2000 Hz"):
         assert Log.open(path, rate_hz=1e-9).channel("u").rate_hz == 1e-9
 
@@ -151,11 +145,15 @@ def test_nothing_is_left_behind_when_writing_fails(tmp_path: Path) -> None:
         ("time [Nm],u\n1,1\n2,2\n", "'time' is in 'Nm', expected timestamps or a number of s, ms"),
         ("time,u\n2,1\n", "1 row of samples, expected 2 or more"),
         ("time,u,u\n0,1,1\n1,2,2\n", "'u' appears twice"),
+        ("\xff\xfet\0i\0m\0e\0\n\0", "without rows of numbers"),
+        ("t\0\0\0i\0\0m\0e\0\n\0", "not a text file, since it contains zero bytes"),
+        ("on,off\nyes,no\n", "empty or without rows of numbers"),
+        ("time,u\n0,1\n1,2\n2,3,4\n", "line 4.*Expected 2 columns, got 3"),
     ],
 )
 def test_bad_files_are_refused_in_one_line(tmp_path: Path, text: str, message: str) -> None:
     path = tmp_path / "run.csv"
-    path.write_text(text)
+    path.write_text(text, encoding="latin-1")
     with pytest.raises(InputError, match=message) as caught:
         Log.open(path)
     assert str(path) in str(caught.value)

@@ -98,16 +98,12 @@ def _span(start: int, stop: int) -> Spans:
     return np.array([[start, stop]])
 
 
-def _time(rows: np.ndarray) -> np.ndarray:
-    return rows / RATE_HZ
-
-
 def _missing_rows(arrays: Arrays, draw: np.random.Generator, window: tuple[int, int]) -> Damaged:
     start, stop = _stretch(draw, window, 20, 3000)
     rows = np.delete(np.arange(len(arrays["PTM_1"])), slice(start, stop))
     kept = {name: x[rows] for name, x in arrays.items()}
     refusal = rf"samples {start} to {stop - 1}"
-    return Damaged(kept, ("time_gap",), "time", _span(start, stop), refusal, time=_time(rows))
+    return Damaged(kept, ("time_gap",), "time", _span(start, stop), refusal, time=rows / RATE_HZ)
 
 
 def _repeated(arrays: Arrays, draw: np.random.Generator, window: tuple[int, int]) -> Damaged:
@@ -118,7 +114,7 @@ def _repeated(arrays: Arrays, draw: np.random.Generator, window: tuple[int, int]
         ("repeated",),
         "time",
         _span(start, stop),
-        time=_time(rows),
+        time=rows / RATE_HZ,
     )
 
 
@@ -131,14 +127,14 @@ def _repeated_without_time(arrays: Arrays, draw: np.random.Generator, window: tu
 
 def _clock_back(arrays: Arrays, draw: np.random.Generator, window: tuple[int, int]) -> Damaged:
     start, _ = _stretch(draw, window, 200, 9000)
-    time = _time(np.arange(len(arrays["PTM_1"])))
+    time = np.arange(len(arrays["PTM_1"])) / RATE_HZ
     time[start:] -= draw.uniform(0.01, 3.0)
     return Damaged(arrays, refusal="the clock was reset within it", spans=_span(start, len(time)), time=time)
 
 
 def _clock_rate(arrays: Arrays, draw: np.random.Generator, window: tuple[int, int]) -> Damaged:
     """A clock that runs fast or slow: the file alone knows no other."""
-    time = _time(np.arange(len(arrays["PTM_1"]))) * (1.0 + 1e-4 * draw.uniform(-1.0, 1.0))
+    time = np.arange(len(arrays["PTM_1"])) / RATE_HZ * (1.0 + 1e-4 * draw.uniform(-1.0, 1.0))
     return Damaged(arrays, ("drift",), time=time, spans=_span(*window))
 
 

@@ -10,11 +10,13 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.feather
 import pytest
+from scipy.io import savemat
 
-from shipfp_rs import cli
 from shipfp_rs.errors import InputError, LogWarning
 from shipfp_rs.logs.channel import Channel
 from shipfp_rs.logs.log import Log
+from tests.cli.refusal import refused
+from tests.logger_files import hdf5_file
 
 LOGS = Path(__file__).parents[1] / "data" / "logs"
 START = datetime(2026, 5, 1, 10, tzinfo=UTC)
@@ -188,8 +190,7 @@ class TestHdf5:
         return tmp_path / "log.h5"
 
     def test_channels_have_the_unit_rate_and_start_that_stand_nearest(self, path: Path) -> None:
-        h5py = pytest.importorskip("h5py")
-        with h5py.File(path, "w") as file:
+        with hdf5_file(path) as file:
             file.attrs["sample_rate"] = 100.0
             file.create_dataset("bridge/torque", data=np.arange(300, dtype=np.float32)).attrs["units"] = "V"
             slow = file.create_dataset("engine/speed [rpm]", data=np.arange(30, dtype=np.int16))
@@ -208,8 +209,7 @@ class TestHdf5:
         )
 
     def test_a_time_beside_the_channels_is_their_base(self, path: Path) -> None:
-        h5py = pytest.importorskip("h5py")
-        with h5py.File(path, "w") as file:
+        with hdf5_file(path) as file:
             file["time"] = 500.0 + 20.0 * np.arange(50)
             file["time"].attrs["units"] = "milliseconds since 2026-05-01 10:00:00"
             file["u"] = np.arange(50.0)
@@ -225,32 +225,13 @@ class TestHdf5:
         assert file_log.start_utc == START
 
     def test_fields_of_a_table_are_channels(self, path: Path) -> None:
-        h5py = pytest.importorskip("h5py")
         table = np.zeros(20, [("time", "f8"), ("u", "i4")])
         table["time"], table["u"] = np.arange(20) / 4, np.arange(20)
-        with h5py.File(path, "w") as file:
+        with hdf5_file(path) as file:
             file["table"] = table
         log = Log.open(path)
         assert log.channels["table/u"].rate_hz == 4.0
         np.testing.assert_array_equal(log.read("table/u"), np.arange(20, dtype=np.int32), strict=True)
-
-    @pytest.mark.parametrize(
-        ("content", "message"),
-        [
-            ({"u": np.arange(5.0)}, "no time base for 'u'"),
-            ({"picture": np.zeros((3, 4))}, "no numbers along one axis: picture"),
-            ({}, "no samples in it"),
-        ],
-    )
-    def test_what_is_no_log_is_refused(
-        self, path: Path, content: dict[str, np.ndarray], message: str
-    ) -> None:
-        h5py = pytest.importorskip("h5py")
-        with h5py.File(path, "w") as file:
-            for name, values in content.items():
-                file[name] = values
-        with pytest.raises(InputError, match=message):
-            Log.open(path)
 
     def test_a_compression_that_h5py_lacks_is_named(self, path: Path) -> None:
         h5py = pytest.importorskip("h5py")
@@ -271,8 +252,6 @@ class TestHdf5:
 
 class TestMatlab:
     def test_a_vector_of_times_is_the_base_of_those_of_its_length(self, tmp_path: Path) -> None:
-        from scipy.io import savemat
-
         path = tmp_path / "log.mat"
         savemat(path, {"t": 3.0 + np.arange(40) / 20, "u": np.arange(40, dtype=np.int16), "title": "trial"})
         with pytest.warns(LogWarning, match="left out, no vectors of numbers: title"):
@@ -280,22 +259,27 @@ class TestMatlab:
         assert dict(log.channels) == {"u": Channel("u", "", 20.0, 40, 3.0)}
         np.testing.assert_array_equal(log.read("u", 4.0, 4.5), np.arange(20, 30, dtype=np.int16), strict=True)
 
-    @pytest.mark.parametrize(
-        ("content", "message"),
-        [
-            ({"u": np.arange(5.0)}, "no time base for 'u'"),
-            ({"s": "text"}, "no vectors of numbers: s"),
-            ({}, "no variables"),
-        ],
-    )
-    def test_what_is_no_log_is_refused(
-        self, tmp_path: Path, content: dict[str, np.ndarray], message: str
-    ) -> None:
-        from scipy.io import savemat
 
-        savemat(tmp_path / "log.mat", content)
-        with pytest.raises(InputError, match=message):
-            Log.open(tmp_path / "log.mat")
+@pytest.mark.parametrize(
+    ("suffix", "content", "message"),
+    [
+        (".h5", {"u": np.arange(5.0)}, "no time base for 'u'"),
+        (".h5", {"picture": np.zeros((3, 4))}, "no numbers along one axis: picture"),
+        (".h5", {}, "no samples in it"),
+        (".mat", {"u": np.arange(5.0)}, "no time base for 'u'"),
+        (".mat", {"s": "text"}, "no vectors of numbers: s"),
+        (".mat", {}, "no variables"),
+    ],
+)
+def test_what_holds_no_channel_is_refused(tmp_path: Path, suffix: str, content: dict, message: str) -> None:
+    path = tmp_path / f"log{suffix}"
+    if suffix == ".mat":
+        savemat(path, content)
+    else:
+        with hdf5_file(path) as file:
+            file.update(content)
+    with pytest.raises(InputError, match=message):
+        Log.open(path)
 
 
 @pytest.mark.parametrize(
@@ -309,9 +293,7 @@ def test_what_holds_something_else_is_refused_in_one_line(
 ) -> None:
     path = tmp_path / f"log{suffix}"
     path.write_bytes(content)
-    assert cli.main(["convert", str(path), str(tmp_path / "out.parquet")]) == 2
-    error = capsys.readouterr().err
-    assert error.count("\n") == 1
+    error = refused(["convert", str(path), str(tmp_path / "out.parquet")], capsys)
     assert str(path) in error
     assert message in error
 

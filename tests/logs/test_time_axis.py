@@ -1,5 +1,6 @@
 """Times that are not even are resampled without aliases, gaps stay gaps, and coarse clocks are seen through."""
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -7,7 +8,7 @@ import pytest
 
 from shipfp_rs.errors import InputError, LogWarning
 from shipfp_rs.logs.log import Log
-from shipfp_rs.logs.time_axis import time_axis
+from shipfp_rs.logs.time_axis import TimeAxis, time_axis
 
 DRAW = np.random.default_rng(5)
 
@@ -16,6 +17,16 @@ def written(path: Path, time: np.ndarray, values: np.ndarray) -> Path:
     rows = "".join(f"{t:.9f},{v:.9f}\n" for t, v in zip(time, values, strict=True))
     path.write_text("time [s],u [V]\n" + rows)
     return path
+
+
+def on_grid(axis: TimeAxis, samples: np.ndarray, size: int = 1 << 16) -> np.ndarray:
+    """Samples at the times of an axis, on its grid; they are read in blocks of a size."""
+
+    def blocks(name: str, first: int, size: int) -> Iterator[np.ndarray]:
+        for start in range(first, len(samples), size):
+            yield samples[start : start + size]
+
+    return np.concatenate(list(axis.on_grid(blocks)("u", 0, size)))
 
 
 def test_breakage_c5_a_log_of_uneven_steps_is_resampled(tmp_path: Path) -> None:
@@ -63,13 +74,10 @@ def test_breakage_c5_what_is_denser_than_the_grid_is_averaged() -> None:
     time = np.cumsum(burst)
     hiss = np.where(burst < 1e-3, np.where(np.arange(len(time)) % 2, 1.0, -1.0), 0.0)
 
-    def blocks(name: str, first: int, size: int):
-        yield hiss[first : first + size]
-
     axis = time_axis("log", "time", lambda: [time])
     assert axis.rate_hz < 2e3
     assert axis.samples <= 8 * len(time) + 1
-    grid = np.concatenate(list(axis.on_grid(blocks)("u", 0, 1 << 16)))
+    grid = on_grid(axis, hiss)
     inside = np.interp(axis.start_s + np.arange(axis.samples) / axis.rate_hz, time, burst) < 2e-4
     assert inside.sum() > 100
     assert np.std(grid[inside]) < 0.1
@@ -78,12 +86,8 @@ def test_breakage_c5_what_is_denser_than_the_grid_is_averaged() -> None:
 def test_breakage_c5_a_rate_that_drifts_is_not_taken_as_even() -> None:
     steps = np.linspace(0.01, 0.0125, 4000)  # each within half a step of the first
     time = np.cumsum(steps)
-
-    def blocks(name: str, first: int, size: int):
-        yield time[first : first + size]
-
     axis = time_axis("log", "time", lambda: [time])
-    grid = np.concatenate(list(axis.on_grid(blocks)("t", 0, 1 << 20)))
+    grid = on_grid(axis, time)
     at = axis.start_s + np.arange(axis.samples) / axis.rate_hz
     np.testing.assert_allclose(grid, at, atol=1e-9)
 

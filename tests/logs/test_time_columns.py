@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from shipfp_rs.logs.log import Log
+from tests.logger_files import hdf5_file, opened
 
 SPEED = 1500.0 + np.arange(400) % 3
 TORQUE = 820.0 + np.arange(80) % 5
@@ -40,8 +41,7 @@ def test_each_time_column_is_that_of_its_own_columns(
     head: str, order: tuple[int, ...], tmp_path: Path
 ) -> None:
     rows = ("\t".join(row[k] for k in order) for row in ROWS)
-    (tmp_path / "log.txt").write_text("\n".join([head, *rows, ""]))
-    log = Log.open(tmp_path / "log.txt")
+    log = opened(tmp_path, head, *rows, name="log.txt")
     assert [(name, round(c.rate_hz, 6), c.samples) for name, c in log.channels.items()] == [
         ("Speed", 1000.0, 400),
         ("Torque", 200.0, 80),
@@ -53,8 +53,7 @@ def test_each_time_column_is_that_of_its_own_columns(
 def test_stamps_may_stand_beside_each_column(tmp_path: Path) -> None:
     rows = [f"2026-03-14 09:12:{0.05 * k:06.3f};{SPEED[k]:g};" + (
         f"2026-03-14 09:12:{0.25 * k + 0.1:06.3f};{TORQUE[k]:g}" if k < 80 else ";") for k in range(400)]  # fmt: skip
-    (tmp_path / "log.csv").write_text("\n".join(["Timestamp;Speed;Timestamp;Torque", *rows, ""]))
-    log = Log.open(tmp_path / "log.csv")
+    log = opened(tmp_path, "Timestamp;Speed;Timestamp;Torque", *rows)
     assert log.channel("Torque").start_s == pytest.approx(0.1)
     np.testing.assert_array_equal(log.read("Torque"), TORQUE)
 
@@ -69,8 +68,7 @@ def test_times_named_after_their_channel_win_over_a_stated_rate(version: str, tm
 
         savemat(path, held)
     else:
-        h5py = pytest.importorskip("h5py")
-        with h5py.File(path, "w") as file:
+        with hdf5_file(path) as file:
             for name, values in held.items():
                 file[name] = np.atleast_1d(values)
     log = Log.open(path)

@@ -1,67 +1,17 @@
 """A channel of a bus log is told apart by interface, address, message and signal; a request counts while it is made."""
 
-from collections.abc import Sequence
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from shipfp_rs.logs.log import Log
+from tests.logs.bus_files import by_python_can, candump, console, console_of_steps, mf4, relative_asc
 
 EEC1, TSC1 = 0x0CF00400, 0x0C000027
 PORT, STARBOARD = "F1FFA5E02E00FFFF", "F1FFC3602200FFFF"
-Frame = tuple[float, int, int, str]
-"""Time [s], bus, identifier, bytes."""
 TWO_BUSES = [
     frame for k in range(50) for frame in ((0.02 * k, 0, EEC1, PORT), (0.02 * k + 0.007, 1, EEC1, STARBOARD))
 ]
-
-
-def candump(path: Path, frames: Sequence[Frame]) -> None:
-    lines = (f"({1.7e9 + t:.6f}) can{bus} {name:08X}#{data}" for t, bus, name, data in frames)
-    path.write_text("\n".join([*lines, ""]))
-
-
-def console(path: Path, frames: Sequence[Frame]) -> None:
-    spaced = [
-        (t, bus, name, " ".join(data[k : k + 2] for k in range(0, 16, 2))) for t, bus, name, data in frames
-    ]
-    lines = (f" ({1.7e9 + t:.6f})  can{bus}  {name:08X}   [8]  {data}" for t, bus, name, data in spaced)
-    path.write_text("\n".join([*lines, ""]))
-
-
-def console_of_steps(path: Path, frames: Sequence[Frame]) -> None:
-    steps = np.diff([t for t, *_ in frames], prepend=frames[0][0])
-    console(path, [(step - 1.7e9, *frame[1:]) for step, frame in zip(steps, frames, strict=True)])
-
-
-def relative_asc(path: Path, frames: Sequence[Frame]) -> None:
-    steps = np.diff([t for t, *_ in frames], prepend=0.0)
-    lines = (f"{step:11.6f} {bus + 1}  {name:X}x       Rx   d 8 {' '.join(data[k : k + 2] for k in range(0, 16, 2))}"
-             for step, (_, bus, name, data) in zip(steps, frames, strict=True))  # fmt: skip
-    head = ["date Tue Mar 5 09:59:30.000 am 2024", "base hex  timestamps relative", "internal events logged",
-            "Begin Triggerblock Tue Mar 5 09:59:30.000 am 2024", "   0.000000 Start of measurement"]  # fmt: skip
-    path.write_text("\n".join([*head, *lines, "End TriggerBlock", ""]))
-
-
-def by_python_can(path: Path, frames: Sequence[Frame]) -> None:
-    can = pytest.importorskip("can")
-    with can.Logger(path) as writer:
-        for time, bus, name, data in frames:
-            writer(can.Message(timestamp=1.7e9 + time, arbitration_id=name, is_extended_id=True,
-                               data=bytes.fromhex(data), channel=bus + 1))  # fmt: skip
-
-
-def mf4(path: Path, frames: Sequence[Frame]) -> None:
-    asammdf = pytest.importorskip("asammdf")
-    kinds = [("CAN_DataFrame.BusChannel", "u1"), ("CAN_DataFrame.ID", "<u4"), ("CAN_DataFrame.IDE", "u1"),
-             ("CAN_DataFrame.DataLength", "u1"), ("CAN_DataFrame.DataBytes", "(8,)u1")]  # fmt: skip
-    rows = np.array(
-        [(bus, name, 1, 8, list(bytes.fromhex(data))) for _, bus, name, data in frames], dtype=kinds
-    )
-    with asammdf.MDF(version="4.10") as file:
-        file.append([asammdf.Signal(rows, np.array([t for t, *_ in frames]), name="CAN_DataFrame")])
-        file.save(path, overwrite=True)
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,6 @@ import os
 import subprocess
 import sys
 from functools import partial
-from html.parser import HTMLParser
 
 import numpy as np
 import pytest
@@ -17,6 +16,7 @@ import shipfp_rs as fp
 from shipfp_rs import plot
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.frequency import FrequencyResponse
+from tests.report.test_report import outline
 
 LAUNCH = fp.Vessel.load("stan-launch-804")
 
@@ -43,21 +43,6 @@ def response() -> FrequencyResponse:
     )
 
 
-def same_experiment(one: Experiment, other: Experiment) -> None:
-    assert one._columns().facts == other._columns().facts
-    assert list(one.signals) == list(other.signals)
-    for name, samples in one.signals.items():
-        np.testing.assert_array_equal(samples, other.signals[name])
-
-
-def same_response(one: FrequencyResponse, other: FrequencyResponse) -> None:
-    assert one.name == other.name
-    np.testing.assert_array_equal(one.frequency_hz, other.frequency_hz)
-    for name in one.response:
-        np.testing.assert_array_equal(one.response[name], other.response[name])
-        np.testing.assert_array_equal(one.phase_std[name], other.phase_std[name])
-
-
 POLARS = """
 import numpy as np, polars, shipfp_rs as fp
 launch = fp.Vessel.load("stan-launch-804")
@@ -76,15 +61,15 @@ assert all(np.array_equal(again.response[name], response.response[name]) for nam
 class TestTables:
     def test_an_experiment_comes_back_from_each_package_as_it_went(self, chirp, tmp_path) -> None:
         xarray = pytest.importorskip("xarray")
-        same_experiment(Experiment.from_xarray(chirp.to_xarray()), chirp)
-        same_experiment(Experiment.from_pandas(chirp.to_pandas()), chirp)
-        same_experiment(Experiment.from_arrow(chirp.to_arrow()), chirp)
+        assert Experiment.from_xarray(chirp.to_xarray()) == chirp
+        assert Experiment.from_pandas(chirp.to_pandas()) == chirp
+        assert Experiment.from_arrow(chirp.to_arrow()) == chirp
         assert isinstance(chirp.to_xarray(), xarray.Dataset)
 
     def test_a_response_comes_back_from_each_package_as_it_went(self, response) -> None:
-        same_response(FrequencyResponse.from_xarray(response.to_xarray()), response)
-        same_response(FrequencyResponse.from_pandas(response.to_pandas()), response)
-        same_response(FrequencyResponse.from_arrow(response.to_arrow()), response)
+        assert FrequencyResponse.from_xarray(response.to_xarray()) == response
+        assert FrequencyResponse.from_pandas(response.to_pandas()) == response
+        assert FrequencyResponse.from_arrow(response.to_arrow()) == response
 
     def test_polars_takes_and_gives_both(self) -> None:
         # In a process of its own: importing polars makes system calls go on after Ctrl-C, which other tests send.
@@ -134,20 +119,6 @@ class TestTables:
             chirp.to_xarray()
 
 
-class _Tags(HTMLParser):
-    def __init__(self) -> None:
-        super().__init__()
-        self.open: list[str] = []
-        self.seen: set[str] = set()
-
-    def handle_starttag(self, tag: str, attrs: object) -> None:
-        self.open.append(tag)
-        self.seen.add(tag)
-
-    def handle_endtag(self, tag: str) -> None:
-        assert self.open.pop() == tag
-
-
 class TestNotebooks:
     def test_each_object_shows_itself_whole_and_escaped(self, chirp, response) -> None:
         fingerprint = fp.identify(chirp, fp.Structure.linear(products=True), noise="white", vessel="<script>")
@@ -158,11 +129,10 @@ class TestNotebooks:
             (fingerprint, "&lt;script&gt;"),
         ):
             page = thing._repr_html_()
-            tags = _Tags()
-            tags.feed(page)
+            found = outline(page)
             assert words in page
-            assert not tags.open
-            assert tags.seen == {"p", "b", "table", "thead", "tbody", "tr", "th", "td"}
+            assert not found.open
+            assert set(found.tags) == {"p", "b", "table", "thead", "tbody", "tr", "th", "td"}
 
     def test_each_repr_is_one_short_line(self, chirp, response) -> None:
         assert repr(chirp) == "Experiment('C11 <b>', 2000 samples at 100 Hz: n_set, n_e, M_s)"
@@ -293,20 +263,8 @@ def test_importing_the_package_loads_nothing_heavy_and_costs_less_than_numpy(cap
     ]
     own, numpy = (min(float(words[place]) for words in told) for place in (0, 1))
     loaded = told[0][2:]
-    heavy = {
-        "numpy",
-        "scipy",
-        "pandas",
-        "xarray",
-        "polars",
-        "matplotlib",
-        "pydantic",
-        "pyarrow",
-        "rich",
-        "typer",
-        "control",
-    }
-    assert not heavy & set(loaded)
+    heavy = "numpy scipy pandas xarray polars matplotlib pydantic pyarrow rich typer control"
+    assert not set(heavy.split()) & set(loaded)
     with capsys.disabled():
         print(f"\nimport shipfp_rs: {1e3 * own:.0f} ms above bare Python, NumPy {1e3 * numpy:.0f} ms")
     assert own < numpy

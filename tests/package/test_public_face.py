@@ -60,18 +60,14 @@ FUNCTIONS = [listed for listed in LISTED if inspect.isroutine(listed_on_page(lis
 @pytest.mark.parametrize("listed", FUNCTIONS)
 def test_breakage_e1_every_public_function_refuses_a_wrong_argument_in_one_line(listed: str) -> None:
     function = listed_on_page(listed)
-    required = [
-        object()
-        for parameter in inspect.signature(function).parameters.values()
-        if parameter.default is inspect.Parameter.empty
-        and parameter.kind
-        in (parameter.POSITIONAL_ONLY, parameter.POSITIONAL_OR_KEYWORD, parameter.VAR_POSITIONAL)
-    ]
-    keyword_only = {
-        name: object()
-        for name, parameter in inspect.signature(function).parameters.items()
-        if parameter.kind is parameter.KEYWORD_ONLY and parameter.default is inspect.Parameter.empty
-    }
+    needed = [one for one in inspect.signature(function).parameters.values() if one.default is one.empty]
+    by_place = (
+        inspect.Parameter.POSITIONAL_ONLY,
+        inspect.Parameter.POSITIONAL_OR_KEYWORD,
+        inspect.Parameter.VAR_POSITIONAL,
+    )
+    required = [object() for one in needed if one.kind in by_place]
+    keyword_only = {one.name: object() for one in needed if one.kind is one.KEYWORD_ONLY}
     with pytest.raises(fp.InputError, match=r"[\w\]] is an object, expected") as found:
         function(*required, **keyword_only)
     assert "\n" not in str(found.value)

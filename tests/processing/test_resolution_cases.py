@@ -11,30 +11,9 @@ import pytest
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.logs.log import Log
 from shipfp_rs.processing.process import process
-from shipfp_rs.processing.trial import Trial
 from shipfp_rs.report.markup import Say
 from shipfp_rs.report.pictures import of_the_tachometer
-
-TRIAL = """
-[trial]
-name = "resolution"
-vessel = "direct-drive"
-log = "log"
-[channels.set_point]
-column = "U"
-unit = "rpm"
-[channels.tacho]
-column = "pulses"
-pulses_per_rev = {pulses}
-shaft = "engine"
-[operating_point]
-n_e_rpm = 1000.0
-[[windows]]
-name = "S1"
-start_s = 5.0
-stop_s = 115.0
-kind = "sine"
-"""
+from tests.processing.test_speed_sources import trial
 
 
 def recorded(pulses: int, rate_hz: float, folder: Path) -> tuple[Experiment, np.ndarray]:
@@ -43,9 +22,12 @@ def recorded(pulses: int, rate_hz: float, folder: Path) -> tuple[Experiment, np.
     turned = 1000.0 / 60.0 * time + 20.0 / 60.0 / (2 * np.pi * 0.1) * (1.0 - np.cos(2 * np.pi * 0.1 * time))
     rpm = 1000.0 + 20.0 * np.sin(2 * np.pi * 0.1 * time)
     train = np.where((turned * pulses) % 1.0 < 0.5, 5.0, 0.0).astype(np.float32)
-    (folder / "TRIAL.toml").write_text(TRIAL.format(pulses=pulses))
-    log = Log.from_arrays({"U": rpm, "pulses": train}, rate_hz=rate_hz, units={"U": "rpm"}, name="log")
-    (experiment,) = process(log, Trial.load(folder / "TRIAL.toml"))
+    log = Log.from_arrays(
+        {"U_set": rpm, "pulses": train}, rate_hz=rate_hz, units={"U_set": "rpm"}, name="log"
+    )
+    table = f'column = "pulses"\npulses_per_rev = {pulses}\nshaft = "engine"'
+    described = trial(folder, table, n_e_rpm=1000.0, rate_hz=50.0, window=(5.0, 115.0), speed="best")
+    (experiment,) = process(log, described)
     at = 5.0 + np.arange(len(experiment)) / experiment.rate_hz
     return experiment, 1000.0 + 20.0 * np.sin(2 * np.pi * 0.1 * at)
 

@@ -10,6 +10,7 @@ from shipfp_rs.errors import InputError
 from shipfp_rs.logs.log import Log
 from shipfp_rs.processing.roles import guess_roles
 from shipfp_rs.processing.trial import Trial
+from tests.cli.refusal import refused
 
 DRAW = np.random.default_rng(3)
 
@@ -56,7 +57,8 @@ def test_breakage_c3_init_writes_whatever_it_finds(
     assert "# No set point was found: name its channel below." in text
     with pytest.raises(InputError, match=r"channels\.set_point\.column: found 'to be given'"):
         Trial.load(tmp_path / "TRIAL.toml")
-    assert "no set point found" in capsys.readouterr().out
+    told = " ".join(capsys.readouterr().out.split())
+    assert "no set point found: name its channel in the file, or with --set-point" in told
 
 
 def test_breakage_c7_init_writes_a_vessel_file(tmp_path: Path) -> None:
@@ -87,8 +89,7 @@ def test_what_no_log_tells_is_asked_for_by_the_name_of_its_channel(
     assert cli.main(["init", str(tmp_path), "--log", str(tmp_path / "log.parquet")]) == 0
     assert "Give what is marked 'to be given' (1)" in " ".join(capsys.readouterr().out.split())
     out = ["--out", str(tmp_path / "result")] if command == "run" else []
-    assert cli.main([command, str(tmp_path / "TRIAL.toml"), *out]) == 2
-    (line,) = capsys.readouterr().err.splitlines()
+    line = refused([command, str(tmp_path / "TRIAL.toml"), *out], capsys)
     assert "set_point.calibration: found 'to be given', expected channel 'U_soll' from V to rpm: {" in line
     assert not (tmp_path / "result").exists()
 

@@ -66,7 +66,16 @@ def log() -> Log:
     return Log.from_arrays(CHANNELS, rate_hz=RATE_HZ, units={"U_set": "rpm"})
 
 
-def trial(folder: Path, *tables: str) -> Trial:
+def trial(
+    folder: Path,
+    *tables: str,
+    n_e_rpm: float = 1184.0,
+    rate_hz: float = 20.0,
+    window: tuple[float, float] = (2.5, 11.0),
+    speed: str = "fused",
+    set_point: str = "U_set",
+    more: str = "",
+) -> Trial:
     place = np.arange(1, np.floor(TURNED[-1] * 4)) / 4
     rises = np.interp(place, TURNED, TIME)
     (folder / "edges.csv").write_text("time [s]\n" + "".join(f"{t:.6f}\n" for t in rises))
@@ -80,10 +89,10 @@ def trial(folder: Path, *tables: str) -> Trial:
     )
     path.write_text(
         '[trial]\nname = "t"\nvessel = "stan-tug-1205"\nlog = "none.csv"\n'
-        '[channels.set_point]\ncolumn = "U_set"\nunit = "rpm"\ncalibration = { scale = 1.0 }\n'
+        f'[channels.set_point]\ncolumn = "{set_point}"\nunit = "rpm"\ncalibration = {{ scale = 1.0 }}\n'
         f"{sources}\n"
-        "[operating_point]\nn_e_rpm = 1184.0\n[processing]\nspeed = 'fused'\nrate_hz = 20.0\n"
-        "[[windows]]\nname = 'W'\nstart_s = 2.5\nstop_s = 11.0\n"
+        f"[operating_point]\nn_e_rpm = {n_e_rpm}\n[processing]\nspeed = '{speed}'\nrate_hz = {rate_hz}\n"
+        f"[[windows]]\nname = 'W'\nstart_s = {window[0]}\nstop_s = {window[1]}\n{more}"
     )
     return Trial.load(path)
 
@@ -156,30 +165,9 @@ def test_a_mean_over_more_than_a_sample_is_undone(tmp_path: Path) -> None:
     log = Log.from_arrays({"n": rpm, "U_set": np.full(len(time), 1200.0)}, rate_hz=rate)
 
     def height(extra: str) -> float:
-        path = tmp_path / "TRIAL.toml"
-        path.write_text(
-            f"""[trial]
-name = "Bus"
-vessel = "direct-drive"
-log = "memory"
-[channels.set_point]
-column = "U_set"
-unit = "rpm"
-calibration = {{ scale = 1.0 }}
-[channels.speed]
-column = "n"
-unit = "rpm"
-delay_s = {0.5 * mean}
-{extra}
-[operating_point]
-n_e_rpm = 1200.0
-[[windows]]
-name = "W"
-start_s = 2.0
-stop_s = 28.0
-"""
-        )
-        told = process(log, Trial.load(path))[0].signals["n_e"] - 1200.0
+        table = f'column = "n"\nunit = "rpm"\ndelay_s = {0.5 * mean}\n{extra}'
+        described = trial(tmp_path, table, n_e_rpm=1200.0, rate_hz=50.0, window=(2.0, 28.0), speed="best")
+        told = process(log, described)[0].signals["n_e"] - 1200.0
         return float(np.sqrt(2.0 * np.nanmean(told**2))) / 10.0
 
     assert height("") < 0.99
@@ -208,10 +196,7 @@ def test_spikes_of_a_slow_or_held_speed_are_masked_and_nothing_after_a_step(
         log = Log.from_arrays(
             {"U_set": asked, "f": values}, rate_hz=rate_hz, units={"U_set": "rpm", "f": "Hz"}
         )
-        trial(tmp_path, table)
-        path = tmp_path / "TRIAL.toml"
-        text = path.read_text().replace("1184.0", "1500.0").replace("20.0", f"{min(rate_hz, 50.0)}")
-        path.write_text(text.replace("= 2.5", "= 3.0").replace("= 11.0", "= 295.0"))
-        found.append(process(log, Trial.load(path)))
+        described = trial(tmp_path, table, n_e_rpm=1500.0, rate_hz=min(rate_hz, 50.0), window=(3.0, 295.0))
+        found.append(process(log, described))
     told = [[f["spans"] for f in one[0].provenance["faults"] if f["channel"] == "f"] for one in found]
     assert told == [[], [[[start, start + held] for start in starts.tolist()]]]

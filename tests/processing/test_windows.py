@@ -17,6 +17,7 @@ from shipfp_rs.support.toml import template
 
 RATE = 400.0
 NOISE_V = 0.004
+SINES_HZ = (0.0193, 0.0405, 0.11, 0.3728, 1.637, 7.19, 15.01)
 BORDER_S = 2.5
 """Largest distance of a border from the truth: a slow sine has left its level by little after a second or two."""
 
@@ -24,7 +25,7 @@ BORDER_S = 2.5
 def schedule(seed: int) -> tuple[Log, list[tuple[str, float, float]]]:
     """Sines, chirps and steps like those of Table 6.7 in any order, pauses of 20 to 60 s; relay jumps on top."""
     rng = np.random.default_rng(seed)
-    sines = rng.choice([0.0193, 0.0405, 0.11, 0.3728, 1.637, 7.19, 15.01], 4, replace=False)
+    sines = rng.choice(SINES_HZ, 4, replace=False)
     parts = [
         *(("sine", signals.sine_sequence([f], max(4, round(30 * f)), 76.0, rate_hz=RATE)) for f in sines),
         ("chirp", signals.chirp(0.004, 3.981, 250.0, 76.0, rate_hz=RATE)),
@@ -58,20 +59,9 @@ def test_every_window_is_found_with_its_kind_and_borders(seed):
         # The last level of the steps is that of the pause: their end is where one more hold would end.
         assert abs(window.stop_s - stop_s) < BORDER_S, window
         if kind == "sine":
-            assert window.frequency_hz is not None
-
-
-def test_sines_and_chirps_tell_their_frequencies():
-    log, _ = schedule(0)
-    found = find_windows(log, "U")
-    for window in found:
-        if window.kind == "sine":
-            nearest = min(
-                (0.0193, 0.0405, 0.11, 0.3728, 1.637, 7.19, 15.01),
-                key=lambda f: abs(f - window.frequency_hz[0]),
-            )
-            assert window.frequency_hz[0] == pytest.approx(nearest, rel=0.02)
-        if window.kind == "chirp":
+            asked_hz = min(SINES_HZ, key=lambda one: abs(one - window.frequency_hz[0]))
+            assert window.frequency_hz[0] == pytest.approx(asked_hz, rel=0.02)
+        if kind == "chirp":
             assert window.frequency_hz[0] < window.frequency_hz[1]
 
 
@@ -141,15 +131,6 @@ def test_steps_of_a_set_point_logged_on_change_are_found(shift_s, tmp_path: Path
     assert cli.main(["init", "--log", str(path), str(tmp_path / "campaign")]) == 0
     assert "nothing but rest" not in capsys.readouterr().out
     assert "\nheld = true " in (tmp_path / "campaign" / "TRIAL.toml").read_text()
-
-
-def test_init_asks_for_the_set_point_where_no_name_tells(tmp_path: Path, capsys):
-    log, _ = schedule(3)
-    path = log.write(tmp_path / "run.parquet")
-    assert cli.main(["init", str(tmp_path), "--log", str(path)]) == 0
-    told = " ".join(capsys.readouterr().out.split())
-    assert "no set point found: name its channel in the file, or with --set-point" in told
-    assert "# No set point was found" in (tmp_path / "TRIAL.toml").read_text()
 
 
 def excited(deviation: np.ndarray, rest_s: float = 20.0, rate: float = 50.0) -> Log:

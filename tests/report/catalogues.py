@@ -36,33 +36,12 @@ SAYS = {"say", "self", "say.each", "Sentence", "_translated"}
 SOURCE = Path(shipfp_rs.__file__).parent
 HEADER = b'msgid ""\nmsgstr "Content-Type: text/plain; charset=utf-8\\n"\n\n'
 LABELS = (
-    *(
-        "distance from the truth",
-        "distance from the estimate",
-        "95 % by chance",
-        "95 % of samples",
-        "autocorrelation",
-    ),
-    *(
-        "with the set point",
-        "lag of the residual behind the set point",
-        "lag of the residual behind the set point [samples]",
-        "lag",
-    ),
-    *(
-        "lag [samples]",
-        "within",
-        "outside",
-        "measured",
-        "model",
-        "model of",
-        "set point",
-        "masked",
-        "time",
-        "frequency",
-    ),
-    *("amplitude ratio", "phase", "governor's speed error", "rate of the actuator"),
-)
+    "distance from the truth", "distance from the estimate", "95 % by chance", "95 % of samples", "autocorrelation",
+    "with the set point", "lag of the residual behind the set point",
+    "lag of the residual behind the set point [samples]", "lag", "lag [samples]", "within", "outside", "measured",
+    "model", "model of", "set point", "masked", "time", "frequency", "amplitude ratio", "phase",
+    "governor's speed error", "rate of the actuator",
+)  # fmt: skip
 """Words of axes and legends that `plot` writes."""
 TABLES: tuple[Iterable[str], ...] = (
     *(BUTTONS, [HELP], KNOWN, STATES.values(), FIGURES.values(), LABELS),

@@ -26,37 +26,35 @@ from tests.identification.parity import Case, simulated
 from tests.report.echo import echo
 
 NASTY = "<script>alert('&')</script>"
+PEAK = 1_234_567
+
+
+def record(name: str, seconds: float, **facts) -> Experiment:
+    """Return a slow sine at 100 Hz, its torque masked for two seconds; a long one has a peak of one sample."""
+    time = np.arange(0.0, seconds, 0.01)
+    random = np.random.default_rng(3)
+    set_point = 1183.8 + 76.0 * np.sin(0.3 * time)
+    speed = set_point + random.normal(0.0, 5.0, time.size)
+    torque = 1.45 * speed + random.normal(0.0, 30.0, time.size)
+    speed[PEAK : PEAK + 1] = 1900.0
+    torque[1000:1200] = np.nan
+    signals = {"n_set": set_point, "n_e": speed, "M_g": torque}
+    return Experiment(name, 100.0, signals, {"n_set": 1183.8, "n_e": 1183.8, "M_g": 1725.0}, **facts)
+
+
+def repair(kind: str, channel: str, method: str, spans: list[list[int]], excluded: bool = True) -> dict:
+    about = {"kind": kind, "channel": channel, "method": method}
+    return {**about, "count": len(spans), "spans": spans, "excluded": excluded}
 
 
 @pytest.fixture(scope="module")
 def experiments() -> list[Experiment]:
-    seconds = np.arange(0.0, 600.0, 0.01)
-    speed = 1183.8 + 76.0 * np.sin(0.3 * seconds) + np.random.default_rng(0).normal(0.0, 5.0, seconds.size)
-    torque = 1.45 * speed
-    torque[1000:1200] = np.nan
-    return [
-        Experiment(
-            name=f"{NASTY} {index}",
-            rate_hz=100.0,
-            signals={"n_set": 1183.8 + 76.0 * np.sin(0.3 * seconds), "n_e": speed, "M_g": torque},
-            operating_point={"n_set": 1183.8, "n_e": 1183.8, "M_g": 1725.0},
-            kind=NASTY,
-            provenance={
-                "log": NASTY,
-                "speed": {"train": "PTM_4", "reflectors": {"fractions": [0.2535, 0.2465]}},
-                "faults": [
-                    {
-                        "kind": "C",
-                        "channel": NASTY,
-                        "method": "masked",
-                        "count": 120,
-                        "spans": [[10 * k, 10 * k + 3] for k in range(120)],
-                    }
-                ],
-            },
-        )
-        for index in range(2)
-    ]
+    provenance = {
+        "log": NASTY,
+        "speed": {"train": "PTM_4", "reflectors": {"fractions": [0.2535, 0.2465]}},
+        "faults": [repair("C", NASTY, "masked", [[10 * k, 10 * k + 3] for k in range(120)])],
+    }
+    return [record(f"{NASTY} {index}", 600.0, kind=NASTY, provenance=provenance) for index in range(2)]
 
 
 @pytest.fixture(scope="module")
@@ -231,17 +229,6 @@ def recorded(experiment: Experiment) -> Experiment:
     return replace(experiment, name="S1", provenance=provenance)
 
 
-def repair(kind: str, channel: str, method: str, spans: list[list[int]], excluded: bool = True) -> dict:
-    return {
-        "kind": kind,
-        "channel": channel,
-        "method": method,
-        "count": len(spans),
-        "spans": spans,
-        "excluded": excluded,
-    }
-
-
 def test_every_recorded_sample_has_one_fate(fingerprint, experiments) -> None:
     page = render(fingerprint, [recorded(experiments[0])])
     head = re.findall(r'<th scope="col"[^>]*>([^<]*)</th>', page[page.index("fate of the recorded") :])[2:8]
@@ -318,42 +305,22 @@ def test_a_legend_is_as_wide_as_its_picture() -> None:
 def test_a_chart_of_a_short_record_holds_every_sample_and_its_masks(page, experiments) -> None:
     speed, residual, torque, _ = charted(page)[0]["panels"]
     measured = experiments[0].signals["n_e"]
-    assert [series["label"] for series in speed["series"]] == [
-        "set point n_set",
-        "speed n_e",
-        "model of n_e",
-    ]
+    assert [series["label"] for series in speed["series"]] == ["set point n_set", "speed n_e", "model of n_e"]
     np.testing.assert_allclose(unpacked(speed["series"][1]), measured, atol=np.ptp(measured) / 65534)
     assert np.isnan(unpacked(torque["series"][0])[1000:1200]).all()
     assert torque["marks"][0]["spans"] == [[10.0, 12.0]]
     assert "minus the model" in residual["series"][0]["label"]
 
 
-def long_record(hours: float = 8.0, rate_hz: float = 100.0) -> Experiment:
-    seconds = np.arange(0.0, 3600.0 * hours, 1.0 / rate_hz)
-    random = np.random.default_rng(3)
-    speed = 1183.8 + 76.0 * np.sin(0.3 * seconds) + random.normal(0.0, 5.0, seconds.size)
-    torque = 1.45 * speed + random.normal(0.0, 30.0, seconds.size)
-    speed[1_234_567] = 1900.0
-    torque[2_000_000:2_000_100] = np.nan
-    return Experiment(
-        "eight hours",
-        rate_hz,
-        {"n_set": 1183.8 + 76.0 * np.sin(0.3 * seconds), "n_e": speed, "M_g": torque},
-        {"n_set": 1183.8, "n_e": 1183.8, "M_g": 1725.0},
-    )
+@pytest.fixture(scope="module")
+def long() -> Experiment:
+    return record("eight hours", 8 * 3600.0)
 
 
-def test_eight_hours_with_many_faults_fit_into_ten_megabytes(fingerprint) -> None:
-    whole = long_record()
-    assert whole.duration == 8 * 3600
-    clock = {
-        "signal": "M_g",
-        "rate_hz": 2000.0,
-        "start_s": 0.0,
-        "samples": 57_600_000,
-        "rows": [0, 57_600_000],
-    }
+def test_eight_hours_with_many_faults_fit_into_ten_megabytes(fingerprint, long) -> None:
+    assert long.duration == 8 * 3600
+    samples = 57_600_000
+    clock = {"signal": "M_g", "rate_hz": 2000.0, "start_s": 0.0, "samples": samples, "rows": [0, samples]}
     spikes = [[1400 * index, 1400 * index + 9] for index in range(5000)]
     account = {
         "log": "log",
@@ -362,23 +329,22 @@ def test_eight_hours_with_many_faults_fit_into_ten_megabytes(fingerprint) -> Non
         "faults": [repair("C", "U_M", "masked", spikes)],
     }
     hours = [
-        replace(whole.window(3600.0 * hour, 3600.0 * (hour + 1), name=f"hour {hour}"), provenance=account)
+        replace(long.window(3600.0 * hour, 3600.0 * (hour + 1), name=f"hour {hour}"), provenance=account)
         for hour in range(8)
     ]
     models = [echo(hour) for hour in hours]
     page = render(fingerprint, hours, simulated=models)
-    print(f"8 h, {len(whole):,} samples of 3 signals, 2 models: {len(page.encode()) / 1e6:.1f} MB")
+    print(f"8 h, {len(long):,} samples of 3 signals, 2 models: {len(page.encode()) / 1e6:.1f} MB")
     assert len(page.encode()) < 10e6
     assert len(charted(page)) == 8
 
 
-def test_no_peak_is_lost_in_eight_hours(fingerprint) -> None:
-    experiment = long_record()
-    (chart,) = charted(render(fingerprint, [experiment]))
+def test_no_peak_is_lost_in_eight_hours(fingerprint, long) -> None:
+    (chart,) = charted(render(fingerprint, [long]))
     speed = unpacked(chart["panels"][0]["series"][1])
-    assert speed.size < 0.5 * len(experiment)
+    assert speed.size < 0.5 * len(long)
     assert speed.max() == pytest.approx(1900.0)
-    assert int(speed.argmax()) // 2 == 1_234_567 // round(chart["step"] * experiment.rate_hz)
+    assert int(speed.argmax()) // 2 == PEAK // round(chart["step"] * long.rate_hz)
 
 
 def test_thinning_ten_million_samples_takes_no_longer_than_a_few_sorts_of_a_tenth() -> None:

@@ -20,11 +20,8 @@ from matplotlib import image
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.identification.fingerprint import Estimate, Fingerprint, Identifiability
 from shipfp_rs.report import write_report
-from tests.conftest import CHROMIUM
 from tests.report.echo import echo
-
-pytest.importorskip("playwright.sync_api", reason="needs Playwright: pip install playwright")
-pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium: apt-get install chromium")
+from tests.report.test_report import repair
 
 HOSTILE = "<script>window.broken = true</script><img src=x onerror='window.broken = true'>"
 SPIKE_S = 61.234
@@ -41,7 +38,6 @@ def report(tmp_path_factory) -> Path:
     torque[round(1000 * SPIKE_S)] = 3000.0
     torque[80_000:81_000] = np.nan
     clock = {"rate_hz": 2000.0, "start_s": 0.0, "samples": 240_000, "rows": [0, 240_000]}
-    spans = {"n_set": [[20_000, 20_100], [40_000, 40_100]], "M_g": [[160_000, 162_000]]}
     experiment = Experiment(
         "S1",
         1000.0,
@@ -50,20 +46,10 @@ def report(tmp_path_factory) -> Path:
         provenance={
             "log": HOSTILE,
             "window_s": [0.0, 120.0],
-            "recorded": {
-                "U_set": {**clock, "signal": "n_set"},
-                HOSTILE: {**clock, "signal": "M_g"},
-            },
+            "recorded": {"U_set": {**clock, "signal": "n_set"}, HOSTILE: {**clock, "signal": "M_g"}},
             "faults": [
-                {
-                    "kind": "D2",
-                    "channel": "U_set",
-                    "method": "taken out",
-                    "count": 2,
-                    "spans": spans["n_set"],
-                    "excluded": False,
-                },
-                {"kind": "C", "channel": HOSTILE, "method": "masked", "count": 1, "spans": spans["M_g"]},
+                repair("D2", "U_set", "taken out", [[20_000, 20_100], [40_000, 40_100]], excluded=False),
+                repair("C", HOSTILE, "masked", [[160_000, 162_000]]),
             ],
         },
     )
@@ -97,20 +83,33 @@ def report(tmp_path_factory) -> Path:
 class Visit:
     """An open page, with what it asked of the network and what it complained about."""
 
-    def __init__(self, page, path: Path) -> None:
+    def __init__(self, page, address: str, ready: str = "figure.chart .plot svg") -> None:
         self.page = page
         self.requests: list[str] = []
         self.complaints: list[str] = []
         page.on("request", lambda request: self.requests.append(request.url))
         page.on("console", lambda message: self.complaints.append(message.text))
         page.on("pageerror", lambda error: self.complaints.append(str(error)))
-        page.goto(path.as_uri())
-        page.wait_for_selector("figure.chart .plot svg")
+        page.goto(address)
+        page.wait_for_selector(ready)
 
     def stretch(self) -> tuple[float, float]:
         """Return what the first chart's status says it shows [s]; the whole record where it says nothing."""
         told = re.findall(r"([\d.]+) s", self.page.locator(".status").first.inner_text())
         return (float(told[0]), float(told[1])) if told else (0.0, 120.0)
+
+    def is_drawn_in(self, scheme: str) -> bool:
+        """Whether ink and paper are far apart, the ink brighter where all is dark."""
+        ink, paper = (
+            sum(
+                map(
+                    int,
+                    re.findall(r"\d+", self.page.evaluate(f"getComputedStyle(document.body).{which}"))[:3],
+                )
+            )
+            for which in ("color", "backgroundColor")
+        )
+        return (ink > paper) == (scheme == "dark") and abs(ink - paper) > 500
 
 
 @pytest.fixture(scope="module")
@@ -121,7 +120,7 @@ def opened(browser, report):
     def open_page(viewport=DESKTOP, **options) -> Visit:
         key = repr((viewport, options))
         if key not in pages:
-            pages[key] = Visit(browser.new_page(viewport=viewport, **options), report)
+            pages[key] = Visit(browser.new_page(viewport=viewport, **options), report.as_uri())
         return pages[key]
 
     yield open_page
@@ -147,7 +146,7 @@ def still(visit):
 def spoilt(browser, report):
     """A page of a test's own."""
     page = browser.new_page(viewport=DESKTOP, color_scheme="dark")
-    yield Visit(page, report).page
+    yield Visit(page, report.as_uri()).page
     page.close()
 
 
@@ -163,12 +162,7 @@ def test_it_draws_in_either_light_at_either_width_and_calls_nobody(opened, repor
     for chart in page.locator("figure.chart").all():
         assert chart.locator("path.series").count() == 7  # three signals, two models, two residuals
         assert all(path.get_attribute("d") for path in chart.locator("path.series").all())
-    ink, paper = (
-        sum(map(int, re.findall(r"\d+", page.evaluate(f"getComputedStyle(document.body).{which}"))[:3]))
-        for which in ("color", "backgroundColor")
-    )
-    assert (ink > paper) == (scheme == "dark")
-    assert abs(ink - paper) > 500
+    assert visit.is_drawn_in(scheme)
     if folder := os.environ.get("REPORT_SCREENSHOTS"):
         page.screenshot(path=Path(folder) / f"report-{viewport['width']}-{scheme}.png", full_page=True)
 
@@ -248,7 +242,7 @@ def test_eight_hours_are_drawn_anew_in_less_time_than_it_took_to_open_them(brows
     path = write_report(tmp_path / "report.html", bare, [record])
     page = browser.new_page(viewport=DESKTOP)
     began = time.perf_counter()
-    opened = Visit(page, path)
+    opened = Visit(page, path.as_uri())
     opening = time.perf_counter() - began
     began = time.perf_counter()
     for _ in range(5):

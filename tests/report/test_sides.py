@@ -52,6 +52,8 @@ def test_an_engine_that_is_not_described_has_its_picture_and_no_loop(page) -> No
     screen = text_of(first_screen(page))
     assert "phase margin" not in screen
     assert "not identifiable" not in screen
+    assert "More excitation" not in screen
+    assert "What drive and governor do beyond the model is drawn beside" in screen
 
 
 def test_the_load_s_side_stands_beside_the_whole(undescribed, page) -> None:
@@ -122,12 +124,6 @@ def test_a_load_is_shown_above_what_it_drives() -> None:
     drawn = _picture([trial], [replace(trial, signals=signals)], Pictures(Say()), Say())
     assert "model&#39;s answer to the same load" in drawn
     assert drawn.count('id="picture1-axes_') == 1 + len(trial.outputs)
-
-
-def test_an_engine_that_is_not_described_is_not_said_to_lack_excitation(page) -> None:
-    screen = text_of(first_screen(page))
-    assert "More excitation" not in screen
-    assert "What drive and governor do beyond the model is drawn beside" in screen
 
 
 def test_a_reason_that_several_parameters_share_is_told_once(page) -> None:

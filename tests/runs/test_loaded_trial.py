@@ -78,23 +78,26 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def altered(folder: Path, tmp_path: Path, changes: dict[str, tuple[slice, float]]) -> Trial:
-    table = {name: column.to_numpy().copy() for name, column in zip(*_columns(folder), strict=True)}
+def altered(
+    folder: Path, tmp_path: Path, changes: dict[str, tuple[slice, float | np.ndarray]], text: str = TRIAL
+) -> Trial:
+    table = columns_of(folder)
     for channel, (samples, value) in changes.items():
         table[channel][samples] = value
     pyarrow.parquet.write_table(pa.table(table), tmp_path / "log.parquet")
-    (tmp_path / "TRIAL.toml").write_text(TRIAL)
+    (tmp_path / "TRIAL.toml").write_text(text)
     return Trial.load(tmp_path / "TRIAL.toml")
 
 
-def _columns(folder: Path):
+def columns_of(folder: Path) -> dict[str, np.ndarray]:
     table = pyarrow.parquet.read_table(folder / "log.parquet")
-    return table.column_names, table.columns
+    return {
+        name: column.to_numpy().copy() for name, column in zip(table.column_names, table.columns, strict=True)
+    }
 
 
 def test_power_becomes_the_torque_of_the_shaft(folder: Path) -> None:
-    trial = Trial.load(folder / "TRIAL.toml")
-    (experiment,) = process(trial.logs()[0], trial)
+    (experiment,) = process(folder / "TRIAL.toml")
     steady = experiment.window(0.0, 4.0).signals["M_load"]
     assert steady.mean() == pytest.approx(PLANT.shaft_torque, rel=1e-3)
     assert experiment.operating_point["M_load"] == pytest.approx(PLANT.shaft_torque, rel=1e-3)
@@ -102,8 +105,7 @@ def test_power_becomes_the_torque_of_the_shaft(folder: Path) -> None:
 
 def test_what_a_load_lost_is_masked_in_the_answers(folder: Path, tmp_path: Path) -> None:
     lost = slice(round(50.0 * RATE_HZ), round(50.1 * RATE_HZ))
-    trial = altered(folder, tmp_path, {"P": (lost, np.nan)})
-    (experiment,) = process(trial.logs()[0], trial)
+    (experiment,) = process(altered(folder, tmp_path, {"P": (lost, np.nan)}))
     assert np.isfinite(experiment.signals["M_load"]).all()
     masked = np.flatnonzero(np.isnan(experiment.signals["n_e"])) / experiment.rate_hz + 15.0
     assert masked.min() == pytest.approx(50.0, abs=0.03)
@@ -115,23 +117,21 @@ def test_a_load_lost_for_long_is_refused(folder: Path, tmp_path: Path) -> None:
     lost = slice(round(50.0 * RATE_HZ), round(51.0 * RATE_HZ))
     trial = altered(folder, tmp_path, {"P": (lost, np.nan)})
     with pytest.raises(InputError, match="load 'P' has a fault"):
-        process(trial.logs()[0], trial)
+        process(trial)
 
 
 def test_a_load_that_starts_from_zero_is_normalised_by_the_means_under_load(
     folder: Path, tmp_path: Path
 ) -> None:
     idle = slice(0, round(20.0 * RATE_HZ))
-    trial = altered(folder, tmp_path, {"P": (idle, 0.1), "M": (idle, 30.0)})
-    (experiment,) = process(trial.logs()[0], trial)
+    (experiment,) = process(altered(folder, tmp_path, {"P": (idle, 0.1), "M": (idle, 30.0)}))
     for name in ("n_e", "M_b", "M_load"):
         assert experiment.operating_point[name] == pytest.approx(np.nanmean(experiment.signals[name]))
 
 
 def test_a_load_from_zero_beside_another_torque_is_a_part_of_that(folder: Path, tmp_path: Path) -> None:
     idle = slice(0, round(20.0 * RATE_HZ))
-    trial = altered(folder, tmp_path, {"P": (idle, 0.0)})
-    (experiment,) = process(trial.logs()[0], trial)
+    (experiment,) = process(altered(folder, tmp_path, {"P": (idle, 0.0)}))
     point = experiment.operating_point
     assert point["M_b"] == pytest.approx(PLANT.shaft_torque, rel=1e-2)
     swing = np.ptp(experiment.signals["M_load"]) / point["M_b"]
@@ -165,8 +165,7 @@ def test_processing_tells_the_ratio_between_a_load_and_the_engines_torque(folder
 
 
 def test_a_set_point_that_rests_while_the_load_moves_is_no_fault(folder: Path, tmp_path: Path) -> None:
-    trial = altered(folder, tmp_path, {"n_set": (slice(None), 1500.0)})
-    (experiment,) = process(trial.logs()[0], trial)
+    (experiment,) = process(altered(folder, tmp_path, {"n_set": (slice(None), 1500.0)}))
     assert [fault["kind"] for fault in experiment.provenance["faults"]] == []
     question = question_of([experiment])
     assert question.loaded
@@ -178,10 +177,7 @@ def test_without_a_steady_stretch_the_load_follows_from_the_torque(
     torque_Nm: float, folder: Path, tmp_path: Path
 ) -> None:
     given = TRIAL.replace("steady_s = [1.0, 19.0]", f"n_e_rpm = 1500.0\nM_Nm = {torque_Nm}")
-    given = given.replace('log = "log.parquet"', f'log = "{folder / "log.parquet"}"')
-    (tmp_path / "TRIAL.toml").write_text(given)
-    trial = Trial.load(tmp_path / "TRIAL.toml")
-    (experiment,) = process(trial.logs()[0], trial)
+    (experiment,) = process(altered(folder, tmp_path, {}, given))
     assert experiment.operating_point["M_load"] == pytest.approx(torque_Nm, rel=0.01)
 
 
@@ -189,21 +185,16 @@ def test_a_part_of_the_torque_that_is_the_load_is_known_without_a_steady_stretch
     folder: Path, tmp_path: Path
 ) -> None:
     """The rest of the torque is that of a pump on the same shaft; the means over the window are given."""
-    table = {name: column.to_numpy() for name, column in zip(*_columns(folder), strict=True)}
-    table["P"] = 0.5 * table["P"]
-    pyarrow.parquet.write_table(pa.table(table), tmp_path / "log.parquet")
-    (tmp_path / "TRIAL.toml").write_text(
-        TRIAL.replace("steady_s = [1.0, 19.0]", f"n_e_rpm = 1500.0\nM_Nm = {table['M'].mean()}")
-    )
-    trial = Trial.load(tmp_path / "TRIAL.toml")
-    (experiment,) = process(trial.logs()[0], trial)
+    table = columns_of(folder)
+    given = TRIAL.replace("steady_s = [1.0, 19.0]", f"n_e_rpm = 1500.0\nM_Nm = {table['M'].mean()}")
+    (experiment,) = process(altered(folder, tmp_path, {"P": (slice(None), 0.5 * table["P"])}, given))
     mean = experiment.signals["M_load"].mean()
     assert experiment.operating_point["M_load"] == pytest.approx(mean, rel=0.02)
 
 
 def test_two_loggers_on_one_clock_are_one_trial(folder: Path, tmp_path: Path) -> None:
     """The second one began 0.5 s later; both count on the same clock."""
-    table = {name: column.to_numpy() for name, column in zip(*_columns(folder), strict=True)}
+    table = columns_of(folder)
     time = np.arange(len(table["n"])) / RATE_HZ
     for name, columns, late in (("speed", ("n_set", "n"), 0), ("load", ("M", "P"), round(0.5 * RATE_HZ))):
         kept = {"time": time[late:], **{column: table[column][late:] for column in columns}}

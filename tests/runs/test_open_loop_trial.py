@@ -5,24 +5,18 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-import numpy as np
-import pyarrow as pa
-import pyarrow.parquet
 import pytest
 
 import shipfp_rs as fp
 from shipfp_rs import cli
 from shipfp_rs.processing.process import process
-from shipfp_rs.processing.trial import Trial
-from shipfp_rs.structures.ship import commanded
-from shipfp_rs.structures.structure import Structure
+from tests.cli.refusal import refused
+from tests.first_hour.logs import Commanded, lab_drive, parquet, steps
 
-INERTIA, SPEED_RPM, TORQUE_NM, RATE_HZ = 0.09, 900.0, 12.0, 50.0
-TRUTH = {
-    "tau_n": 2.0 * np.pi * INERTIA * SPEED_RPM / 60.0 / TORQUE_NM,
-    "g": 0.0, "v": 1.0, "p": 1.6, "T_d": 0.0, "tau_act": 0.02,
-}  # fmt: skip
-TRIAL = """windows = [{ name = "S1", kind = "steps", start_s = 12.0, stop_s = 88.0 }]
+INERTIA, SPEED_RPM, TORQUE_NM = 0.09, 900.0, 12.0
+CHANNELS = {"command": ("Torque command", "Nm"), "n_e": ("Motor speed", "rpm")}
+DRIVE = Commanded("torque steps", parquet, lab_drive, steps, 50.0, CHANNELS)
+TRIAL = """windows = [{ name = "S1", kind = "steps", start_s = 18.0, stop_s = 98.0 }]
 [trial]
 name = "Torque steps"
 log = "log.parquet"
@@ -36,27 +30,15 @@ STEADY = "[operating_point]\nsteady_s = [1.0, 11.0]\n"
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a folder with a log and its trial."""
-    folder, random = tmp_path_factory.mktemp("open"), np.random.default_rng(5)
-    time = np.arange(0.0, 90.0, 1.0 / RATE_HZ)
-    at = 12.0 + np.cumsum(random.uniform(3.0, 7.0, 14))
-    levels = np.append(0.0, np.repeat(random.uniform(-0.2, 0.2, 14), 2)[:-1])
-    command = np.interp(time, np.column_stack([at, at + 0.1]).ravel(), levels)
-    bare = fp.Experiment("x", RATE_HZ, {"command": 1.0 + command}, {"command": 1.0})
-    speed = 1.0 + commanded(Structure, outputs=["dn"]).equations.simulate(TRUTH, bare)[0]
-    columns = {
-        "time": time,
-        "Torque command [Nm]": TORQUE_NM * (1.0 + command),
-        "Motor speed [rpm]": SPEED_RPM * speed + 0.9 * random.standard_normal(len(time)),
-    }
-    pyarrow.parquet.write_table(pa.table(columns), folder / "log.parquet")
+    folder = tmp_path_factory.mktemp("open")
+    DRIVE.written(folder)
     (folder / "TRIAL.toml").write_text(TRIAL)
     (folder / "STEADY.toml").write_text(TRIAL + STEADY)
     return folder
 
 
 def experiment(folder: Path, name: str) -> fp.Experiment:
-    trial = Trial.load(folder / name)
-    (found,) = process(trial.logs()[0], trial)
+    (found,) = process(folder / name)
     return found
 
 
@@ -91,7 +73,7 @@ def test_run_tells_the_inertia_and_speaks_of_no_governor(folder: Path, tmp_path:
     assert low <= INERTIA <= high
     assert high - low < 0.1 * INERTIA
     low, high = told["parameters"]["p"]["ci95"]
-    assert low <= TRUTH["p"] <= high
+    assert low <= DRIVE.drive().propeller.torque_exponent <= high
     report = (tmp_path / "result" / "report.html").read_text(encoding="utf-8")
     assert "overnor" not in report[report.index("<body") :]
 
@@ -108,5 +90,4 @@ def test_what_open_loop_can_not_have_is_refused(
     change: tuple[str, str], said: str, folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "TRIAL.toml").write_text(TRIAL.replace(*change))
-    assert cli.main(["check", str(tmp_path / "TRIAL.toml")]) == 2
-    assert said in capsys.readouterr().err
+    assert said in refused(["check", str(tmp_path / "TRIAL.toml")], capsys)

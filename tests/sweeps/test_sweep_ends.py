@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from shipfp_rs import cli
+from tests.cli.refusal import refused
 from tests.cli.small_trial import SWEEP, write_small_trial
 
 LONG_DRAWS = SWEEP.replace("draws = 2", "draws = 100000").replace("duration_s = 10.0", "duration_s = 300.0")
@@ -90,7 +90,5 @@ def test_breakage_d5_a_run_leaves_no_temporary_folder(tmp_path):
 def test_breakage_d3_a_sweep_without_an_estimate_is_status_2(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("SWEEP.toml").write_text(SWEEP.replace("draws = 2", "draws = 2\ntime_limit_s = 1e-6"))
-    assert cli.main(["sweep", "SWEEP.toml", "--out", "out", "--executor", "threads"]) == 2
-    told = capsys.readouterr().err
-    assert told.count("\n") == 1
+    told = refused(["sweep", "SWEEP.toml", "--out", "out", "--executor", "threads"], capsys)
     assert "none of 2 draws was identified, the first error: " in told

@@ -352,7 +352,8 @@ def test_a_rate_that_is_none_is_refused():
         ([0.0, 2.0, 1.0], 4, None, "1.0 follows 2.0 at index 2, expected ascending"),
         ([0.0, np.nan], 4, None, "nan follows 0.0 at index 1"),
         ([[0.0]], 4, None, r"times_s: found shape \(1, 1\)"),
-        ([0.0], 0, None, "pulses_per_rev: found 0"),
+        ([0.0], 0, None, "pulses_per_rev: found 0, expected 1 to 100000"),
+        ([0.0], 10**15, None, f"pulses_per_rev: found {10**15}, expected 1 to 100000"),
         ([0.0], 4, [1.0, 2.0], r"gaps: found shape \(2,\), expected \(G, 2\)"),
     ],
 )

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 import pytest
@@ -126,24 +126,9 @@ def show(trials: list[Trial]) -> None:
         f"\n{len(trials)} trials, four reflectors misplaced by up to {max(MISPLACED):.0%}, {RATE:g} Hz, "
         f"{FAULTS_PER_S:g} double and {FAULTS_PER_S:g} lost pulses a second"
     )
-    print(
-        f"sampling limit of an interval sqrt(2) sigma_t / T: {100 * trials[0].limit:.3f} % of the mean speed"
-    )
-    rows = {
-        "interval, root mean square, good [limits]": [t.interval_rms for t in trials],
-        "  the same, reflectors not corrected": [t.uncorrected_rms for t in trials],
-        "largest error, good [limits]": [t.largest_good for t in trials],
-        "largest error, put in for lost pulses [limits]": [t.largest_repaired for t in trials],
-        "in a 2 Hz band, PTM_4 [% of the mean]": [100 * t.band_rms for t in trials],
-        "in a 2 Hz band, three trains fused [%]": [100 * t.fused_band_rms for t in trials],
-        "fused, over its stated deviation": [t.fused_score for t in trials],
-    }
-    for label, values in rows.items():
-        print(f"{label:48} mean {np.mean(values):7.4f}  worst {np.max(values):7.4f}")
-    print(
-        f"double {sum(t.doubled for t in trials)}, lost {sum(t.lost for t in trials)}, "
-        f"put in {sum(t.put_in for t in trials)}"
-    )
+    for one in fields(Trial):
+        values = [getattr(found, one.name) for found in trials]
+        print(f"{one.name:20} mean {np.mean(values):9.5f}  worst {np.max(values):9.5f}")
 
 
 def check(trials: list[Trial]) -> None:

@@ -1,5 +1,6 @@
 """The page in Chromium: every spike is seen, a newcomer gets from a CSV to a report, and nothing is asked of anyone else."""
 
+import contextlib
 import json
 import os
 import re
@@ -13,35 +14,26 @@ from matplotlib.image import imread
 from shipfp_rs import cli
 from shipfp_rs.logs.log import Log
 from shipfp_rs.view.draft import Draft, written
-from tests.conftest import CHROMIUM
+from tests.report.test_report_browser import HOSTILE, PHONE
+from tests.report.test_report_browser import Visit as PageVisit
 from tests.view.logs import CHIRP_S, STEADY_S, write_csv
 from tests.view.serving import served
 from tests.view.test_jobs import TRIAL
 
-pytest.importorskip("playwright.sync_api", reason="needs Playwright: pip install playwright")
-pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium: apt-get install chromium")
-
-HOSTILE = "<script>window.broken = true</script><img src=x onerror='window.broken = true'>"
-DESKTOP, PHONE = {"width": 1400, "height": 900}, {"width": 390, "height": 844}
+DESKTOP = {"width": 1400, "height": 900}
 SLOW_MS = 1000 * int(os.environ.get("VIEW_WAIT_S", "30"))
 """Longest wait for the page; a machine that is shared by many needs more."""
 TOP, BOTTOM = 6, 6
 """Of a row's canvas, as `draw.js` has them."""
 
 
-class Visit:
-    """An open page of a log, with what it asked of the network and what it complained about."""
+class Visit(PageVisit):
+    """An open page of a log."""
 
     def __init__(self, browser, address: str, viewport=DESKTOP, **options) -> None:
-        self.page = browser.new_page(viewport=viewport, **options)
-        self.page.set_default_timeout(SLOW_MS)
-        self.asked: list[str] = []
-        self.complaints: list[str] = []
-        self.page.on("request", lambda request: self.asked.append(request.url))
-        self.page.on("console", lambda message: self.complaints.append(message.text))
-        self.page.on("pageerror", lambda error: self.complaints.append(str(error)))
-        self.page.goto(address)
-        self.page.wait_for_selector("body[data-ready]")
+        page = browser.new_page(viewport=viewport, **options)
+        page.set_default_timeout(SLOW_MS)
+        super().__init__(page, address, "body[data-ready]")
 
     def show(self, start_s: float, stop_s: float) -> None:
         """Show a stretch, and wait until it is drawn from its own tiles."""
@@ -66,9 +58,19 @@ class Visit:
         self.page.mouse.up()
 
 
-def visit_of(browser, server, path: Path, viewport=DESKTOP) -> Visit:
-    doc = server.desk.open(path)
-    return Visit(browser, f"{server.origin}/{server.token}/look.html?doc={doc}", viewport)
+@pytest.fixture
+def look(browser):
+    """Open the page of a log whose folder is served meanwhile."""
+    with contextlib.ExitStack() as stack:
+
+        def open_page(path: Path, viewport=DESKTOP) -> Visit:
+            server = stack.enter_context(served(path.parent)).server
+            address = f"{server.origin}/{server.token}/look.html?doc={server.desk.open(path)}"
+            visit = Visit(browser, address, viewport)
+            stack.callback(visit.page.close)
+            return visit
+
+        yield open_page
 
 
 @pytest.fixture(scope="module")
@@ -83,42 +85,40 @@ def spiky(tmp_path_factory) -> tuple[Path, np.ndarray, np.ndarray]:
     return path, samples, places
 
 
-def test_every_spike_is_on_the_screen_at_every_zoom(browser, spiky):
+def test_every_spike_is_on_the_screen_at_every_zoom(look, spiky):
     """In each column of pixels with a spike, what is drawn reaches the highest and the lowest one."""
     path, samples, places = spiky
-    with served(path.parent) as caller:
-        visit = visit_of(browser, caller.server, path)
-        page = visit.page
-        page.evaluate("shipfp.view.layers.faults = false")
-        seen = 0
-        for wide in (1000.0, 600.0, 250.0, 60.0, 15.0, 4.0, 1.0, 0.25, 0.05):
-            start = 0.0 if wide == 1000.0 else places[places.size // 2] / 1000.0 - 0.4 * wide
-            visit.show(start, start + wide)
-            picture = imread(BytesIO(page.screenshot()))[..., :3]
-            raw = page.evaluate("shipfp.view.palette().raw")
-            colour = np.array([int(part, 16) / 255 for part in re.findall("..", raw[1:])])
-            drawn = np.abs(picture - colour).sum(axis=2) < 0.35
-            box = page.locator(".row canvas").first.bounding_box()
-            low, high = page.evaluate("shipfp.view.rows[0].range")
-            from_s, to_s = visit.shown()
-            assert to_s - from_s == pytest.approx(wide)
-            columns = round(box["width"] - 62 - 10)
-            inside = places[(places / 1000.0 > from_s) & (places / 1000.0 < to_s)]
-            at = np.floor((inside / 1000.0 - from_s) / wide * columns).astype(int)
-            for column in np.unique(at):
-                values = samples[inside[at == column]]
-                x = round(box["x"]) + 62 + column
-                rows = np.flatnonzero(
-                    drawn[round(box["y"]) : round(box["y"] + box["height"]), x - 1 : x + 3].any(axis=1)
-                )
-                for value in (values.max(), values.min()):
-                    y = TOP + (high - value) / (high - low) * (box["height"] - TOP - BOTTOM)
-                    assert np.abs(rows - y).min() <= 2.5, f"{value:.1f} hidden in column {column} at {wide} s"
-                seen += len(values)
-        print(f"{seen} spikes looked at in {9} zooms")
-        assert seen > 1900
-        assert visit.complaints == []
-        page.close()
+    visit = look(path)
+    page = visit.page
+    page.evaluate("shipfp.view.layers.faults = false")
+    seen = 0
+    for wide in (1000.0, 600.0, 250.0, 60.0, 15.0, 4.0, 1.0, 0.25, 0.05):
+        start = 0.0 if wide == 1000.0 else places[places.size // 2] / 1000.0 - 0.4 * wide
+        visit.show(start, start + wide)
+        picture = imread(BytesIO(page.screenshot()))[..., :3]
+        raw = page.evaluate("shipfp.view.palette().raw")
+        colour = np.array([int(part, 16) / 255 for part in re.findall("..", raw[1:])])
+        drawn = np.abs(picture - colour).sum(axis=2) < 0.35
+        box = page.locator(".row canvas").first.bounding_box()
+        low, high = page.evaluate("shipfp.view.rows[0].range")
+        from_s, to_s = visit.shown()
+        assert to_s - from_s == pytest.approx(wide)
+        columns = round(box["width"] - 62 - 10)
+        inside = places[(places / 1000.0 > from_s) & (places / 1000.0 < to_s)]
+        at = np.floor((inside / 1000.0 - from_s) / wide * columns).astype(int)
+        for column in np.unique(at):
+            values = samples[inside[at == column]]
+            x = round(box["x"]) + 62 + column
+            rows = np.flatnonzero(
+                drawn[round(box["y"]) : round(box["y"] + box["height"]), x - 1 : x + 3].any(axis=1)
+            )
+            for value in (values.max(), values.min()):
+                y = TOP + (high - value) / (high - low) * (box["height"] - TOP - BOTTOM)
+                assert np.abs(rows - y).min() <= 2.5, f"{value:.1f} hidden in column {column} at {wide} s"
+            seen += len(values)
+    print(f"{seen} spikes looked at in {9} zooms")
+    assert seen > 1900
+    assert visit.complaints == []
 
 
 @pytest.fixture(scope="module")
@@ -167,7 +167,9 @@ def test_it_draws_in_either_light_at_either_width_and_asks_nobody(visits, viewpo
     page.wait_for_selector("body[data-faults]")
     assert visit.complaints == []
     origin = page.evaluate("location.origin")
-    assert {url.split("/")[2] for url in visit.asked if not url.startswith("data:")} == {origin.split("/")[2]}
+    assert {url.split("/")[2] for url in visit.requests if not url.startswith("data:")} == {
+        origin.split("/")[2]
+    }
     for tab in ("Trial", "Spectrum", "Results", "Keys", "Channels"):
         page.get_by_role("tab", name=tab).click()
         assert page.evaluate("document.documentElement.scrollWidth") <= viewport["width"], tab
@@ -176,12 +178,7 @@ def test_it_draws_in_either_light_at_either_width_and_asks_nobody(visits, viewpo
             page.screenshot(
                 path=Path(folder) / f"view-{viewport['width']}-{scheme}-{tab}.png", full_page=True
             )
-    ink, paper = (
-        sum(map(int, re.findall(r"\d+", page.evaluate(f"getComputedStyle(document.body).{which}"))[:3]))
-        for which in ("color", "backgroundColor")
-    )
-    assert (ink > paper) == (scheme == "dark")
-    assert abs(ink - paper) > 500
+    assert visit.is_drawn_in(scheme)
     painted = page.evaluate(
         "shipfp.view.rows.map((row) => row.columns[0].low.some((value) => value === value))"
     )
@@ -239,33 +236,29 @@ def test_it_obeys_keys_wheel_and_drag(visits):
     assert page.evaluate("shipfp.view.rows[0].columns[0].sparse")
 
 
-def test_the_next_turns_of_the_wheel_find_their_tiles_here(browser, spiky):
+def test_the_next_turns_of_the_wheel_find_their_tiles_here(look, spiky):
     """Where the pointer rests, what four turns of a quarter each show is asked for ahead."""
-    with served(spiky[0].parent) as caller:
-        visit = visit_of(browser, caller.server, spiky[0])
-        visit.page.evaluate("shipfp.view.setPointer(321.0)")
-        held = (
-            "() => [1, 4, 16, 64, 256].every((part) => shipfp.view.keys(321 - 321 / part, 321 + 679 / part)"
-        )
-        held += ".every((key) => shipfp.view.tiles.held.has(key)))"
-        visit.page.wait_for_function(held)
-        visit.page.wait_for_load_state("networkidle")
-        visit.page.route("**/api/tiles*", lambda route: route.abort())
-        visit.page.evaluate("() => { shipfp.view.zoom(1 / 256); return shipfp.view.whenSettled(); }")
-        assert visit.page.evaluate("shipfp.view.unsharp") is False
-        assert visit.page.evaluate("shipfp.view.rows[0].columns[0].level") == 1
-        visit.page.close()
+    visit = look(spiky[0])
+    visit.page.evaluate("shipfp.view.setPointer(321.0)")
+    held = "() => [1, 4, 16, 64, 256].every((part) => shipfp.view.keys(321 - 321 / part, 321 + 679 / part)"
+    held += ".every((key) => shipfp.view.tiles.held.has(key)))"
+    visit.page.wait_for_function(held)
+    visit.page.wait_for_load_state("networkidle")
+    visit.page.route("**/api/tiles*", lambda route: route.abort())
+    visit.page.evaluate("() => { shipfp.view.zoom(1 / 256); return shipfp.view.whenSettled(); }")
+    assert visit.page.evaluate("shipfp.view.unsharp") is False
+    assert visit.page.evaluate("shipfp.view.rows[0].columns[0].level") == 1
 
 
 def test_a_page_whose_server_has_gone_says_so_and_does_not_ask_on(visits):
     visit = visits()
     visit.page.wait_for_load_state("networkidle")
     visit.page.route("**/api/tiles*", lambda route: route.abort())
-    visit.asked.clear()
+    visit.requests.clear()
     visit.show(60.0, 60.2)
     visit.page.get_by_text("is shipfp view still running?").wait_for()
     visit.page.wait_for_timeout(300)
-    assert 1 <= len([url for url in visit.asked if "api/tiles" in url]) < 5
+    assert 1 <= len([url for url in visit.requests if "api/tiles" in url]) < 5
 
 
 WRITTEN = """() => {
@@ -280,16 +273,14 @@ CanvasRenderingContext2D.prototype.fillText = function (text, x, y, most = Infin
 }"""
 
 
-def test_no_number_at_an_axis_is_cut(browser, tmp_path):
+def test_no_number_at_an_axis_is_cut(look, tmp_path):
     path = tmp_path / "log.parquet"
     samples = -987_654.0 + 0.003 * np.sin(np.arange(6000) / 50.0)
     Log.from_arrays({"far from zero": samples}, rate_hz=100.0, units={"far from zero": "Nm"}).write(path)
-    with served(path.parent) as caller:
-        visit = visit_of(browser, caller.server, path, PHONE)
-        visit.page.evaluate(WRITTEN)
-        visit.show(10.0, 40.0)
-        assert visit.page.evaluate("window.outside") == []
-        visit.page.close()
+    visit = look(path, PHONE)
+    visit.page.evaluate(WRITTEN)
+    visit.show(10.0, 40.0)
+    assert visit.page.evaluate("window.outside") == []
 
 
 def test_cursors_tell_the_difference_of_two_samples_and_channels_are_hidden_and_reordered(visits, tug):
@@ -331,54 +322,50 @@ def test_two_points_calibrate_at_once(visits):
     assert high == pytest.approx(1150.0, abs=60)
 
 
-def test_a_speed_in_per_cent_is_calibrated_on_the_page(browser, tmp_path):
+def test_a_speed_in_per_cent_is_calibrated_on_the_page(look, tmp_path):
     time = np.arange(0.0, 60.0, 0.02)
     share = 60.0 + 5.0 * np.sin(time)
     heads = "time [s],POD_SPEED_REF_PCT,POD_SPEED_ACT_PCT,shaft_rpm"
     columns = np.column_stack((time, share, share, 20.0 * share))
     np.savetxt(tmp_path / "pod.csv", columns, fmt="%.3f", delimiter=",", comments="", header=heads)
-    with served(tmp_path) as caller:
-        visit = visit_of(browser, caller.server, tmp_path / "pod.csv")
-        page = visit.page
-        page.get_by_role("button", name="take the roles that names and units tell").click()
-        page.get_by_label("scale of POD_SPEED_ACT_PCT").fill("20")
-        page.get_by_label("scale of POD_SPEED_ACT_PCT").press("Tab")
-        page.get_by_text("20 × recorded + 0 rpm").wait_for()
-        assert not page.get_by_label("scale of shaft_rpm").count()
-        assert visit.complaints == []
-        page.close()
+    visit = look(tmp_path / "pod.csv")
+    page = visit.page
+    page.get_by_role("button", name="take the roles that names and units tell").click()
+    page.get_by_label("scale of POD_SPEED_ACT_PCT").fill("20")
+    page.get_by_label("scale of POD_SPEED_ACT_PCT").press("Tab")
+    page.get_by_text("20 × recorded + 0 rpm").wait_for()
+    assert not page.get_by_label("scale of shaft_rpm").count()
+    assert visit.complaints == []
 
 
-def test_a_newcomer_gets_from_a_csv_to_a_report_without_a_text_editor(browser, tmp_path):
+def test_a_newcomer_gets_from_a_csv_to_a_report_without_a_text_editor(look, tmp_path):
     """One button for the roles, one drag, run, report; and the file that was written says the same on the command line."""
     write_csv(tmp_path / "my.csv")
-    with served(tmp_path) as caller:
-        visit = visit_of(browser, caller.server, tmp_path / "my.csv")
-        page = visit.page
-        page.get_by_role("button", name="take the roles that names and units tell").click()
-        page.get_by_label("pulses a turn of PTM_e").fill("1")
-        page.get_by_label("pulses a turn of PTM_e").press("Tab")
-        page.get_by_label("shaft of PTM_e").select_option("engine")
-        page.get_by_role("tab", name="Trial").click()
-        page.get_by_label("end of steady").wait_for()  # found in the set point
-        page.get_by_role("button", name="mark a window").click()
-        visit.drag(STEADY_S, STEADY_S + CHIRP_S)
-        page.get_by_text(re.compile(r"found in it: chirp, a gliding sine, [\d.]+ to 1\.\d+ Hz")).wait_for()
-        page.get_by_text("Complete; not saved yet.").wait_for()
-        page.get_by_role("button", name="run").click()
-        page.wait_for_function("() => document.querySelector('.job progress')?.value > 0.1")
-        assert not page.locator(".job").get_by_text("beginning").count()
-        page.wait_for_selector(".job[data-state]", timeout=10 * SLOW_MS)
-        assert page.locator(".job").get_attribute("data-state") == "done", page.locator(".job").inner_text()
-        page.get_by_role("button", name="open the report beside").click()
-        report = page.frame_locator("iframe")
-        report.locator("#answer").wait_for()
-        assert re.search(r"\b[Uu]sable\b", report.locator("#answer").inner_text())
-        assert visit.complaints == []
-        if folder := os.environ.get("VIEW_SCREENSHOTS"):
-            page.wait_for_timeout(500)
-            page.screenshot(path=Path(folder) / "view-newcomer.png")
-        page.close()
+    visit = look(tmp_path / "my.csv")
+    page = visit.page
+    page.get_by_role("button", name="take the roles that names and units tell").click()
+    page.get_by_label("pulses a turn of PTM_e").fill("1")
+    page.get_by_label("pulses a turn of PTM_e").press("Tab")
+    page.get_by_label("shaft of PTM_e").select_option("engine")
+    page.get_by_role("tab", name="Trial").click()
+    page.get_by_label("end of steady").wait_for()  # found in the set point
+    page.get_by_role("button", name="mark a window").click()
+    visit.drag(STEADY_S, STEADY_S + CHIRP_S)
+    page.get_by_text(re.compile(r"found in it: chirp, a gliding sine, [\d.]+ to 1\.\d+ Hz")).wait_for()
+    page.get_by_text("Complete; not saved yet.").wait_for()
+    page.get_by_role("button", name="run").click()
+    page.wait_for_function("() => document.querySelector('.job progress')?.value > 0.1")
+    assert not page.locator(".job").get_by_text("beginning").count()
+    page.wait_for_selector(".job[data-state]", timeout=10 * SLOW_MS)
+    assert page.locator(".job").get_attribute("data-state") == "done", page.locator(".job").inner_text()
+    page.get_by_role("button", name="open the report beside").click()
+    report = page.frame_locator("iframe")
+    report.locator("#answer").wait_for()
+    assert re.search(r"\b[Uu]sable\b", report.locator("#answer").inner_text())
+    assert visit.complaints == []
+    if folder := os.environ.get("VIEW_SCREENSHOTS"):
+        page.wait_for_timeout(500)
+        page.screenshot(path=Path(folder) / "view-newcomer.png")
     assert {"TRIAL.toml", "shipfp-run"} <= {path.name for path in tmp_path.iterdir()}
     assert cli.main(["run", str(tmp_path / "TRIAL.toml"), "--out", str(tmp_path / "again")]) == 0
     page_made, command_made = (
@@ -387,47 +374,39 @@ def test_a_newcomer_gets_from_a_csv_to_a_report_without_a_text_editor(browser, t
     assert page_made == command_made
 
 
-def test_what_is_missing_stands_at_its_field_and_a_reload_loses_nothing(browser, tmp_path):
+def test_what_is_missing_stands_at_its_field_and_a_reload_loses_nothing(look, tmp_path):
     write_csv(tmp_path / "my.csv")
-    with served(tmp_path) as caller:
-        visit = visit_of(browser, caller.server, tmp_path / "my.csv")
-        page = visit.page
-        page.get_by_role("button", name="take the roles that names and units tell").click()
-        pulses, shaft = page.get_by_label("pulses a turn of PTM_e"), page.get_by_label("shaft of PTM_e")
-        page.wait_for_selector("[aria-label='pulses a turn of PTM_e'][aria-invalid]")
-        assert (pulses.input_value(), shaft.input_value()) == ("", "")
-        for field in (pulses, shaft):
-            told = page.locator(f"#{field.get_attribute('aria-describedby')}").inner_text()
-            assert re.fullmatch(r"[A-Z][\w ]+\.", told)
-        page.get_by_role("tab", name="Trial").click()
-        assert page.get_by_role("button", name="run").is_disabled()
-        assert page.locator("#trial li").count() >= 3
-        page.get_by_role("button", name="pulses a turn of PTM_e").click()
-        assert page.evaluate("document.activeElement.getAttribute('aria-label')") == "pulses a turn of PTM_e"
-        pulses.fill("1")
-        pulses.press("Tab")
-        shaft.select_option("engine")
-        page.reload()
-        page.wait_for_selector("body[data-ready]")
-        page.get_by_label("role of n_set").wait_for()
-        assert [
-            page.get_by_label(f"role of {name}").input_value() for name in ("n_set", "shaft torque", "PTM_e")
-        ] == [
-            "set_point",
-            "torque",
-            "train",
-        ]
-        assert (pulses.input_value(), shaft.input_value()) == ("1", "engine")
-        # The pulses of the whole log are a solid block; its speed is drawn.
-        page.wait_for_function(
-            "() => shipfp.view.rows[2].rate && shipfp.view.rows[2].unit.textContent === 'rpm'"
-        )
-        low, high = page.evaluate("shipfp.view.rows[2].range")
-        assert 1000.0 < low < high < 1400.0
-        if folder := os.environ.get("VIEW_SCREENSHOTS"):
-            page.screenshot(path=Path(folder) / "view-reload.png")
-        assert visit.complaints == []
-        page.close()
+    visit = look(tmp_path / "my.csv")
+    page = visit.page
+    page.get_by_role("button", name="take the roles that names and units tell").click()
+    pulses, shaft = page.get_by_label("pulses a turn of PTM_e"), page.get_by_label("shaft of PTM_e")
+    page.wait_for_selector("[aria-label='pulses a turn of PTM_e'][aria-invalid]")
+    assert (pulses.input_value(), shaft.input_value()) == ("", "")
+    for field in (pulses, shaft):
+        told = page.locator(f"#{field.get_attribute('aria-describedby')}").inner_text()
+        assert re.fullmatch(r"[A-Z][\w ]+\.", told)
+    page.get_by_role("tab", name="Trial").click()
+    assert page.get_by_role("button", name="run").is_disabled()
+    assert page.locator("#trial li").count() >= 3
+    page.get_by_role("button", name="pulses a turn of PTM_e").click()
+    assert page.evaluate("document.activeElement.getAttribute('aria-label')") == "pulses a turn of PTM_e"
+    pulses.fill("1")
+    pulses.press("Tab")
+    shaft.select_option("engine")
+    page.reload()
+    page.wait_for_selector("body[data-ready]")
+    page.get_by_label("role of n_set").wait_for()
+    assert [
+        page.get_by_label(f"role of {name}").input_value() for name in ("n_set", "shaft torque", "PTM_e")
+    ] == ["set_point", "torque", "train"]
+    assert (pulses.input_value(), shaft.input_value()) == ("1", "engine")
+    # The pulses of the whole log are a solid block; its speed is drawn.
+    page.wait_for_function("() => shipfp.view.rows[2].rate && shipfp.view.rows[2].unit.textContent === 'rpm'")
+    low, high = page.evaluate("shipfp.view.rows[2].range")
+    assert 1000.0 < low < high < 1400.0
+    if folder := os.environ.get("VIEW_SCREENSHOTS"):
+        page.screenshot(path=Path(folder) / "view-reload.png")
+    assert visit.complaints == []
 
 
 def test_a_folder_lists_its_logs_trials_and_runs(browser, tug):

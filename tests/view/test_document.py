@@ -86,8 +86,8 @@ def test_the_processed_signals_are_those_of_process(folder):
 def test_a_sine_shows_with_its_amplitude_in_the_spectrum(tmp_path):
     time = np.arange(60_000) / 500.0
     samples = 3.0 * np.sin(2 * np.pi * 12.5 * time) + np.random.default_rng(0).normal(0.0, 0.1, len(time))
-    Log.from_arrays({"torque": samples}, rate_hz=500.0).write(tmp_path / "log.parquet")
-    found = Document(tmp_path / "log.parquet").spectrum(0, 20.0, 100.0)
+    path = Log.from_arrays({"torque": samples}, rate_hz=500.0).write(tmp_path / "log.parquet")
+    found = Document(path).spectrum(0, 20.0, 100.0)
     highest = int(np.argmax(found["amplitude"]))
     assert found["frequency"][highest] == pytest.approx(12.5, abs=0.1)
     assert found["amplitude"][highest] == pytest.approx(3.0, rel=0.02)
@@ -96,8 +96,7 @@ def test_a_sine_shows_with_its_amplitude_in_the_spectrum(tmp_path):
 
 def test_a_channel_without_a_number_is_one_gap(tmp_path):
     channels = {"full": np.arange(5000.0) % 5, "empty": np.full(5000, np.nan)}
-    Log.from_arrays(channels, rate_hz=100.0).write(tmp_path / "log.parquet")
-    document = Document(tmp_path / "log.parquet")
+    document = Document(Log.from_arrays(channels, rate_hz=100.0).write(tmp_path / "log.parquet"))
     document.raw.wait()
     full, empty = document.facts()["series"]
     assert (full["gaps"], empty["gaps"]) == ([], [[0.0, 50.0]])
@@ -136,8 +135,7 @@ def test_faults_that_the_eye_sees_are_listed_by_page_and_inspect_alike_at_any_ra
         channels["spiky"][place : place + max(round(0.02 * rate_hz), 2)] += random.choice([-30.0, 30.0])
     still = slice(count // 4, count // 4 + max(round(0.5 * rate_hz), 20))
     channels["flat"][still] = channels["flat"][still.start]
-    path = tmp_path / "log.parquet"
-    Log.from_arrays(channels, rate_hz=rate_hz).write(path)
+    path = Log.from_arrays(channels, rate_hz=rate_hz).write(tmp_path / "log.parquet")
     assert main(["inspect", str(path), "--json"]) == 0
     listed = json.loads(capsys.readouterr().out)["faults"]
     layer = Document(path).faults.wait()["faults"]
@@ -152,10 +150,8 @@ def test_faults_that_the_eye_sees_are_listed_by_page_and_inspect_alike_at_any_ra
 def test_a_train_of_many_pulses_is_told_as_pulses_a_second(tmp_path):
     time = np.arange(0.0, 200.0, 1e-3)
     turns = np.cumsum(np.where(time < 100.0, 10.0, 20.0)) * 1e-3
-    Log.from_arrays({"P": np.where(turns % 1.0 < 0.4, 5.0, 0.0)}, rate_hz=1000.0).write(
-        tmp_path / "p.parquet"
-    )
-    document = Document(tmp_path / "p.parquet")
+    log = Log.from_arrays({"P": np.where(turns % 1.0 < 0.4, 5.0, 0.0)}, rate_hz=1000.0)
+    document = Document(log.write(tmp_path / "p.parquet"))
     told = document.pulses(0, 0.0, 200.0)
     assert 200 < len(told["time"]) <= 400
     for at, rate in zip(told["time"], told["rate"], strict=True):

@@ -9,7 +9,7 @@ import subprocess
 import sys
 import time
 import urllib.request
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -41,6 +41,13 @@ def folder(tmp_path) -> Path:
     return tmp_path
 
 
+def wait_until(condition: Callable[[], bool], seconds: float = 60.0) -> None:
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end
+        time.sleep(0.02)
+
+
 def follow(caller, job: dict, seconds: float = 120.0) -> dict:
     """Ask for a job until it has ended."""
     end = time.monotonic() + seconds
@@ -62,10 +69,7 @@ def test_a_trial_that_is_wrong_fails_in_a_line(folder):
 def test_a_stopped_run_leaves_nothing(folder):
     with served(folder) as caller:
         job = caller.post("job", {"kind": "run", "file": "TRIAL.toml"})
-        end = time.monotonic() + 60
-        while not any(folder.glob(".shipfp-run.*")):
-            assert time.monotonic() < end
-            time.sleep(0.02)
+        wait_until(lambda: any(folder.glob(".shipfp-run.*")))
         assert caller.post("stop", {"id": job["id"]})["state"] == "stopping"
         assert follow(caller, job)["state"] == "stopped"
     assert sorted(path.name for path in folder.iterdir()) == ["TRIAL.toml", "my.csv"]
@@ -116,15 +120,9 @@ def test_a_killed_server_leaves_no_half_file_and_no_process(folder):
         )
         with urllib.request.urlopen(request) as answer:
             assert json.load(answer)["state"] == "working"
-        end = time.monotonic() + 60
-        while not any(folder.glob(".shipfp-run.*")):
-            assert time.monotonic() < end
-            time.sleep(0.02)
+        wait_until(lambda: any(folder.glob(".shipfp-run.*")))
         os.kill(process.pid, signal.SIGKILL)
-    end = time.monotonic() + 30
-    while any(folder.glob(".*")):
-        assert time.monotonic() < end, [path.name for path in folder.iterdir()]
-        time.sleep(0.05)
+    wait_until(lambda: not any(folder.glob(".*")), 30.0)
     assert sorted(path.name for path in folder.iterdir()) == ["TRIAL.toml", "my.csv"]
 
 

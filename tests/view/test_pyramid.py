@@ -80,11 +80,8 @@ def write_log(folder: Path, kind=np.float32, seed: int = 0) -> tuple[Path, np.nd
     samples[400_000:400_500] = np.nan
     samples[places] = random.uniform(50.0, 60.0, SPIKES) * random.choice([-1.0, 1.0], SPIKES)
     samples = samples.astype(kind)
-    path = folder / "log.parquet"
-    Log.from_arrays({"torque": samples, "ramp": np.arange(SAMPLES, dtype=np.int32)}, rate_hz=RATE_HZ).write(
-        path
-    )
-    return path, samples, places
+    log = Log.from_arrays({"torque": samples, "ramp": np.arange(SAMPLES, dtype=np.int32)}, rate_hz=RATE_HZ)
+    return log.write(folder / "log.parquet"), samples, places
 
 
 def unpacked(tile: bytes) -> np.ndarray:

@@ -22,6 +22,13 @@ DRAFT = {
 }
 
 
+def save(
+    caller: Caller, file: object = "TRIAL.toml", doc: int = 0, version: str = "", **changes: str
+) -> dict:
+    """Ask for a trial to be saved."""
+    return caller.post("save", {"doc": doc, "draft": DRAFT | changes, "file": file, "version": version})
+
+
 def filled(outer: Path) -> Path:
     """Return a folder with a log and a run, and something beside it that is nobody's business."""
     inner = outer / "trials"
@@ -159,7 +166,7 @@ def test_a_report_is_apart_from_the_page_that_shows_it(asker):
 )  # fmt: skip
 def test_nothing_is_written_but_toml_in_the_trials_folder(caller, folder, name):
     before = {path: path.read_bytes() for path in folder.parent.rglob("*") if path.is_file()}
-    told = caller.post("save", {"doc": 0, "draft": DRAFT, "file": name, "version": ""})
+    told = save(caller, name)
     assert told["status"] == 400
     assert "expected a name like TRIAL.toml" in told["error"]
     after = {path: path.read_bytes() for path in folder.parent.rglob("*") if path.is_file()}
@@ -169,7 +176,7 @@ def test_nothing_is_written_but_toml_in_the_trials_folder(caller, folder, name):
 
 def test_a_link_is_not_written_through(caller, folder):
     (folder / "TRIAL.toml").symlink_to(folder.parent / "secret.toml")
-    told = caller.post("save", {"doc": 0, "draft": DRAFT, "file": "TRIAL.toml", "version": ""})
+    told = save(caller)
     assert told["status"] == 400
     assert (folder.parent / "secret.toml").read_text() == "secret = 1\n"
 
@@ -223,23 +230,13 @@ def test_an_odd_question_is_answered_in_a_line(asker, name, asked):
 
 
 def test_two_pages_do_not_overwrite_each_other(caller, folder):
-    first = caller.post("save", {"doc": 0, "draft": DRAFT, "file": "TRIAL.toml", "version": ""})
+    first = save(caller)
     assert first["status"] == 200
     # Another page that opened the log before knows of no file.
-    other = caller.post(
-        "save", {"doc": 0, "draft": DRAFT | {"name": "other"}, "file": "TRIAL.toml", "version": ""}
-    )
-    assert "exists already" in other["error"]
-    doc = first["doc"]
-    second = caller.post(
-        "save",
-        {"doc": doc, "draft": DRAFT | {"name": "second"}, "file": "TRIAL.toml", "version": first["version"]},
-    )
-    assert second["status"] == 200
-    late = caller.post(
-        "save",
-        {"doc": doc, "draft": DRAFT | {"name": "late"}, "file": "TRIAL.toml", "version": first["version"]},
-    )
+    assert "exists already" in save(caller, name="other")["error"]
+    opened = {"doc": first["doc"], "version": first["version"]}
+    assert save(caller, name="second", **opened)["status"] == 200
+    late = save(caller, name="late", **opened)
     assert "changed by another program" in late["error"]
     assert 'name = "second"' in (folder / "TRIAL.toml").read_text()
 

@@ -3,46 +3,37 @@
 import json
 import warnings
 from collections.abc import Callable
-from datetime import UTC, datetime, timedelta
+from datetime import timedelta
 from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.feather
-import pyarrow.ipc
 import pyarrow.parquet
 import pytest
 
 from shipfp_rs.logs.log import Log
 from shipfp_rs.logs.readers import child_process
+from tests.logger_files import START, hdf5_file, write_arrow, write_feather, write_mdf
+from tests.logs.bus_files import by_python_can, mf4
 
 RATE_HZ, ROWS = 20.0, 60
-START = datetime(2026, 5, 1, 10, tzinfo=UTC)
 TIME = np.arange(ROWS) / RATE_HZ
 M = np.round(1500.0 + 400.0 * np.sin(TIME), 3)
 N = np.round((1184.0 + 20.0 * np.sin(TIME)) / 0.125) * 0.125
+TORQUE_AND_SPEED = {"M [Nm]": M, "n [rpm]": N}
 DATA = Path(__file__).parents[2] / "data" / "logs"
 DBC = DATA / "j1939" / "CSS-Electronics-SAE-J1939-DEMO.dbc"
 
 
 def parquet(path: Path, time: str = "time", values: object = None, **options: object) -> None:
     pa.parquet.write_table(
-        pa.table({time: TIME if values is None else values, "M [Nm]": M, "n [rpm]": N}), path, **options
+        pa.table({time: TIME if values is None else values, **TORQUE_AND_SPEED}), path, **options
     )
 
 
 def stamps(unit: str) -> pa.Array:
     first = int(START.timestamp() * 1e9)
     return pa.array(first + np.rint(TIME * 1e9).astype(np.int64), pa.timestamp("ns")).cast(pa.timestamp(unit))
-
-
-def feather(path: Path, stream: bool = False) -> None:
-    table = pa.table({"t [s]": TIME, "M [Nm]": M, "n [rpm]": N})
-    if stream:
-        with pa.ipc.new_stream(path, table.schema) as writer:
-            writer.write_table(table)
-    else:
-        pa.feather.write_feather(table, path)
 
 
 def mat(path: Path, content: dict[str, object], **options: object) -> None:
@@ -52,8 +43,7 @@ def mat(path: Path, content: dict[str, object], **options: object) -> None:
 
 
 def hdf5(path: Path, build: Callable[[object], None]) -> None:
-    h5py = pytest.importorskip("h5py")
-    with h5py.File(path, "w") as file:
+    with hdf5_file(path) as file:
         build(file)
 
 
@@ -73,44 +63,17 @@ def tdms(path: Path, waveform: bool, stamped: bool = False) -> None:
 
 
 def mdf(path: Path, version: str) -> None:
-    asammdf = pytest.importorskip("asammdf")
-    with asammdf.MDF(version=version) as file:
-        file.header.start_time = START
-        for name, values, unit in (("M", M, "Nm"), ("n", N, "U/min")):
-            file.append([asammdf.Signal(values, TIME, name=name, unit=unit)])
-        file.save(path, overwrite=True)
+    write_mdf(path, {"M": M, "n": N}, RATE_HZ, {"M": "Nm", "n": "U/min"}, version)
 
 
-def eec1() -> list[bytes]:
-    return [bytes([0xFF, 125, 130]) + int(n / 0.125).to_bytes(2, "little") + b"\xff\xff\x7d" for n in N]
+EEC1 = [
+    (t, None, 0x0CF00400, f"FF7D82{int(n / 0.125).to_bytes(2, 'little').hex()}FFFF7D")
+    for t, n in zip(TIME, N, strict=True)
+]
 
 
 def bus(path: Path) -> None:
-    can = pytest.importorskip("can")
-    with can.Logger(path) as logger:
-        for time, data in zip(TIME, eec1(), strict=True):
-            logger(
-                can.Message(
-                    timestamp=START.timestamp() + time,
-                    arbitration_id=0x0CF00400,
-                    data=data,
-                    is_extended_id=True,
-                )
-            )
-
-
-def mf4_bus(path: Path) -> None:
-    asammdf = pytest.importorskip("asammdf")
-    kinds = [("CAN_DataFrame.BusChannel", "u1"), ("CAN_DataFrame.ID", "<u4"), ("CAN_DataFrame.IDE", "u1"),
-             ("CAN_DataFrame.DLC", "u1"), ("CAN_DataFrame.DataLength", "u1"), ("CAN_DataFrame.DataBytes", "(8,)u1")]  # fmt: skip
-    frames = np.zeros(ROWS, dtype=kinds)
-    frames["CAN_DataFrame.ID"], frames["CAN_DataFrame.IDE"] = 0x0CF00400, 1
-    frames["CAN_DataFrame.DLC"] = frames["CAN_DataFrame.DataLength"] = 8
-    frames["CAN_DataFrame.DataBytes"] = np.array([list(data) for data in eec1()], dtype=np.uint8)
-    with asammdf.MDF(version="4.10") as file:
-        file.header.start_time = START
-        file.append([asammdf.Signal(frames, TIME, name="CAN_DataFrame")], acq_name="CAN")
-        file.save(path, overwrite=True)
+    by_python_can(path, EEC1)
 
 
 def n2k(path: Path, as_json: bool) -> None:
@@ -157,11 +120,13 @@ MADE: dict[str, tuple[str, Callable[[Path], None], dict[str, object], tuple[str,
     "Parquet, small groups": (".parquet", lambda p: parquet(p, row_group_size=7), {}, ("M", "n")),
     "Parquet, time [ms]": (".parquet", lambda p: parquet(p, "Zeit [ms]", TIME * 1e3), {}, ("M", "n")),
     "Parquet, named time": (".parquet", lambda p: parquet(p, "foo"), {"time": "foo"}, ("M", "n")),
-    "Parquet, rate": (".parquet", lambda p: pa.parquet.write_table(pa.table({"M [Nm]": M, "n [rpm]": N}), p), {"rate_hz": 20.0}, ("M", "n")),
+    "Parquet, rate": (
+        ".parquet", lambda p: pa.parquet.write_table(pa.table(TORQUE_AND_SPEED), p), {"rate_hz": 20.0}, ("M", "n"),
+    ),
     "Parquet, texts as time": (".parquet", lambda p: parquet(p, "Zeit", [f"05.11.2019 10:00:{t:06.3f}" for t in TIME]), {}, ("M", "n")),
-    "Feather": (".feather", feather, {}, ("M", "n")),
-    "Arrow": (".arrow", feather, {}, ("M", "n")),
-    "Arrow stream": (".arrows", lambda p: feather(p, stream=True), {}, ("M", "n")),
+    "Feather": (".feather", lambda p: write_feather(p, TORQUE_AND_SPEED, RATE_HZ), {}, ("M", "n")),
+    "Arrow": (".arrow", lambda p: write_feather(p, TORQUE_AND_SPEED, RATE_HZ), {}, ("M", "n")),
+    "Arrow stream": (".arrows", lambda p: write_arrow(p, TORQUE_AND_SPEED, RATE_HZ), {}, ("M", "n")),
     "MATLAB vectors": (".mat", lambda p: mat(p, {"time": TIME, "M": M, "n": N}), {}, ("M", "n")),
     "MATLAB columns": (".mat", lambda p: mat(p, {"t": TIME, "M": M, "n": N}, oned_as="column"), {}, ("M", "n")),
     "MATLAB fs": (".mat", lambda p: mat(p, {"fs": 20.0, "M": M, "n": N}), {}, ("M", "n")),
@@ -187,8 +152,8 @@ MADE: dict[str, tuple[str, Callable[[Path], None], dict[str, object], tuple[str,
     "TDMS stamps": (".tdms", lambda p: tdms(p, False, True), {}, ("M", "n")),
     "MDF 4": (".mf4", lambda p: mdf(p, "4.10"), {}, ("M", "n")),
     "MDF 3": (".mdf", lambda p: mdf(p, "3.30"), {}, ("M", "n")),
-    "CAN in MF4, DBC": (".mf4", mf4_bus, {"names": DBC}, ("", "EngineSpeed")),
-    "CAN in MF4, J1939": (".mf4", mf4_bus, {}, ("", "EngSpeed")),
+    "CAN in MF4, DBC": (".mf4", lambda p: mf4(p, EEC1), {"names": DBC}, ("", "EngineSpeed")),
+    "CAN in MF4, J1939": (".mf4", lambda p: mf4(p, EEC1), {}, ("", "EngSpeed")),
     **{f"CAN {suffix}": (suffix, bus, {"names": DBC}, ("", "EngineSpeed")) for suffix in (".blf", ".asc", ".trc", ".log")},
     "CAN .blf, J1939": (".blf", bus, {}, ("", "EngSpeed")),
     "NMEA 2000, raw": (".raw", lambda p: n2k(p, False), {}, ("", "Engine Speed")),
