@@ -98,6 +98,7 @@ COMMANDS = [
     (typed("sweep SWEEP.toml", {"SWEEP.toml": "[sweep]\ndraw = 10\n"}), "SWEEP.toml: sweep.draw", "mean 'draws'?"),
     (typed("reproduce virtul"), "Did you mean 'virtual'?; see shipfp reproduce --help"),
     (typed("inti"), "No such command 'inti'", "see shipfp --help"),
+    (typed("init log.csv", {"log.csv": "t,n"}), "found a file", "shipfp init --log log.csv"),
     (typed("init a b"), "see shipfp init --help"),
     (typed("init --speed"), "see shipfp init --help"),
     (typed("simulate missing.toml"), "missing.toml"),

@@ -30,6 +30,8 @@ def init(
     """Write a commented TRIAL.toml; with --log it is filled in from the log, and missing values are marked."""
     from shipfp_rs.support.toml import TO_BE_GIVEN, template
 
+    if folder.is_file():
+        raise InputError(f"{folder}: found a file, expected a folder; of a log: shipfp init --log {folder}")
     given = {"--set-point": set_point, "--rate": rate_hz, "--time": time, "--names": names}
     if not log and (idle := [option for option, value in given.items() if value is not None]):
         raise InputError(f"{idle[0]}: expected only together with --log")
