@@ -10,7 +10,7 @@ import numpy as np
 
 from shipfp_rs.errors import IdentificationError, InputError
 from shipfp_rs.experiments.experiment import Experiment
-from shipfp_rs.identification.fingerprint import Fingerprint
+from shipfp_rs.identification.fingerprint import Estimate, Fingerprint
 from shipfp_rs.identification.identify import identify
 from shipfp_rs.structures.prediction import simulated_about
 from shipfp_rs.structures.structure import Structure
@@ -166,13 +166,13 @@ def bootstrap(
     started = structure.with_start(
         **{parameter.name: optimum[parameter.name] for parameter in structure.free}
     )
-    names = _told(fingerprint)
+    names = tuple(name for name, one in _estimates(fingerprint).items() if one.std is not None)
     random = np.random.default_rng(seed)
     rows, failed = [], 0
     for done in range(draws):
         try:
             found = identify([part.drawn(random) for part in parts], started, **{**options, "starts": 1})
-            rows.append([_value(found, name) for name in names])
+            rows.append([_value(_estimates(found).get(name)) for name in names])
         except IdentificationError:
             failed += 1
         if progress is not None:
@@ -261,11 +261,9 @@ class _Residuals:
         return replace(self.record, signals=signals)
 
 
-def _told(fingerprint: Fingerprint) -> tuple[str, ...]:
-    estimates = {**fingerprint.parameters, **fingerprint.derived}
-    return tuple(name for name, estimate in estimates.items() if estimate.std is not None)
+def _estimates(fingerprint: Fingerprint) -> dict[str, Estimate]:
+    return {**fingerprint.parameters, **fingerprint.derived}
 
 
-def _value(fingerprint: Fingerprint, name: str) -> float:
-    estimate = {**fingerprint.parameters, **fingerprint.derived}.get(name)
-    return np.nan if estimate is None or estimate.value is None else estimate.value
+def _value(found: Estimate | None) -> float:
+    return np.nan if found is None or found.value is None else found.value

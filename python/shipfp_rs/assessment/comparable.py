@@ -33,13 +33,8 @@ def with_common_elements(
 ) -> tuple[list[Fingerprint], list[str]]:
     """Return fingerprints of the full ship with all elements found in any of them, refitted if necessary.
 
-    Parameters
-    ----------
-    fingerprints
-        Two or more fingerprints; they are returned unchanged if the user gave any structure.
-    data
-        Experiments of each fingerprint; None: those stored in the fingerprints. Without experiments,
-        fingerprints are returned unchanged.
+    Fingerprints are returned unchanged if the user gave any structure, or without experiments; by default these are the
+    ones stored in the fingerprints.
     """
     acting = {
         name for one in fingerprints for name in TRIED if one.elements.get(name, {}).get("state") == "on"

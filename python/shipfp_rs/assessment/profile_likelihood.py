@@ -25,6 +25,7 @@ from shipfp_rs.structures.structure import Parameter, Structure
 from shipfp_rs.support import hints
 from shipfp_rs.support.arguments import checked
 from shipfp_rs.support.arrays import Array, Brief
+from shipfp_rs.support.files import finite
 from shipfp_rs.support.threads import with_one_blas_thread
 
 
@@ -133,19 +134,15 @@ class Likelihood(Brief):
 
     def to_dict(self) -> dict[str, Any]:
         """Return the JSON form; infinite values are None."""
-
-        def plain(values: Sequence[float] | Array) -> list[float | None]:
-            return [float(value) if np.isfinite(value) else None for value in values]
-
         return {
             "name": self.name,
             "unit": self.unit,
             "value": self.value,
             "kind": self.kind,
-            "interval": plain(self.interval),
-            "values": plain(self.values),
-            "deviance": plain(self.deviance),
-            "others": {name: plain(row) for name, row in self.others.items()},
+            "interval": finite(self.interval),
+            "values": finite(self.values.tolist()),
+            "deviance": finite(self.deviance.tolist()),
+            "others": {name: finite(row.tolist()) for name, row in self.others.items()},
         }
 
     def __str__(self) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -18,6 +17,7 @@ from shipfp_rs.identification.identify import identify
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.support.arguments import checked
 from shipfp_rs.support.arrays import Array
+from shipfp_rs.support.files import finite
 from shipfp_rs.support.spikes import bridge
 from shipfp_rs.support.tables import text_table
 from shipfp_rs.support.threads import with_one_blas_thread
@@ -62,7 +62,7 @@ def measured_steps(experiment: Experiment) -> list[MeasuredStep]:
         return []
     rate_hz = experiment.rate_hz
     rows = (experiment.normalised("M_load"), experiment.normalised("n_e"), experiment.signals["M_load"])
-    load, speed, measured = (bridge(row, ~np.isfinite(row)) for row in rows)
+    load, speed, measured = map(bridge, rows)
     asked = experiment.dn_set if "n_set" in experiment.signals else np.zeros(len(load))
     around, before = round(AROUND_S * rate_hz), round(BEFORE_S * rate_hz)
     places = _places(load, around, round(APART_S * rate_hz))
@@ -164,10 +164,7 @@ class CrossValidation:
         """JSON form: NRMSE [%] by output, fitted and simulated experiment, None if undefined."""
         return {
             output: {
-                fitted: {
-                    name: figures[output] if math.isfinite(figures[output]) else None
-                    for name, figures in row.items()
-                }
+                fitted: {name: finite(figures[output]) for name, figures in row.items()}
                 for fitted, row in self.fits.items()
             }
             for output in self.outputs

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import contextlib
 import re
+import warnings
 from collections.abc import Iterator
 from pathlib import Path
 
-from shipfp_rs.errors import InputError, ShipfpError
+from shipfp_rs.errors import InputError, LogWarning, ShipfpError
 
 MOST_PACKED = 10_000
 """Largest plausible number of samples per byte of a file, reached with compression where a channel hardly changes."""
@@ -109,3 +110,8 @@ def require_size(path: Path, samples: int) -> None:
     size = path.stat().st_size
     if samples > max(MOST_PACKED * size, MANY_SAMPLES):
         raise InputError(f"{path}: announces {samples:.3g} samples in {size} bytes; is the file damaged?")
+
+
+def warn(path: Path | str, text: object) -> None:
+    """Warn of what a file lacks, or of what was assumed about it."""
+    warnings.warn(f"{path}: {text}", LogWarning, stacklevel=5)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections import Counter
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import timedelta
 from itertools import pairwise
@@ -17,7 +18,7 @@ from shipfp_rs.errors import InputError
 from shipfp_rs.logs.channel import Blocks, Channel, Samples, with_nan
 from shipfp_rs.logs.faults.clock import FILL
 from shipfp_rs.logs.faults.record import Fault
-from shipfp_rs.logs.log import Log, register_joiner
+from shipfp_rs.logs.log import Log
 from shipfp_rs.support.arrays import Array, runs
 from shipfp_rs.support.sentences import Sentence
 
@@ -35,27 +36,18 @@ EARLY = 0.25
 
 @dataclass(frozen=True)
 class CoarseClock:
-    """Evenly spaced rows under a coarse clock.
-
-    Parameters
-    ----------
-    rate_hz
-        Rate of the rows: the roundest number consistent with the ticks.
-    resolution_s
-        One tick [s].
-    times
-        Time of every row [s], to within one row; the time jumps where rows are missing or the clock was set.
-    jumps
-        Whether rows are missing or the clock was set.
-    masked
-        Rows [first, stop) with unknown times, since other rows of their tick are missing; shape (K, 2).
-    """
+    """Evenly spaced rows under a coarse clock."""
 
     rate_hz: float
+    """Rate of the rows: the roundest number consistent with the ticks."""
     resolution_s: float
+    """One tick [s]."""
     times: Array
+    """Time of every row [s], to within one row; the time jumps where rows are missing or the clock was set."""
     jumps: bool
+    """Whether rows are missing or the clock was set."""
     masked: Rows
+    """Rows [first, stop) with unknown times, since other rows of their tick are missing; shape (K, 2)."""
 
 
 def find_coarse(times: Array) -> CoarseClock | None:
@@ -176,7 +168,6 @@ COMPARED = 1 << 16
 """Samples of an overlap compared at once."""
 
 
-@register_joiner("pattern")
 def open_pattern(path: Path, **options: Any) -> Log:
     """Open all files of a pattern such as run_*.csv as one log; see `join`."""
     parts = {file: re.split(r"(\d+)", file.name) for file in path.parent.glob(path.name)}
@@ -211,10 +202,7 @@ def join(logs: Sequence[Log], name: str = "") -> Log:
     for log in logs[1:]:
         _require_same(logs[0], log)
     offsets, told = _offsets(logs)
-    begins = [
-        offset + min(c.start_s for c in log.channels.values())
-        for log, offset in zip(logs, offsets, strict=True)
-    ]
+    begins = [offset + _span(log.channels.values())[0] for log, offset in zip(logs, offsets, strict=True)]
     order = sorted(range(len(logs)), key=begins.__getitem__)
     logs, offsets = [logs[k] for k in order], [offsets[k] for k in order]
     first = logs[0]
@@ -371,10 +359,7 @@ def _offsets(logs: Sequence[Log]) -> tuple[list[float], str]:
     if len(stamps) == len(logs):
         zero = min(stamps)
         return [(stamp - zero).total_seconds() for stamp in stamps], ""
-    spans = [
-        (min(c.start_s for c in log.channels.values()), max(c.stop_s for c in log.channels.values()))
-        for log in logs
-    ]
+    spans = [_span(log.channels.values()) for log in logs]
     step = max(1.0 / min(c.rate_hz for c in log.channels.values()) for log in logs)
     ordered = sorted(spans)
     if all(after[0] >= before[1] - 1.5 * step for before, after in pairwise(ordered)):
@@ -386,6 +371,11 @@ def _offsets(logs: Sequence[Log]) -> tuple[list[float], str]:
         offsets.append(end - begin)
         end += stop - begin
     return offsets, "; each counts from its own beginning: taken as back to back in this order"
+
+
+def _span(channels: Collection[Channel]) -> tuple[float, float]:
+    """First start and last end of channels [s]."""
+    return min(one.start_s for one in channels), max(one.stop_s for one in channels)
 
 
 def _blocks_of(placed: dict[str, _Placed]) -> Blocks:
@@ -403,7 +393,6 @@ def _blocks_of(placed: dict[str, _Placed]) -> Blocks:
     return read
 
 
-@register_joiner("merge")
 def merge(logs: Sequence[Log], name: str = "") -> Log:
     """Merge the channels of loggers with a common clock, by the time stamps of the files.
 
@@ -429,10 +418,7 @@ def merge(logs: Sequence[Log], name: str = "") -> Log:
             f"{bare.name}: has no date, but {dated[0].name} has one; align them by a common channel ([align] common)"
         )
     zero = min((log.start_utc for log in logs if log.start_utc), default=None)
-    counts: dict[str, int] = {}
-    for log in logs:
-        for label in log.channels:
-            counts[label] = counts.get(label, 0) + 1
+    counts = Counter(label for log in logs for label in log.channels)
     channels: list[Channel] = []
     source: dict[str, tuple[Log, str]] = {}
     spans: list[tuple[float, float]] = []
@@ -442,8 +428,7 @@ def merge(logs: Sequence[Log], name: str = "") -> Log:
             full = channel.name if counts[channel.name] == 1 else f"{Path(log.name).stem}/{channel.name}"
             channels.append(replace(channel, name=full, start_s=channel.start_s + later))
             source[full] = (log, channel.name)
-        own = channels[-len(log.channels) :]
-        spans.append((min(c.start_s for c in own), max(c.stop_s for c in own)))
+        spans.append(_span(channels[-len(log.channels) :]))
     if max(begin for begin, _ in spans) >= min(end for _, end in spans):
         raise InputError(
             f"{logs[0].name}: the logs do not overlap in time ({'; '.join(f'{a:g} to {b:g} s' for a, b in spans)}); do they "

@@ -5,23 +5,32 @@ from __future__ import annotations
 import importlib
 import logging
 import threading
-import warnings
 from bisect import bisect_right
+from collections import OrderedDict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from datetime import datetime
 from operator import itemgetter
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
-from shipfp_rs.errors import InputError, LogWarning
+from shipfp_rs.errors import InputError
 from shipfp_rs.logs.channel import BLOCK, Blocks, Channel, Samples, blocks_of, whole, with_nan
 from shipfp_rs.logs.faults.record import Fault
-from shipfp_rs.logs.formats import HINTS, MODULES, TEXTS, of_text, one_line_errors, require_file, require_size
+from shipfp_rs.logs.formats import (
+    HINTS,
+    MODULES,
+    TEXTS,
+    of_text,
+    one_line_errors,
+    require_file,
+    require_size,
+    warn,
+)
 from shipfp_rs.support import hints, units
 from shipfp_rs.support.arguments import checked
 from shipfp_rs.support.tables import package
@@ -110,6 +119,36 @@ class Rows:
         self._at += len(chunk)
         given_up = bisect_right(self._held, kept_from, key=itemgetter(0)) - 1
         del self._held[: max(given_up, 0)]
+
+
+class Pieces:
+    """Samples of a channel by index, read in pieces of which the latest are kept: requests are mostly close together."""
+
+    def __init__(self, log: Callable[[], Log], channel: Channel, size: int, kept: int) -> None:
+        self._log, self._channel = log, channel
+        self._size, self._kept = size, kept
+        self._lock = threading.Lock()
+        self._held: OrderedDict[int, Samples] = OrderedDict()
+
+    def read(self, first: int, stop: int) -> Samples:
+        """Samples [first, stop), as recorded."""
+        parts = []
+        for index in range(first // self._size, -(-stop // self._size)):
+            start = index * self._size
+            parts.append(self._piece(index)[max(first - start, 0) : stop - start])
+        return parts[0] if len(parts) == 1 else np.concatenate(parts or [np.empty(0)])
+
+    def _piece(self, index: int) -> Samples:
+        channel = self._channel
+        with self._lock:
+            if index not in self._held:
+                rows = (index * self._size, min((index + 1) * self._size, channel.samples))
+                start_s, stop_s = (channel.start_s + row / channel.rate_hz for row in rows)
+                self._held[index] = self._log().read(channel.name, start_s, stop_s)
+            self._held.move_to_end(index)
+            while len(self._held) > self._kept:
+                self._held.popitem(last=False)
+            return self._held[index]
 
 
 LOGGER = logging.getLogger("shipfp_rs")
@@ -211,7 +250,8 @@ class Log(hints.Hinted):
         """
         path = Path(path)
         if any(mark in path.name for mark in "*?") and not path.exists():
-            return _joiner("pattern")(path, rate_hz=rate_hz, time=time, names=names)
+            pieces: Log = _joining().open_pattern(path, rate_hz=rate_hz, time=time, names=names)
+            return pieces
         if not path.is_dir():
             _require_known(path)
         require_file(path)
@@ -231,8 +271,10 @@ class Log(hints.Hinted):
         require_size(path, sum(channel.samples for channel in log.channels.values()))
         rates = {channel.rate_hz for channel in log.channels.values()}
         if rate_hz is not None and not np.isclose(list(rates), rate_hz, rtol=1e-6).any():
-            told = f"{path}: a rate of {rate_hz:g} Hz is given but not used; the file tells {min(rates):g} Hz itself"
-            warnings.warn(told, LogWarning, stacklevel=3)
+            warn(
+                path,
+                f"a rate of {rate_hz:g} Hz is given but not used; the file tells {min(rates):g} Hz itself",
+            )
         LOGGER.info("opened %s: %d channels", path, len(log.channels))
         for note in log.notes:
             LOGGER.info("%s: %s", path, note)
@@ -292,7 +334,8 @@ class Log(hints.Hinted):
         >>> list(Log.merge(one, two).channels)
         ['u', 'n']
         """
-        return _joiner("merge")(logs, name)
+        merged: Log = _joining().merge(logs, name)
+        return merged
 
     @checked
     def channel(self, name: str) -> Channel:
@@ -462,20 +505,15 @@ class Log(hints.Hinted):
             If the name does not end in .parquet, or is that of the log's own file.
         """
         path = Path(path)
-        suffix = path.suffix.lower()
-        if suffix not in _WRITTEN:
+        if path.suffix.lower() not in (".parquet", ".pq"):
             raise InputError(f"{path}: logs are written as Parquet, expected a name ending in .parquet")
-        importlib.import_module(f"shipfp_rs.logs.readers.{MODULES[suffix]}")
-        return _WRITERS[suffix](self, path)
+        written: Path = importlib.import_module("shipfp_rs.logs.readers.parquet").write_parquet(self, path)
+        return written
 
 
 Reader = Callable[..., Log]
 """Function (path, rate_hz) that returns a log; it gets the options it was registered for as keywords."""
-Writer = Callable[[Log, Path], Path]
 _READERS: dict[str, Reader] = {}
-_WRITERS: dict[str, Writer] = {}
-_JOINERS: dict[str, Callable[..., Log]] = {}
-_WRITTEN = (".parquet", ".pq")
 _TAKES: dict[Reader, tuple[str, ...]] = {}
 
 
@@ -487,13 +525,14 @@ def suffixes() -> tuple[str, ...]:
 def _require_known(path: Path) -> None:
     """Raise `InputError` for a suffix without a reader."""
     suffix = path.suffix.lower()
-    if suffix not in MODULES and suffix not in _READERS:
-        if suffix in HINTS:
-            raise InputError(f"{path}: {HINTS[suffix]}")
-        known = ", ".join(dict.fromkeys([*MODULES, *_READERS]))
-        raise InputError(
-            f"{path}: unknown log format {path.suffix!r}, expected one of {known}{hints.nearest(suffix, list(MODULES))}"
-        )
+    if suffix in suffixes():
+        return
+    if suffix in HINTS:
+        raise InputError(f"{path}: {HINTS[suffix]}")
+    raise InputError(
+        f"{path}: unknown log format {path.suffix!r}, expected one of {', '.join(suffixes())}"
+        f"{hints.nearest(suffix, list(MODULES))}"
+    )
 
 
 def _reader_of(path: Path) -> Reader:
@@ -524,26 +563,6 @@ def register_reader(*suffixes: str, takes: Sequence[str] = ()) -> Callable[[Read
     return register
 
 
-def _joiner(way: str) -> Callable[..., Log]:
-    importlib.import_module("shipfp_rs.logs.joining")
-    return _JOINERS[way]
-
-
-def register_joiner(way: str) -> Callable[[Callable[..., Log]], Callable[..., Log]]:
-    """Register the decorated function that builds one log from several: "pattern" of files, or "merge"."""
-
-    def register(joiner: Callable[..., Log]) -> Callable[..., Log]:
-        _JOINERS[way] = joiner
-        return joiner
-
-    return register
-
-
-def register_writer(*suffixes: str) -> Callable[[Writer], Writer]:
-    """Register the decorated function (log, path) as the writer of files with these suffixes."""
-
-    def register(writer: Writer) -> Writer:
-        _WRITERS.update(dict.fromkeys(suffixes, writer))
-        return writer
-
-    return register
+def _joining() -> Any:
+    """The module that builds one log from several; it imports this one."""
+    return importlib.import_module("shipfp_rs.logs.joining")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -10,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from shipfp_rs.errors import InputError, LogWarning
+from shipfp_rs.errors import InputError
 from shipfp_rs.logs.channel import BLOCK, Blocks, Channel, Samples
 from shipfp_rs.logs.faults.clock import (
     LONGEST_GAP,
@@ -26,6 +25,7 @@ from shipfp_rs.logs.faults.clock import (
     without,
 )
 from shipfp_rs.logs.faults.record import Fault
+from shipfp_rs.logs.formats import warn
 from shipfp_rs.logs.joining import CoarseClock, find_coarse
 from shipfp_rs.support.arrays import Array, Mask, joined
 from shipfp_rs.support.sentences import Sentence
@@ -80,7 +80,7 @@ class TimeAxis:
         """Warn of jumps and uneven times."""
         for text in (*map(str, self.faults), self.note):
             if text:
-                warnings.warn(f"{path}: {text}", LogWarning, stacklevel=3)
+                warn(path, text)
 
 
 def time_axis(
@@ -104,27 +104,10 @@ def time_axis(
     samples per recorded sample; where the rows are denser than this grid, they are averaged over its cells. Steps of
     more than three times the step that 90 % do not exceed remain gaps.
 
-    Parameters
-    ----------
-    path, column
-        File and column, for messages.
-    times
-        Times of all rows [s].
-    rate_hz
-        Sample rate [Hz], which takes precedence over the times; only the start is then taken from the times.
-    same
-        Function (row, earlier row, count): which of the rows have equal samples in every channel. Equal rows of one time
-        are one.
-    changes
-        Whether rows record only the state changes of two-state channels: then the grid is finer, and a long step is not a
-        gap.
-    held
-        Whether rows may record only the changes of a channel at an even scan: then each value is held until the next.
-
-    Raises
-    ------
-    InputError
-        If the times do not increase, apart from single jumps.
+    `path` and `column` are for messages. A given rate takes precedence over the times, of which only the start is then
+    used. Equal rows (`same`) of one time are one. `changes`: rows record only the state changes of two-state channels;
+    then the grid is finer, and a long step is not a gap. `held`: rows may record only the changes of a channel at an even
+    scan; then each value is held until the next. `InputError` if the times do not increase, apart from single jumps.
     """
     same = same or same_rows([])
     scan = ClockScan()

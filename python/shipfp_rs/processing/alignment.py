@@ -19,6 +19,7 @@ from shipfp_rs.logs.log import Log, Rows
 from shipfp_rs.processing.conditioning import LowPass, nearest_rate
 from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.sentences import Sentence
+from shipfp_rs.support.spikes import ROBUST_SIGMA
 from shipfp_rs.tacho import pulse_times
 
 COARSE_HZ, FINE_HZ = 10.0, 100.0
@@ -41,21 +42,14 @@ NEXT_PULSE = 0.25
 
 @dataclass(frozen=True)
 class Alignment:
-    """Conversion of a logger's clock to the reference's: t_reference = offset_s + (1 + drift) t.
-
-    Parameters
-    ----------
-    offset_s
-        Time on the reference's clock when the logger's clock is at zero [s].
-    drift
-        Relative difference in rate.
-    std_s
-        Standard deviation of the converted time at that end of the log where it is larger [s].
-    """
+    """Conversion of a logger's clock to the reference's: t_reference = offset_s + (1 + drift) t."""
 
     offset_s: float
+    """Time on the reference's clock when the logger's clock is at zero [s]."""
     drift: float
+    """Relative difference in rate."""
     std_s: float
+    """Standard deviation of the converted time at that end of the log where it is larger [s]."""
 
     def __call__(self, time_s: npt.ArrayLike) -> Array:
         """Convert times to the reference's clock [s]."""
@@ -69,23 +63,8 @@ def align(
 
     A coarse lag is found by correlating stretches, and a line through the lags from the median of all slopes (Theil and
     Sen). The line is refined by fitting the lag of each minute, weighted by its inverse variance; minutes without
-    changes contribute nothing. With a pulse train, the pulses of both loggers are then matched.
-
-    Parameters
-    ----------
-    reference, other
-        Recordings of one trial.
-    common
-        Channel in both, such as the set point's voltage or a pulse train.
-    pulses
-        Whether the common channel is a pulse train.
-    search_s
-        Largest difference between the clocks [s].
-
-    Raises
-    ------
-    InputError
-        If a channel is missing, or the two have no varying stretch in common.
+    changes contribute nothing. With a pulse train, the pulses of both loggers are then matched. The clocks differ by at
+    most `search_s`. `InputError` if a channel is missing, or the two have no varying stretch in common.
     """
     trains = [_pulses(log, common) for log in (reference, other)] if pulses else []
     here, there = map(_frequency, trains) if pulses else (_smooth(log, common) for log in (reference, other))
@@ -296,7 +275,7 @@ def _line(time: Array, lag: Array, std: Array, there: _Series) -> Alignment:
         weighted = basis[kept] / std[kept, None]
         fit = np.linalg.lstsq(weighted, lag[kept] / std[kept], rcond=None)[0]
         score = np.abs(lag - basis @ fit) / std
-        limit = 4.0 * max(1.4826 * float(np.median(score[kept])), 1.0)
+        limit = 4.0 * max(ROBUST_SIGMA * float(np.median(score[kept])), 1.0)
         if kept.sum() <= 3 or np.array_equal(kept, score < limit):
             break
         kept = score < limit
@@ -319,6 +298,6 @@ def _matched(here: Array, there: Array, found: Alignment) -> Alignment:
             return found
         lag = nearest[same] - there[same]
         series = _Series(float(there[0]), 1.0, np.empty(math.ceil(there[-1] - there[0])))
-        spread = 1.4826 * float(np.median(np.abs(nearest[same] - found(there[same])))) + 1e-9
+        spread = ROBUST_SIGMA * float(np.median(np.abs(nearest[same] - found(there[same])))) + 1e-9
         found = _line(there[same], lag, np.full(len(lag), spread), series)
     return found

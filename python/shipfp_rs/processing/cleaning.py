@@ -42,16 +42,8 @@ def require_size(
 ) -> None:
     """Reject an implausible mean of a channel; warn of an unusual one.
 
-    Parameters
-    ----------
-    label, key
-        Stretch of the log, and the channel's table in TRIAL.toml.
-    sensor
-        The channel's table. The calibration is rejected if only the factor of the unit gives a usual mean.
-    samples
-        Calibrated samples, shape (N,), of a source of speed in rpm.
-    calibration
-        Calibration of the samples.
+    `key` is the channel's table in TRIAL.toml; samples are calibrated, shape (N,), those of a source of speed in rpm.
+    The calibration is rejected if only the factor of the unit gives a usual mean.
     """
     known = QUANTITIES["speed" if isinstance(sensor, Tacho) else getattr(sensor, "quantity", "torque")]
     size = abs(float(np.nanmean(samples))) if np.isfinite(samples).any() else 0.0

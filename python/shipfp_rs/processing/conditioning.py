@@ -8,7 +8,7 @@ of the ripple varies with the speed, so a fixed filter can't remove it, but the 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import partial
@@ -22,7 +22,7 @@ from scipy.signal import resample_poly
 from shipfp_rs._core import Decimator
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import DRIVES, Experiment
-from shipfp_rs.logs.channel import Channel
+from shipfp_rs.logs.channel import Channel, Samples
 from shipfp_rs.logs.log import Log
 from shipfp_rs.support.arrays import Array, ComplexArray, Mask, Spans, runs
 from shipfp_rs.support.derivatives import taps
@@ -70,21 +70,9 @@ def without_ripple(torque: Array, speed: Array, rate_hz: float, ratio: float) ->
     coefficients per line, fitted by least squares. No part is proportional to the speed: in a step test, such a part
     would also fit the torque's response, since speed and torque differ only while the shaft accelerates.
 
-    Parameters
-    ----------
-    torque
-        Low-passed torque, shape (N,), any unit, NaN where masked.
-    speed
-        Engine speed [rpm], shape (N,), NaN where masked.
-    rate_hz
-        Sample rate.
-    ratio
-        Turns of the engine per turn of the propeller's shaft.
-
-    Returns
-    -------
-    tuple
-        The torque, the same array if it has no ripple, and a list of `Ripple`.
+    The torque is low-passed, shape (N,), in any unit; the speed is the engine's [rpm], shape (N,); both are NaN where
+    masked. `ratio` is the turns of the engine per turn of the propeller's shaft. A torque without ripple is returned
+    unchanged.
     """
     valid = np.isfinite(torque)
     if valid.sum() < SHORTEST_S * rate_hz or not np.isfinite(speed).any():
@@ -213,23 +201,18 @@ def mean_pieces(
     log: Log, name: str, block: int, start_s: float | None = None, stop_s: float | None = None
 ) -> Iterator[Array]:
     """Yield the block means of a stretch in pieces; samples after the last whole block are ignored."""
+    for rows in whole_blocks(log.chunks(name, start_s=start_s, stop_s=stop_s), block):
+        yield rows.mean(axis=1)
+
+
+def whole_blocks(pieces: Iterable[Samples], block: int) -> Iterator[Array]:
+    """Yield the samples of pieces in whole blocks, shape (K, block)."""
     held = np.empty(0)
-    for chunk in log.chunks(name, start_s=start_s, stop_s=stop_s):
-        held = np.concatenate([held, np.asarray(chunk, dtype=np.float64)])
+    for piece in pieces:
+        held = np.concatenate([held, np.asarray(piece, dtype=np.float64)])
         whole = len(held) // block * block
-        yield held[:whole].reshape(-1, block).mean(axis=1)
+        yield held[:whole].reshape(-1, block)
         held = held[whole:]
-
-
-def bridged(values: Array) -> Array:
-    """Interpolate NaN linearly, shape (N,)."""
-    missing = np.flatnonzero(~np.isfinite(values))
-    if not missing.size:
-        return values
-    known = np.flatnonzero(np.isfinite(values))
-    filled = values.copy()
-    filled[missing] = np.interp(missing, known, values[known])
-    return filled
 
 
 Source = Callable[[int, int], Array]

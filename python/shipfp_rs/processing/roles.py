@@ -13,9 +13,10 @@ import numpy as np
 
 from shipfp_rs.logs.channel import Channel
 from shipfp_rs.logs.log import Log
-from shipfp_rs.processing.conditioning import block_means, bridged
+from shipfp_rs.processing.conditioning import block_means
 from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.files import words_of
+from shipfp_rs.support.spikes import bridge
 from shipfp_rs.support.units import ELECTRIC, FREQUENCIES, QUANTITIES, TO_RPM, told
 
 LEAST_PART = 4
@@ -372,7 +373,7 @@ def _coarse(log: Log, name: str) -> Array | None:
     if block < 1 or channel.samples < 2 * block:
         return None
     values = block_means(log, name, block)
-    return bridged(values) if np.isfinite(values).sum() >= 2 else None
+    return bridge(values) if np.isfinite(values).sum() >= 2 else None
 
 
 def _find_shafts(log: Log, roles: Roles) -> None:

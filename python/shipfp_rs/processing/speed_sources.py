@@ -45,6 +45,15 @@ interval.
 """
 
 
+def _with_margin(channel: Channel, start_s: float, stop_s: float) -> tuple[int, int]:
+    """Rows of a stretch with a margin on either side."""
+    edges = (
+        round((edge - channel.start_s) * channel.rate_hz) for edge in (start_s - MARGIN_S, stop_s + MARGIN_S)
+    )
+    first, stop = edges
+    return max(first, 0), min(stop, channel.samples)
+
+
 class PulseTrain:
     """Pulse train of a log, read once. The angles of its reflectors are estimated from the longest stretch."""
 
@@ -61,7 +70,7 @@ class PulseTrain:
         self.tacho = tacho
         self.rpm_per_rps = 60.0 * (gear_ratio if tacho.shaft == "propeller" else 1.0)
         """Engine speed [rpm] per speed of the train's shaft [rev/s]."""
-        self.pulses = {label: self._pulses(rows, *stretch) for label, stretch in stretches.items()}
+        self.pulses = {label: self._pulses(rows, label, *stretch) for label, stretch in stretches.items()}
         longest = max(stretches, key=lambda label: stretches[label][1] - stretches[label][0])
         self.angles = self._angles(self.pulses[longest])
 
@@ -73,11 +82,10 @@ class PulseTrain:
         """Standard deviation of a pulse's time in a stretch [s]; None: the value of `PulseTimes`."""
         return None
 
-    def _pulses(self, rows: Rows, start_s: float, stop_s: float) -> PulseTimes:
+    def _pulses(self, rows: Rows, label: str, start_s: float, stop_s: float) -> PulseTimes:
         """Pulses of a stretch, with a margin on either side, on the log's clock."""
         channel = self.channel
-        first = max(round((start_s - MARGIN_S - channel.start_s) * channel.rate_hz), 0)
-        stop = min(round((stop_s + MARGIN_S - channel.start_s) * channel.rate_hz), channel.samples)
+        first, stop = _with_margin(channel, start_s, stop_s)
         try:
             rows.within(start_s, stop_s)
             pulses = pulse_times(
@@ -177,15 +185,14 @@ class MarkedWheel(PulseTrain):
     """Toothed wheel with a gap of missing teeth, such as 60-2; the missing teeth are interpolated."""
 
     def __init__(self, rows: Rows, name: str, tacho: Tacho, gear_ratio: float, stretches: Stretches) -> None:
-        self._found_s: list[Array] = []
+        self._found_s: dict[str, Array] = {}
         """Times of the gaps found in each stretch [s]: the first missing tooth."""
-        self._labels = tuple(stretches)
         super().__init__(rows, name, tacho, gear_ratio, stretches)
 
-    def _pulses(self, rows: Rows, start_s: float, stop_s: float) -> PulseTimes:
-        pulses = super()._pulses(rows, start_s, stop_s)
+    def _pulses(self, rows: Rows, label: str, start_s: float, stop_s: float) -> PulseTimes:
+        pulses = super()._pulses(rows, label, start_s, stop_s)
         every = with_missing(pulses.times_s, self.tacho.pulses_per_rev, self.tacho.missing)
-        self._found_s.append(np.setdiff1d(every, pulses.times_s)[:: self.tacho.missing])
+        self._found_s[label] = np.setdiff1d(every, pulses.times_s)[:: self.tacho.missing]
         return pulses.at(every)
 
     def faults(self, label: str, speed: IntervalSpeed, start_s: float, stop_s: float) -> list[Fault]:
@@ -199,7 +206,7 @@ class MarkedWheel(PulseTrain):
 
     def _not_whole(self, label: str, speed: IntervalSpeed) -> Array:
         """Stretches [s] from one gap found to the next that count no whole number of turns, shape (K, 2)."""
-        gaps = self._found_s[list(self._labels).index(label)]
+        gaps = self._found_s[label]
         if len(gaps) < 2 or not len(speed.time_s):
             return np.empty((0, 2))
         ends = speed.time_s + 0.5 * speed.duration_s
@@ -216,12 +223,8 @@ class MarkedWheel(PulseTrain):
 def with_missing(times_s: Array, teeth: int, missing: int) -> Array:
     """Insert the missing teeth of a wheel, by cubics through two teeth on either side of each gap.
 
-    Parameters
-    ----------
-    times_s
-        Times of the teeth [s], shape (N,).
-    teeth, missing
-        Teeth of the complete wheel, and number of adjacent missing ones.
+    `times_s` are those of its teeth [s], shape (N,); `teeth` counts those of the complete wheel, `missing` the adjacent
+    ones that it lacks.
 
     Examples
     --------
@@ -265,7 +268,7 @@ class EdgeList(PulseTrain):
         self._clock = Channel(path.name, "", rate_hz, 1, float(self.times_s[0]))
         super().__init__(SimpleNamespace(channel=self._clock), name, tacho, gear_ratio, stretches)  # type: ignore[arg-type]
 
-    def _pulses(self, rows: Rows, start_s: float, stop_s: float) -> PulseTimes:
+    def _pulses(self, rows: Rows, label: str, start_s: float, stop_s: float) -> PulseTimes:
         inside = (self.times_s >= start_s - MARGIN_S) & (self.times_s <= stop_s + MARGIN_S)
         times = self.times_s[inside]
         if self.tacho.missing:
@@ -342,8 +345,8 @@ class Encoder(PulseTrain):
     """
 
     def __init__(self, rows: Rows, name: str, tacho: Tacho, gear_ratio: float, stretches: Stretches) -> None:
-        self._std_rev: dict[tuple[float, float], tuple[float, float]] = {}
-        self._stretches = stretches
+        self._std_s: dict[str, float] = {}
+        """Standard deviation of a pulse's time in each stretch [s]."""
         per_rev = tacho.counts_per_rev
         self._rev = 1.0 / per_rev if per_rev else TO_REV[told(tacho.unit)]
         calibration = tacho.calibration
@@ -357,8 +360,7 @@ class Encoder(PulseTrain):
     def _angle(self, rows: Rows, start_s: float, stop_s: float) -> tuple[Array, Array, Array]:
         """Times [s], increasing angle [rev] and gaps [s] of a stretch with its margins."""
         channel = rows.channel
-        first = max(round((start_s - MARGIN_S - channel.start_s) * channel.rate_hz), 0)
-        stop = min(round((stop_s + MARGIN_S - channel.start_s) * channel.rate_hz), channel.samples)
+        first, stop = _with_margin(channel, start_s, stop_s)
         recorded = rows.read(first, stop).astype(np.float64)
         known = np.isfinite(recorded)
         if known.sum() < 8:
@@ -397,7 +399,7 @@ class Encoder(PulseTrain):
             )
         return int(np.clip(rows.channel.rate_hz / (LEAST_SAMPLES * speed), 1, MOST_VIRTUAL))
 
-    def _pulses(self, rows: Rows, start_s: float, stop_s: float) -> PulseTimes:
+    def _pulses(self, rows: Rows, label: str, start_s: float, stop_s: float) -> PulseTimes:
         rows.within(start_s, stop_s)
         time, angle, gaps = self._angle(rows, start_s, stop_s)
         noise = ROBUST_SIGMA * float(np.median(np.abs(np.diff(angle, 2)))) / np.sqrt(6.0)
@@ -412,7 +414,7 @@ class Encoder(PulseTrain):
         for begin, end in gaps:
             inside |= (times > begin) & (times < end)
         speed = float((angle[-1] - angle[0]) / (time[-1] - time[0]))
-        self._std_rev[start_s, stop_s] = (std, speed)
+        self._std_s[label] = std / speed
         return PulseTimes(times[~inside], gaps, 0.0, 0.5, 1.0, rows.channel.rate_hz)
 
     def _angles(self, longest: PulseTimes) -> ReflectorAngles:
@@ -420,8 +422,7 @@ class Encoder(PulseTrain):
         return ReflectorAngles(even, np.zeros(self._per_rev), ok=True)
 
     def _time_std_s(self, label: str) -> float:
-        std, speed = self._std_rev[self._stretches[label]]
-        return std / speed
+        return self._std_s[label]
 
 
 def _step(steps: Array) -> float:
@@ -442,17 +443,15 @@ class SpeedLevel(PulseTrain):
     def __init__(
         self, rows: Rows, name: str, tacho: Tacho, gear_ratio: float, stretches: Stretches, spikes: Spikes
     ) -> None:
-        self._held: dict[tuple[float, float], IntervalSpeed] = {}
-        self._spikes, self._spiky = spikes, dict[tuple[float, float], Spans]()
-        self._stretches = stretches
+        self._held: dict[str, IntervalSpeed] = {}
+        self._spikes, self._spiky = spikes, dict[str, Spans]()
         super().__init__(rows, name, tacho, gear_ratio, stretches)
 
-    def _pulses(self, rows: Rows, start_s: float, stop_s: float) -> PulseTimes:
+    def _pulses(self, rows: Rows, label: str, start_s: float, stop_s: float) -> PulseTimes:
         rows.within(start_s, stop_s)
         channel, tacho = rows.channel, self.tacho
         factor = TO_RPM.get(told(tacho.unit), 1.0) / 60.0 / tacho.pole_pairs  # a calibration leads to rpm
-        first = max(round((start_s - MARGIN_S - channel.start_s) * channel.rate_hz), 0)
-        stop = min(round((stop_s + MARGIN_S - channel.start_s) * channel.rate_hz), channel.samples)
+        first, stop = _with_margin(channel, start_s, stop_s)
         recorded = rows.read(first, stop).astype(np.float64)
         calibration = tacho.calibration
         line = None if calibration is None else calibration.calibration(tacho.unit)
@@ -461,7 +460,7 @@ class SpeedLevel(PulseTrain):
             rps = -rps
         spiky = spikes_along(rps, channel.rate_hz, self._spikes)
         rps[marks(spiky, 0, len(rps))] = np.nan
-        self._spiky[start_s, stop_s] = first + spiky
+        self._spiky[label] = first + spiky
         middle = float(np.nanmedian(rps)) / factor
         _require_less(
             f"channels.{self.name}.std",
@@ -486,7 +485,7 @@ class SpeedLevel(PulseTrain):
         time = channel.start_s + (first - 0.5) / channel.rate_hz + (np.arange(count) + 0.5) * duration
         known = np.isfinite(means) & (means > 0.0)
         std_rps, lasts, good = np.broadcast_arrays(std, duration, np.zeros(known.sum(), dtype=np.uint8))[:3]
-        self._held[start_s, stop_s] = IntervalSpeed(time[known], means[known], std_rps, lasts, good, 1)
+        self._held[label] = IntervalSpeed(time[known], means[known], std_rps, lasts, good, 1)
         gaps = time[0] + (runs(~np.isfinite(means)) - 0.5) * duration
         return PulseTimes(time[known], gaps, 0.0, 0.5, 1.0, channel.rate_hz)
 
@@ -495,13 +494,13 @@ class SpeedLevel(PulseTrain):
 
     def speed(self, label: str) -> IntervalSpeed:
         """Speeds of a stretch [rev/s], each a mean over its interval."""
-        return self._held[self._stretches[label]]
+        return self._held[label]
 
     def faults(self, label: str, speed: IntervalSpeed, start_s: float, stop_s: float) -> list[Fault]:
         """Faults of a stretch, spikes included, and their treatment."""
         channel = self.channel
         spans = clipped_to(
-            self._spiky[self._stretches[label]],
+            self._spiky[label],
             *(round((time_s - channel.start_s) * channel.rate_hz) for time_s in (start_s, stop_s)),
         )
         others = super().faults(label, speed, start_s, stop_s)

@@ -14,10 +14,10 @@ from shipfp_rs.errors import InputError
 from shipfp_rs.logs.channel import Channel
 from shipfp_rs.logs.log import Log
 from shipfp_rs.logs.time_axis import finer
-from shipfp_rs.processing.conditioning import bridged, mean_pieces
+from shipfp_rs.processing.conditioning import mean_pieces, whole_blocks
 from shipfp_rs.processing.trial import Faults
 from shipfp_rs.support.arrays import Array, runs
-from shipfp_rs.support.spikes import ROBUST_SIGMA
+from shipfp_rs.support.spikes import ROBUST_SIGMA, bridge
 from shipfp_rs.support.units import QUANTITIES, told
 
 Kind = Literal["steady", "sine", "sines", "multisine", "chirp", "squares", "prbs", "steps", "other"]
@@ -411,7 +411,7 @@ class _Trace:
         # low.
         quiet = float(np.quantile(spreads[known], 0.1)) / (1.0 - 1.28 * 1.17 / math.sqrt(block))
         noise = max(quiet, 8.0 * float(np.spacing(largest)))
-        return cls(log, channel, ratio, bridged(medians), spreads, noise)
+        return cls(log, channel, ratio, bridge(medians), spreads, noise)
 
     def part(self, start_s: float, stop_s: float) -> _Trace:
         """Whole blocks of a stretch."""
@@ -452,7 +452,7 @@ class _Trace:
         start_s, stop_s = self.times(blocks)
         stop_s = min(stop_s, self.channel.stop_s)
         found = np.concatenate([*mean_pieces(self.log, self.channel.name, self.ratio, start_s, stop_s)])
-        return bridged(found) if np.isfinite(found).any() else np.empty(0)
+        return bridge(found) if np.isfinite(found).any() else np.empty(0)
 
     def level(self, blocks: tuple[int, int]) -> float:
         return float(np.median(self.medians[slice(*blocks)]))
@@ -526,11 +526,8 @@ def _block(channel: Channel, ratio: int) -> int:
 
 def _levels(pieces: Iterable[Array], block: int) -> tuple[Array, Array, float]:
     """Median and robust spread of each block, and the largest magnitude; NaN and zero for an empty block."""
-    medians, spreads, largest, held = [np.empty(0)], [np.empty(0)], 0.0, np.empty(0)
-    for piece in pieces:
-        held = np.concatenate([held, piece])
-        whole = len(held) // block * block
-        rows = held[:whole].reshape(-1, block)
+    medians, spreads, largest = [np.empty(0)], [np.empty(0)], 0.0
+    for rows in whole_blocks(pieces, block):
         known = np.isfinite(rows)
         middle = np.full(len(rows), np.nan)
         spread = np.zeros(len(rows))
@@ -542,7 +539,6 @@ def _levels(pieces: Iterable[Array], block: int) -> tuple[Array, Array, float]:
         medians.append(middle)
         spreads.append(spread)
         largest = max(largest, float(np.abs(rows[known]).max(initial=0.0)))
-        held = held[whole:]
     return np.concatenate(medians), np.concatenate(spreads), largest
 
 

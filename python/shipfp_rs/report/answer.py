@@ -29,7 +29,7 @@ from shipfp_rs.identification.whole_ship import whole_ship
 from shipfp_rs.identification.wording import DOUBT
 from shipfp_rs.plot.style import COLOURS, LABELS, dress, envelope
 from shipfp_rs.report.markup import Say, piece
-from shipfp_rs.report.pictures import NARROW, Pictures
+from shipfp_rs.report.pictures import NARROW, Pictures, columns_csv
 from shipfp_rs.structures.elements import LAGS, LATE_CHANNELS
 from shipfp_rs.structures.names import OF_WHAT, as_looked_at
 from shipfp_rs.support.arrays import Array
@@ -478,9 +478,7 @@ def _stretch_csv(experiment: Experiment, model: Mapping[str, Array], stretch: tu
     for name, fitted in model.items():
         columns[f"{name}_{UNITS[name]}"] = experiment.signals[name]
         columns[f"{name}_model"] = fitted
-    values = np.column_stack([column[rows] for column in columns.values()])
-    lines = [",".join(f"{value:.7g}" for value in row) for row in values]
-    return "\n".join([",".join(columns), *lines]) + "\n"
+    return columns_csv({name: column[rows] for name, column in columns.items()}, 7)
 
 
 def _liveliest(experiment: Experiment, model: Array) -> tuple[float, float]:

@@ -18,7 +18,7 @@ from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.plot.style import BLUE, GREY, ORANGE, SET_POINT, dress
 from shipfp_rs.report.answer import at_an_end, interval
 from shipfp_rs.report.markup import Cell, Row, Say, number, paragraph, piece, table
-from shipfp_rs.report.pictures import NARROW, Pictures
+from shipfp_rs.report.pictures import NARROW, Pictures, columns_csv
 from shipfp_rs.structures.elements import LATE_CHANNELS
 from shipfp_rs.structures.linearised import loop_of, state_space
 from shipfp_rs.structures.structure import Structure
@@ -126,10 +126,6 @@ def step_response(
     model = structure or Structure.from_dict(fingerprint.structure)
     times = np.linspace(0.0, LONGER * recovery, INSTANTS)
     rows = {name: row for name, row in _step(model, fingerprint.optimum, times).items() if name in SHOWN}
-    text = "time_s," + ",".join(f"{output}_pct" for output in rows) + "\n"
-    text += "\n".join(
-        ",".join(f"{value:.9g}" for value in line) for line in np.vstack([times, *rows.values()]).T
-    )
     return pictures.draw(
         len(rows),
         lambda axes: _draw(axes, times, rows, recovery, say),
@@ -139,7 +135,7 @@ def step_response(
         ),
         height=1.6,
         width=NARROW,
-        table=text,
+        table=columns_csv({"time_s": times, **{f"{output}_pct": row for output, row in rows.items()}}),
     )
 
 

@@ -353,6 +353,12 @@ def _below(ax: Axes, size: float) -> float:
     return ticks + (1.7 * size if ax.get_xlabel() else 0.0)
 
 
+def columns_csv(columns: Mapping[str, Array], digits: int = 9) -> str:
+    """CSV of columns of numbers under their names."""
+    lines = [",".join(f"{value:.{digits}g}" for value in row) for row in zip(*columns.values(), strict=True)]
+    return "\n".join([",".join(columns), *lines]) + "\n"
+
+
 def curves_csv(axes: Sequence[Axes]) -> str:
     """CSV of all points of the panels' lines: names of both axes, series, coordinates, ends of the error bar."""
     text = io.StringIO()

@@ -201,11 +201,6 @@ def check_fields(made: Any, label: str) -> None:
     _require(label, type(made), given)
 
 
-def fits(value: Any, hint: Any) -> bool:
-    """Whether a value has the annotated type; for an annotation that can't be checked, always true."""
-    return _rule(hint).misfit(value) is None
-
-
 def _require(label: str, owner: Any, given: Mapping[str, Any]) -> None:
     rules = _rules(owner)
     for name, value in given.items():
@@ -347,7 +342,9 @@ def _is_sequence(value: Any, kind: type, hint: Any) -> bool:
         return isinstance(value, tuple | list)
     if isinstance(value, np.ndarray):
         numeric = hint in (float, int) and value.dtype.kind in "iuf"
-        return value.ndim > 0 and (numeric or all(fits(one, hint) for one in value[:LOOKED_AT]))
+        return value.ndim > 0 and (
+            numeric or all(_rule(hint).misfit(one) is None for one in value[:LOOKED_AT])
+        )
     once = kind is Iterable and isinstance(value, Iterator)
     return once or (hasattr(value, "__len__") and hasattr(value, "__iter__"))
 

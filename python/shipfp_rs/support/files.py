@@ -13,7 +13,7 @@ import shutil
 import stat
 import tempfile
 import tomllib
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import is_dataclass
 from importlib import resources
 from pathlib import Path
@@ -84,11 +84,9 @@ def replacing(path: Path) -> Iterator[Path]:
     InputError
         If such a file can't be created.
     """
-    try:
+    with _creating(path):
         target = path.resolve()
         special = target.exists() and not target.is_file()
-    except (OSError, RuntimeError) as error:  # RuntimeError: circular links, in older Pythons
-        raise _cannot(path, error) from error
     if special:
         _require_stream(path, target)
         with tempfile.TemporaryDirectory() as folder:
@@ -96,13 +94,12 @@ def replacing(path: Path) -> Iterator[Path]:
             yield temporary
             _write_into(path, target, temporary)
         return
-    try:
+    with _creating(path):
         target.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise _cannot(path, error) from error
     temporary = _beside(target)
     try:
-        _made(path, lambda: temporary.touch(0o600, exist_ok=False))
+        with _creating(path):
+            temporary.touch(0o600, exist_ok=False)
         yield temporary
         # The temporary file is private; the result gets the usual permissions.
         temporary.chmod(0o666 & ~_umask())
@@ -119,10 +116,12 @@ def _beside(target: Path) -> Path:
     return target.with_name(f"{f'.{target.name}'[:100]}.{secrets.token_hex(4)}")
 
 
-def _made(path: Path, make: Callable[[], object]) -> None:
+@contextlib.contextmanager
+def _creating(path: Path) -> Iterator[None]:
+    """Say in one line that the user's path can't be written."""
     try:
-        make()
-    except OSError as error:
+        yield
+    except (OSError, RuntimeError) as error:  # RuntimeError: circular links, in older Pythons
         raise _cannot(path, error) from error
 
 
@@ -167,31 +166,16 @@ def replacing_folder(
     """Yield a temporary folder beside `path`; its files are moved to `path` on success.
 
     A new folder is created by one rename. In an existing folder each file is replaced by one rename, and no other file is
-    changed.
-
-    Parameters
-    ----------
-    path
-        The folder.
-    marker, others
-        Names of the files to be written; a folder with `marker` and no files other than these is a previous result, which
-        may be replaced.
-    force
-        Whether to write even into a folder with files other than these.
-
-    Raises
-    ------
-    InputError
-        If `path` can't be made, is a file, or contains other files.
+    changed. A folder with `marker` and no files other than `others` is a previous result, which may be replaced; with
+    `force` any folder is written into. `InputError` if `path` can't be made, is a file, or contains other files.
     """
-    try:
+    with _creating(path):
         _check_replaceable(path, {marker, *others}, marker, force)
         path.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise _cannot(path, error) from error
     temporary = _beside(path)
     try:
-        _made(path, lambda: temporary.mkdir(0o700))
+        with _creating(path):
+            temporary.mkdir(0o700)
         yield temporary
         temporary.chmod(0o777 & ~_umask())
         if path.exists():

@@ -33,24 +33,8 @@ def find_spikes(samples: Array, rate_hz: float, *, longest_s: float, threshold: 
     A sample is suspect if its distance from the running median exceeds `threshold` robust standard deviations
     (Hampel's rule) and `least` times the median magnitude. Successive suspect samples are a spike if they are above a
     quarter of their height for at most `longest_s`, and the signal then continues as before. A plant's first response
-    to a step may rise as fast as a spike, but does not return.
-
-    Parameters
-    ----------
-    samples
-        Signal, shape (N,), finite.
-    rate_hz
-        Sample rate [Hz].
-    longest_s
-        Length of the longest spike [s].
-    threshold
-        Height in robust standard deviations, estimated over a second, or 50 samples of a slow channel.
-    least
-        Least height of a spike, relative to the median magnitude.
-
-    Notes
-    -----
-    F. R. Hampel, doi:10.1080/01621459.1974.10482962.
+    to a step may rise as fast as a spike, but does not return. The spread is estimated over a second, or 50 samples of a
+    slow channel; the samples, shape (N,), are finite. F. R. Hampel, doi:10.1080/01621459.1974.10482962.
     """
     # A few hundred samples suffice for a spread.
     stride = max(round(rate_hz * SCALE_WINDOW_S / SCALE_SAMPLES), 1)
@@ -98,8 +82,12 @@ def _is_crest(samples: Array, start: int, stop: int, beside: int) -> bool:
     return bool(abs(samples[top] - curve) < SWINGS_ON * abs(samples[top] - line))
 
 
-def bridge(samples: Array, missing: Mask) -> Array:
-    """Interpolate missing samples linearly, constant at the ends; unchanged if all are missing."""
+def bridge(samples: Array, missing: Mask | None = None) -> Array:
+    """Interpolate missing samples (by default those that are not finite) linearly, constant at the ends.
+
+    Unchanged if all are missing.
+    """
+    missing = ~np.isfinite(samples) if missing is None else missing
     if not missing.any() or missing.all():
         return samples
     index = np.arange(len(samples))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import functools
 import importlib
 import multiprocessing
 import os
@@ -66,14 +65,9 @@ def one_blas_thread() -> Iterator[None]:
 
 def with_one_blas_thread(function: F) -> F:
     """Decorator that limits BLAS to one thread during each call."""
-
-    @functools.wraps(function)
-    def call(*args: Any, **kwargs: Any) -> Any:
-        with one_blas_thread():
-            return function(*args, **kwargs)
-
-    call.__kwdefaults__ = function.__kwdefaults__  # type: ignore[attr-defined]
-    return call  # type: ignore[return-value]
+    call = one_blas_thread()(function)
+    call.__kwdefaults__ = function.__kwdefaults__
+    return call
 
 
 def hold_blas_for_good() -> None:

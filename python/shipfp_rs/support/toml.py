@@ -70,20 +70,10 @@ def unexpected(key: str, found: object, expected: str) -> PydanticCustomError:
 
 
 def read_toml(path: str | Path, model: type[Model]) -> Model:
-    """Read a TOML file into a pydantic model.
+    """Read a TOML file into a pydantic model, usually derived from `Section`.
 
-    Parameters
-    ----------
-    path
-        File to read, UTF-8.
-    model
-        Class of the result, usually derived from `Section`.
-
-    Raises
-    ------
-    InputError
-        If the file can't be read, is not TOML, or has a key or value that the model rejects: one line,
-        "file: key: found ..., expected ...".
+    `InputError` if the file can't be read, is not TOML, or has a key or value that the model rejects: one line,
+    "file: key: found ..., expected ...".
     """
     return validated(read_tables(Path(path)), model, str(path))
 
@@ -115,23 +105,10 @@ def template(name: str) -> str:
 
 
 def read_named(name_or_path: str | Path, model: type[Model], kind: str, key: str, what: str) -> Model:
-    """Read a file included in the package by its name, or the user's own file by its path.
+    """Read a file included in the package by its name, which takes precedence, or the user's own file by its path.
 
-    Parameters
-    ----------
-    name_or_path
-        Name or path; a name takes precedence over a file of that name.
-    model
-        See `read_toml`.
-    kind
-        See `built_in`.
-    key, what
-        Key such as "vessel", and description such as "ship", for messages.
-
-    Raises
-    ------
-    InputError
-        If neither exists; also see `read_toml`.
+    Files of the package are those of a kind, see `built_in`; `key` ("vessel") and `what` ("ship") are for messages.
+    `InputError` if neither exists; also see `read_toml`.
     """
     name, known = str(name_or_path), built_in(kind)
     if not name or not is_one_line(name):

@@ -14,36 +14,13 @@ import numpy.typing as npt
 from shipfp_rs.errors import InputError
 from shipfp_rs.support.arguments import check_fields, checked, positive
 from shipfp_rs.support.arrays import Array, unmasked
+from shipfp_rs.support.files import words_of
 
-TURNS_A_MINUTE = """
-rpm r/min rev/min revs/min u/min 1/min /min min-1 min^-1 min⁻¹ umdr/min upm omw/min o/min o.p.m.
-tr/min tours/min t/min ob/min obr/min об/мин varv/min v/min omdr/min omdr./min omdr omdr. giri/min
-g/min rpm. r.p.m. r.p.m rev/mn kierr/min kierr./min d/d dev/dak 转/分 r/mn rot/min στροφές/λεπτό
-στρ/λεπτό
-"""
-RPM = frozenset(TURNS_A_MINUTE.split())
+WORDS = words_of("unit_words")
+RPM = frozenset(WORDS["rpm"].split())
 """Spellings of turns per minute in the languages of loggers and yards, in lower case and without spaces."""
-
-OTHERS = """
-rad/s: rad/sec rad*s^-1 rad·s-1
-1/s: 1/s s^-1 s-1
-%: pct proz percent
-rev/s: rps r/s u/s tr/s omw/s
-Nm: n*m n·m n.m n-m nm newtonmeter newtonmetre
-kNm: kn*m kn·m kn.m kn-m knm
-lbf ft: lbfft lbf-ft lbf*ft lbf·ft lbft lb-ft ftlbf ft-lbf ft·lbf ftlb ft-lb
-deg/s: °/s °/sec deg/sec grad/s
-°C: deg.c degc
-°: grad
-deg: degrees degree
-V: volt volts
-kn: knot knots
-kPa: kpa
-"""
 NAMED: Mapping[str, str] = {
-    other: unit
-    for unit, others in (line.split(": ") for line in OTHERS.split("\n")[1:-1])
-    for other in others.split()
+    other: unit for unit, others in WORDS["others"].items() for other in others.split()
 }
 """Other spellings of a unit, in lower case and without spaces."""
 

@@ -50,11 +50,14 @@ class Bins:
 
     def place(self, batch: pa.RecordBatch) -> npt.NDArray[np.intp]:
         """Bin of each draw, shape (N,)."""
-        column = batch.column(f"factor.{self.key}")
+        return self.places(batch.column(f"factor.{self.key}").to_numpy(zero_copy_only=False))
+
+    def places(self, values: npt.NDArray[Any]) -> npt.NDArray[np.intp]:
+        """Bin of each value of the factor, shape (N,)."""
         if self.edges is not None:
-            return np.asarray(np.searchsorted(self.edges, column.to_numpy(), side="right"))
+            return np.asarray(np.searchsorted(self.edges, values, side="right"))
         where = {label: place for place, label in enumerate(self.labels)}
-        return np.array([where[value] for value in column.to_pylist()], dtype=np.intp)
+        return np.array([where[value] for value in values.tolist()], dtype=np.intp)
 
 
 class Tally:

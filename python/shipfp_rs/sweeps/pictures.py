@@ -151,11 +151,9 @@ def trial_length(summary: Mapping[str, Any], names: Sequence[str]) -> Figure:
 
 
 def _figure(rows: int, columns: int, width: float, height: float | None = None) -> tuple[Figure, Any]:
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(1.4 + width * columns, 0.9 + (height or width) * rows), layout="constrained")
-    FigureCanvasAgg(figure)
     return figure, figure.subplots(rows, columns, squeeze=False)
 
 
@@ -203,11 +201,10 @@ def _reach(error: Array) -> float:
 def _bands(sweep: Sweep, key: str, values: Array, error: Array) -> tuple[Array, Array, Array, Array]:
     """Centre of each non-empty bin of a factor, and the 5, 50 and 95 % quantiles of its errors."""
     bins = Bins.of(key, sweep.plan.factors[key])
-    edges = bins.edges
+    places = bins.places(values)
     rows = []
     for place, label in enumerate(bins.labels):
-        inside = (values == label) if edges is None else np.searchsorted(edges, values, side="right") == place
-        known = error[inside & np.isfinite(error)]
+        known = error[(places == place) & np.isfinite(error)]
         if known.size:
             rows.append((float(label), *np.percentile(known, (5.0, 50.0, 95.0))))
     at, low, middle, high = np.array(sorted(rows)).reshape(-1, 4).T

@@ -19,6 +19,7 @@ from shipfp_rs.logs.log import Log
 from shipfp_rs.processing.trial import Trial
 from shipfp_rs.processing.trial_template import moved, operating_rest
 from shipfp_rs.processing.windows import FoundWindow
+from shipfp_rs.support.arrays import attributes
 from shipfp_rs.tacho import pulse_times
 from shipfp_rs.view import pyramid
 from shipfp_rs.view.jobs import Background, Progress
@@ -251,13 +252,7 @@ def _told(series: Series) -> dict[str, Any]:
 
 
 def _found(window: FoundWindow) -> dict[str, Any]:
-    return {
-        "name": window.name,
-        "kind": window.kind,
-        "start_s": window.start_s,
-        "stop_s": window.stop_s,
-        "frequency_hz": None if window.frequency_hz is None else list(window.frequency_hz),
-    }
+    return attributes(window, "name", "kind", "start_s", "stop_s", "frequency_hz")
 
 
 def _times(

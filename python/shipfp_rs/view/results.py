@@ -8,7 +8,6 @@ import itertools
 import os
 import stat
 import threading
-from collections import OrderedDict
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,7 +18,7 @@ import numpy.typing as npt
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.logs.channel import Channel, Samples
-from shipfp_rs.logs.log import Log
+from shipfp_rs.logs.log import Log, Pieces
 from shipfp_rs.support.files import MOST_BYTES, read_json
 from shipfp_rs.support.toml import MOST_CHARACTERS
 from shipfp_rs.view.pyramid import FACTOR, Extremes, Stored, coarser, extremes, level_counts
@@ -59,7 +58,7 @@ class Series:
     @classmethod
     def of_channel(cls, stored: Stored, log: Callable[[], Log]) -> Series:
         """Channel of a log that is opened when samples are needed."""
-        channel, pieces = stored.channel, _Pieces(log, stored.channel)
+        channel, pieces = stored.channel, _Pieces(log, stored.channel, PIECE, KEPT)
         return cls(
             channel, pieces.read, stored.levels, stored.gaps, stored.gap_count, ahead=pieces.begin_to_read
         )
@@ -106,21 +105,8 @@ class Series:
         return packed(self.blocks(level, index * TILE, (index + 1) * TILE))
 
 
-class _Pieces:
-    """Samples of a channel, read in pieces; the latest pieces are kept in memory, since views move gradually."""
-
-    def __init__(self, log: Callable[[], Log], channel: Channel) -> None:
-        self._log, self._channel = log, channel
-        self._lock = threading.Lock()
-        self._held: OrderedDict[int, Samples] = OrderedDict()
-
-    def read(self, first: int, stop: int) -> Samples:
-        """Samples, shape (stop - first,)."""
-        parts = []
-        for index in range(first // PIECE, -(-stop // PIECE)):
-            start = index * PIECE
-            parts.append(self._piece(index)[max(first - start, 0) : stop - start])
-        return parts[0] if len(parts) == 1 else np.concatenate(parts)
+class _Pieces(Pieces):
+    """Samples of a channel of a log that is opened when they are needed; views move gradually."""
 
     def begin_to_read(self, first: int, stop: int) -> None:
         """Start to read the pieces with these samples."""
@@ -130,18 +116,6 @@ class _Pieces:
     def _read_quietly(self, first: int, stop: int) -> None:
         with contextlib.suppress(InputError, OSError):  # raised again when the samples are read
             self.read(first, stop)
-
-    def _piece(self, index: int) -> Samples:
-        channel = self._channel
-        with self._lock:
-            if index not in self._held:
-                rows = (index * PIECE, min((index + 1) * PIECE, channel.samples))
-                start_s, stop_s = (channel.start_s + row / channel.rate_hz for row in rows)
-                self._held[index] = self._log().read(channel.name, start_s, stop_s)
-            self._held.move_to_end(index)
-            while len(self._held) > KEPT:
-                self._held.popitem(last=False)
-            return self._held[index]
 
 
 def packed(blocks: Array) -> bytes:

@@ -26,6 +26,7 @@ from shipfp_rs.view.desk import Desk
 HOST = "127.0.0.1"
 LARGEST_BODY = 1 << 20
 IDLE_S = 60.0
+JSON = "application/json"
 UNSHARED = 0o077
 """Permission bits that must be cleared for other users."""
 TYPES = {
@@ -103,26 +104,19 @@ class _Handler(BaseHTTPRequestHandler):
         self._answer(self._post)
 
     def _answer(self, act: Callable[[list[str]], tuple[str, bytes, str]]) -> None:
+        status, policy = HTTPStatus.OK, POLICY
         try:
-            status = HTTPStatus.OK
             kind, body, policy = act(self._path())
         except Refused as refusal:
             # The request's body is not read, so the connection must be closed.
             self.close_connection = True
-            status, kind, body, policy = (
-                refusal.status,
-                "text/plain; charset=utf-8",
-                str(refusal).encode(),
-                POLICY,
-            )
+            status, kind, body = refusal.status, "text/plain; charset=utf-8", str(refusal).encode()
         except (ShipfpError, OSError) as error:
-            told = {"error": " ".join(str(error).split()) or type(error).__name__}
-            status, kind, body, policy = HTTPStatus.BAD_REQUEST, "application/json", _json(told), POLICY
+            status = HTTPStatus.BAD_REQUEST
+            kind, body = JSON, _json({"error": " ".join(str(error).split()) or type(error).__name__})
         except Exception as error:  # reported by the page, without a traceback or a broken connection
-            told = {"error": f"internal error: {type(error).__name__}: {error}"}
-            status, kind, body, policy = (
-                HTTPStatus.INTERNAL_SERVER_ERROR, "application/json", _json(told), POLICY,
-            )  # fmt: skip
+            status = HTTPStatus.INTERNAL_SERVER_ERROR
+            kind, body = JSON, _json({"error": f"internal error: {type(error).__name__}: {error}"})
         self._send(status, kind, body, policy)
 
     def _send(self, status: HTTPStatus, kind: str, body: bytes, policy: str) -> None:
@@ -179,7 +173,7 @@ class _Handler(BaseHTTPRequestHandler):
                 told = self.server.desk.asked[name](self._asked())
                 if name == "results":
                     told = {**told, "base": f"{self.server.origin}/{self.server.results_token}/"}
-                return "application/json", _json(told), POLICY
+                return JSON, _json(told), POLICY
             case ["page", name] if name in PAGES:
                 return TYPES[name.rpartition(".")[2]], PAGES[name], POLICY
         raise Refused(HTTPStatus.NOT_FOUND, "refused: no such page")
@@ -190,7 +184,7 @@ class _Handler(BaseHTTPRequestHandler):
     def _post(self, path: list[str]) -> tuple[str, bytes, str]:
         if self.headers.get("Origin") != self.server.origin:
             raise Refused(HTTPStatus.FORBIDDEN, "refused: not from a page of this server")
-        if self.headers.get_content_type() != "application/json":
+        if self.headers.get_content_type() != JSON:
             raise Refused(HTTPStatus.UNSUPPORTED_MEDIA_TYPE, "refused: expected application/json")
         length = self.headers.get("Content-Length", "")
         if not length.isdecimal() or int(length) > LARGEST_BODY:
@@ -200,7 +194,7 @@ class _Handler(BaseHTTPRequestHandler):
                 content = parsed_json(self.rfile.read(int(length)), "what was sent", "an object")
                 if not isinstance(content, dict):
                     raise InputError("found no JSON object, expected one")
-                return "application/json", _json(self.server.desk.told[name](content)), POLICY
+                return JSON, _json(self.server.desk.told[name](content)), POLICY
         raise Refused(HTTPStatus.NOT_FOUND, "refused: no such page")
 
 

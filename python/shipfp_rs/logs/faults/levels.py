@@ -125,27 +125,18 @@ NEAR_ZERO = 0.2
 
 @dataclass(frozen=True)
 class LevelLimits:
-    """Limits of level faults.
-
-    Parameters
-    ----------
-    stuck_s
-        Shortest stretch of equal samples in an otherwise noisy channel [s].
-    dropout_s
-        Shortest stretch at zero [s].
-    dropout_share
-        Largest magnitude that counts as zero, relative to the channel's typical level.
-    clipped_samples
-        Least number of samples at a channel's extreme value for this value to count as a rail.
-    spike_s
-        Longest spike [s]: a shorter stretch at an extreme value is a spike if no other sample is near this value.
-    """
+    """Limits of level faults."""
 
     stuck_s: float = 0.25
+    """Shortest stretch of equal samples in an otherwise noisy channel [s]."""
     dropout_s: float = 0.01
+    """Shortest stretch at zero [s]."""
     dropout_share: float = 0.01
+    """Largest magnitude that counts as zero, relative to the channel's typical level."""
     clipped_samples: int = 8
+    """Least number of samples at a channel's extreme value for this value to count as a rail."""
     spike_s: float = 0.05
+    """Longest spike [s]: a shorter stretch at an extreme value is a spike if no other sample is near this value."""
 
     def still_samples(self, rate_hz: float) -> float:
         """Length of the shortest stuck stretch in samples."""
@@ -161,20 +152,9 @@ def find_level_faults(
 ) -> dict[str, Spans]:
     """Spans of each kind of level fault in a channel, indexed from the first sample fed to `extremes`.
 
-    A stuck or clipped channel has noise before or after the stretch; a constant signal without noise, such as a
-    simulated set point, has none and is not reported.
-
-    Parameters
-    ----------
-    extremes
-        Minimum and maximum of each block of the searched samples.
-    read
-        Function (first, stop) that returns samples by the same index; called for suspicious blocks and their
-        neighbours.
-    rate_hz
-        Sample rate [Hz].
-    limits
-        Limits of the faults.
+    `read` returns samples by the same index; it is called for suspicious blocks and their neighbours. A stuck or clipped
+    channel has noise before or after the stretch; a constant signal without noise, such as a simulated set point, has
+    none and is not reported.
     """
     limits = limits or LevelLimits()
     suspects = _Suspects(extremes, read)

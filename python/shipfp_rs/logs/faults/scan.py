@@ -10,15 +10,15 @@ from shipfp_rs._core import RepeatScan
 from shipfp_rs.logs.faults.clock import same_rows
 from shipfp_rs.logs.faults.extremes import BlockExtremes, repeated_rows
 from shipfp_rs.logs.faults.levels import HumScan, LevelLimits, find_level_faults, is_rough
-from shipfp_rs.support.arrays import Array, Mask, Spans
+from shipfp_rs.logs.log import Log, Pieces, Rows
+from shipfp_rs.support.arrays import Mask, Spans
 
 if TYPE_CHECKING:
     from shipfp_rs.logs.channel import Channel
-    from shipfp_rs.logs.log import Log, Rows
 
 
-PIECE = 1 << 18
-"""Samples read at once, and kept in memory for the next request."""
+PIECE, KEPT = 1 << 18, 2
+"""Samples read at once, and number of such pieces of a channel in memory: a row and its copy may lie in two."""
 
 
 def scan(
@@ -64,7 +64,7 @@ def _repeated(log: Log, about: Channel, first: int, stop: int, prints: RepeatSca
     A channel without noise, such as a quantised set point on a bus, may repeat by chance; a noisy channel does not.
     """
     readers = [
-        _Reader(log, other.name)
+        Pieces(lambda: log, other, PIECE, KEPT).read
         for other in log.channels.values()
         if (other.rate_hz, other.samples, other.start_s) == (about.rate_hz, about.samples, about.start_s)
     ]
@@ -77,26 +77,3 @@ def _repeated(log: Log, about: Channel, first: int, stop: int, prints: RepeatSca
     found = repeated_rows(prints.candidates(), equal, stop - first)
     proven = [any(is_rough(read(first + start, first + end)) for read in readers) for start, end in found]
     return found[np.array(proven, dtype=np.bool_)]
-
-
-class _Reader:
-    """Samples by index. It reads more samples than requested, since successive requests are mostly close together."""
-
-    def __init__(self, log: Log, channel: str) -> None:
-        self.log, self.channel = log, log.channel(channel)
-        self._first, self._held = 0, np.empty(0)
-
-    def __call__(self, first: int, stop: int) -> Array:
-        if not stop > first:
-            return np.empty(0)
-        if not self._first <= first < stop <= self._first + len(self._held):
-            begin = first // PIECE * PIECE
-            end = min(max(begin + PIECE, stop), self.channel.samples)
-            self._held = self.log.read(self.channel.name, *_seconds(self.log, self.channel.name, begin, end))
-            self._first = begin
-        return np.asarray(self._held[first - self._first : stop - self._first])
-
-
-def _seconds(log: Log, channel: str, first: int, stop: int) -> tuple[float, float]:
-    about = log.channel(channel)
-    return about.start_s + first / about.rate_hz, about.start_s + stop / about.rate_hz

@@ -100,23 +100,11 @@ def spikes_of(
     *,
     steps: bool = False,
 ) -> Spans:
-    """Spans of spikes in a whole channel.
+    """Spans of spikes in a whole channel, outside the spans of other faults, `lost`.
 
-    Parameters
-    ----------
-    rows
-        The channel.
-    lost
-        Spans of other faults, which contain no spikes.
-    limits
-        Limits of spikes.
-    noise
-        Standard deviation of the channel's noise in recorded units. A spike differs from its neighbours by more than
-        `limits.threshold` times this, also where the level is near zero.
-    calibration
-        Calibration of the channel, if known; the least relative height of a spike applies to calibrated values.
-    steps
-        Whether the signal itself may have steps.
+    A spike differs from its neighbours by more than `limits.threshold` times `noise`, the standard deviation of the
+    channel's noise in recorded units, also where the level is near zero. The least relative height of a spike applies to
+    calibrated values, if the calibration is known. `steps`: the signal itself may have steps.
     """
     rate_hz, count = rows.channel.rate_hz, rows.channel.samples
     beside = max(round(BESIDE_S * rate_hz), LEAST_BESIDE)

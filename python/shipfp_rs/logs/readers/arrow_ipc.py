@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterator
 from pathlib import Path
 
 import pyarrow as pa
 import pyarrow.ipc
 
-from shipfp_rs.errors import InputError, LogWarning
+from shipfp_rs.errors import InputError
+from shipfp_rs.logs.formats import warn
 from shipfp_rs.logs.log import Log, register_reader
 from shipfp_rs.logs.readers.table import Options, log_of_table
 
@@ -60,12 +60,8 @@ def _open_stream(path: Path, offset: int, rate_hz: float | None, time: str | Non
     except (OSError, pa.ArrowException) as error:
         lost = " ".join(str(error).split())
     if lost and lengths:
-        warnings.warn(
-            f"{path}: cut short ({lost}); read its {len(lengths)} whole record batches of {sum(lengths)} rows, what "
-            "came after them is lost",
-            LogWarning,
-            stacklevel=4,
-        )
+        read = f"read its {len(lengths)} whole record batches of {sum(lengths)} rows"
+        warn(path, f"cut short ({lost}); {read}, what came after them is lost")
     elif lost:
         raise InputError(f"{path}: cut short within its first record batch ({lost}); fetch it again")
 

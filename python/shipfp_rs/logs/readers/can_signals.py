@@ -12,11 +12,10 @@ import numpy as np
 import numpy.typing as npt
 
 from shipfp_rs.errors import InputError
-from shipfp_rs.logs.channel import Blocks, Channel, blocks_by_name
-from shipfp_rs.logs.faults.record import Fault
 from shipfp_rs.logs.log import Log
-from shipfp_rs.logs.readers.long_table import noted_grid
+from shipfp_rs.logs.readers.long_table import Series, log_of_series
 from shipfp_rs.logs.readers.time_cells import EPOCH
+from shipfp_rs.support.files import words_of
 
 SPECIAL = 0xFB
 """J1939 numbers whose highest byte is at least this are codes without a value: parameter specific, reserved, error, not
@@ -130,10 +129,6 @@ def parameter_group(identifier: npt.NDArray[np.uint32]) -> npt.NDArray[np.uint32
     return np.where(((identifier >> 16) & 0xFF) < 240, pgn & 0x3FF00, pgn)
 
 
-def _percent(name: str, byte: int) -> Signal:
-    return Signal(name, "%", 8 * (byte - 1), 8, 1.0, -125.0)
-
-
 def _requests(signals: Sequence[Signal]) -> Iterator[Signal]:
     """Signals of TSC1, each where the override asks for it: control of speed (1), of torque (2), or their limits (3)."""
     mode = Signal("EngOverrideCtrlMode", "", 0, 2)
@@ -146,27 +141,18 @@ def _requests(signals: Sequence[Signal]) -> Iterator[Signal]:
             yield replace(signal, name=f"{signal.name}Limit", selector=mode, selected=(3,))
 
 
-J1939 = (
-    Message("TSC1", 0x0C000000, True, True, tuple(_requests((
-        Signal("EngRequestedSpeed", "rpm", 8, 16, 0.125), _percent("EngRequestedTorque", 4),
-    )))),
-    Message("EEC1", 0x0CF00400, True, True, (
-        _percent("DriversDemandEngPercentTorque", 2), _percent("ActualEngPercentTorque", 3),
-        Signal("EngSpeed", "rpm", 24, 16, 0.125), _percent("EngDemandPercentTorque", 8),
-    )),
-    Message("EEC2", 0x0CF00300, True, True, (
-        Signal("AccelPedalPos1", "%", 8, 8, 0.4), Signal("EngPercentLoadAtCurrentSpeed", "%", 16, 8),
-    )),
-    Message("EEC3", 0x18FEDF00, True, True, (
-        _percent("NominalFrictionPercentTorque", 1), Signal("EngDesiredOperatingSpeed", "rpm", 8, 16, 0.125),
-    )),
-    Message("LFE1", 0x18FEF200, True, True, (
-        Signal("EngFuelRate", "l/h", 0, 16, 0.05), Signal("EngThrottleValve1Pos1", "%", 48, 8, 0.4),
-    )),
-    Message("IC1", 0x18FEF600, True, True, (Signal("EngIntakeManifold1Press", "kPa", 8, 8, 2.0),)),
-)  # fmt: skip
-"""SAE J1939-71: set point (TSC1, SPN 898, 518), speed and torque (EEC1, SPN 512, 513, 190, 2432), load (EEC2, SPN 91,
-92), desired speed (EEC3, SPN 514, 515), fuel (LFE1, SPN 183, 51), boost (IC1, SPN 102)."""
+BUS_SIGNALS = words_of("bus_signals")
+
+
+def _of_j1939() -> Iterator[Message]:
+    for each in BUS_SIGNALS["j1939"]:
+        signals = [Signal(*row) for row in each["signals"]]
+        signals = [*_requests(signals)] if each["name"] == "TSC1" else signals
+        yield Message(each["name"], each["identifier"], True, True, tuple(signals))
+
+
+J1939 = tuple(_of_j1939())
+"""Set point, speed, torque, load, fuel and boost of an engine by SAE J1939-71; TSC1 is the first."""
 
 
 def messages_of(path: Path, names: str | None) -> tuple[Message, ...]:
@@ -240,38 +226,20 @@ def log_of_frames(path: Path, frames: Frames, names: str | None, zero: datetime 
     found = list(_found(messages, frames))
     if not found:
         raise InputError(f"{path}: {_nothing(frames, names)}")
-    channels: list[Channel] = []
-    held: dict[str, Blocks] = {}
-    notes: list[str] = []
-    faults: list[Fault] = []
+    series: dict[str, Series] = {}
     for key, rows in found:
         for signal, own in _rows_of(key.message, frames, rows):
-            if len(own) < 2:
-                continue
             name = _name(key, signal, [other for other, _ in found])
-            if name in held:
-                continue
             samples = signal.values(frames.data[own], j1939=key.message.j1939)
-            if not np.isfinite(samples).any():
-                continue
-            grid = noted_grid(path, name, time[own], samples, notes, faults)
-            if grid is None:
-                continue
-            axis, held[name] = grid
-            channels.append(
-                Channel(name, signal.unit, axis.rate_hz, axis.samples, axis.start_s, abs(signal.scale))
-            )
-    if not channels:
-        only = f"{', '.join(key.message.name for key, _ in found)} have only the value 'not available'"
-        raise InputError(f"{path}: {notes[0] if notes else only}")
+            if len(own) > 1 and np.isfinite(samples).any():
+                series.setdefault(name, Series(signal.unit, abs(signal.scale), time[own], samples))
+    none = f"{', '.join(key.message.name for key, _ in found)} have only the value 'not available'"
     by = (
         f"DBC {Path(names).name}"
         if names
         else "the engine messages of SAE J1939; give a DBC for others (--names)"
     )
-    told = (f"signals by {by}", *notes)
-
-    return Log(str(path), channels, blocks_by_name(held), zero, tuple(faults), told)
+    return log_of_series(path, series, [f"signals by {by}"], zero, none=none)
 
 
 @dataclass(frozen=True)

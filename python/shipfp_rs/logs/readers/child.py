@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
+import contextlib
 import importlib
-import json
 import os
+import pickle
 import re
 import signal
 import sys
 import warnings
 from collections.abc import Iterator
-from dataclasses import asdict
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import numpy as np
 
@@ -32,21 +32,10 @@ def serve() -> None:
     # Output printed by a package must not mix with the answers.
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
     server = _Server()
-    for line in requests:
-        facts, block = server.answer(json.loads(line))
-        _send(answers, facts, block)
-
-
-def _send(answers: BinaryIO, facts: dict[str, Any], block: Samples | None) -> None:
-    parts: list[Samples] = []
-    if block is not None:
-        masked = np.ma.is_masked(block)
-        facts |= {"dtype": block.dtype.str, "count": len(block), "masked": bool(masked)}
-        parts = [np.ma.getdata(block), *([np.ma.getmaskarray(block)] if masked else [])]
-    answers.write(json.dumps(facts).encode() + b"\n")
-    for part in parts:
-        answers.write(np.ascontiguousarray(part).view(np.uint8).data)
-    answers.flush()
+    with contextlib.suppress(EOFError):
+        while True:
+            pickle.dump((server.answer(pickle.load(requests)), server.grown), answers)
+            answers.flush()
 
 
 class _Server:
@@ -55,17 +44,19 @@ class _Server:
         self._log: Log | None = None
         self._streams: dict[int, Iterator[Samples]] = {}
         self._start_bytes: int | None = None
+        self.grown = 0
+        """Growth of this process's memory since its first file [bytes]."""
 
-    def answer(self, request: dict[str, Any]) -> tuple[dict[str, Any], Samples | None]:
+    def answer(self, request: dict[str, Any]) -> Any:
+        """What was asked for, or the `InputError` that says why not."""
         try:
             with one_line_errors(Path(request["open"][3] if "open" in request else self._path)):
                 if "open" in request:
-                    return self._open(*request["open"]), None
-                return {}, self._read(*request["read"], start=request["start"], drop=request["drop"])
+                    return self._open(*request["open"])
+                return self._read(*request["read"], start=request["start"], drop=request["drop"])
         except InputError as error:
             told = "needs more memory than three times its size and 200 MB; is it damaged?"
-            lacks = isinstance(error.__cause__, MemoryError)
-            return {"error": f"{self._path}: {told}" if lacks else str(error)}, None
+            return InputError(f"{self._path}: {told}") if isinstance(error.__cause__, MemoryError) else error
 
     def _open(
         self,
@@ -75,7 +66,7 @@ class _Server:
         path: str,
         rate_hz: float | None,
         options: dict[str, str],
-    ) -> dict[str, Any]:
+    ) -> tuple[dict[str, Any], list[str]]:
         self._log, self._streams, self._path = None, {}, path
         _bound_memory(None)
         try:
@@ -89,6 +80,7 @@ class _Server:
             ) from error
         used = _data_bytes()
         self._start_bytes = self._start_bytes or used
+        self.grown = used - self._start_bytes
         _bound_memory(used + 3 * Path(path).stat().st_size + SPARE_BYTES)
         with warnings.catch_warnings(record=True) as notes:
             warnings.simplefilter("ignore")
@@ -98,14 +90,13 @@ class _Server:
             except InputError as error:
                 # Warnings about omitted content may explain the error.
                 raise InputError("; ".join([str(error), *(str(note.message) for note in notes)])) from error
-        return {
-            "channels": [asdict(channel) for channel in log.channels.values()],
-            "start_utc": log.start_utc and log.start_utc.isoformat(),
-            "warnings": [str(note.message) for note in notes],
-            "notes": list(log.notes),
-            "faults": [{**vars(fault), "spans": fault.spans.tolist()} for fault in log.faults],
-            "grown": used - self._start_bytes,
+        facts = {
+            "channels": [*log.channels.values()],
+            "start_utc": log.start_utc,
+            "faults": log.faults,
+            "notes": log.notes,
         }
+        return facts, [str(note.message) for note in notes]
 
     def _read(
         self, stream: int, name: str, first: int, size: int, *, start: bool, drop: list[int]
@@ -121,7 +112,8 @@ class _Server:
             block = next(self._streams[stream], None)
         if block is None:
             return None
-        return block.astype(block.dtype.newbyteorder("="), copy=False)
+        block = block.astype(block.dtype.newbyteorder("="), copy=False)
+        return block if np.ma.is_masked(block) else np.ma.getdata(block)
 
 
 def _data_bytes() -> int:

@@ -12,21 +12,18 @@ import functools
 import importlib.util
 import json
 import os
+import pickle
 import signal
 import subprocess
 import sys
 import threading
 import warnings
 from collections.abc import Callable, Iterator
-from datetime import datetime
 from pathlib import Path
-from typing import IO, Any
-
-import numpy as np
+from typing import Any
 
 from shipfp_rs.errors import InputError, LogWarning
-from shipfp_rs.logs.channel import Channel, Samples
-from shipfp_rs.logs.faults.record import Fault
+from shipfp_rs.logs.channel import Samples
 from shipfp_rs.logs.log import Log, Reader
 
 TIRED_BYTES = 100_000_000
@@ -43,10 +40,8 @@ class Child:
     """Child process that answers requests; see `child.py`."""
 
     def __init__(self) -> None:
-        environment = {
-            **os.environ,
-            "OPENBLAS_NUM_THREADS": "1",
-        }  # the buffers of more threads would count as used memory
+        # The buffers of more threads would count as used memory.
+        environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
         self._process = subprocess.Popen(
             [sys.executable, "-c", START, json.dumps(sys.path)],
             stdin=subprocess.PIPE,
@@ -70,18 +65,13 @@ class Child:
         """Whether the process may get another file."""
         return self.usable() and self._grown < TIRED_BYTES
 
-    def dropped(self) -> list[int]:
-        """Return the numbers of the streams closed since the last call."""
-        gone, self.drop = self.drop, []
-        return gone
-
-    def ask(self, request: dict[str, Any], limit_s: float) -> tuple[dict[str, Any], Samples | None]:
-        """Send a request; return the answer's metadata and samples.
+    def ask(self, request: dict[str, Any], limit_s: float) -> Any:
+        """Send a request and return the answer.
 
         Raises
         ------
-        TimeoutError, EOFError, OSError, ValueError
-            If the child hangs, ends, or gives an invalid answer; it is then ended.
+        TimeoutError, EOFError, OSError
+            If the child hangs or ends; it is then ended.
         """
         with self.lock:
             late = threading.Event()
@@ -103,34 +93,17 @@ class Child:
             finally:
                 timer.cancel()
 
-    def _exchange(self, request: dict[str, Any]) -> tuple[dict[str, Any], Samples | None]:
-        requests, answers = self._pipes()
-        try:
-            requests.write(json.dumps(request).encode() + b"\n")
-            requests.flush()
-            line = answers.readline(1 << 26)
-            if not line.endswith(b"\n"):
-                raise EOFError  # noqa: TRY301  as when a read of samples ends
-            facts = json.loads(line)
-            if not isinstance(facts, dict):
-                raise ValueError("answer without facts")  # noqa: TRY004  the child's mistake, not the caller's
-            self._grown = int(facts.get("grown", self._grown))
-            if "dtype" not in facts:
-                return facts, None
-            dtype, count = np.dtype(str(facts["dtype"])), int(facts["count"])
-            if dtype.kind not in "biuf" or not 0 <= count <= request["read"][3]:
-                raise ValueError(f"{count} samples of {dtype}")
-            block = _receive(answers, count, dtype)
-            if facts["masked"]:
-                block = np.ma.MaskedArray(block, _receive(answers, count, np.dtype(bool)))
-        except (EOFError, BrokenPipeError):
-            raise EOFError(_ending(self._process.wait())) from None
-        return facts, block
-
-    def _pipes(self) -> tuple[IO[bytes], IO[bytes]]:
-        if self._process.stdin is None or self._process.stdout is None or self._process.stdin.closed:
+    def _exchange(self, request: dict[str, Any]) -> Any:
+        requests, answers = self._process.stdin, self._process.stdout
+        if requests is None or answers is None or requests.closed:
             raise EOFError("it was ended")
-        return self._process.stdin, self._process.stdout
+        try:
+            pickle.dump(request, requests)
+            requests.flush()
+            answer, self._grown = pickle.load(answers)
+        except (EOFError, BrokenPipeError, pickle.UnpicklingError):
+            raise EOFError(_ending(self._process.wait())) from None
+        return answer
 
     def end(self) -> None:
         """End the process, even if it is busy."""
@@ -141,18 +114,6 @@ class Child:
             if pipe is not None:
                 with contextlib.suppress(OSError):
                     pipe.close()
-
-
-def _receive(pipe: IO[bytes], count: int, dtype: np.dtype[Any]) -> Samples:
-    block = np.empty(count, dtype)
-    memory: Any = block.view(np.uint8)
-    view = memoryview(memory)
-    while len(view):
-        got = pipe.readinto(view)  # type: ignore[attr-defined]
-        if not got:
-            raise EOFError
-        view = view[got:]
-    return block
 
 
 def _ending(status: int) -> str:
@@ -228,25 +189,15 @@ class _Source:
 
     def log(self) -> Log:
         with self._reading() as child:
-            facts = self._open(child)
-        try:
-            channels = [Channel(**channel) for channel in facts["channels"]]
-            start = datetime.fromisoformat(facts["start_utc"]) if facts["start_utc"] else None
-            told = [str(note) for note in facts["warnings"]]
-            notes = tuple(str(note) for note in facts["notes"])
-            faults = tuple(Fault(**fault) for fault in facts["faults"])
-        except (KeyError, TypeError, ValueError) as error:
-            raise InputError(
-                f"{self.path}: the package {self._package} returned invalid metadata; is the file damaged?"
-            ) from error
+            facts, told = self._open(child)
         for note in told:
             warnings.warn(note, LogWarning, stacklevel=5)
-        return Log(str(self.path), channels, self._blocks, start, faults, notes)
+        return Log(str(self.path), blocks=self._blocks, **facts)
 
-    def _open(self, child: Child) -> dict[str, Any]:
-        facts, _ = self._ask(child, {"open": self._where})
+    def _open(self, child: Child) -> Any:
+        answer = self._ask(child, {"open": self._where})
         child.opened = self._key()
-        return facts
+        return answer
 
     def _key(self) -> tuple[Any, ...]:
         status = self.path.stat()
@@ -261,8 +212,9 @@ class _Source:
             stream, start = child.streams, True
             try:
                 while True:
-                    request = {"read": [stream, name, first, size], "start": start, "drop": child.dropped()}
-                    _, block = self._ask(child, request)
+                    drop, child.drop = child.drop, []
+                    request = {"read": [stream, name, first, size], "start": start, "drop": drop}
+                    block: Samples | None = self._ask(child, request)
                     if block is None:
                         return
                     yield block
@@ -293,16 +245,16 @@ class _Source:
                 else:
                     child.end()
 
-    def _ask(self, child: Child, request: dict[str, Any]) -> tuple[dict[str, Any], Samples | None]:
+    def _ask(self, child: Child, request: dict[str, Any]) -> Any:
         limit_s = LIMIT_S + self.path.stat().st_size / 5e6
         try:
-            facts, block = child.ask(request, limit_s)
+            answer = child.ask(request, limit_s)
         except TimeoutError:
             raise InputError(f"{self.path}: not read within {limit_s:.0f} s; is the file damaged?") from None
-        except (OSError, EOFError, ValueError) as error:
+        except (OSError, EOFError) as error:
             raise InputError(
                 f"{self.path}: the package {self._package} crashes on it ({error}); is the file damaged or cut short?"
             ) from None
-        if "error" in facts:
-            raise InputError(str(facts["error"]))
-        return facts, block
+        if isinstance(answer, InputError):
+            raise answer
+        return answer

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import posixpath
 import re
-import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
@@ -14,9 +13,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from shipfp_rs.errors import InputError, LogWarning
+from shipfp_rs.errors import InputError
 from shipfp_rs.logs.channel import BLOCK, Blocks, Channel, blocks_by_name, in_blocks
 from shipfp_rs.logs.faults.clock import same_rows
+from shipfp_rs.logs.formats import warn
 from shipfp_rs.logs.log import Log
 from shipfp_rs.logs.readers.time_cells import TimePlan, is_time, split_bracketed, stated_rate, timed_by
 from shipfp_rs.logs.readers.time_column import SAMPLE_ROWS, Column, find_time
@@ -25,20 +25,36 @@ from shipfp_rs.logs.time_axis import TimeAxis, time_axis
 
 @dataclass(frozen=True)
 class Found:
-    """Channel, grid of its times, and its start, if the file has one."""
+    """Channel, grid of its times, its start, if the file has one, and a note on what was taken for its times."""
 
     channel: Channel
     axis: TimeAxis | None = None
     start_utc: datetime | None = None
+    note: str = ""
 
     @classmethod
-    def on(cls, axis: TimeAxis, name: str, unit: str, start_utc: datetime | None = None) -> Found:
-        """Channel on the grid of a time axis."""
-        return cls(Channel(name, unit, axis.rate_hz, axis.samples, axis.start_s), axis, start_utc)
+    def on(
+        cls,
+        axis: TimeAxis,
+        name: str,
+        unit: str,
+        plan: TimePlan | None = None,
+        *,
+        start_utc: datetime | None = None,
+        resolution: float = 0.0,
+    ) -> Found:
+        """Channel on the grid of a time axis, found as `plan` says."""
+        channel = Channel(name, unit, axis.rate_hz, axis.samples, axis.start_s, resolution)
+        return cls(channel, axis, (plan and plan.zero) or start_utc, plan.note if plan else "")
 
 
-def log_of_found(path: Path, found: Sequence[Found], rows: Blocks, notes: Sequence[str] = ()) -> Log:
-    """Log of the channels found. Its clock starts with the earliest channel; `rows` yields the recorded rows."""
+def log_of_found(
+    path: Path, found: Sequence[Found], rows: Blocks, notes: Sequence[str] = (), *, quiet: bool = False
+) -> Log:
+    """Log of the channels found. Its clock starts with the earliest channel; `rows` yields the recorded rows.
+
+    Faults of its clocks are warned of unless `quiet`.
+    """
     zero = min((each.start_utc for each in found if each.start_utc), default=None)
     channels = [
         replace(each.channel, start_s=each.channel.start_s + (each.start_utc - zero).total_seconds())
@@ -49,10 +65,12 @@ def log_of_found(path: Path, found: Sequence[Found], rows: Blocks, notes: Sequen
     readers = {each.channel.name: each.axis.on_grid(rows) for each in found if each.axis}
     axes = {id(each.axis): (each.axis, each.channel.name) for each in found if each.axis}
     for axis, _ in axes.values():
-        axis.tell(path)
+        if not quiet:
+            axis.tell(path)
     faults = tuple(fault for axis, name in axes.values() for fault in axis.faults_of(name))
 
-    return Log(str(path), channels, blocks_by_name(readers, rows), zero, faults, tuple(notes))
+    told = (*notes, *filter(None, dict.fromkeys(each.note for each in found)))
+    return Log(str(path), channels, blocks_by_name(readers, rows), zero, faults, told)
 
 
 def tell_left_out(path: Path, why: str, names: Sequence[str], *, all_of_them: bool) -> None:
@@ -60,7 +78,7 @@ def tell_left_out(path: Path, why: str, names: Sequence[str], *, all_of_them: bo
     if names and all_of_them:
         raise InputError(f"{path}: {why}: {', '.join(names)}; expected at least one channel of numbers")
     if names:
-        warnings.warn(f"{path}: left out, {why}: {', '.join(names)}", LogWarning, stacklevel=3)
+        warn(path, f"left out, {why}: {', '.join(names)}")
 
 
 VALUES = ("data", "values", "value", "y", "signal", "samples")
@@ -106,6 +124,12 @@ def named_time(row: Row, rows: Mapping[str, Row]) -> str:
     """Key of the times named after a row; "" without."""
     fits = (key for key in rows if row.name.lower() in timed_by(key) and rows[key].length == row.length)
     return next(fits, "")
+
+
+def times_among(keys: Collection[str]) -> set[str]:
+    """Keys of times: those whose last part means time, or that are named after another key."""
+    lower = {key.lower() for key in keys}
+    return {key for key in keys if is_time(split_bracketed(_last(key))[0]) or timed_by(key) & lower}
 
 
 def time_of(

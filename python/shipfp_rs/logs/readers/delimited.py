@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-import warnings
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -16,7 +15,8 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.csv
 
-from shipfp_rs.errors import InputError, LogWarning
+from shipfp_rs.errors import InputError
+from shipfp_rs.logs.formats import warn
 from shipfp_rs.logs.log import Log, register_reader
 from shipfp_rs.logs.readers.delimited_layout import GROUPED, Layout, bare_number, find_layout
 from shipfp_rs.logs.readers.table import METADATA_KEY, Options, log_of_table
@@ -38,20 +38,16 @@ def open_delimited(path: Path, rate_hz: float | None, time: str | None = None) -
     for start, text, length in _parts(path, layout, layout.bytes_before):
         index.add(start, text, length)
     if layout.footer:
-        warnings.warn(
-            f"{path}: {len(layout.footer)} lines after the last record are left out: {' | '.join(layout.footer)[:60]!r}",
-            LogWarning,
-            stacklevel=5,
-        )
+        shown = " | ".join(layout.footer)[:60]
+        warn(path, f"{len(layout.footer)} lines after the last record are left out: {shown!r}")
     else:
         _warn_of_rest(path, layout, index.end)
     for place, cells in index.others.items():
         if cells:
-            warnings.warn(
-                f"{path}: {len(cells)} cells of {layout.headings[place]!r} are no numbers and taken as missing: "
-                f"{', '.join(map(repr, sorted(set(cells))[:3]))}",
-                LogWarning,
-                stacklevel=5,
+            shown = ", ".join(map(repr, sorted(set(cells))[:3]))
+            warn(
+                path,
+                f"{len(cells)} cells of {layout.headings[place]!r} are no numbers and taken as missing: {shown}",
             )
     kept = [
         k
@@ -147,11 +143,9 @@ def _warn_of_rest(path: Path, layout: Layout, end: int) -> None:
         file.seek(end)
         rest = file.read(60 * layout.wide).decode(layout.encoding, "replace").strip()
     if rest:
-        warnings.warn(
-            f"{path}: the last line has no line end and may be cut: {rest!r} is left out; end it with one if it is "
-            "whole",
-            LogWarning,
-            stacklevel=5,
+        warn(
+            path,
+            f"the last line has no line end and may be cut: {rest!r} is left out; end it with one if it is whole",
         )
 
 
@@ -178,17 +172,17 @@ class _Index:
         """Columns with empty cells."""
 
     def add(self, offset: int, text: bytes, length: int) -> None:
-        texts = {k: pa.string() for k, timelike in enumerate(self.layout.timelike) if timelike}
+        texts = {k: pa.string() for k, what in enumerate(self.layout.kinds) if what == "time"}
         table = _parse(self.path, self.layout, text, self.rows[-1], texts, all_columns=True)
-        for k, numeric in enumerate(self.layout.numeric):
+        for k, what in enumerate(self.layout.kinds):
             kind, values = table.schema.types[k], table.column(k)
-            if numeric and not _is_known(kind):
+            if what == "number" and not _is_known(kind):
                 if pa.types.is_string(kind):
                     self.loose.add(k)
                     values, others = _numbers(self.layout, values)
                     self.others.setdefault(k, []).extend(others)
                 kind = pa.float64()
-            elif not numeric and not _is_known(kind):
+            elif not _is_known(kind):
                 kind = pa.string()
             elif kind == pa.float64() and (pc.max(pc.abs(values)).as_py() or 0.0) >= 2.0**63:
                 kind = self._unsigned(text, k) or kind

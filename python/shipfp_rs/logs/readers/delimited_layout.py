@@ -9,6 +9,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
@@ -23,6 +24,8 @@ from shipfp_rs.logs.readers.time_cells import (
     stated_start,
 )
 from shipfp_rs.support import units
+
+Kind = Literal["number", "time", "text"]
 
 SAMPLE = 1 << 16
 """Bytes in which the layout is detected."""
@@ -78,10 +81,8 @@ class Layout:
     """Offset of the footer, or of the file's end."""
     headings: tuple[str, ...]
     units: tuple[str, ...]
-    numeric: tuple[bool, ...]
-    """Whether most cells of each column are numbers."""
-    timelike: tuple[bool, ...]
-    """Whether most cells of each column are dates or times of day."""
+    kinds: tuple[Kind, ...]
+    """What most cells of each column are: "time" for dates and times of day."""
     named: bool
     """Whether the file has headings."""
     footer: tuple[str, ...]
@@ -121,21 +122,14 @@ def find_layout(path: Path) -> Layout:
     plain = (line.lstrip(COMMENT).strip(" ") if line[:1] in COMMENT else line for line in lines[:first])
     above = [[] if TITLE.fullmatch(line) else cells_of(line, delimiter) for line in plain]
     # long: evaluates the header lines step by step
-    beside = _taken_facts(above, [any(row[k] for row in full) for k in range(width)], decimal)
+    columns = [[row[k] for row in full if row[k]] for k in range(width)]
+    beside = _taken_facts(above, list(map(bool, columns)), decimal)
     headings, own, named = _headings(above, width)
 
-    def most(k: int, what: str) -> bool:
-        cells = [row[k] for row in full if row[k]]
-        times = sum(looks_like_time(cell) for cell in cells)
-        hits = times if what == "time" else sum(is_number(cell, decimal) for cell in cells) - times
-        return bool(cells) and 2 * hits >= len(cells)
-
-    timelike = tuple(most(k, "time") for k in range(width))
-    numeric = tuple(
-        (not any(row[k] for row in full) or most(k, "number")) and not timelike[k] for k in range(width)
-    )
+    kinds = tuple(_kind(cells, decimal) for cells in columns)
     own = tuple(
-        unit or (numeric[k] and _unit_of_cells(row[k] for row in full)) or "" for k, unit in enumerate(own)
+        unit or (_unit_of_cells(cells) if kind == "number" else "")
+        for unit, kind, cells in zip(own, kinds, columns, strict=True)
     )
     before = mark + sum(len((line + line_end).encode(encoding)) for line in whole.split(line_end)[:first])
     end, footer = _footer(path, encoding, line_end, delimiter, decimal, before)
@@ -164,14 +158,22 @@ def find_layout(path: Path) -> Layout:
         end,
         headings,
         own,
-        numeric,
-        timelike,
+        kinds,
         named,
         footer,
         rate,
         start,
         counted,
     )
+
+
+def _kind(cells: Sequence[str], decimal: str) -> Kind:
+    """What most of a column's filled cells are; a column without any may hold numbers later."""
+    times = sum(looks_like_time(cell) for cell in cells)
+    if cells and 2 * times >= len(cells):
+        return "time"
+    numbers = sum(is_number(cell, decimal) for cell in cells) - times
+    return "number" if 2 * numbers >= len(cells) else "text"
 
 
 def _first_record(rows: Sequence[list[str]], width: int, decimal: str) -> int | None:
@@ -317,7 +319,7 @@ def _in_pairs(above: list[list[str]], width: int) -> list[str]:
 
 def _unit_of_cells(cells: Iterable[str]) -> str:
     """Unit that the cells of a column have in common; empty if there is none."""
-    found = Counter(bare_number(cell)[1] for cell in cells if cell)
+    found = Counter(bare_number(cell)[1] for cell in cells)
     (unit, count), *_ = found.most_common(1) or [("", 0)]
     return unit if 2 * count > found.total() else ""
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import mmap
 import re
-import warnings
 from collections.abc import Iterator
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
@@ -14,9 +13,10 @@ from typing import Any, Literal
 
 import numpy as np
 
-from shipfp_rs.errors import InputError, LogWarning
+from shipfp_rs.errors import InputError
 from shipfp_rs.logs.channel import BLOCK, Channel, Samples, blocks_of
 from shipfp_rs.logs.faults.clock import same_rows
+from shipfp_rs.logs.formats import warn
 from shipfp_rs.logs.log import Log, register_reader
 from shipfp_rs.logs.readers.child_process import in_child
 from shipfp_rs.logs.readers.columns import Found, log_of_found, tell_left_out
@@ -142,10 +142,10 @@ def _cut(path: Path, name: str, samples: int, held: int, *, alone: bool) -> int:
 
     `InputError` if the file has several channels, which may be interleaved.
     """
-    what = f"{path}: cut short or damaged: channel {name!r} has {samples} samples"
+    what = f"cut short or damaged: channel {name!r} has {samples} samples"
     if not alone:
         raise InputError(
-            f"{what}, more than the file holds in addition to its other channels; fetch it again"
+            f"{path}: {what}, more than the file holds in addition to its other channels; fetch it again"
         )
-    warnings.warn(f"{what}, the file holds {held}; what came after them is lost", LogWarning, stacklevel=3)
+    warn(path, f"{what}, the file holds {held}; what came after them is lost")
     return held

@@ -4,21 +4,24 @@ from __future__ import annotations
 
 import posixpath
 import re
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import replace
 from datetime import UTC, datetime
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from shipfp_rs.errors import InputError
-from shipfp_rs.logs.channel import Channel, Samples, in_blocks
+from shipfp_rs.logs.channel import Channel, Samples
 from shipfp_rs.logs.log import Log, register_reader
 from shipfp_rs.logs.readers.child_process import in_child
 from shipfp_rs.logs.readers.columns import (
     Found,
     Row,
     axis_of,
+    blocks_of_rows,
     column_names,
     is_table,
     log_of_found,
@@ -26,8 +29,9 @@ from shipfp_rs.logs.readers.columns import (
     tell_left_out,
     tell_no_time,
     time_of,
+    times_among,
 )
-from shipfp_rs.logs.readers.time_cells import is_time, split_bracketed, stated_rate, timed_by
+from shipfp_rs.logs.readers.time_cells import TimePlan, split_bracketed, stated_rate
 from shipfp_rs.logs.time_axis import TimeAxis
 
 START_NAMES = ("start_utc", "start_time", "wf_start_time")
@@ -55,90 +59,67 @@ def open_hdf5(path: Path, rate_hz: float | None) -> Log:
     leads_out = file.visititems_links(lambda name, link: None if isinstance(link, own) else name)
     if leads_out is not None:
         raise InputError(f"{path}: {leads_out!r} leads into another file, {OWN}")
-    rows, skipped = _find_rows(file)
-    scalars = [(posixpath.basename(key), row.dataset[()]) for key, row in rows.items() if row.length == 1]
-    lower = {key.lower() for key in rows}
-    times = {
-        key: row
-        for key, row in rows.items()
-        if is_time(split_bracketed(posixpath.basename(key))[0]) or timed_by(key) & lower
-    }
-    bases = {key: Row(key, "", row.length, row.read) for key, row in rows.items()}
-    clocks: dict[str, tuple[TimeAxis, datetime | None]] = {}
+    rows, datasets, skipped = _find_rows(file)
+    scalars = [(posixpath.basename(key), datasets[key][()]) for key, row in rows.items() if row.length == 1]
+    times = times_among(rows)
+    clock = cache(lambda key: _clock(path, datasets[key].attrs, rows[key], rows))
     timeless: list[Row] = []
-    found: dict[str, tuple[_Row, Found]] = {}
+    channels: dict[str, Row] = {}
+    found: dict[str, Found] = {}
     for key, row in rows.items():
         if key in times or (row.length == 1 and len(rows) > 1):
             continue
-        facts = _attributes(row.dataset)
+        facts = _attributes(datasets[key])
         name, unit = split_bracketed(key)
         unit = _text(facts.get("unit", facts.get("units", unit)))
         start_s = float(np.asarray(facts.get("start_s", 0.0)).reshape(-1)[0])
         stamp = next((facts[each] for each in START_NAMES if each in facts), None)
         start_utc = None if stamp is None else _instant(path, stamp)
-        own = Row(key, "", row.length, row.read)
-        rate = (
-            rate_hz
-            or stated_rate(facts.items())
-            or (None if named_time(own, bases) else stated_rate(scalars))
-        )
-        if rate is None:
-            time, _ = time_of(path, own, bases, (), None)
-            if not time:
-                timeless.append(own)
-                continue
-            if time not in clocks:
-                clocks[time] = _clock(path, time, times[time], bases)
-            axis, zero = clocks[time]
-            found[name] = (row, Found.on(axis, name, unit, zero or start_utc))
+        rate = rate_hz or stated_rate(facts.items())
+        rate = rate or (None if named_time(row, rows) else stated_rate(scalars))
+        if rate is not None:
+            found[name] = Found(Channel(name, unit, rate, row.length, start_s), start_utc=start_utc)
+        elif time := time_of(path, row, rows, (), None)[0]:
+            axis, plan = clock(time)
+            found[name] = Found.on(axis, name, unit, plan, start_utc=start_utc)
         else:
-            channel = Channel(name, unit, rate, row.length, start_s)
-            found[name] = (row, Found(channel, start_utc=start_utc))
+            timeless.append(row)
+            continue
+        channels[name] = row
     tell_no_time(path, timeless, all_of_them=not found)
     tell_left_out(path, "no numbers along one axis", skipped, all_of_them=not found)
-    channels = {name: row for name, (row, _) in found.items()}
-    blocks = in_blocks(
-        lambda name: channels[name].length, lambda name, *ends: channels[name].read(*ends), path
-    )
-    return log_of_found(path, [each for _, each in found.values()], blocks)
+    return log_of_found(path, [*found.values()], blocks_of_rows(path, channels))
 
 
-@dataclass(frozen=True)
-class _Row:
-    """Numbers along one axis of a dataset, in a field, or in a column of a table."""
-
-    dataset: Any
-    length: int
-    field: str | None = None
-    column: int = 0
-
-    def read(self, start: int, stop: int) -> Samples:
-        _require_own(self.dataset)
-        axis = int(np.argmax(self.dataset.shape))
-        place = tuple(slice(start, stop) if k == axis else self.column for k in range(self.dataset.ndim))
-        try:
-            samples: Samples = (self.dataset.fields(self.field) if self.field else self.dataset)[place]
-        except OSError as error:
-            missing = _missing_filter(self.dataset)
-            if missing is None:
-                raise
-            raise InputError(
-                f"{self.dataset.file.filename}: dataset {self.dataset.name!r} is compressed with filter {missing}, "
-                "which h5py lacks; pack it again with h5repack -f GZIP=4"
-            ) from error
-        return (
-            samples.astype(bool)
-            if _text(self.dataset.attrs.get("MATLAB_class", "")) == "logical"
-            else samples
-        )
+def _read(dataset: Any, field: str | None, column: int, start: int, stop: int) -> Samples:
+    """Numbers along the longest axis of a dataset, in a field, or in a column of a table."""
+    _require_own(dataset)
+    axis = int(np.argmax(dataset.shape))
+    place = tuple(slice(start, stop) if k == axis else column for k in range(dataset.ndim))
+    try:
+        samples: Samples = (dataset.fields(field) if field else dataset)[place]
+    except OSError as error:
+        missing = _missing_filter(dataset)
+        if missing is None:
+            raise
+        raise InputError(
+            f"{dataset.file.filename}: dataset {dataset.name!r} is compressed with filter {missing}, "
+            "which h5py lacks; pack it again with h5repack -f GZIP=4"
+        ) from error
+    return samples.astype(bool) if _text(dataset.attrs.get("MATLAB_class", "")) == "logical" else samples
 
 
-def _find_rows(file: Any) -> tuple[dict[str, _Row], list[str]]:
-    """Rows of numbers in a file by path, and the names of the other datasets."""
+def _find_rows(file: Any) -> tuple[dict[str, Row], dict[str, Any], list[str]]:
+    """Rows of numbers in a file by path, the dataset of each, and the names of the other datasets."""
     import h5py
 
-    rows: dict[str, _Row] = {}
+    rows: dict[str, Row] = {}
+    datasets: dict[str, Any] = {}
     skipped: list[str] = []
+
+    def add(key: str, item: Any, length: int, field: str | None = None, column: int = 0) -> None:
+        rows[key] = Row(key, "", length, partial(_read, item, field, column))
+        datasets[key] = item
 
     def visit(name: str, item: Any) -> None:
         if not isinstance(item, h5py.Dataset):
@@ -154,7 +135,7 @@ def _find_rows(file: Any) -> tuple[dict[str, _Row], list[str]]:
             key = f"{name}/{field}" if field else name
             number = kind.kind in "biuf" and kind.itemsize <= 8 and matlab not in ("char", "cell")
             if number and (one_axis or (item.ndim == 0 and item.size == 1)):
-                rows[key] = _Row(item, item.size, field)
+                add(key, item, item.size, field)
             elif number and field is None and item.ndim == 2:
                 if not is_table(item.shape):
                     skipped.append(key)
@@ -162,12 +143,12 @@ def _find_rows(file: Any) -> tuple[dict[str, _Row], list[str]]:
                 above = posixpath.dirname(name)
                 names_of = column_names(min(item.shape), _words(item), posixpath.basename(name))
                 for k, column in enumerate(names_of):
-                    rows[posixpath.join(above, column)] = _Row(item, max(item.shape), None, k)
+                    add(posixpath.join(above, column), item, max(item.shape), column=k)
             else:
                 skipped.append(key)
 
     file.visititems(visit)
-    return rows, skipped
+    return rows, datasets, skipped
 
 
 def _require_own(dataset: Any) -> None:
@@ -226,14 +207,13 @@ def _attributes(dataset: Any) -> dict[str, Any]:
         item = item.parent
 
 
-def _clock(path: Path, key: str, row: _Row, rows: dict[str, Row]) -> tuple[TimeAxis, datetime | None]:
-    """Grid of a dataset of times, and the date of time zero, if its unit has one."""
-    facts = row.dataset.attrs
+def _clock(path: Path, facts: Any, row: Row, rows: Mapping[str, Row]) -> tuple[TimeAxis, TimePlan]:
+    """Grid of a dataset of times, and their interpretation, with the date of time zero if the unit has one."""
     unit = _text(facts.get("units", facts.get("unit", "")))
     since = SINCE.fullmatch(unit)
-    plain = Row(key, since[1] if since else unit, row.length, row.read)
-    axis, plan = axis_of(path, key, plain, rows, trusted=True)
-    return axis, _instant(path, since[2]) if since else plan.zero
+    plain = replace(row, unit=since[1] if since else unit)
+    axis, plan = axis_of(path, row.name, plain, rows, trusted=True)
+    return axis, replace(plan, zero=_instant(path, since[2])) if since else plan
 
 
 def _instant(path: Path, value: Any) -> datetime:

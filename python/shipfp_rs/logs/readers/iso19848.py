@@ -13,7 +13,7 @@ from typing import Any
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.logs.log import Log, register_reader
-from shipfp_rs.logs.readers.long_table import Series, log_of_series, seconds_since_1970
+from shipfp_rs.logs.readers.long_table import Series, log_since_1970, seconds_since_1970
 
 Values = Iterator[tuple[str, str, str, str]]
 """Data channel, time stamp, value and quality, as written."""
@@ -53,7 +53,7 @@ def open_iso19848(path: Path, rate_hz: float | None, names: str | None = None) -
     notes = [f"{bad} values of bad quality are gaps"] if bad else []
     notes += [f"{words} values are words and left out"] if words else []
     notes += [] if listed else ["no data channel list; give it with --names to have names and units"]
-    return log_of_series(path, found, notes)
+    return log_since_1970(path, found, notes)
 
 
 def _row(channels: Sequence[str], stamp: str, values: Sequence[str], qualities: Sequence[str]) -> Values:

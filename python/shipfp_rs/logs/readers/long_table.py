@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
-from functools import partial
 from itertools import combinations, product
 from pathlib import Path
 from typing import Any
@@ -15,12 +14,11 @@ import numpy.typing as npt
 import pyarrow as pa
 
 from shipfp_rs.errors import InputError
-from shipfp_rs.logs.channel import BLOCK, Blocks, Channel, blocks_by_name, blocks_of
+from shipfp_rs.logs.channel import BLOCK, blocks_of
 from shipfp_rs.logs.faults.clock import same_rows
-from shipfp_rs.logs.faults.record import Fault
 from shipfp_rs.logs.formats import one_line_errors
 from shipfp_rs.logs.log import Log
-from shipfp_rs.logs.readers.columns import tell_left_out
+from shipfp_rs.logs.readers.columns import Found, log_of_found, tell_left_out
 from shipfp_rs.logs.readers.status_columns import QUALITY, Batches, is_value
 from shipfp_rs.logs.readers.time_cells import EPOCH, TimePlan, split_unit
 from shipfp_rs.logs.time_axis import TimeAxis, time_axis
@@ -184,98 +182,80 @@ def _are_names(
 
 def log_of_long_table(path: Path, table: LongTable, plan: TimePlan, rate_hz: float | None) -> Log:
     """Log with a channel for each name, at the times of its rows; names without a time base are omitted."""
-    channels: list[Channel] = []
-    held: dict[str, Blocks] = {}
-    faults: list[Fault] = []
+    found: list[Found] = []
+    held: dict[str, Array] = {}
     lost: list[str] = []
     present = np.unique(table.codes[table.codes >= 0])
     for code, name, unit in zip(present.tolist(), table.names, table.units, strict=True):
         rows = np.flatnonzero((table.codes == code) & np.isfinite(table.values) & np.isfinite(table.times))
+        told = f"{plan.name} of {name}"
         try:
-            axis, held[name] = own_grid(
-                path, f"{plan.name} of {name}", name, table.times[rows], table.values[rows], rate_hz
-            )
+            axis, held[name] = own_grid(path, told, table.times[rows], table.values[rows], rate_hz)
         except InputError:
             lost.append(name)
-            continue
-        channels.append(Channel(name, unit, axis.rate_hz, axis.samples, axis.start_s))
-        faults += axis.faults_of(name)
-        axis.tell(path)
-    tell_left_out(path, "no time base in rows of their own", lost, all_of_them=not channels)
-    notes = ("one value a row, a channel for each name", *filter(None, (plan.note,)))
-    return Log(
-        str(path),
-        channels,
-        blocks_by_name(held),
-        plan.zero,
-        tuple(faults),
-        notes=notes,
-    )
+        else:
+            found.append(Found.on(axis, name, unit, plan))
+    tell_left_out(path, "no time base in rows of their own", lost, all_of_them=not found)
+    return log_of_found(path, found, blocks_of(held), ["one value a row, a channel for each name"])
 
 
 @dataclass
 class Series:
-    """Values of one name; times in seconds since 1970."""
+    """Values of one name and their times [s]: lists, or arrays."""
 
     unit: str = ""
     resolution: float = 0.0
-    times: list[float] = field(default_factory=list)
-    values: list[float] = field(default_factory=list)
+    times: Any = field(default_factory=list)
+    values: Any = field(default_factory=list)
 
 
-def log_of_series(path: Path, series: Mapping[str, Series], notes: Sequence[str] = ()) -> Log:
-    """Log of series, each on its own even grid. Series without such a grid are omitted with a note.
+def log_of_series(
+    path: Path,
+    series: Mapping[str, Series],
+    notes: Sequence[str] = (),
+    zero: datetime | None = None,
+    *,
+    none: str = "no name has two values or more",
+) -> Log:
+    """Log of series, each on its own even grid, and its date of time zero. Series without a grid are omitted with a note.
 
-    Raises
-    ------
-    InputError
-        If no series has two or more values at increasing times.
+    `InputError`, with the reason or `none`, if no series has two or more values at increasing times.
     """
-    kept = {
-        name: each for name, each in series.items() if len(each.values) > 1 and np.isfinite(each.values).any()
-    }
-    zero = min((each.times[0] for each in kept.values()), default=0.0)
-    channels: list[Channel] = []
-    held: dict[str, Blocks] = {}
+    found: list[Found] = []
+    held: dict[str, Array] = {}
     told = list(notes)
-    faults: list[Fault] = []
-    for name, each in kept.items():
-        grid = noted_grid(path, name, np.asarray(each.times) - zero, np.asarray(each.values), told, faults)
-        if grid is None:
+    for name, each in series.items():
+        if len(each.values) < 2 or not np.isfinite(each.values).any():
             continue
-        axis, held[name] = grid
-        channels.append(Channel(name, each.unit, axis.rate_hz, axis.samples, axis.start_s, each.resolution))
-    if not channels:
-        why = told[-1] if len(told) > len(notes) else "no name has two values or more"
+        try:
+            axis, held[name] = own_grid(path, name, np.asarray(each.times), np.asarray(each.values))
+        except InputError as error:
+            told.append(f"{name} left out: {str(error).removeprefix(f'{path}: ')}")
+            continue
+        told += [axis.note] if axis.note else []
+        found.append(Found.on(axis, name, each.unit, start_utc=zero, resolution=each.resolution))
+    if not found:
+        why = told[-1] if len(told) > len(notes) else none
         raise InputError(f"{path}: no series of numbers in it ({why}); is it the right file?")
+    return log_of_found(path, found, blocks_of(held), told, quiet=True)
 
-    start = EPOCH + timedelta(microseconds=round(zero * 1e6))
-    return Log(str(path), channels, blocks_by_name(held), start if zero else None, tuple(faults), tuple(told))
+
+def log_since_1970(path: Path, series: Mapping[str, Series], notes: Sequence[str]) -> Log:
+    """`log_of_series` for times in seconds since 1970; the log's time zero is the first of them."""
+    zero = min((each.times[0] for each in series.values() if len(each.values) > 1), default=0.0)
+    for each in series.values():
+        each.times = np.asarray(each.times) - zero
+    return log_of_series(path, series, notes, EPOCH + timedelta(seconds=zero) if zero else None)
 
 
 def own_grid(
-    path: Path, column: str, name: str, times: Array, values: Array, rate_hz: float | None = None
-) -> tuple[TimeAxis, Blocks]:
-    """Grid of a channel's own times [s] and its samples there; rows that a logger wrote twice count once."""
+    path: Path, column: str, times: Array, values: Array, rate_hz: float | None = None
+) -> tuple[TimeAxis, Array]:
+    """Grid of a channel's own times [s], and its rows in their order; rows that a logger wrote twice count once."""
     order = np.argsort(times, kind="stable")
     times, values = times[order], np.asarray(values, dtype=np.float64)[order]
     same = same_rows([lambda first, stop: values[first:stop]])
-    axis = time_axis(path, column, partial(iter, (times,)), rate_hz=rate_hz, same=same, held=True)
-    return axis, axis.on_grid(blocks_of({name: values}))
-
-
-def noted_grid(
-    path: Path, name: str, times: Array, values: Array, notes: list[str], faults: list[Fault]
-) -> tuple[TimeAxis, Blocks] | None:
-    """`own_grid`, or None; appends the faults, and the reason for None, to `faults` and `notes`."""
-    try:
-        axis, blocks = own_grid(path, name, name, times, values)
-    except InputError as error:
-        notes.append(f"{name} left out: {str(error).removeprefix(f'{path}: ')}")
-        return None
-    notes += [axis.note] if axis.note else []
-    faults += axis.faults
-    return axis, blocks
+    return time_axis(path, column, lambda: [times], rate_hz=rate_hz, same=same, held=True), values
 
 
 def seconds_since_1970(text: str) -> float:

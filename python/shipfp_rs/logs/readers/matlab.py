@@ -5,14 +5,16 @@ from __future__ import annotations
 import posixpath
 import warnings
 from collections import Counter
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from shipfp_rs.errors import InputError, LogWarning
+from shipfp_rs.errors import InputError
 from shipfp_rs.logs.channel import Channel
+from shipfp_rs.logs.formats import warn
 from shipfp_rs.logs.log import Log, register_reader
 from shipfp_rs.logs.readers.child_process import in_child
 from shipfp_rs.logs.readers.columns import (
@@ -27,10 +29,11 @@ from shipfp_rs.logs.readers.columns import (
     tell_left_out,
     tell_no_time,
     time_of,
+    times_among,
 )
 from shipfp_rs.logs.readers.hdf5 import open_hdf5
-from shipfp_rs.logs.readers.time_cells import TimePlan, is_time, split_bracketed, split_unit, timed_by
-from shipfp_rs.logs.time_axis import TimeAxis
+from shipfp_rs.logs.readers.time_cells import is_time, split_unit
+from shipfp_rs.logs.readers.time_column import even_step
 
 
 @register_reader(".mat")
@@ -52,34 +55,29 @@ def open_matlab_5(path: Path, rate_hz: float | None) -> Log:
     """
     tree = _tree(path)
     rows, plain = tree.rows(), tree.scalars
-    clocks: dict[str, tuple[TimeAxis, TimePlan]] = {}
+    clock = cache(lambda key: axis_of(path, key, rows[key], rows))
     found: list[Found] = []
     timeless: list[Row] = []
-    names = {name.lower() for name in rows}
+    times = times_among(rows)
     for name, row in rows.items():
-        own = is_time(split_bracketed(posixpath.basename(name))[0]) or timed_by(name) & names
-        if own and row.length > 1 and len(rows) > 1:
+        if name in times and row.length > 1 and len(rows) > 1:
             continue
         key, beside = time_of(path, row, rows, plain, None)
         rate = rate_hz or beside
-        if rate is None and not key:
-            timeless.append(row)
-            continue
         if rate is not None:
             found.append(Found(Channel(name, row.unit, rate, row.length)))
-            continue
-        if key not in clocks:
-            clocks[key] = axis_of(path, key, rows[key], rows)
-        axis, plan = clocks[key]
-        found.append(Found.on(axis, name, row.unit, plan.zero))
+        elif key:
+            axis, plan = clock(key)
+            found.append(Found.on(axis, name, row.unit, plan))
+        else:
+            timeless.append(row)
     hint = (
         "; save tables and timeseries as structs (table2struct(T, 'ToScalar', true))" if tree.opaque else ""
     )
     tell_no_time(path, timeless, all_of_them=not found)
     skipped = [*tree.skipped, *("an object" if name == "None" else name for name in tree.opaque)]
     tell_left_out(path, f"no vectors of numbers{hint}", skipped, all_of_them=not found)
-    notes = [plan.note for _, plan in clocks.values() if plan.note]
-    return log_of_found(path, found, blocks_of_rows(path, rows), notes)
+    return log_of_found(path, found, blocks_of_rows(path, rows))
 
 
 def _tree(path: Path) -> _Tree:
@@ -95,11 +93,7 @@ def _tree(path: Path) -> _Tree:
     whole = _whole_variables(path)
     if whole is not None and len(kinds) > whole:
         lost = list(kinds)[whole]
-        warnings.warn(
-            f"{path}: cut short within variable {lost!r}; it and all that came after it are lost",
-            LogWarning,
-            stacklevel=3,
-        )
+        warn(path, f"cut short within variable {lost!r}; it and all that came after it are lost")
         kinds = {name: kinds[name] for name in list(kinds)[:whole]}
     if not kinds:
         raise InputError(f"{path}: no variables in it")
@@ -200,10 +194,9 @@ class _Tree:
                 and min(array.shape) > 1
                 and not any(is_time(posixpath.basename(k)) for k in found)
             ):
-                steps = np.diff(found[key].read(0, found[key].length).astype(np.float64))
-                step = float(np.median(steps))
-                if step > 0.0 and step != 1.0 and (np.abs(steps - step) < 0.5 * step).all():
-                    row = found.pop(key)
+                row = found[key]
+                if even_step(row.read(0, row.length).astype(np.float64)):
+                    del found[key]
                     time = posixpath.join(posixpath.dirname(key), "time")
                     found[time] = Row(time, "", row.length, row.read)
         return found

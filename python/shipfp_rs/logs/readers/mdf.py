@@ -86,7 +86,7 @@ def _found(
                 skipped.append(name)
                 continue
             keys[name] = (number, index, raw)
-            found.append(Found.on(axis, name, _unit(channel), start_utc))
+            found.append(Found.on(axis, name, _unit(channel), start_utc=start_utc))
     return found, keys, skipped, reasons
 
 

@@ -13,36 +13,16 @@ import numpy as np
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.logs.log import Log, register_reader
-from shipfp_rs.logs.readers.can_signals import Signal
-from shipfp_rs.logs.readers.long_table import Series, log_of_series, seconds_since_1970
+from shipfp_rs.logs.readers.can_signals import BUS_SIGNALS, Signal
+from shipfp_rs.logs.readers.long_table import Series, log_since_1970, seconds_since_1970
 
 FAST = frozenset((127489, 127496, 127497, 127498, 129029))
 """Parameter groups whose messages consist of several frames."""
-DEGREE = 180.0 / np.pi
-GROUPS: dict[int, tuple[int | None, tuple[Signal, ...]]] = {
-    127488: (0, (
-        Signal("Engine Speed", "rpm", 8, 16, 0.25), Signal("Engine Boost Pressure", "Pa", 24, 16, 100.0),
-        Signal("Engine Tilt/Trim", "%", 40, 8, 1.0, signed=True),
-    )),
-    127489: (0, (
-        Signal("Oil pressure", "Pa", 8, 16, 100.0), Signal("Engine temperature", "K", 40, 16, 0.01),
-        Signal("Fuel Rate", "l/h", 72, 16, 0.1, signed=True), Signal("Engine Load", "%", 192, 8, 1.0, signed=True),
-        Signal("Engine Torque", "%", 200, 8, 1.0, signed=True),
-    )),
-    127493: (0, (Signal("Transmission oil pressure", "Pa", 16, 16, 100.0),)),
-    127245: (0, (Signal("Rudder Position", "deg", 32, 16, 1e-4 * DEGREE, signed=True),)),
-    127250: (None, (Signal("Heading", "deg", 8, 16, 1e-4 * DEGREE),)),
-    127251: (None, (Signal("Rate of Turn", "deg/s", 8, 32, 3.125e-8 * DEGREE, signed=True),)),
-    127257: (None, (
-        Signal("Yaw", "deg", 8, 16, 1e-4 * DEGREE, signed=True), Signal("Pitch", "deg", 24, 16, 1e-4 * DEGREE, signed=True),
-        Signal("Roll", "deg", 40, 16, 1e-4 * DEGREE, signed=True),
-    )),
-    128259: (None, (Signal("Speed Water Referenced", "m/s", 8, 16, 0.01),)),
-    128267: (None, (Signal("Depth", "m", 8, 32, 0.01),)),
-    129026: (None, (Signal("COG", "deg", 16, 16, 1e-4 * DEGREE), Signal("SOG", "m/s", 32, 16, 0.01))),
-    130306: (None, (Signal("Wind Speed", "m/s", 8, 16, 0.01), Signal("Wind Angle", "deg", 24, 16, 1e-4 * DEGREE))),
-}  # fmt: skip
-"""Parameter groups of the drive train and the ship: position of the instance and fields, as in canboat's pgns.json."""
+GROUPS: dict[int, tuple[int | None, list[Signal]]] = {
+    each["group"]: (each.get("instance"), [Signal(*row) for row in each["signals"]])
+    for each in BUS_SIGNALS["nmea2000"]
+}
+"""Parameter groups of the drive train and the ship: byte of the instance, and fields."""
 UNITS = {signal.name.lower(): signal for _, signals in GROUPS.values() for signal in signals}
 JSON_NAMES = {
     "speed": "Engine Speed",
@@ -80,7 +60,7 @@ def open_nmea2000(path: Path, rate_hz: float | None) -> Log:
     notes = ["fields of NMEA 2000 as canboat names them"]
     if unread:
         notes.append(f"{unread} lines are no messages and left out")
-    return log_of_series(path, _named({key: each for key, each in found.items() if key[0]}), notes)
+    return log_since_1970(path, _named({key: each for key, each in found.items() if key[0]}), notes)
 
 
 def _named(found: dict[tuple[str, int, int], Series]) -> dict[str, Series]:

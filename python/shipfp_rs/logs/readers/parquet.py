@@ -14,7 +14,7 @@ import pyarrow.parquet
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.logs.channel import BLOCK, Channel, Samples
-from shipfp_rs.logs.log import Log, register_reader, register_writer
+from shipfp_rs.logs.log import Log, register_reader
 from shipfp_rs.logs.readers.table import METADATA_KEY, Options, log_of_table
 from shipfp_rs.support.files import local, replacing
 
@@ -57,7 +57,6 @@ def open_parquet(path: Path, rate_hz: float | None, time: str | None = None) -> 
     return log_of_table(path, file.schema_arrow, file.metadata.num_rows, batches, rate_hz, Options(time))
 
 
-@register_writer(".parquet", ".pq")
 def write_parquet(log: Log, path: Path) -> Path:
     """Write a log; see `Log.write`."""
     if path.exists() and Path(log.name).exists() and path.samefile(log.name):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import json
-import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -16,13 +15,13 @@ import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 
-from shipfp_rs.errors import InputError, LogWarning
+from shipfp_rs.errors import InputError
 from shipfp_rs.logs.channel import BLOCK, Blocks, Channel, Samples, blocks_by_name
 from shipfp_rs.logs.faults.clock import Same, same_rows
 from shipfp_rs.logs.faults.record import Fault
-from shipfp_rs.logs.formats import one_line_errors
+from shipfp_rs.logs.formats import one_line_errors, warn
 from shipfp_rs.logs.log import Log
-from shipfp_rs.logs.readers.columns import tell_left_out
+from shipfp_rs.logs.readers.columns import Found, log_of_found, tell_left_out
 from shipfp_rs.logs.readers.long_table import find_long_table, log_of_long_table
 from shipfp_rs.logs.readers.status_columns import Batches, find_statuses, status_faults, without_bad
 from shipfp_rs.logs.readers.time_cells import (
@@ -96,20 +95,21 @@ def log_of_table(
     same = same_rows(
         partial(_numbers, batches, field.name) for field, _ in fields.values() if _is_number(field.type)
     )
-    apart: dict[str, tuple[TimeAxis, Blocks] | None] = {}
+    apart: dict[str, tuple[TimeAxis, Blocks]] = {}
+    lost_apart: list[str] = []
     given = rate_hz or options.stated_hz
     if len(plans) == 1 and given is None:
-        apart = _rows_apart(path, fields, plans[0], batches, options)
-    shared = [name for name, (field, _) in fields.items() if _is_number(field.type) and name not in apart]
+        apart, lost_apart = _rows_apart(path, fields, plans[0], batches, options)
+    elsewhere = {*apart, *lost_apart}
+    shared = [n for n, (field, _) in fields.items() if _is_number(field.type) and n not in elsewhere]
     changes = rows >= LEAST_CHANGES and _are_changes(batches, [fields[name][0].name for name in shared])
     rates = (rate_hz, options.stated_hz)
-    axes = [_axis(path, plan, batches, rates, same, changes) for plan in plans if shared or not apart]
-    zero = min((plan.zero for plan in plans if plan.zero), default=None)
+    axes = [_axis(path, plan, batches, rates, same, changes) for plan in plans if shared or not elsewhere]
     without = [name for name, (field, _) in fields.items() if not _is_number(field.type)]
     if without and len(without) == len(fields):
         raise InputError(f"{path}: no numbers in {', '.join(without)}; expected at least one channel of them")
     if lost := [name for name in without if not _is_other_time(fields[name][0], batches)]:
-        warnings.warn(f"{path}: no numbers in {', '.join(lost)}; left out", LogWarning, stacklevel=5)
+        warn(path, f"no numbers in {', '.join(lost)}; left out")
 
     def blocks(channel: str, first: int, size: int) -> Iterator[Samples]:
         field, facts = fields[channel]
@@ -121,58 +121,43 @@ def log_of_table(
                 yield _samples(batch[:left])
                 left -= len(batch)
 
-    # long: one loop over columns with three kinds of time, which all append to the same lists
-    channels: list[Channel] = []
-    readers: dict[str, Blocks] = {}
-    on: dict[int, str] = {}
+    # long: one loop over columns with three kinds of time, and what the whole table tells
+    found: list[Found] = []
     own_faults: tuple[Fault, ...] = ()
     for name, (field, facts) in fields.items():
-        if name in without:
+        if name in without or name in lost_apart:
             continue
-        rate: float | None
+        resolution = float(facts.get("resolution", 0.0))
         if name in apart:
-            own_axis = apart[name]
-            if own_axis is None:
-                continue
-            axis, readers[name] = own_axis
-            rate, begin, count = axis.rate_hz, axis.start_s, axis.samples
-            axes.append(axis)
+            found.append(Found.on(apart[name][0], name, facts["unit"], plans[0], resolution=resolution))
         elif axes and "rate_hz" not in facts:  # a column with its own rate needs no time column
             place = _time_before(field.name, plans, schema.names, named)
-            axis, own = axes[place], plans[place].zero
-            readers[name] = axis.on_grid(blocks)
-            later = (own - zero).total_seconds() if own and zero else 0.0
-            rate, begin, count = axis.rate_hz, axis.start_s + later, axis.samples
+            found.append(Found.on(axes[place], name, facts["unit"], plans[place], resolution=resolution))
         else:
             rate = (
                 facts.get("rate_hz", given) or _stated_rate(field.metadata) or _stated_rate(schema.metadata)
             )
-            begin = facts.get("start_s", 0.0)
-            count = min(facts["samples"], rows)
-        if rate is None:
-            raise InputError(f"{path}: no time base for {name!r}: {_without_time(fields, without)}")
-        if name in readers:
-            on.setdefault(id(axis), name)
+            if rate is None:
+                raise InputError(f"{path}: no time base for {name!r}: {_without_time(fields, without)}")
+            count, begin = min(facts["samples"], rows), float(facts.get("start_s", 0.0))
+            found.append(Found(Channel(name, facts["unit"], float(rate), count, begin, resolution)))
+        axis = found[-1].axis
         own_faults += status_faults(
-            recorded, statuses, field.name, name, axis.on_grid if name in readers else lambda each: each
+            recorded, statuses, field.name, name, axis.on_grid if axis else lambda each: each
         )
-        resolution = float(facts.get("resolution", 0.0))
-        channels.append(Channel(name, facts["unit"], float(rate), count, float(begin), resolution))
-    for axis in axes:
-        axis.tell(path)
+    recorded_rows = blocks_by_name({name: own for name, (_, own) in apart.items()}, blocks)
+    log = log_of_found(path, found, recorded_rows, notes)
     for fault in own_faults:
-        warnings.warn(f"{path}: {fault}", LogWarning, stacklevel=5)
-
-    told = (*notes, *(plan.note for plan in plans if plan.note))
-    if changes and axes[0].samples > rows:
-        told += (
-            f"rows where a state changes alone: each is held until the next, at {axes[0].rate_hz:.6g} Hz",
-        )
-    faults = own_faults + tuple(fault for axis in axes for fault in axis.faults_of(on.get(id(axis), "")))
-    faults += tuple(one for name in shared if changes for one in axes[0].doubled(blocks, name))
-    clock = _json(path, schema.metadata).get("start_utc")
-    start_utc = datetime.fromisoformat(clock).astimezone(UTC) if clock else zero
-    return Log(str(path), channels, blocks_by_name(readers, blocks), start_utc, faults, notes=told)
+        warn(path, fault)
+    log.faults = own_faults + log.faults
+    if changes:
+        log.faults += tuple(one for name in shared for one in axes[0].doubled(blocks, name))
+        if axes[0].samples > rows:
+            held = f"each is held until the next, at {axes[0].rate_hz:.6g} Hz"
+            log.notes += (f"rows where a state changes alone: {held}",)
+    if clock := _json(path, schema.metadata).get("start_utc"):
+        log.start_utc = datetime.fromisoformat(clock).astimezone(UTC)
+    return log
 
 
 def _named_fields(path: Path, schema: pa.Schema, rows: int) -> dict[str, tuple[pa.Field, dict[str, Any]]]:
@@ -198,11 +183,11 @@ def _rows_apart(
     plan: TimePlan,
     batches: Batches,
     options: Options,
-) -> dict[str, tuple[TimeAxis, Blocks] | None]:
+) -> tuple[dict[str, tuple[TimeAxis, Blocks]], list[str]]:
     """Find channels with numbers in only some rows, as in tables with one signal per row or several rates.
 
-    The times of a channel are those of the rows where it has a number. The channel is None, with a warning, if these
-    are not a time base.
+    The times of a channel are those of the rows where it has a number. Returns the grid and rows of each, and the names
+    of those, left out with a warning, whose rows are not a time base.
     """
     columns = {
         name: field.name
@@ -216,14 +201,15 @@ def _rows_apart(
         for name, key in columns.items()
     }
     if all(known.all() for known in sample.values()):
-        return {}
+        return {}, []
     with one_line_errors(path):
         times = np.concatenate(list(plan.seconds(path, lambda key: batches(key, 0, BLOCK))))
     written = np.column_stack(list(sample.values()))
     again = (np.diff(times[: len(written)]) == 0.0) & (written[1:] == written[:-1]).all(axis=1)
     if not any(_is_scattered(known[np.append(True, ~again)]) for known in sample.values()):
-        return {}
-    apart: dict[str, tuple[TimeAxis, Blocks] | None] = {}
+        return {}, []
+    apart: dict[str, tuple[TimeAxis, Blocks]] = {}
+    lost: list[str] = []
     for name, key in columns.items():
         if sample[name].all():
             continue
@@ -239,17 +225,11 @@ def _rows_apart(
 
         try:
             told, same = f"{plan.name} of {name}", same_rows([partial(_numbers, own, key)])
-            axis = time_axis(path, told, partial(iter, (times[rows],)), same=same, held=True)
-            apart[name] = (axis, axis.on_grid(blocks))
+            apart[name] = time_axis(path, told, partial(iter, (times[rows],)), same=same, held=True), blocks
         except InputError:
-            apart[name] = None
-    tell_left_out(
-        path,
-        "no time base in rows of their own",
-        [n for n, found in apart.items() if not found],
-        all_of_them=False,
-    )
-    return apart
+            lost.append(name)
+    tell_left_out(path, "no time base in rows of their own", lost, all_of_them=False)
+    return apart, lost
 
 
 def _known(values: pa.Array) -> npt.NDArray[np.bool_]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import math
-import warnings
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -16,10 +15,11 @@ from typing import Any
 
 import numpy as np
 
-from shipfp_rs.errors import InputError, LogWarning
+from shipfp_rs.errors import InputError
 from shipfp_rs.logs.channel import BLOCK, Channel, Samples, in_blocks
 from shipfp_rs.logs.faults.clock import LONGEST_GAP, Segment, spliced
 from shipfp_rs.logs.faults.record import Fault
+from shipfp_rs.logs.formats import warn
 from shipfp_rs.logs.log import Log, register_reader
 from shipfp_rs.logs.readers.child_process import in_child
 from shipfp_rs.logs.readers.columns import Found, Row, axis_of, log_of_found, tell_left_out
@@ -78,7 +78,7 @@ def open_tdms(path: Path, rate_hz: float | None) -> Log:
             beside = _rows_of_group(own, every)
             axes[own.path] = axis_of(path, own.name, beside[own.name], beside)
         axis, plan = axes[own.path]
-        found.append(Found.on(axis, name, _unit(channel), plan.zero))
+        found.append(Found.on(axis, name, _unit(channel), plan))
     _tell_cut(path, file.file_status)
     tell_left_out(path, "no numbers", skipped, all_of_them=not found)
 
@@ -193,11 +193,7 @@ def _tell_cut(path: Path, status: Any) -> None:
     if not status.incomplete_final_segment:
         return
     lost = sum(each.expected_length - each.read_length for each in (status.channel_statuses or {}).values())
-    warnings.warn(
-        f"{path}: cut short: {lost} samples of its last segment are lost, the rest is read",
-        LogWarning,
-        stacklevel=3,
-    )
+    warn(path, f"cut short: {lost} samples of its last segment are lost, the rest is read")
 
 
 def _is_time(channel: Any) -> bool:

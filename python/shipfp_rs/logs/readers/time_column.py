@@ -157,25 +157,9 @@ def find_time(
 ) -> list[TimePlan]:
     """Find the time columns of a table: none, one, or several that each precede the columns they belong to.
 
-    Parameters
-    ----------
-    path
-        File, for messages.
-    columns
-        Possible time columns.
-    names
-        Key of every column of the table by name, in order.
-    wish
-        The user's request; see `Wish.of`.
-    european
-        Whether the table has decimal commas.
-    nameless
-        Whether the columns have no names; then the first is time if it rises evenly and does not count rows.
-
-    Raises
-    ------
-    InputError
-        If the request names no column, or the time is ambiguous.
+    `columns` are the possible ones; `names` has the key of every column of the table by name, in order. `wish` is the
+    user's request, see `Wish.of`; `european` tables have decimal commas; in `nameless` ones the first column is time if it
+    rises evenly and does not count rows. `InputError` if the request names no column, or the time is ambiguous.
     """
     if wish is not None:
         return [_wished(path, columns, names, Wish.of(wish), european)]
@@ -211,13 +195,19 @@ def find_time(
     return [replace(best, zero=zero, note=best.note + also)]
 
 
+def even_step(values: Array) -> float:
+    """Step of values that rise evenly and do not count rows; 0 for others."""
+    steps = np.diff(values)
+    step = float(np.median(steps)) if len(steps) else 0.0
+    return step if step > 0.0 and step != 1.0 and (np.abs(steps - step) < 0.5 * step).all() else 0.0
+
+
 def _nameless(columns: Sequence[Column], names: Mapping[str, str]) -> list[TimePlan]:
     first = next((c for c in columns if c.key == next(iter(names.values())) and is_number(c)), None)
     if first is None:
         return []
-    steps = np.diff(numbers_of(first))
-    step = float(np.median(steps)) if len(steps) else 0.0
-    if not 0.0 < step <= LONGEST_STEP_S or step == 1.0 or not (np.abs(steps - step) < 0.5 * step).all():
+    step = even_step(numbers_of(first))
+    if not 0.0 < step <= LONGEST_STEP_S:
         return []
     note = f"no headings; {first.name!r} rises evenly by {step:.6g} and is taken as time in s"
     return [TimePlan((first.key,), first.name, note=note)]
