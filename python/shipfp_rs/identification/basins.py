@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, partial
 from typing import TypeVar
@@ -48,6 +48,8 @@ class Basin:
     vector: Array
     settled: bool = True
     products: Products | None = field(default=None, repr=False, compare=False)
+    values: Mapping[str, float] | None = field(default=None, repr=False, compare=False)
+    """The parameters, where they were kept."""
 
 
 @dataclass(frozen=True)

@@ -267,8 +267,23 @@ class Likelihood:
         states = np.zeros((c.size - own, 1 + c.size))
         states[:, 0] = vector[own:] / -c.state_deviation
         np.fill_diagonal(states[:, 1 + own :], 1.0 / c.state_deviation)
-        rows = [prior_row(c, name, prior, values, jacobian) for name, prior in self.priors.items()]
-        return np.vstack([*rows, states])
+        names, places, means, deviations = self._own_priors
+        rows = np.zeros((len(names), 1 + c.size))
+        rows[:, 0] = (means - [values[name] for name in names]) / deviations
+        rows[:, 1 : 1 + own] = jacobian[places] / deviations[:, None]
+        others = [
+            prior_row(c, name, prior, values, jacobian)
+            for name, prior in self.priors.items()
+            if name not in names
+        ]
+        return np.vstack([rows, *others, states])
+
+    @cached_property
+    def _own_priors(self) -> tuple[tuple[str, ...], list[int], Array, Array]:
+        """Searched parameters with a prior, their places in a search vector, and the priors' means and deviations."""
+        names = tuple(name for name in self.priors if name in self.coordinates.free)
+        means, deviations = np.array([self.priors[name] for name in names]).reshape(-1, 2).T
+        return names, [self.coordinates.place(name) for name in names], means, deviations
 
     def root(self, record: int) -> Numbers:
         """Root of the inverse spectral matrix of a record's noise; a guess before the first estimate."""

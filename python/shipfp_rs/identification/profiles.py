@@ -178,7 +178,7 @@ class Profiles:
         far, farthest = value, best
         for point in (*self.basins, *self.visited):
             if point.cost <= best.cost + RISE * (1.0 + NEAR):
-                at = figure(c.values(point.vector))
+                at = figure(point.values or c.values(point.vector))
                 if side * (at - far) > 0.0:
                     far, farthest = at, point
         return far, farthest
@@ -216,8 +216,9 @@ class Profiles:
                 distance = 0.5 * (reached + over)
                 continue
             found = end.products or found
-            visited.append(replace(end, products=None))
-            went = side * (figure(c.values(end.vector)) - value)
+            values = c.values(end.vector)
+            visited.append(replace(end, products=None, values=values))
+            went = side * (figure(values) - value)
             rise = end.cost - basin.cost
             if abs(rise / RISE - 1.0) < ABOUT and went > reached:
                 share = (np.sqrt(RISE) - root) / max(np.sqrt(rise) - root, 0.1)
