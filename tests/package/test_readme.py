@@ -215,17 +215,6 @@ def name_of(page: Path) -> str:
     return page.relative_to(ROOT).as_posix()
 
 
-HEAVY = {"sweeps.md", "design.md", "limits.md", "measurement.md"}
-
-
-def is_quick(page: Path) -> bool:
-    """Whether a page's code is run in every check; that of the others where the site is built."""
-    return not {"tutorials", "gallery"} & set(page.parts) and page.name not in HEAVY
-
-
-MARKED = [page if is_quick(page) else pytest.param(page, marks=pytest.mark.slow) for page in PAGES]
-
-
 def own_log(folder: Path) -> None:
     """Write a reader's log: what a tug's logger records in two minutes, as text, under names of its own."""
     tug, chirp = (
@@ -305,7 +294,7 @@ READERS_OWN: dict[str, dict[str, Callable[[Path], None]]] = {
 @pytest.mark.filterwarnings(
     "default::shipfp_rs.errors.LogWarning"
 )  # what a command tells is no failure of it
-@pytest.mark.parametrize("page", MARKED, ids=name_of)
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
 def test_what_a_page_has_its_reader_type_runs(page, tmp_path):
     before = dict(READERS_OWN.get(name_of(page), {}))
 

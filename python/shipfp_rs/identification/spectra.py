@@ -382,6 +382,15 @@ class Spectra:
         found = replace(self, model=model, images=images, shown=shown, slip=None, _delayed=known)
         return replace(found, slip=found._slip(values)) if slips else found
 
+    def _below_nyquist(self, values: Mapping[str, float]) -> dict[str, float]:
+        """Parameters with a stiff shaft if it resonates above half the sample rate.
+
+        Such a resonance shows in no spectrum, and images would be multiplied by a damping that no data determine.
+        """
+        twist, whole, behind = (values.get(name, 0.0) for name in ("tau_twist", "tau_n", "tau_prop"))
+        below = behind * (whole - behind) * twist * (np.pi * self.data_hz) ** 2 > whole
+        return {**values} if below else {**values, "tau_twist": 0.0}
+
     def _slip(self, values: Mapping[str, float]) -> Array:
         """Difference of engine and propeller speed (K,) in the modelled response: the measured torque is too noisy."""
         known = loop_of(values)
@@ -416,7 +425,7 @@ class Spectra:
 
     def _folded(self, values: Mapping[str, float], respond: Respond, frequency_hz: Array) -> ComplexArray:
         """Response (O, F) of the sampled outputs to the set point's samples through images that fold into the band."""
-        most = IMAGES[self.between]
+        most, values = IMAGES[self.between], self._below_nyquist(values)
         # Gain of the interpolation at an image, without its divisor, which differs between images.
         at, order = frequency_hz / self.data_hz, 1 if self.between == "held" else 2
         course = (np.sin(np.pi * at) / np.pi) ** order
@@ -426,15 +435,19 @@ class Spectra:
         every = respond(values, np.abs(there).ravel() * self.data_hz).reshape(-1, *there.shape)
         every = np.where(multiples > 0, every, every.conj())
         answer = np.sum(every * (course / there**order), axis=1)
-        if self.between == "held":
-            # A sample at a jump has the value after it; a Fourier sum has the mean of both values.
-            late_s = sum(values.get(name, 0.0) for name in AFTER_JUMPS)
-            sensors_s = np.array([values.get(LATE.get(name, ""), 0.0) for name in self.outputs])
-            near = np.maximum(1.0 - np.abs(late_s + sensors_s) * 2.0 * most * self.data_hz, 0.0)
-            if near.any():
-                at_once = dict(values) | dict.fromkeys((*AFTER_JUMPS, *LATE.values()), 0.0)
-                jump = respond(at_once, np.array([AT_ONCE * self.data_hz])).real
-                answer = answer - 0.5 * near[:, None] * jump * np.expm1(-2j * np.pi * at)
+        late_s = sum(values.get(name, 0.0) for name in AFTER_JUMPS)
+        sensors_s = np.array([values.get(LATE.get(name, ""), 0.0) for name in self.outputs])
+        near = np.maximum(1.0 - np.abs(late_s + sensors_s) * 2.0 * most * self.data_hz, 0.0)
+        if near.any():
+            at_once = dict(values) | dict.fromkeys((*AFTER_JUMPS, *LATE.values()), 0.0)
+            jump = near[:, None] * respond(at_once, np.array([AT_ONCE * self.data_hz])).real
+            if self.between == "held":
+                # A sample at a jump has the value after it; a Fourier sum has the mean of both values.
+                answer = answer - 0.5 * jump * np.expm1(-2j * np.pi * at)
+            else:
+                # Outputs without delay follow the samples exactly: the images beyond the last one add up to the rest.
+                shown = np.sinc(at) ** 2 + np.sum(course / there**order, axis=0)
+                answer = answer + jump * (1.0 - shown)
         return np.asarray(answer)
 
     def stairs(self, values: Mapping[str, float], respond: Respond) -> ComplexArray:
