@@ -38,7 +38,7 @@ const MIX: [u64; TAPS] = [
 /// number of samples.
 #[derive(Debug, Clone, Default)]
 pub struct RepeatScan {
-    /// Bits of the last samples, whose fingerprints need later samples.
+    /// Bits of the last samples; the fingerprints of these samples cannot be computed before later samples arrive.
     held: Vec<u32>,
     /// Index of the first sample in `held`.
     at: u64,

@@ -171,7 +171,7 @@ def _figures(structure: Structure, values: Values) -> dict[str, tuple[str, Figur
         return lambda known: float(read(loop_at(tuple(known.items()))))
 
     def of_pole(pole: complex, part: str) -> Figure:
-        # The nearest pole, since poles may exchange their order where the values differ.
+        # The nearest pole, not that of the same index: other parameter values may change the order of the poles.
         none = complex(np.nan, np.nan)
         return of(lambda loop: getattr(min(loop.poles, key=lambda one: abs(one - pole), default=none), part))
 
@@ -370,7 +370,7 @@ def estimated(
     """Estimate of a figure of the ship, with its interval.
 
     `least` is the figure's least possible value; None: the figure can't change its sign. With `endless`, a
-    figure without a value may be infinite.
+    figure without a finite value may be infinite, such as a margin.
     """
     values = dict(fingerprint.optimum)
     value = figure(values)

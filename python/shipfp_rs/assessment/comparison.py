@@ -28,7 +28,7 @@ from shipfp_rs.support.threads import with_one_blas_thread
 from shipfp_rs.support.units import unit_shown
 
 SMOOTHED = 13
-"""Bins over which the set point's power is averaged, the least number in a point of `local_response`."""
+"""Number of bins over which the set point's power is averaged: the least number for a point of `local_response`."""
 EXCITED = 1e-4
 """Least power of the set point at an excited frequency, relative to its maximum."""
 LOST = 0.3
@@ -270,7 +270,7 @@ def trend(
     name
         Parameter or combination.
     data
-        Experiments of each by time, for refits as in `compare`.
+        Experiments of each fingerprint, by its time; needed for refits, as in `compare`.
 
     Returns
     -------
@@ -472,7 +472,7 @@ def covariance_of(fingerprint: Fingerprint, names: Sequence[str]) -> Array:
 
 
 def _chance(p: float) -> str:
-    """Probability with its relation; of one below a millionth the figures mean nothing."""
+    """Probability with the sign "=" or "<"; the digits of a probability below a millionth have no meaning."""
     return "< 1e-6" if p < 1e-6 else f"= {p:.2g}"
 
 

@@ -136,10 +136,10 @@ def doubts(fingerprint: Fingerprint, vessel: Vessel) -> list[str]:
 def vessel_priors(
     vessel: Vessel, experiments: Sequence[Experiment], std_pct: float | None
 ) -> dict[str, tuple[float, float]]:
-    """Return what a vessel's inertias and stiffness say of the parameters, as (mean, standard deviation).
+    """Return the priors (mean, standard deviation) of parameters that follow from a vessel's inertias and stiffness.
 
-    A side of the gauge that is not given tells nothing; without `std_pct` nothing is said. Eq. 3.23 of the thesis gives
-    the time constants, from the operating point of the first experiment.
+    A side of the gauge without a given inertia has no prior; without `std_pct` there is none at all. Eq. 3.23 of the thesis
+    gives the time constants, from the operating point of the first experiment.
     """
     point = experiments[0].operating_point
     signal = next((name for name in ("M_g", "M_s", "M_b") if name in point), None)
@@ -329,10 +329,10 @@ def step_with_deviation(
 
 
 def _deviation(fingerprint: Fingerprint, structure: Structure, seen: Callable[[Values], Array]) -> Array:
-    """Change of what a model shows that 68 % of draws of its parameters from their covariance, within bounds, do not exceed.
+    """Change of a model's response that 68 % of draws do not exceed; parameters are drawn from the covariance, in bounds.
 
-    Draws, and no derivatives: a torque jumps where a dead time ends, and a stiff shaft's simulation may fail. A parameter
-    that a bound holds is not in the covariance; its draws reach to its interval's end.
+    Draws replace derivatives, since a torque jumps where a dead time ends, and a stiff shaft's simulation may fail. The
+    covariance lacks a parameter that lies on a bound; the draws of such a parameter reach to the end of its interval.
     """
     values, names = dict(fingerprint.optimum), list(fingerprint.covariance["names"])
     matrix = np.array(fingerprint.covariance["matrix"], dtype=np.float64).reshape(len(names), len(names))

@@ -53,7 +53,7 @@ DONE, FAILED, BAD_INPUT, INTERRUPTED, ENDED = 0, 1, 2, 130, 143
 NOT_THE_USERS = (errno.EMFILE, errno.ENFILE, errno.ENOMEM, errno.EIO)
 """Error numbers of the system's limits and devices; any other file error concerns a name given by the user."""
 FULL = (errno.ENOSPC, errno.EROFS, errno.EFBIG, *([errno.EDQUOT] if hasattr(errno, "EDQUOT") else []))
-"""Error numbers of a disk that takes no more."""
+"""Error numbers of a disk that is full or read-only."""
 ENDING = (signal.SIGTERM, *([signal.SIGHUP] if hasattr(signal, "SIGHUP") else []))
 """Signals by which other processes end a command; SIGHUP means a closed terminal."""
 AGAIN_S = 0.2

@@ -54,7 +54,7 @@ COLUMNS = {
 }
 """Parameters shown, for tables that do not show all."""
 TOO_WIDE = ("5.1",)
-"""Tables that are too wide to print, and only in the JSON output."""
+"""Tables that are only in the JSON output, since they are too wide to print."""
 FITS = {
     "dn": "fit n [%]",
     "dM": "fit M [%]",

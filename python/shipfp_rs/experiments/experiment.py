@@ -213,7 +213,7 @@ class Experiment(Tabular, EvenlySampled):
 
     @property
     def start_s(self) -> float:
-        """Time of the first sample on the clock of the log that it was cut from [s]; zero without a log."""
+        """Time of the first sample [s] on the clock of the log from which the experiment was cut; zero without a log."""
         return float((self.provenance.get("window_s") or (0.0,))[0])
 
     @property
@@ -238,8 +238,8 @@ class Experiment(Tabular, EvenlySampled):
         """Return the relative deviation of a signal from its operating point, as in eq. 3.14 and following, shape (N,).
 
         A load, which may be zero at the operating point, is divided by the torque of its own shaft at the operating point,
-        if measured: by an engine's torque times `provenance["load"]["torque_ratio"]`, or the load's own if that is larger.
-        A load that is no torque is divided by its own value.
+        if measured: by an engine's torque times `provenance["load"]["torque_ratio"]`, or by the load itself if larger.
+        A load that is no torque is divided by its value at the operating point.
         The integrated error E_n is zero at the operating point. It is divided by `operating_point["E_n"]`, the engine
         speed in rev/s, which makes d(dE)/dt = dn_set - dn (eq. 3.15).
 

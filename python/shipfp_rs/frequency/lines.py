@@ -253,7 +253,7 @@ def _highest_peak(values: Array, rate_hz: float) -> float:
 
 
 def _nearby_peak(values: Array, time: Array, start: float, bin_hz: float) -> float:
-    """Frequency of the spectrum's maximum within a bin of the start; Gauss-Newton steps converge from there."""
+    """Frequency of the spectrum's maximum within a bin of the start; from it, Gauss-Newton steps converge."""
     tried = np.maximum(start + bin_hz * np.linspace(-1.0, 1.0, 17), 0.5 * bin_hz)
     filled = np.nan_to_num(values - np.nanmean(values)) * np.hanning(len(values))
     height = [abs(np.dot(filled, np.exp(-2j * np.pi * frequency * time))) for frequency in tried]

@@ -1,4 +1,4 @@
-"""Scores of a model's adequacy: what it misses where the ship is excited, which noise can't explain.
+"""Scores of a model's adequacy: the error of the model while the ship is excited, as far as noise can't explain it.
 
 Noise does not depend on the excitation, but the error of a wrong model does. The residual's power is therefore compared
 between stretches in which the response in a band is strong, and stretches in which it is weak.
@@ -124,7 +124,7 @@ def structure_test(tests: Mapping[str, Mapping[str, float | None]]) -> dict[str,
 
     "structure_p" is the outputs' least p-value times their number (Bonferroni). "structure_misses_pct"
     is the largest share of an output's residual that the set point explains [%]: on long records a structure may be
-    rejected though what it lacks is small.
+    rejected although its error is small.
     """
     found = [p for row in tests.values() if (p := row.get("input_correlation_p")) is not None]
     if not found:

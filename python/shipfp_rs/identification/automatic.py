@@ -1,4 +1,4 @@
-"""From experiments to a fingerprint without a given structure: the full ship, its intervals, and what is foreseen."""
+"""From experiments to a fingerprint without a given structure: fit of the full ship, intervals, expected fingerprints."""
 
 from __future__ import annotations
 
@@ -60,9 +60,9 @@ TOGETHER = ("K_p/K_i", "(p-g)/tau_n", "vK_p/tau_n", "vK_i/tau_n", "(p-g)/(vK_i)"
 FULL_SHIP = "the full ship"
 """Name, in a fingerprint's settings, of the structure that is fitted where none is given."""
 NUISANCES = {one.name for one in QUANTITIES.values() if one.nuisance}
-"""Parameters that are searched along, and told without an interval."""
+"""Parameters that are estimated together with the ship's, and reported without an interval."""
 EXPLAINED = 0.3
-"""Share of the speed that the set point explains in the load's equation, above which the speed counts as following it."""
+"""Share of the speed that the set point explains in the load's equation; above it, the speed follows the set point."""
 
 
 def identified(
@@ -77,7 +77,7 @@ def identified(
 ) -> Fingerprint:
     """Fit the ship and return the fingerprint."""
     side = load_side_of(question)
-    # If torque and speed are related as in a load, the speed channel is right, whatever the governor does.
+    # If torque and speed fit the load's law, the speed channel is right, whatever the governor does.
     explained = 0.0 if side is None else min(record.explained for record in side.records)
     require_excited(experiments, follows=explained < EXPLAINED)
     with part(0.0, 0.5):

@@ -26,7 +26,7 @@ DAMPED, DAMPED_NEAR, REJECTED, LESS, MORE, FURTHER = 1e-4, 1e-6, 1e-6, 0.15, 8.0
 factors after an accepted and after a rejected step (Marquardt 1963); and the growth of the latter with each further rejected
 step (Nielsen 1999)."""
 MOST_DAMPED = 1e4
-"""Damping at which a descent stops: steps are then a ten-thousandth of the gradient's and gain nothing."""
+"""Damping at which a descent stops: steps are then a ten-thousandth of gradient steps and useless."""
 FIRST, ROUGH, MIDDLE, FINE = (3, 50.0), (8, 50.0), (30, 1.0), (MOST_STEPS, SETTLED)
 """Most steps and least decrease of each round of descents, from many starts to few minima."""
 MOST_BASINS = 5
@@ -190,7 +190,7 @@ def best_basins(
     until: float | None = None,
     alone: Callable[..., Basin] | None = None,
 ) -> tuple[Known, list[Basin], float]:
-    """Return the likelihood with estimated noise, its distinct minima, the lowest first, and the total of the lowest.
+    """Return the likelihood with estimated noise, its distinct minima (lowest first), and the lowest total deviance.
 
     Rough descents with white noise come first. The best of them continue by `alone` (default: `by_own_noise`), each with the
     noise of its own residuals; the likeliest of these gives the noise for all.

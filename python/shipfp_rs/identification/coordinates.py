@@ -3,8 +3,8 @@
 Without a given structure, the parameters are searched as ratios to the inertia's time constant tau_n. Data determine these
 ratios far better than the parameters. Divided by tau_n, the ship's equations are linear in 1 / tau_n, (p - g) / tau_n,
 vK_p / tau_n and vK_i / tau_n, except for N^p (eq. 3.31). A valley of the deviance along which only the curvature of N^p
-changes is a straight line in these coordinates. A given structure may fix or tie any of these parameters, so its own are
-searched as they are, or as logarithms where their bounds are wide.
+changes is a straight line in these coordinates. A given structure may fix or tie any parameter, so its parameters
+are searched without a transformation, or as logarithms if the bounds are wide.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ WITHOUT_EFFECT = {
 
 @dataclass(frozen=True)
 class Itself:
-    """A parameter as a figure of itself."""
+    """The value of a parameter, as a `Figure`."""
 
     name: str
 

@@ -32,14 +32,14 @@ SHOWN = 16.0
 CONSISTENT = 2.7
 """Least consistency over stretches for a shape to be significant; chance exceeds it once in twenty (one-sided)."""
 NEAR = 3.0
-"""Factor by which a shape's decrease may exceed that of a limit which could explain the shape."""
+"""Ratio of the deviance's decrease by a shape to that by a limit, above which the limit does not explain the shape."""
 SURE = 60.0
 """Decrease of the deviance from which a limit is fitted even if only one stretch shows it."""
 WORTH = 8.0
 """Decrease of the deviance from which a limit is fitted."""
 NONE = Score(0.0, 0.0, 0.0, 0.0)
 ROUNDED, NEARLY = 3.0, 0.8
-"""A torque counts as limited within this many rounding widths below its limit, a rack above this share of its rate."""
+"""A torque counts as limited from this many edge widths below its limit, a rack from this share of its rate limit."""
 BINS, LEAST_STRETCHES = 15, 4
 """Number of bins of a curve, and least stretches in a bin for a standard error."""
 LEAST_PERIODS, LEAST_BAND = 30, 0.1

@@ -41,7 +41,7 @@ from shipfp_rs.support.derivatives import interpolated
 INDEX = {name: index for index, name in enumerate(_core.EQUATION_PARAMETERS)}
 """Indices of the kernel's parameters."""
 OFF = np.array([float(name in ("v", "s_M", "s_B")) for name in INDEX])
-"""The kernel's parameters without effect."""
+"""Values of the kernel's parameters at which no parameter has an effect."""
 UNKNOWNS = {
     "set point offset": "u_0",
     "torque scale": "s_M",
@@ -70,10 +70,10 @@ class EquationLikelihood(Likelihood):
     Parameters
     ----------
     waters
-        What moving water tells about each record's engine side, where the noise was estimated.
+        Information on each record's engine side from moving water, from the residuals that gave the noise.
     ahead
-        Inertia ahead of the gauge where the noise was estimated, for each record; empty: not estimated yet. It decides how
-        the two equations are mixed, which changes rounding alone.
+        Inertia ahead of the gauge where the noise was estimated, for each record; empty: not estimated yet. It determines
+        the mixing of both equations, which only affects rounding.
     gauge
         Whether the torque is measured between the inertias.
     unknowns
@@ -298,7 +298,7 @@ class EquationLikelihood(Likelihood):
 
     @cached_property
     def takes(self) -> bool:
-        """Whether the closed form lacks an effect, which is then subtracted from its residuals."""
+        """Whether the closed form lacks an effect; this effect is then subtracted from the residuals."""
         return any(one.between == "held" for one in self.records)
 
     def taken(self, vector: Array, record: int) -> ComplexArray:
@@ -473,14 +473,14 @@ class EquationLikelihood(Likelihood):
         return ratio * late, slopes * late
 
     def with_noise(self, vector: Array) -> Self:
-        """Return the likelihood with noise, and what moving water tells, of the residuals at a point of the search."""
+        """Return the likelihood with the noise and the moving water's ratios of the residuals at a point of the search."""
         own = [self.values_of(vector, record) for record in range(len(self.records))]
         ahead = tuple(one.get("tau_n", 0.0) - one.get("tau_prop", 0.0) for one in own) if self.gauge else ()
         found = super(EquationLikelihood, replace(self, ahead=ahead)).with_noise(vector)
         outputs = self.records[0].outputs
         responses = map(self._dampened, self.records, found.responses, own)
         found = replace(found, responses=tuple(responses))
-        # At the brake a set point tells the whole engine's side.
+        # A torque at the brake and a set point determine the engine's side without moving water.
         if not self.gauge or self.open_loop or set(outputs) != {"dn", "dM"}:
             return found
         left, _ = found._left(found.residuals(vector))
@@ -509,7 +509,7 @@ class EquationLikelihood(Likelihood):
         return response * np.hypot(1.0, dampened / np.maximum(self.accuracy[:, None], 1e-12))
 
     def own_total(self, vector: Array) -> float:
-        """Deviance under the likelihood's noise, with its log determinant; water counts beyond its expectation."""
+        """Deviance and log determinant under the likelihood's noise; the expected deviance of moving water is subtracted."""
         return super().own_total(vector) - sum(2 * len(water.s) for water in self.waters if water is not None)
 
 

@@ -77,7 +77,7 @@ class Estimate(Hinted):
 
 
 UNKNOWN = 0.9
-"""Share of the range between its bounds, logarithmic if both are positive, from which on an interval determines nothing."""
+"""Share of the range between the bounds (logarithmic if both are positive) from which an interval says nothing."""
 
 
 def unidentifiable(reason: str, unit: str) -> Estimate:
@@ -120,7 +120,7 @@ SMALL: Mapping[str, float] = {"s": 0.05, "-": 0.5, "1/s": 0.5}
 
 
 def roughness(estimate: Estimate) -> float:
-    """Return half the interval over the value, or over what is small for a ship; 0 without an interval."""
+    """Return half the interval over the value, or over a small value of the unit if larger; 0 without an interval."""
     if estimate.value is None or estimate.ci95 is None:
         return 0.0
     size = max(abs(estimate.value), SMALL.get(estimate.unit, 0.0), 1e-300)
@@ -193,7 +193,7 @@ def rounded_rows(
 def decimals(std: float | None) -> int | None:
     """Digits after the decimal point that leave two significant digits of a standard deviation; None without one.
 
-    Negative for digits before the point.
+    The result is negative if digits before the point must be rounded.
     """
     if not std or not math.isfinite(std):
         return None

@@ -84,7 +84,7 @@ class Fingerprint(FingerprintTables, FingerprintSimulation):
     """
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the JSON form, the contract of `fingerprint.json`; `sentences` has the parts of its texts."""
+        """Return the JSON form, the contract of `fingerprint.json`; `sentences` has template and values of each text."""
         content = {"format": FORMAT, **finite({name: getattr(self, name) for name in IN_FILE})}
         return {**content, "sentences": parts_of(content)}
 
@@ -169,7 +169,7 @@ def versions() -> dict[str, str]:
 
 
 def search_settings(fit: Minima, optimum: Mapping[str, float]) -> dict[str, Any]:
-    """Return the settings of a fingerprint that a search leads to; `optimum` are the parameters of the best minimum."""
+    """Return the settings that a fingerprint has from a search; `optimum` are the parameters of the best minimum."""
     c, above = fit.likelihood.coordinates, fit.total - fit.best.cost
     minima = [
         {

@@ -27,7 +27,7 @@ from shipfp_rs.support.validation import Ends, Figure, Flag, Number, Shape, Text
 ALARM = 0.01
 """False alarm probability of each residual test, over all outputs."""
 WHOLE, LAWLESS = 0.8, 0.5
-"""Least share of a shaft's torque that is all of it, and largest exponent of what is left of the load's law beside it."""
+"""Least share of a shaft's torque that counts as all torque; largest exponent of the rest of the load's law beside it."""
 open_table = with_config(ConfigDict(extra="allow"))
 
 

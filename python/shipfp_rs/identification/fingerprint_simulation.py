@@ -134,7 +134,7 @@ class FingerprintSimulation(Content):
     def to_ss(self, *, order: Count = 3, structure: Structure | None = None) -> Any:
         """Return the model linearised about the operating point, as a python-control state space with named signals.
 
-        Delays below 1 ms are omitted, which its name says.
+        Delays below 1 ms are omitted; the name of the system says so.
 
         Parameters
         ----------

@@ -186,7 +186,7 @@ def beside_the_whole(fingerprint: FingerprintTables) -> Iterator[tuple[Row, Row]
 
 
 def agreement(fingerprint: FingerprintTables) -> Sentence:
-    """Say whether the load's side alone and the whole model agree, as determined by `sides.undescribed`."""
+    """Sentence on whether the fit of the load alone and that of the whole ship agree, as judged by `sides.undescribed`."""
     if fingerprint.engine_described:
         return Sentence("Both agree within their errors.")
     return Sentence(

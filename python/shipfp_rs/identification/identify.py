@@ -1,4 +1,4 @@
-"""`identify`: experiments and a structure to a fingerprint."""
+"""`identify`: estimates a fingerprint from experiments and a structure."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def identify(
     time_limit_s: Positive | None = None,
     vessel: str | None = None,
 ) -> Fingerprint:
-    """Fit a structure to experiments and frequency responses, jointly, and say what they can tell.
+    """Fit a structure to experiments and frequency responses, jointly, and report which parameters they determine.
 
     Parameters
     ----------

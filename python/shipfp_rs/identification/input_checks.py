@@ -20,8 +20,8 @@ LEAST_CORRELATION = 0.3
 LONGEST_DELAY_S = 5.0
 """Longest tested delay of the speed behind its set point [s]."""
 EARLY_S, CLEARLY, BY_CHANCE = 0.15, 0.03, 3.0
-"""Criteria for a speed that moves before its set point: by more than the first [s], with a correlation of the slopes above
-that at any other delay by the second plus the third times the standard deviation by chance."""
+"""A speed moves before its set point if it leads by more than `EARLY_S`, and if the correlation of the slopes at this lead
+exceeds that at any other delay by `CLEARLY` plus `BY_CHANCE` standard deviations of chance."""
 SAME_SPEED, SAME_RACK = 5e-3, 1e-4
 """Least difference, relative to the swing, of a speed from its set point, and of a rack from a torque. Below
 it the two are one channel: no governor is that fast, and no rack has exactly the torque's noise."""
@@ -32,7 +32,7 @@ STILL = 1e-7
 SLOW_HZ = 1.0
 """Upper limit of the band in which channels are compared [Hz]."""
 SAMPLES_A_PERIOD = 8.0
-"""Samples per period of that limit; more samples do not improve a correlation."""
+"""Samples per period of `SLOW_HZ`; more samples do not improve a correlation."""
 LEAST_AGREEMENT = 0.5
 """Least negative correlation at which a torque counts as opposite to the load."""
 LEAST_OWN = 0.2

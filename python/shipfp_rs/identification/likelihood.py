@@ -301,7 +301,7 @@ class Likelihood:
         return replace(self, roots=roots, responses=responses)
 
     def near(self, vector: Array) -> Self:
-        """Return the likelihood with costly derivatives frozen at a point of the search; itself where none are."""
+        """Return the likelihood with costly derivatives frozen at a point of the search; if there are none, unchanged."""
         del vector
         return self
 
@@ -310,7 +310,7 @@ class Likelihood:
         return self.with_noise(vector)
 
     def resettled_at(self, vector: Array) -> Self:
-        """Return the likelihood settled at a new point, without what hardly depends on the point."""
+        """Return the likelihood settled at a nearby point; subclasses keep what hardly depends on the point."""
         return self.settled_at(vector)
 
     def _noise(self, residuals: Sequence[Numbers], unsure: Sequence[Numbers | float]) -> tuple[Numbers, ...]:

@@ -214,7 +214,7 @@ class LimitedLikelihood(EquationLikelihood):
     def prior_rows(
         self, vector: Array, values: Mapping[str, float] | None = None, jacobian: Array | None = None
     ) -> Array:
-        """Rows of the priors, and a row that corrects the noise's determinant for the time in which a clamp is active."""
+        """Rows of the priors, and a row that corrects the determinant of the noise for the time in which a clamp acts."""
         rows = super().prior_rows(vector, values, jacobian)
         if not any(one.held for one in self.governed):
             return rows
@@ -230,7 +230,7 @@ class LimitedLikelihood(EquationLikelihood):
         """Root of the deviance that is added because the loop is open while a clamp is active.
 
         The inverse of the closed loop maps noise of the equations to noise of the outputs. While a clamp is active the loop
-        is open, and the determinant of what moves the ship is larger by the return difference.
+        is open, and the determinant of the ship's disturbances is larger by the return difference.
         """
         found = 0.0
         for index, (record, one) in enumerate(zip(self.records, self.governed, strict=True)):

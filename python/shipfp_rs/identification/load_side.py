@@ -1,17 +1,12 @@
-"""The load's side alone: p and the inertia behind the torque sensor from speed and torque, whatever the governor does.
+"""The load alone: p and the inertia behind the torque sensor from speed and torque, without a model of the governor.
 
     M = N^p + c_2 (N - 1)^2 + t2 dN/dt, late by T_M, over the operating point
 
-Speed carries noise, and the torque disturbance by moving water affects speed and torque together, so that least squares are
-biased. Neither noise nor disturbance affects the part of the speed that a few fixed lags of the set point, or of a measured
-load, explain. This part is the instrument of
-two-stage least squares (Söderström and Stoica 1983). No governor, limit or actuator is modelled, so none can be wrong.
-
-The load's equation by two-stage least squares: spectra of speed and torque, instruments from set point and load.
-
-Lag filters of the inputs explain the speed. The explained speed is the instrument for the load's law, whose noise is
-coloured. Smooth errors of the torque's response are unknowns with a prior (Kennedy and O'Hagan 2001,
-doi:10.1111/1467-9868.00294).
+Least squares are biased, since the speed has noise, and since moving water disturbs speed and torque together. The part of
+the speed that a few fixed lags of the set point, or of a measured load, explain is free of noise and disturbance. This part
+is the instrument of two-stage least squares (Söderström and Stoica 1983) with coloured noise, on spectra of speed and
+torque. Since no governor, limit or actuator is modelled, errors of such models do not matter. Smooth errors of the torque's
+response are unknowns with a prior (Kennedy and O'Hagan 2001, doi:10.1111/1467-9868.00294).
 """
 
 from __future__ import annotations
@@ -356,11 +351,11 @@ class LoadRecord:
 
 @dataclass(frozen=True, eq=False)
 class LoadSide:
-    """The load's law and the inertia behind the torque's place; see `load_side`.
+    """The load's law and the inertia behind the torque sensor; see `load_side`.
 
     `parameters` has p, c_2, T_M, "tau_prop" behind a gauge or "tau_n" at the brake, "k_L" with a measured load, and
     "torque scale" where there is one experiment. `covariance` (P, P) is in their order. `si` is the inertia in kg m2, with
-    the place it is seen from.
+    its reference shaft.
     """
 
     torque: Torque
@@ -418,7 +413,7 @@ def load_side(
     Raises
     ------
     InputError
-        If speed or torque was not measured, a channel can't be what it is called, or nothing excites the ship.
+        If speed or torque was not measured, a channel does not fit its name, or nothing excites the ship.
 
     Notes
     -----

@@ -1,4 +1,4 @@
-"""What moving water tells about the engine's side: the ratio of torque to speed in the residuals.
+"""Information on the engine's side from moving water: the ratio of torque to speed in the residuals.
 
 Wake and waves load the propeller alone. In the motion that they cause, the ratio of torque to speed is the response of
 drive and governor, -((tau_n - tau_prop) s - g + L) behind a gauge, of which a set point determines only ratios to the
@@ -32,7 +32,7 @@ class Water:
     s
         Centres of the bands, (B,) [rad/s].
     model
-        The model's ratio there at the point of measurement, (B,).
+        Ratio of torque to speed of the model, at the parameters for which the residuals were computed, (B,).
     ratio
         Measured over modelled ratio, (B,).
     root
@@ -59,10 +59,10 @@ def water_of(
     accuracy: float,
     late_s: float,
 ) -> Water | None:
-    """Return what residuals of speed and torque (F,) tell, for a model's ratio (F,); None where no band tells.
+    """Return the ratios of torque to speed in residuals (F,), for a model's ratio (F,); None if no band is informative.
 
-    `load` is the torque over the speed (F,) that the load's law gives. What disturbs the engine, or is wrong about the
-    governor, moves torque and speed by this law, in the same direction; what disturbs the load moves them in opposite
+    `load` is the ratio of torque to speed (F,) by the load's law. Disturbances of the engine, and errors of the governor's
+    model, move torque and speed in the same direction, by this law; disturbances of the load move them in opposite
     directions. `accuracy` and `late_s` are the standard deviations of the ratio's systematic errors, and of a delay
     between both channels that the model lacks.
     """

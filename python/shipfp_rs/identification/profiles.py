@@ -135,7 +135,7 @@ class Profiles:
         least: float = ROUNDING,
         still: npt.NDArray[np.bool_] | None = None,
     ) -> Array:
-        """Covariance about a point, shape (P, P). Entries on bounds are held, unless `moving` or drawn inside by the data.
+        """Covariance about a point, shape (P, P). Entries on bounds are held, unless `moving` or moved inwards by the data.
 
         Relative curvatures below `least` count as `least`; entries that are `still` are held, too.
         """
@@ -202,7 +202,7 @@ class Profiles:
         scale, way = float(np.sqrt(spread)), self._way(basin, figure, along)
         far, inside = self._farthest(figure, side, value)
         x, reached, over = inside.vector, side * (far - value), np.inf
-        # Farthest distance inside the interval, and the root of the deviance's rise there, nearly linear from there on.
+        # Farthest distance inside the interval, and the root of the deviance's rise there; further out it is nearly linear.
         known, root = 0.0, 0.0
         found = self._products(basin)
         scale = min(scale, _scale_uphill(max(-2.0 * side * float(found.downhill @ way), 0.0), spread))

@@ -78,7 +78,7 @@ REACH = 4.0
 
 
 def within_reach(bounds: tuple[float, float], prior: tuple[float, float] | None) -> tuple[float, float]:
-    """Return search bounds within reach of a prior: beyond, a parameter would take over what the model lacks."""
+    """Return search bounds near a prior: beyond, a parameter would compensate for an effect that the model lacks."""
     if prior is None:
         return bounds
     return max(bounds[0], prior[0] - REACH * prior[1]), min(bounds[1], prior[0] + REACH * prior[1])
@@ -110,7 +110,7 @@ TRIED: Mapping[str, tuple[str, ...]] = {
 
 @dataclass(frozen=True)
 class Question:
-    """What a fit is to answer: its data, compared outputs, searched parameters and tried elements.
+    """The task of a fit: data, compared outputs, searched parameters and tried elements.
 
     Parameters
     ----------
@@ -293,7 +293,7 @@ def question_of(
     always = ["tau_n", "g", *beside, "vK_p", "vK_i", "p", *(["tau_prop"] if gauge else [])]
     elements.setdefault("late_brake", BRAKE in outputs)
     if "dM" not in outputs:
-        # Only speed and torque together show when a torque channel is late, and a shaft that twists.
+        # Only speed and torque together reveal a late torque channel or a flexible shaft.
         elements |= {"late_torque": False, "twist": False}
         # The speed alone determines ratios to the inertia; with a measured load it determines the inertia.
         known = {"tau_n": 1.0, "p": 2.0, **known} if not loaded else {"k_L": 1.0, **known}
@@ -301,13 +301,13 @@ def question_of(
     if loaded:
         elements["load"] = True
         if not set_point_moves(experiments):
-            # Torque over speed alone has one dead time.
+            # The ratio of torque to speed depends on a single dead time only.
             elements = {"dead_time_set_point": False} | elements
     for name, element in ELEMENTS.items():
         if elements.get(name, element.always):
             always += [one.name for one in element.parameters if one.name not in always and one.name != "T_0"]
     if known.get("T_d") == 0.0:
-        known.setdefault("T_s", 0.0)  # there is no delay to share
+        known.setdefault("T_s", 0.0)  # the sampling period is part of the dead time
     if known.get("tau_twist") == 0.0:
         always = [name for name in always if name != "zeta_twist"]
     elif "tau_twist" in always and "tau_prop" not in always:

@@ -53,8 +53,8 @@ def white_floor(power: Array) -> float:
 def excitation(values: Array, rate_hz: float, most_hz: float) -> tuple[Array, float]:
     """Return an input without its white noise, and its bandwidth [Hz].
 
-    The bandwidth has `EXCITED` of the power times frequency, and is `most_hz` at most. The model answers the noise of a
-    measured input, but the ship does not: it never received it. White noise as strong as an excitation is one.
+    The bandwidth has `EXCITED` of the power times frequency, and is `most_hz` at most. The noise of a
+    measured input moves the model but not the ship. White noise of the strength of an excitation counts as an excitation.
     """
     if not len(values):
         return values, 0.0
@@ -76,13 +76,13 @@ def excitation(values: Array, rate_hz: float, most_hz: float) -> tuple[Array, fl
 
 
 NUGGET = 1e-4
-"""Share of the variance that no neighbouring sample predicts."""
+"""Share of the variance that cannot be predicted from neighbouring samples."""
 
 
 def kriged(values: Array, gaps: npt.NDArray[np.bool_], reach: int) -> Array:
     """Return signals (O, N) with the samples in gaps (O, N) replaced by their best linear estimate.
 
-    The estimate uses `reach` samples of all signals on either side. Far inside a gap in all signals it is the mean.
+    The estimate uses `reach` samples of all signals on either side. Far inside a gap of all signals it equals the mean.
 
     Notes
     -----

@@ -1,7 +1,7 @@
 """A ramp on the set point: a drive or governor that lets its set point rise and fall at a limited rate only.
 
-The limit acts on a known signal before everything else, so that a ship behind it is smooth: for each rate, the record has
-another set point. The rate alone is searched outside the descents.
+The ramp acts on the recorded set point, before the loop: for a given rate, the limited set point is known, and the rest of
+the ship has no limit. The rate is searched on a grid, the other parameters by descents.
 """
 
 from __future__ import annotations
@@ -19,23 +19,23 @@ from shipfp_rs.structures.ship import rate_limited
 from shipfp_rs.support.arrays import Array
 
 STEEPEST, GRID = 0.97, 14
-"""Highest tried rate, as a quantile of the set point's slopes, and number of tried rates."""
+"""Highest tried rate, as a quantile of the set point's slopes, and the number of tried rates."""
 ROUNDS, STEPS = 2, 12
-"""Descents of each rate, each under the noise of the last, and their most steps."""
+"""Number of descents for each rate, each with the noise of the previous one, and the most steps of a descent."""
 REFINED, NEAR = 8, (0.97, 1.0, 1.03)
-"""Number of rates by which the best one is refined, and rates that are tried again about it."""
+"""Number of further rates near the best rate, and factors on the best rate for repeated descents."""
 APART = 0.01
-"""Difference of the set points with and without a ramp from which it acts, over the set point's swing."""
+"""Difference of the set points with and without a ramp, over the set point's swing, from which the ramp acts."""
 
 
 Search = Callable[[Question], ShipFit]
-"""Maps a question to the fit of the smooth ship."""
+"""Maps a question to the fit of the ship without limits."""
 
 
 def with_set_rate(fit: ShipFit, search: Search, until: float | None, *, surely: bool = False) -> ShipFit:
     """Return the fit with a ramp on the set point, if the ramp makes it likelier; `surely`: in any case.
 
-    A fit without the ramp is misled by it, so that the ship is searched again behind the ramp first found.
+    The ramp biases a fit without a ramp. The ship is therefore fitted again with the rate that is found first.
     """
     records = fit.likelihood.records
     slopes = np.concatenate([np.abs(np.diff(one.set_point)) * one.data_hz for one in records])

@@ -41,7 +41,7 @@ def fit_ship(
     time_limit_s: float | None = None,
     side: LoadSide | None = None,
 ) -> ShipFit:
-    """Search the ship that best explains the data; `side` is the load identified from its side alone, if any.
+    """Search the ship that best explains the data; `side` is the result of `load_side`, if any.
 
     For a given structure the search also starts from its declared start and `starts` - 1 random ones.
 
@@ -119,7 +119,7 @@ def smooth_ship(
 
 
 def _exchanged(likelihood: EquationLikelihood, vector: Array) -> list[Array]:
-    """Return the point with the lags of actuator and engine exchanged: a weak slope hardly tells them apart."""
+    """Return the point with the lags of actuator and engine exchanged, which differ little if the slope is weak."""
     names = likelihood.coordinates.names
     if not {"tau_act", "tau_eng"} <= set(names):
         return []

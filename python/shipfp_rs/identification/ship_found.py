@@ -31,9 +31,9 @@ DEFAULTS: Mapping[str, float] = {one.name: one.start for one in QUANTITIES.value
 class ShipFit(Minima):
     """The result of the search of a ship.
 
-    `gains` is the decrease of the deviance for each tried element; `elements` are those that act. `scores` are the
-    engine-side effects that the model lacks, by kind. `side` is the load identified by `load_side`, without engine and
-    governor. `ramp` is the interval of the set point's rate, if limited.
+    `gains` is the decrease of the deviance by each tried element; `elements` names the tried elements that act. `scores` has
+    a test result for each kind of engine-side effect that the model lacks. `side` is the result of `load_side`, without
+    engine and governor. `ramp` is the interval of the set point's rate limit, if there is one.
     """
 
     likelihood: EquationLikelihood

@@ -22,8 +22,8 @@ from shipfp_rs.identification.ship_found import DISCREPANCY, ShipFit
 from shipfp_rs.support.sentences import Sentence
 
 APART = 3.5
-"""Distance of a parameter from its prior's mean, in its standard deviations, that no ship has; chance exceeds it once in two
-thousand."""
+"""Distance from a prior's mean, in standard deviations, beyond which an estimate is implausible; chance exceeds it once in
+two thousand."""
 MOST_REMOVED = 0.5
 """Standard deviation of the torque that limits remove, over the torque's, above which no actuator's model is good enough:
 its errors of some per cent of that torque exceed the noise tenfold."""
@@ -43,7 +43,7 @@ KINDS: Mapping[str, Sentence] = {
 
 
 def undescribed(fit: ShipFit, misses_pct: Sequence[float], explained_pct: Sequence[float]) -> str | None:
-    """Return the kind, of `KINDS`, of a contradiction to the model's drive and governor; None if there is none."""
+    """Return the kind, of `KINDS`, of a contradiction to the model's drive and governor; None without a contradiction."""
     likelihood = fit.likelihood
     if isinstance(likelihood, LimitedLikelihood) and likelihood.removed_share(fit.best.vector) > MOST_REMOVED:
         return "limit"
@@ -57,7 +57,7 @@ def undescribed(fit: ShipFit, misses_pct: Sequence[float], explained_pct: Sequen
 
 
 def _contradicts_priors(fit: ShipFit) -> bool:
-    """Whether a parameter is far from what is known of every ship: it has taken over what the model lacks."""
+    """Whether a parameter is far from its prior: it then compensates for an effect that the model lacks."""
     values, known = fit.values, fit.likelihood.priors
     return any(
         abs((COMBINED[name](values)[0] if name in COMBINED else values[name]) - mean) > APART * deviation

@@ -51,7 +51,7 @@ FEW = 13
 LATE = {"dn": "T_n", "dM": "T_M", BRAKE: "T_B"}
 """Delay parameter of each output's sensor."""
 AFTER_JUMPS = ("T_d", "T_set", "tau_act", "tau_eng")
-"""Delays and lags between a jump of the set point and one of the torque."""
+"""Delays and lags between a jump of the set point and the jump of the torque."""
 AT_ONCE = 1e4
 """Frequency, over the sample rate, whose response equals the instantaneous response to a step."""
 SLOW_PACE, QUICK_PACE = 5.0, 16.0
@@ -135,7 +135,7 @@ class Spectra:
         load
             Whether the experiment's load torque drives the ship, too.
         between
-            Course of the set point between samples; None: band-limited if processing low-passed it, else as recorded.
+            Course of the set point between samples; None: band-limited if the set point was low-passed, else as recorded.
         wide
             Whether the band reaches the highest excited frequency, as needed for a user's structure of unknown bandwidth.
 

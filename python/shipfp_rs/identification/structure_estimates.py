@@ -360,7 +360,7 @@ def of_structure(fit: StructureFit, options: Options, *, vessel: str | None = No
     }
     overall = _overall(fit, found)
     overall |= structure_test({output: test.figures() for output, test in tests.items()})
-    # In closed form the misfit is that of a ship whose structure is found; else residuals test the structure.
+    # In closed form, the misfit is that of the ship, whose structure is selected; else residuals test the structure.
     closed = isinstance(fit.likelihood, EquationLikelihood) and not fit.likelihood.white
     samples = next((test.samples for test in tests.values()), 1)
     missed = misses_pct(fit.likelihood, fit.best.vector) if closed else []

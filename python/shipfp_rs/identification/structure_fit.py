@@ -38,7 +38,7 @@ LOGGER = logging.getLogger("shipfp_rs")
 
 ROUNDS, STILL = 200, 1e-3
 """Most descents, each with the noise estimated at the previous minimum, and the squared step, in standard deviations, below
-which they stop. True noise converges in few; the misfit of a model to simulated data may take a hundred."""
+which they stop. A few descents suffice for noise; the misfit of a model to simulated data may take a hundred."""
 UNMOVED = 3e-7
 """Largest step of a search vector's entries below which the descents stop, too: without noise the deviations go to zero."""
 STEPS, SETTLED, LAST = 100, 1e-4, 1e-9
@@ -63,7 +63,7 @@ Fitted = StructureLikelihood | EquationLikelihood
 class StructureFit(Minima):
     """The result of the search of a given structure; `records` are its data.
 
-    `settled` is the total deviance of the best minimum where the search estimated the noise until it settled.
+    `settled` is the total deviance of the best minimum, if the noise was estimated again until the minimum did not move.
     """
 
     likelihood: Fitted

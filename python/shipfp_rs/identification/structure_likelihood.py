@@ -258,8 +258,8 @@ def _in_time(data: Experiment, structure: Structure, noise: str | None, *, at_re
     if noise != "white":
         return banded(samples) if samples.valid.any() else samples
     ship = TwoEquations.of(structure, ())
-    # Simulated data that start at rest are exact only in time, and a taper removes much of a short record. A linear ship is
-    # exact in time, too, and as fast.
+    # The time domain is exact for simulated data from rest and for linear ships, and needs no taper, which would remove much
+    # of a short record. Linear ships are as fast in it as by spectra.
     short = data.duration < SHORTEST_S
     if ship is None or ship.is_linear or at_rest or short or not samples.valid.any():
         return samples

@@ -61,7 +61,7 @@ class Case:
 
     @property
     def is_whole(self) -> bool:
-        """Whether the whole model is judged, not the load's side by itself."""
+        """Whether the whole model is judged, not only the load."""
         return self.kind is None or not self.fingerprint.load_side
 
     @property
@@ -274,7 +274,7 @@ RULES: tuple[Rule, ...] = (
         Sentence("Usable for simulation, control tuning and comparison: the data determine every parameter."),
     ),
 )
-"""State, reason where nothing is usable, predicate and sentence: the first rule whose predicate holds decides."""
+"""Rules: state, reason if nothing is usable, predicate, sentence. The first rule whose predicate is true decides."""
 
 
 def usability(case: Case) -> Usability:

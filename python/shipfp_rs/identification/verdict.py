@@ -1,4 +1,4 @@
-"""States of a ship's elements, and plain sentences on what a fingerprint can be used for and what the data do not tell."""
+"""States of a ship's elements, and plain sentences on the uses of a fingerprint and on what the data do not determine."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ STATES: Mapping[str, str] = {
 }
 """Sentence that lists the elements in each state."""
 UNDECIDED = 6.0
-"""Decrease of the deviance from which a searched element may act; chance gives it once in 20 with two parameters."""
+"""Decrease of the deviance from which a searched element may act; with two parameters, chance causes it once in 20 times."""
 
 
 def with_verdict(
@@ -280,7 +280,7 @@ def element_rows(fit: ShipFit, parameters: Mapping[str, Estimate]) -> dict[str, 
         gain = fit.gains.get(name, np.inf)
         acts = told is not None and told.status != "unidentifiable" and gain > BELIEVED
         if acts or name in fit.question.tried:
-            # The decrease by a limit changes once others act.
+            # The decrease of the deviance by one limit changes once other limits act.
             gain = fit.scores[name].fall if name in fit.scores and name not in fit.elements else gain
             undecided = np.isfinite(gain) and gain > (UNDECIDED if name in fit.elements else BELIEVED)
             state = "on" if acts else "open" if undecided else "off"
@@ -348,7 +348,7 @@ def _no_torque(fingerprint: Fingerprint) -> list[Sentence]:
 
 
 def _clear_of(limit: Mapping[str, float]) -> Sentence:
-    """Say what a limit removes, and the amplitude that stays clear of it."""
+    """Sentence on the torque that a limit removes, and on the amplitude at which the limit does not act."""
     level = "rate" if "rate" in limit else "M_max"
     return Sentence(
         "A limit of {name} at about {level} acts {share} % of the time and removes {removed} % of what the torque moves; "

@@ -1,7 +1,7 @@
-"""The whole ship behind a torque meter: where a measured load is all the torque of a shaft, a fit ends at its meter.
+"""The whole ship when a torque meter's torque is the measured load: the fitted model then ends at the meter.
 
-The set point moves what lies behind the meter, too. Its law and inertia follow from speed and the meter's torque alone
-(`load_side`), and both sides together are the ship.
+The set point moves the load behind the meter, too. The law and inertia of this load follow from speed and torque alone
+(`load_side`). Both sides together are the ship.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from shipfp_rs.support.sentences import Sentence, joined
 
 
 def with_far_side(fingerprint: Fingerprint) -> Fingerprint:
-    """Return the fingerprint with what its experiments tell of the load behind the meter, if its model ends there."""
+    """Return the fingerprint with the load behind the meter, from the same experiments, if the model ends at the meter."""
     experiments = fingerprint.experiments
     if not fingerprint.ends_at_meter or not fingerprint.engine_described or not set_point_moves(experiments):
         return fingerprint

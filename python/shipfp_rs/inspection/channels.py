@@ -231,7 +231,7 @@ def _described(log: Log, name: str, stopped: threading.Event) -> ChannelReport:
             low, high = min(low, float(present.min())), max(high, float(present.max()))
             noises.append(_noise(present[: 1 << 17].astype(np.float64)))
     given = named(channel)
-    # The ripple of a torque, with spikes of one height, looks like a train; a unit of speed or power tells another quantity.
+    # The ripple of a torque, with spikes of one height, looks like a train; a unit of speed or power excludes a train.
     other = "torque" in given.tells and "pulses" not in given.tells
     other |= not given.is_open and given.quantity not in (None, "other")
     pulses = None if other else pulse_rate(rows)

@@ -39,7 +39,7 @@ class Channel:
         Time of the first sample on the log's clock [s].
     resolution
         Step between adjacent values, in `unit`, for instance one bit of a bus signal; 0 if unknown. The variance of the
-        rounding error is its square over twelve.
+        rounding error is the squared step over twelve.
     """
 
     name: str

@@ -25,7 +25,7 @@ from shipfp_rs.support.sentences import Sentence
 Rows = npt.NDArray[np.int64]
 
 UNEVEN_TICKS = 0.01
-"""Ticks (clock steps) count as equal where all are multiples of the shortest one, to within this fraction of it."""
+"""Ticks (clock steps) count as equal if all are multiples of the shortest tick, within this fraction of the shortest."""
 USUAL = 0.9
 """Least fraction of ticks with the same number of rows, for rows to count as missing in ticks with fewer rows."""
 WITHIN = 1.05
@@ -83,7 +83,7 @@ def _through(times: Array, rises: Rows, tick: float, slips: Sequence[_Slip]) -> 
         for digits in range(1, 13)
         if abs((rounded := float(f"{1.0 / period:.{digits}g}")) * period - 1.0) <= known
     )
-    # The first row of each tick follows the change of the clock by less than a row. Quantile 0.9: a tenth may be early.
+    # The first row of a tick is less than one sample interval after the clock's change. Quantile 0.9: a tenth may be early.
     behind = times[rises] - rises / rate
     levels = [
         float(np.quantile(behind[first : stop + 1], 0.9, method="higher"))

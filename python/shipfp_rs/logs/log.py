@@ -205,7 +205,7 @@ class Log(hints.Hinted):
         self._blocks = whole(name, self.channels, blocks)
 
     def counted(self, fault: Fault) -> Channel | None:
-        """Channel in whose samples the spans of a fault of the file are; None if the file does not tell."""
+        """Channel whose samples the spans of a file's fault count; None if the log has no such channel."""
         return self.channels.get(fault.of or fault.channel)
 
     def faults_under(self, names: Mapping[str, str]) -> list[Fault]:

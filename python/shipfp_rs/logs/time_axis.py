@@ -202,7 +202,7 @@ def _once(path: Path | str, column: str, times: Array, kept: Mask, changes: bool
         return read
 
     at = np.round((times[~kept] - axis.start_s) * axis.rate_hz).astype(np.int64)
-    at = np.maximum(at, np.cumsum(kept)[~kept] - 1)  # a coarse clock tells only the tick
+    at = np.maximum(at, np.cumsum(kept)[~kept] - 1)  # a coarse clock determines only the tick
     twice = joined([np.column_stack([at, at + 1])])
     fault = Fault("repeated", column, Sentence("copies left out"), twice, excluded=False)
     return replace(axis, faults=(fault, *axis.faults), on_grid=lambda blocks: axis.on_grid(once(blocks)))
@@ -386,7 +386,7 @@ def _on_lines(times: Array, values: Array, at: Array, half: float) -> Array:
 def _on_ramps(times: Array, values: Array, at: Array, step: float) -> Array:
     """Samples of a two-state channel with ramps over two grid steps, which preserve the times of its changes.
 
-    Of a doubled edge the first change counts if the state differs after the last, and none if not.
+    An edge may bounce. If the state differs after the last change of the edge, its first change counts, else none.
 
     Examples
     --------
@@ -404,7 +404,7 @@ def _on_ramps(times: Array, values: Array, at: Array, step: float) -> Array:
 
 
 def _edges(times: Array, values: Array, step: float) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
-    """First row of each edge, and its changes: several, far closer than a grid step, if the edge is doubled."""
+    """First row of each edge, and the edge's number of changes: several, far closer than a grid step, if it bounces."""
     rows = np.flatnonzero(values[1:] != values[:-1]) + 1
     first = np.flatnonzero(np.diff(times[rows], prepend=-np.inf) >= BOUNCE * step)
     return rows[first], np.diff(first, append=len(rows))

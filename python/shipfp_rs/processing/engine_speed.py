@@ -40,9 +40,9 @@ class _Level:
     ) -> _Level | None:
         """Compare with a counted speed [rpm] on a grid of `rate_hz`; None without common times.
 
-        The counted speed determines the scale, since a converter's gain is known only to about one per cent. Scatter
-        that exceeds both standard deviations increases that of the recorded speed, which gives a slow converter little
-        weight.
+        The counted speed determines the scale, since a converter's gain is known only to about one per cent. If the
+        difference scatters more than both standard deviations explain, that of the recorded speed is increased: a slow
+        converter has little weight.
         """
         if len(speed.time_s) < LEAST_INTERVALS:
             return None
@@ -121,7 +121,7 @@ class EngineSpeed:
                 )
 
     def _typical_rpm(self, train: PulseTrain) -> float:
-        """Median engine speed from a train [rpm]: the best train's median times their speed ratio over common times."""
+        """Median engine speed from a train [rpm]: the best train's median times the ratio of both speeds at common times."""
         own, best = self.speeds[train.name], self.speeds[self.train.name]
         typical = best.typical_rps() * self.train.rpm_per_rps
         ratio = (

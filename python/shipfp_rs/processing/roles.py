@@ -265,7 +265,7 @@ def set_points(given: Mapping[str, Named]) -> list[str]:
         and "measured" not in one.tells
         and (one.quantity == "speed" or (one.quantity is None and _may_ask(one)) or one.unit == "%")
     }
-    # A demand beside a feedback of its own, as PitchCommand beside PitchFeedback, asks for no speed.
+    # A demand with a feedback that is no speed, such as PitchCommand with PitchFeedback, is no speed demand.
     others = {
         _stem(name) for name, one in given.items() if "measured" in one.tells and one.quantity != "speed"
     }
@@ -275,7 +275,7 @@ def set_points(given: Mapping[str, Named]) -> list[str]:
 
 
 def _stem(name: str) -> str:
-    """Words of a name that tell neither demand nor measurement."""
+    """Words of a name without those that mean a demand or a measurement."""
     alone = re.findall(r"[^\W_]+", WORD_ENDS.sub(" ", name).casefold())
     return " ".join(word for word in alone if not _told_by(word) & {"wanted", "measured"})
 

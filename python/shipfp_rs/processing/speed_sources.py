@@ -214,7 +214,7 @@ class MarkedWheel(PulseTrain):
             np.diff(np.interp(gaps, ends, np.cumsum(column)))
             for column in (speed.turned_rev, speed.duration_s)
         )
-        # What is masked is told elsewhere.
+        # Masked stretches are reported elsewhere.
         counted = np.abs(lasted / np.diff(gaps) - 1.0) < 1e-3
         wrong = np.abs(turned - np.rint(turned)) * self.tacho.pulses_per_rev > 0.5
         return np.column_stack([gaps[:-1], gaps[1:]])[counted & wrong]

@@ -251,7 +251,7 @@ def _mean(
 
 
 def common_rate(levels_hz: Iterable[float], speeds_hz: Iterable[float]) -> float:
-    """Rate of the processing [Hz]: no faster than torque and rack, nor than the fastest speed; pulse trains are no limit."""
+    """Rate of the processing [Hz]: at most that of each torque and rack, and of the fastest recorded speed."""
     return min([Processing().rate_hz, max(speeds_hz, default=math.inf), *levels_hz])
 
 

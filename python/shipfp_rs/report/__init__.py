@@ -281,7 +281,7 @@ def _responses(responses: Responses, pictures: Pictures, say: Say) -> Iterable[s
 
 
 def _also(also: Also | None, pictures: Pictures, say: Say) -> Iterable[str]:
-    """Yield what another fit tells: its known figures, and its frequency responses."""
+    """Yield the results of another fit: known figures and frequency responses."""
     if also is None:
         return
     _, sentence, fingerprint, pairs = also

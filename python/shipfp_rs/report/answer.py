@@ -146,7 +146,7 @@ def next_steps(fingerprint: Fingerprint, say: Say) -> list[str]:
 
 
 def acting(fingerprint: Fingerprint, say: Say) -> list[str]:
-    """Elements that act, may act, or were not found, and whether a small one is missing.
+    """Sentences on the elements that act, that may act, and that were not found.
 
     Empty for an unusable fingerprint, whose elements are not those of the ship.
     """
@@ -229,7 +229,7 @@ def ship_rows(fingerprint: Fingerprint, say: Say) -> list[tuple[str, str, str, s
         inertia = name
         if row.name in ("tau_n", "tau_prop"):
             inertia = say("{inertia}, seen from the load shaft", inertia=short_name(row.name, say))
-        # The remark on an estimate at its interval's end is only made for the interval in SI units.
+        # That an estimate is at the end of its interval is remarked only beside the interval in SI units.
         none = may_be_zero(row, known[row.name])
         alone = told if none else interval(row, known[row.name], say, with_end=False)
         normalised = f"{say('normalised')}: {row.name} {value if none else f'= {value}'}"

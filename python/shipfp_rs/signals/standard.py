@@ -42,7 +42,7 @@ def standard(
         "chirp" (logarithmic), "steps" (each held for a fifth of the duration), "multisine" and "sines" (16 frequencies, the
         latter over two decades), "prbs" or "noise".
     duration_s
-        Length [s]; "prbs" rounds it down to whole periods of its sequence.
+        Length [s]; for "prbs" rounded down to whole periods of the binary sequence.
     amplitude_rpm
         Largest deviation [rpm of the engine]; for "noise" three times the root mean square.
     start_hz, stop_hz

@@ -26,7 +26,7 @@ class Quantity:
     loose
         Whether the prior is too wide to matter for most data.
     nuisance
-        Whether it is searched along, but told without an interval.
+        Whether it is estimated together with the ship's parameters, but reported without an interval.
     """
 
     name: str

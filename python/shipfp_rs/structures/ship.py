@@ -208,7 +208,7 @@ KIND = "commanded"
 ELEMENTS = ("dead_time_loop", "actuator_lag", "damping", "curvature", "late_torque", "load")
 """Elements of the ship that do not need a governor."""
 STEPPED_HZ = 50.0
-"""Natural frequency of a shaft above which a fit's simulations take it as stiff; each needs a step of its own length."""
+"""Natural frequency above which a fit simulates a shaft as stiff; each flexible shaft would need a different step."""
 MOST_TWISTED = 0.98
 """Largest share of the inertia on a flexible shaft's propeller side: a simulation needs inertia on both sides."""
 FEEDBACK = 1e-9
@@ -229,7 +229,7 @@ def stepper_parameters(values: Values, *, open_loop: bool = False) -> Array:
     """Return the stepper's parameters for a ship's values by name; `vK_p`, `vK_i` and `vK_d` are products of gain and v.
 
     Without a first instant T_0, a sampling governor acts by its mean effect. A shaft that swings faster than `STEPPED_HZ` is
-    stiff: what a fit simulates are gaps and the effect of limits.
+    simulated as stiff, since a fit simulates only gaps and the effect of limits.
     """
     v = values.get("v", 1.0)
     own = {name: value / v if name in ("vK_p", "vK_i", "vK_d") else value for name, value in values.items()}

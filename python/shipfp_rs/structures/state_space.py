@@ -20,8 +20,8 @@ from shipfp_rs.structures.transfer import TransferFunctions, commanded, driven
 from shipfp_rs.support.arrays import Array, ComplexArray, Names, Values
 
 STEP = 1e-30
-"""Complex step for derivatives. Its square vanishes in rounding, so an analytic computation propagates the derivative
-exactly.
+"""Step of complex-step derivatives. The square of the step is lost in rounding, so the derivative of an analytic function
+is exact.
 """
 WHOLE = 1e-9
 """Distance from a whole number of samples below which a dead time is rounded: 0.3 s at 100 Hz is 30 samples."""
@@ -183,7 +183,7 @@ def _exponential(matrices: npt.NDArray[Any]) -> npt.NDArray[Any]:
 
 
 LEAST_S = 1e-8
-"""Time constants and dead times [s] below this are none: their poles would be too fast for double precision."""
+"""Shorter time constants and dead times [s] count as zero: their poles would be too fast for double precision."""
 STATES, INPUTS = 64, 3
 Form = npt.NDArray[Any]
 """Signal as a linear combination: coefficients of `STATES` states, then of `INPUTS` inputs."""

@@ -1,4 +1,4 @@
-"""Parameters as linear functions of others: ties, combinations that data may determine, parameters that trials share."""
+"""Linear functions of parameters: ties, combinations that data may determine, parameters that several trials share."""
 
 from __future__ import annotations
 
@@ -124,7 +124,7 @@ class Behind(Equations):
 
     @property
     def linear_in(self) -> tuple[str, ...]:
-        """Unknowns of an experiment in which the outputs are linear."""
+        """Those unknowns of an experiment on which the outputs depend linearly."""
         return self.equations.linear_in
 
     @property
@@ -216,7 +216,7 @@ class JointEquations(Equations):
 
     @property
     def linear_in(self) -> tuple[str, ...]:
-        """Unknowns of an experiment in which the outputs are linear."""
+        """Those unknowns of an experiment on which the outputs depend linearly."""
         return next(iter(self.parts.values())).linear_in
 
     def stable(self, values: Values) -> bool:

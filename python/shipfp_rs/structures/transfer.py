@@ -115,7 +115,7 @@ class TransferFunctions:
     M_g* = (p + tau_prop s) n_s*. The shaft twists by n_e* = n_s* + Y M_g*, with
     Y = tau_twist s / (1 + zeta_twist tau_twist s) and tau_twist = M_s0 / (2 pi n_s0 k) for a stiffness k [Nm/rad].
     The governor acts on the engine's side, where (tau_n - tau_prop) s n_e* = M_b* - M_g*.
-    Without these elements: eq. 3.31 and 3.38.
+    Without optional elements these are eq. 3.31 and 3.38.
     """
 
     outputs: tuple[str, ...]

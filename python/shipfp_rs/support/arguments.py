@@ -77,7 +77,7 @@ def expect(holds: bool, key: str, found: object, expected: str) -> None:
 
 
 def shown(value: object) -> str:
-    """Python's text of a value, shortened to 60 characters; of a longer whole number, its digits are counted."""
+    """Python's text of a value, shortened to 60 characters; for a very long whole number, the number of its digits."""
     if isinstance(value, int) and value.bit_length() > 1000:  # Python refuses to print longer numbers
         return f"a whole number of {round(value.bit_length() * math.log10(2.0))} digits"
     text = repr(value)

@@ -35,7 +35,7 @@ def suggestion(word: str, known: Sequence[str]) -> str:
 
 
 def likely(value: float, low: float, high: float, slips: Sequence[Slip], unit: str = "") -> str:
-    """Text for the mistake whose correction brings `value` between `low` and `high`.
+    """Text on a likely mistake: the mistake whose correction brings `value` between `low` and `high`.
 
     Empty if no correction does, or if the value is already in this range.
 

@@ -26,11 +26,11 @@ WORDS: Mapping[str, str] = {
     "less_than_equal": "{le:g} or less",
     "greater_than": "more than {gt:g}",
 }
-"""Expectation by type of pydantic's error, with its limits; other errors say it themselves."""
+"""Expectation by type of pydantic's error, with its limits; the messages of other errors have it."""
 
 
 def wrong(expected: str, found: object = None, key: str = "") -> PydanticCustomError:
-    """Error to be raised by a validator; `key` and `found` are of a part of what it validates."""
+    """Error to be raised by a validator; `key` and `found` describe the wrong part of the value."""
     return PydanticCustomError("wrong", "{expected}", {"expected": expected, "key": key, "found": found})
 
 
@@ -86,7 +86,7 @@ def validated(made: type[Made]) -> type[Made]:
 
 
 def require(content: Any, shape: Any, key: str) -> None:
-    """Raise `InputError` unless content has a shape, such as a `TypedDict`; `key` leads to the content."""
+    """Raise `InputError` unless content has a shape, such as a `TypedDict`; the error names the `key`."""
     try:
         TypeAdapter(shape).validate_python(content)
     except ValidationError as error:

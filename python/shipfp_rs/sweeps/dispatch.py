@@ -55,7 +55,7 @@ def run_parts(plan: Plan, store: Store, pool: Pool, arrived: Callable[[pa.Record
                 if losses[part] < 2:
                     again.append(part)
                     continue
-                # A part that lost its worker twice: each draw alone, to find the one that kills it.
+                # If a part lost its worker twice, each draw is computed alone, to find the draw that kills the worker.
                 alone = [_alone(plan, pool, index) for index in store.draws_of(part)]
                 rows = pa.Table.from_batches(alone).combine_chunks().to_batches()[0]
             else:

@@ -377,7 +377,7 @@ _SECTIONS: Mapping[str, type[BaseModel]] = {
 
 
 def _keys_of(section: str) -> tuple[str, ...] | None:
-    """Keys of a table that a sweep may vary; None: any key, or an unknown table."""
+    """Keys of a table that a sweep may vary; None: the table has no fixed keys, or is unknown."""
     if section == "identify":
         return HOW  # other keys would change the columns of the results
     return tuple(_SECTIONS[section].model_fields) if section in _SECTIONS else None

@@ -212,7 +212,7 @@ class _Found:
         last: npt.NDArray[Any],
         samples: npt.NDArray[Any],
     ) -> None:
-        """Add the crossings of windows of these samples; `last` is the last window."""
+        """Add the crossings in windows of `samples`; `last` holds the samples of the last window."""
         *columns, levels, windows = crossed
         self.columns.append((columns[0], columns[1], columns[2], columns[3]))
         self._windows.append(windows)
@@ -252,7 +252,7 @@ class _Found:
 
 
 def _of_two_values(samples: npt.NDArray[Any]) -> bool:
-    """Whether samples are at one of two values or missing, but for two at each edge; the first ones tell most others."""
+    """Whether all samples but two at each edge are missing or have one of two values; the first samples mostly decide."""
     for part in (samples[:64], samples) if len(samples) else ():
         between = (part > np.fmin.reduce(part)) & (part < np.fmax.reduce(part))
         if (between[2:] & between[1:-1] & between[:-2]).any():

@@ -34,7 +34,7 @@ _TREND = 4
 """Intervals whose speeds define the trend, a straight line over time as under a constant torque."""
 _PART_OF_A_PULSE = 0.1
 _SAME_NEXT_TURN = 0.25
-"""Largest relative difference of a period and the one a turn apart in irregular rotation, such as of an engine cranked."""
+"""Largest relative difference of periods one turn apart in irregular rotation, as of an engine that is cranked."""
 _GENTLE, _SHARP, _OFTEN = 1.9, 2.2, 0.25
 """Largest ratio of successive periods in irregular rotation; a missed or extra pulse halves or doubles a period. The second
 where more than this fraction of a turn's periods are odd, which single pulses can't cause.
@@ -183,7 +183,7 @@ def _near_rest(track: Track, ratio: Array) -> Track:
     """Recount rows of long intervals from both sides up to the longest, as for a shaft that reverses."""
     edge = np.diff(np.concatenate([[False], track.count > 1, [False]]).astype(np.int8))
     runs = np.flatnonzero(edge).reshape(-1, 2)
-    # Only rows with a period that is not a multiple of the median: missed pulses would make it a multiple.
+    # Only in rows with a period that is no multiple of the median: missed pulses would cause a multiple.
     strange = np.append(0, np.cumsum(np.abs(ratio - track.count) > _PART_OF_A_PULSE))
     runs = runs[np.diff(strange[runs])[:, 0] > 0]
     parts, done = [], 0

@@ -120,7 +120,7 @@ class Document:
         return {"faults": faults, "left_out": [KINDS[kind] for kind in left_out]}
 
     def windows(self, driver: str, load: str | None = None) -> Background[tuple[str, list[FoundWindow]]]:
-        """Channel that moves, set point or load, and its windows, computed once."""
+        """Name of the exciting channel (set point or load) and the windows found in it; searched only once."""
         self.log().channel(driver)
         with self._lock:
             if (driver, load) not in self._windows:

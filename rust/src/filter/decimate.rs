@@ -26,7 +26,7 @@ pub struct Decimator {
     down: usize,
     /// Taps on each side of the middle one.
     half: usize,
-    /// Samples that later outputs need. Initially, copies of the first sample for a whole row of taps.
+    /// Samples that later outputs need. At the start, the first sample is repeated for a whole row of taps.
     held: Vec<f64>,
     /// Number of dropped samples.
     given_up: usize,

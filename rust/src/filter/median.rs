@@ -5,7 +5,7 @@
 //! Both blocks are linked lists in order of size. All samples of the second are removed in reverse order of time beforehand.
 //! As the window moves, the next sample of the first block is removed from its list, and the next sample of the second
 //! block is reinserted, which undoes its removal. Only sorting takes more than a constant number of steps per sample, and
-//! it stays in the cache.
+//! a block fits into the cache.
 //!
 
 use crate::error::{Result, require};

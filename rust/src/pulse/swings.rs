@@ -39,8 +39,8 @@ pub fn block_extremes<T: Sample>(samples: &[T], extremes: &mut Vec<(f64, f64)>) 
         let mut low = [T::MOST; LANES];
         let mut high = [T::LEAST; LANES];
         for row in block.as_chunks::<LANES>().0 {
-            // By index, since an iterator would keep the lanes in memory; both sides of `&` are evaluated, so that a select
-            // replaces the branch.
+            // An iterator would keep the lanes in memory, so the loop uses indices. `&` evaluates both of its sides, which
+            // compiles to a select instead of a branch.
             #[allow(clippy::needless_range_loop, clippy::needless_bitwise_bool)]
             for lane in 0..LANES {
                 let x = row[lane];

@@ -76,7 +76,7 @@ impl Timing {
     }
 }
 
-/// Standard deviation of the noise; for pulses with few samples it is measured away from the train's frequency.
+/// Standard deviation of the noise. For pulses of few samples, only the noise beside the train's frequency is measured.
 fn beside<T: Sample>(samples: &[T], first: u64, edges: &[Edge], noise: f64) -> f64 {
     if period(edges).is_none_or(|period| period > DENSE) {
         return noise;

@@ -18,7 +18,7 @@ use crate::stop::Stop;
 const HYSTERESIS: f64 = 0.4;
 /// Largest such share, for large noise; with a larger share, pulses with few samples would not reach the thresholds.
 const WIDEST: f64 = 0.6;
-/// Distance between the thresholds, in standard deviations of the noise, that noise alone does not span.
+/// Distance between the thresholds, in standard deviations of the noise, at which noise alone never crosses both.
 const BRIDGED: f64 = 8.4;
 /// Height of a pulse, in standard deviations of the noise, above which it can't be noise: `BRIDGED / WIDEST`.
 const LIMIT: f64 = 14.0;

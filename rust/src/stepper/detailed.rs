@@ -74,7 +74,7 @@ impl<const D: bool> Ship<'_, D> {
         self.choke();
     }
 
-    /// Predict the step's end from the present firings, if any.
+    /// Predict the state at the step's end from the torque of the present firings, if the ship has any.
     #[inline(always)]
     fn foresee(&mut self, ahead: &mut Ahead) {
         let Some(detail) = &mut self.detail else { return };

@@ -41,7 +41,7 @@ impl<const D: bool> Ship<'_, D> {
     }
 }
 
-/// Mean torque near a limit that noise exceeds now and then: highest - softness ln(1 + exp z) with z = (highest - torque)
+/// Mean torque near a limit that noise sometimes exceeds: highest - softness ln(1 + exp z) with z = (highest - torque)
 /// / softness.
 #[inline(always)]
 pub fn softly_within(torque: f64, highest: f64, softness: f64) -> (f64, i8) {

@@ -2,8 +2,8 @@
 
 use super::dual::Dual;
 
-/// Ratios of dead time to sample period. Up to the first, the ripple at the samples is computed from its phase. From the
-/// second on, the phase is unknown, and the ripple's mean over all phases is used, zero.
+/// Ratios of dead time to sample period. Below the first ratio, the phase of the ripple at the samples is known, and the
+/// ripple is computed. Above the second ratio, the phase is unknown, and the mean over all phases is used, which is zero.
 const KNOWN: [f64; 2] = [0.5, 1.0];
 
 /// Derivative gain of the governor that represents the rectangle rule of its integral, for a period of twice `held`. With

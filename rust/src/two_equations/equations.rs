@@ -330,9 +330,9 @@ fn written(values: &[f64; COUNT], [torque, rack, both]: [bool; 3], setup: Setup)
         equations.extend([engine, fed]);
     } else {
         // In moving water the engine's residual is far smaller than the load's, since the wake moves speed and torque
-        // together. Operators and the taper do not commute, so a multiple of the load's equation, times `cleared`, leaves
-        // its noise in the engine's. A set point can't tell this multiple. The engine's equation therefore always has the
-        // multiple that `t_1` says, whatever the parameters are, and its noise does not tell the multiple either.
+        // together. Operators and the taper do not commute, so a multiple of the load's equation, times `cleared`, adds the
+        // load's noise to the engine's equation. A set point does not determine this multiple. The engine's equation always
+        // has the multiple for the inertia `t_1`, whatever the parameters are, so that noise does not determine it either.
         if let Some(load) = equations.first().filter(|_| gauge && values[at::T_1] > 0.0) {
             let known = Dual::new(values[at::T_1]);
             let multiple = (ahead + known * -1.0) * (q(at::TAU_PROP) + known).inverse();
@@ -354,7 +354,7 @@ fn written(values: &[f64; COUNT], [torque, rack, both]: [bool; 3], setup: Setup)
 /// is flexible at the sample rate decouples the propeller's inertia.
 fn rippled(values: &[f64; COUNT]) -> Polynomial {
     let q = |place: usize| Dual::parameter(values, place);
-    // Both lags in series take more off the ripple than one of their sum, which is next to nothing either way.
+    // Two lags in series leave even less ripple than one lag of their sum, which already leaves almost none.
     let (lag, zero) = (q(at::TAU_ACT) + q(at::TAU_ENG), Dual::new(0.0));
     let rate = q(at::T_S).inverse() * std::f64::consts::TAU;
     let flexible = q(at::TAU_TWIST) * q(at::TAU_PROP) * rate * rate;

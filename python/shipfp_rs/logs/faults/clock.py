@@ -306,5 +306,5 @@ def without(segments: Sequence[Segment], rows: Spans) -> tuple[tuple[Segment, ..
                 row = stop
         kept.append(
             Segment(row, end - row, row + later)
-        )  # empty if the last rows are removed; keeps the length
+        )  # the last segment may be empty, so that the length stays
     return tuple(kept), np.array(hidden, dtype=np.int64).reshape(-1, 2)

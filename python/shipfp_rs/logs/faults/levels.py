@@ -22,7 +22,7 @@ ABOVE_SIDES = 4.0
 LEAST_BLOCKS = 3
 """Least number of successive blocks with hum. A jump of the signal looks like hum in one or two blocks."""
 BATCH = 64
-"""Blocks processed together. The number is fixed, since rounding depends on it and must not depend on the chunks fed."""
+"""Blocks processed together. A fixed number makes rounding errors independent of the length of the chunks."""
 NOTCH_S = 0.5
 """Window for the hum's amplitude and phase [s]. All other content within 4 Hz is removed, too."""
 
@@ -107,7 +107,7 @@ STEPS = 1.5
 """
 ROUGH = 0.7
 """Least ratio of the mean size of a noisy signal's second differences to that of its first differences: the ratio is 1.7
-for white noise, near 0 for a smooth signal; a single step hardly counts, as it would in a root mean square.
+for white noise, near 0 for a smooth signal; a single step has little effect on means, unlike on root mean squares.
 """
 ALONE = 0.25
 """A channel's maximum may be a spike, not a limit of the sensor, where its distance to the next highest block maximum

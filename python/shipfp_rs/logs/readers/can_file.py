@@ -22,7 +22,7 @@ CONSOLE = re.compile(
 )
 """A frame as candump prints it on a console."""
 BACK = 0.1
-"""Most times of a log, as a fraction, that are before the one above; more are times since the line above (candump -td)."""
+"""Share of lines with a time before the previous line's, above which all times are differences (candump -td)."""
 STAMP = re.compile(r"\s*(\d+\.\d+)(?=\s)")
 """Time of a line of Vector ASC."""
 

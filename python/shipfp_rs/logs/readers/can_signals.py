@@ -213,7 +213,7 @@ def _signal(signal: Any) -> Signal:
 def log_of_frames(path: Path, frames: Frames, names: str | None, zero: datetime | None = None) -> Log:
     """Signals of a bus as channels, each on an even grid at the rate of its message; the resolution is one bit.
 
-    A signal name shared by several buses, messages or senders gets those that tell it apart as a prefix.
+    A signal name shared by several buses, messages or senders is prefixed with those of them that make it unique.
     """
     messages = messages_of(path, names)
     if not len(frames.time_s):
@@ -244,7 +244,7 @@ def log_of_frames(path: Path, frames: Frames, names: str | None, zero: datetime 
 
 @dataclass(frozen=True)
 class Key:
-    """What tells a message apart: bus, message, source address, and destination of a group that has one; -1 without."""
+    """Key of a message: bus, message, source address, and the destination of a group that has one, else -1."""
 
     bus: str
     message: Message

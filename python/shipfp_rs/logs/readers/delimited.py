@@ -88,7 +88,7 @@ def open_delimited(path: Path, rate_hz: float | None, time: str | None = None) -
 
 
 def _named(layout: Layout) -> list[tuple[str, dict[str, Any]]]:
-    """Name with unit, and metadata, of each column; one of equal headings also names that whose quality it may tell."""
+    """Name with unit, and metadata, of each column; a repeated heading also refers to the column whose quality it may be."""
     began = {"start_s": layout.start_s} if layout.start_s else {}
     named: list[tuple[str, dict[str, Any]]] = [(heading, began) for heading in layout.headings]
     count = Counter(heading for heading in layout.headings if not (is_time(heading) or is_date(heading)))
@@ -205,7 +205,7 @@ class _Index:
 
 
 def _numbers(layout: Layout, cells: pa.ChunkedArray | pa.Array) -> tuple[pa.Array, list[str]]:
-    """Numbers in cells with thousands separators, units or a sign apart, and the cells that are none, which are null."""
+    """Numbers in cells with thousands separators, units or a detached sign (null if not a number), and the other cells."""
     coded = pc.utf8_trim_whitespace(cells).dictionary_encode()
     coded = coded.combine_chunks() if isinstance(coded, pa.ChunkedArray) else coded
     others, values = [], []

@@ -109,7 +109,7 @@ def find_long_table(path: Path, fields: Fields, plan: TimePlan, batches: Batches
 
 
 MOST_NUMBERS, MOST_NAMES = 4, 256
-"""Most columns of numbers in a long table (value, name, quality and row number), and most integers that are names."""
+"""Most numeric columns of a long table (value, name, quality, row number), and most different integers that are names."""
 
 
 def _name(key: str, cell: pa.Scalar) -> str:

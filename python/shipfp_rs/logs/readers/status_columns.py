@@ -37,10 +37,10 @@ def is_value(kind: pa.DataType) -> bool:
 
 
 def find_statuses(schema: Sequence[pa.Field], names: Mapping[str, str], batches: Batches) -> Statuses:
-    """Find the status column of each column of values; empty without.
+    """Find the status column of each column of values; empty if no column has one.
 
-    Its name is that of the values, or their tag, with one ending throughout the table, and its cells are a few words or
-    codes. Other words than those of OPC, and codes, need such columns beside most values; the usual one is then good.
+    A status column is named like its column of values, or like their tag, with the same ending throughout the table. Its
+    cells are a few words or codes. If they are not the words of OPC, most values need such a column; the usual cell is good.
     """
     plain = {field.name: name for name, key in names.items() for field in schema if field.name == key}
     kinds = {field.name: field.type for field in schema}

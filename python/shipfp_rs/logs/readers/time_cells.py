@@ -103,7 +103,7 @@ def is_time(name: str) -> bool:
 
 
 def timed_by(name: str) -> set[str]:
-    """Names of the channel that a column of times may belong to, in lower case: its own without a word for time.
+    """Names of the channels that a column of times may belong to, in lower case: the column's name without a word for time.
 
     Examples
     --------

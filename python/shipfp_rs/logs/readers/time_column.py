@@ -364,7 +364,7 @@ def _interleaved(
 ) -> list[TimePlan]:
     """Time plans of a table with groups of columns that each start with a time column; else an empty list.
 
-    Each is named after a column, or their names are alike, or their first rows rise at rates of their own.
+    Each time column is named after a column, or all have similar names, or their first rows rise at different rates.
     """
     keys = list(names.values())
     own = {column.key: column for column in columns}
