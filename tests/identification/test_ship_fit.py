@@ -47,7 +47,8 @@ def test_what_an_experiment_says_of_its_set_point_decides_half_a_sample_of_dead_
     late = LAUNCH.replace({"governor.set_point_dead_time_s": 0.05, "actuator.lag_s": 0.05})
     steps = fp.signals.steps([40.0, -60.0, 30.0, -30.0, 50.0], 10.0, lead_s=5.0, rate_hz=10.0)
     held = fp.simulate(late, replace(steps, hold="zero"), noise={"n_e": 0.1, "M_b": 0.2}, seed=2)
-    fit = smooth_ship(question_of([replace(held, hold=hold)], torque="brake", outputs=["dn", "dM"]))
+    recorded = replace(held, hold=hold, provenance={})
+    fit = smooth_ship(question_of([recorded], torque="brake", outputs=["dn", "dM"]))
     assert fit.values["T_set"] + fit.values["T_d"] == pytest.approx(late_s, abs=0.015)
 
 

@@ -134,7 +134,7 @@ def test_everything_that_starts_from_a_fingerprint_knows_its_ties(tmp_path):
     for name, figure in closed_loop(loaded).items():
         if figure.value is not None:
             assert figure.value == pytest.approx(apart[name].value, rel=1e-2)
-            assert figure.std <= 1.02 * apart[name].std
+            assert figure.std <= 1.1 * apart[name].std  # each fit estimates its own noise
     (profile,) = profile_likelihood(made, TIED, ["vK_p"])
     assert profile.kind == "bounded"
 

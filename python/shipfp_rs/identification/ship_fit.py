@@ -100,7 +100,11 @@ def smooth_ship(
 ) -> ShipFit:
     """Search the ship without the elements that are tried later; see `fit_ship`."""
     tell("first look at the smooth ship", 0.0)
-    undecided = any(one.hold == "first" and not one.is_low_passed for one in question.experiments)
+    # A simulation's set point is a straight line between its samples.
+    undecided = any(
+        one.hold == "first" and not one.is_low_passed and one.provenance.get("source") != "simulation"
+        for one in question.experiments
+    )
     between: Between | None = "band-limited" if undecided else None
     fit = first_look(question, between, starts=starts, seed=seed, until=until, side=side)
     tell("searching the smooth ship", 0.3)

@@ -50,8 +50,8 @@ FEW = 13
 """Number of frequencies at which images are computed and then interpolated: apart from a delay they vary slowly."""
 LATE = {"dn": "T_n", "dM": "T_M", BRAKE: "T_B"}
 """Delay parameter of each output's sensor."""
-AFTER_JUMPS = ("T_d", "T_set", "tau_act", "tau_eng")
-"""Delays and lags between a jump of the set point and the jump of the torque."""
+DELAYS, LAGS, ON_TIME = ("T_d", "T_set"), ("tau_act", "tau_eng"), 0.05
+"""Delays and lags between the set point and the torque; delay in samples up to which an output counts as on time."""
 AT_ONCE = 1e4
 """Frequency, over the sample rate, whose response equals the instantaneous response to a step."""
 SLOW_PACE, QUICK_PACE = 5.0, 16.0
@@ -434,20 +434,24 @@ class Spectra:
         there = at + multiples
         every = respond(values, np.abs(there).ravel() * self.data_hz).reshape(-1, *there.shape)
         every = np.where(multiples > 0, every, every.conj())
-        answer = np.sum(every * (course / there**order), axis=1)
-        late_s = sum(values.get(name, 0.0) for name in AFTER_JUMPS)
-        sensors_s = np.array([values.get(LATE.get(name, ""), 0.0) for name in self.outputs])
-        near = np.maximum(1.0 - np.abs(late_s + sensors_s) * 2.0 * most * self.data_hz, 0.0)
-        if near.any():
-            at_once = dict(values) | dict.fromkeys((*AFTER_JUMPS, *LATE.values()), 0.0)
-            jump = near[:, None] * respond(at_once, np.array([AT_ONCE * self.data_hz])).real
-            if self.between == "held":
-                # A sample at a jump has the value after it; a Fourier sum has the mean of both values.
-                answer = answer - 0.5 * jump * np.expm1(-2j * np.pi * at)
-            else:
-                # Outputs without delay follow the samples exactly: the images beyond the last one add up to the rest.
-                shown = np.sinc(at) ** 2 + np.sum(course / there**order, axis=0)
-                answer = answer + jump * (1.0 - shown)
+        course = course / there**order
+        answer = np.sum(every * course, axis=1)
+        near = 1.0 - 2.0 * most * self.data_hz * sum(values.get(name, 0.0) for name in LAGS)
+        if near > 0.0:
+            # A torque without lag follows the samples exactly, which a sum over few images does not: a sample at a jump has
+            # the value after the jump.
+            at_once = dict(values) | dict.fromkeys((*DELAYS, *LAGS, *LATE.values()), 0.0)
+            jump = near * respond(at_once, np.array([AT_ONCE * self.data_hz])).real
+            delay_s = sum(values.get(name, 0.0) for name in DELAYS)
+            sensors_s = np.array([values.get(LATE.get(name, ""), 0.0) for name in self.outputs])
+            late = (self.data_hz * (delay_s + sensors_s))[:, None]
+            steps = np.ceil(late - ON_TIME)
+            exact = np.exp(-2j * np.pi * at * steps)
+            if self.between == "straight":
+                exact = exact * (1.0 + (steps - late) * np.expm1(2j * np.pi * at))
+            images = np.sum(course * np.exp(-2j * np.pi * there * late[..., None]), axis=1)
+            base = self._between_samples(frequency_hz) * np.exp(-2j * np.pi * at * late)
+            answer = answer + jump * (exact - base - images)
         return np.asarray(answer)
 
     def stairs(self, values: Mapping[str, float], respond: Respond) -> ComplexArray:
