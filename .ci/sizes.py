@@ -47,7 +47,7 @@ BUDGETS = {
     "python/shipfp_rs/plot": 888,
     "python": 51294,
     "rust/src": 11071,
-    "tests": 38714,
+    "tests": 38759,
 }
 """Most lines of each room, and most numeric constants of identification and structures. A commit that earns it lowers a
 number; none is raised without a word in the commit's text."""
