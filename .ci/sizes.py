@@ -24,7 +24,7 @@ RUST_FUNCTION = re.compile(r"^( *)(?:pub(?:\([a-z]+\))? )?(?:const )?(?:unsafe )
 
 BUDGETS = {
     "constants": 235,
-    "python/shipfp_rs/identification": 10155,
+    "python/shipfp_rs/identification": 10146,
     "python/shipfp_rs/structures": 2979,
     "python/shipfp_rs/logs": 7814,
     "python/shipfp_rs/tacho": 1799,
@@ -45,9 +45,9 @@ BUDGETS = {
     "python/shipfp_rs/simulation": 914,
     "python/shipfp_rs/frequency": 1131,
     "python/shipfp_rs/plot": 888,
-    "python": 51294,
+    "python": 51285,
     "rust/src": 11071,
-    "tests": 38759,
+    "tests": 38770,
 }
 """Most lines of each room, and most numeric constants of identification and structures. A commit that earns it lowers a
 number; none is raised without a word in the commit's text."""

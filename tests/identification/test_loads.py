@@ -102,6 +102,17 @@ def test_a_moving_set_point_gives_the_whole_ship_behind_the_meter(tmp_path: Path
         assert low < truth[name] < high
 
 
+def test_a_drive_without_a_governor_is_whole_behind_the_meter_too() -> None:
+    trial = boat("torque", 0.03)
+    signals = {**trial.signals, "command": trial.signals["M_b"]}
+    point = {**trial.operating_point, "command": trial.operating_point["M_b"]}
+    del signals["n_set"], point["n_set"]
+    found = fp.identify(replace(trial, signals=signals, operating_point=point))
+    low, high = whole_ship(found)["tau_n"].ci95
+    assert low < BEFORE_S + BEHIND_S < high
+    assert found.si["inertia"]["value"] > found.si["inertia_before_meter"]["value"]
+
+
 def test_no_damping_is_judged_of_an_engine_without_its_propeller(metered: fp.Fingerprint) -> None:
     loop = closed_loop(metered)
     slow = {**loop, "phase margin": replace(loop["phase margin"], value=20.0)}

@@ -46,6 +46,7 @@ from shipfp_rs.identification.stretches import Stretches
 from shipfp_rs.identification.structure_estimates import fitted, of_structure
 from shipfp_rs.identification.structure_fit import StructureFit, likelihood_of
 from shipfp_rs.identification.verdict import element_rows, with_verdict
+from shipfp_rs.identification.whole_ship import with_far_side
 from shipfp_rs.structures.elements import ELEMENTS, QUANTITIES
 from shipfp_rs.structures.parameter import Parameter
 from shipfp_rs.structures.structure import Structure
@@ -145,6 +146,7 @@ def answered(
         adequate=_adequate(fit, misses, kind),
         load_side={} if fit.side is None else fit.side.parameters,
     )
+    fingerprint = with_far_side(fingerprint, question.experiments)
     fingerprint = with_verdict(fingerprint, strain(fit.likelihood, fit.best.vector), kind)
     return replace(fingerprint, verdict=(*fingerprint.verdict, *doubts(question.experiments)))
 

@@ -31,7 +31,7 @@ from shipfp_rs.identification.question import (
 )
 from shipfp_rs.identification.structure_estimates import fitted
 from shipfp_rs.identification.structure_likelihood import Data
-from shipfp_rs.identification.whole_ship import whole_ship, with_far_side
+from shipfp_rs.identification.whole_ship import whole_ship
 from shipfp_rs.structures.parameter import Torque
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.support import hints
@@ -130,8 +130,8 @@ def identify(
 
 def _with(fingerprint: Fingerprint, data: Data | Sequence[Data]) -> Fingerprint:
     """Return the fingerprint with its experiments, and with its inertia in kg m2 where these determine it."""
-    found = with_far_side(replace(fingerprint, experiments=tuple(_experiments(data))))
-    return replace(found, si=inertias(found) | inertias(whole_ship(found)))
+    si = inertias(fingerprint) | inertias(whole_ship(fingerprint))
+    return replace(fingerprint, experiments=tuple(_experiments(data)), si=si)
 
 
 def _experiments(data: Data | Sequence[Data]) -> list[Experiment]:

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.stats import chi2
 
+from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.identification.adequacy import misses_of, misses_pct, stands, structure_test
 from shipfp_rs.identification.coordinates import Figure
 from shipfp_rs.identification.equation_likelihood import EquationLikelihood
@@ -48,6 +49,7 @@ from shipfp_rs.identification.residual_tests import residual_tests
 from shipfp_rs.identification.structure_fit import StructureFit, fit_structure, refined
 from shipfp_rs.identification.structure_likelihood import Data, InBand, Response, Samples, Seen
 from shipfp_rs.identification.verdict import with_verdict
+from shipfp_rs.identification.whole_ship import with_far_side
 from shipfp_rs.structures.structure import Parameter, Structure
 from shipfp_rs.structures.ties import COMBINATIONS
 from shipfp_rs.support.arrays import DEVIATIONS_95, Array, Mask, Numbers
@@ -396,8 +398,9 @@ def of_structure(fit: StructureFit, options: Options, *, vessel: str | None = No
         versions=versions(),
         adequate=adequate if closed or tested else {},
     )
+    experiments = [record.data for record in records if isinstance(record.data, Experiment)]
     return with_verdict(
-        fingerprint,
+        with_far_side(fingerprint, experiments),
         is_short=not (closed or tested) and any(isinstance(one, Samples) for one in records),
         contradicted=not (closed and adequate["stands"]),
     )

@@ -89,7 +89,11 @@ def _found(fingerprint: Fingerprint, is_short: bool) -> Iterator[str]:
         )
     if limit:
         yield _clear_of(limit)
-    if fingerprint.ends_at_meter:
+    if far := fingerprint.behind_meter:
+        yield Sentence(
+            BEHIND_THE_METER, load=joined([shown(name, far[name]) for name in ("p", "tau_prop")], " and ")
+        )
+    elif fingerprint.ends_at_meter:
         yield AT_THE_METER
     yield from _no_torque(fingerprint)
     if fingerprint.usability == "not usable" and not trouble:

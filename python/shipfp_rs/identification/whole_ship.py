@@ -6,7 +6,7 @@ The set point moves the load behind the meter, too. The law and inertia of this 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -17,15 +17,12 @@ from shipfp_rs.identification.estimate import Estimate
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.identification.input_checks import set_point_moves
 from shipfp_rs.identification.load_side import load_side
-from shipfp_rs.identification.usability import TO_THE_METER, Case, usability
-from shipfp_rs.identification.verdict import AT_THE_METER, BEHIND_THE_METER, shown
+from shipfp_rs.structures.elements import ELEMENTS
 from shipfp_rs.structures.structure import Structure
-from shipfp_rs.support.sentences import Sentence, joined
 
 
-def with_far_side(fingerprint: Fingerprint) -> Fingerprint:
-    """Return the fingerprint with the load behind the meter, from the same experiments, if the model ends at the meter."""
-    experiments = fingerprint.experiments
+def with_far_side(fingerprint: Fingerprint, experiments: Sequence[Experiment]) -> Fingerprint:
+    """Return the fingerprint with the load behind the meter, from its experiments, if the model ends at the meter."""
     if not fingerprint.ends_at_meter or not fingerprint.engine_described or not set_point_moves(experiments):
         return fingerprint
     try:
@@ -34,20 +31,7 @@ def with_far_side(fingerprint: Fingerprint) -> Fingerprint:
         return fingerprint
     share = float(np.mean([one.load["share"] for one in experiments]))
     known = {name: _times(side.parameters[name], share) for name in ("p", "c_2", "tau_prop")}
-    told = Sentence(
-        BEHIND_THE_METER, load=joined([shown(name, known[name]) for name in ("p", "tau_prop")], " and ")
-    )
-    lines = [told if line == AT_THE_METER else line for line in fingerprint.verdict]
-    found = replace(fingerprint, behind_meter=known, verdict=tuple(lines))
-    if found.usable != TO_THE_METER:
-        return found
-    judged = usability(Case(found))
-    return replace(
-        found,
-        usable=judged.sentence,
-        usability=judged.state,
-        verdict=(judged.sentence, *found.verdict[1:]),
-    )
+    return replace(fingerprint, behind_meter=known)
 
 
 def _gauged(experiment: Experiment) -> Experiment:
@@ -71,16 +55,14 @@ def whole_ship(fingerprint: Fingerprint) -> Fingerprint:
     far = fingerprint.behind_meter
     if not far:
         return fingerprint
-    metered = Structure.from_dict(fingerprint.structure)
-    settings = metered.settings
-    structure = Structure.ship(
-        [name for name in settings["elements"] if name != "load"],
-        torque=settings["torque"],
-        outputs=metered.outputs,
-        products=settings["products"],
-        propeller_speed=settings["propeller_speed"],
-        mean_sampling=settings["mean_sampling"],
-        name="whole ship",
+    stored, load = fingerprint.structure, {one.name for one in ELEMENTS["load"].parameters}
+    structure = Structure.from_dict(
+        {
+            **stored,
+            "name": "whole ship",
+            "elements": [name for name in stored["elements"] if name != "load"],
+            "parameters": {name: row for name, row in stored["parameters"].items() if name not in load},
+        }
     )
     added = {**far, "tau_n": far["tau_prop"]}
     parameters = {
@@ -89,7 +71,7 @@ def whole_ship(fingerprint: Fingerprint) -> Fingerprint:
         if name in structure.names
     }
     # Without a gauge, tau_prop is a mere guess of the share behind a shaft that may twist.
-    guessed = {"tau_prop": 0.0} if settings["torque"] == "brake" else {}
+    guessed = {"tau_prop": 0.0} if stored["torque"] == "brake" else {}
     parameters |= {name: far[name] for name in guessed if name in parameters}
     fixed = {
         name: one.value for name, one in parameters.items() if one.status == "fixed" and one.value is not None
