@@ -69,7 +69,7 @@ def test_a_shaft_torque_as_load_makes_the_figures_those_before_its_meter(metered
     assert metered["tau_n"].value == pytest.approx(BEFORE_S, rel=0.1)
     assert metered.ends_at_meter
     assert metered.usability == "usable except"
-    assert "tau_n is the inertia before it" in metered.verdict[1]
+    assert "of the inertia on the drive's side" in metered.verdict[1]
     assert not any("is the channel a torque?" in line for line in metered.verdict)
     assert metered.to_dict()["data"][0]["load"] == {"quantity": "torque", "share": pytest.approx(1.0)}
     assert not feeds_a_generator(metered, metered.experiments, None)
@@ -79,7 +79,7 @@ def test_a_moving_set_point_gives_the_whole_ship_behind_the_meter(tmp_path: Path
     found = fp.identify(boat("torque", 0.03), torque="brake")
     assert found.ends_at_meter
     assert found.usability == "usable"
-    assert "what lies behind it has p =" in found.verdict[1]
+    assert "estimated from speed and this torque: p =" in found.verdict[1]
     ship = whole_ship(found)
     for name, truth in {"tau_n": BEFORE_S + BEHIND_S, "tau_prop": BEHIND_S}.items():
         low, high = ship[name].ci95

@@ -31,7 +31,9 @@ def init(
     from shipfp_rs.support.toml import TO_BE_GIVEN, template
 
     if folder.is_file():
-        raise InputError(f"{folder}: found a file, expected a folder; of a log: shipfp init --log {folder}")
+        raise InputError(
+            f"{folder}: found a file, expected a folder; to write TRIAL.toml from this log: shipfp init --log {folder}"
+        )
     given = {"--set-point": set_point, "--rate": rate_hz, "--time": time, "--names": names}
     if not log and (idle := [option for option, value in given.items() if value is not None]):
         raise InputError(f"{idle[0]}: expected only together with --log")

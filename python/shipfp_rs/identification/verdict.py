@@ -25,12 +25,14 @@ SMALL_PCT = 0.1
 SHORT_S = 0.02
 """Largest value of a delay that may be zero, for it to be called off [s]."""
 AT_THE_METER = Sentence(
-    "The load is all the torque of a shaft, so the model ends at its meter: tau_n is the inertia before it, and gains, "
-    "margins and steps are those of the drive without its load. A record whose set point moves tells the whole ship."
+    "The measured load is the whole torque of the shaft, so the model ends at the torque meter: tau_n is the time constant "
+    "of the inertia on the drive's side, and gains, margins and steps are those of the drive without its load. A record "
+    "whose set point moves determines the whole drive train."
 )
 BEHIND_THE_METER = Sentence(
-    "The load is all the torque of a shaft, so the model ends at its meter: tau_n is the inertia before it. By speed and "
-    "this torque alone, what lies behind it has {load}; the loop's figures are those of the whole ship."
+    "The measured load is the whole torque of the shaft, so the model ends at the torque meter: tau_n is the time constant "
+    "of the inertia on the drive's side. The load's side of the meter was estimated from speed and this torque: {load}. "
+    "Margins and the step response are those of drive and load together."
 )
 NO_TORQUE = Sentence(
     "A torque of the load acts with a gain k_L of 1, but {shown} was found: is the channel a torque? A pitch, a current or "
