@@ -19,7 +19,7 @@ from benches.timing import in_turn, print_table, spread
 from shipfp_rs import signals
 from shipfp_rs.identification.identify import identify
 from shipfp_rs.identification.question import Options
-from shipfp_rs.identification.structure_fit import fit_structure
+from shipfp_rs.identification.structure_fit import StructureQuestion, fit_structure
 from shipfp_rs.structures.structure import Structure
 
 Calls = dict[str, Callable[[], object] | None]
@@ -151,7 +151,7 @@ def identification(short: bool, repeats: int) -> None:
 
     def ours() -> tuple[np.ndarray, np.ndarray]:
         """Search, and the covariance of all unknowns, as the twin does."""
-        fit = fit_structure(record, structure, Options("white"))
+        fit = fit_structure(StructureQuestion((record,), structure, Options("white")))
         values = fit.likelihood.coordinates.values(fit.best.vector)
         slopes = fit.likelihood.coordinates.jacobian(values).diagonal()
         matrix = fit.likelihood.products(fit.best.vector).matrix

@@ -21,9 +21,8 @@ from shipfp_rs.assessment.comparison import compare, covariance_of, trend
 from shipfp_rs.assessment.si import response_with_deviation, step_with_deviation
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment
-from shipfp_rs.identification.automatic import foresee
 from shipfp_rs.identification.fingerprint import Fingerprint
-from shipfp_rs.identification.identify import identify
+from shipfp_rs.identification.identify import foresee, identify
 from shipfp_rs.plot.estimates import draw
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.vessel.linear_model import linearise

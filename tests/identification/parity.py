@@ -15,10 +15,10 @@ import numpy as np
 
 import shipfp_rs as fp
 from shipfp_rs import _core
-from shipfp_rs.identification.equation_likelihood import EquationLikelihood
+from shipfp_rs.identification.likelihood import Likelihood
 from shipfp_rs.identification.question import Options, question_of
 from shipfp_rs.identification.ship_found import DEFAULTS
-from shipfp_rs.identification.structure_fit import likelihood_of
+from shipfp_rs.identification.structure_fit import StructureQuestion, likelihood_of
 from shipfp_rs.structures.elements import LATE_CHANNELS
 from shipfp_rs.structures.ship import INDEX, KERNEL
 from shipfp_rs.structures.structure import Structure
@@ -186,16 +186,16 @@ def engine_residual(case: Case) -> tuple[float, float]:
     return float(np.linalg.norm(torque[kept]) / signal), float(np.linalg.norm(engine[kept]) / signal)
 
 
-def at_the_truth(case: Case) -> tuple[EquationLikelihood, np.ndarray]:
+def at_the_truth(case: Case) -> tuple[Likelihood, np.ndarray]:
     """Return the likelihood of a case's record, and the search vector of its true parameters."""
     truth, experiment = simulated(case)
     if case.propeller:
         elements = ("dead_time_loop", "dead_time_set_point", "twist")
         structure = Structure.ship(elements, torque="gauge", propeller_speed=True)
-        likelihood = likelihood_of(experiment, structure, Options())[1]
-        assert isinstance(likelihood, EquationLikelihood)
-        records = tuple(record.running("band-limited") for record in likelihood.records)
-        return replace(likelihood, records=records), likelihood.coordinates.vector(truth)
+        likelihood = likelihood_of(StructureQuestion((experiment,), structure, Options()))[1]
+        (model,) = likelihood.models
+        model = replace(model, record=model.record.running("band-limited"))
+        return replace(likelihood, models=(model,)), likelihood.coordinates.vector(truth)
     fixed = {"damping": truth["damping"]} if "damping" in truth else {}
     question = question_of(
         [experiment],
@@ -214,7 +214,7 @@ def at_the_truth(case: Case) -> tuple[EquationLikelihood, np.ndarray]:
     return likelihood, vector
 
 
-def _left(likelihood: EquationLikelihood, vector: np.ndarray) -> dict[str, float]:
+def _left(likelihood: Likelihood, vector: np.ndarray) -> dict[str, float]:
     likelihood = likelihood.corrected(vector)
     record, residual = likelihood.records[0], likelihood.residuals(vector)[0]
     return {

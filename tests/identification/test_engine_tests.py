@@ -8,7 +8,7 @@ import pytest
 
 import shipfp_rs as fp
 from shipfp_rs.identification.engine_tests import engine_curves, engine_tests, suspected
-from shipfp_rs.identification.likelihood import real_rows, turned
+from shipfp_rs.identification.noise import real_rows, turned
 from shipfp_rs.identification.question import question_of
 from shipfp_rs.identification.ship_fit import smooth_ship
 from shipfp_rs.identification.stretches import Stretches

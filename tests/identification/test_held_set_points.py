@@ -65,8 +65,9 @@ def asked(hold: str = "zero"):
 
 def test_images_that_are_only_compared_are_those_that_are_taken_off():
     _, likelihood, vector = asked()
-    before = likelihood.taken(vector, 0)
-    after = likelihood.corrected(vector).taken(vector, 0)
+    values, states = likelihood.coordinates.values(vector), np.zeros(2)
+    before = likelihood.models[0].effect(values, states)
+    after = likelihood.corrected(vector).models[0].effect(values, states)
     assert np.abs(before[1]).max() > 0.01 * np.abs(likelihood.records[0].spectrum[1]).max()
     assert np.abs(after).max() < 1e-12 * np.abs(before).max()
     gone = likelihood.records[0].spectrum - likelihood.corrected(vector).records[0].spectrum

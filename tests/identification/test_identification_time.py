@@ -8,9 +8,8 @@ import pytest
 from shipfp_rs import signals
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment
-from shipfp_rs.identification.identify import identify
+from shipfp_rs.identification.identify import fingerprint_of, identify, posed
 from shipfp_rs.identification.question import Options
-from shipfp_rs.identification.structure_estimates import fitted
 from shipfp_rs.simulation.simulate import simulate
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.vessel.linear_model import linearise
@@ -85,7 +84,9 @@ def test_the_ship_sees_through_a_torque_limit():
     chirp = signals.chirp(0.01, 5.0, 200.0, 104.0, law="logarithmic", rate_hz=50.0)
     experiment = simulate(launch, chirp)
     assert experiment.signals["M_b"].max() > 1.9 * 222.93
-    linear = fitted(experiment, Structure.linear(products=True), Options(noise="white", at_rest=True))
+    linear = fingerprint_of(
+        posed([experiment], Structure.linear(products=True), Options(noise="white", at_rest=True))
+    )
     ship = identify(experiment, Structure.ship(["torque_limit"]), noise="white")
     truth = {"tau_n": 1.51416, "g": -0.583, "vK_p": 15.83, "vK_i": 1.583}
     assert abs(linear["g"].value / truth["g"] - 1) > 0.02
@@ -122,7 +123,7 @@ def test_a_record_that_starts_in_the_middle_needs_its_initial_state_estimated():
     structure = Structure.linear(products=True)
     late = made(structure, LAUNCH).window(15.03 // 0.05 * 0.05, 150.0)
     estimated = identify(late, structure, noise="white")
-    zero = fitted(late, structure, Options(noise="white", at_rest=True))
+    zero = fingerprint_of(posed([late], structure, Options(noise="white", at_rest=True)))
     assert estimated["tau_n"].value == pytest.approx(LAUNCH["tau_n"], rel=1e-5)
     assert abs(zero["vK_i"].value / LAUNCH["vK_i"] - 1) > 1e-3
 

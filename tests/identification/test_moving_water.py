@@ -104,7 +104,7 @@ def test_the_ratio_is_that_of_a_load_and_its_derivatives_are_differences(speed, 
 
 def test_calm_water_tells_nothing():
     likelihood, vector = at_the_truth(Case(seconds=100.0))
-    assert likelihood.with_noise(vector).waters == (None,)
+    assert likelihood.with_noise(vector).models[0].water is None
 
 
 def test_a_search_stays_within_reach_of_what_is_known_of_every_ship():

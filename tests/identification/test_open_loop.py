@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import shipfp_rs as fp
-from shipfp_rs.identification.open_loop import TAKEN_FOR_TORQUE
+from shipfp_rs.identification.structure_estimates import TAKEN_FOR_TORQUE
 from shipfp_rs.structures.ship import commanded
 from shipfp_rs.structures.structure import Structure
 

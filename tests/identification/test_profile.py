@@ -14,11 +14,10 @@ from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.identification.basins import descend
 from shipfp_rs.identification.coordinates import Coordinates, Itself
-from shipfp_rs.identification.identify import identify
+from shipfp_rs.identification.identify import fingerprint_of, identify, posed
 from shipfp_rs.identification.likelihood import Products
 from shipfp_rs.identification.profiles import RISE, Profiles, _spread
 from shipfp_rs.identification.question import Options
-from shipfp_rs.identification.structure_estimates import fitted
 from shipfp_rs.structures.structure import Parameter, Structure
 from shipfp_rs.support.arrays import Array
 from tests.launch import TRUTH, noisy_record
@@ -43,7 +42,7 @@ def line_through(
     experiment = Experiment(
         "made", 20.0, {"n_set": 0.0 * TIME + 1.0, "n_e": 1.0 + measured}, {"n_set": 1.0, "n_e": 1.0}
     )
-    return fitted(experiment, structure, Options("white", at_rest=True, **options))
+    return fingerprint_of(posed([experiment], structure, Options("white", at_rest=True, **options)))
 
 
 def quantile_and_std(measured, residual, unknown):
@@ -133,7 +132,7 @@ def test_a_skewed_likelihood_gives_a_skewed_interval():
     experiment = Experiment(
         "made", 20.0, {"n_set": 0.0 * TIME + 1.0, "n_e": 1.0 + measured}, {"n_set": 1.0, "n_e": 1.0}
     )
-    rate = fitted(experiment, structure, Options("white", at_rest=True))["rate"]
+    rate = fingerprint_of(posed([experiment], structure, Options("white", at_rest=True)))["rate"]
 
     def cost(value):
         return np.sum((measured - np.exp(-value * TIME)) ** 2)

@@ -12,7 +12,7 @@ from shipfp_rs import signals
 from shipfp_rs.identification.fingerprint import Fingerprint, Identifiability
 from shipfp_rs.identification.identify import identify
 from shipfp_rs.identification.residual_tests import OutputTests, ResidualTest, whiteness
-from shipfp_rs.identification.verdict import with_verdict
+from shipfp_rs.identification.verdict import Told, with_verdict
 from shipfp_rs.structures.structure import Structure
 from tests.launch import LAUNCH, noise, noisy_record
 
@@ -132,5 +132,5 @@ def test_residuals_that_follow_by_a_trifle_are_said_to():
     row = {"nrmse_pct": 99.98, "input_correlation_p": 3e-110, "input_explained_pct": 99.0}
     fit = {"dn": row, "dM": {"nrmse_pct": 99.9, "input_correlation_p": 0.5}}
     found = Fingerprint({}, {}, Identifiability(0, 0, 1.0), fit, STRUCTURE.to_dict())
-    line = with_verdict(found, contradicted=True).verdict[-1]
+    line = with_verdict(Told(found, (), contradicted=True)).verdict[-1]
     assert line == "The residuals follow the set point in dn, by less than 0.1 % of it: too little to matter."

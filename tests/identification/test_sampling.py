@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 import shipfp_rs as fp
-from shipfp_rs.identification.likelihood import ACCURACY, noise_root
+from shipfp_rs.identification.likelihood import ACCURACY
+from shipfp_rs.identification.noise import noise_root
 from shipfp_rs.identification.question import question_of
 from shipfp_rs.identification.sampling import BAND_HZ, LEAST_HZ
 from shipfp_rs.support.derivatives import interpolated

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 import shipfp_rs as fp
-from shipfp_rs.identification.automatic import _of_a_stiff_shaft
 from shipfp_rs.identification.basins import descend
 from shipfp_rs.identification.estimate import Estimate
 from shipfp_rs.identification.profiles import Profiles, figures_of
 from shipfp_rs.identification.question import question_of
+from shipfp_rs.identification.ship_estimates import _of_a_stiff_shaft
 from shipfp_rs.identification.ship_fit import fit_ship, smooth_ship
 from shipfp_rs.identification.ship_found import DEFAULTS
 from shipfp_rs.structures.elements import ELEMENTS

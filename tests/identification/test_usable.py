@@ -12,12 +12,17 @@ from shipfp_rs.assessment.si import doubts, in_si
 from shipfp_rs.identification.adequacy import LARGE_MISS_PCT, LEAST_EXPLAINED_PCT, misses_of, stands
 from shipfp_rs.identification.fingerprint import Estimate, Fingerprint, Identifiability
 from shipfp_rs.identification.stretches import Score
-from shipfp_rs.identification.verdict import element_rows, with_verdict
+from shipfp_rs.identification.verdict import Told, element_rows
+from shipfp_rs.identification.verdict import with_verdict as judged
 from shipfp_rs.identification.wording import missed
 from shipfp_rs.structures.ties import true_values
 
 NOT_FOR_TUNING = "Usable for simulation and comparison, but not for control tuning: "
 LOST = Estimate(None, unit="s", status="unidentifiable")
+
+
+def with_verdict(fingerprint, **case):
+    return judged(Told(fingerprint, (), **case))
 
 
 @pytest.fixture

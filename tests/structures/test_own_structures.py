@@ -11,9 +11,8 @@ from shipfp_rs import signals
 from shipfp_rs.errors import InputError, SimulationError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.frequency import FrequencyResponse
-from shipfp_rs.identification.identify import identify
+from shipfp_rs.identification.identify import fingerprint_of, identify, posed
 from shipfp_rs.identification.question import Options
-from shipfp_rs.identification.structure_estimates import fitted
 from shipfp_rs.structures import structure
 from shipfp_rs.structures.structure import Parameter, Structure
 from shipfp_rs.support import derivatives
@@ -197,7 +196,9 @@ class TestFunction:
 
         function = Structure.from_function(first_order_lag, LAG, {"dM": "M_b"}, name="lag")
         model = Structure.from_matrices(matrices, LAG, {"dM": "M_b"}, name="lag")
-        first, second = (fitted(lagging, s, Options(at_rest=True)) for s in (function, model))
+        first, second = (
+            fingerprint_of(posed([lagging], s, Options(at_rest=True))) for s in (function, model)
+        )
         for name in ("gain", "tau"):
             assert first[name].value == pytest.approx(second[name].value, rel=1e-7)
             assert first[name].std == pytest.approx(second[name].std, rel=1e-5)

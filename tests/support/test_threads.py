@@ -11,8 +11,7 @@ import shipfp_rs as fp
 from shipfp_rs.assessment.bootstrap import bootstrap
 from shipfp_rs.assessment.profile_likelihood import profile_likelihood
 from shipfp_rs.assessment.validation import cross_validation
-from shipfp_rs.identification.automatic import foresee
-from shipfp_rs.identification.equation_likelihood import EquationLikelihood
+from shipfp_rs.identification.identify import foresee
 from shipfp_rs.identification.likelihood import Likelihood
 from shipfp_rs.support import threads
 from shipfp_rs.support.threads import (
@@ -124,13 +123,13 @@ def test_a_call_that_fails_gives_the_threads_back():
 def test_every_fit_keeps_to_one_blas_thread(fit, monkeypatch):
     seen = []
 
-    for kind in (Likelihood, EquationLikelihood):
+    products = Likelihood.products
 
-        def record(likelihood, *arguments, products=kind.products):
-            seen.append(blas_threads())
-            return products(likelihood, *arguments)
+    def record(likelihood, *arguments):
+        seen.append(blas_threads())
+        return products(likelihood, *arguments)
 
-        monkeypatch.setattr(kind, "products", record)
+    monkeypatch.setattr(Likelihood, "products", record)
     excitation = fp.signals.chirp(0.1, 1.0, 25.0, 40.0, rate_hz=20.0)
     noise = {"n_e": 0.01, "M_b": 0.01}
     data = fp.simulate(fp.Vessel.load("stan-launch-804"), excitation, noise=noise, seed=1)

@@ -12,11 +12,11 @@ import numpy as np
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment
-from shipfp_rs.identification.automatic import FULL_SHIP
 from shipfp_rs.identification.estimate import ALONG
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.identification.identify import identify
 from shipfp_rs.identification.question import TRIED
+from shipfp_rs.identification.ship_estimates import FULL_SHIP
 from shipfp_rs.structures.elements import ELEMENTS
 from shipfp_rs.structures.ties import declared
 

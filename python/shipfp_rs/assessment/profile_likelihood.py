@@ -15,12 +15,12 @@ from shipfp_rs.identification.basins import descend
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.identification.identifiability import Sensitivity
 from shipfp_rs.identification.identify import options_of
-from shipfp_rs.identification.likelihood import real_rows
+from shipfp_rs.identification.noise import real_rows
 from shipfp_rs.identification.profiles import Interval, figures_of, profiled
 from shipfp_rs.identification.structure_estimates import StructureEstimates
 from shipfp_rs.identification.structure_fit import LAST as SETTLED
-from shipfp_rs.identification.structure_fit import STEPS, fit_structure, refined
-from shipfp_rs.identification.structure_likelihood import Data, seen
+from shipfp_rs.identification.structure_fit import STEPS, StructureQuestion, fit_structure, refined
+from shipfp_rs.identification.structure_models import Data, seen
 from shipfp_rs.structures.structure import Parameter, Structure
 from shipfp_rs.support import hints
 from shipfp_rs.support.arguments import checked
@@ -206,7 +206,8 @@ def profile_likelihood(
     v flat
     """
     chosen = options_of(options)
-    fit = fit_structure(data, structure, chosen)
+    records = (data,) if isinstance(data, Data) else tuple(data)
+    fit = fit_structure(StructureQuestion(records, structure, chosen))
     names = fit.likelihood.coordinates.names
     wanted = names if parameters is None else tuple(parameters)
     for name in wanted:

@@ -15,10 +15,10 @@ from scipy.signal import lfilter
 from shipfp_rs.assessment.closed_loop import structure_of
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment
-from shipfp_rs.identification.automatic import foresee
 from shipfp_rs.identification.estimate import Status
 from shipfp_rs.identification.fingerprint import Estimate, Fingerprint, Identifiability
 from shipfp_rs.identification.identifiability import NULL_PART, Sensitivity, gradient_of
+from shipfp_rs.identification.identify import foresee
 from shipfp_rs.identification.likelihood import ACCURACY
 from shipfp_rs.signals import Excitation
 from shipfp_rs.structures.structure import Structure

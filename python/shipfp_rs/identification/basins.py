@@ -135,6 +135,12 @@ def descend(
     return Basin(plain.cost, x, damping >= MOST_DAMPED, plain)
 
 
+def expected(likelihood: Likelihood, vector: Array) -> Basin:
+    """Return the expected minimum at the true parameters: its gradient is zero, unlike that of a draw of the noise."""
+    found = likelihood.products(vector)
+    return Basin(found.cost, vector, products=found._replace(downhill=np.zeros_like(found.downhill)))
+
+
 def _computed(likelihood: Likelihood, penalty: Penalty | None, vector: Array) -> tuple[Products, Products]:
     """Return deviance, gradient and curvature at a point of the search, without and with the penalty."""
     found = likelihood.products(vector)

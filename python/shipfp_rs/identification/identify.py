@@ -2,40 +2,38 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.experiments.parquet import Frame, of_frames
-from shipfp_rs.frequency import FrequencyResponse
-from shipfp_rs.identification.automatic import identified
-from shipfp_rs.identification.estimate import ASSUMED
-from shipfp_rs.identification.fingerprint import Fingerprint
+from shipfp_rs.identification.fingerprint import Fingerprint, versions
 from shipfp_rs.identification.first_guesses import inertias
 from shipfp_rs.identification.input_checks import require_excited
-from shipfp_rs.identification.open_loop import (
-    in_open_loop,
-    require_driver,
-    structure_in_open_loop,
-    with_caveat,
-)
+from shipfp_rs.identification.open_loop import in_open_loop, question_in_open_loop, require_driver
 from shipfp_rs.identification.question import (
     Intervals,
     NoiseModel,
     Options,
     Question,
+    is_ship,
     question_of,
     question_of_ship,
 )
-from shipfp_rs.identification.structure_estimates import fitted
-from shipfp_rs.identification.structure_likelihood import Data
-from shipfp_rs.identification.whole_ship import whole_ship
+from shipfp_rs.identification.ship_estimates import ship_told
+from shipfp_rs.identification.ship_fit import fit_ship, ship_at, smooth_ship
+from shipfp_rs.identification.structure_estimates import structure_told
+from shipfp_rs.identification.structure_fit import StructureQuestion, fit_structure, structure_at
+from shipfp_rs.identification.structure_models import Data
+from shipfp_rs.identification.verdict import Told, with_verdict
+from shipfp_rs.identification.whole_ship import whole_ship, with_far_side
 from shipfp_rs.structures.parameter import Torque
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.support import hints
 from shipfp_rs.support.arguments import Count, Positive, Whole, checked
+from shipfp_rs.support.progress import part
 from shipfp_rs.support.threads import with_one_blas_thread
 
 OF_A_CALL = ("vessel", "elements", "torque", "outputs", "fixed", "priors")
@@ -112,99 +110,116 @@ def identify(
     experiment's `gauge_accuracy`. For each experiment an initial state is estimated, and an offset of each output unless the
     structure has unknowns for it. Substituting eq. 4.5 in 4.4 as printed in the thesis would make the cost constant.
     """
-    data = of_frames(data)
     options = Options(noise, intervals, starts, seed, time_limit_s)
     asked = {"elements": elements, "torque": torque, "outputs": outputs, "fixed": fixed, "priors": priors}
+    data = of_frames(data)
+    question = posed([data] if isinstance(data, Data) else list(data), structure, options, **asked)
+    return fingerprint_of(question, vessel)
+
+
+def posed(
+    data: Sequence[Data], structure: Structure | None, options: Options, **asked: Any
+) -> Question | StructureQuestion:
+    """Return the question of a fit; `asked` are the arguments of `identify` that a structure would define.
+
+    Raises
+    ------
+    InputError
+        For data or settings that can't be used.
+    """
+    experiments = [one for one in data if isinstance(one, Experiment)]
     if structure is None:
-        return _full_ship(data, options, vessel, asked)
+        _require_experiments(data)
+        for name in ONLY_WITH_A_STRUCTURE:
+            if getattr(options, name) != getattr(Options, name):
+                raise InputError(
+                    f"{name}: given without a structure, expected only with one: the full ship has one likelihood and one "
+                    "search"
+                )
+        if not in_open_loop(experiments):
+            return question_of(experiments, options=options, **asked)
+        require_excited(experiments)
+        return question_in_open_loop(experiments, options=options, **asked)
     for name, value in asked.items():
         if value is not None:
             raise InputError(
                 f"{name}: given together with a structure, which already defines it; leave {name} out"
             )
-    require_driver([data] if isinstance(data, Experiment | FrequencyResponse) else list(data), structure)
-    return _given_ship(data, structure, options, vessel) or _with(
-        fitted(data, structure, options, vessel=vessel), data
-    )
+    require_driver(data, structure)
+    coloured = options.noise in (None, "coloured") and not options.at_rest
+    if coloured and experiments and len(experiments) == len(data) and is_ship(structure):
+        return question_of_ship(experiments, structure, options)
+    return StructureQuestion(tuple(data), structure, options)
 
 
-def _with(fingerprint: Fingerprint, data: Data | Sequence[Data]) -> Fingerprint:
-    """Return the fingerprint with its experiments, and with its inertia in kg m2 where these determine it."""
-    si = inertias(fingerprint) | inertias(whole_ship(fingerprint))
-    return replace(fingerprint, experiments=tuple(_experiments(data)), si=si)
-
-
-def _experiments(data: Data | Sequence[Data]) -> list[Experiment]:
-    given = [data] if isinstance(data, Experiment | FrequencyResponse) else data
-    return [one for one in given if isinstance(one, Experiment)]
-
-
-def _full_ship(
-    data: Data | Sequence[Data], options: Options, vessel: str | None, asked: Mapping[str, Any]
-) -> Fingerprint:
-    """Fit the full ship; `asked` are the arguments of `identify` that a structure would define."""
-    given = [data] if isinstance(data, Experiment | FrequencyResponse) else list(data)
-    for item in given:
+def _require_experiments(data: Sequence[Data]) -> None:
+    for item in data:
         if not isinstance(item, Experiment):
             raise InputError(
                 f"identify: data of type {type(item).__name__} without a structure, expected an Experiment; "
                 "give a structure for a FrequencyResponse"
             )
-    for name in ONLY_WITH_A_STRUCTURE:
-        if getattr(options, name) != getattr(Options, name):
-            raise InputError(
-                f"{name}: given without a structure, expected only with one: the full ship has one likelihood and one search"
-            )
-    experiments = [item for item in given if isinstance(item, Experiment)]
-    if not experiments:
+    if not data:
         raise InputError("identify: no data given, expected an Experiment")
-    if in_open_loop(experiments):
-        require_excited(experiments)
-        structure = structure_in_open_loop(experiments, **asked)
-        found = fitted(experiments, structure, options, vessel=vessel)
-        return with_caveat(_with(found, experiments), asked["fixed"])
-    return _as_given(_answered(question_of(experiments, **asked), options, vessel), asked["fixed"] or {})
 
 
-def _given_ship(
-    data: Data | Sequence[Data], structure: Structure, options: Options, vessel: str | None
-) -> Fingerprint | None:
-    """Fit a given ship like the full ship; None if the full ship's search does not support the structure or an option."""
-    given = [data] if isinstance(data, Experiment | FrequencyResponse) else list(data)
-    experiments = _experiments(given)
-    if (
-        options.noise not in (None, "coloured")
-        or not experiments
-        or len(experiments) < len(given)
-        or not structure.free
-        or structure.ties
-    ):
-        return None
-    question = question_of_ship(experiments, structure)
-    return None if question is None else _as_given(_answered(question, options, vessel), structure.names)
+def fingerprint_of(question: Question | StructureQuestion, vessel: str | None = None) -> Fingerprint:
+    """Search the answer to a question, and return its fingerprint."""
+    if isinstance(question, StructureQuestion):
+        return _judged(structure_told(fit_structure(question)), question.options, vessel)
+    with part(0.0, 0.5):
+        fit = fit_ship(question)
+    with part(0.5, 1.0):
+        return _judged(ship_told(fit), question.options, vessel)
 
 
-def _as_given(fingerprint: Fingerprint, names: Collection[str]) -> Fingerprint:
-    """Return the fingerprint with given parameters marked as given instead of assumed."""
-    given = {
-        name: replace(estimate, reason="given")
-        for name, estimate in fingerprint.parameters.items()
-        if name in names and estimate.reason == ASSUMED
-    }
-    return replace(fingerprint, parameters={**fingerprint.parameters, **given})
+def _judged(told: Told, options: Options, vessel: str | None = None) -> Fingerprint:
+    """Return the fingerprint of what a fit tells: with the load behind a meter, its verdict, and the inertia in kg m2."""
+    found = replace(told.fingerprint, vessel=vessel, seed=options.seed, versions=versions())
+    found = with_verdict(told._replace(fingerprint=with_far_side(found, told.experiments)))
+    si = inertias(found) | inertias(whole_ship(found))
+    return replace(found, experiments=tuple(told.experiments), si=si)
 
 
-def _answered(question: Question, options: Options, vessel: str | None) -> Fingerprint:
-    found = identified(
-        question.experiments,
-        question,
-        intervals=options.intervals,
-        starts=options.starts or 1,
-        seed=options.seed,
-        vessel=vessel,
-        time_limit_s=options.time_limit_s,
-    )
-    return _with(found, question.experiments)
+@with_one_blas_thread
+def foresee(
+    experiments: Sequence[Experiment],
+    structure: Structure | None = None,
+    *,
+    values: Mapping[str, float] | None = None,
+    **choice: Any,
+) -> Fingerprint:
+    """Return the expected fingerprint of data, much faster than `identify`.
+
+    Parameters
+    ----------
+    experiments
+        The data.
+    structure
+        Structure to fit; None: the full ship.
+    values
+        Assumed parameters of the ship; None: parameters of a first fit without the elements that are tried.
+    **choice
+        As of `question_of`, without a structure.
+
+    Returns
+    -------
+    Fingerprint
+        Intervals are symmetric, cut by the bounds.
+
+    Raises
+    ------
+    InputError, IdentificationError
+        If `identify` would refuse the data.
+    """
+    require_excited(experiments)
+    question = posed(experiments, structure, Options(intervals="symmetric"), **choice)
+    if isinstance(question, StructureQuestion):
+        question = replace(question, options=replace(question.options, starts=1))
+        fit = fit_structure(question) if values is None else structure_at(question, values)
+        return _judged(structure_told(fit), question.options)
+    ship = smooth_ship(question) if values is None else ship_at(question, values)
+    return _judged(ship_told(replace(ship, basins=ship.basins[:1])), question.options)
 
 
 def options_of(given: Mapping[str, Any]) -> Options:

@@ -2,22 +2,25 @@
 
 Besides its parameters a model has linear unknowns with a prior, eliminated in closed form: the systematic errors. These are
 relative errors of each output's response, in amplitude and phase, that vary slowly with frequency (over an octave) and are
-as large as errors of gauge and calibration (Kennedy and O'Hagan 2001, doi:10.1111/1467-9868.00294). The likelihood of
-spectra is that of Whittle 1953 (doi:10.1007/BF02590998).
+as large as errors of gauge and calibration (Kennedy and O'Hagan 2001, doi:10.1111/1467-9868.00294).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache, cached_property
+from functools import cached_property, partial
 from typing import Any, NamedTuple, Self, TypeVar
 
 import numpy as np
-from scipy.stats import t as student
+import numpy.typing as npt
 
 from shipfp_rs.errors import SimulationError
-from shipfp_rs.identification.coordinates import Coordinates, prior_row
+from shipfp_rs.identification.coordinates import Coordinates, prior_row, wall_rows
+from shipfp_rs.identification.model import Model, Units
+from shipfp_rs.identification.noise import noise_root, quantile_of, real_rows, spread_of, turned, white_root
+from shipfp_rs.identification.ship_model import ShipModel
+from shipfp_rs.structures.structure import Structure
 from shipfp_rs.support.arrays import DEVIATIONS_95, Array, Numbers
 from shipfp_rs.support.threads import where_alone
 
@@ -27,17 +30,10 @@ ACCURACY = 3e-3
 """Prior standard deviation of the systematic errors of an output's response, due to gauge and calibration."""
 OCTAVE = 1.0
 """Width of a systematic error in octaves."""
-OVER, LEAST_REACH, MOST_REACH = 0.35, 10, 40
-"""Half width of the average that smooths the residuals' spectral matrix: share of the frequency's index, and limits."""
-STEEP, MOST_FALL = 40, -2.0
-"""Number of the lowest frequencies at which the noise may follow a power law, and that law's least exponent."""
-FLOOR = 1e-3
-"""Least value of that matrix's diagonal over its median."""
-WHITE = 1e-3
-"""Standard deviation of the noise before any estimate, relative to the operating point."""
-LEAST_NOISE, LEAST_OWN = 1e-7, 1e-9
-"""Least standard deviation of white noise over an output's root mean square, far above rounding; and least share of an
-output's variance that is independent of other outputs."""
+STEP = 1e-4
+"""Step of a search vector's entry for a difference quotient, over the width of its bounds if that is below 1."""
+QUICK = 60_000
+"""Size of a derivative matrix below which threads do not pay off, since a kernel call takes half a millisecond."""
 
 
 class Products(NamedTuple):
@@ -50,12 +46,12 @@ class Products(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Likelihood:
-    """Likelihood of a model for given records; subclasses are `EquationLikelihood` and `StructureLikelihood`.
+    """Likelihood of models for their records.
 
     Parameters
     ----------
-    records, coordinates
-        Data, each with a spectrum (O, F), and free parameters.
+    models, coordinates
+        Each record with its model, and the free parameters.
     accuracy
         Standard deviation of each output's systematic errors, which vary slowly with frequency, shape (O,).
     priors
@@ -67,51 +63,171 @@ class Likelihood:
         For each record, spectra of the model's outputs (O, F) at the parameters at which the noise was estimated. Systematic
         errors are relative to these spectra: relative to the data they would treat noise as response, and reward a smaller
         response.
+    about
+        Point of the search at which the derivatives of effects without closed form are computed; None: at each point.
     """
 
-    records: tuple[Any, ...]
+    models: tuple[Model, ...]
     coordinates: Coordinates
     accuracy: Array
     priors: Mapping[str, tuple[float, float]]
     roots: tuple[Numbers, ...] | None = None
     responses: tuple[Numbers, ...] = ()
+    about: Array | None = None
 
     @property
+    def records(self) -> tuple[Any, ...]:
+        """The data in the form that is compared."""
+        return tuple(model.record for model in self.models)
+
+    @property
+    def limited(self) -> bool:
+        """Whether a limit of torque or rate acts."""
+        return self.models[0].limited
+
+    def with_models(self, **changes: Any) -> Self:
+        """Return the likelihood with fields of all its models changed."""
+        return replace(self, models=tuple(replace(model, **changes) for model in self.models))  # type: ignore[type-var]
+
+    def with_records(self, records: Iterable[Any]) -> Self:
+        """Return the likelihood of other records of the same ships."""
+        pairs = zip(self.models, records, strict=True)
+        return replace(self, models=tuple(replace(model, record=record) for model, record in pairs))  # type: ignore[type-var]
+
+    def of_structure(self, structure: Structure) -> Self:
+        """Return the likelihood of a structure with the same parameters, but other free ones."""
+        c = self.coordinates
+        return replace(self, coordinates=Coordinates.of(structure, c.unknowns, c.state_deviation))
+
+    @cached_property
     def is_quick(self) -> bool:
         """Whether an evaluation is too short for threads to pay off."""
-        return False
+        fused = all(isinstance(model, ShipModel) and not model.limited for model in self.models)
+        return fused and self.coordinates.size * sum(model.spectrum.shape[1] for model in self.models) < QUICK
 
     def each(self, jobs: Sequence[Callable[[], T]]) -> list[T]:
         """Run jobs that evaluate this likelihood, in parallel where that is faster; return the results in order."""
         return [job() for job in jobs] if self.is_quick else where_alone(jobs)
 
-    def spectra(self, vector: Array, record: int) -> tuple[Numbers, Numbers]:
-        """Residuals (O, F) of a record, and the model's derivatives by the whole search vector (P, O, F)."""
-        raise NotImplementedError
+    def points(self, vector: Array) -> list[tuple[Model, dict[str, float], Array]]:
+        """Each record's model, with the parameters and the record's unknowns at a point of the search."""
+        values = self.coordinates.values(vector)
+        return [
+            (model, values, vector[self.coordinates.states(index)]) for index, model in enumerate(self.models)
+        ]
 
-    def modelled(self, vector: Array, record: int) -> Array:
-        """Decimated outputs of a record, (O, K)."""
-        raise NotImplementedError
+    @property
+    def _all(self) -> range:
+        return range(len(self.models))
+
+    def known(self, vector: Array, record: int) -> dict[str, float]:
+        """Parameters and a record's unknowns by name."""
+        return self.coordinates.values(vector) | self.coordinates.states_at(vector)[record]
 
     def residuals(self, vector: Array) -> list[Numbers]:
         """Residuals (O, F) of each record."""
-        raise NotImplementedError
+        return [self.residual(vector, index) for index in self._all]
+
+    def residual(self, vector: Array, record: int) -> Numbers:
+        """Residuals (O, F) of a record."""
+        model, values, own = self.points(vector)[record]
+        found = model.rows(values, own, ())[0]
+        return np.asarray(found - model.effect(values, own)) if model.has_effect else found
+
+    def modelled(self, vector: Array, record: int) -> Array:
+        """Outputs of a record by its model, decimated (O, K)."""
+        model = self.models[record]
+        assert isinstance(model, ShipModel)
+        return model.modelled(self.residual(vector, record))
+
+    def spectra(self, vector: Array, record: int) -> tuple[Numbers, Numbers]:
+        """Residuals (O, F) of a record, and the model's derivatives by the whole search vector (P, O, F)."""
+        rows = self._local(vector, record)
+        jacobian = np.zeros((self.coordinates.size, *rows.shape[1:]), rows.dtype)
+        jacobian[self._places(record)] = rows[1:]
+        return rows[0], jacobian
+
+    def _local(self, vector: Array, record: int) -> Numbers:
+        """Residual and derivatives (1 + W + U, O, F) by the entries of a search vector that a record depends on."""
+        model, values, own = self.points(vector)[record]
+        rows = model.rows(values, own, self.coordinates.names)
+        rows = np.tensordot(self._turn(model, values, self.coordinates.jacobian(values)).T, rows, 1)
+        if model.has_effect:
+            effect = model.effect(values, own)
+            moves = self._moves(vector, record, effect) if self.about is None else self._moves_about[record]
+            rows = rows - np.concatenate([effect[None], -moves])
+        return np.asarray(rows)
+
+    def _moves(self, vector: Array, record: int, effect: Numbers) -> Numbers:
+        """Derivatives (W + U, O, F) of a record's effect, by difference quotients."""
+        low, high = self.coordinates.bounds
+
+        def move(place: int) -> Numbers:
+            step = STEP * min(high[place] - low[place], 1.0)
+            step = step if vector[place] + step <= high[place] else -step
+            moved = vector.copy()
+            moved[place] += step
+            model, values, own = self.points(moved)[record]
+            return np.asarray((model.effect(values, own) - effect) / step)
+
+        return np.array(self.each([partial(move, int(place)) for place in self._places(record)]))
+
+    @cached_property
+    def _moves_about(self) -> list[Numbers]:
+        assert self.about is not None
+        about = self.about
+        effects = [model.effect(values, own) for model, values, own in self.points(about)]
+        return [self._moves(about, index, effect) for index, effect in enumerate(effects)]
+
+    def _places(self, record: int) -> npt.NDArray[np.intp]:
+        """Indices of the free parameters and a record's unknowns in a search vector."""
+        own, states = len(self.coordinates.names), self.coordinates.states(record)
+        return np.array([*range(own), *range(states.start, states.stop)])
+
+    @cached_property
+    def _columns(self) -> list[npt.NDArray[np.intp]]:
+        """Columns of each record's residual and derivatives among those of the whole search vector."""
+        return [np.append(0, 1 + self._places(index)) for index in self._all]
+
+    def _turn(self, model: Model, values: Mapping[str, float], by: Array) -> Array:
+        """Derivatives of a model's own columns by the entries of a search vector that it depends on."""
+        link, count = model.link(values, self.coordinates.names) @ by, len(model.unknowns)
+        (rows, columns) = link.shape
+        turn = np.zeros((1 + rows + count, 1 + columns + count))
+        turn[0, 0] = 1.0
+        turn[1 : 1 + rows, 1 : 1 + columns] = link
+        turn[1 + rows :, 1 + columns :] = np.eye(count)
+        return turn
 
     @property
     def quantile(self) -> float:
-        """Half width of a 95 % interval, in standard deviations."""
-        return DEVIATIONS_95
+        """Half width of a 95 % interval, in standard deviations; larger where the noise is estimated from few numbers."""
+        return quantile_of(self.freedom) if self._is_white else DEVIATIONS_95
+
+    @property
+    def _is_white(self) -> bool:
+        return all(model.noise == "white" for model in self.models)
+
+    @cached_property
+    def _white_numbers(self) -> int:
+        """Number of real values with white noise."""
+        numbers = sum(model.numbers for model in self.models if model.noise == "white")
+        return len(self.accuracy) * numbers
+
+    @property
+    def freedom(self) -> int:
+        """Degrees of freedom of white noise: real numbers in the data minus unknowns."""
+        return self._white_numbers - self.coordinates.size
 
     @property
     def untold(self) -> bool:
         """Whether there are too few samples to estimate any noise."""
-        return False
+        return self._is_white and self.freedom <= 0
 
     def under(self, residuals: Sequence[Numbers]) -> float:
         """Deviance of residuals under the noise that they show."""
         own = replace(self, roots=self._noise(residuals, [0.0] * len(residuals)))
-        rows = [own._white(one[None], index) for index, one in enumerate(residuals)]
-        return own.spread() + sum(float(np.sum(row**2)) for row in rows)
+        return own.spread() + float(np.sum(own._white_rows(one[None] for one in residuals) ** 2))
 
     @cached_property
     def bends(self) -> bool:
@@ -126,85 +242,107 @@ class Likelihood:
         SimulationError
             If the simulation diverges or overflows, or the loop is unstable.
         """
-        gram = self._gram(vector, derivatives=True)
+        with np.errstate(over="ignore", invalid="ignore"):
+            gram = self.gram(vector)
         return Products(float(gram[0, 0]), gram[1:, 0], gram[1:, 1:])
 
     def cost(self, vector: Array) -> float:
         """Deviance at a point of the search; infinite where the model diverges."""
         try:
-            return float(self._gram(vector, derivatives=False)[0, 0])
+            with np.errstate(over="ignore", invalid="ignore"):
+                return float(self.gram(vector, derivatives=False)[0, 0])
         except SimulationError:
             return np.inf
 
-    def _gram(self, vector: Array, *, derivatives: bool) -> Array:
-        """Gram matrix of the residual and, with `derivatives`, of the derivatives by the search vector."""
-        with np.errstate(over="ignore", invalid="ignore"):
-            if derivatives:
-                return self.with_columns(vector, [()] * len(self.records))
-            return self._gram_of(vector, [one[None] for one in self.residuals(vector)])
-
-    def with_columns(self, vector: Array, columns: Sequence[Sequence[Numbers] | Numbers]) -> Array:
+    def gram(
+        self, vector: Array, columns: Sequence[Numbers] = (), *, derivatives: bool = True, fused: bool = True
+    ) -> Array:
         """Gram matrix of residual, derivatives and `columns`, (1 + P + C, 1 + P + C), with systematic errors and priors.
 
-        `columns` are spectra of the outputs (C, O, F) for each record.
+        `columns` are spectra of the outputs (C, O, F) for each record. `fused`: products by a kernel where there is one.
         """
-        rows = []
-        for index, more in enumerate(columns):
-            residual, jacobian = self.spectra(vector, index)
-            rows.append(np.concatenate([residual[None], jacobian, *([more] if len(more) else [])]))
-        return self._gram_of(vector, rows)
-
-    def _gram_of(self, vector: Array, rows: Sequence[Numbers]) -> Array:
-        """Gram matrix of each record's rows (R, O, F), residual and derivatives first, with systematic errors and priors."""
-        gram, errors = np.zeros(()), np.zeros(())
-        for index, own in enumerate(rows):
-            white = turned(self.root(index), own)
-            flat = real_rows(white)
-            gram = gram + flat @ flat.T
+        values = self.coordinates.values(vector)
+        by = self.coordinates.jacobian(values) if derivatives else np.zeros((0, 0))
+        names = self.coordinates.names if derivatives else ()
+        size, more = self.coordinates.size if derivatives else 0, len(columns[0]) if columns else 0
+        gram = np.zeros((1 + size + more, 1 + size + more))
+        errors = np.zeros((len(gram), self._error_count))
+        for index, model in enumerate(self.models):
+            at = self._columns[index] if derivatives else np.zeros(1, int)
+            at = np.append(at, np.arange(1 + size, len(gram))) if columns else at
+            if isinstance(model, ShipModel) and fused and not (columns or model.has_effect):
+                own = vector[self.coordinates.states(index)]
+                products, crossed = model.products(values, own, names, self._units[index])
+                if derivatives:
+                    turn = self._turn(model, values, by)
+                    products, crossed = turn.T @ products @ turn, crossed @ turn
+                along = crossed.T
+            else:
+                rows = self._local(vector, index) if derivatives else self.residual(vector, index)[None]
+                if columns:
+                    rows = np.concatenate([rows, columns[index]])
+                white = turned(self.root(index), rows)
+                flat = real_rows(white)
+                products, along = flat @ flat.T, self.along_errors(index, white)
+            gram[at[:, None], at] += products
             if self.bends:
-                along = np.einsum("fab,caf->cbf", self._bent[index].conj(), white)
-                parts = np.stack([along.real, along.imag], axis=2) @ self._hats[index].T
-                errors = errors + parts.reshape(len(own), -1)
-        return self._with_priors(vector, gram, errors)
-
-    def _with_priors(self, vector: Array, gram: Array, errors: Array) -> Array:
-        """Gram matrix with systematic errors, of whose shapes and the rows `errors` are the products, and priors."""
+                errors[at] += along
         if self.bends:
-            gram = gram - errors @ self._errors_inverse @ errors.T
-        priors = self.prior_rows(vector)[:, : len(gram)]
-        size = priors.shape[1]
-        gram[:size, :size] += priors.T @ priors
+            gram -= errors @ self.errors_inverse @ errors.T
+        priors = (
+            self.prior_rows(vector, values, by) if derivatives else self.prior_rows(vector, values)[:, :1]
+        )
+        own_size = priors.shape[1]
+        gram[:own_size, :own_size] += priors.T @ priors
         if not np.isfinite(gram).all():
             raise SimulationError("the deviance is not finite")
-        return np.asarray(gram)
+        return gram
 
-    def _rows(self, vector: Array, index: int) -> Array:
-        """Residual and derivatives of a record in units of the noise, (1 + P, R)."""
-        residual, jacobian = self.spectra(vector, index)
-        return self._white(np.concatenate([residual[None], jacobian]), index)
+    @cached_property
+    def _units(self) -> list[Units]:
+        """Units of each ship's residuals, as the kernel takes them."""
+        found = []
+        for index, model in enumerate(self.models):
+            assert isinstance(model, ShipModel)
+            bent = (self._bent[index], self._hats[index]) if self.bends else None
+            found.append(model.units(self.root(index), bent))
+        return found
+
+    def along_errors(self, record: int, white: Numbers) -> Array:
+        """Products of rows (R, O, F), in units of the noise, with the systematic errors, (R, E)."""
+        if not self.bends:
+            return np.zeros((len(white), 0))
+        along = np.einsum("fab,caf->cbf", self._bent[record].conj(), white)
+        parts = np.stack([along.real, along.imag], axis=2) @ self._hats[record].T
+        return np.asarray(parts.reshape(len(white), -1))
 
     def whitened(self, vector: Array) -> Array:
         """Residual, derivatives and systematic errors in units of the noise, with rows of the priors, (R, 1 + P + E)."""
-        rows = np.concatenate([self._rows(vector, index) for index in range(len(self.records))], axis=1)
+        rows = self._white_rows(
+            np.concatenate([r[None], j]) for r, j in map(partial(self.spectra, vector), self._all)
+        )
         if self.bends:
-            shapes = [self._white(one, index) for index, one in enumerate(self._shapes)]
-            rows = np.concatenate([rows, np.concatenate(shapes, axis=1)])
+            rows = np.concatenate([rows, self._white_rows(self.shapes)])
         priors = self.prior_rows(vector)
         errors = len(rows) - priors.shape[1]
         own = np.eye(errors, len(rows), priors.shape[1])
         return np.concatenate([rows.T, np.pad(priors, ((0, 0), (0, errors))), own])
 
+    def _white_rows(self, spectra: Iterable[Numbers]) -> Array:
+        """Spectra (W, O, F) of each record in units of the noise, as rows of real numbers of all records, (W, R)."""
+        rows = [real_rows(turned(self.root(index), one)) for index, one in enumerate(spectra)]
+        return np.concatenate(rows, axis=1)
+
     def smooth_errors(self, residuals: Sequence[Numbers]) -> tuple[Array, Array]:
         """Estimated sizes of the systematic errors in prior standard deviations (E,), and their covariance (E, E)."""
-        outputs, knots = len(self.accuracy), len(self.knots())
         if not self.bends:
-            return np.zeros(2 * outputs * knots), np.eye(2 * outputs * knots)
-        crossed = np.zeros((outputs, 2, knots))
-        for index, residual in enumerate(residuals):
-            white = turned(self.root(index), residual[None])[0]
-            along = np.einsum("fab,af->bf", self._bent[index].conj(), white)
-            crossed += np.stack([along.real, along.imag], axis=1) @ self._hats[index].T
-        return self._errors_inverse @ crossed.ravel(), self._errors_inverse
+            size = 2 * len(self.accuracy) * len(self.knots())
+            return np.zeros(size), np.eye(size)
+        along = sum(
+            self.along_errors(index, turned(self.root(index), residual[None]))[0]
+            for index, residual in enumerate(residuals)
+        )
+        return self.errors_inverse @ along, self.errors_inverse
 
     def _left(self, residuals: Sequence[Numbers]) -> tuple[list[Numbers], list[Numbers | float]]:
         """Residuals without the systematic errors (O, F), and the covariance of these errors' estimate (O, O, F).
@@ -248,18 +386,24 @@ class Likelihood:
             return np.inf
 
     def own_total(self, vector: Array) -> float:
-        """Deviance under the likelihood's noise, with that noise's log determinant."""
-        return self.cost(vector) + self.spread()
+        """Deviance under the likelihood's noise, with that noise's log determinant; expected parts are subtracted."""
+        return self.cost(vector) + self.spread() - sum(model.expected for model in self.models)
 
     def spread(self) -> float:
         """Log determinants of the noise, as part of the deviance."""
         assert self.roots is not None
-        return sum(map(spread_of, self.roots))
+        found = 0.0
+        for model, root in zip(self.models, self.roots, strict=True):
+            if model.noise == "coloured":
+                found += spread_of(root)
+            elif model.noise == "white":
+                found -= 2.0 * model.numbers * float(np.log(np.abs(np.diag(root))).sum())
+        return found
 
     def prior_rows(
         self, vector: Array, values: Mapping[str, float] | None = None, jacobian: Array | None = None
     ) -> Array:
-        """Residuals and derivatives of the priors, in units of their deviations, shape (K, 1 + P)."""
+        """Residuals and derivatives (K, 1 + P) of priors, of active penalties, and of the models' further information."""
         c = self.coordinates
         values = c.values(vector) if values is None else values
         jacobian = c.jacobian(values) if jacobian is None else jacobian
@@ -276,7 +420,31 @@ class Likelihood:
             for name, prior in self.priors.items()
             if name not in names
         ]
-        return np.vstack([rows, *others, states])
+        walls = wall_rows(c, values, jacobian) if self.models[0].has_walls else []
+        return np.vstack([rows, *others, states, *walls, *self._further_rows(vector, values, jacobian)])
+
+    def _further_rows(self, vector: Array, values: Mapping[str, float], jacobian: Array) -> list[Array]:
+        """Rows (K, 1 + P) of the models' further information, and one for the time in which clamps open the loop."""
+        found, c = [], self.coordinates
+        for index, model in enumerate(self.models):
+            rows = model.information(values, vector[c.states(index)], c.names)
+            if rows is not None:
+                whole = np.zeros((len(rows), 1 + c.size))
+                whole[:, self._columns[index]] = rows @ self._turn(model, values, jacobian)
+                found.append(whole)
+        if any(model.held for model in self.models):
+            size, row = self._opened(values), np.zeros((1, 1 + c.size))
+            row[0, 0] = -size
+            for place in range(len(c.names)):
+                moved = vector.copy()
+                moved[place] += STEP
+                row[0, 1 + place] = (self._opened(c.values(moved)) - size) / STEP
+            found.append(row)
+        return found
+
+    def _opened(self, values: Mapping[str, float]) -> float:
+        """Root of the deviance that is added because the loop is open while a clamp is active."""
+        return float(np.sqrt(max(sum(model.opened(values) for model in self.models), 0.0)))
 
     @cached_property
     def _own_priors(self) -> tuple[tuple[str, ...], list[int], Array, Array]:
@@ -287,52 +455,84 @@ class Likelihood:
 
     def root(self, record: int) -> Numbers:
         """Root of the inverse spectral matrix of a record's noise; a guess before the first estimate."""
-        return np.eye(len(self.accuracy)) / WHITE if self.roots is None else self.roots[record]
-
-    def _white(self, spectra: Numbers, record: int) -> Array:
-        """Spectra (W, O, F) in units of the noise, as rows of real numbers (W, R)."""
-        return real_rows(turned(self.root(record), spectra))
+        return self.models[record].first_root if self.roots is None else self.roots[record]
 
     def with_noise(self, vector: Array) -> Self:
-        """Return the likelihood with the noise of the residuals at a point of the search."""
-        residuals = self.residuals(vector)
-        responses = tuple(record.spectrum - one for record, one in zip(self.records, residuals, strict=True))
-        roots = self._noise(*self._left(residuals))
-        return replace(self, roots=roots, responses=responses)
+        """Return the likelihood with the noise of the residuals, and what else they tell, at a point of the search."""
+        points, free = self.points(vector), self.coordinates.free
+        now = replace(self, models=tuple(model.prepared(values) for model, values, _ in points))
+        residuals = now.residuals(vector)
+        roots = now._noise(*now._left(residuals))
+        responses = tuple(
+            model.bent(model.spectrum - residual, values, self.accuracy, free)
+            for (model, values, _), residual in zip(points, residuals, strict=True)
+        )
+        found = replace(now, roots=roots, responses=responses)
+        left, _ = found._left(residuals)
+        models = tuple(
+            model.informed(one, values, own, self.accuracy, free)
+            for (model, values, own), one in zip(found.points(vector), left, strict=True)
+        )
+        return replace(found, models=models)
 
     def near(self, vector: Array) -> Self:
-        """Return the likelihood with costly derivatives frozen at a point of the search; if there are none, unchanged."""
-        del vector
-        return self
+        """Return the likelihood with the derivatives of effects without closed form frozen at a point of the search."""
+        return replace(self, about=vector) if self.limited else self
+
+    def corrected(self, vector: Array) -> Self:
+        """Return the likelihood of the records corrected by their models at a point of the search."""
+        models = tuple(model.corrected(values, own) for model, values, own in self.points(vector))
+        return replace(self, models=models)
 
     def settled_at(self, vector: Array) -> Self:
-        """Return the likelihood with noise, and what else depends on the model, estimated at a point of the search."""
-        return self.with_noise(vector)
+        """Return the likelihood with records corrected, and noise estimated, at a point of the search."""
+        return self.corrected(vector).with_noise(vector)
 
     def resettled_at(self, vector: Array) -> Self:
-        """Return the likelihood settled at a nearby point; subclasses keep what hardly depends on the point."""
-        return self.settled_at(vector)
+        """Return the likelihood settled at a nearby point, without new images, since images hardly change."""
+        corrected = any(model.is_corrected(self.coordinates.free) for model in self.models)
+        return self.settled_at(vector) if corrected else self.with_noise(vector)
 
     def _noise(self, residuals: Sequence[Numbers], unsure: Sequence[Numbers | float]) -> tuple[Numbers, ...]:
-        """Root of the inverse spectral matrix of each record's residuals."""
-        return tuple(map(noise_root, residuals, unsure))
+        """Root of the inverse spectral matrix of each record's residuals; white responses share one."""
+        share = max(self.freedom, 1) / max(self._white_numbers, 1)
+        pooled = [i for i, one in enumerate(self.models) if one.noise == "white" and one.is_pooled]
+        found: list[Numbers] = []
+        for index, (model, residual, own) in enumerate(zip(self.models, residuals, unsure, strict=True)):
+            if model.noise == "coloured":
+                root = noise_root(residual, own)
+            elif model.noise == "known":
+                root = np.eye(len(residual))
+            else:
+                places = pooled if index in pooled else [index]
+                rows, said = (
+                    np.concatenate([real_rows(self.models[at].compared(of[at])) for at in places], axis=1)
+                    for of in (residuals, [one.spectrum for one in self.models])
+                )
+                root = white_root(rows, said, share, self.quantile)
+            found.append(root * model.told)
+        return tuple(found)
 
     def knots(self) -> Array:
-        """Knots of the systematic errors, in octaves, (K,); records in time have none."""
-        spectra = [record.frequency_hz for record in self.records if hasattr(record, "frequency_hz")]
+        """Knots of the systematic errors, in octaves, (K,)."""
+        spectra = [model.frequency_hz for model in self.models if model.frequency_hz is not None]
         least, most = min(one[1] for one in spectra), max(one[-1] for one in spectra)
         return np.arange(np.log2(least), np.log2(most) + OCTAVE, OCTAVE)
+
+    @cached_property
+    def _error_count(self) -> int:
+        return 2 * len(self.accuracy) * len(self._hats[0]) if self.bends else 0
 
     @cached_property
     def _hats(self) -> list[Array]:
         """Hat functions: weight of each knot's error at each frequency of each record, (K, F)."""
         knots, found = self.knots()[:, None], []
-        for record in self.records:
-            if hasattr(record, "frequency_hz"):
-                octaves = np.log2(np.maximum(record.frequency_hz, 1e-9))
+        for model in self.models:
+            if model.frequency_hz is not None:
+                octaves = np.log2(np.maximum(model.frequency_hz, 1e-9))
                 found.append(np.maximum(1.0 - np.abs(octaves - knots) / OCTAVE, 0.0))
             else:
-                found.append(np.zeros((len(knots), record.spectrum.shape[1])))
+                found.append(np.zeros((len(knots), model.spectrum.shape[1])))
         return found
 
     @cached_property
@@ -349,7 +549,7 @@ class Likelihood:
         ]
 
     @cached_property
-    def _errors_inverse(self) -> Array:
+    def errors_inverse(self) -> Array:
         """Posterior covariance of the systematic errors' sizes (E, E), E = outputs x (amplitude, phase) x knots."""
         if not self.bends:
             return np.zeros((0, 0))
@@ -372,7 +572,7 @@ class Likelihood:
         return np.asarray(np.linalg.inv(square + np.eye(len(square))))
 
     @cached_property
-    def _shapes(self) -> tuple[Numbers, ...]:
+    def shapes(self) -> tuple[Numbers, ...]:
         """Shapes of the systematic errors of each record, in units of their prior deviation, (E, O, F)."""
         found = []
         for hats, response in zip(self._hats, self.responses, strict=True):
@@ -382,93 +582,3 @@ class Likelihood:
                 shapes[output, 1, :, output] = 1j * shapes[output, 0, :, output]
             found.append(shapes.reshape(-1, *response.shape))
         return tuple(found)
-
-
-def turned(root: Numbers, spectra: Numbers) -> Numbers:
-    """Multiply spectra (W, O, F) by a root (F, O, O) or (O, O)."""
-    if root.ndim == 2:
-        return np.asarray(root @ spectra)
-    found = np.zeros_like(spectra)
-    for a, b in zip(*np.tril_indices(root.shape[1]), strict=True):  # roots are lower triangles
-        found[:, a] += np.ascontiguousarray(root[:, a, b]) * spectra[:, b]
-    return found
-
-
-def real_rows(spectra: Numbers) -> Array:
-    """Complex or real numbers (W, O, F) as rows of real ones, (W, R)."""
-    flat = spectra.reshape(len(spectra), -1)
-    return np.concatenate([flat.real, flat.imag], axis=1) if np.iscomplexobj(flat) else np.asarray(flat)
-
-
-def spread_of(root: Numbers) -> float:
-    """Log determinants of noise by roots of its inverse, lower triangles (F, O, O); each number has two real components."""
-    return -4.0 * float(np.log(np.abs(root.diagonal(0, -2, -1))).sum())
-
-
-def _shape(amplitudes: Array) -> Array:
-    """Power law of amplitudes (O, F) over the lowest `STEEP` frequencies, constant above them, (O, F)."""
-    steep = min(STEEP, amplitudes.shape[1] - 1)
-    places = np.log(np.arange(1, steep + 1))
-    places -= places.mean()
-    fall = np.log(amplitudes[:, 1 : steep + 1] + 1e-300) @ places / max(places @ places, 1e-300)
-    # Constant below the first frequency, too, which is the mean.
-    reached = np.clip(np.arange(steep + 1), 1, steep) ** np.clip(fall, MOST_FALL, 0.0)[:, None]
-    return np.pad(reached, ((0, 0), (0, amplitudes.shape[1] - steep - 1)), mode="edge")
-
-
-def noise_root(residual: Numbers, unsure: Numbers | float = 0.0) -> Numbers:
-    """Root of the inverse smoothed spectral matrix of residuals (O, F), (F, O, O); `unsure` is added to the matrix."""
-    outputs, count = residual.shape
-    place = np.arange(count)
-    # The torque disturbance by moving water has a steep noise spectrum at low frequencies. An average over neighbouring
-    # frequencies would be biased there, so residuals are divided by the spectrum's shape before they are averaged.
-    shape = _shape(np.abs(residual))
-    a, b = np.tril_indices(outputs)
-    both = shape[a] * shape[b]
-    products = residual[a] * residual[b].conj()
-    products = (products + (unsure[a, b] if isinstance(unsure, np.ndarray) else unsure)) / both
-    reach = np.clip((OVER * place).astype(int), LEAST_REACH, max(min(MOST_REACH, count // 8), LEAST_REACH))
-    first, last = np.maximum(place - reach, 0), np.minimum(place + reach, count - 1)
-    sums = np.zeros((len(a), count + 1), products.dtype)
-    np.cumsum(products, axis=-1, out=sums[:, 1:])
-    matrix = (sums.take(last + 1, 1) - sums.take(first, 1)) * (0.5 / (last + 1 - first)) * both
-    matrix[a == b] += FLOOR * np.median(matrix[a == b].real, axis=1, keepdims=True) + 1e-18
-    lower = np.zeros((outputs, outputs, count), matrix.dtype)
-    lower[a, b] = matrix
-    return np.moveaxis(_inverse_root(lower), -1, 0)
-
-
-def white_root(left: Array, said: Array, share: float, quantile: float) -> Array:
-    """Root of the inverse covariance of residuals `left` (O, R); `said` are the data (O, R).
-
-    The unknowns absorb noise: residuals have only `share` of its power. The root is scaled by the quantile, so that all
-    intervals end at the same rise of the deviance.
-    """
-    covariance = left @ left.T / (left.shape[1] * share)
-    size = LEAST_NOISE**2 * (np.mean(said**2, axis=1) + 1e-12) + LEAST_OWN * np.diag(covariance)
-    root = np.linalg.inv(np.linalg.cholesky(covariance + np.diag(size)))
-    return np.asarray(root * (DEVIATIONS_95 / quantile))
-
-
-@cache
-def quantile_of(freedom: int) -> float:
-    """Half width of a 95 % interval, in standard deviations, by Student's t: noise from few numbers is uncertain."""
-    return float(student.ppf(0.975, max(freedom, 1)))
-
-
-def _inverse_root(matrix: Numbers) -> Numbers:
-    """Inverse Cholesky factor of matrices by lower triangles (O, O, F); `LinAlgError` where one is not positive definite."""
-    root, found = np.zeros_like(matrix), np.zeros_like(matrix)
-    for a in range(len(matrix)):
-        for b in range(a + 1):
-            rest = matrix[a, b] - np.sum(root[a, :b] * root[b, :b].conj(), axis=0)
-            if a == b:
-                if not (rest.real > 0.0).all():
-                    raise np.linalg.LinAlgError("a spectral matrix is not positive definite")
-                root[a, a] = np.sqrt(rest.real)
-            else:
-                root[a, b] = rest / root[b, b]
-        found[a, a] = 1.0 / root[a, a]
-        for b in range(a):
-            found[a, b] = -found[a, a] * np.sum(root[a, b:a] * found[b:a, b], axis=0)
-    return found

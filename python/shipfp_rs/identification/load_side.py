@@ -24,7 +24,8 @@ from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import DRIVES, Experiment
 from shipfp_rs.identification.estimate import Estimate, rounded_rows, with_interval
 from shipfp_rs.identification.input_checks import is_loaded, require_plausible
-from shipfp_rs.identification.likelihood import ACCURACY, noise_root
+from shipfp_rs.identification.likelihood import ACCURACY
+from shipfp_rs.identification.noise import noise_root
 from shipfp_rs.identification.question import BOUNDS, PRIORS, SIGNALS, Question, within_reach
 from shipfp_rs.identification.sampling import LEAST_SWING
 from shipfp_rs.identification.spectra import Spectra

@@ -3,23 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment
-from shipfp_rs.identification.estimate import ASSUMED
-from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.identification.input_checks import is_loaded
-from shipfp_rs.identification.question import OF_SIGNALS, PRIORS, SIGNALS
+from shipfp_rs.identification.question import OF_SIGNALS, PRIORS, SIGNALS, Options
+from shipfp_rs.identification.structure_fit import StructureQuestion
 from shipfp_rs.structures.parameter import Torque
 from shipfp_rs.structures.ship import commanded
 from shipfp_rs.structures.structure import Structure
-from shipfp_rs.support.sentences import Sentence
-
-TAKEN_FOR_TORQUE = Sentence(
-    "The command is taken as the drive's torque (v = 1, g = 0), since no torque was measured. Of any other "
-    "command only tau_n / v and (p - g) / v are known."
-)
 
 
 def in_open_loop(experiments: Sequence[Experiment]) -> bool:
@@ -49,7 +41,7 @@ def require_driver(data: Sequence[object], structure: Structure) -> None:
             )
 
 
-def structure_in_open_loop(
+def question_in_open_loop(
     experiments: Sequence[Experiment],
     *,
     torque: Torque | None = None,
@@ -57,8 +49,9 @@ def structure_in_open_loop(
     elements: Mapping[str, bool] | None = None,
     fixed: Mapping[str, float] | None = None,
     priors: Mapping[str, tuple[float, float]] | None = None,
-) -> Structure:
-    """Return the structure of a drive in open loop with the outputs that all experiments measured; arguments of `identify`.
+    options: Options,
+) -> StructureQuestion:
+    """Return the question of a drive in open loop with the outputs that all experiments measured; arguments of `identify`.
 
     Without a torque only tau_n / v and (p - g) / v are identifiable. Then v is 1 and g is 0 unless given, as for a drive
     whose torque follows the command; v is free where the inertia is known.
@@ -83,17 +76,6 @@ def structure_in_open_loop(
     given = {} if "dM" in outputs else {"g": 0.0} | ({"k_L": 1.0} if "load" in acting else {})
     if "dM" not in outputs and not {"tau_n", "v"} & {*(fixed or {}), *(priors or {})}:
         given["v"] = 1.0
-    return structure.with_fixed(**{**given, **(fixed or {})})
-
-
-def with_caveat(fingerprint: Fingerprint, fixed: Mapping[str, float] | None) -> Fingerprint:
-    """Return the fingerprint with a sentence on assumed parameters, and on the assumed meaning of the command."""
-    assumed = {
-        name: replace(estimate, reason=ASSUMED)
-        for name, estimate in fingerprint.parameters.items()
-        if name in ("g", "k_L", "v") and estimate.status == "fixed" and name not in (fixed or {})
-    }
-    fingerprint = replace(fingerprint, parameters={**fingerprint.parameters, **assumed})
-    if "v" in (fixed or {}) or fingerprint.parameters["v"].status != "fixed":
-        return fingerprint
-    return replace(fingerprint, verdict=(*fingerprint.verdict, TAKEN_FOR_TORQUE))
+    assumed = tuple(name for name in given if name not in (fixed or {}))
+    structure = structure.with_fixed(**{**given, **(fixed or {})})
+    return StructureQuestion(tuple(experiments), structure, options, assumed)

@@ -13,15 +13,15 @@ from shipfp_rs import _core
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.identification.coordinates import Coordinates
-from shipfp_rs.identification.equation_likelihood import EquationLikelihood
 from shipfp_rs.identification.input_checks import is_loaded, set_point_moves
-from shipfp_rs.identification.likelihood import ACCURACY
-from shipfp_rs.identification.limited_likelihood import LimitedLikelihood
+from shipfp_rs.identification.likelihood import ACCURACY, Likelihood
+from shipfp_rs.identification.limited_ship import LimitedShip
 from shipfp_rs.identification.sampling import Between
+from shipfp_rs.identification.ship_model import ShipModel, unknowns_of
 from shipfp_rs.identification.spectra import Spectra
 from shipfp_rs.structures.elements import ABSENT, ELEMENTS, LATE_CHANNELS, QUANTITIES
 from shipfp_rs.structures.parameter import BRAKE, Torque
-from shipfp_rs.structures.ship import BRAKE_SCALE, ShipEquations, rate_limited
+from shipfp_rs.structures.ship import ShipEquations, rate_limited
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.support.arrays import Array
 
@@ -98,8 +98,6 @@ OF_SIGNALS: Mapping[str, str] = {
     "E_n": "dE",
 }
 """Outputs by the names of their signals."""
-RACK_OFFSET = "rack offset"
-"""Unknown of records with a measured rack."""
 TRIED: Mapping[str, tuple[str, ...]] = {
     "torque_limit": ("M_max", "M_soft"),
     "rack_rate": ("rate",),
@@ -132,6 +130,10 @@ class Question:
         The given structure; None: the full ship.
     propeller
         Whether the speed is measured on the propeller's side of the flexible shaft.
+    assumed
+        Fixed parameters that were neither given nor estimated.
+    options
+        Options of the search.
     """
 
     experiments: tuple[Experiment, ...]
@@ -147,6 +149,8 @@ class Question:
     bounds: Mapping[str, tuple[float, float]] = field(default_factory=lambda: BOUNDS)
     structure: Structure | None = None
     propeller: bool = False
+    assumed: tuple[str, ...] = ()
+    options: Options = field(default_factory=Options)
 
     def __post_init__(self) -> None:
         for name in (
@@ -215,23 +219,23 @@ class Question:
             if all(one in free for one in name.replace("-", "/").split("/"))
         }
 
-    def likelihood(self, between: Between | None = None) -> EquationLikelihood:
+    def likelihood(self, between: Between | None = None) -> Likelihood:
         """Return the likelihood of the ship without tried elements; `between`: see `Spectra.of`."""
-        own = {"dX": RACK_OFFSET, BRAKE: BRAKE_SCALE}
-        beside = [name for output, name in own.items() if output in self.outputs]
-        unknowns = ("set point offset", "torque scale", *beside)
+        equations = ShipEquations(
+            self.outputs, self.gauge, self.propeller, loaded=self.loaded, mean_sampling=True
+        )
+        unknowns = unknowns_of(equations)
         coordinates = self.coordinates((), unknowns)
-        smooth = EquationLikelihood(
-            records=tuple(
-                self._behind_ramp(
-                    Spectra.of(one, self.outputs, self._measured(one), load=self.loaded, between=between)
-                )
-                for one in self.experiments
+        records = [
+            Spectra.of(one, self.outputs, self._measured(one), load=self.loaded, between=between)
+            for one in self.experiments
+        ]
+        smooth = Likelihood(
+            models=tuple(
+                ShipModel(record=self._behind_ramp(record), unknowns=unknowns, equations=equations)
+                for record in records
             ),
             coordinates=coordinates,
-            gauge=self.gauge,
-            propeller=self.propeller,
-            unknowns=unknowns,
             accuracy=np.array([self._accuracy(output) for output in self.outputs]),
             priors=self._priors(coordinates.free),
         )
@@ -244,16 +248,18 @@ class Question:
             return record
         return record.with_set_point(rate_limited(record.set_point, rate, record.data_hz))
 
-    def with_elements(self, likelihood: EquationLikelihood, elements: Sequence[str]) -> EquationLikelihood:
+    def with_elements(self, likelihood: Likelihood, elements: Sequence[str]) -> Likelihood:
         """Return the likelihood of the same records with the given tried elements."""
-        coordinates = self.coordinates(elements, likelihood.unknowns)
-        changed: dict[str, Any] = {"coordinates": coordinates, "priors": self._priors(coordinates.free)}
-        if {"M_max", "rate"} & {*coordinates.free, *coordinates.given} and not isinstance(
-            likelihood, LimitedLikelihood
-        ):
-            known = {one.name: getattr(likelihood, one.name) for one in fields(EquationLikelihood)}
-            return LimitedLikelihood(**known | changed)
-        return replace(likelihood, **changed)
+        coordinates = self.coordinates(elements, likelihood.models[0].unknowns)
+        models = likelihood.models
+        if {"M_max", "rate"} & {*coordinates.free, *coordinates.given} and not likelihood.limited:
+            models = tuple(
+                LimitedShip(**{one.name: getattr(model, one.name) for one in fields(ShipModel)})
+                for model in models
+            )
+        return replace(
+            likelihood, models=models, coordinates=coordinates, priors=self._priors(coordinates.free)
+        )
 
 
 def question_of(
@@ -265,6 +271,7 @@ def question_of(
     fixed: Mapping[str, float] | None = None,
     priors: Mapping[str, tuple[float, float]] | None = None,
     accuracy: Mapping[str, float] | None = None,
+    options: Options | None = None,
 ) -> Question:
     """Return what a fit is to answer: data, outputs, parameters and elements, for the outputs that all experiments measured.
 
@@ -292,6 +299,7 @@ def question_of(
     beside = ["v"] if "dX" in outputs else []
     always = ["tau_n", "g", *beside, "vK_p", "vK_i", "p", *(["tau_prop"] if gauge else [])]
     elements.setdefault("late_brake", BRAKE in outputs)
+    assumed = ("k_L",) if loaded and "dM" not in outputs and "k_L" not in known else ()
     if "dM" not in outputs:
         # Only speed and torque together reveal a late torque channel or a flexible shaft.
         elements |= {"late_torque": False, "twist": False}
@@ -325,11 +333,32 @@ def question_of(
         accuracy=dict(accuracy or {}),
         loaded=loaded,
         propeller="tau_twist" in always and all(one.speed_side == "propeller" for one in experiments),
+        assumed=assumed,
+        options=options or Options(),
     )
 
 
-def question_of_ship(experiments: Sequence[Experiment], structure: Structure) -> Question | None:
-    """Return a given ship's question; None if the full ship's search does not support the structure.
+def is_ship(structure: Structure) -> bool:
+    """Whether the ship's search supports a structure: it has no other equations, ties or parameters."""
+    equations, names = structure.equations, {parameter.name for parameter in structure.parameters}
+    return (
+        structure.settings["kind"] == "ship"
+        and isinstance(equations, ShipEquations)
+        and not equations.envelope
+        and ("T_s" not in names or equations.mean_sampling)
+        and not set(structure.outputs) - set(_core.EQUATION_OUTPUTS)
+        and not {"K_p", "K_i", "K_d"} & {parameter.name for parameter in structure.free}
+        and "dn" in structure.outputs
+        and names <= BOUNDS.keys()
+        and bool(structure.free)
+        and not structure.ties
+    )
+
+
+def question_of_ship(
+    experiments: Sequence[Experiment], structure: Structure, options: Options | None = None
+) -> Question:
+    """Return the question of a given ship, for which `is_ship` holds.
 
     Raises
     ------
@@ -337,18 +366,8 @@ def question_of_ship(experiments: Sequence[Experiment], structure: Structure) ->
         If an experiment lacks a signal.
     """
     equations = structure.equations
+    assert isinstance(equations, ShipEquations)
     names = {parameter.name: parameter for parameter in structure.parameters}
-    own_gains = {"K_p", "K_i", "K_d"} & {parameter.name for parameter in structure.free}
-    if (
-        not isinstance(equations, ShipEquations)
-        or equations.envelope
-        or ("T_s" in names and not equations.mean_sampling)
-        or set(structure.outputs) - set(_core.EQUATION_OUTPUTS)
-        or own_gains
-        or "dn" not in structure.outputs
-        or any(name not in BOUNDS for name in names)
-    ):
-        return None
     fixed = {name: one.start for name, one in names.items() if one.fixed}
     if "M_soft" in fixed:
         fixed["M_soft"] = max(fixed["M_soft"], BOUNDS["M_soft"][0])
@@ -369,6 +388,7 @@ def question_of_ship(experiments: Sequence[Experiment], structure: Structure) ->
         bounds={name: (one.lower, one.upper) for name, one in names.items()},
         structure=structure,
         propeller=equations.propeller_speed and "tau_twist" in names,
+        options=options or Options(),
     )
 
 

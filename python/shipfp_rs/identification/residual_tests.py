@@ -16,9 +16,10 @@ from scipy.stats import chi2
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.identification.identifiability import without_nuisance
-from shipfp_rs.identification.likelihood import LEAST_REACH, noise_root, real_rows, turned
-from shipfp_rs.identification.structure_fit import Fitted, StructureFit
-from shipfp_rs.identification.structure_likelihood import InBand, Samples, StructureLikelihood, banded
+from shipfp_rs.identification.likelihood import Likelihood
+from shipfp_rs.identification.noise import LEAST_REACH, noise_root, real_rows, turned
+from shipfp_rs.identification.structure_fit import StructureFit
+from shipfp_rs.identification.structure_models import InBand, Samples, banded, structure_likelihood
 from shipfp_rs.support.arrays import DEVIATIONS_95, Array, Mask, Numbers
 
 WHITENESS_LAGS = 25
@@ -165,7 +166,7 @@ def residual_tests(fit: StructureFit) -> dict[str, OutputTests]:
     return tests
 
 
-def _in_band(fit: StructureFit) -> tuple[list[InBand], Fitted, Array] | None:
+def _in_band(fit: StructureFit) -> tuple[list[InBand], Likelihood, Array] | None:
     """Return the experiments as spectra, their likelihood with noise at the minimum, and the minimum's search vector.
 
     Returns None if no experiment is long enough for a spectrum.
@@ -184,12 +185,12 @@ def _in_band(fit: StructureFit) -> tuple[list[InBand], Fitted, Array] | None:
         places += range(c.states(index).start, c.states(index).stop)
     if not records:
         return None
-    found = StructureLikelihood.of(records, fit.structure, accurate=not fit.likelihood.accuracy.any())
+    found = structure_likelihood(records, fit.structure, accurate=not fit.likelihood.accuracy.any())
     own = vector[places]
     return records, found.with_noise(own), own
 
 
-def _without_inputs(likelihood: Fitted, vector: Array, shapes: Sequence[Numbers]) -> Fitted:
+def _without_inputs(likelihood: Likelihood, vector: Array, shapes: Sequence[Numbers]) -> Likelihood:
     """Return the likelihood with the noise that remains after lagged set points (O, L, O, F) explain the residuals.
 
     If the noise included what the structure lacks, the test would be less sensitive.
@@ -205,7 +206,7 @@ def _without_inputs(likelihood: Fitted, vector: Array, shapes: Sequence[Numbers]
     taken = np.einsum("rk,rk->r", basis, basis)
     left = (rows[:, 0] - basis @ (basis.T @ rows[:, 0])) / np.maximum(1.0 - taken, LEAST_LEFT)
     roots, first = [], 0
-    for index, record in enumerate(likelihood.records):
+    for index, record in enumerate(likelihood.models):
         size = record.spectrum.size
         real, imaginary = left[first : first + 2 * size].reshape(2, *record.spectrum.shape)
         own = turned(np.linalg.inv(likelihood.root(index)), (real + 1j * imaginary)[None])[0]
@@ -237,7 +238,7 @@ def _lagged(record: InBand, lags: npt.NDArray[np.int64]) -> Numbers:
     return np.asarray(np.eye(len(record.measured))[:, None, :, None] * record.seen(delayed))
 
 
-def _inputs(likelihood: Fitted, shapes: Sequence[Numbers], rows: int) -> Array:
+def _inputs(likelihood: Likelihood, shapes: Sequence[Numbers], rows: int) -> Array:
     """Shapes (L, O, F) of each record in units of the noise, zero in rows of priors, (R, L)."""
     found = np.concatenate(
         [real_rows(turned(likelihood.root(index), one)) for index, one in enumerate(shapes)], axis=1

@@ -104,12 +104,12 @@ def _searched(
 def behind_ramp(fit: ShipFit, rate: float, vector: Array) -> ShipFit:
     """Return the fit of the records behind a ramp, begun at a search vector."""
     likelihood = fit.likelihood
-    records = tuple(
+    records = (
         one.with_set_point(rate_limited(one.set_point, rate, one.data_hz)) for one in likelihood.records
     )
     c = replace(likelihood.coordinates, given={**likelihood.coordinates.given, "set_rate": rate})
     question = replace(fit.question, fixed={**fit.question.fixed, "set_rate": rate})
-    likelihood = replace(likelihood, records=records, coordinates=c).settled_at(vector)
+    likelihood = replace(likelihood.with_records(records), coordinates=c).settled_at(vector)
     end = descend(likelihood, vector)
     return replace(fit, likelihood=likelihood, basins=(end,), question=question)
 

@@ -7,6 +7,7 @@ a value without effect. Limits of torque and rate have none and are tried one by
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
 
@@ -17,9 +18,12 @@ from shipfp_rs.identification.basins import (
     best_basins,
     descend,
     distinct,
+    expected,
 )
-from shipfp_rs.identification.equation_likelihood import EquationLikelihood
+from shipfp_rs.identification.coordinates import WITHOUT_EFFECT
 from shipfp_rs.identification.first_guesses import first_guesses
+from shipfp_rs.identification.input_checks import require_excited
+from shipfp_rs.identification.likelihood import Likelihood
 from shipfp_rs.identification.load_side import LoadSide, load_side_of
 from shipfp_rs.identification.question import TRIED, Question
 from shipfp_rs.identification.sampling import Between
@@ -32,25 +36,28 @@ from shipfp_rs.identification.trials import with_limits
 from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.progress import part, tell
 
+EXPLAINED = 0.3
+"""Share of the speed that the set point explains in the load's equation; above it, the speed follows the set point."""
 
-def fit_ship(
-    question: Question,
-    *,
-    starts: int = 1,
-    seed: int | None = 0,
-    time_limit_s: float | None = None,
-    side: LoadSide | None = None,
-) -> ShipFit:
-    """Search the ship that best explains the data; `side` is the result of `load_side`, if any.
 
-    For a given structure the search also starts from its declared start and `starts` - 1 random ones.
+def fit_ship(question: Question) -> ShipFit:
+    """Search the ship that best explains the data.
+
+    For a given structure the search also starts from its declared start, and from random ones if the options say so.
 
     Raises
     ------
+    InputError
+        If nothing excites the ship.
     IdentificationError
         If no start leads to a ship that can be simulated.
     """
-    until = None if time_limit_s is None else time.monotonic() + time_limit_s
+    side = load_side_of(question)
+    # If torque and speed fit the load's law, the speed channel is right, whatever the governor does.
+    explained = 0.0 if side is None else min(record.explained for record in side.records)
+    require_excited(question.experiments, follows=explained < EXPLAINED)
+    limit_s = question.options.time_limit_s
+    until = None if limit_s is None else time.monotonic() + limit_s
     given = tuple(
         element
         for element in TRIED
@@ -60,11 +67,11 @@ def fit_ship(
     # A given limit is searched like one that is tried: the fit without limits comes first.
     question = replace(question, always=tuple(name for name in question.always if name not in names))
     with part(0.0, 0.4):
-        fit = smooth_ship(question, starts=starts, seed=seed, until=until, side=side)
+        fit = smooth_ship(question, until=until, side=side)
         if question.propeller and question.structure is None:
             # Pulses behind the gear may be counted at either end of the flexible shaft: the likelier end is kept.
             other = replace(question, propeller=False)
-            near = smooth_ship(other, starts=starts, seed=seed, until=until, side=side)
+            near = smooth_ship(other, until=until, side=side)
             fit = min((fit, near), key=lambda one: one.total)
             question = fit.question
     fit = replace(fit, side=load_side_of(question, fit.likelihood.records))
@@ -74,18 +81,24 @@ def fit_ship(
     return refined(fit, until)
 
 
+def ship_at(question: Question, values: Mapping[str, float]) -> ShipFit:
+    """Return the expected fit of a ship whose true parameters are known."""
+    likelihood = question.likelihood()
+    vector = likelihood.coordinates.vector({**DEFAULTS, **WITHOUT_EFFECT, **values})
+    likelihood = likelihood.settled_at(vector)
+    return ShipFit(likelihood, (expected(likelihood, vector),), question)
+
+
 def first_look(
     question: Question,
     between: Between | None = None,
     *,
-    starts: int = 1,
-    seed: int | None = 0,
     until: float | None = None,
     side: LoadSide | None = None,
 ) -> ShipFit:
     """Descend from all starts, without the elements that are tried later; see `fit_ship`."""
     side = load_side_of(question) if side is None else side
-    likelihood, vectors = _begun(question, between, starts, seed, side)
+    likelihood, vectors = _begun(question, between, side)
     likelihood, basins, _ = best_basins(likelihood, vectors, until=until)
     return ShipFit(likelihood, tuple(basins), question, side=side)
 
@@ -93,8 +106,6 @@ def first_look(
 def smooth_ship(
     question: Question,
     *,
-    starts: int = 1,
-    seed: int | None = 0,
     until: float | None = None,
     side: LoadSide | None = None,
 ) -> ShipFit:
@@ -106,14 +117,14 @@ def smooth_ship(
         for one in question.experiments
     )
     between: Between | None = "band-limited" if undecided else None
-    fit = first_look(question, between, starts=starts, seed=seed, until=until, side=side)
+    fit = first_look(question, between, until=until, side=side)
     tell("searching the smooth ship", 0.3)
     # Gaps are filled, and images removed, by what the first look found.
     ends = [fit.likelihood.corrected(fit.best.vector)]
     if undecided:
         # Samples that no processing low-passed may as well be those of straight lines.
-        straight = tuple(one.running("straight") for one in fit.likelihood.records)
-        ends.append(replace(fit.likelihood, records=straight).corrected(fit.best.vector))
+        straight = fit.likelihood.with_records(one.running("straight") for one in fit.likelihood.records)
+        ends.append(straight.corrected(fit.best.vector))
     likelihood = min(ends, key=lambda end: descend(end, fit.best.vector, until=until).cost)
     points = [start for one in fit.basins for start in (one.vector, *_exchanged(likelihood, one.vector))]
     basins = distinct(likelihood, [descend(likelihood, start, until=until) for start in points])
@@ -122,7 +133,7 @@ def smooth_ship(
     return settled(replace(fit, likelihood=likelihood, basins=tuple(basins)), until)
 
 
-def _exchanged(likelihood: EquationLikelihood, vector: Array) -> list[Array]:
+def _exchanged(likelihood: Likelihood, vector: Array) -> list[Array]:
     """Return the point with the lags of actuator and engine exchanged, which differ little if the slope is weak."""
     names = likelihood.coordinates.names
     if not {"tau_act", "tau_eng"} <= set(names):
@@ -133,19 +144,19 @@ def _exchanged(likelihood: EquationLikelihood, vector: Array) -> list[Array]:
 
 
 def _begun(
-    question: Question, between: Between | None, starts: int, seed: int | None, side: LoadSide | None
-) -> tuple[EquationLikelihood, list[Array]]:
+    question: Question, between: Between | None, side: LoadSide | None
+) -> tuple[Likelihood, list[Array]]:
     """Return the likelihood and the start vectors of the first descents."""
     likelihood = question.likelihood(between)
     law = None if side is None else side.law
     guesses = first_guesses(likelihood.records, question.outputs, question.gauge, law)
     drawn: list[dict[str, float]] = []
     if question.structure is not None:
-        own, random = question.structure.parameters, np.random.default_rng(seed)
+        own, random = question.structure.parameters, np.random.default_rng(question.options.seed)
         guesses = [{one.name: one.start for one in own}, *guesses]
         drawn = [
             {one.name: one.start if one.fixed else one.drawn(random) for one in own}
-            for _ in range(starts - 1)
+            for _ in range((question.options.starts or 1) - 1)
         ]
     return likelihood, [
         likelihood.coordinates.vector({"c_2": 0.0, **DEFAULTS, **guess}) for guess in (*guesses, *drawn)

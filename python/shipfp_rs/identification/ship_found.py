@@ -6,8 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 from shipfp_rs.identification.basins import Minima, descend, distinct, settle
-from shipfp_rs.identification.equation_likelihood import EquationLikelihood
-from shipfp_rs.identification.limited_likelihood import LimitedLikelihood
+from shipfp_rs.identification.likelihood import Likelihood
 from shipfp_rs.identification.load_side import LoadSide
 from shipfp_rs.identification.profiles import Interval
 from shipfp_rs.identification.question import Question
@@ -36,7 +35,7 @@ class ShipFit(Minima):
     engine and governor. `ramp` is the interval of the set point's rate limit, if there is one.
     """
 
-    likelihood: EquationLikelihood
+    likelihood: Likelihood
     question: Question
     elements: tuple[str, ...] = ()
     gains: Mapping[str, float] = field(default_factory=dict)
@@ -47,7 +46,7 @@ class ShipFit(Minima):
     @property
     def is_smooth(self) -> bool:
         """Whether no limit acts."""
-        return not isinstance(self.likelihood, LimitedLikelihood)
+        return not self.likelihood.limited
 
 
 def settled(fit: ShipFit, until: float | None) -> ShipFit:

@@ -16,7 +16,7 @@ from shipfp_rs.identification.adequacy import LARGE_MISS_PCT, LEAST_EXPLAINED_PC
 from shipfp_rs.identification.coordinates import COMBINED
 from shipfp_rs.identification.engine_tests import suspected
 from shipfp_rs.identification.estimate import ASSUMED, Estimate, unidentifiable
-from shipfp_rs.identification.limited_likelihood import LimitedLikelihood
+from shipfp_rs.identification.limited_ship import removed_share
 from shipfp_rs.identification.load_side import LoadSide
 from shipfp_rs.identification.ship_found import DISCREPANCY, ShipFit
 from shipfp_rs.support.sentences import Sentence
@@ -45,7 +45,7 @@ KINDS: Mapping[str, Sentence] = {
 def undescribed(fit: ShipFit, misses_pct: Sequence[float], explained_pct: Sequence[float]) -> str | None:
     """Return the kind, of `KINDS`, of a contradiction to the model's drive and governor; None without a contradiction."""
     likelihood = fit.likelihood
-    if isinstance(likelihood, LimitedLikelihood) and likelihood.removed_share(fit.best.vector) > MOST_REMOVED:
+    if likelihood.limited and removed_share(likelihood, fit.best.vector) > MOST_REMOVED:
         return "limit"
     if (kind := suspected(fit.scores, 1.0 if fit.is_smooth else DISCREPANCY)) is not None:
         return kind

@@ -16,7 +16,8 @@ import numpy as np
 from scipy.fft import irfft
 
 from shipfp_rs.identification.basins import Basin
-from shipfp_rs.identification.likelihood import Likelihood, Products, turned
+from shipfp_rs.identification.likelihood import Likelihood, Products
+from shipfp_rs.identification.noise import turned
 from shipfp_rs.identification.profiles import Profiles, scaled_inverse
 from shipfp_rs.identification.spectra import Spectra
 from shipfp_rs.support.arrays import Array, ComplexArray
@@ -59,7 +60,7 @@ class Stretches:
     def _smooth(self) -> list[ComplexArray]:
         """Shapes of the systematic errors of each record in units of noise, (E, O, F)."""
         found = []
-        for index, shapes in enumerate(self.likelihood._shapes):
+        for index, shapes in enumerate(self.likelihood.shapes):
             found.append(turned(self.likelihood.root(index), shapes))
             found[-1][..., 0] = 0.0
         return found
@@ -80,19 +81,18 @@ class Stretches:
     @cached_property
     def _white(self) -> list[ComplexArray]:
         """Rows of `_rows` with systematic errors eliminated, given the priors of these errors."""
-        errors, found = self._smooth, [rows.copy() for rows in self._rows]
-        square = np.eye(len(errors[0])) + sum(_products(one, one) for one in errors)
-        along = sum(_products(one, rows) for one, rows in zip(errors, found, strict=True))
-        sizes = np.linalg.solve(square, along)
-        for rows, one in zip(found, errors, strict=True):
-            _flat(rows)[:] -= sizes.T @ _flat(one)
-        return found
+        if not self.likelihood.bends:
+            return self._rows
+        along = sum(self.likelihood.along_errors(index, rows) for index, rows in enumerate(self._rows))
+        sizes = along @ self.likelihood.errors_inverse
+        return [
+            rows - np.tensordot(sizes, one, 1) for rows, one in zip(self._rows, self._smooth, strict=True)
+        ]
 
     @cached_property
     def _gram(self) -> Array:
         """Gram matrix of residual, derivatives and columns in the deviance, (1 + P + C, 1 + P + C)."""
-        none = [()] * len(self.likelihood.records)
-        return self.likelihood.with_columns(self.vector, self.columns or none)
+        return self.likelihood.gram(self.vector, self.columns, fused=False)
 
     @cached_property
     def _priors(self) -> Array:

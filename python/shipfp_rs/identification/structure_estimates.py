@@ -14,8 +14,8 @@ from scipy.stats import chi2
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.identification.adequacy import misses_of, misses_pct, stands, structure_test
 from shipfp_rs.identification.coordinates import Figure
-from shipfp_rs.identification.equation_likelihood import EquationLikelihood
 from shipfp_rs.identification.estimate import (
+    ASSUMED,
     Estimate,
     Identifiability,
     Status,
@@ -26,7 +26,6 @@ from shipfp_rs.identification.fingerprint import (
     Fingerprint,
     record_row,
     search_settings,
-    versions,
 )
 from shipfp_rs.identification.fit_statistics import information_criteria
 from shipfp_rs.identification.identifiability import (
@@ -44,12 +43,11 @@ from shipfp_rs.identification.profiles import (
     profiled,
     scaled_inverse,
 )
-from shipfp_rs.identification.question import Options
 from shipfp_rs.identification.residual_tests import residual_tests
-from shipfp_rs.identification.structure_fit import StructureFit, fit_structure, refined
-from shipfp_rs.identification.structure_likelihood import Data, InBand, Response, Samples, Seen
-from shipfp_rs.identification.verdict import with_verdict
-from shipfp_rs.identification.whole_ship import with_far_side
+from shipfp_rs.identification.ship_model import ShipModel
+from shipfp_rs.identification.structure_fit import StructureFit, refined
+from shipfp_rs.identification.structure_models import InBand, Response, Samples, Seen
+from shipfp_rs.identification.verdict import Told
 from shipfp_rs.structures.structure import Parameter, Structure
 from shipfp_rs.structures.ties import COMBINATIONS
 from shipfp_rs.support.arrays import DEVIATIONS_95, Array, Mask, Numbers
@@ -68,6 +66,11 @@ SHARPER = 1.0 / 3.0
 """A combination is listed if its relative deviation is below this share of its least known parameter's."""
 STILL = 1e-4
 """Largest probability, by chance, of the explained deviance for the fit to be significant."""
+
+TAKEN_FOR_TORQUE = Sentence(
+    "The command is taken as the drive's torque (v = 1, g = 0), since no torque was measured. Of any other "
+    "command only tau_n / v and (p - g) / v are known."
+)
 
 
 @dataclass(frozen=True)
@@ -193,7 +196,8 @@ class StructureEstimates:
         }
         for one in self.structure.parameters:
             if one.fixed:
-                found[one.name] = Estimate(one.start, unit=one.unit, status="fixed", reason="given")
+                reason = ASSUMED if one.name in self.fit.question.assumed else "given"
+                found[one.name] = Estimate(one.start, unit=one.unit, status="fixed", reason=reason)
         return with_tied(found, self.structure)
 
     def _estimate(self, index: int, parameter: Parameter, intervals: Mapping[str, Interval]) -> Estimate:
@@ -283,7 +287,7 @@ def _responds(fit: StructureFit) -> bool:
             constant = record.seen(np.ones_like(record.measured))[0]
         share = own @ constant.conj() / np.vdot(constant, constant).real
         left = own - share[:, None] * constant if record.unknowns else own
-        if isinstance(likelihood, EquationLikelihood):
+        if isinstance(likelihood.models[0], ShipModel):
             left[:, 0] = 0.0
         still.append(left if np.iscomplexobj(own) else left.real)
     before = likelihood.under(still)
@@ -326,17 +330,10 @@ def _relative(estimate: Estimate) -> float:
     return estimate.std / abs(estimate.value)
 
 
-def fitted(
-    data: Data | Sequence[Data], structure: Structure, options: Options, *, vessel: str | None = None
-) -> Fingerprint:
-    """Fit a structure by its own equations, as `identify` does."""
-    return of_structure(fit_structure(data, structure, options), options, vessel=vessel)
-
-
-def _with_intervals(fit: StructureFit, options: Options) -> tuple[StructureEstimates, Mapping[str, Interval]]:
+def _with_intervals(fit: StructureFit) -> tuple[StructureEstimates, Mapping[str, Interval]]:
     """Return the estimates and intervals at the minimum, which a profile may have lowered."""
     found = StructureEstimates(fit)
-    if options.intervals == "symmetric":
+    if fit.question.options.intervals == "symmetric":
         profiles = Profiles(fit.likelihood, list(fit.basins))
         return found, {name: profiles.symmetric(figure) for name, figure in found.figures.items()}
     bounds = {one.name: (one.lower, one.upper) for one in fit.structure.free}
@@ -348,10 +345,10 @@ def _with_intervals(fit: StructureFit, options: Options) -> tuple[StructureEstim
     return found, intervals
 
 
-def of_structure(fit: StructureFit, options: Options, *, vessel: str | None = None) -> Fingerprint:
-    """Return the fingerprint of a fitted structure."""
-    structure = fit.structure
-    found, intervals = _with_intervals(fit, options)
+def structure_told(fit: StructureFit) -> Told:
+    """Return what the fit of a structure tells."""
+    structure, options = fit.structure, fit.question.options
+    found, intervals = _with_intervals(fit)
     fit, parameters = found.fit, found.parameters(intervals)
     derived = found.derived(parameters)
     records, tests = fit.records, residual_tests(fit)
@@ -363,7 +360,7 @@ def of_structure(fit: StructureFit, options: Options, *, vessel: str | None = No
     overall = _overall(fit, found)
     overall |= structure_test({output: test.figures() for output, test in tests.items()})
     # In closed form, the misfit is that of the ship, whose structure is selected; else residuals test the structure.
-    closed = isinstance(fit.likelihood, EquationLikelihood) and not fit.likelihood.white
+    closed = isinstance(fit.likelihood.models[0], ShipModel) and fit.likelihood.models[0].noise != "white"
     samples = next((test.samples for test in tests.values()), 1)
     missed = misses_pct(fit.likelihood, fit.best.vector) if closed else []
     misses = dict(zip(structure.outputs, missed, strict=True)) if closed else misses_of(table, samples)
@@ -380,7 +377,6 @@ def of_structure(fit: StructureFit, options: Options, *, vessel: str | None = No
         fit={**table, "overall": overall},
         residuals={output: test.correlograms() for output, test in tests.items()},
         structure=structure.to_dict(),
-        vessel=vessel,
         data=tuple(
             record_row(
                 record.data, dict(zip(structure.outputs, record.signals, strict=True)), fits, record.used
@@ -394,13 +390,12 @@ def of_structure(fit: StructureFit, options: Options, *, vessel: str | None = No
             "time_limit_s": options.time_limit_s,
             **search_settings(fit, {name: found.values[name] for name in structure.names}),
         },
-        seed=options.seed,
-        versions=versions(),
         adequate=adequate if closed or tested else {},
+        verdict=(TAKEN_FOR_TORQUE,) if "v" in fit.question.assumed else (),
     )
-    experiments = [record.data for record in records if isinstance(record.data, Experiment)]
-    return with_verdict(
-        with_far_side(fingerprint, experiments),
+    return Told(
+        fingerprint,
+        [record.data for record in records if isinstance(record.data, Experiment)],
         is_short=not (closed or tested) and any(isinstance(one, Samples) for one in records),
         contradicted=not (closed and adequate["stands"]),
     )

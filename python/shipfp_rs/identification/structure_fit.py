@@ -4,33 +4,40 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 
 from shipfp_rs.errors import IdentificationError, InputError, SimulationError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.frequency import FrequencyResponse
-from shipfp_rs.identification.basins import Basin, Minima, best_basins, descend, distinct, settle
+from shipfp_rs.identification.basins import (
+    Basin,
+    Minima,
+    best_basins,
+    descend,
+    distinct,
+    expected,
+    settle,
+)
 from shipfp_rs.identification.coordinates import Coordinates
-from shipfp_rs.identification.equation_likelihood import EquationLikelihood
 from shipfp_rs.identification.first_guesses import LoopSpectra, guesses_from, guesses_in_open_loop
+from shipfp_rs.identification.likelihood import Likelihood
 from shipfp_rs.identification.question import Options
 from shipfp_rs.identification.sampling import SHORTEST_S
-from shipfp_rs.identification.structure_likelihood import (
+from shipfp_rs.identification.ship_model import Ship, ShipModel, unknowns_of
+from shipfp_rs.identification.structure_models import (
     Data,
     InBand,
     Samples,
     Seen,
-    StructureLikelihood,
     banded,
     seen,
+    structure_likelihood,
 )
-from shipfp_rs.structures.parameter import BRAKE
-from shipfp_rs.structures.ship import BRAKE_SCALE
 from shipfp_rs.structures.structure import Structure
-from shipfp_rs.structures.two_equations import TwoEquations
 from shipfp_rs.support import hints
 from shipfp_rs.support.arrays import Array
 
@@ -56,7 +63,14 @@ GUESSED = 2
 """Number of starts from regressions, by least deviance."""
 
 
-Fitted = StructureLikelihood | EquationLikelihood
+@dataclass(frozen=True)
+class StructureQuestion:
+    """The task of a fit by a structure's own equations; `assumed` are fixed parameters that were not given."""
+
+    data: tuple[Data, ...]
+    structure: Structure
+    options: Options
+    assumed: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -66,10 +80,15 @@ class StructureFit(Minima):
     `settled` is the total deviance of the best minimum, if the noise was estimated again until the minimum did not move.
     """
 
-    likelihood: Fitted
-    structure: Structure
+    likelihood: Likelihood
+    question: StructureQuestion
     records: tuple[Seen, ...]
     settled: float | None = None
+
+    @property
+    def structure(self) -> Structure:
+        """The fitted structure."""
+        return self.question.structure
 
     @property
     def total(self) -> float:
@@ -82,7 +101,7 @@ class StructureFit(Minima):
         return c.values(vector) | c.states_at(vector)[record]
 
 
-def fit_structure(data: Data | Sequence[Data], structure: Structure, options: Options) -> StructureFit:
+def fit_structure(question: StructureQuestion) -> StructureFit:
     """Search the parameters that best explain data.
 
     Raises
@@ -92,8 +111,9 @@ def fit_structure(data: Data | Sequence[Data], structure: Structure, options: Op
     IdentificationError
         If no start leads to a minimum.
     """
+    structure, options = question.structure, question.options
     options.require()
-    records, likelihood = likelihood_of(data, structure, options)
+    records, likelihood = likelihood_of(question)
     starts = options.starts_for(structure)
     LOGGER.info(
         "identify: %s, %d free parameters, %s, %d starts",
@@ -109,7 +129,7 @@ def fit_structure(data: Data | Sequence[Data], structure: Structure, options: Op
     ]
     likelihood, basins, total = best_basins(likelihood, vectors, until=until, alone=_settled)
     basins = _sharpened(likelihood, basins, until)
-    return StructureFit(likelihood, tuple(distinct(likelihood, basins)), structure, records, total)
+    return StructureFit(likelihood, tuple(distinct(likelihood, basins)), question, records, total)
 
 
 def refined(fit: StructureFit) -> StructureFit:
@@ -122,14 +142,22 @@ def refined(fit: StructureFit) -> StructureFit:
     return replace(fit, likelihood=likelihood, basins=tuple(basins), settled=end.cost)
 
 
-def _sharpened(likelihood: Fitted, basins: Sequence[Basin], until: float | None) -> list[Basin]:
+def structure_at(question: StructureQuestion, values: Mapping[str, float]) -> StructureFit:
+    """Return the expected fit of a structure whose true parameters are known."""
+    records, likelihood = likelihood_of(question)
+    vector = likelihood.coordinates.vector(values)
+    likelihood = likelihood.settled_at(vector)
+    return StructureFit(likelihood, (expected(likelihood, vector),), question, records)
+
+
+def _sharpened(likelihood: Likelihood, basins: Sequence[Basin], until: float | None) -> list[Basin]:
     """Return the minima to the precision of the last descent."""
-    last = SETTLED if isinstance(likelihood, EquationLikelihood) else LAST
+    last = SETTLED if isinstance(likelihood.models[0], ShipModel) else LAST
     settled = max(last, ROUNDING * basins[0].cost)
     return [descend(likelihood, one.vector, steps=STEPS, settled=settled, until=until) for one in basins]
 
 
-def _settled(likelihood: Fitted, vector: Array, *, until: float | None) -> Basin:
+def _settled(likelihood: Likelihood, vector: Array, *, until: float | None) -> Basin:
     """Return the minimum under the noise of its own residuals; the cost is the total deviance."""
     start = Basin(np.inf, vector, False)
     try:
@@ -142,11 +170,9 @@ def _settled(likelihood: Fitted, vector: Array, *, until: float | None) -> Basin
     return Basin(likelihood.total(end.vector), end.vector, end.settled)
 
 
-def likelihood_of(
-    data: Data | Sequence[Data], structure: Structure, options: Options
-) -> tuple[tuple[Seen, ...], Fitted]:
+def likelihood_of(question: StructureQuestion) -> tuple[tuple[Seen, ...], Likelihood]:
     """Return the data in the form compared with a structure, and the likelihood before any noise estimate."""
-    items = [data] if isinstance(data, Experiment | FrequencyResponse) else list(data)
+    items, structure, options = question.data, question.structure, question.options
     if not items:
         raise InputError("identify: no data given, expected an Experiment or a FrequencyResponse")
     for item in items:
@@ -161,48 +187,32 @@ def likelihood_of(
     )
     if not structure.free:
         raise InputError(f"structure {structure.name!r} has no free parameter; nothing to identify")
-    own = StructureLikelihood.of(records, structure, accurate=options.at_rest)
+    own = structure_likelihood(records, structure, accurate=options.at_rest)
     return records, _in_closed_form(records, structure, own) or own
 
 
-def _in_closed_form(
-    records: Sequence[Seen], structure: Structure, own: StructureLikelihood
-) -> EquationLikelihood | None:
+def _in_closed_form(records: Sequence[Seen], structure: Structure, own: Likelihood) -> Likelihood | None:
     """Return the likelihood by the ship's two equations; None if the structure has more, or data are no spectra."""
-    names = own.coordinates.names
-    ships = [TwoEquations.of(record.structure, names) for record in records]
-    spectra = [record.record for record in records if isinstance(record, InBand)]
-    told = [ship for ship in ships if ship is not None]
-    white = {record.white for record in records if isinstance(record, InBand)}
-    if len(told) < len(records) or len(spectra) < len(records):
+    models = []
+    for record in records:
+        ship = Ship.of(record.structure)
+        if ship is None or not isinstance(record, InBand):
+            return None
+        noise: Literal["white", "coloured"] = "white" if record.white else "coloured"
+        unknowns = unknowns_of(ship.equations)
+        models.append(ShipModel(record=record.record, unknowns=unknowns, noise=noise, **ship._asdict()))
+    if len({(one.gauge, one.open_loop, one.behind_twist, one.noise) for one in models}) > 1:
         return None
-    if len({(ship.gauge, ship.open_loop, ship.behind_twist) for ship in told}) > 1 or len(white) > 1:
-        return None
-    unknowns = _unknowns(told[0])
-    return EquationLikelihood(
-        records=tuple(spectra),
-        coordinates=Coordinates.of(structure, (unknowns,) * len(records), OFF_BY),
-        accuracy=0.0 * own.accuracy if white == {True} else own.accuracy,
-        priors=own.priors,
-        gauge=told[0].gauge,
-        unknowns=unknowns,
-        ships=tuple(told),
-        white=white == {True},
+    return replace(
+        own,
+        models=tuple(models),
+        coordinates=Coordinates.of(structure, [one.unknowns for one in models], OFF_BY),
+        accuracy=0.0 * own.accuracy if models[0].noise == "white" else own.accuracy,
     )
 
 
-def _unknowns(ship: TwoEquations) -> tuple[str, ...]:
-    """Unknowns of a record: offset of fuel or set point, and offset (of a linear ship) or scale of the torque."""
-    outputs, found = ship.equations.outputs, [] if ship.open_loop else ["set point offset"]
-    if "dM" in outputs:
-        found.append("torque offset" if ship.is_linear else "torque scale")
-    if BRAKE in outputs:
-        found.append(BRAKE_SCALE)
-    return (*found, *(["rack offset"] if "dX" in outputs or ship.open_loop else []))
-
-
 def start_vectors(
-    records: Sequence[Seen], likelihood: Fitted, structure: Structure, count: int, seed: int | None
+    records: Sequence[Seen], likelihood: Likelihood, structure: Structure, count: int, seed: int | None
 ) -> list[Array]:
     """Return the declared start and `count` - 1 random ones with stable loops."""
     c = likelihood.coordinates
@@ -218,7 +228,7 @@ def start_vectors(
     return vectors
 
 
-def guessed_vectors(records: Sequence[Seen], likelihood: Fitted, structure: Structure) -> list[Array]:
+def guessed_vectors(records: Sequence[Seen], likelihood: Likelihood, structure: Structure) -> list[Array]:
     """Return the best starts from regressions of spectra, for a drive train with unknown dead times.
 
     Declared and random starts may all lead to a minimum with wrong dead times.

@@ -16,9 +16,8 @@ import numpy as np
 from shipfp_rs.errors import IdentificationError, SimulationError
 from shipfp_rs.identification.basins import Basin, descend, distinct
 from shipfp_rs.identification.engine_tests import engine_tests, lacks_something, limits_to_try, touched
-from shipfp_rs.identification.equation_likelihood import EquationLikelihood
 from shipfp_rs.identification.first_guesses import guesses_by_bandwidth
-from shipfp_rs.identification.limited_likelihood import LimitedLikelihood
+from shipfp_rs.identification.likelihood import Likelihood
 from shipfp_rs.identification.question import TRIED
 from shipfp_rs.identification.set_rate import Search, with_set_rate
 from shipfp_rs.identification.ship_found import BELIEVED, DEFAULTS, ShipFit, settled
@@ -152,9 +151,12 @@ def _limited(fit: ShipFit, element: str, until: float | None, *, surely: bool = 
     inside = low[place] + 1e-6 < best.vector[place] < high[place] - 1e-6
     if not np.isfinite(best.cost) or not (surely or (best.cost < fit.total and inside)):
         return None
-    assert isinstance(likelihood, LimitedLikelihood)
     # Clamps on noisy signals find the limit; in calm water simulations are more exact.
-    ways = (likelihood, replace(likelihood, smooths=True), replace(likelihood, simulates=True, governed=()))
+    ways = (
+        likelihood,
+        likelihood.with_models(smooths=True),
+        likelihood.with_models(simulates=True, governed=None),
+    )
     found, ends = replace(fit, elements=(*fit.elements, element)), []
     for way in ways:
         end = _by_own_noise(way, best.vector, ROUNDS, until)
@@ -164,7 +166,7 @@ def _limited(fit: ShipFit, element: str, until: float | None, *, surely: bool = 
     return min(ends, key=lambda one: one.total, default=None)
 
 
-def _lowest(likelihood: EquationLikelihood, vectors: Sequence[Array], until: float | None) -> Basin:
+def _lowest(likelihood: Likelihood, vectors: Sequence[Array], until: float | None) -> Basin:
     """Return the minimum of least total from several starts: the best `KEPT` descend for a round, the best two continue."""
     begun = sorted(vectors, key=partial(_total, likelihood))[:KEPT]
     ends = likelihood.each([partial(_by_own_noise, likelihood, start, 1, until) for start in begun])
@@ -173,7 +175,7 @@ def _lowest(likelihood: EquationLikelihood, vectors: Sequence[Array], until: flo
     return min(ends, key=lambda end: end.cost)
 
 
-def _total(likelihood: EquationLikelihood, vector: Array) -> float:
+def _total(likelihood: Likelihood, vector: Array) -> float:
     """Total deviance at a point of the search, with corrections and noise estimated at that point."""
     try:
         return likelihood.resettled_at(vector).own_total(vector)
@@ -181,7 +183,7 @@ def _total(likelihood: EquationLikelihood, vector: Array) -> float:
         return np.inf
 
 
-def _by_own_noise(likelihood: EquationLikelihood, start: Array, rounds: int, until: float | None) -> Basin:
+def _by_own_noise(likelihood: Likelihood, start: Array, rounds: int, until: float | None) -> Basin:
     """Descend repeatedly, each round with the noise of the previous minimum; the cost is the total deviance."""
     end = Basin(np.inf, start, False)
     for _ in range(rounds):

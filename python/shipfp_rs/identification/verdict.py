@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.identification.adequacy import missed_pct
 from shipfp_rs.identification.estimate import KNOWN, OPEN, Estimate, is_rough, rounded_rows
 from shipfp_rs.identification.fingerprint import Fingerprint, Identifiability
@@ -50,22 +51,28 @@ UNDECIDED = 6.0
 """Decrease of the deviance from which a searched element may act; with two parameters, chance causes it once in 20 times."""
 
 
-def with_verdict(
-    fingerprint: Fingerprint,
-    strain: float = 0.0,
-    kind: str | None = None,
-    *,
-    is_short: bool = False,
-    contradicted: bool = False,
-) -> Fingerprint:
+class Told(NamedTuple):
+    """What a fit tells: a fingerprint without verdict, and what its verdict needs.
+
+    `strain`, `kind` and `is_short` are those of `Case`; `contradicted`: whether residuals may contradict the structure.
+    """
+
+    fingerprint: Fingerprint
+    experiments: Sequence[Experiment]
+    strain: float = 0.0
+    kind: str | None = None
+    is_short: bool = False
+    contradicted: bool = False
+
+
+def with_verdict(told: Told) -> Fingerprint:
     """Return the fingerprint with its usability and verdict.
 
-    `strain`, `kind` and `is_short` are those of `Case`; `contradicted`: whether residuals may contradict the structure. A
-    fingerprint without `adequate`, as of a frequency response, has no usability unless its records are too short.
+    A fingerprint without `adequate`, as of a frequency response, has no usability unless its records are too short.
     """
-    told = fingerprint.verdict
+    fingerprint, is_short, further = told.fingerprint, told.is_short, told.fingerprint.verdict
     if fingerprint.adequate or is_short:
-        found = usability(Case(fingerprint, kind, strain, is_short))
+        found = usability(Case(fingerprint, told.kind, told.strain, is_short))
         fingerprint = replace(
             fingerprint, usable=found.sentence, usability=found.state, why_not=found.why_not
         )
@@ -74,11 +81,11 @@ def with_verdict(
         *_found(fingerprint, is_short),
         *_unknown(fingerprint.parameters),
         *_gaps(fingerprint.identifiability),
-        *(_contradictions(fingerprint) if contradicted else ()),
+        *(_contradictions(fingerprint) if told.contradicted else ()),
         *_poor(fingerprint),
         *_elements(fingerprint),
     )
-    return replace(fingerprint, verdict=(*lines, *told))
+    return replace(fingerprint, verdict=(*lines, *further))
 
 
 def _found(fingerprint: Fingerprint, is_short: bool) -> Iterator[str]:

@@ -19,9 +19,9 @@ from shipfp_rs.assessment.comparison import compared_responses
 from shipfp_rs.errors import SimulationError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.frequency import FrequencyResponse
-from shipfp_rs.identification.automatic import FULL_SHIP
 from shipfp_rs.identification.estimate import rounded_rows
 from shipfp_rs.identification.fingerprint import Fingerprint
+from shipfp_rs.identification.ship_estimates import FULL_SHIP
 from shipfp_rs.identification.whole_ship import whole_ship
 from shipfp_rs.plot.frequency import windows
 from shipfp_rs.plot.traces import units

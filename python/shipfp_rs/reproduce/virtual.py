@@ -14,9 +14,8 @@ from shipfp_rs import published
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.frequency import FrequencyResponse
 from shipfp_rs.identification.fingerprint import Fingerprint
-from shipfp_rs.identification.identify import identify
+from shipfp_rs.identification.identify import fingerprint_of, identify, posed
 from shipfp_rs.identification.question import NoiseModel, Options
-from shipfp_rs.identification.structure_estimates import fitted
 from shipfp_rs.identification.wording import rank
 from shipfp_rs.reproduce import Progress, Reproduction, Row, Way, counted, fits_of, printed_row
 from shipfp_rs.reproduce.pictures import Responses, files
@@ -95,7 +94,7 @@ def reproduce(progress: Progress | None = None) -> Reproduction:
     for job in counted((*_thesis_jobs(), *_our_jobs()), progress):
         # The trials start at rest without noise or offset, as in section 5.2.
         options = Options(noise=job.noise, intervals="symmetric", at_rest=True)
-        fingerprint = fitted(job.data(), job.structure, options, vessel=VESSEL)
+        fingerprint = fingerprint_of(posed([job.data()], job.structure, options), VESSEL)
         fingerprints[f"{job.case}, {job.way}: {job.structure.name}"] = fingerprint
         rows.append(_row(job, fingerprint, steps[job.way], truth))
     return Reproduction("Chapters 3 to 5, virtual ship", tuple(rows), _verdict(rows), fingerprints)

@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 
 from shipfp_rs.experiments.experiment import DRIVES, Experiment
-from shipfp_rs.identification.automatic import FULL_SHIP, foresee
 from shipfp_rs.identification.fingerprint import Fingerprint
+from shipfp_rs.identification.identify import foresee
 from shipfp_rs.identification.question import TRIED
+from shipfp_rs.identification.ship_estimates import FULL_SHIP
 from shipfp_rs.logs.log import Log
 from shipfp_rs.processing.cleaning import require_columns
 from shipfp_rs.processing.process import process

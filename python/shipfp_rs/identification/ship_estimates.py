@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from typing import Any, Literal
 
 import numpy as np
 
-from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.identification.adequacy import explained_pct, misses_pct, stands, strain
-from shipfp_rs.identification.basins import Basin, descend
-from shipfp_rs.identification.coordinates import WITHOUT_EFFECT, Figure
+from shipfp_rs.identification.basins import descend
+from shipfp_rs.identification.coordinates import Figure
 from shipfp_rs.identification.engine_tests import engine_curves
 from shipfp_rs.identification.estimate import (
     ALONG,
@@ -24,37 +22,25 @@ from shipfp_rs.identification.estimate import (
     unidentifiable,
     with_interval,
 )
-from shipfp_rs.identification.fingerprint import Fingerprint, record_row, search_settings, versions
-from shipfp_rs.identification.input_checks import doubts, require_excited
-from shipfp_rs.identification.likelihood import Likelihood
-from shipfp_rs.identification.limited_likelihood import LimitedLikelihood
-from shipfp_rs.identification.load_side import load_side_of
-from shipfp_rs.identification.open_loop import in_open_loop, structure_in_open_loop
+from shipfp_rs.identification.fingerprint import Fingerprint, record_row, search_settings
+from shipfp_rs.identification.input_checks import doubts
+from shipfp_rs.identification.limited_ship import LimitedShip, limit_figures
 from shipfp_rs.identification.profiles import NEAR, RISE, Interval, Profiles, figures_of, profiled
 from shipfp_rs.identification.question import (
     BOUNDS,
     OF_LOADED,
-    Options,
     Question,
-    question_of,
-    question_of_ship,
 )
-from shipfp_rs.identification.ship_fit import fit_ship, refined, smooth_ship
-from shipfp_rs.identification.ship_found import DEFAULTS, DISCREPANCY, ShipFit
+from shipfp_rs.identification.ship_fit import refined
+from shipfp_rs.identification.ship_found import DISCREPANCY, ShipFit
 from shipfp_rs.identification.sides import covariance_of, load_alone, undescribed
 from shipfp_rs.identification.stretches import Stretches
-from shipfp_rs.identification.structure_estimates import fitted, of_structure
-from shipfp_rs.identification.structure_fit import StructureFit, likelihood_of
-from shipfp_rs.identification.verdict import element_rows, with_verdict
-from shipfp_rs.identification.whole_ship import with_far_side
+from shipfp_rs.identification.verdict import Told, element_rows
 from shipfp_rs.structures.elements import ELEMENTS, QUANTITIES
 from shipfp_rs.structures.parameter import Parameter
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.structures.ties import COMBINATIONS
-from shipfp_rs.support.arrays import Array
-from shipfp_rs.support.progress import part
 from shipfp_rs.support.sentences import Sentence
-from shipfp_rs.support.threads import with_one_blas_thread
 
 TOGETHER = ("K_p/K_i", "(p-g)/tau_n", "vK_p/tau_n", "vK_i/tau_n", "(p-g)/(vK_i)", "(p-g)/(vK_i)+T_set-T_f")
 """Combinations of parameters that a fingerprint also gives."""
@@ -62,40 +48,11 @@ FULL_SHIP = "the full ship"
 """Name, in a fingerprint's settings, of the structure that is fitted where none is given."""
 NUISANCES = {one.name for one in QUANTITIES.values() if one.nuisance}
 """Parameters that are estimated together with the ship's, and reported without an interval."""
-EXPLAINED = 0.3
-"""Share of the speed that the set point explains in the load's equation; above it, the speed follows the set point."""
 
 
-def identified(
-    experiments: Sequence[Experiment],
-    question: Question,
-    *,
-    intervals: Literal["profile", "symmetric"] = "profile",
-    starts: int = 1,
-    seed: int | None = None,
-    vessel: str | None = None,
-    time_limit_s: float | None = None,
-) -> Fingerprint:
-    """Fit the ship and return the fingerprint."""
-    side = load_side_of(question)
-    # If torque and speed fit the load's law, the speed channel is right, whatever the governor does.
-    explained = 0.0 if side is None else min(record.explained for record in side.records)
-    require_excited(experiments, follows=explained < EXPLAINED)
-    with part(0.0, 0.5):
-        fit = fit_ship(question, starts=starts, seed=seed, time_limit_s=time_limit_s, side=side)
-    with part(0.5, 1.0):
-        return answered(fit, intervals, seed=seed, vessel=vessel)
-
-
-def answered(
-    fit: ShipFit,
-    intervals: Literal["profile", "symmetric"],
-    *,
-    seed: int | None = None,
-    vessel: str | None = None,
-) -> Fingerprint:
-    """Return the fingerprint of a fitted ship."""
-    question = fit.question
+def ship_told(fit: ShipFit) -> Told:
+    """Return what the fit of a ship tells."""
+    question, intervals = fit.question, fit.question.options.intervals
     missed, rows = _missed(fit)
     kind = undescribed(fit, missed, [min(row) for row in rows])
     before, values, c = fit, fit.values, fit.likelihood.coordinates
@@ -136,27 +93,24 @@ def answered(
         identifiability=_identifiability(parameters, covariance),
         fit=_fit(fit, rows, misses),
         structure=structure.to_dict(),
-        vessel=vessel,
         data=tuple(_record(fit, index, row) for index, row in enumerate(rows)),
         settings=_settings(fit, intervals) | {"possible": [_named(fit, structure, one) for one in possible]},
-        seed=seed,
-        versions=versions(),
+        verdict=tuple(doubts(question.experiments)),
         covariance=covariance,
         elements=element_rows(fit, parameters),
         adequate=_adequate(fit, misses, kind),
         load_side={} if fit.side is None else fit.side.parameters,
     )
-    fingerprint = with_far_side(fingerprint, question.experiments)
-    fingerprint = with_verdict(fingerprint, strain(fit.likelihood, fit.best.vector), kind)
-    return replace(fingerprint, verdict=(*fingerprint.verdict, *doubts(question.experiments)))
+    size = strain(fit.likelihood, fit.best.vector)
+    return Told(fingerprint, question.experiments, size, kind)
 
 
 def _adequate(fit: ShipFit, misses: Mapping[str, float], kind: str | None) -> dict[str, Any]:
     """Return the residual tests of the model; `kind` is the contradiction to its drive and governor, if any."""
     limits: dict[str, dict[str, float]] = {}
-    if isinstance(fit.likelihood, LimitedLikelihood):
+    if fit.likelihood.limited:
         told: dict[str, float] = {name: fit.values[name] for name in ("M_max", "rate") if name in fit.values}
-        limits = {"limit": {**told, **fit.likelihood.effect(fit.best.vector)}}
+        limits = {"limit": {**told, **limit_figures(fit.likelihood, fit.best.vector)}}
     return {
         **limits,
         "stands": stands(misses),
@@ -180,7 +134,8 @@ def intervals_of(
     if intervals == "symmetric":
         profiles = Profiles(fit.likelihood, list(fit.basins))
         return fit, {name: profiles.symmetric(figure) for name, figure in figures.items()}, []
-    if isinstance(fit.likelihood, LimitedLikelihood) and fit.likelihood.simulates:
+    model = fit.likelihood.models[0]
+    if isinstance(model, LimitedShip) and model.simulates:
         # Derivatives of simulations hold in a neighbourhood of the minimum that is too small for a profile.
         profiles = Profiles(fit.likelihood, [descend(fit.likelihood, one.vector) for one in fit.basins])
         found = {name: profiles.symmetric(one, surely=True) for name, one in figures.items()}
@@ -278,8 +233,7 @@ def _fixed(fit: ShipFit, parameter: Parameter) -> Estimate:
     """Return the estimate, without interval, of a parameter that was given, assumed, or searched as a nuisance."""
     reason = ALONG if parameter.name in fit.likelihood.coordinates.free else "given"
     # Without a measured torque the load's gain is unknown, and `question_of` fixes it at 1.
-    if parameter.name == "k_L" and parameter.start == 1.0 and "dM" not in fit.question.outputs:
-        reason = ASSUMED
+    reason = ASSUMED if parameter.name in fit.question.assumed else reason
     return Estimate(parameter.start, unit=parameter.unit, status="fixed", reason=reason)
 
 
@@ -376,76 +330,3 @@ def _settings(fit: ShipFit, intervals: str) -> dict[str, Any]:
         "band_hz": max(record.band_hz for record in fit.likelihood.records),
         **search_settings(fit, _named(fit, structure_of(fit), {**c.given, **fit.values})),
     }
-
-
-@with_one_blas_thread
-def foresee(
-    experiments: Sequence[Experiment],
-    structure: Structure | None = None,
-    *,
-    values: Mapping[str, float] | None = None,
-    **choice: Any,
-) -> Fingerprint:
-    """Return the expected fingerprint of data, much faster than `identify`.
-
-    Parameters
-    ----------
-    experiments
-        The data.
-    structure
-        Structure to fit; None: the full ship.
-    values
-        Assumed parameters of the ship; None: parameters of a first fit without the elements that are tried.
-    **choice
-        As of `question_of`, without a structure.
-
-    Returns
-    -------
-    Fingerprint
-        Intervals are symmetric, cut by the bounds.
-
-    Raises
-    ------
-    InputError, IdentificationError
-        If `identify` would refuse the data.
-    """
-    require_excited(experiments)
-    if structure is None and in_open_loop(experiments):
-        return _of_structure(experiments, structure_in_open_loop(experiments, **choice), values)
-    if structure is None:
-        question = question_of(experiments, **choice)
-    else:
-        given = question_of_ship(experiments, structure) if structure.free and not structure.ties else None
-        if given is None:
-            return _of_structure(experiments, structure, values)
-        question = given
-    fit = smooth_ship(question) if values is None else _at(question, values)
-    return answered(replace(fit, basins=fit.basins[:1]), "symmetric")
-
-
-def _at(question: Question, values: Mapping[str, float]) -> ShipFit:
-    """Return the fit with its minimum at the values, under the noise of their residuals."""
-    likelihood = question.likelihood()
-    vector = likelihood.coordinates.vector({**DEFAULTS, **WITHOUT_EFFECT, **values})
-    likelihood = likelihood.settled_at(vector)
-    return ShipFit(likelihood, (_end(likelihood, vector),), question)
-
-
-def _of_structure(
-    experiments: Sequence[Experiment], structure: Structure, values: Mapping[str, float] | None
-) -> Fingerprint:
-    """Return the expected fingerprint of a structure with its own equations."""
-    options = Options(intervals="symmetric", starts=1)
-    if values is None:
-        return fitted(experiments, structure, options)
-    records, likelihood = likelihood_of(experiments, structure, options)
-    vector = likelihood.coordinates.vector(values)
-    likelihood = likelihood.settled_at(vector)
-    end = _end(likelihood, vector)
-    return of_structure(StructureFit(likelihood, (end,), structure, records), options)
-
-
-def _end(likelihood: Likelihood, vector: Array) -> Basin:
-    """Return the expected minimum at the true parameters: its gradient is zero, unlike that of a draw of the noise."""
-    found = likelihood.products(vector)
-    return Basin(found.cost, vector, products=found._replace(downhill=np.zeros_like(found.downhill)))

@@ -1,17 +1,15 @@
-"""The likelihood of a given structure: its equations on experiments, spectra and frequency responses.
+"""Models by a structure's own equations: of samples of an experiment, of their tapered spectra, and of a frequency response.
 
-Data in the form compared with a structure: samples, tapered spectra, or frequency responses.
-
-Each kind has a spectrum (O, F), the residual of a model, and the model's derivatives. Samples are treated
-as if each were a frequency: white noise has the same covariance at all samples, as at all frequencies.
+Samples are treated as if each were a frequency: white noise has the same covariance at all samples, as at all frequencies.
 """
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Self
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -22,30 +20,52 @@ from shipfp_rs.frequency import FrequencyResponse
 from shipfp_rs.identification import spectra
 from shipfp_rs.identification.coordinates import Coordinates
 from shipfp_rs.identification.fit_statistics import nrmse_pct
-from shipfp_rs.identification.likelihood import (
-    ACCURACY,
-    Likelihood,
-    noise_root,
-    quantile_of,
-    real_rows,
-    spread_of,
-    white_root,
-)
+from shipfp_rs.identification.likelihood import ACCURACY, Likelihood
+from shipfp_rs.identification.model import Model
 from shipfp_rs.identification.sampling import SHORTEST_S
+from shipfp_rs.identification.ship_model import Ship
 from shipfp_rs.structures.prediction import simulated_about
 from shipfp_rs.structures.structure import Structure
-from shipfp_rs.structures.two_equations import TwoEquations
-from shipfp_rs.support.arrays import DEVIATIONS_95, Array, Numbers
+from shipfp_rs.support.arrays import Array, Numbers
 
 Data = Experiment | FrequencyResponse
 Evaluated = tuple[Numbers, Numbers]
 """Residuals (O, F), and the model's derivatives (W, O, F)."""
 
 
-class Measured:
-    """Measured data, NaN where masked or missing, and their compared subset."""
+FIRST_NOISE = 0.1
+"""Standard deviation of the noise before any estimate, over an output's spread."""
 
+
+class Measured(Model):
+    """Measured data, NaN where masked or missing, and their compared subset, with a structure as their model."""
+
+    structure: Structure
     measured: Numbers
+    noise: Literal["coloured", "white", "known"] = "white"
+
+    @abstractmethod
+    def evaluate(self, values: Mapping[str, float], names: Sequence[str]) -> Evaluated:
+        """Residuals (O, F) and the model's derivatives by `names` and the record's unknowns, (W, O, F)."""
+
+    def rows(self, values: Mapping[str, float], own: Array, names: Sequence[str]) -> Numbers:
+        """Residual and the model's derivatives by the parameters and the unknowns, (1 + W + U, O, F)."""
+        if not self.structure.equations.stable(values):
+            raise SimulationError("the loop is unstable")
+        known = {**values, **dict(zip(self.unknowns, own.tolist(), strict=True))}
+        residual, slopes = self.evaluate(known, names)
+        return np.concatenate([residual[None], slopes]) if names else residual[None]
+
+    @property
+    def numbers(self) -> int:
+        """Number of real values of each output."""
+        return self.used
+
+    @property
+    def first_root(self) -> Numbers:
+        """Root of the inverse covariance of the noise before any estimate: a share of the data's spread."""
+        spread = self.spectrum.std(axis=1)
+        return np.diag(1.0 / (FIRST_NOISE * np.maximum(spread, 1e-6 * max(spread.max(), 1e-6))))
 
     @cached_property
     def valid(self) -> npt.NDArray[np.bool_]:
@@ -120,6 +140,7 @@ class InBand(Samples):
 
     record: spectra.Spectra
     white: bool = False
+    noise = "coloured"
     _left: dict[tuple[float, ...], Array] = field(default_factory=dict, repr=False)
 
     @property
@@ -177,6 +198,22 @@ class Response(Measured):
     measured: Numbers
     weighed: bool
     unknowns: tuple[str, ...] = ()
+    is_pooled = True
+
+    @property
+    def noise(self) -> Literal["white", "known"]:  # type: ignore[override]
+        """Whether residuals are in standard deviations, or all responses share a covariance."""
+        return "known" if self.weighed else "white"
+
+    @property
+    def numbers(self) -> int:
+        """Number of real values of each output."""
+        return 2 * self.used
+
+    @property
+    def first_root(self) -> Numbers:
+        """Root of the inverse covariance of the noise before any estimate."""
+        return np.eye(len(self.measured)) if self.weighed else super().first_root
 
     def evaluate(self, values: Mapping[str, float], names: Sequence[str]) -> Evaluated:
         """Residuals (O, F) and the model's derivatives by `names`, (W, O, F)."""
@@ -257,7 +294,7 @@ def _in_time(data: Experiment, structure: Structure, noise: str | None, *, at_re
     samples = Samples(data, structure, signals, unknowns, measured)
     if noise != "white":
         return banded(samples) if samples.valid.any() else samples
-    ship = TwoEquations.of(structure, ())
+    ship = Ship.of(structure)
     # The time domain is exact for simulated data from rest and for linear ships, and needs no taper, which would remove much
     # of a short record. Linear ships are as fast in it as by spectra.
     short = data.duration < SHORTEST_S
@@ -274,7 +311,7 @@ def banded(samples: Samples, *, white: bool = False) -> InBand:
     InputError
         If the record is too short for a spectrum.
     """
-    ship = TwoEquations.of(samples.structure, ())
+    ship = Ship.of(samples.structure)
     loaded = "load" in samples.structure.settings.get("elements", ())
     if ship is not None:
         loaded = getattr(ship.equations, "loaded", False)
@@ -285,131 +322,18 @@ def banded(samples: Samples, *, white: bool = False) -> InBand:
     return InBand(*own, record, white)
 
 
-FIRST_NOISE = 0.1
-"""Standard deviation of the noise before any estimate, over an output's spread."""
-
-
-@dataclass(frozen=True, eq=False)
-class StructureLikelihood(Likelihood):
-    """Likelihood of a structure for given records."""
-
-    records: tuple[Seen, ...]
-    coordinates: Coordinates
-
-    @classmethod
-    def of(cls, records: Sequence[Seen], structure: Structure, *, accurate: bool = False) -> Self:
-        """Return a likelihood before any noise estimate; `accurate`: for simulated data, without systematic errors."""
-        accuracy = np.zeros(len(structure.outputs))
-        for record in records if not accurate else ():
-            if isinstance(record, InBand):
-                said = [record.data.gauge_accuracy.get(signal, ACCURACY) for signal in record.signals]
-                accuracy = np.maximum(accuracy, said)
-        return cls(
-            records=tuple(records),
-            coordinates=Coordinates.of(structure, [record.unknowns for record in records]),
-            accuracy=accuracy,
-            priors={one.name: one.prior for one in structure.free if one.prior is not None},
-        )
-
-    def known(self, vector: Array, record: int) -> dict[str, float]:
-        """Parameters and a record's unknowns by name."""
-        c = self.coordinates
-        own = vector[c.states(record)]
-        return c.values(vector) | dict(zip(self.records[record].unknowns, map(float, own), strict=True))
-
-    def spectra(self, vector: Array, record: int) -> tuple[Numbers, Numbers]:
-        """Residuals (O, F) of a record, and the model's derivatives by the whole search vector (P, O, F)."""
-        c, count = self.coordinates, len(self.coordinates.free)
-        values = self.known(vector, record)
-        residual, slopes = self._evaluate(vector, record, c.names)
-        jacobian = np.zeros((c.size, *residual.shape), dtype=slopes.dtype)
-        jacobian[:count] = slopes[:count]
-        for name in c.logarithms:
-            jacobian[c.place(name)] *= values[name]
-        jacobian[c.states(record)] = slopes[count:]
-        return residual, jacobian
-
-    def residuals(self, vector: Array) -> list[Numbers]:
-        """Residuals (O, F) of each record."""
-        return [self._evaluate(vector, record, ())[0] for record in range(len(self.records))]
-
-    def _evaluate(self, vector: Array, record: int, names: Sequence[str]) -> Evaluated:
-        if not self.records[record].structure.equations.stable(self.coordinates.values(vector)):
-            raise SimulationError("the loop is unstable")
-        return self.records[record].evaluate(self.known(vector, record), names)
-
-    def root(self, record: int) -> Numbers:
-        """Root of the inverse spectral matrix of a record's noise; before any estimate, a share of the data's spread."""
-        own = self.records[record]
-        if self.roots is not None:
-            return self.roots[record]
-        if isinstance(own, Response) and own.weighed:
-            return np.eye(len(self.accuracy))
-        spread = own.spectrum.std(axis=1)
-        return np.diag(1.0 / (FIRST_NOISE * np.maximum(spread, 1e-6 * max(spread.max(), 1e-6))))
-
-    @cached_property
-    def _white_rows(self) -> int:
-        """Number of real values of each output in records with white noise."""
-        white = (one for one in self.records if _is_white(one))
-        return sum(one.used * (2 if isinstance(one, Response) else 1) for one in white)
-
-    def of_structure(self, structure: Structure) -> Self:
-        """Return the likelihood of a structure with the same parameters, but other free ones."""
-        return replace(self, coordinates=Coordinates.of(structure, self.coordinates.unknowns))
-
-    @property
-    def freedom(self) -> int:
-        """Degrees of freedom of white noise: real numbers in the data minus unknowns."""
-        return len(self.accuracy) * self._white_rows - self.coordinates.size
-
-    @property
-    def quantile(self) -> float:
-        """Half width of a 95 % interval, in standard deviations; larger where the noise is estimated from few numbers."""
-        if not all(map(_is_white, self.records)):
-            return DEVIATIONS_95
-        return quantile_of(self.freedom)
-
-    @property
-    def untold(self) -> bool:
-        """Whether there are too few samples to estimate any noise."""
-        return all(map(_is_white, self.records)) and self.freedom <= 0
-
-    def _noise(self, residuals: Sequence[Numbers], unsure: Sequence[Numbers | float]) -> tuple[Numbers, ...]:
-        """Root of the inverse spectral matrix of each record's residuals; all frequency responses share one."""
-        share = max(self.freedom, 1) / max(len(self.accuracy) * self._white_rows, 1)
-        responses = [index for index, one in enumerate(self.records) if isinstance(one, Response)]
-        found = {}
-        for index, (record, residual, own) in enumerate(zip(self.records, residuals, unsure, strict=True)):
-            if isinstance(record, InBand):
-                found[index] = noise_root(residual, own)
-            elif not _is_white(record):
-                found[index] = np.eye(len(residual))
-            else:
-                pooled = [place for place in responses if _is_white(self.records[place])]
-                places = pooled if index in pooled else [index]
-                found[index] = self._white_root(residuals, places, share)
-        return tuple(found[index] for index in range(len(self.records)))
-
-    def _white_root(self, residuals: Sequence[Numbers], places: Sequence[int], share: float) -> Numbers:
-        """Root of the inverse joint covariance of records; `share` is the degrees of freedom over the number of values."""
-        left = np.concatenate([real_rows(residuals[place]) for place in places], axis=1)
-        said = np.concatenate([real_rows(self.records[place].spectrum) for place in places], axis=1)
-        return white_root(left, said, share, self.quantile)
-
-    def spread(self) -> float:
-        """Log determinants of the noise, as part of the deviance."""
-        assert self.roots is not None
-        found = 0.0
-        for record, root in zip(self.records, self.roots, strict=True):
-            if isinstance(record, InBand):
-                found += spread_of(root)
-            elif _is_white(record):
-                rows = record.used * (2 if isinstance(record, Response) else 1)
-                found -= 2.0 * rows * float(np.log(np.abs(np.linalg.det(root))))
-        return found
-
-
-def _is_white(record: Seen) -> bool:
-    """Whether a record's noise has one covariance."""
-    return not record.weighed if isinstance(record, Response) else not isinstance(record, InBand)
+def structure_likelihood(
+    models: Sequence[Seen], structure: Structure, *, accurate: bool = False
+) -> Likelihood:
+    """Return a likelihood before any noise estimate; `accurate`: for simulated data, without systematic errors."""
+    accuracy = np.zeros(len(structure.outputs))
+    for model in models if not accurate else ():
+        if isinstance(model, InBand):
+            said = [model.data.gauge_accuracy.get(signal, ACCURACY) for signal in model.signals]
+            accuracy = np.maximum(accuracy, said)
+    return Likelihood(
+        models=tuple(models),
+        coordinates=Coordinates.of(structure, [model.unknowns for model in models]),
+        accuracy=accuracy,
+        priors={one.name: one.prior for one in structure.free if one.prior is not None},
+    )

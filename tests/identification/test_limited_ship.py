@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from scipy.signal import lfilter
@@ -11,6 +9,7 @@ from scipy.signal import lfilter
 import shipfp_rs as fp
 from shipfp_rs import _core
 from shipfp_rs.identification.coordinates import loop_of
+from shipfp_rs.identification.limited_ship import limit_figures
 from shipfp_rs.identification.question import question_of
 from shipfp_rs.structures.transfer import SLOWEST, TransferFunctions
 from tests.twins.ship import vector as ship
@@ -86,7 +85,7 @@ def test_in_calm_water_nothing_is_left_but_the_noise(water, place):
     calm = likelihood_of(0.0 * water, place)
     at_truth = calm.coordinates.vector({**OFF, **TRUE})
     # The speed that the governor saw is smoothed in the band, so that corners of the limit are a little off.
-    ways = (calm, 4e-3), (calm.settled_at(at_truth), 8e-3), (replace(calm, simulates=True), 3e-3)
+    ways = (calm, 4e-3), (calm.settled_at(at_truth), 8e-3), (calm.with_models(simulates=True), 3e-3)
     for one, share in ways:
         assert np.linalg.norm(one.residual(at_truth, 0)) < share * np.linalg.norm(one.records[0].spectrum)
 
@@ -95,7 +94,8 @@ def test_in_calm_water_nothing_is_left_but_the_noise(water, place):
 def test_the_speed_that_the_governor_saw_has_the_waters_motion_but_not_the_sensors_noise(water, wet):
     likelihood = likelihood_of(water * wet, "M_b")
     at_truth = likelihood.coordinates.vector({**OFF, **TRUE})
-    (found,) = replace(likelihood, smooths=True).settled_at(at_truth).governed
+    (model,) = likelihood.with_models(smooths=True).settled_at(at_truth).models
+    found = model.governed
     clean, calm = (measured(row, "M_b", noise=0.0).normalised("n_e") for row in (water * wet, 0.0 * water))
     inside = slice(round(6.0 * RATE_HZ), -round(6.0 * RATE_HZ))
     moved, noise = np.std((clean - calm)[inside]), 1e-4
@@ -105,12 +105,12 @@ def test_the_speed_that_the_governor_saw_has_the_waters_motion_but_not_the_senso
 def test_the_effect_of_a_limit_is_told_with_the_amplitude_that_stays_clear_of_it(water):
     likelihood = likelihood_of(0.0 * water, "M_b")
     at_truth = likelihood.coordinates.vector({**OFF, **TRUE})
-    figures = likelihood.settled_at(at_truth).effect(at_truth)
+    figures = limit_figures(likelihood.settled_at(at_truth), at_truth)
     assert 0.0 < figures["share"] < 0.5
     assert 0.0 < figures["removed"] < 1.0
     assert 0.3 < figures["amplitude"] < 1.0
     smaller = likelihood_of(0.0 * water, "M_b", 0.9 * figures["amplitude"])
-    assert smaller.effect(at_truth)["share"] < 0.1 * figures["share"]
+    assert limit_figures(smaller, at_truth)["share"] < 0.1 * figures["share"]
 
 
 def test_derivatives_of_what_a_limit_takes_off_are_the_differences(water):
@@ -134,7 +134,7 @@ def test_a_loop_that_a_clamp_opens_is_no_cheaper_for_a_larger_gain(water):
     at_truth = c.vector({**OFF, **TRUE})
     wild = c.vector({**OFF, **TRUE, "T_d": 0.0, "vK_p": 500.0, "vK_i": 300.0})
     right, wrong = (likelihood.settled_at(one) for one in (at_truth, wild))
-    assert 0.0 < right.governed[0].held < 0.5 < wrong.governed[0].held
+    assert 0.0 < right.models[0].held < 0.5 < wrong.models[0].held
     assert right.total(at_truth) < wrong.total(wild) - 1000.0
     row = right.prior_rows(at_truth)[-1]
     moved = at_truth.copy()

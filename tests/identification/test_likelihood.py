@@ -1,4 +1,4 @@
-"""The smooth ship's likelihood, by the kernel and by bands of hats, against what all models have in common: whole rows."""
+"""The smooth ship's likelihood, by the kernel and by bands of hats, against whole rows."""
 
 from functools import cache
 
@@ -7,7 +7,8 @@ import pytest
 
 import shipfp_rs as fp
 from shipfp_rs.identification.first_guesses import first_guesses
-from shipfp_rs.identification.likelihood import Likelihood
+from shipfp_rs.identification.likelihood import Products
+from shipfp_rs.identification.noise import real_rows, turned
 from shipfp_rs.identification.question import question_of
 from tests.families.draw import draw
 
@@ -29,7 +30,9 @@ def made():
 class TestAgainstWholeRows:
     def test_products(self):
         likelihood, vector = made()
-        found, expected = likelihood.products(vector), Likelihood.products(likelihood, vector)
+        gram = likelihood.gram(vector, fused=False)
+        expected = Products(gram[0, 0], gram[1:, 0], gram[1:, 1:])
+        found = likelihood.products(vector)
         scale = np.sqrt(expected.matrix.diagonal())
         assert found.cost == pytest.approx(expected.cost, rel=1e-9)
         assert likelihood.cost(vector) == pytest.approx(expected.cost, rel=1e-9)
@@ -38,17 +41,21 @@ class TestAgainstWholeRows:
         np.testing.assert_allclose(*both, atol=1e-9)
 
     def test_smooth_errors_and_what_they_leave(self):
+        """Ridge regression on the whole shapes, each of a standard deviation of one."""
         likelihood, vector = made()
         residuals = likelihood.residuals(vector)
-        for found, expected in zip(
-            likelihood.smooth_errors(residuals), Likelihood.smooth_errors(likelihood, residuals), strict=True
-        ):
-            np.testing.assert_allclose(found, expected, atol=1e-9)
-        for found, expected in zip(
-            likelihood._left(residuals), Likelihood._left(likelihood, residuals), strict=True
-        ):
-            for one, other in zip(found, expected, strict=True):
-                np.testing.assert_allclose(one, other, atol=1e-9 * np.abs(other).max())
+        rows, shapes = (
+            np.concatenate([real_rows(turned(likelihood.root(at), one)) for at, one in enumerate(of)], axis=1)
+            for of in ([one[None] for one in residuals], likelihood.shapes)
+        )
+        covariance = np.linalg.inv(shapes @ shapes.T + np.eye(len(shapes)))
+        sizes, unsure = likelihood.smooth_errors(residuals)
+        np.testing.assert_allclose(unsure, covariance, atol=1e-9)
+        np.testing.assert_allclose(sizes, covariance @ shapes @ rows[0], atol=1e-9)
+        left, _ = likelihood._left(residuals)
+        for found, residual, shape in zip(left, residuals, likelihood.shapes, strict=True):
+            expected = residual - np.tensordot(sizes, shape, 1)
+            np.testing.assert_allclose(found, expected, atol=1e-9 * np.abs(expected).max())
 
     def test_derivatives_of_the_coordinates(self):
         likelihood, vector = made()

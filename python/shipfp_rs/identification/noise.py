@@ -1,0 +1,113 @@
+"""The noise of a fit: roots of the inverse spectral matrix of residuals, coloured or white.
+
+The likelihood of spectra is that of Whittle 1953 (doi:10.1007/BF02590998).
+"""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+from scipy.stats import t as student
+
+from shipfp_rs.support.arrays import DEVIATIONS_95, Array, Numbers
+
+OVER, LEAST_REACH, MOST_REACH = 0.35, 10, 40
+"""Half width of the average that smooths the residuals' spectral matrix: share of the frequency's index, and limits."""
+STEEP, MOST_FALL = 40, -2.0
+"""Number of the lowest frequencies at which the noise may follow a power law, and that law's least exponent."""
+FLOOR = 1e-3
+"""Least value of that matrix's diagonal over its median."""
+LEAST_NOISE, LEAST_OWN = 1e-7, 1e-9
+"""Least standard deviation of white noise over an output's root mean square, far above rounding; and least share of an
+output's variance that is independent of other outputs."""
+
+
+def turned(root: Numbers, spectra: Numbers) -> Numbers:
+    """Multiply spectra (W, O, F) by a root (F, O, O) or (O, O)."""
+    if root.ndim == 2:
+        return np.asarray(root @ spectra)
+    found = np.zeros_like(spectra)
+    for a, b in zip(*np.tril_indices(root.shape[1]), strict=True):  # roots are lower triangles
+        found[:, a] += np.ascontiguousarray(root[:, a, b]) * spectra[:, b]
+    return found
+
+
+def real_rows(spectra: Numbers) -> Array:
+    """Complex or real numbers (W, O, F) as rows of real ones, (W, R)."""
+    flat = spectra.reshape(len(spectra), -1)
+    return np.concatenate([flat.real, flat.imag], axis=1) if np.iscomplexobj(flat) else np.asarray(flat)
+
+
+def spread_of(root: Numbers) -> float:
+    """Log determinants of noise by roots of its inverse, lower triangles (F, O, O); each number has two real components."""
+    return -4.0 * float(np.log(np.abs(root.diagonal(0, -2, -1))).sum())
+
+
+def _shape(amplitudes: Array) -> Array:
+    """Power law of amplitudes (O, F) over the lowest `STEEP` frequencies, constant above them, (O, F)."""
+    steep = min(STEEP, amplitudes.shape[1] - 1)
+    places = np.log(np.arange(1, steep + 1))
+    places -= places.mean()
+    fall = np.log(amplitudes[:, 1 : steep + 1] + 1e-300) @ places / max(places @ places, 1e-300)
+    # Constant below the first frequency, too, which is the mean.
+    reached = np.clip(np.arange(steep + 1), 1, steep) ** np.clip(fall, MOST_FALL, 0.0)[:, None]
+    return np.pad(reached, ((0, 0), (0, amplitudes.shape[1] - steep - 1)), mode="edge")
+
+
+def noise_root(residual: Numbers, unsure: Numbers | float = 0.0) -> Numbers:
+    """Root of the inverse smoothed spectral matrix of residuals (O, F), (F, O, O); `unsure` is added to the matrix."""
+    outputs, count = residual.shape
+    place = np.arange(count)
+    # The torque disturbance by moving water has a steep noise spectrum at low frequencies. An average over neighbouring
+    # frequencies would be biased there, so residuals are divided by the spectrum's shape before they are averaged.
+    shape = _shape(np.abs(residual))
+    a, b = np.tril_indices(outputs)
+    both = shape[a] * shape[b]
+    products = residual[a] * residual[b].conj()
+    products = (products + (unsure[a, b] if isinstance(unsure, np.ndarray) else unsure)) / both
+    reach = np.clip((OVER * place).astype(int), LEAST_REACH, max(min(MOST_REACH, count // 8), LEAST_REACH))
+    first, last = np.maximum(place - reach, 0), np.minimum(place + reach, count - 1)
+    sums = np.zeros((len(a), count + 1), products.dtype)
+    np.cumsum(products, axis=-1, out=sums[:, 1:])
+    matrix = (sums.take(last + 1, 1) - sums.take(first, 1)) * (0.5 / (last + 1 - first)) * both
+    matrix[a == b] += FLOOR * np.median(matrix[a == b].real, axis=1, keepdims=True) + 1e-18
+    lower = np.zeros((outputs, outputs, count), matrix.dtype)
+    lower[a, b] = matrix
+    return np.moveaxis(_inverse_root(lower), -1, 0)
+
+
+def white_root(left: Array, said: Array, share: float, quantile: float) -> Array:
+    """Root of the inverse covariance of residuals `left` (O, R); `said` are the data (O, R).
+
+    The unknowns absorb noise: residuals have only `share` of its power. The root is scaled by the quantile, so that all
+    intervals end at the same rise of the deviance.
+    """
+    covariance = left @ left.T / (left.shape[1] * share)
+    size = LEAST_NOISE**2 * (np.mean(said**2, axis=1) + 1e-12) + LEAST_OWN * np.diag(covariance)
+    root = np.linalg.inv(np.linalg.cholesky(covariance + np.diag(size)))
+    return np.asarray(root * (DEVIATIONS_95 / quantile))
+
+
+@cache
+def quantile_of(freedom: int) -> float:
+    """Half width of a 95 % interval, in standard deviations, by Student's t: noise from few numbers is uncertain."""
+    return float(student.ppf(0.975, max(freedom, 1)))
+
+
+def _inverse_root(matrix: Numbers) -> Numbers:
+    """Inverse Cholesky factor of matrices by lower triangles (O, O, F); `LinAlgError` where one is not positive definite."""
+    root, found = np.zeros_like(matrix), np.zeros_like(matrix)
+    for a in range(len(matrix)):
+        for b in range(a + 1):
+            rest = matrix[a, b] - np.sum(root[a, :b] * root[b, :b].conj(), axis=0)
+            if a == b:
+                if not (rest.real > 0.0).all():
+                    raise np.linalg.LinAlgError("a spectral matrix is not positive definite")
+                root[a, a] = np.sqrt(rest.real)
+            else:
+                root[a, b] = rest / root[b, b]
+        found[a, a] = 1.0 / root[a, a]
+        for b in range(a):
+            found[a, b] = -found[a, a] * np.sum(root[a, b:a] * found[b:a, b], axis=0)
+    return found
