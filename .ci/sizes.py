@@ -35,8 +35,8 @@ BUDGETS = {
     "python/shipfp_rs/report": 2394,
     "python/shipfp_rs/reproduce": 1825,
     "python/shipfp_rs/view": 2148,
-    "python/shipfp_rs/sweeps": 1878,
-    "python/shipfp_rs/cli": 1903,
+    "python/shipfp_rs/sweeps": 1958,
+    "python/shipfp_rs/cli": 1957,
     "python/shipfp_rs/vessel": 1530,
     "python/shipfp_rs/designs": 1517,
     "python/shipfp_rs/support": 2411,
@@ -45,9 +45,10 @@ BUDGETS = {
     "python/shipfp_rs/simulation": 914,
     "python/shipfp_rs/frequency": 1131,
     "python/shipfp_rs/plot": 888,
-    "python": 51289,
+    "python/shipfp_rs/exports": 836,
+    "python": 52259,
     "rust/src": 11071,
-    "tests": 38783,
+    "tests": 39336,
 }
 """Most lines of each room, and most numeric constants of identification and structures. A commit that earns it lowers a
 number; none is raised without a word in the commit's text."""

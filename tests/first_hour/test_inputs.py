@@ -435,12 +435,12 @@ def test_parts_of_a_sweep_that_are_not_as_written_are_made_again(
     damage: Callable[[Path, Path], object], whole: int, tmp_path: Path
 ) -> None:
     record = {"seed": 1}
-    with opened(tmp_path / "sw", record, SCHEMA, draws=9, part_draws=3) as store:
+    with opened(tmp_path / "sw", record, SCHEMA, draws=range(9), part_draws=3) as store:
         for part in (0, 1):
             rows = {"index": [*store.draws_of(part)], "x": [1.5, 2.5 + part, 3.5]}
             store.add(part, pa.RecordBatch.from_pydict(rows, schema=SCHEMA))
     damage(*sorted((tmp_path / "sw").rglob("0*.parquet")))
-    with opened(tmp_path / "sw", record, SCHEMA, draws=9, part_draws=3) as store:
+    with opened(tmp_path / "sw", record, SCHEMA, draws=range(9), part_draws=3) as store:
         assert store.rows == 3 * whole
 
 

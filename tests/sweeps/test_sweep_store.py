@@ -27,7 +27,7 @@ def empty_rows(plan: Any, indices: Any) -> pa.RecordBatch:
 def finished(folder: Path, part_draws: int, order: Any) -> Path:
     """Fill a folder with parts in some order and make the table of them."""
     plan = cheap_plan(DRAWS)
-    with opened(folder, plan.record(), schema_of(plan), DRAWS, part_draws) as opening:
+    with opened(folder, plan.record(), schema_of(plan), range(DRAWS), part_draws) as opening:
         for part in order(list(opening.to_do())):
             opening.add(part, empty_rows(plan, opening.draws_of(part)))
         opening.finish()

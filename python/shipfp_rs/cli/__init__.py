@@ -41,6 +41,7 @@ with ends_without_a_word():
     import typer
 
     from shipfp_rs.cli.design import design
+    from shipfp_rs.cli.export import export
     from shipfp_rs.cli.init import init
     from shipfp_rs.cli.inspect import convert, inspect
     from shipfp_rs.cli.reproduce import compare, reproduce
@@ -81,6 +82,7 @@ EXAMPLES: dict[Callable[..., Any], str] = {
     sweep: "shipfp sweep SWEEP.toml --out my-sweep",
     convert: "shipfp convert my-log.raw my-log.parquet",
     compare: "shipfp compare before/fingerprint.json after/fingerprint.json --out changes.png",
+    export: "shipfp export my-result/fingerprint.json --to fmu --out tug.fmu",
 }
 """Commands in the order of the help, each with an example."""
 for command, example in EXAMPLES.items():

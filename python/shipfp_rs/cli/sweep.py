@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
 TYPED = {
     "draws_per_task": "--draws-per-task",
+    "part": "--part",
     "accuracy_pct": "--accuracy",
     "workers": "--workers",
     "address": "--address",
@@ -40,6 +41,9 @@ def sweep(
     plan: Annotated[
         str, typer.Argument(metavar="SWEEP.toml", help='Description of the sweep, or a study: "duration".')
     ],
+    folders: Annotated[
+        list[str] | None, typer.Argument(metavar="DIR", help="With --merge: folders of all parts.")
+    ] = None,
     out: Annotated[
         Path, file_option("DIR", "Folder to write; an interrupted sweep in it is gone on with.")
     ] = Path("shipfp-sweep"),
@@ -58,6 +62,10 @@ def sweep(
     draws_per_task: Annotated[
         int | None, typer.Option(min=1, help="Draws made in one go; default 50, fewer in a small sweep.")
     ] = None,
+    part: Annotated[
+        str | None, typer.Option(metavar="K/N", help="Compute only the K-th of N parts of the draws.")
+    ] = None,
+    merge: Annotated[bool, typer.Option("--merge", help="Join the parts in these folders.")] = False,
     accuracy: Annotated[
         float, number_option("PERCENT", "Wanted relative error, %, for the length that a trial must have.")
     ] = 10.0,
@@ -68,6 +76,9 @@ def sweep(
     """Simulate and identify many trials: bias, spread, coverage, failures, and how long a trial must be."""
     from shipfp_rs.sweeps import Plan
     from shipfp_rs.sweeps import sweep as run
+
+    if merge != bool(folders):
+        raise InputError("found one of --merge and DIR, expected both or none")
 
     wanted = Plan.load(plan)
     if seed is not None:
@@ -81,6 +92,8 @@ def sweep(
                 workers=workers,
                 address=address,
                 draws_per_task=draws_per_task,
+                part=part,
+                merge=folders,
                 accuracy_pct=accuracy,
             )
     except KeyboardInterrupt:

@@ -115,7 +115,7 @@ class FingerprintSimulation(Content):
         source = {"simulated": f"fingerprint of {self.vessel or 'a drive train not named'}"}
         return replace(record, signals={record.driver: set_point, **outputs}, provenance=source)
 
-    def _linearised(self, structure: Structure | None, order: int) -> tuple[StateSpace, str]:
+    def linearised(self, structure: Structure | None = None, order: int = 3) -> tuple[StateSpace, str]:
         """Return the linearisation without negligible delays, and its name."""
         model, values = self._model(structure)
         short = [
@@ -149,7 +149,7 @@ class FingerprintSimulation(Content):
             If python-control is not installed, or the structure has no linearisation.
         """
         control = package("control", "python-control")
-        space, name = self._linearised(structure, order)
+        space, name = self.linearised(structure, order)
         matrices = space.A, space.B[:, None], space.C, space.D[:, None]
         return control.ss(*matrices, inputs=["dn_set"], outputs=list(space.outputs), name=name)
 
@@ -157,7 +157,7 @@ class FingerprintSimulation(Content):
     def to_tf(self, *, order: Count = 3, structure: Structure | None = None) -> Any:
         """Return the linearised model as python-control transfer functions, one for each output; see `to_ss`."""
         control = package("control", "python-control")
-        space, name = self._linearised(structure, order)
+        space, name = self.linearised(structure, order)
         numerators, denominator = ss2tf(space.A, space.B[:, None], space.C, space.D[:, None])
         rows = [[np.trim_zeros(row, "f")] for row in numerators]
         names = {"inputs": ["dn_set"], "outputs": list(space.outputs), "name": name}

@@ -185,13 +185,13 @@ class Tabular(Hinted):
         return cls._from_columns(values, own | facts)
 
 
-def package(name: str, distribution: str | None = None) -> Any:
-    """Import an optional package; `InputError`, with the command to install it, if it is missing."""
+def package(name: str, distribution: str | None = None, extra: str | None = None) -> Any:
+    """Import an optional package, of an extra of its name or another; `InputError` with the command to install it."""
     try:
         return __import__(name)
     except ImportError as error:
         raise InputError(
-            f"{distribution or name} is not installed; install it with: pip install 'shipfp_rs[{name}]'"
+            f"{distribution or name} is not installed; install it with: pip install 'shipfp_rs[{extra or name}]'"
         ) from error
 
 

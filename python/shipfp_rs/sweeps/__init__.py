@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor, CancelledError, Executor
 from contextlib import nullcontext
 from dataclasses import dataclass
@@ -22,7 +22,7 @@ from shipfp_rs.sweeps.dispatch import run_parts
 from shipfp_rs.sweeps.draw import schema_of
 from shipfp_rs.sweeps.plan import Plan
 from shipfp_rs.sweeps.pools import MOST_WORKERS, Where, check_pool, pool_of
-from shipfp_rs.sweeps.store import SUMMARY, Store, opened
+from shipfp_rs.sweeps.store import SUMMARY, Store, joined, opened, share_of
 
 __all__ = ["DRAWS_PER_TASK", "Plan", "Progress", "Sweep", "Where", "sweep"]
 
@@ -35,7 +35,7 @@ MOST_ROWS = 8
 
 @dataclass(frozen=True)
 class Progress:
-    """Progress of a sweep: draws in the folder, draws made by this run, draws of the plan, and failures in the folder."""
+    """Progress of a sweep or part: draws in the folder, draws made by this run, all draws, and failures in the folder."""
 
     done: int
     made: int
@@ -89,6 +89,8 @@ def sweep(
     workers: int | None = None,
     address: str | None = None,
     draws_per_task: Count | None = None,
+    part: str | None = None,
+    merge: Sequence[str | Path] | None = None,
     accuracy_pct: Positive = ACCURACY_PCT,
     progress: Callable[[Progress], None] | None = None,
 ) -> Sweep:
@@ -110,6 +112,10 @@ def sweep(
     draws_per_task
         Draws per task of a worker, saved together. A resumed sweep keeps its original number. None: 50, fewer in a small
         sweep.
+    part
+        Share of the draws to compute, as "3/20" for the third of twenty; None: all draws.
+    merge
+        Folders of all parts, to join in `out` to the folder of one run, bit for bit; nothing is computed.
     accuracy_pct
         Relative error [%] that the trial length in the summary must reach.
     progress
@@ -122,7 +128,7 @@ def sweep(
     Raises
     ------
     InputError
-        If the plan is invalid, or the folder contains other files.
+        If the plan or the part is invalid, the folder contains other files, or parts to merge are no whole sweep.
     ShipfpError
         If the executor or the cluster is lost; completed draws are kept.
 
@@ -143,12 +149,21 @@ def sweep(
     if workers is not None and not 1 <= workers <= MOST_WORKERS:
         raise InputError(f"workers is {workers}, expected 1 to {MOST_WORKERS}")
     check_pool(executor, address)
-    part_draws = draws_per_task or min(DRAWS_PER_TASK, -(-plan.draws // SHARES))
-    with opened(Path(out), plan.record(), schema_of(plan), plan.draws, part_draws) as store:
+    draws, record, schema = range(plan.draws), plan.record(), schema_of(plan)
+    rows = None
+    if merge is not None and part is not None:
+        raise InputError(f"part: found {part!r} beside merge, expected one of them")
+    if merge is not None:
+        rows = joined([Path(folder) for folder in merge], Store(Path(out), record, schema, draws, 1))
+    elif part is not None:
+        draws = share_of(part, plan.draws)
+    part_draws = draws_per_task or min(DRAWS_PER_TASK, -(-len(draws) // SHARES))
+    with opened(Path(out), record, schema, draws, part_draws, part) as store:
         try:
             if not store.finished:
-                _run(plan, store, executor, workers, address, progress)
-                store.finish()
+                if rows is None:
+                    _run(plan, store, executor, workers, address, progress)
+                store.finish(rows)
         finally:
             # An interrupted run gets a summary, too, with its progress.
             summary = summarise(plan, store.batches(), accuracy_pct)
@@ -164,13 +179,13 @@ def _run(
     address: str | None,
     progress: Callable[[Progress], None] | None,
 ) -> None:
-    done, made, failed = store.rows, 0, 0
+    done, made, failed, draws = store.rows, 0, 0, len(store.draws)
 
     def tell() -> None:
         if progress is not None:
-            progress(Progress(done + made, made, plan.draws, failed))
+            progress(Progress(done + made, made, draws, failed))
         else:
-            report(f"{done + made} of {plan.draws} draws, {failed} failed", (done + made) / plan.draws)
+            report(f"{done + made} of {draws} draws, {failed} failed", (done + made) / draws)
 
     def arrived(rows: pa.RecordBatch) -> None:
         nonlocal made, failed
@@ -185,6 +200,6 @@ def _run(
                 run_parts(plan, store, pool, arrived)
     except (BrokenExecutor, CancelledError) as error:
         raise ShipfpError(
-            f"{store.folder}: the workers ended ({type(error).__name__}) after {done + made} of {plan.draws} draws; "
+            f"{store.folder}: the workers ended ({type(error).__name__}) after {done + made} of {draws} draws; "
             "restart the workers and run the same command to continue"
         ) from error

@@ -6,11 +6,12 @@ import contextlib
 import json
 import os
 import shutil
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 from filelock import FileLock, Timeout
@@ -31,12 +32,14 @@ class Manifest(Section):
 
     format: Literal[1] = 1
     part_draws: Annotated[int, Field(ge=1)]
+    share: str | None = None
+    """Share of the sweep that the folder computes, as "3/20"; None: the whole sweep."""
     sweep: dict[str, Any]
 
 
 @dataclass
 class Store:
-    """Folder of one sweep. Part k has the draws from `k * part_draws` up to the first draw of the next part.
+    """Folder of one sweep, or of a share of it. Part k has the `part_draws` draws from place `k * part_draws` of `draws` on.
 
     A part is written under a temporary name and renamed; after a kill it is either complete or missing.
     """
@@ -44,13 +47,13 @@ class Store:
     folder: Path
     record: Mapping[str, Any]
     schema: pa.Schema
-    draws: int
+    draws: range
     part_draws: int
     done: set[int] = field(init=False)
     """Parts in the folder."""
 
     def __post_init__(self) -> None:
-        parts = range(0 if self.finished else -(-self.draws // self.part_draws))
+        parts = range(0 if self.finished else -(-len(self.draws) // self.part_draws))
         self.done = {part for part in parts if self._is_whole(part)}
 
     @property
@@ -60,16 +63,16 @@ class Store:
 
     def draws_of(self, part: int) -> range:
         """Draws of a part."""
-        return range(part * self.part_draws, min((part + 1) * self.part_draws, self.draws))
+        return self.draws[part * self.part_draws : (part + 1) * self.part_draws]
 
     def to_do(self) -> Iterator[int]:
         """Yield the missing parts, in order."""
-        return (part for part in range(-(-self.draws // self.part_draws)) if part not in self.done)
+        return (part for part in range(-(-len(self.draws) // self.part_draws)) if part not in self.done)
 
     @property
     def rows(self) -> int:
         """Number of draws in the folder."""
-        return self.draws if self.finished else sum(len(self.draws_of(part)) for part in self.done)
+        return len(self.draws) if self.finished else sum(len(self.draws_of(part)) for part in self.done)
 
     def add(self, part: int, rows: pa.RecordBatch) -> None:
         """Write the rows of a part."""
@@ -86,14 +89,14 @@ class Store:
             )
         self.done.add(part)
 
-    def finish(self) -> None:
-        """Write all parts to `results.parquet`, in the order of their draws, then remove them."""
+    def finish(self, batches: Iterable[pa.RecordBatch] | None = None) -> None:
+        """Write all parts, or these rows, to `results.parquet` in the order of their draws, then remove the parts."""
         schema = self.schema.with_metadata({"shipfp_sweep": json.dumps(dict(self.record), sort_keys=True)})
         with (
             replacing(self.folder / RESULTS) as temporary,
             pq.ParquetWriter(local(temporary), schema, compression="zstd") as writer,
         ):
-            for table in self._groups():
+            for table in self._groups(self.batches() if batches is None else batches):
                 writer.write_table(table.cast(schema), row_group_size=ROWS_PER_GROUP)
         shutil.rmtree(self.folder / PARTS, ignore_errors=True)
 
@@ -106,9 +109,9 @@ class Store:
         for part in sorted(self.done):
             yield from self._read(part).to_batches()
 
-    def _groups(self) -> Iterator[pa.Table]:
+    def _groups(self, batches: Iterable[pa.RecordBatch]) -> Iterator[pa.Table]:
         table = self.schema.empty_table()
-        for batch in self.batches():
+        for batch in batches:
             table = pa.concat_tables([table, pa.Table.from_batches([batch])])
             while len(table) >= ROWS_PER_GROUP:
                 yield table.slice(0, ROWS_PER_GROUP).combine_chunks()
@@ -136,7 +139,12 @@ class Store:
 
 @contextlib.contextmanager
 def opened(
-    folder: Path, record: Mapping[str, Any], schema: pa.Schema, draws: int, part_draws: int
+    folder: Path,
+    record: Mapping[str, Any],
+    schema: pa.Schema,
+    draws: range,
+    part_draws: int,
+    share: str | None = None,
 ) -> Iterator[Store]:
     """Open a sweep's folder to start or resume the sweep, locked against other processes.
 
@@ -145,7 +153,7 @@ def opened(
     InputError
         If the folder contains other files, belongs to another SWEEP.toml, or is in use.
     """
-    _manifest_of(folder, record)  # before anything is written
+    _manifest_of(folder, record, share)  # before anything is written
     lock = FileLock(folder / LOCK, blocking=False)
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -160,9 +168,9 @@ def opened(
         ) from error
     with held:
         # Read the manifest again, since the previous holder of the lock may have started a sweep.
-        manifest = _manifest_of(folder, record)
+        manifest = _manifest_of(folder, record, share)
         if manifest is None:
-            manifest = Manifest(part_draws=part_draws, sweep=dict(record))
+            manifest = Manifest(part_draws=part_draws, share=share, sweep=dict(record))
             try:
                 write_text_atomically(folder / MANIFEST, manifest.model_dump_json(indent=1) + "\n")
             except InputError:
@@ -174,7 +182,7 @@ def opened(
         yield Store(folder, record, schema, draws, manifest.part_draws)
 
 
-def _manifest_of(folder: Path, record: Mapping[str, Any]) -> Manifest | None:
+def _manifest_of(folder: Path, record: Mapping[str, Any], share: str | None) -> Manifest | None:
     """Manifest of a sweep's folder; None without one; `InputError` for other folders."""
     path = folder / MANIFEST
     if not os.path.lexists(path):
@@ -182,7 +190,64 @@ def _manifest_of(folder: Path, record: Mapping[str, Any]) -> Manifest | None:
         return None
     manifest = validated(read_json(path, "a sweep's manifest"), Manifest, str(path))
     _require_same(folder, manifest.sweep, record)
+    _require_same(folder, {"part": manifest.share or "the whole"}, {"part": share or "the whole"})
     return manifest
+
+
+def share_of(share: str, draws: int) -> range:
+    """Draws of a share of a sweep, as "3/20".
+
+    Raises
+    ------
+    InputError
+        For another form, or for more shares than draws.
+    """
+    number, slash, count = share.partition("/")
+    if not (slash and number.isdecimal() and count.isdecimal() and 1 <= int(number) <= int(count)):
+        raise InputError(f"part: found {share!r}, expected a number and how many there are, such as 3/20")
+    if int(count) > draws:
+        raise InputError(f"part: found {share!r} of a sweep of {draws} draws, expected at most {draws} parts")
+    return range((int(number) - 1) * draws // int(count), int(number) * draws // int(count))
+
+
+def joined(folders: Sequence[Path], whole: Store) -> Iterator[pa.RecordBatch]:
+    """Return the rows of a whole sweep, in the order of their draws, from the folders of its shares.
+
+    Raises
+    ------
+    InputError
+        For another sweep, and for a share that is missing, not finished or there twice.
+    """
+    found: dict[str, Path] = {}
+    for folder in folders:
+        path = folder / MANIFEST
+        manifest = validated(read_json(path, "a sweep's manifest"), Manifest, str(path))
+        _require_same(folder, manifest.sweep, whole.record)
+        if manifest.share is None:
+            raise InputError(f"{folder}: has the whole sweep, expected one of its parts")
+        if (other := found.setdefault(manifest.share, folder)) is not folder:
+            raise InputError(f"{folder}: has part {manifest.share}, as {other} has; give each part once")
+    if not found:
+        raise InputError("merge: found no folder, expected those of all parts")
+    first, *others = {share.partition("/")[2]: share for share in found}.values()
+    if others:
+        raise InputError(f"parts {first} and {others[0]} overlap, expected parts of one division")
+    count = int(first.partition("/")[2])
+    shares = [f"{number}/{count}" for number in range(1, count + 1)]
+    if missing := [share for share in shares if share not in found]:
+        raise InputError(f"found no folder of part {', '.join(missing)}; expected all {count} parts")
+    stores = [
+        Store(found[share], whole.record, whole.schema, share_of(share, len(whole.draws)), 1)
+        for share in shares
+    ]
+    for share, store in zip(shares, stores, strict=True):
+        try:
+            rows = pq.read_table(local(store.folder) / RESULTS, columns=["index"])["index"]
+        except (OSError, pa.ArrowException) as error:
+            raise InputError(f"{store.folder}: part {share} is not finished; repeat its command") from error
+        if not np.array_equal(rows.to_numpy(), store.draws):
+            raise InputError(f"{store.folder / RESULTS}: not the draws of part {share}; compute it again")
+    return (batch for store in stores for batch in store.batches())
 
 
 def _remove_leftovers(folder: Path) -> None:
