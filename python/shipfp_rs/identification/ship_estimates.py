@@ -150,8 +150,10 @@ def intervals_of(
         one = profiles.widened(figure, found[name])
         slope = fit.likelihood.coordinates.gradient(figure, fit.best.vector)
         wider, moved = beyond * stretches.widening(slope), figure(fit.values) - one.value
-        low = one.value - wider * (one.value - one.low) + min(moved, 0.0)
-        high = one.value + wider * (one.high - one.value) + max(moved, 0.0)
+        # The interval about each other minimum counts, too.
+        apart = [moved, *(figure(c.values(vector)) - one.value for vector in fit.alike)]
+        low = one.value - wider * (one.value - one.low) + min(*apart, 0.0)
+        high = one.value + wider * (one.high - one.value) + max(*apart, 0.0)
         least, most = fit.question.bounds.get(name, (-np.inf, np.inf))
         found[name] = Interval(one.value + moved, max(low, least), min(high, most), one.kinds)
     return fit, found, [c.values(vector) for vector in inside]

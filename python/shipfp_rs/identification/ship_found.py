@@ -12,6 +12,7 @@ from shipfp_rs.identification.profiles import Interval
 from shipfp_rs.identification.question import Question
 from shipfp_rs.identification.stretches import Score
 from shipfp_rs.structures.elements import QUANTITIES
+from shipfp_rs.support.arrays import Array
 
 BELIEVED = 25.0
 """Decrease of the deviance from which a tried element counts as on. By chance, two parameters
@@ -32,7 +33,8 @@ class ShipFit(Minima):
 
     `gains` is the decrease of the deviance by each tried element; `elements` names the tried elements that act. `scores` has
     a test result for each kind of engine-side effect that the model lacks. `side` is the result of `load_side`, without
-    engine and governor. `ramp` is the interval of the set point's rate limit, if there is one.
+    engine and governor. `ramp` is the interval of the set point's rate limit, if there is one. `alike` are other minima of
+    a ship with limits, each under its own noise, that the data do not reject.
     """
 
     likelihood: Likelihood
@@ -42,6 +44,7 @@ class ShipFit(Minima):
     scores: Mapping[str, Score] = field(default_factory=dict)
     side: LoadSide | None = None
     ramp: Interval | None = None
+    alike: tuple[Array, ...] = ()
 
     @property
     def is_smooth(self) -> bool:

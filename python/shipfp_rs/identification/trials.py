@@ -18,9 +18,10 @@ from shipfp_rs.identification.basins import Basin, descend, distinct
 from shipfp_rs.identification.engine_tests import engine_tests, lacks_something, limits_to_try, touched
 from shipfp_rs.identification.first_guesses import guesses_by_bandwidth
 from shipfp_rs.identification.likelihood import Likelihood
+from shipfp_rs.identification.profiles import RISE
 from shipfp_rs.identification.question import TRIED
 from shipfp_rs.identification.set_rate import Search, with_set_rate
-from shipfp_rs.identification.ship_found import BELIEVED, DEFAULTS, ShipFit, settled
+from shipfp_rs.identification.ship_found import BELIEVED, DEFAULTS, DISCREPANCY, ShipFit, settled
 from shipfp_rs.structures.elements import ELEMENTS
 from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.progress import tell
@@ -99,8 +100,9 @@ def _with_other_delays(fit: ShipFit, until: float | None) -> ShipFit:
     """Return the likeliest fit after descents with the total delay redistributed among dead times and lag.
 
     The data determine the total better than each delay, and the fit without limits has adapted its delays to the limit.
+    Errors of a limit's model leave many minima; those whose deviance these errors explain stay possible.
     """
-    c = fit.likelihood.coordinates
+    c, every = fit.likelihood.coordinates, [fit]
     for _ in range(REDIVIDED if {"T_d", "T_set", "tau_act"} <= set(c.free) else 0):
         states = c.states_at(fit.best.vector)
         starts = [c.vector({**fit.values, **one}, states) for one in _redivided(fit.values)]
@@ -109,11 +111,14 @@ def _with_other_delays(fit: ShipFit, until: float | None) -> ShipFit:
         ]
         ends = distinct(fit.likelihood, [fit.best, *fit.likelihood.each(jobs)])[:REFINED]
         tried = [settled(replace(fit, basins=(end,)), until) for end in ends if end is not fit.best]
-        best = min((fit, *tried), key=lambda one: one.total)
+        every += tried
+        best = min(every, key=lambda one: one.total)
         if best.total > fit.total - STILL:
             break
         fit = best
-    return fit
+    most = fit.total + RISE * DISCREPANCY**2
+    alike = tuple(one.best.vector for one in every if one is not fit and one.total < most)
+    return replace(fit, alike=alike)
 
 
 def _redivided(values: Mapping[str, float]) -> list[dict[str, float]]:
