@@ -222,7 +222,7 @@ def bytes_of_a_draw(folder: Path) -> float:
 def writing(plan: Plan, rows: pa.RecordBatch, parts: int, folder: Path) -> float:
     """CPU seconds that keeping a part costs."""
     draws = parts * DRAWS_PER_TASK
-    with opened(folder, plan.record(), rows.schema, draws, DRAWS_PER_TASK) as store:
+    with opened(folder, plan.record(), rows.schema, range(draws), DRAWS_PER_TASK) as store:
         began = time.process_time()
         for part in range(parts):
             store.add(part, rows)

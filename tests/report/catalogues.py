@@ -37,6 +37,7 @@ SOURCE = Path(shipfp_rs.__file__).parent
 HEADER = b'msgid ""\nmsgstr "Content-Type: text/plain; charset=utf-8\\n"\n\n'
 LABELS = (
     "distance from the truth", "distance from the estimate", "95 % by chance", "95 % of samples", "autocorrelation",
+    "95 % band", "missed",
     "with the set point", "lag of the residual behind the set point",
     "lag of the residual behind the set point [samples]", "lag", "lag [samples]", "within", "outside", "measured",
     "model", "model of", "set point", "masked", "time", "frequency", "amplitude ratio", "phase",

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,7 @@ from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.frequency import FrequencyResponse
 from shipfp_rs.frequency.spectra import UNKNOWN_AMPLITUDE, UNKNOWN_PHASE
 from shipfp_rs.identification.fingerprint import Fingerprint
+from shipfp_rs.identification.fingerprint_content import ALARM
 from shipfp_rs.identification.first_guesses import (
     BEFORE_METER,
     ENGINE_SIDE,
@@ -33,8 +35,16 @@ from shipfp_rs.support.arrays import DEVIATIONS_95, Array, Values
 from shipfp_rs.support.sentences import Sentence
 from shipfp_rs.vessel.linear_model import linearise
 from shipfp_rs.vessel.steady_state import steady_state
+from shipfp_rs.vessel.torsion import Line, Seen
 from shipfp_rs.vessel.vessel import Vessel
 
+SAME_RATIO = 0.02
+"""Largest relative difference between the gear ratios of a torsional line and of its vessel; teeth are counted."""
+CONTRADICTED = Sentence(
+    "Known beforehand: {name} = {mean} ± {std} s; from the data alone: {value} ± {spread} s. That is {apart} standard "
+    "deviations apart, more than chance: look at the drawing and its units, the place of the gauge, and the scale of the "
+    "torque channel."
+)
 FAR_OFF = 2.0
 """Ratio of the measured torque to that of the vessel file, or the inverse ratio, above which a doubt is reported."""
 QUANTITIES: Mapping[str, tuple[str, str]] = {
@@ -141,20 +151,107 @@ def vessel_priors(
     A side of the gauge without a given inertia has no prior; without `std_pct` there is none at all. Eq. 3.23 of the thesis
     gives the time constants, from the operating point of the first experiment.
     """
+    if std_pct is None:
+        return {}
+    drawn = Seen(
+        vessel.inertia if vessel.given("shaft.inertia_kg_m2") else None,
+        vessel.propeller_side_inertia if vessel.given("shaft.propeller_side_inertia_kg_m2") else None,
+        vessel.shaft.stiffness_Nm_rad if vessel.given("shaft.stiffness_Nm_rad") else None,
+        vessel.gearbox.ratio,
+    )
+    return _priors(drawn, vessel, experiments, std_pct)
+
+
+def _priors(
+    drawn: Seen, vessel: Vessel, experiments: Sequence[Experiment], std_pct: float
+) -> dict[str, tuple[float, float]]:
     point = experiments[0].operating_point
     signal = next((name for name in ("M_g", "M_s", "M_b") if name in point), None)
-    if std_pct is None or signal is None or "n_e" not in point:
+    if signal is None or "n_e" not in point:
         return {}
     shaft_torque = abs(point[signal]) * (vessel.torque_ratio if signal == "M_b" else 1.0)
     turn = 2.0 * math.pi * abs(point["n_e"]) / 60.0 / vessel.gearbox.ratio
-    found = {}
-    if vessel.given("shaft.inertia_kg_m2"):
-        found["tau_n"] = turn * vessel.inertia / shaft_torque
-    if vessel.given("shaft.propeller_side_inertia_kg_m2"):
-        found["tau_prop"] = turn * vessel.propeller_side_inertia / shaft_torque
-    if vessel.given("shaft.stiffness_Nm_rad"):
-        found["tau_twist"] = shaft_torque / (turn * (vessel.shaft.stiffness_Nm_rad or math.inf))
-    return {name: (value, 0.01 * std_pct * value) for name, value in found.items()}
+    found = {
+        "tau_n": turn * (drawn.inertia or 0.0) / shaft_torque,
+        "tau_prop": turn * (drawn.propeller_side_inertia or 0.0) / shaft_torque,
+        "tau_twist": shaft_torque / (turn * (drawn.stiffness or math.inf)),
+    }
+    return {name: (value, 0.01 * std_pct * value) for name, value in found.items() if value > 0.0}
+
+
+@checked
+def torsional_priors(
+    line: Any,
+    experiments: Sequence[Experiment],
+    vessel: Vessel,
+    *,
+    gauge: str | None = None,
+    std_pct: float = 5.0,
+) -> dict[str, tuple[float, float]]:
+    """Return the priors (mean, standard deviation) of parameters that follow from a torsional calculation.
+
+    These are `tau_n` of all inertias, `tau_prop` of those behind the gauge, and `tau_twist` of the compliance between engine
+    and propeller, each in s (eq. 3.23 of the thesis), for `identify(priors=...)`.
+
+    Parameters
+    ----------
+    line
+        File of discs, shafts and gears, or an `opentorsion.Assembly`; the first disc is at the engine's end, the last one is
+        the propeller with its water.
+    experiments, vessel
+        The first experiment has the operating point; the ship has the line's gear ratio.
+    gauge
+        Shaft with the torque gauge, or disc ahead of it: "shaft 3" is the third one, if it has no name. None: no `tau_prop`.
+    std_pct
+        Standard deviation of inertias and stiffness [%].
+
+    Raises
+    ------
+    InputError
+        If the file, the line or a name can't be used, or its gear ratio is not the vessel's.
+
+    Examples
+    --------
+    >>> torsional_priors("line.json", trials, tug, gauge="tail shaft")  # doctest: +SKIP
+    {'tau_n': (1.18, 0.06), 'tau_prop': (0.43, 0.02), 'tau_twist': (6e-05, 3e-06)}
+    """
+    if isinstance(line, str | Path):
+        line = Line.read(line)
+    seen = (line if isinstance(line, Line) else Line.of_assembly(line)).seen(gauge)
+    if abs(seen.ratio / vessel.gearbox.ratio - 1.0) > SAME_RATIO:
+        raise InputError(
+            f"torsion.file: found an engine that turns {seen.ratio:.4g} times as fast as the propeller, expected "
+            f"{vessel.gearbox.ratio:.4g}, the gearbox.ratio of vessel {vessel.name!r}"
+        )
+    return _priors(seen, vessel, experiments, std_pct)
+
+
+def against_priors(fingerprint: Fingerprint, priors: Mapping[str, tuple[float, float]]) -> Iterator[Sentence]:
+    """Yield a sentence for each prior that the data contradict by more than chance, once in a hundred fits.
+
+    The load's side is estimated from data alone. Elsewhere a prior (m, s) is taken out of the estimate x with variance v,
+    which leaves (x / v - m / s^2) / (1 / v - 1 / s^2).
+    """
+    for name, (mean, std) in priors.items():
+        alone, found = fingerprint.load_side.get(name), fingerprint.parameters.get(name)
+        if alone is not None and alone.value is not None and alone.std is not None:
+            value, spread = alone.value, alone.std
+        elif found is not None and found.value is not None and found.std is not None and found.std < std:
+            weight = found.std**-2 - std**-2
+            value, spread = (found.value * found.std**-2 - mean * std**-2) / weight, weight**-0.5
+        else:
+            continue
+        apart = abs(value - mean) / math.hypot(std, spread)
+        if math.erfc(apart / math.sqrt(2.0)) < ALARM / len(priors):
+            yield Sentence(
+                CONTRADICTED,
+                name=name,
+                mean=f"{mean:.4g}",
+                std=f"{std:.2g}",
+                value=f"{value:.4g}",
+                spread=f"{spread:.2g}",
+                apart=f"{apart:.2g}",
+            )
 
 
 @checked
@@ -284,7 +381,7 @@ def response_with_deviation(
         return np.array([np.log(np.abs(found)), np.unwrap(np.angle(found))])
 
     response, _ = structure.equations.response(fingerprint.optimum, frequency, ())
-    amplitude, phase = _deviation(fingerprint, structure, seen)
+    amplitude, phase = deviation_of(fingerprint, structure, seen)
     amplitude, phase = np.minimum(amplitude, UNKNOWN_AMPLITUDE), np.minimum(phase, UNKNOWN_PHASE)
     return FrequencyResponse(
         structure.name,
@@ -324,11 +421,11 @@ def step_with_deviation(
         "step", rate_hz, {"n_set": np.where(time >= 0.0, 2.0, 1.0)}, {"n_set": 1.0}, hold="zero"
     )
     seen = partial(structure.equations.simulate, experiment=step)
-    found = (seen(fingerprint.optimum), _deviation(fingerprint, structure, seen))
+    found = (seen(fingerprint.optimum), deviation_of(fingerprint, structure, seen))
     return StepResponse(time, *(dict(zip(structure.outputs, rows, strict=True)) for rows in found))
 
 
-def _deviation(fingerprint: Fingerprint, structure: Structure, seen: Callable[[Values], Array]) -> Array:
+def deviation_of(fingerprint: Fingerprint, structure: Structure, seen: Callable[[Values], Array]) -> Array:
     """Change of a model's response that 68 % of draws do not exceed; parameters are drawn from the covariance, in bounds.
 
     Draws replace derivatives, since a torque jumps where a dead time ends, and a stiff shaft's simulation may fail. The

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from shipfp_rs.assessment.closed_loop import structure_of
+from shipfp_rs.assessment.si import deviation_of
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.identification.fingerprint import Fingerprint
@@ -16,7 +17,7 @@ from shipfp_rs.identification.fit_statistics import nrmse_pct
 from shipfp_rs.identification.identify import identify
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.support.arguments import checked
-from shipfp_rs.support.arrays import Array
+from shipfp_rs.support.arrays import DEVIATIONS_95, Array
 from shipfp_rs.support.files import finite
 from shipfp_rs.support.spikes import bridge
 from shipfp_rs.support.tables import text_table
@@ -32,6 +33,8 @@ STILL = 2e-3
 """Largest motion of a set point that counts as constant, relative to the operating speed."""
 STEADY = 0.15
 """Largest standard deviation of the load before and after a step, relative to the step; a larger one is an oscillation."""
+MOST_POINTS = 10_000
+"""Most samples of a prediction at which the deviations of the parameters are computed."""
 BAND_PCT = 2.0
 """Band about the speed before a step within which the speed has recovered [%]."""
 
@@ -136,6 +139,63 @@ def validate(
     predicted = structure.measured(fingerprint.predict(experiment, structure))
     rows = zip(structure.outputs, structure.measured(experiment), predicted, strict=True)
     return {output: nrmse_pct(measured, measured - model) for output, measured, model in rows}
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """An experiment that was not fitted, its prediction, and half the width of the 95 % band about it, by signal (N,)."""
+
+    measured: Experiment
+    model: Experiment
+    band: Mapping[str, Array]
+    score: Mapping[str, Mapping[str, float | None]]
+
+
+@checked
+def held_out(fingerprint: Fingerprint, experiment: Experiment, structure: Structure | None = None) -> HeldOut:
+    """Predict an experiment that was not fitted, with a 95 % band, and score the prediction.
+
+    The band has the deviations of the parameters and those of the residuals of the fitted experiments.
+
+    Parameters
+    ----------
+    fingerprint
+        A fit, with its experiments.
+    experiment, structure
+        See `validate`.
+
+    Returns
+    -------
+    HeldOut
+        Its `score` has "nrmse_pct" as of `validate`, and "inside_pct", the share of samples in the band [%], by output.
+
+    Raises
+    ------
+    InputError
+        See `predict`.
+    """
+    structure = structure or structure_of(fingerprint)
+    model = fingerprint.predict(experiment, structure)
+    every = -(-len(experiment) // MOST_POINTS)
+    moved = deviation_of(
+        fingerprint, structure, lambda values: structure.equations.simulate(values, experiment)[:, ::every]
+    )
+    predicted = structure.measured(model)
+    left = [
+        structure.measured(one) - structure.measured(fingerprint.predict(one, structure))
+        for one in fingerprint.experiments
+    ]
+    noise = np.nanstd(np.concatenate(left, axis=1), axis=1) if left else np.zeros(len(predicted))
+    band, score, places = {}, {}, np.arange(len(experiment))
+    rows = zip(structure.outputs, structure.measured(experiment), predicted, moved, noise, strict=True)
+    for output, measured, row, parameters, spread in rows:
+        signal = structure.signal_for(output, experiment.signals, experiment.name)
+        half = DEVIATIONS_95 * np.hypot(np.interp(places, places[::every], parameters), spread)
+        band[signal] = half * abs(experiment.operating_point[signal])
+        inside = np.abs(measured - row)[np.isfinite(measured)] <= half[np.isfinite(measured)]
+        fit = nrmse_pct(measured, measured - row)
+        score[output] = {"nrmse_pct": finite(fit), "inside_pct": 100.0 * float(inside.mean())}
+    return HeldOut(experiment, model, band, score)
 
 
 @dataclass(frozen=True)

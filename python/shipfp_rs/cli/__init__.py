@@ -40,6 +40,7 @@ def ends_without_a_word() -> Iterator[None]:
 with ends_without_a_word():
     import typer
 
+    from shipfp_rs.cli.budget import budget
     from shipfp_rs.cli.design import design
     from shipfp_rs.cli.export import export
     from shipfp_rs.cli.init import init
@@ -47,6 +48,7 @@ with ends_without_a_word():
     from shipfp_rs.cli.reproduce import compare, reproduce
     from shipfp_rs.cli.run import check, demo, run, simulate
     from shipfp_rs.cli.sweep import sweep
+    from shipfp_rs.cli.tune import tune
     from shipfp_rs.cli.view import view
     from shipfp_rs.errors import IdentificationError, InputError, InternalError, ShipfpError, SimulationError
 
@@ -82,6 +84,8 @@ EXAMPLES: dict[Callable[..., Any], str] = {
     sweep: "shipfp sweep SWEEP.toml --out my-sweep",
     convert: "shipfp convert my-log.raw my-log.parquet",
     compare: "shipfp compare before/fingerprint.json after/fingerprint.json --out changes.png",
+    budget: "shipfp budget my-result/fingerprint.json --torque 2",
+    tune: "shipfp tune my-result/fingerprint.json --recovery 3 --dip 4 --plot gains.png",
     export: "shipfp export my-result/fingerprint.json --to fmu --out tug.fmu",
 }
 """Commands in the order of the help, each with an example."""

@@ -82,10 +82,11 @@ def _print(found: Check) -> None:
     )
     print_table(
         "Windows",
-        ["window", "kind", "start [s]", "stop [s]", "usable", "faults"],
+        ["window", "use", "kind", "start [s]", "stop [s]", "usable", "faults"],
         [
             [
                 window["name"],
+                "fitted" if window["use"] == "fit" else "held out",
                 window["kind"],
                 f"{window['start_s']:g}",
                 f"{window['stop_s']:g}",

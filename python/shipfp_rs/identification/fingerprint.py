@@ -16,12 +16,14 @@ from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.frequency import FrequencyResponse
 from shipfp_rs.identification.basins import Minima
+from shipfp_rs.identification.draws import Draws
 from shipfp_rs.identification.estimate import Estimate as Estimate
 from shipfp_rs.identification.estimate import Identifiability as Identifiability
 from shipfp_rs.identification.fingerprint_content import Content, require_agreement
 from shipfp_rs.identification.fingerprint_simulation import FingerprintSimulation
 from shipfp_rs.identification.fingerprint_tables import FingerprintTables
-from shipfp_rs.support.arguments import checked, expect
+from shipfp_rs.structures.structure import Structure
+from shipfp_rs.support.arguments import Count, Whole, checked, expect
 from shipfp_rs.support.files import ending_in, finite, json_text, read_json, write_text_atomically
 from shipfp_rs.support.sentences import Sentence, parts_of, with_parts
 from shipfp_rs.support.validation import require
@@ -79,6 +81,9 @@ class Fingerprint(FingerprintTables, FingerprintSimulation):
         parameter), or "misfit" (of the model).
     si
         Quantity to {"value", "std", "ci95", "unit"} in SI units, where a vessel gives the scale.
+    held_out
+        Name of each window that was not fitted to output to {"nrmse_pct": ..., "inside_pct": ...}: how well it is predicted,
+        and the share of its samples within the prediction's 95 % band [%].
     experiments
         The fitted experiments, which a file does not hold.
     """
@@ -115,10 +120,65 @@ class Fingerprint(FingerprintTables, FingerprintSimulation):
         """Plot measured and modelled outputs; see `plot.fit`, which takes the options and returns the axes."""
         return import_module("shipfp_rs.plot").fit(self, **options)
 
-    def margins(self) -> dict[str, Estimate]:
+    def margins(self, draws: Draws | None = None) -> dict[str, Estimate]:
         """Return crossover, phase margin and the other figures of the speed loop; see `assessment.closed_loop`."""
-        found: dict[str, Estimate] = import_module("shipfp_rs.assessment.closed_loop").closed_loop(self)
+        of = import_module("shipfp_rs.assessment.closed_loop").closed_loop
+        found: dict[str, Estimate] = of(self, draws=draws)
         return found
+
+    @checked
+    def draws(
+        self,
+        n: Count = 1000,
+        seed: Whole = 0,
+        *,
+        experiments: Sequence[Experiment] = (),
+        structure: Structure | None = None,
+    ) -> Draws:
+        """Draw ships that the data allow, with the fit's priors and bounds, valleys included.
+
+        Each draw is the estimate that other noise of the same kind would give. Errors of the model widen draws as they widen
+        intervals, by the largest widening of any interval.
+
+        Parameters
+        ----------
+        n, seed
+            Number of draws, and seed.
+        experiments
+            The fitted experiments, which a file does not hold; `read_experiments` reads those of a run's folder.
+        structure
+            The fingerprint's structure; None rebuilds it.
+
+        Returns
+        -------
+        Draws
+            Values of all parameters, shape (n, P). Those that the data leave unknown follow their priors within their
+            bounds, those that are fixed stay.
+
+        Raises
+        ------
+        InputError
+            If only the load's side is told, or the experiments are missing or others than those of the fit.
+        IdentificationError
+            If fewer than nine in ten draws end in a minimum.
+
+        Notes
+        -----
+        Randomised maximum likelihood, Bardsley et al., 10.1137/140964023: minima of the deviance with a draw of its slope
+        added. Draws are independent, and those of a straight model follow the likelihood exactly.
+
+        Examples
+        --------
+        >>> import shipfp_rs as fp
+        >>> chirp = fp.signals.chirp(0.02, 2.0, 60.0, 40.0, rate_hz=20.0)
+        >>> launch = fp.Vessel.load("stan-launch-804")
+        >>> trial = fp.simulate(launch, chirp, noise={"n_e": 0.05, "M_b": 0.1}, seed=0)
+        >>> found = fp.identify(trial, fp.Structure.ship(products=True)).draws(500)
+        >>> found.table.shape[0]
+        500
+        """
+        of: Callable[..., Draws] = import_module("shipfp_rs.identification.perturbed").draws_of
+        return of(self, n, seed, experiments, structure)
 
     @classmethod
     @checked

@@ -77,6 +77,7 @@ class Settings(TypedDict, total=False):
     message: Text
     minima: Sequence[Mapping[str, Any]]
     possible: Sequence[Mapping[str, Figure]]
+    priors: Mapping[str, Sequence[Figure]]
 
 
 @open_table
@@ -117,6 +118,7 @@ class Content:
     usability: Usable = ""
     why_not: WhyNot = ""
     si: Annotated[Mapping[str, Mapping[str, Any]], Shape(dict[str, Quantity])] = field(default_factory=dict)
+    held_out: Mapping[str, Mapping[str, Mapping[str, Figure | None]]] = field(default_factory=dict)
     experiments: tuple[InstanceOf[Experiment], ...] = field(default=(), compare=False)
 
     @property

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import Any
+from typing import Any, overload
 
 import numpy as np
 from scipy.signal import ss2tf
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment
+from shipfp_rs.identification.draws import Draws
 from shipfp_rs.identification.fingerprint_content import Content
 from shipfp_rs.signals.excitation import Excitation
 from shipfp_rs.structures.elements import LAGS, LATE_CHANNELS
@@ -33,8 +34,20 @@ class FingerprintSimulation(Content):
     def _model(self, structure: Structure | None) -> tuple[Structure, Mapping[str, float]]:
         return structure or Structure.from_dict(self.structure), self.optimum
 
+    @overload
+    def simulate(self, drive: Experiment | Excitation, structure: Structure | None = None) -> Experiment: ...
+    @overload
+    def simulate(
+        self, drive: Experiment | Excitation, structure: Structure | None = None, *, draws: Draws
+    ) -> tuple[Experiment, Experiment]: ...
     @checked
-    def simulate(self, drive: Experiment | Excitation, structure: Structure | None = None) -> Experiment:
+    def simulate(
+        self,
+        drive: Experiment | Excitation,
+        structure: Structure | None = None,
+        *,
+        draws: Draws | None = None,
+    ) -> Experiment | tuple[Experiment, Experiment]:
         """Simulate the fitted ship with noise-free sensors, from rest at the operating point.
 
         Parameters
@@ -43,11 +56,14 @@ class FingerprintSimulation(Content):
             An experiment, of which only the set point is used, or an excitation about the operating point of the data.
         structure
             The fingerprint's structure; None rebuilds it.
+        draws
+            Ships of `Fingerprint.draws`, of which the first 400 are simulated.
 
         Returns
         -------
-        Experiment
-            Set point and outputs in the units of the measured signals.
+        Experiment or tuple of Experiment
+            Set point and outputs in the units of the measured signals. With `draws` two of them: lower and upper end of
+            the band that holds 95 % of the drawn ships at each sample.
 
         Raises
         ------
@@ -76,11 +92,29 @@ class FingerprintSimulation(Content):
         # The simulation starts one sample earlier, at rest, so that a step at the start is not taken for the rest state.
         begun = {driver: np.concatenate([[point[driver]], set_point])}
         bare = Experiment(drive.name, drive.rate_hz, begun, point, drive.hold, drive.kind)
-        rows = model.part(drive.name).equations.simulate(values, bare)[:, 1:]
-        return self._simulated(bare, set_point, dict(zip(names.values(), rows, strict=True)))
+        equations = model.part(drive.name).equations
 
+        def simulated(known: Mapping[str, float]) -> dict[str, Array]:
+            return dict(zip(names.values(), equations.simulate(known, bare)[:, 1:], strict=True))
+
+        return self._with_band(bare, set_point, simulated, values, draws)
+
+    @overload
+    def predict(
+        self, experiment: Experiment | None = None, structure: Structure | None = None
+    ) -> Experiment: ...
+    @overload
+    def predict(
+        self, experiment: Experiment | None = None, structure: Structure | None = None, *, draws: Draws
+    ) -> tuple[Experiment, Experiment]: ...
     @checked
-    def predict(self, experiment: Experiment | None = None, structure: Structure | None = None) -> Experiment:
+    def predict(
+        self,
+        experiment: Experiment | None = None,
+        structure: Structure | None = None,
+        *,
+        draws: Draws | None = None,
+    ) -> Experiment | tuple[Experiment, Experiment]:
         """Predict an experiment with the fitted model, its initial state and offsets fitted to the measured outputs.
 
         Parameters
@@ -89,16 +123,37 @@ class FingerprintSimulation(Content):
             Set point and measured outputs; None: the first fitted experiment, which a file does not hold.
         structure
             The fingerprint's structure; None rebuilds it.
+        draws
+            See `simulate`.
 
         Returns
         -------
-        Experiment
+        Experiment or tuple of Experiment
             As of `simulate`, at each sample.
         """
         record = self.first(experiment)
         model, values = self._model(structure)
-        rows = simulated_about(model, values, record)
-        return self._simulated(record, record.signals[record.driver], rows)
+
+        def predicted(known: Mapping[str, float]) -> Mapping[str, Array]:
+            return simulated_about(model, known, record)
+
+        return self._with_band(record, record.signals[record.driver], predicted, values, draws)
+
+    def _with_band(
+        self,
+        record: Experiment,
+        set_point: Array,
+        simulated: Callable[[Mapping[str, float]], Mapping[str, Array]],
+        values: Mapping[str, float],
+        draws: Draws | None,
+    ) -> Experiment | tuple[Experiment, Experiment]:
+        """Return what is simulated with the best values, or both ends of the band of draws."""
+        if draws is None:
+            return self._simulated(record, set_point, simulated(values))
+        every = draws.of(lambda drawn: simulated({**values, **drawn}))
+        bands = {name: np.quantile([one[name] for one in every], [0.025, 0.975], axis=0) for name in every[0]}
+        low, high = ({name: band[end] for name, band in bands.items()} for end in (0, 1))
+        return self._simulated(record, set_point, low), self._simulated(record, set_point, high)
 
     def first(self, experiment: Experiment | None = None) -> Experiment:
         """Return the given experiment, or the first fitted one; `InputError` if the fingerprint holds none, as a file."""

@@ -298,6 +298,35 @@ class Likelihood:
             raise SimulationError("the deviance is not finite")
         return gram
 
+    def row_units(self, rows: Sequence[Numbers]) -> list[Units | Array]:
+        """Rows (O, F) of each record, in units of the noise, as `along` takes them."""
+        found: list[Units | Array] = []
+        for index, (model, row) in enumerate(zip(self.models, rows, strict=True)):
+            if isinstance(model, ShipModel) and not model.has_effect:
+                # For the kernel such a row is a systematic error of one output, at all frequencies alike.
+                bent = np.zeros((row.shape[1], len(row), len(row)), complex)
+                bent[:, :, 0] = row.T
+                found.append(model.units(self.root(index), (bent, np.ones((1, row.shape[1])))))
+            else:
+                found.append(real_rows(row[None])[0])
+        return found
+
+    def along(self, vector: Array, rows: Sequence[Units | Array]) -> Array:
+        """Products (1 + P,) of residual and derivatives with rows of `row_units`."""
+        found = np.zeros(1 + self.coordinates.size)
+        values = self.coordinates.values(vector)
+        by = self.coordinates.jacobian(values)
+        for index, (model, row) in enumerate(zip(self.models, rows, strict=True)):
+            if isinstance(row, Units):
+                assert isinstance(model, ShipModel)
+                own = vector[self.coordinates.states(index)]
+                crossed = model.products(values, own, self.coordinates.names, row)[1][0]
+                found[self._columns[index]] += crossed @ self._turn(model, values, by)
+            else:
+                white = real_rows(turned(self.root(index), self._local(vector, index)))
+                found[self._columns[index]] += white @ row
+        return found
+
     @cached_property
     def _units(self) -> list[Units]:
         """Units of each ship's residuals, as the kernel takes them."""
@@ -570,6 +599,14 @@ class Likelihood:
                     block[..., at[:-1], at[1:]] += sign * summed[..., knots:]
         square = np.moveaxis(total, 4, 2).reshape(2 * outputs * knots, -1)
         return np.asarray(np.linalg.inv(square + np.eye(len(square))))
+
+    @cached_property
+    def white_shapes(self) -> list[Numbers]:
+        """Shapes of the systematic errors of each record in units of the noise, without means, (E, O, F)."""
+        found = [turned(self.root(index), shapes) for index, shapes in enumerate(self.shapes)]
+        for one in found:
+            one[..., 0] = 0.0
+        return found
 
     @cached_property
     def shapes(self) -> tuple[Numbers, ...]:

@@ -324,8 +324,9 @@ def _record(fit: ShipFit, index: int, row: Sequence[float]) -> dict[str, Any]:
 
 
 def _settings(fit: ShipFit, intervals: str) -> dict[str, Any]:
-    c = fit.likelihood.coordinates
+    c, priors = fit.likelihood.coordinates, fit.question.priors if fit.question.structure is None else {}
     return {
+        **({"priors": {name: list(prior) for name, prior in priors.items()}} if priors else {}),
         "structure": FULL_SHIP if fit.question.structure is None else fit.question.structure.name,
         "intervals": intervals,
         "set_point": fit.likelihood.records[0].between,

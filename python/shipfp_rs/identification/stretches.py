@@ -57,15 +57,6 @@ class Stretches:
     columns: Sequence[ComplexArray] = ()
 
     @cached_property
-    def _smooth(self) -> list[ComplexArray]:
-        """Shapes of the systematic errors of each record in units of noise, (E, O, F)."""
-        found = []
-        for index, shapes in enumerate(self.likelihood.shapes):
-            found.append(turned(self.likelihood.root(index), shapes))
-            found[-1][..., 0] = 0.0
-        return found
-
-    @cached_property
     def _rows(self) -> list[ComplexArray]:
         """Residual, derivatives and additional columns of each record, stacked (1 + P + C, O, F), in units of noise."""
         found = []
@@ -86,7 +77,8 @@ class Stretches:
         along = sum(self.likelihood.along_errors(index, rows) for index, rows in enumerate(self._rows))
         sizes = along @ self.likelihood.errors_inverse
         return [
-            rows - np.tensordot(sizes, one, 1) for rows, one in zip(self._rows, self._smooth, strict=True)
+            rows - np.tensordot(sizes, one, 1)
+            for rows, one in zip(self._rows, self.likelihood.white_shapes, strict=True)
         ]
 
     @cached_property
@@ -122,7 +114,7 @@ class Stretches:
     def _moved(self, along: Array) -> tuple[Array, Array, Array]:
         """Change of the parameters along a direction (P,) due to stretches, systematic errors and priors."""
         size = len(along)
-        pairs = zip(self._white, self._smooth, strict=True)
+        pairs = zip(self._white, self.likelihood.white_shapes, strict=True)
         errors = [
             _products(shapes, np.tensordot(along, rows[1 : 1 + size], 1)[None])[:, 0]
             for rows, shapes in pairs

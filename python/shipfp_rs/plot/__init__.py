@@ -5,12 +5,15 @@ Figures are neither shown nor saved. Colours are of medium lightness, legible on
 
 from shipfp_rs.plot.estimates import correlogram, intervals, likelihood
 from shipfp_rs.plot.frequency import bode, responses
-from shipfp_rs.plot.traces import fit, log, pulse_intervals, signals
+from shipfp_rs.plot.gain_map import gains
+from shipfp_rs.plot.traces import fit, held_out, log, pulse_intervals, signals
 
 __all__ = [
     "bode",
     "correlogram",
     "fit",
+    "gains",
+    "held_out",
     "intervals",
     "likelihood",
     "log",

@@ -29,6 +29,7 @@ from shipfp_rs.support.arrays import DEVIATIONS_95, Mask
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+    from shipfp_rs.assessment.validation import HeldOut
     from shipfp_rs.identification.fingerprint import Fingerprint
     from shipfp_rs.tacho import PulseTimes, ReflectorAngles
 
@@ -258,6 +259,37 @@ def fit(
         dress(ax, f"{LABELS[name]} [{UNITS[name]}]")
     if stretch_s is None:  # the figure with a stretch has a different legend
         panels[0].set_title(experiment.name, loc="left", parse_math=False)
+    panels[-1].set_xlabel("time [s]")
+    return panels
+
+
+def held_out(prediction: HeldOut, axes: Sequence[Axes] | None = None) -> Sequence[Axes]:
+    """Draw what a prediction misses of a window that was not fitted, about its 95 % band, one panel per signal.
+
+    Parameters
+    ----------
+    prediction
+        Result of `shipfp_rs.assessment.validation.held_out`.
+    axes
+        One per signal; None: new ones.
+
+    Returns
+    -------
+    sequence of Axes
+    """
+    experiment, panels = prediction.measured, panels_of(axes, len(prediction.band), sharex=True)
+    for ax, (name, half) in zip(panels, prediction.band.items(), strict=True):
+        times, low = envelope(experiment.start_s + experiment.time, -half)
+        ax.fill_between(times, low, -low, color=COLOURS[name], alpha=0.25, lw=0.0, label="95 % band")
+        missed = experiment.signals[name] - prediction.model.signals[name]
+        ax.plot(
+            *envelope(experiment.start_s + experiment.time, missed),
+            color=COLOURS[name],
+            lw=0.8,
+            label="missed",
+        )
+        dress(ax, f"{LABELS[name]} [{UNITS[name]}]")
+    panels[0].set_title(experiment.name, loc="left", parse_math=False)
     panels[-1].set_xlabel("time [s]")
     return panels
 

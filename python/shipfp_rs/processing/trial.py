@@ -18,6 +18,7 @@ from shipfp_rs.support.arguments import checked
 from shipfp_rs.support.hints import nearest
 from shipfp_rs.support.sentences import LANGUAGES
 from shipfp_rs.support.toml import FilePath, Name, Section, Seed, Starts, read_toml, unexpected
+from shipfp_rs.vessel.torsion import Line
 
 Relation = Annotated[
     tuple[str, float, float],
@@ -165,12 +166,25 @@ class Window(Section):
     """End on the log's clock [s]."""
     log: FilePath | None = None
     """File name of the window's log; default: the first one."""
+    use: Literal["fit", "validation"] = "fit"
+    """"validation": held out, that is, not fitted, but predicted by the fit and scored."""
 
     @model_validator(mode="after")
     def _is_not_empty(self) -> Self:
         if not self.start_s < self.stop_s:
             raise unexpected("stop_s", f"{self.stop_s:g}", f"more than start_s, {self.start_s:g}")
         return self
+
+
+class Torsion(Section):
+    """Torsional calculation of the drive train, whose inertias and stiffness are priors."""
+
+    file: FilePath
+    """JSON or TOML file with lists discs, shafts and gears, or a TORS file of openTorsion; relative to TRIAL.toml."""
+    gauge: Name | None = None
+    """Shaft with the torque gauge, or disc ahead of it, by its name or as "shaft 3", the third one in the file."""
+    std_pct: Annotated[float, Field(gt=0.0, le=100.0)] = 5.0
+    """Standard deviation of its inertias and its stiffness, in per cent."""
 
 
 HOW = ("noise", "starts")
@@ -266,6 +280,7 @@ class Trial(Section):
     processing: Processing = Processing()
     windows: Annotated[tuple[Window, ...], Field(strict=False, max_length=MOST_WINDOWS)] = ()
     """Stretches of the logs, one experiment each; at least one."""
+    torsion: Torsion | None = None
     identify: Identify = Identify()
     report: Report = Report()
 
@@ -282,6 +297,8 @@ class Trial(Section):
             raise unexpected(
                 "windows", "none", "one table [[windows]] or more, each with name, start_s and stop_s"
             )
+        if all(window.use == "validation" for window in self.windows):
+            raise unexpected("windows", 'use = "validation" in each', "one window or more to fit")
         names = [window.name for window in self.windows]
         if len(set(names)) < len(names):
             raise unexpected("windows", f"names {names}", "each name once")
@@ -393,7 +410,12 @@ class Trial(Section):
         }
         channels = read.channels.model_copy()
         channels.__pydantic_extra__.update(extra)
-        return read.model_copy(update={"trial": header.model_copy(update=changes), "channels": channels})
+        torsion = read.torsion
+        if torsion is not None:
+            torsion = torsion.model_copy(update={"file": str(path.parent / torsion.file)})
+            Line.read(torsion.file).seen(torsion.gauge)  # a mistake is told before hours of log are read
+        header = header.model_copy(update=changes)
+        return read.model_copy(update={"trial": header, "channels": channels, "torsion": torsion})
 
     def completed(self, log: Log) -> Log:
         """Add the trial's constant set point, if any, to a log, as a channel as long as the load."""

@@ -16,6 +16,7 @@ from markupsafe import Markup
 
 from shipfp_rs import plot
 from shipfp_rs.assessment.comparison import compared_responses
+from shipfp_rs.assessment.validation import HeldOut
 from shipfp_rs.errors import SimulationError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.frequency import FrequencyResponse
@@ -62,6 +63,7 @@ class Content(TypedDict, total=False):
     language: str
     structure: Structure | None
     vessel: Vessel | None
+    held_out: Sequence[HeldOut]
 
 
 def write_report(
@@ -99,6 +101,8 @@ def write_report(
         Structure of the fingerprint, if its equations are the user's; None rebuilds it.
     vessel
         The trial's vessel, for its gear ratio and for what it drives.
+    held_out
+        Experiments that were not fitted, with their predictions.
 
     Returns
     -------
@@ -135,6 +139,7 @@ def render(
     language: str = "en",
     structure: Structure | None = None,
     vessel: Vessel | None = None,
+    held_out: Sequence[HeldOut] = (),
 ) -> str:
     """Page of `write_report` as a string."""
     say = Say(language)
@@ -166,9 +171,14 @@ def render(
             ],
         ),
         ("signals", say("Signals and model"), _signals(experiments, simulated, pictures, say)),
+        ("held-out", say("Windows held out"), _held_out(held_out, pictures, say)),
         ("responses", say("Frequency responses"), _responses(responses, pictures, say)),
         ("also", say(also[0]) if also else "", _also(also, pictures, say)),
-        ("samples", say("Samples used and left out"), fate.of_every_sample(fingerprint, experiments, say)),
+        (
+            "samples",
+            say("Samples used and left out"),
+            fate.of_every_sample(fingerprint, [*experiments, *(one.measured for one in held_out)], say),
+        ),
         (
             "quality",
             say("Log quality"),
@@ -264,6 +274,31 @@ def _signals(
             said = Sentence("{name}: signals; masked samples, marked at the bottom, are not fitted.")
         still = pictures.draw(panels, paint, say(said, name=name, driver=driver), saved=False)
         yield markup.piece("unscripted", still)
+
+
+def _held_out(held_out: Sequence[HeldOut], pictures: Pictures, say: Say) -> Iterable[str]:
+    """Yield what was predicted, apart from what was fitted."""
+    if not held_out:
+        return
+    yield markup.paragraph(
+        say("These windows were not fitted. The fit predicts them; a good one has 95 % in its band.")
+    )
+    yield markup.table(
+        say("prediction of the windows held out"),
+        say.each("experiment", "output", "predicted [%]", "samples in the band [%]"),
+        [
+            [
+                one.measured.name,
+                markup.Cell(output, code=True),
+                *(markup.number(f"{row[key]:.4g}") for key in row if row[key] is not None),
+            ]
+            for one in held_out
+            for output, row in one.score.items()
+        ],
+    )
+    for one in held_out:
+        said = say("{name}, held out: what the prediction misses, and its 95 % band.", name=one.measured.name)
+        yield pictures.draw(len(one.band), partial(plot.held_out, one), said, saved=False)
 
 
 def _responses(responses: Responses, pictures: Pictures, say: Say) -> Iterable[str]:

@@ -127,7 +127,9 @@ def _fitted(fingerprint: Fingerprint, experiments: Sequence[Experiment], say: Sa
             if mask.any()
         )
         samples = len(experiment)
-        left_out = samples - int(records.get(experiment.name, {}).get("used", samples))
+        held = experiment.name in fingerprint.held_out
+        left_out = samples - (0 if held else int(records.get(experiment.name, {}).get("used", samples)))
+        why = say("held out") if held else why
         rows.append(
             [
                 experiment.name,

@@ -19,7 +19,7 @@ from shipfp_rs.processing.cleaning import require_columns
 from shipfp_rs.processing.process import process
 from shipfp_rs.processing.trial import Trial
 from shipfp_rs.processing.trial_channels import Load, Rack, Tacho, Torque
-from shipfp_rs.runs.run import choice, located, structure_from
+from shipfp_rs.runs.run import choice, drawn, located, split, structure_from, with_drawn
 from shipfp_rs.support.arrays import attributes
 from shipfp_rs.support.progress import part, tell
 from shipfp_rs.vessel.vessel import Vessel
@@ -28,6 +28,7 @@ Notify = Callable[[str], None]
 
 TOLD = ("parameters", "derived", "identifiability")
 """Tables of the expected fingerprint in the JSON form."""
+USES = ("fit", "validation")
 LITTLE = 0.9
 """Fraction of usable samples of a signal below which a warning is given."""
 
@@ -43,7 +44,8 @@ class Check:
     channels
         Channels read: log, column, meaning, unit, rate, samples.
     windows
-        For each window after cleaning: fraction of usable samples of every signal, faults by kind.
+        For each window after cleaning: `use`, whether it is fitted or held out; fraction of usable samples of every signal,
+        faults by kind.
     operating_point
         Value of each signal.
     structure, outputs
@@ -103,18 +105,24 @@ def check(path: str | Path, *, notify: Notify = lambda _: None) -> Check:
     notify("reading and cleaning the log")
     with part(0.2, 0.6):
         experiments = [experiment for log in logs for experiment in process(log, trial, vessel)]
+    windows = [
+        _window(experiment) | {"use": use}
+        for use, group in zip(USES, split(trial, experiments), strict=True)
+        for experiment in group
+    ]
+    experiments, _ = split(trial, experiments)
     notify("taking a first look")
     tell("taking a first look", 0.6)
     expected = (
         foresee(experiments, **choice(trial, experiments, vessel))
         if declared is None
-        else foresee(experiments, declared)
+        else foresee(experiments, with_drawn(declared, drawn(trial, experiments, vessel)))
     )
     return Check(
         trial.trial.name,
         vessel.name,
         tuple(channels),
-        tuple(_window(experiment) for experiment in experiments),
+        tuple(windows),
         {name: float(value) for name, value in experiments[0].operating_point.items()},
         _named(trial, expected) if declared is None else declared.name,
         tuple(expected.structure["outputs"]),

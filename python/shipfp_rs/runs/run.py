@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from shipfp_rs.assessment.closed_loop import structure_of as rebuilt
-from shipfp_rs.assessment.si import doubts, in_si, vessel_priors
+from shipfp_rs.assessment.si import against_priors, doubts, in_si, torsional_priors, vessel_priors
+from shipfp_rs.assessment.validation import HeldOut, held_out
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.experiments.parquet import write_experiments
 from shipfp_rs.identification.fingerprint import Fingerprint
@@ -35,8 +36,16 @@ def choice(trial: Trial, experiments: Sequence[Experiment], vessel: Vessel) -> d
         "torque": options.torque or place,
         "outputs": outputs if outputs is None else _measured(outputs, place),
         "fixed": {**({"v": 1.0, "g": 0.0} if trial.channels.asks_for_torque else {}), **options.fixed},
-        "priors": {**vessel_priors(vessel, experiments, options.vessel_std_pct), **options.priors},
+        "priors": {**drawn(trial, experiments, vessel), **options.priors},
     }
+
+
+def drawn(trial: Trial, experiments: Sequence[Experiment], vessel: Vessel) -> dict[str, tuple[float, float]]:
+    """Priors from the vessel's file and from the torsional calculation, which prevails."""
+    found, line = vessel_priors(vessel, experiments, trial.identify.vessel_std_pct), trial.torsion
+    if line is not None:
+        found |= torsional_priors(line.file, experiments, vessel, gauge=line.gauge, std_pct=line.std_pct)
+    return found
 
 
 def structure_from(options: Identify, located: Torque | None) -> Structure:
@@ -56,6 +65,12 @@ def structure_from(options: Identify, located: Torque | None) -> Structure:
     return structure.with_fixed(**options.fixed).with_prior(**options.priors).with_tied(**options.tied)
 
 
+def with_drawn(structure: Structure, known: Mapping[str, tuple[float, float]]) -> Structure:
+    """Return a declared structure with these priors of its parameters of which nothing else is declared."""
+    free = {one.name for one in structure.free if one.prior is None}
+    return structure.with_prior(**{name: prior for name, prior in known.items() if name in free})
+
+
 def located(trial: Trial) -> Torque | None:
     """Location of a trial's measured torque; None without one."""
     return None if trial.channels.torque is None else trial.channels.torque.place
@@ -67,9 +82,11 @@ def _measured(outputs: Sequence[str], located: Torque | None) -> list[str]:
 
 
 MARKER = "fingerprint.json"
-RESULTS = (MARKER, "report.html", "experiments.parquet", "TRIAL.toml")
+RESULTS = (MARKER, "report.html", "experiments.parquet", "validation.parquet", "TRIAL.toml")
 """Names of the files in the folder of a run."""
 
+PREDICTED = Sentence("Held out and predicted: {windows}.")
+OF_WINDOW = Sentence("{name}, {output} to {fit} %, {inside} % of its samples in the 95 % band")
 NO_TORQUE = Sentence(
     "No torque was fitted, since the trial has no table [channels.torque]: the speed alone determines only ratios of "
     "tau_n, g and the gains."
@@ -88,10 +105,11 @@ Notify = Callable[[str], None]
 
 @dataclass(frozen=True)
 class Run:
-    """Result of a run."""
+    """Result of a run; `experiments` are the fitted ones, `held_out` the predictions of the others."""
 
     fingerprint: Fingerprint
     experiments: tuple[Experiment, ...]
+    held_out: tuple[HeldOut, ...] = ()
 
 
 @checked
@@ -171,7 +189,9 @@ def evaluate(
             for log in logs
             for experiment in process(log, trial, vessel)
         ]
-    options = trial.identify
+    experiments, others = split(trial, experiments)
+    options, known = trial.identify, drawn(trial, experiments, vessel)
+    declared = declared and with_drawn(declared, known)
     own_seed = options.seed if seed is None else seed
     with part(0.15, 0.7):
         if declared is None:
@@ -184,18 +204,27 @@ def evaluate(
                 experiments, declared, vessel=vessel.name, seed=own_seed, **options.options
             )
     structure = declared or rebuilt(fingerprint)
-    if trial.channels.torque is None and trial.channels.command is None:
-        fingerprint = replace(
-            fingerprint, verdict=(*fingerprint.verdict, *_without_torque(fingerprint, trial))
-        )
-    if options.vessel_std_pct is None and vessel_priors(vessel, experiments, 5.0):
-        fingerprint = replace(fingerprint, verdict=(*fingerprint.verdict, UNUSED))
-    fingerprint = replace(fingerprint, verdict=(*fingerprint.verdict, *doubts(fingerprint, vessel)))
-    fingerprint = replace(fingerprint, si=in_si(fingerprint, vessel))
+    predicted = tuple(held_out(fingerprint, one, structure) for one in others)
+    without_torque = trial.channels.torque is None and trial.channels.command is None
+    lines = [
+        *(_without_torque(fingerprint, trial) if without_torque else ()),
+        *against_priors(fingerprint, {**known, **options.priors}),
+        *([UNUSED] if not known and vessel_priors(vessel, experiments, 5.0) else []),
+        *doubts(fingerprint, vessel),
+        *_of_predictions(predicted),
+    ]
+    fingerprint = replace(
+        fingerprint,
+        verdict=(*fingerprint.verdict, *lines),
+        si=in_si(fingerprint, vessel),
+        held_out={one.measured.name: one.score for one in predicted},
+    )
     notify("writing the report")
     tell("writing the report", 0.7)
     fingerprint.save(folder / MARKER)
     write_experiments(folder / "experiments.parquet", experiments)
+    if others:
+        write_experiments(folder / "validation.parquet", others)
     fingerprint.report(
         folder / "report.html",
         truth=truth,
@@ -204,8 +233,34 @@ def evaluate(
         language=language or trial.report.language,
         structure=structure,
         vessel=vessel,
+        held_out=predicted,
     )
-    return Run(fingerprint, tuple(experiments))
+    return Run(fingerprint, tuple(experiments), predicted)
+
+
+def split(trial: Trial, experiments: Sequence[Experiment]) -> tuple[list[Experiment], list[Experiment]]:
+    """Return the experiments to fit, and those that are held out."""
+    held = {window.name for window in trial.windows if window.use == "validation"}
+    return [one for one in experiments if one.name not in held], [
+        one for one in experiments if one.name in held
+    ]
+
+
+def _of_predictions(predicted: Sequence[HeldOut]) -> Iterator[Sentence]:
+    told = [
+        Sentence(
+            OF_WINDOW,
+            name=one.measured.name,
+            output=output,
+            fit=f"{row['nrmse_pct']:.4g}",
+            inside=f"{row['inside_pct']:.3g}",
+        )
+        for one in predicted
+        for output, row in one.score.items()
+        if row["nrmse_pct"] is not None
+    ]
+    if told:
+        yield Sentence(PREDICTED, windows=joined(told, "; "))
 
 
 def _without_torque(fingerprint: Fingerprint, trial: Trial) -> Iterator[Sentence]:

@@ -140,6 +140,7 @@ PLAIN: Mapping[Any, Rule] = {
     type(None): Rule("None", lambda value: value is None),
 }
 Positive = Annotated[float, Rule("a positive number", lambda value: 0.0 < value < math.inf)]
+NotNegative = Annotated[float, Rule("zero or a positive number", lambda value: 0.0 <= value < math.inf)]
 Count = Annotated[int, Rule("a whole number of 1 or more", lambda value: value >= 1)]
 Whole = Annotated[int, Rule("a whole number of 0 or more", lambda value: value >= 0)]
 

@@ -1,0 +1,413 @@
+"""Advice on a governor's gains: those that meet limits for nearly all ships that the data allow."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from shipfp_rs import _core
+from shipfp_rs.assessment.closed_loop import closed_loop, structure_of
+from shipfp_rs.errors import InputError, SimulationError
+from shipfp_rs.experiments.experiment import Experiment
+from shipfp_rs.identification.fingerprint import Fingerprint
+from shipfp_rs.identification.usability import (
+    BENT,
+    LIMITED,
+    LOAD_ONLY,
+    MISSED,
+    NO_GAUGE,
+    TO_THE_METER,
+    UNTESTED,
+)
+from shipfp_rs.identification.whole_ship import whole_ship
+from shipfp_rs.structures.elements import LAGS, LATE_CHANNELS
+from shipfp_rs.structures.linearised import loop_of
+from shipfp_rs.structures.ship import INDEX, ShipEquations
+from shipfp_rs.structures.structure import Structure
+from shipfp_rs.support.arguments import Positive, Whole, checked
+from shipfp_rs.support.arrays import Array, ComplexArray, Values
+from shipfp_rs.support.files import finite
+from shipfp_rs.support.threads import where_alone, with_one_blas_thread
+
+SHARE = 0.95
+"""Least share of the draws that must meet the limits."""
+FACTORS = np.geomspace(0.2, 5.0, 11)
+"""Tried factors on today's gains."""
+ON_THE_MAP, KEPT = 40, 6
+"""Number of draws for the map of all gains, and of the best gains that are tried on all draws."""
+SEARCHED_HZ = np.geomspace(1e-3, 1e2, 400)
+RATE_HZ, SHORT_S = 100.0, 1e-3
+"""Least sample rate of the simulated steps [Hz]; lags and delays below which they are left out [s]."""
+LONGER, LONGEST_S = 1.5, 40.0
+"""Duration of a step over the recovery time, and longest [s]."""
+DOUBTED = (UNTESTED, LOAD_ONLY, NO_GAUGE, MISSED, TO_THE_METER, BENT, LIMITED)
+"""Verdicts by which the model of the loop is in doubt. Rough gains are no reason: draws have their errors."""
+UNITS = {
+    "phase margin": "deg",
+    "crossover": "of the known band",
+    "overshoot": "%",
+    "dip": "%",
+    "recovery": "s",
+    "error": "% s",
+}
+FIGURES = tuple(UNITS)
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """Advised gains of a governor.
+
+    Parameters
+    ----------
+    proportional, integral
+        Advised factors on today's proportional and integral gain.
+    gains
+        Today's and advised gains: name to (today, advised).
+    share, share_today
+        Share of the ships that the data allow which meet all limits, with advised and with today's gains.
+    rise
+        Factor by which both advised gains may rise together until fewer than 95 % of the ships meet the limits; the last
+        tried factor if they never do.
+    figures, figures_today
+        Figure to (median, value that 95 % of the ships keep to), with advised and with today's gains.
+    limits
+        Figure to limit.
+    ultimate
+        Proportional gain vK_p and period [s] at which the loop would oscillate, with 95 % intervals; as in tuning by rules.
+    factors, map
+        Tried factors (F,), and for each (integral, proportional) the share of the ships that meet all limits, (F, F).
+    """
+
+    proportional: float
+    integral: float
+    gains: Mapping[str, tuple[float, float]]
+    share: float
+    share_today: float
+    rise: float
+    figures: Mapping[str, tuple[float, float]]
+    figures_today: Mapping[str, tuple[float, float]]
+    limits: Mapping[str, float]
+    ultimate: Mapping[str, Any]
+    factors: Array
+    map: Array
+
+    def dial(self, gain: float | None = None, reset: float | None = None) -> dict[str, tuple[float, float]]:
+        """Return today's and the advised settings of a governor, for the settings that its dials show today.
+
+        Parameters
+        ----------
+        gain
+            Proportional gain, as Woodward's GAIN or ComAp's Gain, in any unit.
+        reset
+            Integral over proportional gain, as Woodward's RESET or ComAp's Int, in repeats per second or any other unit.
+        """
+        today = {"gain": gain, "reset": reset}
+        factors = {"gain": self.proportional, "reset": self.integral / self.proportional}
+        return {name: (value, value * factors[name]) for name, value in today.items() if value is not None}
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the JSON form."""
+        arrays = {"factors": self.factors.tolist(), "map": self.map.tolist()}
+        return dict(finite({**asdict(self), **arrays}))
+
+
+@dataclass(frozen=True)
+class Steps:
+    """Steps that every ship is put to, and limits on what they show.
+
+    `set_step` and `load_step` are relative to the operating point, `band` is the relative deviation of the speed that counts
+    as recovered, `duration_s` that of each step, and `band_hz` the band in which the ship is known. `limits` has figures'
+    limits: the least phase margin, the most of others.
+    """
+
+    set_step: float
+    load_step: float
+    band: float
+    duration_s: float
+    band_hz: float
+    limits: Mapping[str, float]
+
+    def figures(self, structure: Structure, values: Values, factors: Sequence[tuple[float, float]]) -> Array:
+        """Return the `FIGURES` (G, 6) of a ship for factors (proportional, integral) on its gains."""
+        margins, crossovers = phase_margins(structure, values, np.array([*factors, (1.0, 1.0)]))
+        vector, equations = _vector(structure, values), structure.equations
+        rate_hz = RATE_HZ
+        count = int(self.duration_s * rate_hz)
+        asked, load = np.ones(2 * count), np.zeros(2 * count)
+        asked[1:], load[count:] = 1.0 + self.set_step, self.load_step
+        outputs = [_core.SHIP_OUTPUTS.index("dn")]
+        limit = equations._limit if isinstance(equations, ShipEquations) else None
+        found = np.full((len(factors), len(FIGURES)), np.inf)
+        found[:, 0] = margins[:-1]
+        found[:, 1] = crossovers[:-1] / max(self.band_hz, crossovers[-1])
+        for row, (proportional, integral) in zip(found, factors, strict=True):
+            own = vector.copy()
+            own[INDEX["K_p"]] *= proportional
+            own[INDEX["K_i"]] *= integral
+            own[INDEX["K_d"]] *= proportional
+            try:
+                (speed,) = _core.simulate_ship(own, asked, load, 1.0 / rate_hz, 0, "zero", outputs, limit)
+            except SimulationError:
+                continue
+            first, off = speed[:count], speed[count:] - self.set_step
+            if not np.isfinite(speed).all() or abs(first[-1] - self.set_step) > 0.5 * self.set_step:
+                continue
+            away = np.flatnonzero(np.abs(off) > self.band)
+            last = away[-1] + 1 if len(away) else 0
+            row[2:] = (
+                100.0 * max(first.max() / self.set_step - 1.0, 0.0),
+                100.0 * max(-off.min(), 0.0),
+                last / rate_hz if last < count else np.inf,
+                100.0 * float(np.abs(off).sum()) / rate_hz,
+            )
+        return found
+
+    def met(self, figures: Array) -> Array:
+        """Return whether figures (..., 6) meet all limits."""
+        found = np.isfinite(figures[..., -1])
+        for name, limit in self.limits.items():
+            one = figures[..., FIGURES.index(name)]
+            found = found & (one >= limit if name == "phase margin" else one <= limit)
+        return np.asarray(found)
+
+
+@checked
+@with_one_blas_thread
+def tune(
+    fingerprint: Fingerprint,
+    *,
+    phase_margin_deg: Positive = 45.0,
+    overshoot_pct: Positive = 20.0,
+    dip_pct: Positive | None = None,
+    recovery_s: Positive | None = None,
+    load_step_pct: Positive = 10.0,
+    set_step_pct: Positive = 1.0,
+    band_pct: Positive = 1.0,
+    draws: Whole = 200,
+    seed: Whole = 0,
+    experiments: Sequence[Experiment] = (),
+) -> Tuning:
+    """Return gains of the governor that meet limits for at least 95 % of the ships that the data allow.
+
+    Each of these ships is put to a step of the set point and then of the load, in the nonlinear model with its limits and
+    delays. Of the gains that meet the limits, those with the least speed error after the load step are advised, a step of
+    the map away from its edge where there is room. The crossover must not rise above the band in which the fit compared
+    model and data, nor, if it is there today, any higher: nothing is known of the ship there.
+
+    Parameters
+    ----------
+    fingerprint
+        Fingerprint of a ship whose model of the loop is not in doubt; gains may be known together only.
+    phase_margin_deg
+        Least phase margin of the linear loop [deg].
+    overshoot_pct
+        Largest overshoot after a step of the set point, per cent of the step.
+    dip_pct, recovery_s
+        Largest dip of the speed after a step of the load, per cent of the operating speed, and longest time until the speed
+        stays within `band_pct`; None: no limit.
+    load_step_pct, set_step_pct, band_pct
+        Steps, per cent of the operating torque and speed, and band of the recovered speed, per cent of the operating speed.
+    draws, seed
+        Number of ships, drawn from the fingerprint's likelihood, and the seed of the draw.
+    experiments
+        The fitted experiments, for a fingerprint read from a file, which does not hold them.
+
+    Returns
+    -------
+    Tuning
+        Factors on today's gains, their effect, and the map of all tried gains.
+
+    Raises
+    ------
+    InputError
+        If the data leave the loop unknown, or no gains meet the limits.
+
+    Notes
+    -----
+    The speed error is the integral of its absolute value after the load step. Ultimate gain and period are those of
+    J. G. Ziegler and N. B. Nichols, 10.1115/1.4019264.
+    """
+    whole = _require_known(fingerprint)
+    structure, ships = structure_of(whole), _ships(fingerprint, whole, draws, seed, experiments)
+    told = closed_loop(fingerprint)
+    limits = {
+        "phase margin": phase_margin_deg,
+        "crossover": 1.0,
+        "overshoot": overshoot_pct,
+        "dip": dip_pct,
+        "recovery": recovery_s,
+    }
+    test = Steps(
+        set_step_pct / 100.0,
+        load_step_pct / 100.0,
+        band_pct / 100.0,
+        min(LONGER * max(recovery_s or 0.0, told["recovery time"].value or LONGEST_S), LONGEST_S),
+        whole.settings.get("band_hz", SEARCHED_HZ[-1]),
+        {name: limit for name, limit in limits.items() if limit is not None},
+    )
+    grid = [(float(p), float(i)) for i in FACTORS for p in FACTORS]
+    figures = _figures(test, structure, ships[:ON_THE_MAP], grid)
+    shares = test.met(figures).mean(axis=0).reshape(len(FACTORS), -1)
+    today = _figures(test, structure, ships, [(1.0, 1.0)])
+    for place in _best(
+        shares, np.quantile(figures[..., -1], SHARE, axis=0, method="higher").reshape(shares.shape)
+    ):
+        proportional, integral = FACTORS[place[1]], FACTORS[place[0]]
+        advised = _figures(test, structure, ships, [(float(proportional), float(integral))])
+        if (share := float(test.met(advised).mean())) >= SHARE:
+            return Tuning(
+                proportional=float(proportional),
+                integral=float(integral),
+                gains=_gains(whole, float(proportional), float(integral)),
+                share=share,
+                share_today=float(test.met(today).mean()),
+                rise=_rise(shares, place),
+                figures=_told(advised),
+                figures_today=_told(today),
+                limits=test.limits,
+                ultimate={name: told[name].to_dict() for name in ("ultimate gain", "ultimate period")},
+                factors=FACTORS,
+                map=shares,
+            )
+    raise InputError(_why_none(test, figures, shares))
+
+
+def phase_margins(structure: Structure, values: Values, factors: Array) -> tuple[Array, Array]:
+    """Return phase margin [deg] and crossover [Hz] of the linear loop for factors (G, 2) on its gains, (G,) each.
+
+    The factors are those of the proportional and the integral gain. Of several crossings of a gain of one the least margin
+    and the highest frequency count.
+    """
+    equations, known = loop_of(structure, values)
+    for names, factor in zip((("vK_p", "K_p"), ("vK_i", "K_i")), factors.T, strict=True):
+        known |= {name: known[name] * factor[:, None] for name in names if name in known}
+    loop: ComplexArray = equations.open_loop(known, 2j * np.pi * SEARCHED_HZ)
+    size, phase = np.log(np.abs(loop)), np.unwrap(np.angle(loop), axis=-1)
+    phase = phase - 2.0 * np.pi * np.ceil(phase[..., :1] / (2.0 * np.pi) - 1e-6)
+    before, after = size[..., :-1], size[..., 1:]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        share = before / (before - after)
+        at = phase[..., :-1] + share * np.diff(phase, axis=-1)
+    crosses = before * after < 0.0
+    margins = np.where(crosses, 180.0 + np.degrees(at), np.inf).min(axis=-1)
+    return margins, np.where(crosses, SEARCHED_HZ[1:], 0.0).max(axis=-1)
+
+
+def _require_known(fingerprint: Fingerprint) -> Fingerprint:
+    """Return the fingerprint of the whole ship, or raise `InputError` with the reason why no gains can be advised."""
+    if fingerprint.structure.get("kind") not in ("ship", "linear"):
+        raise InputError(
+            f"fingerprint: found a structure of kind {fingerprint.structure.get('kind')!r}, expected a ship with a governor"
+        )
+    doubted = any(fingerprint.usable.startswith(one.split("{")[0]) for one in DOUBTED)
+    if doubted or not fingerprint.usable.startswith("Usable"):
+        raise InputError(
+            f"fingerprint: found {fingerprint.usable or 'no verdict'!r}, expected one whose model of the loop is not in "
+            "doubt"
+        )
+    return whole_ship(fingerprint)
+
+
+def _ships(
+    fingerprint: Fingerprint,
+    whole: Fingerprint,
+    count: int,
+    seed: int,
+    experiments: Sequence[Experiment],
+) -> list[dict[str, float]]:
+    """Return parameters of ships that the data allow."""
+    if whole is not fingerprint:
+        raise InputError(
+            "fingerprint: found a model that ends at a torque meter, expected one of the whole ship"
+        )
+    table = fingerprint.draws(count, seed=seed, experiments=experiments).parameters
+    names = list(table)
+    rows = zip(*(np.asarray(table[name]).tolist() for name in names), strict=True)
+    return [{**fingerprint.optimum, **dict(zip(names, row, strict=True))} for row in rows]
+
+
+def _vector(structure: Structure, values: Values) -> Array:
+    """Return the stepper's parameters of a ship with exact sensors and a load, without negligible lags."""
+    equations = structure.equations
+    if not isinstance(equations, ShipEquations):
+        raise InputError(f"structure {structure.name!r}: found no ship, expected `Structure.ship`")
+    known = structure.complete(values)
+    known = {name: value for name, value in known.items() if name not in LATE_CHANNELS}
+    known |= {name: 0.0 for name in (*LAGS, "tau_twist") if known.get(name, 1.0) < SHORT_S}
+    vector = equations.vector(known)
+    vector[INDEX["load_gain"]] = 1.0
+    return vector
+
+
+def _figures(
+    test: Steps, structure: Structure, ships: Sequence[Values], factors: Sequence[tuple[float, float]]
+) -> Array:
+    """Return the figures (S, G, 6) of each ship for each pair of factors."""
+    jobs = [partial(test.figures, structure, values, factors) for values in ships]
+    return np.array(where_alone(jobs))
+
+
+def _best(shares: Array, errors: Array) -> list[tuple[int, int]]:
+    """Return the places of gains that meet the limits, inner ones first, each by the speed's error."""
+    robust = shares >= SHARE
+    inner = robust.copy()
+    inner[1:] &= robust[:-1]
+    inner[:-1] &= robust[1:]
+    inner[:, 1:] &= robust[:, :-1]
+    inner[:, :-1] &= robust[:, 1:]
+    found = []
+    for kept in (inner, robust & ~inner):
+        places = [(int(i), int(p)) for i, p in np.argwhere(kept)]
+        found += sorted(places, key=lambda place: errors[place])[:KEPT]
+    return found
+
+
+def _rise(shares: Array, place: tuple[int, int]) -> float:
+    """Return the factor on both gains at which the share falls below the least one; the last if it never does."""
+    row, column = place
+    room = len(shares) - 1 - max(place)
+    along = np.array([shares[row + step, column + step] for step in range(room + 1)])
+    below = np.flatnonzero(along < SHARE)
+    step = float(np.log(FACTORS[1] / FACTORS[0]))
+    if not len(below):
+        return float(np.exp(step * room))
+    last = int(below[0])
+    part = (along[last - 1] - SHARE) / (along[last - 1] - along[last]) if last else 0.0
+    return float(np.exp(step * (last - 1 + part))) if last else 1.0
+
+
+def _gains(fingerprint: Fingerprint, proportional: float, integral: float) -> dict[str, tuple[float, float]]:
+    """Return today's and the advised gains of the best ship, by name."""
+    known, factors = fingerprint.optimum, {"p": proportional, "d": proportional, "i": integral}
+    names = [f"{v}K_{part}" for v in ("v", "") for part in "pid"]
+    return {name: (known[name], known[name] * factors[name[-1]]) for name in names if known.get(name, 0.0)}
+
+
+def _told(figures: Array) -> dict[str, tuple[float, float]]:
+    """Return median and the value that 95 % of the ships keep to, of figures (S, 1, 6)."""
+    found = {}
+    for place, name in enumerate(FIGURES):
+        row = figures[:, 0, place]
+        least, most = np.quantile(row, 1.0 - SHARE, method="lower"), np.quantile(row, SHARE, method="higher")
+        kept = least if name == "phase margin" else most
+        found[name] = float(np.quantile(row, 0.5, method="lower")), float(kept)
+    return found
+
+
+def _why_none(test: Steps, figures: Array, shares: Array) -> str:
+    """Return the reason why no gains are advised: the limit that most ships miss at the best gains."""
+    place = int(np.argmax(shares))
+    missed = {}
+    for name, limit in test.limits.items():
+        met = replace(test, limits={name: limit}).met(figures[:, place])
+        missed[name] = 100.0 * (1.0 - float(met.mean()))
+    worst = max(missed, key=lambda name: missed[name])
+    return (
+        f"limits: found gains that meet them for at most {100.0 * shares.flat[place]:.0f} % of the ships that the data "
+        f"allow, expected {100.0 * SHARE:.0f}; there {missed[worst]:.0f} % miss the {worst} of {test.limits[worst]:.3g} "
+        f"{UNITS[worst]}: allow more, or measure longer"
+    )

@@ -1,0 +1,56 @@
+"""Draws of a fingerprint's parameters from their likelihood."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from shipfp_rs.errors import InputError
+from shipfp_rs.support.arrays import Array, Brief
+from shipfp_rs.support.tables import text_table
+
+FEW = 400
+"""Draws of which a prediction or a figure of the loop uses the first."""
+
+
+@dataclass(frozen=True, repr=False)
+class Draws(Brief):
+    """Independent sets of parameters, equally likely.
+
+    Parameters
+    ----------
+    names
+        Parameters and combinations of the fingerprint, in its order.
+    table
+        Their values in the parameters' units, shape (n, P).
+    """
+
+    names: tuple[str, ...]
+    table: Array
+
+    @property
+    def parameters(self) -> dict[str, Array]:
+        """Name to the values (n,) of all draws, as `pandas.DataFrame` takes them."""
+        return dict(zip(self.names, self.table.T, strict=True))
+
+    def quantile(self, share: float, name: str) -> float:
+        """Return the quantile of a parameter or combination; `InputError` for an unknown name or no share."""
+        if name not in self.names or not 0.0 <= share <= 1.0:
+            raise InputError(
+                f"quantile({share:g}, {name!r}): expected a share from 0 to 1 and one of {', '.join(self.names)}"
+            )
+        return float(np.quantile(self.parameters[name], share))
+
+    def of(self, function: Callable[[Mapping[str, float]], Any]) -> list[Any]:
+        """Return a function of the parameters for each of the first 400 draws."""
+        return [function(dict(zip(self.names, row.tolist(), strict=True))) for row in self.table[:FEW]]
+
+    def __str__(self) -> str:
+        parts = [(name, *np.quantile(row, [0.025, 0.5, 0.975])) for name, row in self.parameters.items()]
+        rows = [(name, *(f"{one:.5g}" for one in ends)) for name, *ends in parts]
+        return "\n".join(
+            [*text_table(("", "2.5 %", "median", "97.5 %"), rows, left=1), f"{len(self.table)} draws"]
+        )

@@ -1,0 +1,141 @@
+"""Draws of a fingerprint's parameters: the estimates that other noise of the same kind would give.
+
+Noise, systematic errors and priors' means are drawn and added to the residuals; the minimum then moves along valleys, and up
+to bounds. This is randomised maximum likelihood (Oliver, He and Reynolds 1996; Bardsley et al. 2014,
+doi:10.1137/140964023). The draws follow the likelihood exactly where the model is straight.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, Self
+
+import numpy as np
+
+from shipfp_rs.errors import IdentificationError, InputError
+from shipfp_rs.experiments.experiment import Experiment
+from shipfp_rs.identification.basins import Basin, descend
+from shipfp_rs.identification.draws import Draws
+from shipfp_rs.identification.fingerprint import Fingerprint
+from shipfp_rs.identification.likelihood import Likelihood, Products
+from shipfp_rs.identification.model import Units
+from shipfp_rs.identification.rebuilt import Rebuilt, rebuilt
+from shipfp_rs.structures.structure import Structure
+from shipfp_rs.structures.ties import COMBINATIONS
+from shipfp_rs.support.arrays import Array
+from shipfp_rs.support.threads import where_alone, with_one_blas_thread
+
+MOST_DRAWS, CHUNK = 1_000_000, 25
+"""Most draws, and number of draws of a job."""
+SETTLED, STEPS = 0.05, 30
+"""Decrease of the deviance below which a descent stops, and its most steps."""
+LEAST_FOUND = 0.9
+"""Least share of descents that end in a minimum."""
+
+
+@dataclass(frozen=True)
+class Perturbed:
+    """A likelihood of other data: `rows` of each record, as `along` takes them, and `means` of priors are added.
+
+    Both are added to the residuals; systematic errors, which the rows have too, are eliminated from them.
+    """
+
+    likelihood: Likelihood
+    rows: list[Units | Array]
+    means: Array
+
+    @classmethod
+    def of(cls, likelihood: Likelihood, vector: Array, random: np.random.Generator, size: float) -> Self:
+        """Return a likelihood with noise, systematic errors and priors' means drawn, `size` times as large."""
+        rows, along = [], np.zeros(0)
+        errors = random.standard_normal(len(likelihood.errors_inverse))
+        for index, model in enumerate(likelihood.models):
+            row = random.standard_normal(model.spectrum.shape).astype(model.spectrum.dtype)
+            if np.iscomplexobj(row):
+                row = row + 1j * random.standard_normal(row.shape)
+            if likelihood.bends:
+                row = row + np.tensordot(errors, likelihood.white_shapes[index], 1)
+                along = likelihood.along_errors(index, row[None])[0] + (along if index else 0.0)
+            rows.append(row)
+        if likelihood.bends:
+            sizes = likelihood.errors_inverse @ along
+            pairs = zip(rows, likelihood.white_shapes, strict=True)
+            rows = [row - np.tensordot(sizes, shapes, 1) for row, shapes in pairs]
+        c = likelihood.coordinates
+        means = random.standard_normal(len(likelihood.priors) + c.size - len(c.names))
+        return cls(likelihood, likelihood.row_units([size * row for row in rows]), size * means)
+
+    @property
+    def coordinates(self) -> Any:
+        """Coordinates of the search."""
+        return self.likelihood.coordinates
+
+    def near(self, vector: Array) -> Self:
+        """Return itself: derivatives without closed form stay those at the minimum."""
+        del vector
+        return self
+
+    def products(self, vector: Array) -> Products:
+        """Deviance, gradient and Gauss-Newton matrix at a point of the search, but for a constant of the deviance."""
+        found = self.likelihood.products(vector)
+        moved = self.likelihood.along(vector, self.rows)
+        moved += self.means @ self.likelihood.prior_rows(vector)[: len(self.means)]
+        return found._replace(cost=found.cost + 2.0 * moved[0], downhill=found.downhill + moved[1:])
+
+
+@with_one_blas_thread
+def draws_of(
+    fingerprint: Fingerprint,
+    n: int,
+    seed: int,
+    experiments: Sequence[Experiment] = (),
+    structure: Structure | None = None,
+) -> Draws:
+    """Return draws of a fingerprint's parameters; see `Fingerprint.draws`."""
+    if not 1 <= n <= MOST_DRAWS:
+        raise InputError(f"n is {n}, expected 1 to {MOST_DRAWS}")
+    if not fingerprint.engine_described:
+        raise InputError(
+            "draws: the fingerprint tells the load's side alone, since the data contradict the model of drive and governor"
+        )
+    fit, optimum = rebuilt(fingerprint, experiments, structure), fingerprint.optimum
+    c = fit.likelihood.coordinates
+    unknown = {name for name, one in fingerprint.parameters.items() if one.status == "unidentifiable"}
+    names = [name for name in optimum if name in c.free or name not in unknown]
+    derived = [name for name in fingerprint.derived if name not in names]
+    random = np.random.default_rng(seed)
+    chosen = random.choice(len(fit.basins), size=n, p=_chances(fit)).tolist()
+    seeds = random.integers(2**63, size=n).tolist()
+    parts = np.array_split(np.arange(n), -(-n // CHUNK))
+    jobs = [partial(_minima, fit, [(chosen[at], seeds[at]) for at in part]) for part in parts]
+    ends = [end for found in where_alone(jobs) for end in found if np.isfinite(end.cost)]
+    if len(ends) < LEAST_FOUND * n:
+        raise IdentificationError(
+            f"draws: found a minimum for {len(ends)} of {n} draws, expected {LEAST_FOUND:.0%}; give a structure with fewer "
+            "elements, or fixed parameters or priors"
+        )
+    every = [{**optimum, **c.values(end.vector)} for end in ends]
+    table = np.array(
+        [[*(one[name] for name in names), *(COMBINATIONS[name][1](one) for name in derived)] for one in every]
+    )
+    again = np.arange(n) % len(table)  # the few without a minimum are replaced by others
+    return Draws((*names, *derived), table[again])
+
+
+def _chances(fit: Rebuilt) -> Array:
+    """Probability of each minimum."""
+    costs = np.array([one.cost for one in fit.basins])
+    weights = np.exp(-0.5 * (costs - costs.min()) / fit.widening**2)
+    return np.asarray(weights / weights.sum())
+
+
+def _minima(fit: Rebuilt, draws: Sequence[tuple[int, int]]) -> list[Basin]:
+    """Return the minimum of each draw, given by the place of the minimum that its search begins from, and a seed."""
+    found = []
+    for place, seed in draws:
+        start = fit.basins[place].vector
+        other = Perturbed.of(fit.likelihood.near(start), start, np.random.default_rng(seed), fit.widening)
+        found.append(descend(other, start, steps=STEPS, settled=SETTLED))  # type: ignore[arg-type]
+    return found

@@ -1,0 +1,140 @@
+"""From a fingerprint and its experiments back to the likelihood and its minima: the one way from an answer to its fit."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from shipfp_rs.errors import InputError, SimulationError
+from shipfp_rs.experiments.experiment import Experiment
+from shipfp_rs.identification.basins import Basin, Minima, descend, distinct
+from shipfp_rs.identification.coordinates import WITHOUT_EFFECT, Itself
+from shipfp_rs.identification.estimate import ALONG
+from shipfp_rs.identification.fingerprint import Fingerprint
+from shipfp_rs.identification.likelihood import Likelihood
+from shipfp_rs.identification.question import Options, question_of, question_of_ship
+from shipfp_rs.identification.ship_estimates import FULL_SHIP
+from shipfp_rs.identification.ship_found import DEFAULTS, DISCREPANCY
+from shipfp_rs.identification.stretches import Stretches
+from shipfp_rs.identification.structure_fit import StructureQuestion, likelihood_of
+from shipfp_rs.structures.elements import ELEMENTS
+from shipfp_rs.structures.structure import Structure
+from shipfp_rs.support.arrays import Array
+
+ALIKE = 20.0
+"""Largest difference from the fingerprint's deviance, of its sampling, of a fit of the same data."""
+ROUNDS = 8
+"""Times that the noise and the records' unknowns are estimated at the fingerprint's parameters."""
+
+
+@dataclass(frozen=True)
+class Rebuilt(Minima):
+    """The minima, search vectors (P,) within the intervals, and the intervals' largest widening for errors of the model."""
+
+    points: tuple[Array, ...] = ()
+    widening: float = 1.0
+
+
+def rebuilt(
+    fingerprint: Fingerprint, experiments: Sequence[Experiment] = (), structure: Structure | None = None
+) -> Rebuilt:
+    """Return the likelihood of a fingerprint at its minima.
+
+    Raises
+    ------
+    InputError
+        If the experiments are missing, or are others than those of the fit.
+    """
+    experiments, settings = tuple(experiments) or fingerprint.experiments, fingerprint.settings
+    rows = [row["name"] for row in fingerprint.data]
+    if [one.name for one in experiments] != rows or "criterion" not in settings:
+        found = ", ".join(one.name for one in experiments) or "none"
+        raise InputError(
+            f"experiments: found {found}, expected {', '.join(rows) or 'some'}, which the fingerprint was fitted to; give "
+            "experiments=read_experiments(...) of the run's experiments.parquet"
+        )
+    start, criterion = _start(fingerprint), settings["criterion"]
+    ways = _likelihoods(fingerprint, experiments, structure or Structure.from_dict(fingerprint.structure))
+    minima = [one for one in map(partial(_settled, start), ways) if one]
+    best = min(minima, key=lambda one: abs(one.total - criterion), default=None)
+    if best is None or not abs(best.total - criterion) < ALIKE + 1e-6 * abs(criterion):
+        raise InputError(
+            f"experiments: found a deviance of {best.total if best else np.inf:.6g}, expected the fingerprint's, "
+            f"{criterion:.6g}; give the experiments that it was fitted to"
+        )
+    return _with_points(best, fingerprint)
+
+
+def _likelihoods(
+    fingerprint: Fingerprint, experiments: Sequence[Experiment], structure: Structure
+) -> list[Likelihood]:
+    """Return the likelihood, for each way in which a limit's effect may have been computed."""
+    settings = fingerprint.settings
+    if "noise" in settings:
+        options = Options(noise=settings["noise"])
+        return [likelihood_of(StructureQuestion(tuple(experiments), structure, options))[1]]
+    question = question_of_ship(experiments, structure)
+    if settings["structure"] == FULL_SHIP:
+        along = {name for name, one in fingerprint.parameters.items() if one.reason == ALONG}
+        full = question_of(
+            experiments,
+            torque="gauge" if question.gauge else "brake",
+            outputs=structure.outputs,
+            elements={name: name in fingerprint.structure["elements"] for name in ELEMENTS},
+            fixed={
+                one.name: one.start for one in structure.parameters if one.fixed and one.name not in along
+            },
+            priors={name: (mean, std) for name, (mean, std) in settings.get("priors", {}).items()},
+        )
+        question = replace(full, propeller=question.propeller and full.propeller)
+    found = question.likelihood(settings.get("set_point"))
+    changes = ({}, {"smooths": True}, {"simulates": True}) if found.limited else ({},)
+    return [found.with_models(**one) for one in changes]
+
+
+def _start(fingerprint: Fingerprint, values: Mapping[str, float] | None = None) -> dict[str, float]:
+    """Return values of everything that a search may have: given ones, the optimum's, and defaults."""
+    known = {**fingerprint.optimum, **(values or {})}
+    # A ship with a measured rack is searched by vK_p, and tells K_p and v.
+    gains = {f"v{name}": known["v"] * known[name] for name in ("K_p", "K_i") if {"v", name} <= known.keys()}
+    return {**DEFAULTS, **WITHOUT_EFFECT, **gains, **known}
+
+
+def _settled(start: dict[str, float], likelihood: Likelihood) -> Minima | None:
+    """Return the minimum at the fingerprint's parameters under the noise of its own residuals; None where there is none."""
+    c, vector = likelihood.coordinates, likelihood.coordinates.vector(start)
+    states = slice(len(c.names), c.size)
+    try:
+        for _ in range(ROUNDS):
+            likelihood = likelihood.settled_at(vector)
+            now = likelihood.products(vector)
+            vector[states] += np.linalg.solve(now.matrix[states, states], now.downhill[states])
+        # A descent along a flat valley may end where the noise, estimated again, is another.
+        ends = descend(likelihood, vector), Basin(now.cost, vector, products=likelihood.products(vector))
+        end = min(ends, key=lambda one: likelihood.total(one.vector))
+    except (SimulationError, np.linalg.LinAlgError):
+        return None
+    return Minima(likelihood, (end,)) if np.isfinite(end.cost) else None
+
+
+def _with_points(minima: Minima, fingerprint: Fingerprint) -> Rebuilt:
+    """Return the minima with the others of the search, points of the profiles, and the widening of the intervals."""
+    likelihood, best, settings = minima.likelihood, minima.best, fingerprint.settings
+    c, states = likelihood.coordinates, likelihood.coordinates.states_at(best.vector)
+
+    def vector(values: Mapping[str, float]) -> Array:
+        return c.vector(_start(fingerprint, values), states)
+
+    ends = [descend(likelihood, vector(one["parameters"])) for one in settings["minima"][1:]]
+    others = [one for one in distinct(likelihood, [best, *ends]) if one is not best]
+    widening = 1.0
+    if "noise" not in settings and settings["intervals"] == "profile":
+        stretches = Stretches(likelihood, best.vector)
+        inside = (best.vector > c.bounds[0] + 1e-9) & (best.vector < c.bounds[1] - 1e-9)
+        told = [name for name in c.names if inside[c.place(name)] and name in fingerprint.parameters]
+        scatter = [stretches.widening(c.gradient(Itself(name), best.vector)) for name in told]
+        widening = max(scatter, default=1.0) * (DISCREPANCY if likelihood.limited else 1.0)
+    return Rebuilt(likelihood, (best, *others), tuple(map(vector, settings.get("possible", ()))), widening)
