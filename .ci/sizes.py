@@ -48,7 +48,7 @@ BUDGETS = {
     "python/shipfp_rs/exports": 836,
     "python": 54051,
     "rust/src": 11071,
-    "tests": 40273,
+    "tests": 40282,
 }
 """Most lines of each room, and most numeric constants of identification and structures. A commit that earns it lowers a
 number; none is raised without a word in the commit's text."""

@@ -105,3 +105,12 @@ def test_a_known_inertia_tells_what_the_command_does() -> None:
 def test_a_governor_is_not_fitted_to_a_command() -> None:
     with pytest.raises(fp.InputError, match="driven by 'command', structure 'ship' expects 'n_set'"):
         fp.identify(recorded(TRUTH), fp.Structure.ship())
+
+
+def test_a_declared_drive_without_a_governor_is_fitted_by_its_own_equations() -> None:
+    structure = commanded(Structure, ["dead_time_loop", "actuator_lag"], torque="brake", outputs=["dn", "dM"])
+    found = fp.identify(recorded(TRUTH), structure)
+    for name in ("tau_n", "v"):
+        low, high = found[name].ci95
+        assert low < found[name].value < high
+        assert found[name].value == pytest.approx(TRUTH[name], rel=0.03)
