@@ -23,7 +23,6 @@ from shipfp_rs.identification.usability import (
     TO_THE_METER,
     UNTESTED,
 )
-from shipfp_rs.identification.whole_ship import whole_ship
 from shipfp_rs.structures.elements import LAGS, LATE_CHANNELS
 from shipfp_rs.structures.linearised import loop_of
 from shipfp_rs.structures.ship import INDEX, ShipEquations
@@ -41,7 +40,7 @@ ON_THE_MAP, KEPT = 40, 6
 """Number of draws for the map of all gains, and of the best gains that are tried on all draws."""
 SEARCHED_HZ = np.geomspace(1e-3, 1e2, 400)
 RATE_HZ, SHORT_S = 100.0, 1e-3
-"""Least sample rate of the simulated steps [Hz]; lags and delays below which they are left out [s]."""
+"""Sample rate of the simulated steps [Hz]; lags and delays below which they are left out [s]."""
 LONGER, LONGEST_S = 1.5, 40.0
 """Duration of a step over the recovery time, and longest [s]."""
 DOUBTED = (UNTESTED, LOAD_ONLY, NO_GAUGE, MISSED, TO_THE_METER, BENT, LIMITED)
@@ -134,13 +133,12 @@ class Steps:
     def figures(self, structure: Structure, values: Values, factors: Sequence[tuple[float, float]]) -> Array:
         """Return the `FIGURES` (G, 6) of a ship for factors (proportional, integral) on its gains."""
         margins, crossovers = phase_margins(structure, values, np.array([*factors, (1.0, 1.0)]))
-        vector, equations = _vector(structure, values), structure.equations
-        rate_hz = RATE_HZ
-        count = int(self.duration_s * rate_hz)
+        equations = structure.equations
+        assert isinstance(equations, ShipEquations)
+        vector, count = _vector(structure, equations, values), int(self.duration_s * RATE_HZ)
         asked, load = np.ones(2 * count), np.zeros(2 * count)
         asked[1:], load[count:] = 1.0 + self.set_step, self.load_step
         outputs = [_core.SHIP_OUTPUTS.index("dn")]
-        limit = equations._limit if isinstance(equations, ShipEquations) else None
         found = np.full((len(factors), len(FIGURES)), np.inf)
         found[:, 0] = margins[:-1]
         found[:, 1] = crossovers[:-1] / max(self.band_hz, crossovers[-1])
@@ -150,7 +148,9 @@ class Steps:
             own[INDEX["K_i"]] *= integral
             own[INDEX["K_d"]] *= proportional
             try:
-                (speed,) = _core.simulate_ship(own, asked, load, 1.0 / rate_hz, 0, "zero", outputs, limit)
+                (speed,) = _core.simulate_ship(
+                    own, asked, load, 1.0 / RATE_HZ, 0, "zero", outputs, equations.limit
+                )
             except SimulationError:
                 continue
             first, off = speed[:count], speed[count:] - self.set_step
@@ -161,8 +161,8 @@ class Steps:
             row[2:] = (
                 100.0 * max(first.max() / self.set_step - 1.0, 0.0),
                 100.0 * max(-off.min(), 0.0),
-                last / rate_hz if last < count else np.inf,
-                100.0 * float(np.abs(off).sum()) / rate_hz,
+                last / RATE_HZ if last < count else np.inf,
+                100.0 * float(np.abs(off).sum()) / RATE_HZ,
             )
         return found
 
@@ -231,8 +231,11 @@ def tune(
     The speed error is the integral of its absolute value after the load step. Ultimate gain and period are those of
     J. G. Ziegler and N. B. Nichols, 10.1115/1.4019264.
     """
-    whole = _require_known(fingerprint)
-    structure, ships = structure_of(whole), _ships(fingerprint, whole, draws, seed, experiments)
+    structure = _known_structure(fingerprint)
+    drawn = fingerprint.draws(draws, seed=seed, experiments=experiments)
+    ships = [
+        {**fingerprint.optimum, **dict(zip(drawn.names, row, strict=True))} for row in drawn.table.tolist()
+    ]
     told = closed_loop(fingerprint)
     limits = {
         "phase margin": phase_margin_deg,
@@ -246,7 +249,7 @@ def tune(
         load_step_pct / 100.0,
         band_pct / 100.0,
         min(LONGER * max(recovery_s or 0.0, told["recovery time"].value or LONGEST_S), LONGEST_S),
-        whole.settings.get("band_hz", SEARCHED_HZ[-1]),
+        fingerprint.settings.get("band_hz", SEARCHED_HZ[-1]),
         {name: limit for name, limit in limits.items() if limit is not None},
     )
     grid = [(float(p), float(i)) for i in FACTORS for p in FACTORS]
@@ -262,7 +265,7 @@ def tune(
             return Tuning(
                 proportional=float(proportional),
                 integral=float(integral),
-                gains=_gains(whole, float(proportional), float(integral)),
+                gains=_gains(fingerprint, float(proportional), float(integral)),
                 share=share,
                 share_today=float(test.met(today).mean()),
                 rise=_rise(shares, place),
@@ -297,11 +300,11 @@ def phase_margins(structure: Structure, values: Values, factors: Array) -> tuple
     return margins, np.where(crosses, SEARCHED_HZ[1:], 0.0).max(axis=-1)
 
 
-def _require_known(fingerprint: Fingerprint) -> Fingerprint:
-    """Return the fingerprint of the whole ship, or raise `InputError` with the reason why no gains can be advised."""
-    if fingerprint.structure.get("kind") not in ("ship", "linear"):
+def _known_structure(fingerprint: Fingerprint) -> Structure:
+    """Return the structure of a fingerprint, or raise `InputError` with the reason why no gains can be advised."""
+    if (kind := fingerprint.structure.get("kind")) != "ship":
         raise InputError(
-            f"fingerprint: found a structure of kind {fingerprint.structure.get('kind')!r}, expected a ship with a governor"
+            f"fingerprint: found a structure of kind {kind!r}, expected a ship with a governor, `Structure.ship`"
         )
     doubted = any(fingerprint.usable.startswith(one.split("{")[0]) for one in DOUBTED)
     if doubted or not fingerprint.usable.startswith("Usable"):
@@ -309,32 +312,15 @@ def _require_known(fingerprint: Fingerprint) -> Fingerprint:
             f"fingerprint: found {fingerprint.usable or 'no verdict'!r}, expected one whose model of the loop is not in "
             "doubt"
         )
-    return whole_ship(fingerprint)
-
-
-def _ships(
-    fingerprint: Fingerprint,
-    whole: Fingerprint,
-    count: int,
-    seed: int,
-    experiments: Sequence[Experiment],
-) -> list[dict[str, float]]:
-    """Return parameters of ships that the data allow."""
-    if whole is not fingerprint:
+    if fingerprint.behind_meter:
         raise InputError(
             "fingerprint: found a model that ends at a torque meter, expected one of the whole ship"
         )
-    table = fingerprint.draws(count, seed=seed, experiments=experiments).parameters
-    names = list(table)
-    rows = zip(*(np.asarray(table[name]).tolist() for name in names), strict=True)
-    return [{**fingerprint.optimum, **dict(zip(names, row, strict=True))} for row in rows]
+    return structure_of(fingerprint)
 
 
-def _vector(structure: Structure, values: Values) -> Array:
+def _vector(structure: Structure, equations: ShipEquations, values: Values) -> Array:
     """Return the stepper's parameters of a ship with exact sensors and a load, without negligible lags."""
-    equations = structure.equations
-    if not isinstance(equations, ShipEquations):
-        raise InputError(f"structure {structure.name!r}: found no ship, expected `Structure.ship`")
     known = structure.complete(values)
     known = {name: value for name, value in known.items() if name not in LATE_CHANNELS}
     known |= {name: 0.0 for name in (*LAGS, "tau_twist") if known.get(name, 1.0) < SHORT_S}

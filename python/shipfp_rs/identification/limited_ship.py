@@ -182,6 +182,18 @@ class LimitedShip(ShipModel):
         return 4.0 * self.governed.held * float(np.sum(np.log(np.abs(1.0 + back * self.governed.wet[1:]))))
 
 
+def ways_of(likelihood: Likelihood) -> list[Likelihood]:
+    """Return the likelihood with each way to a limit's effect.
+
+    Clamps on noisy signals find the limit; in calm water simulations are more exact.
+    """
+    return [
+        likelihood,
+        likelihood.with_models(smooths=True),
+        likelihood.with_models(simulates=True, governed=None),
+    ]
+
+
 def removed_share(likelihood: Likelihood, vector: Array) -> float:
     """Return the deviation of the torque that clamps remove over that of the measured torque, in all records."""
     torque = np.concatenate([model._side[2] for model, _, _ in _limited(likelihood, vector)])

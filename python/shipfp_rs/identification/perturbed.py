@@ -47,7 +47,7 @@ class Perturbed:
     means: Array
 
     @classmethod
-    def of(cls, likelihood: Likelihood, vector: Array, random: np.random.Generator, size: float) -> Self:
+    def of(cls, likelihood: Likelihood, random: np.random.Generator, size: float) -> Self:
         """Return a likelihood with noise, systematic errors and priors' means drawn, `size` times as large."""
         rows, along = [], np.zeros(0)
         errors = random.standard_normal(len(likelihood.errors_inverse))
@@ -109,7 +109,9 @@ def draws_of(
     chosen = random.choice(len(fit.basins), size=n, p=_chances(fit)).tolist()
     seeds = random.integers(2**63, size=n).tolist()
     parts = np.array_split(np.arange(n), -(-n // CHUNK))
-    jobs = [partial(_minima, fit, [(chosen[at], seeds[at]) for at in part]) for part in parts]
+    # One likelihood for all draws from a minimum: derivatives without closed form are computed once.
+    about = [fit.likelihood.near(one.vector) for one in fit.basins]
+    jobs = [partial(_minima, fit, about, [(chosen[at], seeds[at]) for at in part]) for part in parts]
     ends = [end for found in where_alone(jobs) for end in found if np.isfinite(end.cost)]
     if len(ends) < LEAST_FOUND * n:
         raise IdentificationError(
@@ -131,11 +133,11 @@ def _chances(fit: Rebuilt) -> Array:
     return np.asarray(weights / weights.sum())
 
 
-def _minima(fit: Rebuilt, draws: Sequence[tuple[int, int]]) -> list[Basin]:
+def _minima(fit: Rebuilt, about: Sequence[Likelihood], draws: Sequence[tuple[int, int]]) -> list[Basin]:
     """Return the minimum of each draw, given by the place of the minimum that its search begins from, and a seed."""
     found = []
     for place, seed in draws:
         start = fit.basins[place].vector
-        other = Perturbed.of(fit.likelihood.near(start), start, np.random.default_rng(seed), fit.widening)
+        other = Perturbed.of(about[place], np.random.default_rng(seed), fit.widening)
         found.append(descend(other, start, steps=STEPS, settled=SETTLED))  # type: ignore[arg-type]
     return found

@@ -15,6 +15,7 @@ from shipfp_rs.identification.coordinates import WITHOUT_EFFECT, Itself
 from shipfp_rs.identification.estimate import ALONG
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.identification.likelihood import Likelihood
+from shipfp_rs.identification.limited_ship import ways_of
 from shipfp_rs.identification.question import Options, question_of, question_of_ship
 from shipfp_rs.identification.ship_estimates import FULL_SHIP
 from shipfp_rs.identification.ship_found import DEFAULTS, DISCREPANCY
@@ -22,7 +23,6 @@ from shipfp_rs.identification.stretches import Stretches
 from shipfp_rs.identification.structure_fit import StructureQuestion, likelihood_of
 from shipfp_rs.structures.elements import ELEMENTS
 from shipfp_rs.structures.structure import Structure
-from shipfp_rs.support.arrays import Array
 
 ALIKE = 20.0
 """Largest difference from the fingerprint's deviance, of its sampling, of a fit of the same data."""
@@ -32,9 +32,8 @@ ROUNDS = 8
 
 @dataclass(frozen=True)
 class Rebuilt(Minima):
-    """The minima, search vectors (P,) within the intervals, and the intervals' largest widening for errors of the model."""
+    """The minima, and the intervals' largest widening for errors of the model."""
 
-    points: tuple[Array, ...] = ()
     widening: float = 1.0
 
 
@@ -65,7 +64,7 @@ def rebuilt(
             f"experiments: found a deviance of {best.total if best else np.inf:.6g}, expected the fingerprint's, "
             f"{criterion:.6g}; give the experiments that it was fitted to"
         )
-    return _with_points(best, fingerprint)
+    return _widened(best, fingerprint)
 
 
 def _likelihoods(
@@ -91,8 +90,7 @@ def _likelihoods(
         )
         question = replace(full, propeller=question.propeller and full.propeller)
     found = question.likelihood(settings.get("set_point"))
-    changes = ({}, {"smooths": True}, {"simulates": True}) if found.limited else ({},)
-    return [found.with_models(**one) for one in changes]
+    return ways_of(found) if found.limited else [found]
 
 
 def _start(fingerprint: Fingerprint, values: Mapping[str, float] | None = None) -> dict[str, float]:
@@ -113,22 +111,20 @@ def _settled(start: dict[str, float], likelihood: Likelihood) -> Minima | None:
             now = likelihood.products(vector)
             vector[states] += np.linalg.solve(now.matrix[states, states], now.downhill[states])
         # A descent along a flat valley may end where the noise, estimated again, is another.
-        ends = descend(likelihood, vector), Basin(now.cost, vector, products=likelihood.products(vector))
+        here = likelihood.products(vector)
+        ends = descend(likelihood, vector), Basin(here.cost, vector, products=here)
         end = min(ends, key=lambda one: likelihood.total(one.vector))
     except (SimulationError, np.linalg.LinAlgError):
         return None
     return Minima(likelihood, (end,)) if np.isfinite(end.cost) else None
 
 
-def _with_points(minima: Minima, fingerprint: Fingerprint) -> Rebuilt:
-    """Return the minima with the others of the search, points of the profiles, and the widening of the intervals."""
+def _widened(minima: Minima, fingerprint: Fingerprint) -> Rebuilt:
+    """Return the minima with the others of the search, and the widening of the intervals."""
     likelihood, best, settings = minima.likelihood, minima.best, fingerprint.settings
     c, states = likelihood.coordinates, likelihood.coordinates.states_at(best.vector)
-
-    def vector(values: Mapping[str, float]) -> Array:
-        return c.vector(_start(fingerprint, values), states)
-
-    ends = [descend(likelihood, vector(one["parameters"])) for one in settings["minima"][1:]]
+    starts = [c.vector(_start(fingerprint, one["parameters"]), states) for one in settings["minima"][1:]]
+    ends = [descend(likelihood, start) for start in starts]
     others = [one for one in distinct(likelihood, [best, *ends]) if one is not best]
     widening = 1.0
     if "noise" not in settings and settings["intervals"] == "profile":
@@ -137,4 +133,4 @@ def _with_points(minima: Minima, fingerprint: Fingerprint) -> Rebuilt:
         told = [name for name in c.names if inside[c.place(name)] and name in fingerprint.parameters]
         scatter = [stretches.widening(c.gradient(Itself(name), best.vector)) for name in told]
         widening = max(scatter, default=1.0) * (DISCREPANCY if likelihood.limited else 1.0)
-    return Rebuilt(likelihood, (best, *others), tuple(map(vector, settings.get("possible", ()))), widening)
+    return Rebuilt(likelihood, (best, *others), widening)

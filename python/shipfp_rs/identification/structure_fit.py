@@ -97,8 +97,7 @@ class StructureFit(Minima):
 
     def known(self, record: int) -> dict[str, float]:
         """Parameters and a record's unknowns at the best minimum, by name."""
-        c, vector = self.likelihood.coordinates, self.best.vector
-        return c.values(vector) | c.states_at(vector)[record]
+        return self.likelihood.known(self.best.vector, record)
 
 
 def fit_structure(question: StructureQuestion) -> StructureFit:

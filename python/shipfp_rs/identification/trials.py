@@ -18,6 +18,7 @@ from shipfp_rs.identification.basins import Basin, descend, distinct
 from shipfp_rs.identification.engine_tests import engine_tests, lacks_something, limits_to_try, touched
 from shipfp_rs.identification.first_guesses import guesses_by_bandwidth
 from shipfp_rs.identification.likelihood import Likelihood
+from shipfp_rs.identification.limited_ship import ways_of
 from shipfp_rs.identification.profiles import RISE
 from shipfp_rs.identification.question import TRIED
 from shipfp_rs.identification.set_rate import Search, with_set_rate
@@ -156,14 +157,8 @@ def _limited(fit: ShipFit, element: str, until: float | None, *, surely: bool = 
     inside = low[place] + 1e-6 < best.vector[place] < high[place] - 1e-6
     if not np.isfinite(best.cost) or not (surely or (best.cost < fit.total and inside)):
         return None
-    # Clamps on noisy signals find the limit; in calm water simulations are more exact.
-    ways = (
-        likelihood,
-        likelihood.with_models(smooths=True),
-        likelihood.with_models(simulates=True, governed=None),
-    )
     found, ends = replace(fit, elements=(*fit.elements, element)), []
-    for way in ways:
+    for way in ways_of(likelihood):
         end = _by_own_noise(way, best.vector, ROUNDS, until)
         if np.isfinite(end.cost):
             own = way.resettled_at(end.vector)

@@ -157,7 +157,8 @@ class ShipEquations(Equations):
         return 1.0 + set_point, load, 1.0 / experiment.rate_hz, self.substeps, experiment.hold
 
     @property
-    def _limit(self) -> Array | None:
+    def limit(self) -> Array | None:
+        """The envelope as the kernel takes it, (2, E); None without one."""
         return np.ascontiguousarray(np.array(self.envelope).T) if self.envelope else None
 
     def stable(self, values: Values) -> bool:
@@ -173,7 +174,7 @@ class ShipEquations(Equations):
         """Return the normalised outputs, shape (O, N)."""
         inputs = self._inputs(experiment, values)
         return observed(
-            lambda vector: _core.simulate_ship(vector, *inputs, self._kernel_outputs, self._limit),
+            lambda vector: _core.simulate_ship(vector, *inputs, self._kernel_outputs, self.limit),
             self.vector(values),
             self.outputs,
             values.get("T_B", 0.0),
