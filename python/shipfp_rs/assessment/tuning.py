@@ -394,6 +394,6 @@ def _why_none(test: Steps, figures: Array, shares: Array) -> str:
     worst = max(missed, key=lambda name: missed[name])
     return (
         f"limits: found gains that meet them for at most {100.0 * shares.flat[place]:.0f} % of the ships that the data "
-        f"allow, expected {100.0 * SHARE:.0f}; there {missed[worst]:.0f} % miss the {worst} of {test.limits[worst]:.3g} "
-        f"{UNITS[worst]}: allow more, or measure longer"
+        f"allow, expected {100.0 * SHARE:.0f}; with these gains {missed[worst]:.0f} % miss the {worst} of "
+        f"{test.limits[worst]:.3g} {UNITS[worst]}: loosen this limit, or measure longer"
     )
