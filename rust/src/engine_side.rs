@@ -1,7 +1,7 @@
 //! Effect of rate and torque limits on the engine, simulated without the shaft from measured set point and speed.
 //!
 //! ```text
-//! T_f dS/dt = N - S    e(t) = u(t - T_set) + u_0 - S    X = K_p e + K_i I - K_d dS/dt    dI/dt = e
+//! T_f dS/dt = N - S    e(t) = u(t - T_set) + u_0 - S - droop X    X = K_p e + K_i I - K_d dS/dt    dI/dt = e
 //! tau_act dF/dt = X(t - T_d) - F      A follows as F does, -rate_down <= dA/dt <= rate
 //! tau_eng dB/dt = g (N - 1) + A - B                  M = min(1 + B, M_max)
 //! ```
@@ -20,7 +20,7 @@ use crate::stop::{CHECK_EVERY, Stop};
 
 /// Names of the parameters: `ahead` is the inertia between engine and gauge [s], `s_M` the scale of the torque reading, and
 /// `leads` the rate at which the measured torque corrects the integral [1/s].
-pub const PARAMETERS: [&str; 20] = [
+pub const PARAMETERS: [&str; 21] = [
     "g",
     "vK_p",
     "vK_i",
@@ -41,6 +41,7 @@ pub const PARAMETERS: [&str; 20] = [
     "leads",
     "T_f",
     "tau_eng",
+    "droop",
 ];
 
 /// Deviations from the operating point, one value per sample.
@@ -89,7 +90,12 @@ pub fn taken_by_limits(
         leads,
         filter,
         charge,
+        droop,
     ] = *parameters;
+    // The gains with the droop of the command itself, and what the droop takes of the integral.
+    let less = 1.0 / (1.0 + droop * k_p);
+    let (k_p, k_i, k_d) = (k_p * less, k_i * less, k_d * less);
+    let half_fade = 0.5 * data.every * droop * k_i;
     let samples = data.speed.len();
     require(data.set_point.len() == samples && data.torque.len() == samples, || {
         "found set point, speed and torque of different lengths, expected one".to_owned()
@@ -105,8 +111,9 @@ pub fn taken_by_limits(
             && rate > 0.0
             && rate_down > 0.0
             && softness >= 0.0
+            && droop >= 0.0
             && scale > 0.0,
-        || "found a step, lag, rate, rounding or scale below zero, expected them above".to_owned(),
+        || "found a step, lag, rate, rounding, droop or scale below zero, expected them above".to_owned(),
     )?;
     let h = data.every;
     let apart = period / 12.0_f64.sqrt();
@@ -143,6 +150,7 @@ pub fn taken_by_limits(
             rack = free;
         } else {
             sum += k_i * 0.5 * (error + before) * h;
+            sum -= half_fade * (commanded + command + sum) / (1.0 + half_fade);
         }
         command += sum;
         if k > 0 {

@@ -56,9 +56,11 @@ def advised():
 def of_the_truth(vessel: fp.Vessel, advice) -> tuple[Structure, dict[str, float]]:
     """A ship's structure and true parameters."""
     structure = Structure.ship(
-        ["dead_time_loop", "dead_time_set_point", "actuator_lag"], products=False, mean_sampling=True
+        ["dead_time_loop", "dead_time_set_point", "actuator_lag", "droop"],
+        products=False,
+        mean_sampling=True,
     )
-    values = parameters_of(vessel)
+    values = {**parameters_of(vessel), "droop": vessel.governor.droop}
     return structure, {name: float(values.get(name, 0.0)) for name in structure.names}
 
 
@@ -83,6 +85,27 @@ def test_the_steps_are_those_of_a_simulation_by_hand():
     assert row[FIGURES.index("overshoot")] == pytest.approx(overshoot, rel=0.01, abs=0.1)
 
 
+def test_a_drooping_governor_settles_where_its_droop_says():
+    structure, values = of_the_truth(launch(**{"governor.droop": 0.05, "governor.K_i": 5.0}), None)
+    test = Steps(0.01, 0.1, 1e-4, 40.0, 5.0, {})
+    level, lower = test.settled(values)
+    # Set point less droop times fuel, and fuel is what load and propeller take.
+    regulates = values["p"] - values["g"]
+    assert level == pytest.approx(0.01 - 0.05 * regulates * level)
+    assert lower == pytest.approx(0.05 * (0.1 - regulates * lower))
+    (row,) = test.figures(structure, values, [(1.0, 1.0)])
+    assert row[FIGURES.index("recovery")] < 30.0  # back within 1e-4 of that level
+    assert row[FIGURES.index("dip")] > 100.0 * lower
+
+
+def test_a_droop_is_set_and_the_gains_are_for_it():
+    advice = tune(told(), recovery_s=4.0, droop_pct=4.0, draws=60)
+    assert advice.gains["droop"] == (0.0, 0.04)
+    assert (
+        advice.figures["dip"][0] > 0.04 * 10.0 / 2.0
+    )  # it droops by 4 % of a tenth, propeller and engine take some
+
+
 def test_advised_gains_meet_the_limits_on_the_true_ship():
     structure, values = of_the_truth(launch(), None)
     advice = advised()
@@ -94,10 +117,14 @@ def test_advised_gains_meet_the_limits_on_the_true_ship():
 
 
 def test_advice_is_in_the_units_of_the_dial():
-    advice = advised()
-    dial = advice.dial(gain=20.0, reset=0.5)
+    trial = replace(told(), settings={**told().settings, "governor": {"gain": 20.0, "reset": 0.5}})
+    advice = tune(trial, recovery_s=4.0, draws=60)
+    dial = advice.dials
     assert dial["gain"] == (20.0, pytest.approx(20.0 * advice.proportional))
     assert dial["reset"][1] == pytest.approx(0.5 * advice.integral / advice.proportional)
+    assert tune(trial, recovery_s=4.0, draws=60, dials={"gain": 5.0}).dials.keys() == {"gain"}
+    with pytest.raises(fp.InputError, match="dials: found Gain, expected some of gain, reset, droop_pct"):
+        tune(trial, recovery_s=4.0, draws=60, dials={"Gain": 5.0})
 
 
 def test_advice_is_the_same_for_the_same_seed_and_has_a_file_form():
@@ -127,7 +154,8 @@ def test_nothing_is_advised_for_a_fingerprint(kind):
 
 def test_nothing_is_advised_where_no_gains_meet_the_limits():
     with pytest.raises(
-        fp.InputError, match=r"limits: found gains that meet them for at most .* miss the dip"
+        fp.InputError,
+        match=r"limits: found gains that meet them for at most .* do not keep to the limit of the dip",
     ):
         tune(told(), dip_pct=0.01, draws=60)
 
@@ -152,6 +180,7 @@ def test_advice_holds_on_the_true_ships():
 def _one_ship(seed: int) -> dict[str, object]:
     random = np.random.default_rng(seed)
     changes = {"actuator.dead_time_s": random.uniform(0.02, 0.1), "actuator.lag_s": random.uniform(0.0, 0.15)}
+    changes["governor.droop"] = random.choice((0.0, random.uniform(0.02, 0.06)))
     vessel = launch(**changes)
     own = parameters_of(vessel)
     gains = {name: own[name] * np.exp(random.uniform(-0.7, 0.7)) for name in ("K_p", "K_i")}

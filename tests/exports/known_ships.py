@@ -23,6 +23,7 @@ SHIPS: dict[str, tuple[str, dict[str, float]]] = {
     "ramped": ("brake", {"set_rate": 0.05, "T_d": 0.02, "rate": 1.0}),
     "slope": ("brake", {"vK_d": 0.2, "T_d": 0.028}),
     "derivative": ("brake", {"vK_d": 0.2, "T_f": 0.02, "T_d": 0.02, "tau_act": 0.03}),
+    "drooping": ("brake", {"droop": 0.05, "T_d": 0.02, "tau_act": 0.05}),
 }
 """Kind of the torque, and parameters beside the rigid ship's."""
 OF_PARAMETER = {
@@ -32,6 +33,7 @@ OF_PARAMETER = {
     "T_f": "speed_filter",
     "tau_eng": "engine_lag",
     "vK_d": "derivative",
+    "droop": "droop",
     "T_s": "sampling",
     "M_max": "torque_limit",
     "rate": "rack_rate",

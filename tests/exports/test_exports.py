@@ -230,6 +230,7 @@ def governor(of: str, q: dict[str, float], s: np.ndarray) -> np.ndarray:
         actuator = q["K"] * (1 + q["T4"] * s) / (s * (1 + q["T5"] * s) * (1 + q["T6"] * s))
         return -box * actuator * np.exp(-s * q["TD"])
     pid = q["Kpgov"] + q["Kigov"] / s + q["Kdgov"] * s / (1 + q["Tdgov"] * s)
+    pid = pid / (1 + pid * q["R"]) if q["Rselect"] == -2 else pid
     turbine = q["Kturb"] * (1 + q["Tc"] * s) / (1 + q["Tb"] * s) * np.exp(-s * q["Teng"])
     return -pid * turbine / (1 + q["Tact"] * s) - q["Dm"]
 
@@ -270,6 +271,8 @@ def test_a_card_has_the_governor_of_the_loop_up_to_its_crossover(
 def test_a_card_says_what_it_assumes_and_the_inertia(tmp_path: Path) -> None:
     limited = card(export(known_ship(M_max=1.4, rate=2.8), "ggov1", tmp_path / "ggov1.dyr"), GGOV1)
     assert (limited["Kturb"], limited["Ropen"], limited["Rclose"]) == (1.4, 2.0, -2.0)
+    drooping = card(export(known_ship(droop=0.04), "ggov1", tmp_path / "droop" / "ggov1.dyr"), GGOV1)
+    assert (drooping["Rselect"], drooping["R"]) == (-2.0, 0.08)
     text = export(known_ship(unknown="tau_n"), "degov", tmp_path / "degov.dyr").read_text()
     assert "no tau_n" in text
     assert "H, half of tau_n, is 0.75 s" in (tmp_path / "ggov1.dyr").read_text()
@@ -280,6 +283,7 @@ def test_a_card_says_what_it_assumes_and_the_inertia(tmp_path: Path) -> None:
     [
         pytest.param("ggov1", known_ship(unknown="vK_i"), r"vK_i: found no value \(the data", id="gain"),
         pytest.param("degov", known_ship(vK_d=2.0, T_f=0.02), r"K_d: found complex zeros", id="zeros"),
+        pytest.param("degov", known_ship(droop=0.04), r"droop: found 0.04, expected none", id="droop"),
         pytest.param("ggov1", known_ship(g=0.3), r"g: found 0.3, expected zero", id="slope"),
         pytest.param("fmu", replace(known_ship(), usability="not usable", usable="Not"), "expected a usable one", id="use"),
         pytest.param("degov", replace(known_ship(), adequate={"sides": {"engine": False}}), "the load alone", id="load"),

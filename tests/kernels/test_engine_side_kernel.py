@@ -43,6 +43,7 @@ def taken(q: dict[str, float], rows: tuple[np.ndarray, ...], every: float = EVER
         {"M_max": 1.03, "ahead": 0.4, "leads": 0.3},
         {"rate": 0.3, "tau_act": 0.05, "T_d": 0.03, "T_f": 0.07},
         {"rate": 0.3, "tau_act": 0.05, "M_max": 1.02, "tau_eng": 0.1},
+        {"rate": 0.3, "tau_act": 0.05, "M_max": 1.03, "droop": 0.05},
     ],
 )
 def test_the_twin_finds_the_same(changes: dict[str, float]) -> None:

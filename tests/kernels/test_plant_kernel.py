@@ -232,7 +232,7 @@ GOOD = {
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"parameters": np.ones(11)}, "parameters: found 11 values, expected 39"),
+        ({"parameters": np.ones(11)}, "parameters: found 11 values, expected 40"),
         ({"parameters": ship_vector(tau_n=0.0)}, "found tau_n = 0, expected a positive number"),
         ({"parameters": ship_vector(T_d=0.1)}, "found T_d, expected a ship without it"),
         ({"parameters": ship_vector(anti_windup=1.0)}, "found anti_windup, expected a ship without it"),

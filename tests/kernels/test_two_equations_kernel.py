@@ -142,6 +142,8 @@ CASES = {
     "rack, speed, torque": ([2, 0, 1], {}),
     "sampling": ([0, 1], {"T_s": 0.19}),
     "derivative": ([0, 1], {"vK_d": 0.2}),
+    "droop": ([0, 1], {"droop": 0.04}),
+    "droop and rack, twist": ([0, 1, 2], {"droop": 0.04, **TWIST}),
     "derivative and rack": ([0, 1, 2], {"vK_d": 0.2, "T_s": 0.17}),
     "twist": ([0, 1], TWIST),
     "twist and all": ([1, 2, 0], EVERY),
@@ -321,6 +323,7 @@ LOOPS = {
     "tau_act": st.one_of(st.just(0.0), st.floats(0.01, 1.0)),
     "T_f": st.one_of(st.just(0.0), st.floats(0.01, 1.0)),
     "tau_eng": st.one_of(st.just(0.0), st.floats(0.01, 1.0)),
+    "droop": st.one_of(st.just(0.0), st.floats(5e-3, 0.5)),
 }
 
 
@@ -401,7 +404,7 @@ GOOD = dict(
 LATE_OF_64 = np.zeros((4, 2, 64)), 0.0
 UNITS = dict(zip(("root", "shapes", "hats"), noise(2, 64), strict=True))
 BAD = [
-    ({"parameters": SHIP[1:]}, "parameters: found 27 numbers, expected 28"),
+    ({"parameters": SHIP[1:]}, "parameters: found 28 numbers, expected 29"),
     ({"parameters": vector(**LOOP, T_d=np.nan)}, "parameters: T_d is NaN, expected a number"),
     ({"parameters": vector(s_M=0.0)}, "parameters: s_M is 0, expected"),
     ({"parameters": vector(s_B=0.0)}, "parameters: s_B is 0, expected"),
@@ -418,7 +421,7 @@ BAD = [
     ({"outputs": [0, 0]}, r"outputs: found \[0, 0\]"),
     ({"outputs": [0, 4]}, r"outputs: found \[0, 4\]"),
     ({"outputs": [0, 1, 3]}, r"outputs: found \[0, 1, 3\], expected .* beside the torque 1 of a gauge only"),
-    ({"wrt": [28]}, r"wrt: found \[28\], expected indices below 28"),
+    ({"wrt": [29]}, r"wrt: found \[29\], expected indices below 29"),
 ]  # fmt: skip
 BAD_UNITS = [
     ({"root": np.zeros((1, 1, 2, 64))}, r"root: found an array of shape \[1, 1, 2, 64\]"),

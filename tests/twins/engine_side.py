@@ -50,14 +50,18 @@ def taken_by_limits(q, set_point, speed, torque, every):
     error = governed(set_point, q["T_d"] + q["T_set"]) + q["u_0"] - seen
     turning = np.gradient(np.pad(speed, 1, mode="edge"))[1:-1] / every
     engine = (1.0 + late(torque, -q["T_M"] / every)) / q["s_M"] - 1.0 + q["ahead"] * turning
-    own = q["vK_p"] * error
+    less = 1.0 / (1.0 + q["droop"] * q["vK_p"])
+    own = less * q["vK_p"] * error
     total = engine[0] - q["g"] * speed[0] - own[0]
     free = rack = before = own[0] + total
     found, fed = np.empty((2, len(speed))), np.empty((2, len(speed)))
     whole = taken = 0.0
     for k in range(len(speed)):
         if k:
-            total += q["vK_i"] * 0.5 * (error[k] + error[k - 1]) * every
+            total += less * q["vK_i"] * 0.5 * (error[k] + error[k - 1]) * every
+            # The droop takes of the integral what the mean command asks for.
+            half = 0.5 * every * q["droop"] * less * q["vK_i"]
+            total = (total - half * (before + own[k])) / (1.0 + half)
             command, h = own[k] + total, every / SUBSTEPS
             for asked in before + (command - before) * (np.arange(SUBSTEPS) + 0.5) / SUBSTEPS:
                 if q["tau_act"] > 0.0:

@@ -24,7 +24,7 @@ OFF = {
     "X_min": -math.inf, "anti_windup": 0.0, "damping": 0.0, "load_gain": 0.0, "tau_twist": 0.0, "zeta_twist": 0.0,
     "T_n": 0.0, "T_M": 0.0, "s_u": 1.0, "s_M": 1.0, "initial_N": 1.0, "initial_F": 0.0, "update": 0.0,
     "curvature": 0.0, "initial_E": 0.0, "u_0": 0.0, "M_soft": 0.0, "hold": 0.0,
-    "T_f": 0.0, "tau_eng": 0.0,
+    "T_f": 0.0, "tau_eng": 0.0, "droop": 0.0,
 }  # fmt: skip
 SHIP = {"tau_n": 1.44, "g": -0.58, "v": 1.58, "K_p": 4.0, "K_i": 3.0, "p": 2.17, "tau_prop": 0.4}
 N, P, SPRING, SUM, RACK, SEEN, BURNT = range(7)
@@ -56,6 +56,7 @@ class _Simulation:
         against = self.resisting(v["initial_N"], 0.0, 1)
         rate = (1.0 + v["g"] * (v["initial_N"] - 1.0) + v["initial_F"] - against) / v["tau_n"]
         self.standing += v["K_d"] * rate * (v["T_f"] == 0.0)
+        self.standing += v["K_p"] * self.droop * self.before
         self.x = np.array(
             [
                 v["initial_N"],
@@ -129,7 +130,12 @@ class _Simulation:
         v = self.v
         error = v["s_u"] * self.at(self.u, t, v["T_set"], side)[0] + v["u_0"] - self.seen(x)
         rate = (x[N] - x[SEEN]) / v["T_f"] if v["T_f"] else rate
-        return v["K_p"] * error + v["K_i"] * x[SUM] - v["K_d"] * rate
+        return (v["K_p"] * error + v["K_i"] * x[SUM] - v["K_d"] * rate) / (1.0 + v["K_p"] * self.droop)
+
+    @property
+    def droop(self) -> float:
+        """Decrease of the set point over the command."""
+        return self.v["droop"] * self.v["v"]
 
     def seen(self, x: Array) -> float:
         """The speed that the governor sees."""
@@ -226,7 +232,7 @@ class _Simulation:
         set_point, slope = self.at(self.u, t, v["T_set"], side)
         error = v["s_u"] * set_point + v["u_0"] - self.seen(x)
         if self.sum_mode == "runs":
-            return error
+            return error - self.droop * (self.command(t, x, side, rate) if self.droop else 0.0)
         if self.sum_mode == "stands":
             return 0.0
         # On the ceiling: K_p de/dt + K_i dI/dt is the ceiling's own rate. Only without K_d.
@@ -333,10 +339,12 @@ class _Simulation:
         rate = (self.x[N] - self.x[SEEN]) / v["T_f"] if v["T_f"] else rate
         updated = self.x[SUM] + v["T_s"] * error
 
-        def order(total: float) -> float:
-            return v["K_p"] * error + v["K_i"] * total - v["K_d"] * rate
+        def order(total: float, more: float = 0.0) -> float:
+            asked = v["K_p"] * error + v["K_i"] * total - v["K_d"] * rate
+            return asked / (1.0 + (v["K_p"] + v["K_i"] * more) * self.droop)
 
-        command = order(updated if v["update"] else self.x[SUM])
+        command = order(updated, v["T_s"]) if v["update"] else order(self.x[SUM])
+        updated -= v["T_s"] * self.droop * command
         above = 1 if error > 0.0 else -1
         if v["anti_windup"] and above * (command - self.ceiling(above, self.x[N])[0]) > 0.0:
             return order(self.x[SUM])

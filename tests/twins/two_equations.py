@@ -122,7 +122,8 @@ def residuals(parameters, signals, spacing, late, outputs, gauge, open_loop):
         cleared, on_n, on_u = lag, zero, q["v"] * one
     else:
         filtered = polynomial(s, 1.0, q["T_f"])
-        cleared = product(s_of, lag, filtered)
+        faded = polynomial(s, q["droop"] * q["vK_i"], 1.0 + q["droop"] * q["vK_p"])
+        cleared = product(faded, lag, filtered)
         half = 0.5 * q["T_s"]
         on_u = polynomial(s, q["vK_i"], q["vK_p"], q["vK_i"] * half**2 / 3.0)
         on_n = on_u + polynomial(s, 0.0, 0.0, q["vK_d"])
@@ -267,7 +268,7 @@ def loop_roots(parameters):
         (charged * (ahead * speed + damped * law) - q["g"] * speed)
         * P([1.0, q["tau_act"]])
         * P([1.0, q["T_f"]])
-        * P([0.0, 1.0])
+        * P([q["droop"] * q["vK_i"], 1.0 + q["droop"] * q["vK_p"]])
     )
     governor = P([q["vK_i"], q["vK_p"], q["vK_d"]]) * speed
     apart = q["T_s"] / np.sqrt(12.0)

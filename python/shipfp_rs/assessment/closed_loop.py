@@ -22,6 +22,7 @@ from shipfp_rs.identification.whole_ship import whole_ship
 from shipfp_rs.structures.elements import LATE_CHANNELS
 from shipfp_rs.structures.linearised import StateSpace, loop_of, require_linear, state_space
 from shipfp_rs.structures.structure import Structure
+from shipfp_rs.structures.transfer import drooped
 from shipfp_rs.support.arguments import checked
 from shipfp_rs.support.arrays import DEVIATIONS_95, Array, ComplexArray, Values
 from shipfp_rs.support.sentences import Sentence
@@ -326,7 +327,8 @@ class _Loop:
     def fast_torque(self) -> float:
         """Gain at high frequencies from set point to torque, without actuator lag and flexible shaft."""
         behind = "tau_prop" in self.structure.names
-        return self.proportional * (self.known["tau_prop"] / self.known["tau_n"] if behind else 1.0)
+        fast = float(drooped(self.known)[0]) * self.proportional
+        return fast * (self.known["tau_prop"] / self.known["tau_n"] if behind else 1.0)
 
     @cached_property
     def step(self) -> tuple[float, float]:
@@ -336,13 +338,13 @@ class _Loop:
         if "dn" not in speed.outputs or slowest <= 0.0:
             return float("nan"), float("nan")
         times = np.linspace(0.0, LONGEST / slowest, INSTANTS)
-        poles, weights, still = _decay(speed)
-        off = (weights @ _powers(np.exp(poles * times[1]), INSTANTS)).real + still
+        poles, weights = _decay(speed)
+        off = (weights @ _powers(np.exp(poles * times[1]), INSTANTS)).real
         last = int(np.flatnonzero(np.abs(off) > RECOVERED)[-1])
         if last + 1 >= INSTANTS:
             return float("nan"), max(_peak(off), 0.0)
         recovery = brentq(
-            lambda at: abs(float((weights @ np.exp(poles * at)).real) + still) - RECOVERED,
+            lambda at: abs(float((weights @ np.exp(poles * at)).real)) - RECOVERED,
             times[last],
             times[last + 1],
         )
@@ -367,12 +369,12 @@ def _peak(off: Array) -> float:
     return float(off[at] - 0.5 * rise**2 / bend) if bend else float(off[at])
 
 
-def _decay(space: StateSpace) -> tuple[ComplexArray, ComplexArray, float]:
-    """Speed deviation after a step: poles, weights of their exponentials, and the constant part."""
+def _decay(space: StateSpace) -> tuple[ComplexArray, ComplexArray]:
+    """Speed after a step, less its last value and over it: poles, and weights of their exponentials."""
     place = space.outputs.index("dn")
     poles, modes = np.linalg.eig(space.A)
     weights = (space.C[place] @ modes) * np.linalg.solve(modes, space.B) / poles
-    return poles, weights, float(space.D[place] - 1.0 - weights.sum().real)
+    return poles, weights / (space.D[place] - weights.sum().real)
 
 
 def _powers(base: ComplexArray, count: int) -> ComplexArray:

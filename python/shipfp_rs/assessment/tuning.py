@@ -25,9 +25,9 @@ from shipfp_rs.identification.usability import (
 )
 from shipfp_rs.structures.elements import LAGS, LATE_CHANNELS
 from shipfp_rs.structures.linearised import loop_of
-from shipfp_rs.structures.ship import INDEX, ShipEquations
+from shipfp_rs.structures.ship import INDEX, ShipEquations, rate_limited
 from shipfp_rs.structures.structure import Structure
-from shipfp_rs.support.arguments import Positive, Whole, checked
+from shipfp_rs.support.arguments import NotNegative, Positive, Whole, checked
 from shipfp_rs.support.arrays import Array, ComplexArray, Values
 from shipfp_rs.support.files import finite
 from shipfp_rs.support.threads import where_alone, with_one_blas_thread
@@ -65,7 +65,9 @@ class Tuning:
     proportional, integral
         Advised factors on today's proportional and integral gain.
     gains
-        Today's and advised gains: name to (today, advised).
+        Today's and advised gains, and the droop where there is one: name to (today, advised).
+    dials
+        The same for the dials that are told.
     share, share_today
         Share of the ships that the data allow which meet all limits, with advised and with today's gains.
     rise
@@ -84,6 +86,7 @@ class Tuning:
     proportional: float
     integral: float
     gains: Mapping[str, tuple[float, float]]
+    dials: Mapping[str, tuple[float, float]]
     share: float
     share_today: float
     rise: float
@@ -93,20 +96,6 @@ class Tuning:
     ultimate: Mapping[str, Any]
     factors: Array
     map: Array
-
-    def dial(self, gain: float | None = None, reset: float | None = None) -> dict[str, tuple[float, float]]:
-        """Return today's and the advised settings of a governor, for the settings that its dials show today.
-
-        Parameters
-        ----------
-        gain
-            Proportional gain, as Woodward's GAIN or ComAp's Gain, in any unit.
-        reset
-            Integral over proportional gain, as Woodward's RESET or ComAp's Int, in repeats per second or any other unit.
-        """
-        today = {"gain": gain, "reset": reset}
-        factors = {"gain": self.proportional, "reset": self.integral / self.proportional}
-        return {name: (value, value * factors[name]) for name, value in today.items() if value is not None}
 
     def to_dict(self) -> dict[str, Any]:
         """Return the JSON form."""
@@ -130,6 +119,12 @@ class Steps:
     band_hz: float
     limits: Mapping[str, float]
 
+    def settled(self, values: Values) -> tuple[float, float]:
+        """Return the speed's deviation long after the step of the set point, and its fall long after that of the load."""
+        droop = values.get("droop", 0.0)
+        over = 1.0 + droop * (values["p"] + values.get("damping", 0.0) - values["g"])
+        return self.set_step / over, droop * self.load_step / over
+
     def figures(self, structure: Structure, values: Values, factors: Sequence[tuple[float, float]]) -> Array:
         """Return the `FIGURES` (G, 6) of a ship for factors (proportional, integral) on its gains."""
         margins, crossovers = phase_margins(structure, values, np.array([*factors, (1.0, 1.0)]))
@@ -138,6 +133,9 @@ class Steps:
         vector, count = _vector(structure, equations, values), int(self.duration_s * RATE_HZ)
         asked, load = np.ones(2 * count), np.zeros(2 * count)
         asked[1:], load[count:] = 1.0 + self.set_step, self.load_step
+        if "set_rate" in values:
+            asked = rate_limited(asked, values["set_rate"], RATE_HZ)
+        level, lower = self.settled(values)
         outputs = [_core.SHIP_OUTPUTS.index("dn")]
         found = np.full((len(factors), len(FIGURES)), np.inf)
         found[:, 0] = margins[:-1]
@@ -153,14 +151,15 @@ class Steps:
                 )
             except SimulationError:
                 continue
-            first, off = speed[:count], speed[count:] - self.set_step
-            if not np.isfinite(speed).all() or abs(first[-1] - self.set_step) > 0.5 * self.set_step:
+            first, off = speed[:count], speed[count:] - level
+            if not np.isfinite(speed).all() or abs(first[-1] - level) > 0.5 * level:
                 continue
+            dip, off = 100.0 * max(-off.min(), 0.0), off + lower
             away = np.flatnonzero(np.abs(off) > self.band)
             last = away[-1] + 1 if len(away) else 0
             row[2:] = (
-                100.0 * max(first.max() / self.set_step - 1.0, 0.0),
-                100.0 * max(-off.min(), 0.0),
+                100.0 * max(first.max() / level - 1.0, 0.0),
+                dip,
                 last / RATE_HZ if last < count else np.inf,
                 100.0 * float(np.abs(off).sum()) / RATE_HZ,
             )
@@ -184,12 +183,14 @@ def tune(
     overshoot_pct: Positive = 20.0,
     dip_pct: Positive | None = None,
     recovery_s: Positive | None = None,
+    droop_pct: NotNegative | None = None,
     load_step_pct: Positive = 10.0,
     set_step_pct: Positive = 1.0,
     band_pct: Positive = 1.0,
     draws: Whole = 200,
     seed: Whole = 0,
     experiments: Sequence[Experiment] = (),
+    dials: Mapping[str, float] | None = None,
 ) -> Tuning:
     """Return gains of the governor that meet limits for at least 95 % of the ships that the data allow.
 
@@ -208,13 +209,18 @@ def tune(
         Largest overshoot after a step of the set point, per cent of the step.
     dip_pct, recovery_s
         Largest dip of the speed after a step of the load, per cent of the operating speed, and longest time until the speed
-        stays within `band_pct`; None: no limit.
+        stays within `band_pct` of its new level; None: no limit.
+    droop_pct
+        Droop to set: fall of the speed from no fuel torque to the operating torque, per cent of the speed; None: today's.
     load_step_pct, set_step_pct, band_pct
         Steps, per cent of the operating torque and speed, and band of the recovered speed, per cent of the operating speed.
     draws, seed
         Number of ships, drawn from the fingerprint's likelihood, and the seed of the draw.
     experiments
         The fitted experiments, for a fingerprint read from a file, which does not hold them.
+    dials
+        What the governor's dials show: "gain" (as GAIN of Woodward, or Gain of ComAp), "reset" (integral over proportional
+        gain, as RESET of Woodward, or Int of ComAp), "droop_pct", each in any unit; None: as the trial's [governor] says.
 
     Returns
     -------
@@ -236,6 +242,8 @@ def tune(
     ships = [
         {**fingerprint.optimum, **dict(zip(drawn.names, row, strict=True))} for row in drawn.table.tolist()
     ]
+    droop = fingerprint.optimum.get("droop", 0.0) if droop_pct is None else droop_pct / 100.0
+    then = ships if droop_pct is None else [{**one, "droop": droop} for one in ships]
     told = closed_loop(fingerprint)
     limits = {
         "phase margin": phase_margin_deg,
@@ -253,19 +261,25 @@ def tune(
         {name: limit for name, limit in limits.items() if limit is not None},
     )
     grid = [(float(p), float(i)) for i in FACTORS for p in FACTORS]
-    figures = _figures(test, structure, ships[:ON_THE_MAP], grid)
+    figures = _figures(test, structure, then[:ON_THE_MAP], grid)
     shares = test.met(figures).mean(axis=0).reshape(len(FACTORS), -1)
     today = _figures(test, structure, ships, [(1.0, 1.0)])
     for place in _best(
         shares, np.quantile(figures[..., -1], SHARE, axis=0, method="higher").reshape(shares.shape)
     ):
         proportional, integral = FACTORS[place[1]], FACTORS[place[0]]
-        advised = _figures(test, structure, ships, [(float(proportional), float(integral))])
+        advised = _figures(test, structure, then, [(float(proportional), float(integral))])
         if (share := float(test.met(advised).mean())) >= SHARE:
             return Tuning(
                 proportional=float(proportional),
                 integral=float(integral),
-                gains=_gains(fingerprint, float(proportional), float(integral)),
+                gains=_gains(fingerprint, float(proportional), float(integral), droop),
+                dials=_dials(
+                    fingerprint.settings.get("governor", {}) if dials is None else dials,
+                    gain=float(proportional),
+                    reset=float(integral / proportional),
+                    droop_pct=_over(droop, fingerprint.optimum.get("droop", 0.0)),
+                ),
                 share=share,
                 share_today=float(test.met(today).mean()),
                 rise=_rise(shares, place),
@@ -366,11 +380,28 @@ def _rise(shares: Array, place: tuple[int, int]) -> float:
     return float(np.exp(step * (last - 1 + part))) if last else 1.0
 
 
-def _gains(fingerprint: Fingerprint, proportional: float, integral: float) -> dict[str, tuple[float, float]]:
-    """Return today's and the advised gains of the best ship, by name."""
+def _gains(
+    fingerprint: Fingerprint, proportional: float, integral: float, droop: float
+) -> dict[str, tuple[float, float]]:
+    """Return today's and the advised gains of the best ship, by name, and its droop if there is one."""
     known, factors = fingerprint.optimum, {"p": proportional, "d": proportional, "i": integral}
     names = [f"{v}K_{part}" for v in ("v", "") for part in "pid"]
-    return {name: (known[name], known[name] * factors[name[-1]]) for name in names if known.get(name, 0.0)}
+    found = {name: (known[name], known[name] * factors[name[-1]]) for name in names if known.get(name, 0.0)}
+    today = known.get("droop", 0.0)
+    return found | ({"droop": (today, droop)} if today or droop else {})
+
+
+def _over(droop: float, today: float) -> float:
+    """Return the factor on a droop; NaN where there is none today."""
+    return droop / today if today else float("nan")
+
+
+def _dials(told: Mapping[str, float], **factors: float) -> dict[str, tuple[float, float]]:
+    """Return today's and the advised settings of dials."""
+    if odd := set(told) - set(factors):
+        raise InputError(f"dials: found {', '.join(sorted(odd))}, expected some of {', '.join(factors)}")
+    every = {name: (float(value), float(value) * factors[name]) for name, value in told.items()}
+    return {name: row for name, row in every.items() if np.isfinite(row[1])}
 
 
 def _told(figures: Array) -> dict[str, tuple[float, float]]:
@@ -394,6 +425,6 @@ def _why_none(test: Steps, figures: Array, shares: Array) -> str:
     worst = max(missed, key=lambda name: missed[name])
     return (
         f"limits: found gains that meet them for at most {100.0 * shares.flat[place]:.0f} % of the ships that the data "
-        f"allow, expected {100.0 * SHARE:.0f}; with these gains {missed[worst]:.0f} % miss the {worst} of "
-        f"{test.limits[worst]:.3g} {UNITS[worst]}: loosen this limit, or measure longer"
+        f"allow, expected {100.0 * SHARE:.0f}; with these gains {missed[worst]:.0f} % do not keep to the limit "
+        f"of the {worst}, {test.limits[worst]:.3g} {UNITS[worst]}: loosen this limit, or measure longer"
     )

@@ -28,8 +28,10 @@ TYPED = {
     "overshoot_pct": "--overshoot",
     "dip_pct": "--dip",
     "recovery_s": "--recovery",
+    "droop_pct": "--droop",
 }
 """Command-line options by argument of `tune`."""
+DIALS = {"gain": "gain on the dial", "reset": "reset on the dial", "droop_pct": "droop on the dial [%]"}
 
 
 def tune(
@@ -46,12 +48,11 @@ def tune(
     recovery: Annotated[
         float | None, number_option("S", "Longest time until the speed has recovered from a load step, s.")
     ] = None,
+    droop: Annotated[
+        float | None, number_option("PCT", "Droop to set, % of the speed at the operating torque.")
+    ] = None,
     load_step: Annotated[float, number_option("PCT", "Step of the load, % of the operating torque.")] = 10.0,
     band: Annotated[float, number_option("PCT", "Band of the recovered speed, % of the speed.")] = 1.0,
-    gain: Annotated[
-        float | None, number_option("VALUE", "The gain that the governor's dial shows today.")
-    ] = None,
-    reset: Annotated[float | None, number_option("VALUE", "The reset that the dial shows today.")] = None,
     plot: Annotated[Path | None, file_option("FILE.png", "Picture of the map of gains.")] = None,
     force: Replace = False,
     seed: Seed = 0,
@@ -74,6 +75,7 @@ def tune(
             overshoot_pct=overshoot,
             dip_pct=dip,
             recovery_s=recovery,
+            droop_pct=droop,
             load_step_pct=load_step,
             band_pct=band,
             seed=seed,
@@ -86,15 +88,14 @@ def tune(
         with replacing(plot) as temporary:
             figure = gains(advice).figure
             figure.savefig(temporary, format="png", dpi=110)  # type: ignore[union-attr]
-    dial = advice.dial(gain, reset)
-    content = {**advice.to_dict(), "dial": dial}
-    print_results(content, lambda: _print(advice, dial), plot, json=json)
+    print_results(advice.to_dict(), lambda: _print(advice), plot, json=json)
 
 
-def _print(advice: Tuning, dial: dict[str, tuple[float, float]]) -> None:
+def _print(advice: Tuning) -> None:
     from shipfp_rs.assessment.tuning import UNITS
 
-    rows = [[name, f"{today:.4g}", f"{then:.4g}"] for name, (today, then) in {**advice.gains, **dial}.items()]
+    told = {**advice.gains, **{DIALS[name]: row for name, row in advice.dials.items()}}
+    rows = [[name, f"{today:.4g}", f"{then:.4g}"] for name, (today, then) in told.items()]
     print_table("Gains", ["gain", "today", "advised"], rows)
     rows = [
         [

@@ -44,15 +44,24 @@ def _governed(q: Mapping[str, float], add: Callable[..., str]) -> str:
         asked = add("set point dead time", "delay", asked, value="T_set")
     seen = add("speed filter", "lag", speed, value="T_f") if "T_f" in q else speed
     error = add("error", "sum", asked, seen, value="+-")
+    less, summed = "", error
+    if "droop" in q:
+        # A set point that falls with the command makes the gains smaller, and the integral fades.
+        droop = "droop*v" if "v" in q else "droop"
+        less = f"/(1+{droop}*{gains['K_p']})"
+        error = add("drooped error", "gain", error, value=f"1{less}")
+        faded = add("faded", "gain", "error integral", value=f"{droop}*{gains['K_i']}{less}")
+        summed = add("error that is integrated", "sum", error, faded, value="+-")
     terms = [add("proportional", "gain", error, value=gains["K_p"])]
-    terms.append(add("integral", "gain", add("error integral", "integrator", error), value=gains["K_i"]))
+    integral = add("error integral", "integrator", summed)
+    terms.append(add("integral", "gain", integral, value=gains["K_i"] + less))
     if gains["K_d"] in q:
         slope = "acceleration"
         if "T_f" in q:
             slope = add(
                 "filtered slope", "gain", add("held back", "sum", speed, seen, value="+-"), value="1/T_f"
             )
-        terms.append(add("derivative", "gain", slope, value=f"-{gains['K_d']}"))
+        terms.append(add("derivative", "gain", slope, value=f"-{gains['K_d']}{less}"))
     rack = add("command", "sum", *terms, value="+" * len(terms))
     if "T_d" in q and "hold" in q:
         ends = [

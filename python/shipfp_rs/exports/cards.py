@@ -21,7 +21,7 @@ HIGH = 99.0
 """Limit that never acts."""
 HEADROOM = 2.0
 """Fuel torque at the full valve where no limit was found, over the operating point's."""
-NEEDED = ("vK_p", "vK_i", "vK_d", "K_p", "K_i", "K_d", "v", "g", "T_d", "tau_act", "T_f", "tau_eng")
+NEEDED = ("vK_p", "vK_i", "vK_d", "K_p", "K_i", "K_d", "v", "g", "T_d", "tau_act", "T_f", "tau_eng", "droop")
 """Parameters that a card holds."""
 Values = dict[str, float]
 
@@ -38,7 +38,7 @@ def _governor(fingerprint: Fingerprint) -> tuple[Values, list[str]]:
             )
     v = known.get("v", 1.0)
     q = {name: known.get(f"v{name}", v * known.get(name, 0.0)) for name in ("K_p", "K_i", "K_d")}
-    q |= {name: known.get(name, 0.0) for name in ("tau_act", "T_f", "tau_eng", "T_set", "set_rate")}
+    q |= {name: known.get(name, 0.0) for name in (*NEEDED[6:], "T_set", "set_rate")}
     q["T_d"] = known.get("T_d", 0.0) + 0.5 * known.get("T_s", 0.0)
     q |= {"g": known["g"], "rate": known.get("rate", inf), "M_max": known.get("M_max", inf)}
     point = fingerprint.data[0].get("operating_point", {}) if fingerprint.data else {}
@@ -52,7 +52,10 @@ def _governor(fingerprint: Fingerprint) -> tuple[Values, list[str]]:
         f"Base of power and speed: the operating point ({shown}).",
         "For a machine base S divide K, Kigov, Kpgov, Kdgov by S over the operating point's power.",
         told + "; H belongs to the generator's card.",
-        "Bus 1 and identifier 1 are placeholders. Droop is none: isochronous, as the fingerprint's PI governor.",
+        "Bus 1 and identifier 1 are placeholders.",
+        f"Droop {q['droop']:.4g}."
+        if q["droop"]
+        else "Droop is none: isochronous, as the fingerprint's PI governor.",
     ]
     if q["T_set"] or q["set_rate"]:
         notes.append("Dead time and rate limit of the set point have no field; they do not affect the loop.")
@@ -80,6 +83,8 @@ def degov(fingerprint: Fingerprint) -> str:
         If a gain is not known, or the zeros are complex.
     """
     q, notes = _governor(fingerprint)
+    if q["droop"]:
+        raise InputError(f"droop: found {q['droop']:.4g}, expected none, since a DEGOV has none; use GGOV1")
     if not q["K_i"] > 0.0:
         raise InputError(
             f"K_i: found {q['K_i']:g}, expected a positive number, since a DEGOV integrates; use GGOV1"
@@ -124,7 +129,15 @@ def ggov1(fingerprint: Fingerprint) -> str:
             f"g: found {q['g']:.4g}, expected zero or less, since Dm below zero has another meaning; use DEGOV"
         )
     most = min(q["M_max"], HIGH) if q["M_max"] < inf else HEADROOM
-    fields = {"Rselect": 0, "Flag": 1, "R": 0.0, "Tpelec": 1.0, "maxerr": HIGH, "minerr": -HIGH}
+    # Rselect -2: the droop's feedback is the governor's own output, which is the fuel's torque over Kturb.
+    fields = {
+        "Rselect": -2 if q["droop"] else 0,
+        "Flag": 1,
+        "R": most * q["droop"],
+        "Tpelec": 1.0,
+        "maxerr": HIGH,
+        "minerr": -HIGH,
+    }
     fields |= {"Kpgov": q["K_p"] / most, "Kigov": q["K_i"] / most, "Kdgov": q["K_d"] / most}
     fields |= {
         "Tdgov": DERIVATIVE_FILTER * q["K_d"] / q["K_p"] if q["K_d"] else 1.0,
@@ -139,11 +152,12 @@ def ggov1(fingerprint: Fingerprint) -> str:
     fields |= {"Rup": HIGH, "Rdown": -HIGH}
     notes += [
         "From the fingerprint: Kpgov, Kigov, Kdgov = vK_p, vK_i, vK_d over Kturb, Tact = tau_act, "
-        "Teng = T_d, Tb = tau_eng + T_f, Dm = -g, Ropen = rate over Kturb.",
+        "Teng = T_d, Tb = tau_eng + T_f, Dm = -g, Ropen = rate over Kturb"
+        + (", R = droop times Kturb." if q["droop"] else "."),
         "Flag 1: fuel follows the speed, as of a diesel engine, so the valve sets the torque.",
         f"Kturb {most:.5g}: "
         + ("M_max, on the fuel alone." if q["M_max"] < inf else "assumed, no torque limit was found."),
-        "Assumed, off: droop, load limiter (Ldref), acceleration limiter (Aset), deadband, errors' limits.",
+        "Assumed, off: load limiter (Ldref), acceleration limiter (Aset), deadband, errors' limits.",
         "Dm acts at once; in the fingerprint the engine's slope passes the lag tau_eng.",
     ]
     return _card("GGOV1", fields, notes)

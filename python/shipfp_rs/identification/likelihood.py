@@ -298,33 +298,32 @@ class Likelihood:
             raise SimulationError("the deviance is not finite")
         return gram
 
-    def row_units(self, rows: Sequence[Numbers]) -> list[Units | Array]:
-        """Rows (O, F) of each record, in units of the noise, as `along` takes them."""
-        found: list[Units | Array] = []
+    @cached_property
+    def is_fused(self) -> bool:
+        """Whether a kernel computes the products of all records."""
+        return all(isinstance(model, ShipModel) and not model.has_effect for model in self.models)
+
+    def row_units(self, rows: Sequence[Numbers]) -> list[Units]:
+        """Rows (O, F) of each record, in units of the noise, as `along` takes them, where `is_fused`."""
+        found = []
         for index, (model, row) in enumerate(zip(self.models, rows, strict=True)):
-            if isinstance(model, ShipModel) and not model.has_effect:
-                # For the kernel such a row is a systematic error of one output, at all frequencies alike.
-                bent = np.zeros((row.shape[1], len(row), len(row)), complex)
-                bent[:, :, 0] = row.T
-                found.append(model.units(self.root(index), (bent, np.ones((1, row.shape[1])))))
-            else:
-                found.append(real_rows(row[None])[0])
+            assert isinstance(model, ShipModel)
+            # For the kernel such a row is a systematic error of one output, at all frequencies alike.
+            bent = np.zeros((row.shape[1], len(row), len(row)), complex)
+            bent[:, :, 0] = row.T
+            found.append(model.units(self.root(index), (bent, np.ones((1, row.shape[1])))))
         return found
 
-    def along(self, vector: Array, rows: Sequence[Units | Array]) -> Array:
+    def along(self, vector: Array, rows: Sequence[Units]) -> Array:
         """Products (1 + P,) of residual and derivatives with rows of `row_units`."""
         found = np.zeros(1 + self.coordinates.size)
         values = self.coordinates.values(vector)
         by = self.coordinates.jacobian(values)
         for index, (model, row) in enumerate(zip(self.models, rows, strict=True)):
-            if isinstance(row, Units):
-                assert isinstance(model, ShipModel)
-                own = vector[self.coordinates.states(index)]
-                crossed = model.products(values, own, self.coordinates.names, row)[1][0]
-                found[self._columns[index]] += crossed @ self._turn(model, values, by)
-            else:
-                white = real_rows(turned(self.root(index), self._local(vector, index)))
-                found[self._columns[index]] += white @ row
+            assert isinstance(model, ShipModel)
+            own = vector[self.coordinates.states(index)]
+            crossed = model.products(values, own, self.coordinates.names, row)[1][0]
+            found[self._columns[index]] += crossed @ self._turn(model, values, by)
         return found
 
     @cached_property

@@ -24,7 +24,7 @@ from shipfp_rs.identification.model import Units
 from shipfp_rs.identification.rebuilt import Rebuilt, rebuilt
 from shipfp_rs.structures.structure import Structure
 from shipfp_rs.structures.ties import COMBINATIONS
-from shipfp_rs.support.arrays import Array
+from shipfp_rs.support.arrays import Array, Numbers
 from shipfp_rs.support.threads import where_alone, with_one_blas_thread
 
 MOST_DRAWS, CHUNK = 1_000_000, 25
@@ -37,14 +37,15 @@ LEAST_FOUND = 0.9
 
 @dataclass(frozen=True)
 class Perturbed:
-    """A likelihood of other data: `rows` of each record, as `along` takes them, and `means` of priors are added.
+    """A likelihood of other data: a row of each record, and `means` of priors are added to the residuals.
 
-    Both are added to the residuals; systematic errors, which the rows have too, are eliminated from them.
+    `rows` are those that a kernel takes, without systematic errors; where there is none, `columns` are spectra (1, O, F).
     """
 
     likelihood: Likelihood
-    rows: list[Units | Array]
     means: Array
+    rows: Sequence[Units] = ()
+    columns: Sequence[Numbers] = ()
 
     @classmethod
     def of(cls, likelihood: Likelihood, random: np.random.Generator, size: float) -> Self:
@@ -58,14 +59,18 @@ class Perturbed:
             if likelihood.bends:
                 row = row + np.tensordot(errors, likelihood.white_shapes[index], 1)
                 along = likelihood.along_errors(index, row[None])[0] + (along if index else 0.0)
-            rows.append(row)
+            rows.append(size * row)
+        c = likelihood.coordinates
+        means = size * random.standard_normal(len(likelihood.priors) + c.size - len(c.names))
+        if not likelihood.is_fused:
+            roots = (likelihood.root(index) for index in range(len(rows)))
+            spectra = [np.linalg.solve(root, row.T[..., None]) for root, row in zip(roots, rows, strict=True)]
+            return cls(likelihood, means, columns=[one[..., 0].T[None] for one in spectra])
         if likelihood.bends:
-            sizes = likelihood.errors_inverse @ along
+            sizes = size * likelihood.errors_inverse @ along
             pairs = zip(rows, likelihood.white_shapes, strict=True)
             rows = [row - np.tensordot(sizes, shapes, 1) for row, shapes in pairs]
-        c = likelihood.coordinates
-        means = random.standard_normal(len(likelihood.priors) + c.size - len(c.names))
-        return cls(likelihood, likelihood.row_units([size * row for row in rows]), size * means)
+        return cls(likelihood, means, likelihood.row_units(rows))
 
     @property
     def coordinates(self) -> Any:
@@ -79,10 +84,14 @@ class Perturbed:
 
     def products(self, vector: Array) -> Products:
         """Deviance, gradient and Gauss-Newton matrix at a point of the search, but for a constant of the deviance."""
-        found = self.likelihood.products(vector)
-        moved = self.likelihood.along(vector, self.rows)
-        moved += self.means @ self.likelihood.prior_rows(vector)[: len(self.means)]
-        return found._replace(cost=found.cost + 2.0 * moved[0], downhill=found.downhill + moved[1:])
+        if self.likelihood.is_fused:
+            found, along = self.likelihood.products(vector), self.likelihood.along(vector, self.rows)
+        else:
+            with np.errstate(over="ignore", invalid="ignore"):
+                gram = self.likelihood.gram(vector, self.columns)
+            found, along = Products(float(gram[0, 0]), gram[1:-1, 0], gram[1:-1, 1:-1]), gram[:-1, -1]
+        along = along + self.means @ self.likelihood.prior_rows(vector)[: len(self.means)]
+        return found._replace(cost=found.cost + 2.0 * along[0], downhill=found.downhill + along[1:])
 
 
 @with_one_blas_thread

@@ -102,8 +102,12 @@ TRIED: Mapping[str, tuple[str, ...]] = {
     "torque_limit": ("M_max", "M_soft"),
     "rack_rate": ("rate",),
     "set_rate": ("set_rate",),
+    "droop": ("droop",),
 }
-"""Limits, which are tried since they have no value without effect, and their parameters."""
+"""Elements that are tried, and their parameters: limits, which have no value without effect, and a droop, which would widen
+the intervals of the many ships without one."""
+LIMITS = ("torque_limit", "rack_rate", "set_rate")
+"""Those of the tried elements that bend the response."""
 
 
 @dataclass(frozen=True)

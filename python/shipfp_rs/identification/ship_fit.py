@@ -25,7 +25,7 @@ from shipfp_rs.identification.first_guesses import first_guesses
 from shipfp_rs.identification.input_checks import require_excited
 from shipfp_rs.identification.likelihood import Likelihood
 from shipfp_rs.identification.load_side import LoadSide, load_side_of
-from shipfp_rs.identification.question import TRIED, Question
+from shipfp_rs.identification.question import LIMITS, TRIED, Question
 from shipfp_rs.identification.sampling import Between
 from shipfp_rs.identification.ship_found import (
     DEFAULTS,
@@ -60,7 +60,7 @@ def fit_ship(question: Question) -> ShipFit:
     until = None if limit_s is None else time.monotonic() + limit_s
     given = tuple(
         element
-        for element in TRIED
+        for element in LIMITS
         if TRIED[element][0] in question.always and TRIED[element][0] not in question.fixed
     )
     names = {name for element in given for name in TRIED[element]}

@@ -1,4 +1,4 @@
-"""Limits of torque and rate, which the full model lacks: tried where the engine's side shows them.
+"""Limits of torque and rate, and a droop, which the full model lacks: tried where the engine's side shows them.
 
 A limit stays in the fit where it lowers the deviance by more than chance does, so that intervals allow for it. It is called
 "on" where the deviance falls by much more (`ship_found.BELIEVED`). Minima are compared by their total deviance, each with
@@ -83,6 +83,10 @@ def with_limits(fit: ShipFit, given: Sequence[str], search: Search, until: float
         ):
             tell(f"trying {ELEMENTS['set_rate'].words}", 0.0)
             found = [one for one in [with_set_rate(fit, search, until)] if one is not fit]
+        if "droop" in fit.question.tried and "droop" not in fit.elements:
+            drooping = _drooping(fit, until)
+            fit = replace(fit, gains=drooping.gains)
+            found += [drooping] if drooping.gains["droop"] > CHANCE else []
         for element in suspects:
             tell(f"trying {ELEMENTS[element].words}", 0.3 * len(fit.elements))
             taken = _limited(fit, element, until)
@@ -95,6 +99,21 @@ def with_limits(fit: ShipFit, given: Sequence[str], search: Search, until: float
         fit = min(found, key=lambda one: one.total)
         fit = replace(fit, scores=engine_tests(fit))
     return fit if fit.is_smooth else _with_other_delays(fit, until)
+
+
+def _drooping(fit: ShipFit, until: float | None) -> ShipFit:
+    """Return the fit with a droop of the governor; its `gains` tell by how much that lowers the deviance."""
+    elements = (*fit.elements, "droop")
+    likelihood = fit.question.with_elements(fit.likelihood, elements)
+    states = fit.likelihood.coordinates.states_at(fit.best.vector)
+    start = likelihood.coordinates.vector({**DEFAULTS, **fit.values}, states)
+    best = descend(likelihood, start, until=until)
+    found = replace(fit, likelihood=likelihood, basins=(best,), elements=elements)
+    gain = fit.best.cost - best.cost
+    if gain > CHANCE:
+        found = settled(found, until)
+        gain = fit.total - found.total
+    return replace(found, gains={**fit.gains, "droop": max(gain, 0.0)})
 
 
 def _with_other_delays(fit: ShipFit, until: float | None) -> ShipFit:

@@ -11,7 +11,7 @@ import numpy as np
 from shipfp_rs.identification.adequacy import LARGE_MISS_PCT, LEAST_EXPLAINED_PCT
 from shipfp_rs.identification.estimate import KNOWN, OPEN, Estimate, Usable, WhyNot, is_rough
 from shipfp_rs.identification.fingerprint import Fingerprint
-from shipfp_rs.identification.question import BOUNDS, PRIORS, TRIED, within_reach
+from shipfp_rs.identification.question import BOUNDS, LIMITS, PRIORS, within_reach
 from shipfp_rs.identification.sides import KINDS
 from shipfp_rs.identification.wording import OUTPUTS
 from shipfp_rs.structures.names import as_looked_at
@@ -127,7 +127,7 @@ class Case:
     def is_limited(self) -> bool:
         """Whether a limit of torque or rate acts."""
         rows = self.fingerprint.elements
-        return any(rows.get(name, {}).get("state") == "on" for name in TRIED if name != "set_rate")
+        return any(rows.get(name, {}).get("state") == "on" for name in LIMITS if name != "set_rate")
 
 
 def _is_on_bound(name: str, estimate: Estimate) -> bool:

@@ -279,6 +279,7 @@ def element_rows(fit: ShipFit, parameters: Mapping[str, Estimate]) -> dict[str, 
         "speed_filter",
         "engine_lag",
         "twist",
+        "droop",
     ):
         parameter = ELEMENTS[name].parameters[0]
         estimate = parameters.get(parameter.name)
@@ -292,7 +293,7 @@ def element_rows(fit: ShipFit, parameters: Mapping[str, Estimate]) -> dict[str, 
         told = parameters.get(TRIED[name][0])
         gain = fit.gains.get(name, np.inf)
         acts = told is not None and told.status != "unidentifiable" and gain > BELIEVED
-        if acts or name in fit.question.tried:
+        if name not in rows and (acts or name in fit.question.tried):
             # The decrease of the deviance by one limit changes once other limits act.
             gain = fit.scores[name].fall if name in fit.scores and name not in fit.elements else gain
             undecided = np.isfinite(gain) and gain > (UNDECIDED if name in fit.elements else BELIEVED)

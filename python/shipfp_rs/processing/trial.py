@@ -187,6 +187,17 @@ class Torsion(Section):
     """Standard deviation of its inertias and its stiffness, in per cent."""
 
 
+class Dials(Section):
+    """What the governor's dials showed during the trial; `tune` advises in the same units."""
+
+    gain: Annotated[float, Field(gt=0.0)] | None = None
+    """Proportional gain, as GAIN of Woodward or Gain of ComAp, in any unit."""
+    reset: Annotated[float, Field(gt=0.0)] | None = None
+    """Integral over proportional gain, as RESET of Woodward or Int of ComAp, in repeats a second or any other unit."""
+    droop_pct: Annotated[float, Field(gt=0.0, le=100.0)] | None = None
+    """Droop, in per cent of whatever the governor takes it of."""
+
+
 HOW = ("noise", "starts")
 """Keys of [identify] that are options of `identify` with the same name."""
 NARROWING = frozenset(("elements", "torque", "outputs", "fixed", "priors", "seed", "vessel_std_pct"))
@@ -281,6 +292,7 @@ class Trial(Section):
     windows: Annotated[tuple[Window, ...], Field(strict=False, max_length=MOST_WINDOWS)] = ()
     """Stretches of the logs, one experiment each; at least one."""
     torsion: Torsion | None = None
+    governor: Dials = Dials()
     identify: Identify = Identify()
     report: Report = Report()
 

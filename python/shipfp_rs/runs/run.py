@@ -205,9 +205,8 @@ def evaluate(
             )
     structure = declared or rebuilt(fingerprint)
     predicted = tuple(held_out(fingerprint, one, structure) for one in others)
-    without_torque = trial.channels.torque is None and trial.channels.command is None
     lines = [
-        *(_without_torque(fingerprint, trial) if without_torque else ()),
+        *_without_torque(fingerprint, trial),
         *against_priors(fingerprint, {**known, **options.priors}),
         *([UNUSED] if not known and vessel_priors(vessel, experiments, 5.0) else []),
         *doubts(fingerprint, vessel),
@@ -217,6 +216,7 @@ def evaluate(
         fingerprint,
         verdict=(*fingerprint.verdict, *lines),
         si=in_si(fingerprint, vessel),
+        settings={**fingerprint.settings, **_dials(trial)},
         held_out={one.measured.name: one.score for one in predicted},
     )
     notify("writing the report")
@@ -236,6 +236,12 @@ def evaluate(
         held_out=predicted,
     )
     return Run(fingerprint, tuple(experiments), predicted)
+
+
+def _dials(trial: Trial) -> dict[str, Any]:
+    """Return what the governor's dials showed, as settings."""
+    told = trial.governor.model_dump(exclude_none=True)
+    return {"governor": told} if told else {}
 
 
 def split(trial: Trial, experiments: Sequence[Experiment]) -> tuple[list[Experiment], list[Experiment]]:
@@ -265,6 +271,8 @@ def _of_predictions(predicted: Sequence[HeldOut]) -> Iterator[Sentence]:
 
 def _without_torque(fingerprint: Fingerprint, trial: Trial) -> Iterator[Sentence]:
     """Yield what is determined without a torque: with a load all but a difference of parameters, else ratios."""
+    if trial.channels.torque is not None or trial.channels.command is not None:
+        return
     if "load" not in fingerprint.structure.get("elements", ()):
         yield NO_TORQUE
         return

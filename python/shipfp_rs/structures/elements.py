@@ -65,6 +65,8 @@ QUANTITIES: dict[str, Quantity] = {
         # Turbochargers lag by 0.1 s to 0.3 s and more, fuel films of gas engines by less.
         Quantity("tau_eng", "s", 0.0, 0.0, 2.0, prior=(0.0, 0.1)),
         Quantity("vK_d", "s", 0.01, 0.0, 100.0),
+        # Governors of ships droop by 3 to 5 % from no load to full load, those of generating sets alike.
+        Quantity("droop", "-", 0.03, 0.0, 1.0),
         # Governors sample every 5 to 50 ms.
         Quantity("T_s", "s", 0.02, 0.0, 0.5, prior=(0.0, 0.03), nuisance=True),
         Quantity("T_0", "s", 0.0, 0.0, 0.5, nuisance=True),
@@ -135,6 +137,7 @@ ELEMENTS: dict[str, Element] = {
         _element("speed_filter", "filter of the measured speed", "T_f", always=True),
         _element("engine_lag", "lag of the drive's torque", "tau_eng", always=True),
         _element("derivative", "derivative gain", "vK_d"),
+        _element("droop", "droop of the governor", "droop"),
         _element("sampling", "sampling of the governor", "T_s", T_0=0.0, always=True),
         _element("torque_limit", "upper torque limit", "M_max", M_soft=0.0),
         _element("rack_rate", "rate limit of the actuator", "rate"),

@@ -18,6 +18,7 @@ NAMES: Mapping[str, str] = {
     "vK_p": "proportional gain of the loop",
     "vK_i": "integral gain of the loop",
     "vK_d": "derivative gain of the loop",
+    "droop": "droop of the governor",
     "T_d": "dead time in the loop",
     "T_set": "dead time of the set point",
     "T_s": "sampling period of the governor",
@@ -55,6 +56,7 @@ NAMES: Mapping[str, str] = {
 """Symbol, or name of a loop figure, to plain name."""
 
 OF_WHAT: Mapping[str, str] = {
+    "droop": "of the speed, for the operating torque",
     "tau_prop/tau_n": "of tau_n",
     "M_max": "times the operating torque",
     "M_soft": "times the operating torque",
@@ -65,7 +67,7 @@ LOOKED_AT = (
     *("k_L", "tau_prop", "T_M", "T_B", "T_n", "T_0"),
     *("v", "T_set", "T_d", "T_s", "tau_act", "T_f", "tau_eng", "M_max", "M_soft", "rate", "set_rate"),
     *("tau_n", "g", "p", "c_2", "damping", "tau_twist", "zeta_twist"),
-    *("K_p", "K_i", "K_d", "vK_p", "vK_i", "vK_d"),
+    *("K_p", "K_i", "K_d", "vK_p", "vK_i", "vK_d", "droop"),
 )
 """Parameters in the order of reports: sensors, actuation, drive train and load, gains."""
 

@@ -130,7 +130,7 @@ class ShipEquations(Equations):
         return [_core.SHIP_OUTPUTS.index(names.get(output, output)) for output in self.outputs]
 
     def vector(self, values: Values) -> Array:
-        """Return the kernel's parameters, shape (39,), for values by name; elements without a value are off."""
+        """Return the kernel's parameters, shape (40,), for values by name; elements without a value are off."""
         vector = np.array(_core.SHIP_OFF)
         vector[INDEX["v"]] = 1.0
         for name, value in values.items():

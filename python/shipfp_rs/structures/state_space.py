@@ -211,10 +211,10 @@ class Wiring:
         self.start += [start] * (len(self.rates) > len(self.start))
         return np.asarray(self.unit[len(self.rates) - 1])
 
-    def integrated(self, signal: Form) -> Form:
-        """Return the integral of a signal."""
+    def integrated(self, signal: Form, fade: Any = 0.0) -> Form:
+        """Return the integral of a signal that fades at a rate [1/s]."""
         state = self.state()
-        self.rates[-1] = signal
+        self.rates[-1] = signal - fade * state
         return state
 
     def lagged(self, signal: Form, time_constant: Any) -> Form:

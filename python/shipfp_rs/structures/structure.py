@@ -137,7 +137,8 @@ class Structure(Editable):
         elements
             Names of elements, of `structures.elements.ELEMENTS`: "dead_time_loop" (T_d), "dead_time_set_point" (T_set),
             "actuator_lag" (tau_act), "speed_filter" (T_f), "engine_lag" (tau_eng, behind fuel and slope),
-            "derivative" (vK_d, on the speed), "sampling" (T_s), "torque_limit" (M_max), "rack_rate" (rate),
+            "derivative" (vK_d, on the speed), "droop" (lowers the set point by droop vX), "sampling" (T_s),
+            "torque_limit" (M_max), "rack_rate" (rate),
             "damping" (of the load), "load" (measured), "twist" (tau_twist, zeta_twist; between the inertias, of which
             tau_prop is the propeller's).
         torque

@@ -28,8 +28,8 @@ SLOWEST = 1e-6
 class Elements(Protocol):
     """Elements that act on signals, which may be spectra or the rows of a state space."""
 
-    def integrated(self, signal: Any) -> Any:
-        """Return the integral of a signal."""
+    def integrated(self, signal: Any, fade: Any = 0.0) -> Any:
+        """Return the integral of a signal that fades at a rate [1/s]."""
 
     def lagged(self, signal: Any, time_constant: Any) -> Any:
         """Return a signal filtered by 1 / (1 + time_constant s)."""
@@ -50,16 +50,26 @@ def loop_parameters(values: Parameters, *, mean_sampling: bool) -> dict[str, Any
     return found
 
 
+def drooped(q: Parameters) -> tuple[Any, Any]:
+    """Return the factor on a governor's gains by its droop, and the rate at which its integral fades [1/s]."""
+    K_p, K_i = (q.get(f"v{gain}", q.get(gain, 0.0)) for gain in ("K_p", "K_i"))
+    droop = q.get("droop", 0.0) * q.get("v", 1.0)
+    less = 1.0 / (1.0 + droop * K_p)
+    return less, droop * K_i * less
+
+
 def commanded(q: Parameters, elements: Elements, speed: Any, set_point: Any) -> tuple[Any, Any]:
     """Return the integral of the governor's error, and its command; the derivative acts only on the speed."""
     K_p, K_i, K_d = (q.get(f"v{gain}", q.get(gain, 0.0)) for gain in ("K_p", "K_i", "K_d"))
     seen = elements.lagged(speed, q.get("T_f", 0.0))
-    error = set_point - seen
-    integral = elements.integrated(error)
-    command = K_p * error + K_i * integral
+    less, fade = drooped(q)
+    # The set point falls by the droop of the command: the command is smaller, and so is the error that is integrated.
+    error = less * (set_point - seen)
+    integral = elements.integrated(error, fade)
+    command = K_p * error + less * K_i * integral
     if K_d:
         # K_d s / (1 + T s) = K_d / T (1 - 1 / (1 + T s))
-        command = command - K_p / DERIVATIVE_FILTER * (
+        command = command - less * K_p / DERIVATIVE_FILTER * (
             seen - elements.lagged(seen, DERIVATIVE_FILTER * K_d / K_p)
         )
     return integral, command
@@ -83,8 +93,8 @@ class _Loop:
         self.slip = twist / (1.0 + q.get("zeta_twist", 0.0) * twist)
         """Speed difference across the shaft, divided by its torque."""
 
-    def integrated(self, signal: Any) -> Any:
-        return signal / self.s
+    def integrated(self, signal: Any, fade: Any = 0.0) -> Any:
+        return signal / (self.s + fade)
 
     def lagged(self, signal: Any, time_constant: Any) -> Any:
         return signal / (1.0 + time_constant * self.s) if time_constant else signal
@@ -110,6 +120,7 @@ class TransferFunctions:
     """Transfer functions from the set point to the outputs; an element acts if its parameters are given.
 
     The governor is C = (K_p + K_i/s + K_d s/(1 + 0.1 K_d/K_p s)) / (1 + T_f s); on the set point K_p + K_i/s alone act.
+    With a droop C is divided by 1 + droop v (K_p + K_i/s).
     The path to the rack is A = exp(-s T_d) / (1 + tau_act s), times (1 - exp(-s T_s)) / (s T_s) for a governor that
     samples every T_s and holds. The brake torque is M_b* = (g n_e* + v X*) / (1 + tau_eng s), the propeller's
     M_g* = (p + tau_prop s) n_s*. The shaft twists by n_e* = n_s* + Y M_g*, with
@@ -170,7 +181,9 @@ class TransferFunctions:
         Its zeros are the closed loop's poles, its pole the actuator's.
         """
         loop = _Loop(values, Dual(s, {"s": 1.0}))
-        value, slopes = value_and_slopes(loop.s * loop.closed(loop.answer(1.0, 0.0)[-1]), ["s"])
+        value, slopes = value_and_slopes(
+            (loop.s + drooped(values)[1]) * loop.closed(loop.answer(1.0, 0.0)[-1]), ["s"]
+        )
         return value, slopes[0]
 
     def _outputs(self, loop: _Loop, back: Answer, asked: Answer) -> list[Any]:

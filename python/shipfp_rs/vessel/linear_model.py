@@ -223,7 +223,7 @@ def linearise(vessel: Vessel, n_e_rpm: float | None = None) -> LinearModel:
     For a vessel with more than the plant of eq. 3.1-3.11, the model describes small and slow motions. T_d is the sum of the
     mean delays between speed and torque: dead time, lag, half a period of a sampling governor, half a firing stroke. A drag
     that grows with the speed affects v and g, since the structure's torque is the shaft's. Limits, ramps, derivative gain,
-    torsional flexibility of the shaft and the ship's acceleration are not included.
+    droop, torsional flexibility of the shaft and the ship's acceleration are not included.
 
     Examples
     --------

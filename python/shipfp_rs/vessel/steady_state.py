@@ -199,6 +199,9 @@ def whole_about(vessel: Vessel, point: OperatingPoint) -> tuple[Array, Array]:
         # The rectangle rule minus half the last error is the trapezoidal rule, which adds no delay.
         "K_p": (q["Kp_abs"] - 0.5 * T_s * q["Ki_abs"]) * point.n_e / point.X_f,
         "K_d": q["Kd_abs"] * point.n_e / point.X_f,
+        "droop": q["droop"]
+        * (vessel.nominal_engine_speed / point.n_e)
+        * (point.M_b / vessel.nominal_brake_torque),
         "T_d": q["fuel_dead_time"],
         "T_set": q["set_dead_time"],
         "T_s": T_s,

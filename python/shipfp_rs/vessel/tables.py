@@ -317,6 +317,8 @@ class Governor(Sparse):
     """Integral gain [1/s]."""
     K_d: Annotated[float, Field(ge=0.0, le=1e4)] = 0.0
     """Derivative gain [s]. It acts on the filtered speed, not on the set point, whose steps cause no peak."""
+    droop: Annotated[float, Field(ge=0.0, le=1.0)] = 0.0
+    """Fall of the set point over the speed, while the fuel's torque rises by that of the operating point."""
     derivative_filter_s: Annotated[float, Field(ge=1e-6, le=60.0)] = 0.05
     """Time constant of the filter of the derivative [s]."""
     sample_rate_hz: Annotated[float, Field(ge=0.1, le=1e5)] | None = None

@@ -15,6 +15,8 @@ pub struct Constants {
     pub k_p: f64,
     pub k_i: f64,
     pub k_d: f64,
+    /// Decrease of the set point over the command. The gains are those with the droop of the command itself.
+    pub droop: f64,
     pub tau_prop: f64,
     pub load_gain: f64,
     pub s_m: f64,
@@ -66,6 +68,8 @@ impl Constants {
     pub fn new(parameters: &Parameters, h: f64) -> Self {
         let inverse_tau = 1.0 / parameters.of(at::TAU_N);
         let (g, charge) = (parameters.of(at::G), Lag::new(parameters.of(at::TAU_ENG), h));
+        let droop = parameters.of(at::DROOP) * parameters.of(at::V);
+        let less = 1.0 / (1.0 + droop * parameters.of(at::K_P));
         let (g, late_g) = if charge.time > 0.0 { (0.0, g) } else { (g, 0.0) };
         Self {
             inverse_tau,
@@ -73,9 +77,10 @@ impl Constants {
             g,
             late_g,
             v: parameters.of(at::V),
-            k_p: parameters.of(at::K_P),
-            k_i: parameters.of(at::K_I),
-            k_d: parameters.of(at::K_D),
+            k_p: parameters.of(at::K_P) * less,
+            k_i: parameters.of(at::K_I) * less,
+            k_d: parameters.of(at::K_D) * less,
+            droop,
             tau_prop: parameters.of(at::TAU_PROP),
             load_gain: parameters.of(at::LOAD_GAIN),
             s_m: parameters.of(at::S_M),

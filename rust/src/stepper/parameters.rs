@@ -58,6 +58,7 @@ table! {
     HOLD "hold" 0.0,
     T_F "T_f" 0.0,
     TAU_ENG "tau_eng" 0.0,
+    DROOP "droop" 0.0,
 }
 /// Number of parameters.
 pub const COUNT: usize = PARAMETERS.len();
@@ -82,6 +83,7 @@ fn expected(place: usize) -> (fn(f64) -> bool, &'static str) {
         | at::T_M
         | at::T_F
         | at::TAU_ENG
+        | at::DROOP
         | at::M_SOFT => (|value| value >= 0.0 && value.is_finite(), "zero or more"),
         at::RATE_UP | at::RATE_DOWN => (|value| value > 0.0, "a positive number, infinity for none"),
         at::M_MAX | at::X_MAX => (|value| value > -INF, "a number, infinity for none"),

@@ -36,6 +36,11 @@ impl<const D: bool> Ship<'_, D> {
         } else if self.acting.filter {
             command -= self.c.k_d * (speed - seen) / self.c.filter.time;
         }
+        if self.c.droop > 0.0 && !self.winds_up {
+            let less = self.drooped(command);
+            self.sum -= less;
+            command -= self.c.k_i * less;
+        }
         let mut found = self.followed(self.dead_time.over(self.at, self.start, command));
         if self.acting.derivative {
             // The command depends on the acceleration that it causes.
@@ -44,6 +49,18 @@ impl<const D: bool> Ship<'_, D> {
             found = self.followed(self.dead_time.over(self.at, self.start, command));
         }
         self.limited(found)
+    }
+
+    /// Integral that the droop takes over a step whose command rises linearly to `command`, but for what the droop takes.
+    #[inline(always)]
+    fn drooped(&self, command: f64) -> f64 {
+        let ended = if self.acting.derivative {
+            command - self.c.k_d * (self.acceleration + self.growth)
+        } else {
+            command
+        };
+        let half = 0.5 * self.c.droop * self.h;
+        half * (self.start + ended) / (1.0 + half * self.c.k_i)
     }
 
     /// Rack after the actuator's lag and rate limit.
@@ -115,8 +132,13 @@ impl<const D: bool> Ship<'_, D> {
                 self.sample_detail(speed, clock.period);
             }
             let sum = self.sum + error * clock.period;
-            let mut command =
-                self.commanded(error, if clock.sums_first { sum } else { self.sum }, acceleration);
+            let lost = self.c.droop * clock.period;
+            let mut command = if clock.sums_first {
+                self.commanded(error, sum, acceleration) / (1.0 + lost * self.c.k_i)
+            } else {
+                self.commanded(error, self.sum, acceleration)
+            };
+            let sum = sum - lost * command;
             if self.stands(command, error) {
                 command = self.commanded(error, self.sum, acceleration);
             } else {

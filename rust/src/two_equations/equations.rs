@@ -14,7 +14,8 @@ named_places! {
     /// or fuel, `T_B` and `s_B` delay and scale of the brake's torque measured besides a gauge's;
     /// `T_f` time constant of the filter of the measured speed in the governor; `tau_eng` lag of the engine's torque behind
     /// fuel and slope (turbocharger, fuel film);
-    /// `t_1` reference of the inertia ahead of the gauge, a constant of the fit, or 0.
+    /// `t_1` reference of the inertia ahead of the gauge, a constant of the fit, or 0; `droop` the set point's decrease over
+    /// the fuel's torque.
     PARAMETERS:
     TAU_N "tau_n",
     G "g",
@@ -44,6 +45,7 @@ named_places! {
     T_F "T_f",
     TAU_ENG "tau_eng",
     T_1 "t_1",
+    DROOP "droop",
 }
 pub const COUNT: usize = PARAMETERS.len();
 
@@ -320,7 +322,9 @@ fn written(values: &[f64; COUNT], [torque, rack, both]: [bool; 3], setup: Setup)
         if propeller {
             fed.add(signal::LATE_M, &wound.times(&asked));
         }
-        poly(&[zero, one]).times(&lag).times(&filter)
+        // The set point falls by the command that the governor itself gives.
+        let droop = q(at::DROOP);
+        poly(&[droop * q(at::VK_I), droop * q(at::VK_P) + 1.0]).times(&lag).times(&filter)
     };
     let mut equations = if torque { vec![load] } else { vec![] };
     if rack {

@@ -106,10 +106,13 @@ pub fn is_stable(q: &[f64; COUNT], open_loop: bool) -> bool {
     if open_loop {
         return q[at::P] + q[at::DAMPING] - q[at::G] > 0.0 && Shaft::new(q, 0.0).poles() == 0;
     }
-    let (kp, ki) = (q[at::VK_P], q[at::VK_I]);
+    // With a droop the command is the integral's, faded at the rate `fade`, and the gains are smaller.
+    let less = 1.0 / (1.0 + q[at::DROOP] * q[at::VK_P]);
+    let (kp, ki, kd) = (q[at::VK_P] * less, q[at::VK_I] * less, q[at::VK_D] * less);
+    let fade = q[at::DROOP] * ki;
     // A derivative that acts immediately is additional inertia.
     let at_once = q[at::T_D] == 0.0 && q[at::TAU_ACT] == 0.0 && q[at::T_F] == 0.0 && q[at::TAU_ENG] == 0.0;
-    let (kd, more) = if at_once { (0.0, q[at::VK_D]) } else { (q[at::VK_D], 0.0) };
+    let (kp, kd, more) = if at_once { (kp - kd * fade, 0.0, kd) } else { (kp, kd, 0.0) };
     if !(ki > 0.0 && q[at::TAU_N] + more > 0.0) {
         return false;
     }
@@ -119,23 +122,26 @@ pub fn is_stable(q: &[f64; COUNT], open_loop: bool) -> bool {
     }
     let own = shaft.torque[0];
     let apart = q[at::T_S] * HALF_APART;
-    // The function s / (s + c) (1 + L(s)), with the loop's transfer function L, has no pole at 0 and tends to 1.
+    // The function s / (s + c) (1 + L(s)), with the loop's transfer function L, has no pole at 0 and tends to 1; with a
+    // droop 1 + L(s) itself.
     let corner = (ki / (own.abs() + kp.abs())).max(1e-6);
     // A number with the direction of that function, computed without a division, and the loop gain.
     let at_frequency = |w: f64| -> ([f64; 2], f64) {
         let under = times([1.0, q[at::TAU_ACT] * w], along(shaft.torque, w));
-        let under = times([1.0, q[at::T_F] * w], under);
+        let under = times([1.0, q[at::T_F] * w], times([1.0, -fade / w], under));
         let (sin, cos) = (w * q[at::T_D]).sin_cos();
         let hold = (apart * w).cos();
         let asked = times([kp, kd * w - ki / w], along(shaft.speed, w));
         let fed = times(asked, [cos * hold, -sin * hold]);
         let size = under[0].hypot(under[1]).max(1e-300);
         let turned = times([under[0] + fed[0], under[1] + fed[1]], [under[0] / size, -under[1] / size]);
-        (times(turned, [w, corner]), asked[0].hypot(asked[1]) / size)
+        let turned = if fade > 0.0 { turned } else { times(turned, [w, corner]) };
+        (turned, asked[0].hypot(asked[1]) / size)
     };
     let [swings, fades] = shaft.resonance;
     let (step, delay) = (10.0_f64.powf(1.0 / PER_DECADE), q[at::T_D] + apart);
     let slowest = corner.min((own.abs() / shaft.torque[1].abs().max(1e-9)).max(1e-6));
+    let slowest = if fade > 0.0 { slowest.min(fade) } else { slowest };
     // With a derivative the gain may rise again up to the corner frequencies of plant and lag.
     let quickest = (3.0 * swings)
         .max(if kd == 0.0 { 0.0 } else { own.abs() / shaft.torque[1].abs().max(1e-9) })
@@ -144,7 +150,7 @@ pub fn is_stable(q: &[f64; COUNT], open_loop: bool) -> bool {
         .max(if kd == 0.0 || q[at::TAU_ENG] == 0.0 { 0.0 } else { 1.0 / q[at::TAU_ENG] });
     // Half a turn at frequency 0 counts once, since it has no counterpart at a negative frequency.
     let half = if at_frequency(1e-3 * slowest).0[1] > 0.0 { 1 } else { -1 };
-    let begun = shaft.poles() + if own < 0.0 { half } else { 0 };
+    let begun = shaft.poles() + if own < 0.0 && q[at::DROOP] * own > -1.0 { half } else { 0 };
     let steps = |w: f64, gain: f64| {
         let mut next = w * step;
         if gain > COUNTS || swings == 0.0 {

@@ -1,0 +1,77 @@
+"""A governor whose set point falls with its fuel: found where it acts, and only there."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import shipfp_rs as fp
+from shipfp_rs.structures.structure import Structure
+
+SECONDS = 160.0
+
+
+def trial(droop: float, seed: int = 1) -> fp.Experiment:
+    """A launch of a drooping governor, with sensors' noise."""
+    vessel = fp.Vessel.load("stan-launch-804")
+    quick = {"actuator.dead_time_s": 0.05, "actuator.lag_s": 0.08}
+    governor = {"governor.droop": droop, "governor.K_p": 4.0, "governor.K_i": 5.0}
+    chirp = fp.signals.chirp(0.02, 3.0, SECONDS, 60.0, rate_hz=50.0)
+    return fp.simulate(
+        vessel.replace(quick | governor), chirp, noise={"n_e": 0.05, "M_b": 0.1, "M_g": 0.1}, seed=seed
+    )
+
+
+def test_a_vessel_droops_by_as_much_as_its_file_says():
+    """Long after a step of the set point the fuel's torque is that of the propeller less the engine's own slope."""
+    vessel = fp.Vessel.load("stan-launch-804").replace({"governor.droop": 0.05, "governor.K_i": 5.0})
+    at = vessel.operating_point.n_e_rpm
+    step = fp.Excitation("step", "step", 50.0, np.r_[np.zeros(1), np.full(2999, 0.01 * at)], "zero")
+    last = float(fp.simulate(vessel, step).normalised("n_e")[-1])
+    regulates = (1.0 + last) ** vessel.propeller.torque_exponent - 1.0 - vessel.operating_point.g * last
+    assert last == pytest.approx(0.01 - 0.05 * regulates, rel=1e-4)
+
+
+@pytest.mark.parametrize("torque", ["brake", "gauge"])
+@pytest.mark.parametrize("droop", [0.02, 0.06])
+def test_a_droop_is_found_without_being_asked_for(droop, torque):
+    record = trial(droop)
+    outputs = {"torque": torque, "outputs": ["dn", "dM"]}
+    found, without = fp.identify(record, **outputs), fp.identify(record, **outputs, elements={"droop": False})
+    low, high = found["droop"].ci95
+    assert low < droop < high
+    assert found.elements["droop"]["state"] == "on"
+    assert "droop" not in without.parameters
+    assert found.settings["criterion"] < without.settings["criterion"]
+
+
+def test_a_governor_without_a_droop_is_given_none():
+    found = fp.identify(trial(0.0), torque="brake", outputs=["dn", "dM"])
+    assert "droop" not in found.parameters
+    assert found.elements["droop"]["state"] == "off"
+
+
+def test_a_declared_droop_is_fitted_and_may_be_zero():
+    structure = Structure.ship(["dead_time_loop", "dead_time_set_point", "actuator_lag", "droop"])
+    low, high = fp.identify(trial(0.0), structure)["droop"].ci95
+    assert low == 0.0 < high < 0.03
+    low, high = fp.identify(trial(0.04), structure)["droop"].ci95
+    assert low < 0.04 < high
+
+
+def test_the_response_of_a_drooping_ship_is_that_of_its_simulation():
+    structure = Structure.ship(["droop"])
+    values = {"tau_n": 1.4, "g": -0.5, "vK_p": 5.0, "vK_i": 6.0, "p": 2.0, "droop": 0.05}
+    rate_hz, seconds, hz, size = 100.0, 60.0, 0.2, 1e-3
+    time = np.arange(round(rate_hz * seconds)) / rate_hz
+    swing = np.exp(2j * np.pi * hz * time)
+    rest = {"n_e": 1600.0, "n_set": 1600.0, "M_b": 500.0}
+    signals = {"n_set": 1600.0 * (1.0 + size * swing.imag), "n_e": np.full(len(time), 1600.0)}
+    record = fp.Experiment("swing", rate_hz, {**signals, "M_b": np.full(len(time), 500.0)}, rest)
+    last = slice(len(time) // 2, None)
+    rows = structure.equations.simulate(values, record)[:, last]
+    simulated = (
+        2.0 * (rows - rows.mean(axis=1, keepdims=True)) @ swing[last].conj() / rows.shape[1] / size * 1j
+    )
+    (response,) = structure.equations.response(values, np.array([hz]), ())[0].T
+    np.testing.assert_allclose(simulated, response, rtol=3e-3)
