@@ -17,7 +17,7 @@ import threading
 import traceback
 import warnings
 from collections.abc import Callable, Iterator, Sequence
-from typing import Annotated, Any, TextIO
+from typing import Annotated, Any
 
 
 @contextlib.contextmanager
@@ -215,10 +215,7 @@ def _status(arguments: Sequence[str] | None, asked: list[int]) -> int:
         try:
             status = app(arguments, prog_name="shipfp", standalone_mode=False)
             sys.stdout.flush()
-        except (
-            BrokenPipeError,
-            SystemExit,
-        ):  # the reader has closed the pipe; click raises SystemExit
+        except (BrokenPipeError, SystemExit):  # the reader has closed the pipe; click raises SystemExit
             _leave_output()
             return DONE
         except (KeyboardInterrupt, typer.Abort):
@@ -285,12 +282,5 @@ def _line(text: str) -> None:
     print("shipfp:", *words, file=sys.stderr)
 
 
-def _show_warning(
-    message: Warning | str,
-    category: type[Warning],
-    filename: str,
-    lineno: int,
-    file: TextIO | None = None,
-    line: Any = None,
-) -> None:
+def _show_warning(message: Warning | str, *_: object, **__: object) -> None:
     _line(f"warning: {message}")

@@ -140,21 +140,14 @@ def _print(plan: Plan) -> None:
     estimates = {**plan.prediction.parameters, **plan.prediction.derived}
     print_text(f"{plan.subject}: {plan.kind}, {plan.criterion}-optimal", *plan.heading())
     marks, notes = footnotes(row.reason for row in estimates.values())
-    print_table(
-        "Predicted standard deviations",
-        ["parameter", "expected", "std", "% of value", "unit", ""],
-        [
-            [
-                name,
-                f"{row.value:.4g}" if row.value is not None else "",
-                f"{row.std:.2g}" if row.std is not None else "",
-                _percent(plan.prediction.relative_pct[name]) if name in plan.prediction.relative_pct else "",
-                unit_shown(row.unit),
-                mark,
-            ]
-            for (name, row), mark in zip(estimates.items(), marks, strict=True)
-        ],
-    )
+    shares, table = plan.prediction.relative_pct, []
+    for (name, row), mark in zip(estimates.items(), marks, strict=True):
+        value = "" if row.value is None else f"{row.value:.4g}"
+        std = "" if row.std is None else f"{row.std:.2g}"
+        share = _percent(shares[name]) if name in shares else ""
+        table.append([name, value, std, share, unit_shown(row.unit), mark])
+    head = ["parameter", "expected", "std", "% of value", "unit", ""]
+    print_table("Predicted standard deviations", head, table)
     print_text(*notes)
     if plan.needed is not None:
         met = "is met" if plan.needed.met else "is not met"

@@ -114,36 +114,15 @@ def _print(found: Inspection) -> None:
     from shipfp_rs.processing.trial_template import windows_toml
 
     late = any(report.channel.start_s for report in found.channels)
-    print_table(
-        f"Channels of {found.log}",
-        [
-            "channel",
-            "unit",
-            "Hz",
-            "samples",
-            *["start [s]"] * late,
-            "low",
-            "high",
-            "noise",
-            "pulses/s",
-            "gaps",
-        ],
-        [
-            [
-                report.channel.name,
-                report.channel.unit,
-                f"{report.channel.rate_hz:g}",
-                f"{report.channel.samples}",
-                *[f"{report.channel.start_s:g}"] * late,
-                f"{report.low:.5g}",
-                f"{report.high:.5g}",
-                "" if report.pulses_hz is not None else f"{report.noise:.2g}",
-                "" if report.pulses_hz is None else f"{report.pulses_hz:.2f}",
-                f"{len(report.gaps)}",
-            ]
-            for report in found.channels
-        ],
-    )
+    table = []
+    for report in found.channels:
+        about, pulses = report.channel, report.pulses_hz
+        recorded = (f"{about.rate_hz:g}", f"{about.samples}", *[f"{about.start_s:g}"] * late)
+        noise = f"{report.noise:.2g}" if pulses is None else ""
+        seen = (f"{report.low:.5g}", f"{report.high:.5g}", noise, "" if pulses is None else f"{pulses:.2f}")
+        table.append([about.name, about.unit, *recorded, *seen, f"{len(report.gaps)}"])
+    head = ["channel", "unit", "Hz", "samples", *["start [s]"] * late]
+    print_table(f"Channels of {found.log}", [*head, "low", "high", "noise", "pulses/s", "gaps"], table)
     if found.faults:
         rows = [[fault["kind"], fault["channel"], f"{fault['count']}"] for fault in found.faults]
         print_table("Faults (Table 6.10)", ["kind", "channel", "count"], rows)

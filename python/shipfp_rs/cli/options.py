@@ -248,22 +248,13 @@ def print_estimates(
     rows = [*rounded_rows(estimates, truth)]
     usual = STATUS["free"]
     marks, notes = footnotes("" if row.status == usual else row.status for row in rows)
-    print_table(
-        title,
-        ["parameter", *(["truth"] if truth else []), "estimate", "95 % from", "to", "unit", ""],
-        [
-            [
-                row.name,
-                *([row.truth and _zero(row.truth)] if truth else []),
-                _least(row.value, row.low, row.high),
-                _zero(row.low),
-                row.high,
-                unit_shown(row.unit) or "-",
-                mark,
-            ]
-            for row, mark in zip(rows, marks, strict=True)
-        ],
-    )
+    table = []
+    for row, mark in zip(rows, marks, strict=True):
+        true = [row.truth and _zero(row.truth)] if truth else []
+        figures = (_least(row.value, row.low, row.high), _zero(row.low), row.high)
+        table.append([row.name, *true, *figures, unit_shown(row.unit) or "-", mark])
+    head = ["parameter", *(["truth"] if truth else []), "estimate", "95 % from", "to", "unit", ""]
+    print_table(title, head, table)
     print_text(*notes)
 
 

@@ -38,19 +38,8 @@ reproduce = typer.Typer(
 )
 
 COLUMNS = {
-    "7.1": (
-        "tau_n",
-        "g",
-        "vK_p",
-        "K_p/K_i",
-        "p",
-        "tau_prop",
-        "T_d",
-        "T_set",
-        "vK_p/tau_n",
-        "(p-g)/(vK_i)+T_set-T_f",
-    ),
-    "twin": ("tau_n", "g", "p", "tau_prop", "vK_p", "vK_i", "T_d", "T_set"),
+    "7.1": "tau_n g vK_p K_p/K_i p tau_prop T_d T_set vK_p/tau_n (p-g)/(vK_i)+T_set-T_f",
+    "twin": "tau_n g p tau_prop vK_p vK_i T_d T_set",
 }
 """Parameters shown, for tables that do not show all."""
 TOO_WIDE = ("5.1",)
@@ -132,20 +121,18 @@ def _print(found: Reproduction) -> None:
     for table, rows in tables.items():
         if table in TOO_WIDE:
             continue
-        names = COLUMNS.get(table) or tuple(dict.fromkeys(name for row in rows for name in row.parameters))
-        fits = [output for output in FITS if any(output in row.fit for row in rows)]
-        print_table(
-            found.title if len(tables) == 1 else table if table.startswith("eq.") else f"Table {table}",
-            ["case, way, structure", *names, *(FITS[output] for output in fits)],
-            [
-                [
-                    ", ".join(part for part in (row.case, row.way, row.structure) if part),
-                    *(_shown(row.parameters.get(name)) for name in names),
-                    *(_shown(row.fit.get(output)) for output in fits),
-                ]
-                for row in rows
-            ],
+        names = COLUMNS.get(table, "").split() or list(
+            dict.fromkeys(name for row in rows for name in row.parameters)
         )
+        fits = [output for output in FITS if any(output in row.fit for row in rows)]
+        cells = []
+        for row in rows:
+            about = ", ".join(part for part in (row.case, row.way, row.structure) if part)
+            figures = [*map(row.parameters.get, names), *map(row.fit.get, fits)]
+            cells.append([about, *map(_shown, figures)])
+        title = found.title if len(tables) == 1 else table if table.startswith("eq.") else f"Table {table}"
+        head = ["case, way, structure", *names, *(FITS[output] for output in fits)]
+        print_table(title, head, cells)
         notes: dict[str, list[str]] = {}
         for row in rows:
             if row.notes and row.way != "printed":

@@ -147,44 +147,25 @@ def _tables(summary: Mapping[str, Any]) -> Iterator[tuple[str, list[str], list[l
     """Yield title, head and rows for the length of a trial, and for each factor."""
     if summary["trial_length"]:
         wanted = f"{summary['accuracy_pct']:.3g} %"
-        yield (
-            f"Shortest trial in which 95 of 100 estimates are within {wanted} of the truth",
-            ["parameter", "at", "duration"],
-            [
-                [
-                    row["parameter"],
-                    ", ".join(f"{key} {_shown(value)}" for key, value in row["factors"].items()),
-                    row["note"],
-                ]
-                for row in summary["trial_length"]
-            ],
-        )
+        title = f"Shortest trial in which 95 of 100 estimates are within {wanted} of the truth"
+        table = []
+        for row in summary["trial_length"]:
+            at = ", ".join(f"{key} {_shown(value)}" for key, value in row["factors"].items())
+            table.append([row["parameter"], at, row["note"]])
+        yield title, ["parameter", "at", "duration"], table
     for key, rows in summary["by_factor"].items():
-        yield (
-            f"by {key}",
-            ["", "parameter", "draws", "failed", "bias", "spread", "95 % within", "coverage"],
-            [
-                [
-                    _shown(row["factors"][key]),
-                    name,
-                    str(row["done"] + row["failed"]),
-                    _percent(row["failure_rate"]),
-                    *_figures(figures)[1:],
-                ]
-                for row in rows
-                for name, figures in row["parameters"].items()
-            ],
-        )
+        head = ["", "parameter", "draws", "failed", "bias", "spread", "95 % within", "coverage"]
+        table = []
+        for row in rows:
+            draws = (str(row["done"] + row["failed"]), _percent(row["failure_rate"]))
+            for name, figures in row["parameters"].items():
+                table.append([_shown(row["factors"][key]), name, *draws, *_figures(figures)[1:]])
+        yield f"by {key}", head, table
 
 
 def _figures(row: Mapping[str, Any]) -> list[str]:
-    return [
-        str(row["estimates"]),
-        _percent(row["bias"]),
-        _percent(row["spread"]),
-        _percent(row["error_95"]),
-        _percent(row["coverage"]),
-    ]
+    shares = (row[key] for key in ("bias", "spread", "error_95", "coverage"))
+    return [str(row["estimates"]), *map(_percent, shares)]
 
 
 def _percent(share: float | None) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -65,6 +65,15 @@ def with_nan(block: Samples) -> Samples:
     if not isinstance(block, np.ma.MaskedArray):
         return block
     return np.where(block.mask, np.nan, block.data) if np.ma.is_masked(block) else block.data
+
+
+def first_of(blocks: Iterable[Any], count: int) -> Iterator[Any]:
+    """Yield the first `count` rows of blocks, of NumPy or Arrow; no block after them is read."""
+    for block in blocks if count > 0 else ():
+        yield block[:count]
+        count -= len(block)
+        if count <= 0:
+            return
 
 
 def in_blocks(

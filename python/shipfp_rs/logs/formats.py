@@ -5,66 +5,28 @@ from __future__ import annotations
 import contextlib
 import re
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
 from shipfp_rs.errors import InputError, LogWarning, ShipfpError
+from shipfp_rs.support.files import words_of
 
 MOST_PACKED = 10_000
 """Largest plausible number of samples per byte of a file, reached with compression where a channel hardly changes."""
 MANY_SAMPLES = 1_000_000_000
 """Number of samples that is read within seconds, however small the file."""
-SUFFIXES = {
-    "parquet": ".parquet .pq",
-    "arrow_ipc": ".feather .arrow .arrows",
-    "delimited": ".csv .txt .tsv .tab .prn .lvm .log .asc .msl",
-    "famos": ".raw .dat",
-    "tdms": ".tdms",
-    "dewesoft": ".d7d .dxd",
-    "mdf": ".mf4 .mdf",
-    "hdf5": ".h5 .hdf5",
-    "matlab": ".mat",
-    "can_file": ".blf .trc",
-    "iso19848": ".json .xml",
-    "nmea2000": ".jsonl",
-}
+TOLD: Mapping[str, Any] = words_of("log_formats")
+"""Suffixes and first bytes of all formats; the file says what each table is of."""
+SUFFIXES: Mapping[str, str] = TOLD["suffixes"]
 MODULES = {suffix: module for module, suffixes in SUFFIXES.items() for suffix in suffixes.split()}
 """Module of `shipfp_rs.logs.readers` for each suffix, imported when such a file is first opened."""
-FORMATS: tuple[tuple[re.Pattern[bytes], str], ...] = (
-    (re.compile(rb"\s*date [A-Za-z0-9 :.]+\r?\n\s*base (?:hex|dec)", re.IGNORECASE), "can_file"),
-    (
-        re.compile(rb"\s*\([\d.: -]+\)\s+\S+\s+(?:[RT]X[ \-BE]+)?[0-9A-Fa-f]{3,8}(?:#|\s+\[\d+\])"),
-        "can_file",
-    ),
-    (
-        re.compile(rb"\s*(?:#.*\n)*\s*\d{4}-\d\d-\d\d[T-]\d\d:\d\d:[\d.]+Z?,\d,\d{4,6}(?:,\d{1,3}){3},"),
-        "nmea2000",
-    ),
-    (re.compile(rb'(?:\s*\{"version"[^\n]*\n)?\s*\{[^\n]*"pgn"\s*:\s*\d'), "nmea2000"),
-    (re.compile(rb"(?:\xef\xbb\xbf)?\s*[{<].{0,2000}?(?:TimeSeriesData|Package)", re.DOTALL), "iso19848"),
-    (re.compile(rb"(?:\xef\xbb\xbf)?\s*\"?ShipID\"?\s*[,;]", re.IGNORECASE), "iso19848"),
-)
-"""First bytes of the text formats that are recognised under any suffix, and their modules."""
-SIGNATURES = (
-    (b"MDF     ", "mdf"),
-    (b"UnFinMF ", "mdf"),
-    (b"TDSm", "tdms"),
-    (b"PAR1", "parquet"),
-    (b"ARROW1", "arrow_ipc"),
-    (b"\x89HDF", "hdf5"),
-    (b"MATLAB 5.0", "matlab"),
-    (b"MATLAB 7.3", "matlab"),
-    (b"LOGG", "can_file"),
-)
-"""First bytes of formats that are recognised only under a suffix shared by several formats, and their modules."""
+FORMATS = [
+    (re.compile(begin.encode()), name) for name, begins in TOLD["patterns"].items() for begin in begins
+]
+SIGNATURES = [(mark.encode("latin-1"), name) for name, marks in TOLD["signatures"].items() for mark in marks]
 TEXTS = frozenset(f"{SUFFIXES['delimited']} .raw .dat .json .jsonl .xml .trc".split())
-HINTS = {
-    **dict.fromkeys(
-        (".gz", ".zip", ".bz2", ".xz", ".zst", ".7z"), "a compressed file, expected a log; unpack it first"
-    ),
-    **dict.fromkeys((".xlsx", ".xls", ".ods"), "a spreadsheet, expected a log; save it as CSV"),
-    **dict.fromkeys((".toml",), "a configuration file, expected a log"),
-}
+HINTS = {suffix: hint for hint, suffixes in TOLD["hints"].items() for suffix in suffixes.split()}
 
 
 def of_text(suffix: str, begin: bytes) -> tuple[str, str]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import timedelta
 from itertools import pairwise
@@ -15,11 +15,11 @@ import numpy as np
 import numpy.typing as npt
 
 from shipfp_rs.errors import InputError
-from shipfp_rs.logs.channel import Blocks, Channel, Samples, with_nan
-from shipfp_rs.logs.faults.clock import FILL
+from shipfp_rs.logs.channel import Blocks, Channel, Samples, first_of, with_nan
+from shipfp_rs.logs.faults.clock import Segment, laid_out
 from shipfp_rs.logs.faults.record import Fault
 from shipfp_rs.logs.log import Log
-from shipfp_rs.support.arrays import Array, runs
+from shipfp_rs.support.arrays import Array, even_parts, runs
 from shipfp_rs.support.sentences import Sentence
 
 Rows = npt.NDArray[np.int64]
@@ -306,12 +306,9 @@ def _difference(placed: dict[str, _Placed], log: Log, label: str, place: float) 
         beside = f"{place - at:.2g} of a sample beside" if at >= 0 else f"{-at} samples before"
         return f"channel {label!r} lies {beside} those of {last}"
     row, stop = 0, min(own.end - at, log.channels[label].samples)
-    blocks = zip(
-        _even_blocks(_blocks_of(placed)(label, at, COMPARED), stop),
-        _even_blocks(log.raw_blocks(label, 0, COMPARED), stop),
-        strict=True,
-    )
-    for before, now in blocks:
+    both = (_blocks_of(placed)(label, at, COMPARED), log.raw_blocks(label, 0, COMPARED))
+    parts = (even_parts(map(with_nan, first_of(blocks, stop)), COMPARED) for blocks in both)
+    for before, now in (map(np.concatenate, pair) for pair in zip(*parts, strict=True)):
         other = np.flatnonzero(~((before == now) | ((before != before) & (now != now))))
         if len(other):
             k = int(other[0])
@@ -321,20 +318,6 @@ def _difference(placed: dict[str, _Placed], log: Log, label: str, place: float) 
             )
         row += len(now)
     return ""
-
-
-def _even_blocks(blocks: Iterable[Samples], stop: int) -> Iterator[Samples]:
-    """Yield the first `stop` samples in blocks of `COMPARED`, the last one shorter."""
-    held: list[Samples] = []
-    for block in blocks:
-        held.append(with_nan(block[:stop]))
-        stop -= len(held[-1])
-        while sum(map(len, held)) >= COMPARED or (not stop and held):
-            joined = np.concatenate(held)
-            yield joined[:COMPARED]
-            held = [joined[COMPARED:]] if len(joined) > COMPARED else []
-        if not stop:
-            return
 
 
 def _require_same(first: Log, other: Log) -> None:
@@ -379,18 +362,12 @@ def _span(channels: Collection[Channel]) -> tuple[float, float]:
 
 
 def _blocks_of(placed: dict[str, _Placed]) -> Blocks:
-    def read(channel: str, first: int, size: int) -> Iterator[Samples]:
-        at = first
-        for start, log in placed[channel].pieces:
-            while at < start:
-                yield np.full(min(start - at, size, FILL), np.nan)
-                at += min(start - at, size, FILL)
-            if at < start + log.channels[channel].samples:
-                for block in log.raw_blocks(channel, at - start, size):
-                    yield block
-                    at += len(block)
-
-    return read
+    return laid_out(
+        lambda name: (
+            (Segment(0, log.channels[name].samples, start), log.raw_blocks)
+            for start, log in placed[name].pieces
+        )
+    )
 
 
 def merge(logs: Sequence[Log], name: str = "") -> Log:

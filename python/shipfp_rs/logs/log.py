@@ -19,7 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from shipfp_rs.errors import InputError
-from shipfp_rs.logs.channel import BLOCK, Blocks, Channel, Samples, blocks_of, whole, with_nan
+from shipfp_rs.logs.channel import BLOCK, Blocks, Channel, Samples, blocks_of, first_of, whole, with_nan
 from shipfp_rs.logs.faults.record import Fault
 from shipfp_rs.logs.formats import (
     HINTS,
@@ -394,14 +394,8 @@ class Log(hints.Hinted):
             Channel and stretch; see `rows` for these and for errors.
         """
         first, last = self.rows(name, start_s, stop_s)
-        left = last - first
-        if left <= 0:
-            return
-        for block in self._blocks(name, first, size):
-            yield with_nan(block[:left])
-            left -= len(block)
-            if left <= 0:
-                return
+        if last > first:
+            yield from map(with_nan, first_of(self._blocks(name, first, size), last - first))
 
     def raw_blocks(self, name: str, first: int = 0, size: int | None = None) -> Iterator[Samples]:
         """Yield a channel as stored by `write`: gaps masked, all arrays of one dtype.

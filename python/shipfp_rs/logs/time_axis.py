@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from shipfp_rs.errors import InputError
-from shipfp_rs.logs.channel import BLOCK, Blocks, Channel, Samples
+from shipfp_rs.logs.channel import BLOCK, Blocks, Channel, Samples, first_of
 from shipfp_rs.logs.faults.clock import (
     LONGEST_GAP,
     MOST_JUMPS,
@@ -27,7 +27,7 @@ from shipfp_rs.logs.faults.clock import (
 from shipfp_rs.logs.faults.record import Fault
 from shipfp_rs.logs.formats import warn
 from shipfp_rs.logs.joining import CoarseClock, find_coarse
-from shipfp_rs.support.arrays import Array, Mask, joined
+from shipfp_rs.support.arrays import Array, Mask, joined, unmasked
 from shipfp_rs.support.sentences import Sentence
 
 Times = Callable[[], Iterable[Array]]
@@ -349,15 +349,9 @@ def finer(channel: Channel, blocks: Blocks, rate_hz: float, *, held: bool) -> tu
 
 
 def _rows(blocks: Blocks, channel: str, first: int, stop: int) -> Array:
-    parts: list[Array] = []
-    left = stop - first
-    for block in blocks(channel, first, left):
-        block = block[:left]
-        parts.append(np.ma.filled(np.ma.asarray(block, dtype=np.float64), np.nan))
-        left -= len(block)
-        if left <= 0:
-            break
-    return np.concatenate([np.empty(0), *parts, np.full(max(left, 0), np.nan)])
+    count = stop - first
+    parts = [unmasked(block) for block in first_of(blocks(channel, first, count), count)]
+    return np.concatenate([np.empty(0), *parts, np.full(count - sum(map(len, parts)), np.nan)])
 
 
 def _has_two_states(blocks: Blocks, channel: str) -> bool:

@@ -165,10 +165,7 @@ def render(
         (
             "loop",
             say("The speed loop"),
-            [
-                *loop.section(fingerprint, figures, say),
-                *loop.steps(experiments, say),
-            ],
+            [*loop.section(fingerprint, figures, say), *loop.steps(experiments, say)],
         ),
         ("signals", say("Signals and model"), _signals(experiments, simulated, pictures, say)),
         ("held-out", say("Windows held out"), _held_out(held_out, pictures, say)),
@@ -283,19 +280,13 @@ def _held_out(held_out: Sequence[HeldOut], pictures: Pictures, say: Say) -> Iter
     yield markup.paragraph(
         say("These windows were not fitted. The fit predicts them; a good one has 95 % in its band.")
     )
-    yield markup.table(
-        say("prediction of the windows held out"),
-        say.each("experiment", "output", "predicted [%]", "samples in the band [%]"),
-        [
-            [
-                one.measured.name,
-                markup.Cell(output, code=True),
-                *(markup.number(f"{row[key]:.4g}") for key in row if row[key] is not None),
-            ]
-            for one in held_out
-            for output, row in one.score.items()
-        ],
-    )
+    rows: list[markup.Row] = []
+    for one in held_out:
+        for output, row in one.score.items():
+            figures = [markup.number(f"{value:.4g}") for value in row.values() if value is not None]
+            rows.append([one.measured.name, markup.Cell(output, code=True), *figures])
+    head = say.each("experiment", "output", "predicted [%]", "samples in the band [%]")
+    yield markup.table(say("prediction of the windows held out"), head, rows)
     for one in held_out:
         said = say("{name}, held out: what the prediction misses, and its 95 % band.", name=one.measured.name)
         yield pictures.draw(len(one.band), partial(plot.held_out, one), said, saved=False)
@@ -322,21 +313,13 @@ def _also(also: Also | None, pictures: Pictures, say: Say) -> Iterable[str]:
     _, sentence, fingerprint, pairs = also
     yield markup.paragraph(say(sentence))
     yield from _responses(pairs, pictures, say)
-    yield markup.table(
-        say(also[0]),
-        say.each("symbol", "name", "estimate", "95 % interval", "unit"),
-        [
-            [
-                markup.Cell(row.name, code=True),
-                say.name(row.name),
-                markup.number(row.value),
-                markup.number(operating.ends(row, say)),
-                unit_shown(row.unit),
-            ]
-            for row in rounded_rows({**fingerprint.parameters, **fingerprint.derived})
-            if row.low
-        ],
-    )
+    rows: list[markup.Row] = []
+    for row in rounded_rows({**fingerprint.parameters, **fingerprint.derived}):
+        figures = (markup.number(row.value), markup.number(operating.ends(row, say)), unit_shown(row.unit))
+        if row.low:
+            rows.append([markup.Cell(row.name, code=True), say.name(row.name), *figures])
+    head = say.each("symbol", "name", "estimate", "95 % interval", "unit")
+    yield markup.table(say(also[0]), head, rows)
 
 
 def _settings(fingerprint: Fingerprint, say: Say) -> Iterable[str]:
@@ -345,11 +328,7 @@ def _settings(fingerprint: Fingerprint, say: Say) -> Iterable[str]:
         [say("software"), say("version")],
         [[name, version] for name, version in fingerprint.versions.items()],
     )
-    content = {
-        "structure": fingerprint.structure,
-        "settings": fingerprint.settings,
-        "seed": fingerprint.seed,
-    }
+    content = {"structure": fingerprint.structure, "settings": fingerprint.settings, "seed": fingerprint.seed}
     yield markup.details(
         say("Structure, settings and seed"), markup.piece("preformatted", _outline(content)), printed=False
     )

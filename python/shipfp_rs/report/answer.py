@@ -293,11 +293,8 @@ def loop_rows(
             value, told = interval(row, estimate, say, with_end=False), say("known only roughly")
             if estimate.ci95 is not None and estimate.ci95[1] > OPEN_ABOVE * abs(estimate.value or 0.0):
                 value = say("at least {low}", low=say.number(f"{estimate.ci95[0]:.2g}"))
-        value = (
-            f"{value}\u00a0{unit_shown(row.unit)}".strip().replace("\u00a0°", "°")
-            if row.value
-            else say("none")
-        )
+        value = f"{value}\u00a0{unit_shown(row.unit)}".strip().replace("\u00a0°", "°")
+        value = value if row.value else say("none")
         if row.value and row.name == "gain margin":
             value = say("{factor} times", factor=value.strip())
         if not row.value and row.name == "gain margin" and estimate.reason == "there is none":
@@ -391,10 +388,7 @@ def _sharpened(fingerprint: Fingerprint, names: Sequence[str], say: Say) -> str:
 
 def short_name(symbol: str, say: Say) -> str:
     """Name of a parameter in a sentence: an inertia by what rotates, any other parameter by its plain name."""
-    turning = {
-        "tau_n": say("inertia of the drive train"),
-        "tau_prop": say("inertia behind the torque gauge"),
-    }
+    turning = {"tau_n": say("inertia of the drive train"), "tau_prop": say("inertia behind the torque gauge")}
     return turning.get(symbol) or say.name(symbol) or symbol
 
 

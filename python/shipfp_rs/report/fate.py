@@ -76,14 +76,8 @@ def _recorded(experiments: Sequence[Experiment], say: Say) -> str:
         cut_from = [e for e in group if "recorded" in e.provenance]
         for channel in dict.fromkeys(name for e in cut_from for name in e.provenance["recorded"]):
             fate = _fates(channel, cut_from)
-            rows.append(
-                [
-                    Cell(channel, code=True),
-                    log,
-                    count(len(fate)),
-                    *(count(int(np.count_nonzero(fate == code)), len(fate)) for code in FATES),
-                ]
-            )
+            by_code = (count(int(np.count_nonzero(fate == code)), len(fate)) for code in FATES)
+            rows.append([Cell(channel, code=True), log, count(len(fate)), *by_code])
     if not rows:
         return ""
     head = say.each("channel", "log", "recorded", *FATES.values())
@@ -130,18 +124,9 @@ def _fitted(fingerprint: Fingerprint, experiments: Sequence[Experiment], say: Sa
         held = experiment.name in fingerprint.held_out
         left_out = samples - (0 if held else int(records.get(experiment.name, {}).get("used", samples)))
         why = say("held out") if held else why
-        rows.append(
-            [
-                experiment.name,
-                experiment.kind,
-                number(f"{experiment.duration:g}"),
-                number(f"{experiment.rate_hz:g}"),
-                count(samples),
-                count(samples - left_out, samples),
-                count(left_out, samples),
-                Cell(why, tone="note"),
-            ]
-        )
+        shares = (count(samples - left_out, samples), count(left_out, samples))
+        about = (number(f"{experiment.duration:g}"), number(f"{experiment.rate_hz:g}"), count(samples))
+        rows.append([experiment.name, experiment.kind, *about, *shares, Cell(why, tone="note")])
     if not rows:
         return ""
     head = say.each("experiment", "kind", "length [s]", "rate [Hz]", "samples", "fitted", "left out", "why")
@@ -157,18 +142,10 @@ def _faults(experiments: Sequence[Experiment], say: Say) -> str:
         for fault in faults(experiment):
             kind = say(wording.FAULTS.get(fault.kind, fault.kind))
             treated = "" if fault.kept else f"{say('cut' if fault.cut else 'repaired')}: "
-            per_minute = 60.0 * len(fault.spans) / experiment.duration
-            rows.append(
-                [
-                    kind,
-                    experiment.name,
-                    Cell(fault.channel, code=True),
-                    treated + say(fault.method),
-                    number(str(len(fault.spans))),
-                    number(f"{per_minute:.3g}"),
-                    number(str(fault.samples)),
-                ]
-            )
+            per_minute = f"{60.0 * len(fault.spans) / experiment.duration:.3g}"
+            counts = map(number, (str(len(fault.spans)), per_minute, str(fault.samples)))
+            where = (experiment.name, Cell(fault.channel, code=True))
+            rows.append([kind, *where, treated + say(fault.method), *counts])
             shown = ", ".join(f"{first}–{stop - 1}" for first, stop in fault.spans[:SPANS_SHOWN])
             rest = len(fault.spans) - SPANS_SHOWN
             more = say(" and {rest} more", rest=rest) if rest > 0 else ""
@@ -189,21 +166,15 @@ def log_quality(experiments: Sequence[Experiment], say: Say) -> Iterable[str]:
         if not isinstance(speed.get("median_rpm"), Mapping):
             continue
         medians = speed["median_rpm"]
-        apart = 100.0 * (max(medians.values()) / min(medians.values()) - 1.0)
+        apart = f"{100.0 * (max(medians.values()) / min(medians.values()) - 1.0):.2g}" * (len(medians) > 1)
         reflectors = speed.get("reflectors", {})
         fractions = np.asarray(reflectors.get("fractions", ()), dtype=np.float64)
         off = f"{100.0 * np.abs(fractions * fractions.size - 1.0).max():.2f}" if fractions.size > 1 else ""
-        rows.append(
-            [
-                experiment.name,
-                Cell(str(speed.get("train", "")), code=True),
-                number(str(speed.get("pulses_per_rev", ""))),
-                number(f"{speed.get('bandwidth_hz', float('nan')):.3g}"),
-                number(f"{apart:.2g}" if len(medians) > 1 else ""),
-                number(off),
-                Cell(str(reflectors.get("reason") or ""), tone="note"),
-            ]
-        )
+        bandwidth = f"{speed.get('bandwidth_hz', float('nan')):.3g}"
+        figures = (speed.get("pulses_per_rev", ""), bandwidth, apart, off)
+        why = Cell(str(reflectors.get("reason") or ""), tone="note")
+        train = Cell(str(speed.get("train", "")), code=True)
+        rows.append([experiment.name, train, *(number(str(figure)) for figure in figures), why])
     if rows:
         head = say.each(
             "experiment",

@@ -13,34 +13,16 @@ from shipfp_rs.identification.estimate import OPEN, Estimate, is_rough, rounded_
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.identification.fingerprint_content import ALARM
 from shipfp_rs.identification.first_guesses import operating_point
-from shipfp_rs.report.answer import (
-    at_an_end,
-    interval,
-    may_be_zero,
-    of_what,
-    undetermined,
-)
+from shipfp_rs.report.answer import at_an_end, interval, may_be_zero, of_what, undetermined
 from shipfp_rs.report.markup import Cell, Row, Say, bullets, link, number, paragraph, piece, table
 from shipfp_rs.report.pictures import NARROW, Pictures
 from shipfp_rs.structures import glossary
+from shipfp_rs.support.files import words_of
 from shipfp_rs.support.sentences import Sentence
 from shipfp_rs.support.units import unit_shown
 
 TONES = {"on its bound": "warn", "not identifiable": "bad"}
-FIGURES: Mapping[str, str] = {
-    "mse": "mean squared error",
-    "samples": "samples",
-    "deviance": "deviance: minus twice the logarithm of the likelihood",
-    "fpe": "final prediction error (FPE)",
-    "aic": "Akaike's criterion (AIC)",
-    "aicc": "Akaike's criterion for few samples (AICc)",
-    "bic": "Bayesian criterion (BIC)",
-    "caic": "consistent Akaike criterion (CAIC)",
-    "structure_p": "probability of such residuals, were the structure right (p)",
-    "structure_misses_pct": "share of the residuals that the set point explains [%]",
-    "chi_squared": "chi-squared",
-    "degrees_of_freedom": "degrees of freedom",
-}
+FIGURES: Mapping[str, str] = words_of("report_words")["figures"]
 """Names of a fit's statistics in the report."""
 UNEVEN = 1.5
 """Ratio of the longer to the shorter side of an interval; from it on, the report explains the asymmetry."""
@@ -224,28 +206,17 @@ def elements(fingerprint: Fingerprint, say: Say) -> Iterable[str]:
             "excludes zero. It is undecided if its interval holds both zero and values that would matter."
         )
     )
+    rows: list[Row] = []
+    for name, row in fingerprint.elements.items():
+        found = Cell(
+            say(STATES[row["state"]]), tone="" if fingerprint.why_not else TONES_OF_STATES[row["state"]]
+        )
+        # An element with which the fit was worse than without has gained nothing.
+        gain = "" if row["evidence"] is None else f"{max(row['evidence'], 0.0):.3g}"
+        limit = _limit(name, row, fingerprint, say)
+        rows.append([say(row["words"]), found, number(gain, key=row["evidence"]), limit])
     head = say.each("element", "found", "change of the deviance", "limit at 95 %")
-    yield table(
-        say("elements of the model"),
-        head,
-        [
-            [
-                say(row["words"]),
-                Cell(
-                    say(STATES[row["state"]]),
-                    tone="" if fingerprint.why_not else TONES_OF_STATES[row["state"]],
-                ),
-                number("" if row["evidence"] is None else f"{_gain(row):.3g}", key=row["evidence"]),
-                _limit(name, row, fingerprint, say),
-            ]
-            for name, row in fingerprint.elements.items()
-        ],
-    )
-
-
-def _gain(row: Mapping[str, Any]) -> float:
-    """Gain in fit by an element; zero if the fit with the element was worse than without."""
-    return max(float(row["evidence"] or 0.0), 0.0)
+    yield table(say("elements of the model"), head, rows)
 
 
 def _limit(name: str, row: Mapping[str, Any], fingerprint: Fingerprint, say: Say) -> str:
@@ -366,20 +337,14 @@ def _residual_tests(fingerprint: Fingerprint, pictures: Pictures, say: Say) -> I
             threshold=f"{threshold:.2g}",
         )
     )
-    rows: list[Row] = [
-        [
-            say(wording.OUTPUTS.get(output, output)),
-            *_tested(
-                row.get("input_correlation_p"),
-                threshold,
-                say("independent of the set point"),
-                say("follows the set point"),
-            ),
-            number(_two(row.get("input_explained_pct"))),
-            *_tested(row.get("whiteness_p"), threshold, say("white"), say("coloured")),
-        ]
-        for output, row in tested.items()
-    ]
+    rows: list[Row] = []
+    passed = (say("independent of the set point"), say("white"))
+    failed = (say("follows the set point"), say("coloured"))
+    for output, row in tested.items():
+        told = [row.get(name) for name in ("input_correlation_p", "whiteness_p")]
+        by_set_point, white = map(partial(_tested, threshold), told, passed, failed)
+        share = number(_two(row.get("input_explained_pct")))
+        rows.append([say(wording.OUTPUTS.get(output, output)), *by_set_point, share, *white])
     head = say.each(
         "output", "set point, p", "verdict", "share of the residuals explained [%]", "whiteness, p", "verdict"
     )
@@ -417,7 +382,7 @@ def _outside(test: Mapping[str, Sequence[float]], say: Say) -> str:
     return say("{count} of {lags} lags outside the band", count=count or say("none"), lags=len(test["lags"]))
 
 
-def _tested(p: float | None, threshold: float, passed: str, failed: str) -> tuple[Cell, Cell | str]:
+def _tested(threshold: float, p: float | None, passed: str, failed: str) -> tuple[Cell, Cell | str]:
     if p is None:
         return number(""), ""
     text = f"{p:.2g}" if p > 1e-6 else "< 1e-6"

@@ -52,20 +52,14 @@ def section(fingerprint: Fingerprint, loop: Mapping[str, Estimate], say: Say) ->
         return
     yield paragraph(say("Computed from the model linearised about the operating point, for small motions."))
     loop = {name: scaled(one, 100.0, "%") if name == "overshoot" else one for name, one in loop.items()}
-    yield table(
-        say("poles, margins and gains of the loop"),
-        say.each("figure", "estimate", "95 % interval", "unit", "note"),
-        [
-            [
-                say.name(row.name) or say(row.name),
-                number(row.value, key=loop[row.name].value),
-                number(interval(row, loop[row.name], say, with_end=False)),
-                unit_shown(row.unit),
-                Cell(say(row.reason) or at_an_end(loop[row.name], say), tone="note"),
-            ]
-            for row in rounded_rows(loop)
-        ],
-    )
+    rows: list[Row] = []
+    for row in rounded_rows(loop):
+        one = loop[row.name]
+        figures = (number(row.value, key=one.value), number(interval(row, one, say, with_end=False)))
+        note = Cell(say(row.reason) or at_an_end(one, say), tone="note")
+        rows.append([say.name(row.name) or say(row.name), *figures, unit_shown(row.unit), note])
+    head = say.each("figure", "estimate", "95 % interval", "unit", "note")
+    yield table(say("poles, margins and gains of the loop"), head, rows)
 
 
 def scaled(estimate: Estimate, factor: float, unit: str) -> Estimate:
@@ -78,32 +72,20 @@ def scaled(estimate: Estimate, factor: float, unit: str) -> Estimate:
 def steps(experiments: Iterable[Experiment], say: Say) -> Iterable[str]:
     """Yield the table of measured load steps; empty if there are none."""
     experiments = list(experiments)
-    rows: list[Row] = [
-        [
-            experiment.name,
-            number(f"{experiment.start_s + one.at_s:.1f}"),
-            number(f"{one.step:+.3g}"),
-            number(f"{one.deviation_pct:.2g}"),
-            number(_recovered(one.recovery_s, say), key=one.recovery_s),
-        ]
-        for experiment in experiments
-        for one in measured_steps(experiment)
-    ]
+    rows: list[Row] = []
+    for experiment in experiments:
+        for one in measured_steps(experiment):
+            at = f"{experiment.start_s + one.at_s:.1f}"
+            figures = map(number, (at, f"{one.step:+.3g}", f"{one.deviation_pct:.2g}"))
+            back = number(_recovered(one.recovery_s, say), key=one.recovery_s)
+            rows.append([experiment.name, *figures, back])
     if rows:
+        known = all(experiment.unit("M_load") for experiment in experiments)
+        step = say("load step [Nm]" if known else "load step [unit of the load]")
+        head = [*say.each("experiment", "at [s]"), step]
+        head += say.each("speed deviates by [%]", "back within 2 % after [s]")
         yield piece("heading", say("Load steps as measured"))
-        yield table(
-            say("measured load steps"),
-            say.each(
-                "experiment",
-                "at [s]",
-                "load step [Nm]"
-                if all(experiment.unit("M_load") for experiment in experiments)
-                else "load step [unit of the load]",
-                "speed deviates by [%]",
-                "back within 2 % after [s]",
-            ),
-            rows,
-        )
+        yield table(say("measured load steps"), head, rows)
 
 
 def _recovered(seconds: float | None, say: Say) -> str:

@@ -13,20 +13,14 @@ from markupsafe import Markup
 from shipfp_rs.structures import glossary
 from shipfp_rs.structures.names import plain_name
 from shipfp_rs.support.arguments import one_of
+from shipfp_rs.support.files import words_of
 from shipfp_rs.support.sentences import LANGUAGES, Sentence, catalogue, filled
 from shipfp_rs.support.tables import environment
 
 NUMBER = re.compile(r"[-+]?\d+\.\d+(e[-+]?\d+)?")
 POINT = re.compile(r"(?<=\d)\.(?=\d)")
 """A decimal point between two digits."""
-KINDS = {
-    "sine": "one sine",
-    "sines": "sines one after the other",
-    "chirp": "chirp, a gliding sine",
-    "multisine": "sum of sines",
-    "squares": "square waves",
-    "prbs": "pseudo-random steps",
-}
+KINDS: Mapping[str, str] = words_of("report_words")["motions"]
 """Motion of the set point in words, by kind of window; other kinds are plain words or given by the user."""
 LABEL = re.compile(r"(.*?)((?: (?:[$\[(]|\w+_).*)?)$")
 """A label of an axis or a legend: words, followed by symbols, units and fractions."""

@@ -62,7 +62,8 @@ def facts(
         turning = 2.0 * math.pi * speed_rpm / 60.0 / ratio
         power_kW = abs(torque_Nm * turning) / 1e3
         told.append(f"{power_kW:.0f}\u00a0kW" if power_kW >= LARGE_KW else f"{power_kW:.3g}\u00a0kW")
-    rows = [(say("operating point"), "", say.number(", ".join(told)), "", _place(signal, say))]
+    place = say("speed and brake torque" if signal == ENGINE_SIDE else "speed and gauge torque")
+    rows = [(say("operating point"), "", say.number(", ".join(told)), "", place)]
     if fingerprint.why_not:
         return rows
     by_vessel = any("seen_from" not in row for row in fingerprint.si.values())
@@ -80,10 +81,6 @@ def facts(
             _fact(name, scaled(whole, 0.5, "s"), say("on the power of the operating point"), say, "H")
         )
     return rows
-
-
-def _place(signal: str, say: Say) -> str:
-    return say("speed and brake torque") if signal == ENGINE_SIDE else say("speed and gauge torque")
 
 
 def _fact(name: str, estimate: Estimate, more: str, say: Say, symbol: str = "") -> Fact:
@@ -104,25 +101,16 @@ def section(fingerprint: Fingerprint, pictures: Pictures, say: Say) -> Iterable[
         yield piece(
             "heading", say("The load's side by itself (speed and torque alone, no model of the drive)")
         )
-        rows = [*beside_the_whole(fingerprint)]
-        bare = not any(whole.low for _, whole in rows)
-        head = [*say.each("symbol", "name", "by itself", "95 % interval"), say("whole model")]
-        yield table(
-            say("the load's side by itself and by the whole model"),
-            [*head, *([] if bare else [say("95 % interval")]), say("unit")],
-            [
-                [
-                    Cell(alone.name, code=True),
-                    say.name(alone.name),
-                    number(alone.value),
-                    number(ends(alone, say)),
-                    number(whole.value),
-                    *([] if bare else [number(ends(whole, say))]),
-                    unit_shown(alone.unit),
-                ]
-                for alone, whole in rows
-            ],
-        )
+        pairs = [*beside_the_whole(fingerprint)]
+        known = any(whole.low for _, whole in pairs)
+        rows: list[Sequence[Cell | str]] = []
+        for alone, whole in pairs:
+            own = (Cell(alone.name, code=True), say.name(alone.name), number(alone.value))
+            others = (number(ends(alone, say)), number(whole.value), *[number(ends(whole, say))] * known)
+            rows.append([*own, *others, unit_shown(alone.unit)])
+        head = say.each("symbol", "name", "by itself", "95 % interval", "whole model")
+        head += [*[say("95 % interval")] * known, say("unit")]
+        yield table(say("the load's side by itself and by the whole model"), head, rows)
         yield paragraph(say(agreement(fingerprint)))
     if fingerprint.engine_described and (drawn := beyond(fingerprint, pictures, say)):
         yield drawn

@@ -7,6 +7,7 @@ import csv
 import io
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from importlib import resources
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -44,27 +45,11 @@ HELP = (
     "n and p go from fault to fault."
 )
 
-BUTTONS = (
-    "zoom of",
-    "zoom in",
-    "zoom out",
-    "earlier",
-    "later",
-    "all",
-    "show all",
-    "fault",
-    "previous fault",
-    "next fault",
-    "save as CSV",
-    "save as PNG",
-    "show or hide",
-    "zoomable plot",
-    "to",
-    "of",
-    "at",
-    "time [s]",
-    "time [h:min:s]",
-    "masked",
+SCRIPT = (resources.files("shipfp_rs.report") / "zoom.js").read_text(encoding="utf-8")
+BUTTONS = tuple(
+    dict.fromkeys(
+        text for said in re.findall(r"\.say\(([^()]*)\)", SCRIPT) for text in re.findall(r'"(.+?)"', said)
+    )
 )
 """Texts of zoom.js."""
 
@@ -88,7 +73,7 @@ def _chart(experiment: Experiment, model: Mapping[str, Array], width: int, say: 
         for name, samples in experiment.signals.items():
             if UNITS[name] != unit:
                 continue
-            label = say.label(_label(name))
+            label = say.label(style.LABELS[name].translate(str.maketrans("", "", "${}")))
             kind = "broad" if name in model else "dashed" if name == "n_set" else ""
             series.append(_series(label, style.COLOURS[name], samples, width, kind))
             if name in model:
@@ -96,11 +81,12 @@ def _chart(experiment: Experiment, model: Mapping[str, Array], width: int, say: 
                 series.append(_series(say("model of {name}", name=name), MODEL, fitted, width))
                 less = say("{name} minus the model", name=name)
                 rest = _series(less, style.GREY, samples - fitted, width)
-                left.append(_panel(say("{name} − model [{unit}]", name=name, unit=unit), [rest]))
+                about = say("{name} − model [{unit}]", name=name, unit=unit)
+                left.append({"label": about, "series": [rest], "marks": []})
         marks = [_mark(fault, experiment, say) for fault in marked if UNITS.get(fault.signal) == unit]
         if not marks:
             marks = [_mark(fault, experiment, say) for fault in _masked(experiment, unit)]
-        panels += [_panel(say.label(style.QUANTITIES[unit]), series, marks), *left]
+        panels += [{"label": say.label(style.QUANTITIES[unit]), "series": series, "marks": marks}, *left]
     content = {
         "start": experiment.start_s,
         "seconds": experiment.duration,
@@ -142,21 +128,8 @@ def _masked(experiment: Experiment, unit: str) -> Iterator[Fault]:
     """Yield masked stretches of signals without a localised fault."""
     for name, samples in experiment.signals.items():
         if UNITS[name] == unit and np.isnan(samples).any():
-            spans = runs(np.isnan(samples))
-            yield Fault(
-                Sentence("masked samples"),
-                name,
-                Sentence("not fitted"),
-                name,
-                spans,
-                spans / experiment.rate_hz,
-            )
-
-
-def _panel(
-    label: str, series: Sequence[dict[str, Any]], marks: Sequence[dict[str, Any]] = ()
-) -> dict[str, Any]:
-    return {"label": label, "series": series, "marks": marks}
+            spans, what = runs(np.isnan(samples)), Sentence("masked samples")
+            yield Fault(what, name, Sentence("not fitted"), name, spans, spans / experiment.rate_hz)
 
 
 def _series(label: str, colour: str, samples: Array, width: int, kind: str = "") -> dict[str, Any]:
@@ -198,10 +171,6 @@ def _mark(fault: Fault, experiment: Experiment, say: Say) -> dict[str, Any]:
         "count": len(fault.spans_s),
         "spans": places.tolist(),
     }
-
-
-def _label(name: str) -> str:
-    return style.LABELS[name].translate(str.maketrans("", "", "${}"))
 
 
 WIDE = 8.0
@@ -345,12 +314,8 @@ def _above(ax: Axes, size: float) -> float:
 
 def _below(ax: Axes, size: float) -> float:
     """Room for the labels of the horizontal axis and its ticks [in]."""
-    ticks = (
-        1.6 * size
-        if any(tick.label1.get_visible() for tick in ax.xaxis.get_major_ticks()[:1])
-        else 0.4 * size
-    )
-    return ticks + (1.7 * size if ax.get_xlabel() else 0.0)
+    ticked = any(tick.label1.get_visible() for tick in ax.xaxis.get_major_ticks()[:1])
+    return size * ((1.6 if ticked else 0.4) + (1.7 if ax.get_xlabel() else 0.0))
 
 
 def columns_csv(columns: Mapping[str, Array], digits: int = 9) -> str:

@@ -196,8 +196,7 @@ def check_fields(made: Any, label: str) -> None:
         if isinstance(value, np.generic | np.ndarray) and value.ndim == 0 and value.dtype.kind in "iuf":
             given[name] = value.item()
             object.__setattr__(made, name, given[name])
-    for name, value in given.items():
-        if isinstance(value, str) and not is_one_line(value):
+        elif isinstance(value, str) and not is_one_line(value):
             raise InputError(f"{label}: {name} is {told(value)}, expected a text without control characters")
     _require(label, type(made), given)
 
@@ -283,11 +282,8 @@ def _rule(hint: Any) -> Rule:
         return _rule_of_entries(kind, inner)
     if Callable in (hint, origin):
         return Rule("a function", callable)
-    if (
-        inspect.isclass(hint)
-        and origin is None
-        and (not getattr(hint, "_is_protocol", False) or getattr(hint, "_is_runtime_protocol", False))
-    ):
+    checkable = not getattr(hint, "_is_protocol", False) or getattr(hint, "_is_runtime_protocol", False)
+    if inspect.isclass(hint) and origin is None and checkable:
         return Rule(_a(hint), lambda value: isinstance(value, hint))
     return ALL
 
@@ -321,7 +317,12 @@ def _rule_of_entries(kind: type, inner: tuple[Any, ...]) -> Rule:
     return Rule(
         f"a list, each {rules[0].words}",
         lambda value: _is_sequence(value, kind, inner[0]),
-        lambda value: ((place, one, rules[0]) for place, one in enumerate(_looked_at(value))),
+        # Iterators, which would be consumed, and arrays, which are checked as a whole, have no entries to check.
+        lambda value: (
+            ((place, one, rules[0]) for place, one in enumerate(itertools.islice(value, LOOKED_AT)))
+            if not isinstance(value, Iterator | np.ndarray)
+            else ()
+        ),
     )
 
 
@@ -348,11 +349,6 @@ def _is_sequence(value: Any, kind: type, hint: Any) -> bool:
         )
     once = kind is Iterable and isinstance(value, Iterator)
     return once or (hasattr(value, "__len__") and hasattr(value, "__iter__"))
-
-
-def _looked_at(value: Any) -> Iterable[Any]:
-    """Entries to check. Iterators, which would be consumed, and arrays, which are checked as a whole, have none."""
-    return () if isinstance(value, Iterator | np.ndarray) else itertools.islice(value, LOOKED_AT)
 
 
 def told(value: Any) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Iterable, Mapping, Sequence, Sized
+from collections.abc import Iterable, Iterator, Mapping, Sequence, Sized
 from dataclasses import fields, is_dataclass
 from typing import Any
 
@@ -81,6 +81,22 @@ def same(one: Any, other: Any) -> bool:
     if isinstance(one, list | tuple) and isinstance(other, list | tuple):
         return len(one) == len(other) and all(map(same, one, other))
     return bool(one == other)
+
+
+def even_parts(pieces: Iterable[Numbers], size: int) -> Iterator[list[Numbers]]:
+    """Yield the pieces of each `size` successive samples, the last ones fewer, as views."""
+    held: list[Numbers] = []
+    count = 0
+    for piece in pieces:
+        while len(piece):
+            held.append(piece[: size - count])
+            piece = piece[size - count :]
+            count += len(held[-1])
+            if count == size:
+                yield held
+                held, count = [], 0
+    if held:
+        yield held
 
 
 DEVIATIONS_95 = 1.959963984540054

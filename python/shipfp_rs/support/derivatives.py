@@ -162,9 +162,8 @@ def by_part(
 
 def _complex_step(function: Function, vector: Array, size: Array) -> Array:
     steps = COMPLEX_STEP * size
-    return np.array(
-        [np.imag(function(row)) / h for row, h in zip(vector + 1j * np.diag(steps), steps, strict=True)]
-    )
+    rows = zip(vector + 1j * np.diag(steps), steps, strict=True)
+    return np.array([np.imag(function(row)) / step for row, step in rows])
 
 
 def _trusted_complex_step(

@@ -43,9 +43,8 @@ def read_text(path: Path, expected: str) -> str:
             with path.open("rb") as file:
                 content = file.read(MOST_BYTES + 1)
     except (OSError, ValueError) as error:  # ValueError: invalid file name
-        raise InputError(
-            f"{path}: {getattr(error, 'strerror', None) or error}; expected {expected}"
-        ) from error
+        reason = getattr(error, "strerror", None) or error
+        raise InputError(f"{path}: {reason}; expected {expected}") from error
     if content is None:
         raise InputError(f"{path}: a pipe or a device, expected {expected}; write it to a file first")
     if len(content) > MOST_BYTES:

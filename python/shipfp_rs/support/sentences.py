@@ -59,11 +59,8 @@ class Sentence(str):
 
     def __new__(cls, template: str, /, **values: object) -> Sentence:
         """Create the sentence as a `str`."""
-        texts = {
-            name: value if isinstance(value, str) else str(value)
-            for name, value in values.items()
-            if f"{{{name}}}" in template
-        }
+        given = ((name, value) for name, value in values.items() if f"{{{name}}}" in template)
+        texts = {name: value if isinstance(value, str) else str(value) for name, value in given}
         made = super().__new__(cls, filled(template, texts))
         made.template, made.values = str(template), texts
         return made
@@ -90,10 +87,8 @@ class Sentence(str):
 
 def joined(parts: Sequence[str], separator: str = ", ") -> Sentence:
     """Join parts into a sentence in which the parts can still be translated."""
-    return Sentence(
-        separator.join(f"{{p{place}}}" for place in range(len(parts))),
-        **{f"p{place}": part for place, part in enumerate(parts)},
-    )
+    named = {f"p{place}": part for place, part in enumerate(parts)}
+    return Sentence(separator.join(f"{{{name}}}" for name in named), **named)
 
 
 def listed(parts: Sequence[str]) -> str:

@@ -55,17 +55,13 @@ class Tabular(Hinted):
         if type(other) is not type(self):
             return NotImplemented
         mine, its = self._columns(), other._columns()
-        return (
-            list(mine.values) == list(its.values)
-            and same(mine.values, its.values)
-            and same(mine.facts, its.facts)
-        )
+        ordered = list(mine.values) == list(its.values)
+        return ordered and same(mine.values, its.values) and same(mine.facts, its.facts)
 
     def __hash__(self) -> int:
         values, _, facts = self._columns()
-        return hash(
-            (type(self).__name__, facts.get("name"), tuple((key, len(one)) for key, one in values.items()))
-        )
+        lengths = tuple((key, len(one)) for key, one in values.items())
+        return hash((type(self).__name__, facts.get("name"), lengths))
 
     def __reduce__(self) -> tuple[Callable[..., Self], tuple[Mapping[str, Array], Mapping[str, Any]]]:
         """Pickle and copy the object as a table, since read-only mappings can't be pickled."""

@@ -97,7 +97,7 @@ def side_by_side(jobs: Sequence[Callable[[], T]], stopped: threading.Event) -> l
     `require_going`, and end.
     """
     workers = max(min(len(jobs), available_workers()), 1)
-    with ThreadPoolExecutor(workers, initializer=_begin, initargs=(stopped,)) as pool:
+    with ThreadPoolExecutor(workers, initializer=setattr, initargs=(_own, "stopped", stopped)) as pool:
         futures = [pool.submit(job) for job in jobs]
         try:
             return [future.result() for future in futures]
@@ -128,7 +128,3 @@ def import_beside(*modules: str) -> None:
                 importlib.import_module(module)
 
     threading.Thread(target=load).start()
-
-
-def _begin(stopped: threading.Event) -> None:
-    _own.stopped = stopped

@@ -165,11 +165,8 @@ def _first_mistake(error: ValidationError, model: type[BaseModel]) -> str:
         # An unknown key in the section of a missing key is probably the missing key, misspelt.
         unknown = [other for other in others if other["type"] == "extra_forbidden"]
         first = next((other for other in unknown if other["loc"][:-1] == first["loc"][:-1]), first)
-    missing = [
-        ".".join(map(str, each["loc"]))
-        for each in error.errors()
-        if each["type"] == "missing" and isinstance(each["loc"][-1], str)
-    ]
+    absent = [each["loc"] for each in error.errors() if each["type"] == "missing"]
+    missing = [".".join(map(str, place)) for place in absent if isinstance(place[-1], str)]
     if first["type"] == "missing" and len(missing) > 1:
         return f"{', '.join(missing)}: found nothing, expected these keys to be given"
     return _one_line(first, model)

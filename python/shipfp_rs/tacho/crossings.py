@@ -13,7 +13,7 @@ from scipy.ndimage import median_filter
 from shipfp_rs._core import PulseTracker, pulse_levels
 from shipfp_rs.errors import InputError
 from shipfp_rs.support.arguments import checked
-from shipfp_rs.support.arrays import Array, joined
+from shipfp_rs.support.arrays import Array, even_parts, joined
 from shipfp_rs.tacho.clarity import (
     AT_REST,
     FAR_FROM_LIMIT,
@@ -71,11 +71,10 @@ class PulseTimes:
 
     def at(self, times_s: Array) -> PulseTimes:
         """Return pulses with other times, such as inserted teeth; standard deviations are those of nearby pulses."""
-        stds = (
+        grid, noise = (
             None if std is None or not len(std) else np.interp(times_s, self.times_s, std)
             for std in (self.grid_std_s, self.noise_std_s)
         )
-        grid, noise = stds
         return replace(self, times_s=times_s, grid_std_s=grid, noise_std_s=noise)
 
     @property
@@ -155,7 +154,7 @@ def pulse_times(
     tracker, size = PulseTracker(threshold, hysteresis), max(1, round(window_s * rate_hz))
     found = _Found()
     if isinstance(samples, np.ndarray) and samples.ndim == 1:
-        whole = _for_kernel([samples])
+        whole = _for_kernel(samples)
         found.take(tracker.follow(whole, size), whole[-((len(whole) - 1) % size + 1) :], whole)
     else:
         held: npt.NDArray[Any] | None = None
@@ -176,21 +175,11 @@ def pulse_times(
         faint = unclear(times, kept, low, missing, found.samples)
         if not kept.all():
             times, grid, noise = times[kept], grid[kept], noise[kept]
-    low, high, middle = np.median(np.concatenate(found.levels), axis=0)
+    bottom, top, middle = map(float, np.median(np.concatenate(found.levels), axis=0))
     for column in (times, grid, noise):
         column /= rate_hz
-    return PulseTimes(
-        times,
-        joined([missing, faint]) / rate_hz,
-        low=float(low),
-        middle=float(middle),
-        high=float(high),
-        rate_hz=rate_hz,
-        faint_s=faint / rate_hz,
-        limit=float(np.median(found.windows[:, 1])),
-        grid_std_s=grid,
-        noise_std_s=noise,
-    )
+    gaps, limit = joined([missing, faint]) / rate_hz, float(np.median(found.windows[:, 1]))
+    return PulseTimes(times, gaps, bottom, middle, top, rate_hz, faint / rate_hz, limit, grid, noise)
 
 
 class _Found:
@@ -281,27 +270,20 @@ def _complaint(bottom: float, top: float, threshold: float | None) -> str:
 
 
 def _windows(samples: npt.NDArray[Any] | Iterable[npt.ArrayLike], size: int) -> Iterator[npt.NDArray[Any]]:
-    """Cut the samples into windows of `size`; views where one piece holds the whole window."""
-    held: list[npt.NDArray[Any]] = []
-    count = 0
-    for piece in [samples] if isinstance(samples, np.ndarray) else samples:
-        array = np.asarray(piece)
-        if array.ndim != 1:
-            raise InputError(
-                f"samples: found shape {array.shape}, expected one axis, or an iterable of such arrays"
-            )
-        while len(array):
-            held.append(array[: size - count])
-            array = array[size - count :]
-            count += len(held[-1])
-            if count == size:
-                yield _for_kernel(held)
-                held, count = [], 0
-    if held:
-        yield _for_kernel(held)
+    """Cut the samples into windows of `size`, as the kernel takes them; views where one piece holds the whole window."""
+    for parts in even_parts(map(_flat, [samples] if isinstance(samples, np.ndarray) else samples), size):
+        yield _for_kernel(parts[0] if len(parts) == 1 else np.concatenate(parts))
 
 
-def _for_kernel(parts: list[npt.NDArray[Any]]) -> npt.NDArray[Any]:
-    array = parts[0] if len(parts) == 1 else np.concatenate(parts)
+def _for_kernel(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
     fits = array.dtype in (np.float32, np.float64, np.int16)
     return np.require(array, dtype=array.dtype if fits else np.float64, requirements=["C", "A"])
+
+
+def _flat(piece: npt.ArrayLike) -> npt.NDArray[Any]:
+    array = np.asarray(piece)
+    if array.ndim != 1:
+        raise InputError(
+            f"samples: found shape {array.shape}, expected one axis, or an iterable of such arrays"
+        )
+    return array

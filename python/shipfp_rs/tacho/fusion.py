@@ -105,11 +105,8 @@ def fit_angle_pieces(
     for k in range(int(piece_of.max()) + 1):
         own = np.flatnonzero(piece_of == k)
         chosen = np.isin(stretch, own) if len(own) < count else np.ones(len(time), dtype=np.bool_)
-        splines.append(
-            fit_angle_spline(
-                time[chosen], angle[chosen], weight[chosen], np.searchsorted(own, stretch[chosen]), spacing_s
-            )
-        )
+        rows = np.searchsorted(own, stretch[chosen])
+        splines.append(fit_angle_spline(time[chosen], angle[chosen], weight[chosen], rows, spacing_s))
         offsets[own] = splines[-1].offsets
     spans = np.column_stack(
         [first[order][fresh], reached[np.append(np.flatnonzero(fresh)[1:] - 1, count - 1)]]

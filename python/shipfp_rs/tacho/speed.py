@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -93,16 +94,9 @@ class IntervalSpeed:
 
     def part(self, which: slice) -> IntervalSpeed:
         """Select intervals."""
-        return replace(
-            self,
-            time_s=self.time_s[which],
-            speed_rps=self.speed_rps[which],
-            std_rps=self.std_rps[which],
-            duration_s=self.duration_s[which],
-            flags=self.flags[which],
-            angle_rev=None if self.angle_rev is None else self.angle_rev[which],
-            ends_std_rps=None if self.ends_std_rps is None else self.ends_std_rps[which],
-        )
+        arrays = {name: own for name, own in vars(self).items() if isinstance(own, np.ndarray)}
+        columns: dict[str, Any] = {name: own[which] for name, own in arrays.items()}
+        return replace(self, **columns)
 
     @property
     def bandwidth_hz(self) -> float:
@@ -304,15 +298,8 @@ def _track_speed(
     """Usable intervals, missed pulses inserted: midpoint, speed, std, duration, flags, angle, std of independent ends."""
     fractions, relative_std = align_angles(track, angles)
     noise, grid = timing.of_edges(track.edges_s)
-    columns = interval_speeds(
-        np.ascontiguousarray(track.edges_s),
-        track.count,
-        fractions,
-        relative_std,
-        noise,
-        grid,
-        timing.sample_s,
-    )
+    edges = np.ascontiguousarray(track.edges_s)
+    columns = interval_speeds(edges, track.count, fractions, relative_std, noise, grid, timing.sample_s)
     flags = track.flags
     if track.doubt is not None and track.doubt.any():
         doubt = np.repeat(track.doubt, track.count) * columns[1]

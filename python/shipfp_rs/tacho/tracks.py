@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from shipfp_rs._core import pulses_are_even, running_median
 from shipfp_rs.errors import InputError
-from shipfp_rs.support.arrays import Array
+from shipfp_rs.support.arrays import Array, runs
 
 MOST_PULSES = 100_000
 """Largest number of pulses per turn: that of an encoder with 25,000 lines, counting both edges of both channels."""
@@ -181,13 +181,12 @@ def _judged_by_trend(track: Track, ratio: Array, irregular: npt.NDArray[np.bool_
 
 def _near_rest(track: Track, ratio: Array) -> Track:
     """Recount rows of long intervals from both sides up to the longest, as for a shaft that reverses."""
-    edge = np.diff(np.concatenate([[False], track.count > 1, [False]]).astype(np.int8))
-    runs = np.flatnonzero(edge).reshape(-1, 2)
+    rows = runs(track.count > 1)
     # Only in rows with a period that is no multiple of the median: missed pulses would cause a multiple.
     strange = np.append(0, np.cumsum(np.abs(ratio - track.count) > _PART_OF_A_PULSE))
-    runs = runs[np.diff(strange[runs])[:, 0] > 0]
+    rows = rows[np.diff(strange[rows])[:, 0] > 0]
     parts, done = [], 0
-    for first, last in runs.tolist():
+    for first, last in rows.tolist():
         begin, end = first - _TREND, last + _TREND
         if done <= begin and end <= len(track.count):
             slowest = int(np.argmax(np.diff(track.edges_s[first : last + 1])))
@@ -231,12 +230,8 @@ def _outwards(track: Track, start: int, stop: int, *, alone: bool = True) -> Tra
         return track
     edges = track.edges_s[start - _TREND : stop + 1].tolist()
     median_count, merged = track.count[start:stop].tolist(), track.flags[start:stop].tolist()
-    known = [
-        ((one + two) / 2, count / (two - one))
-        for one, two, count in zip(
-            edges, edges[1:], track.count[start - _TREND : start].tolist(), strict=False
-        )
-    ]
+    before = zip(edges, edges[1:], track.count[start - _TREND : start].tolist(), strict=False)
+    known = [((one + two) / 2, count / (two - one)) for one, two, count in before]
     edges, kept, rows, place, most = edges[_TREND:], [], [], 0, 1 + _MOST_MISSED
     while place < stop - start:
         end = place + 1

@@ -109,14 +109,12 @@ class Document:
         found = inspect_log(self.log(), trial)
         left_out = found.checks["looked_for"]["left_out"]
         channels = {one.channel.name: one.channel for one in self.raw.wait()}
-        faults = [
-            {
-                **fault,
-                "label": KINDS.get(fault["kind"], fault["kind"]),
-                "times": _times(channels.get(fault["channel"]), fault["spans"], channels),
-            }
-            for fault in found.faults
-        ]
+        faults = []
+        for fault in found.faults:
+            # The clock is no channel; its spans count samples at the first channel's rate.
+            about = channels.get(fault["channel"]) or next(iter(channels.values()))
+            times = [[about.start_s + edge / about.rate_hz for edge in span] for span in fault["spans"]]
+            faults.append({**fault, "label": KINDS.get(fault["kind"], fault["kind"]), "times": times})
         return {"faults": faults, "left_out": [KINDS[kind] for kind in left_out]}
 
     def windows(self, driver: str, load: str | None = None) -> Background[tuple[str, list[FoundWindow]]]:
@@ -253,11 +251,3 @@ def _told(series: Series) -> dict[str, Any]:
 
 def _found(window: FoundWindow) -> dict[str, Any]:
     return attributes(window, "name", "kind", "start_s", "stop_s", "frequency_hz")
-
-
-def _times(
-    channel: Channel | None, spans: list[list[int]], channels: dict[str, Channel]
-) -> list[list[float]]:
-    """Convert spans of samples to seconds. The clock is no channel; its spans are converted by the first channel's rate."""
-    about = channel or next(iter(channels.values()))
-    return [[about.start_s + edge / about.rate_hz for edge in span] for span in spans]

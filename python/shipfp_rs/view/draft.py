@@ -358,8 +358,7 @@ def _put_windows(document: Any, windows: Sequence[DraftWindow]) -> None:
     there = document.get("windows", [])
     old = {table.get("name"): table for table in there}
     if not windows:
-        if "windows" in document:
-            document.remove("windows")
+        document.pop("windows", None)
         return
     for window in windows:
         table = old.get(window.name)
@@ -373,8 +372,7 @@ def _put_windows(document: Any, windows: Sequence[DraftWindow]) -> None:
         return
     tables = tomlkit.aot()
     for window in windows:
-        table = old[window.name]
-        tables.append(table)
+        tables.append(old[window.name])
     if not tables[-1].as_string().endswith("\n\n"):
         tables[-1].add(tomlkit.nl())
     document["windows"] = tables

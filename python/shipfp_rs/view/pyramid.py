@@ -26,6 +26,7 @@ import numpy.typing as npt
 from shipfp_rs.errors import InputError
 from shipfp_rs.logs.channel import Channel, Samples
 from shipfp_rs.logs.log import Log
+from shipfp_rs.support.arrays import runs
 from shipfp_rs.support.threads import side_by_side
 
 Array = npt.NDArray[np.float64]
@@ -78,8 +79,7 @@ class Extremes:
 
     def feed(self, chunk: Samples) -> Array:
         """Return the blocks that the next samples complete, shape (K, 2)."""
-        missing = np.concatenate([[False], ~np.isfinite(chunk), [False]])
-        found = np.flatnonzero(missing[1:] != missing[:-1]).reshape(-1, 2) + self.seen
+        found = runs(~np.isfinite(chunk)) + self.seen
         if len(found):
             goes_on = found[0, 0] == self._last_gap_stop
             if goes_on and self.gap_count <= KEPT:
@@ -292,13 +292,10 @@ def _opened(place: Path, key: dict[str, Any]) -> Pyramid | None:
         if edges[-1] > len(pairs):
             return None
         names = ("name", "unit", "rate_hz", "samples", "start_s")
+        gaps = np.array(facts["gaps"], dtype=np.int64).reshape(-1, 2)
+        levels = tuple(pairs[first:stop] for first, stop in itertools.pairwise(edges))
         channels.append(
-            Stored(
-                Channel(**{name: facts[name] for name in names}),
-                np.array(facts["gaps"], dtype=np.int64).reshape(-1, 2),
-                facts["gap_count"],
-                tuple(pairs[first:stop] for first, stop in itertools.pairwise(edges)),
-            )
+            Stored(Channel(**{name: facts[name] for name in names}), gaps, facts["gap_count"], levels)
         )
     start = told["start_utc"]
     return Pyramid(place, datetime.fromisoformat(start) if start else None, tuple(channels))

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from shipfp_rs.errors import InputError
+from shipfp_rs.logs.channel import Blocks, Samples, first_of
 from shipfp_rs.logs.faults.record import SHOWN, Fault
 from shipfp_rs.support.arrays import Array, Mask, Spans, unmasked
 from shipfp_rs.support.sentences import Sentence
 
-Samples = npt.NDArray[Any]
 Same = Callable[[int, int, int], Mask]
 """Function (row, earlier row, count): which of `count` rows from both rows on are equal in every channel."""
 
@@ -166,15 +166,13 @@ class ClockScan:
                 "steps; cut the file there or give rate_hz (--rate)"
             )
         rate_hz = even / float(self._last - self._start - jumps.sum())
-        rate_hz = float(
-            f"{rate_hz:.12g}"
-        )  # 20, not 19.999999999999996: the last bits of times are inaccurate
+        rate_hz = float(f"{rate_hz:.12g}")  # 20, not 19.999999999999996: last bits of times are inaccurate
         if not len(rows):
             return Clock(self._start, rate_hz, whole, ())
-        return self._spliced(name, column, rate_hz, rows, jumps, same)
+        return self._spliced(column, rate_hz, rows, jumps, same)
 
     def _spliced(
-        self, name: str, column: str, rate_hz: float, rows: npt.NDArray[np.int64], jumps: Array, same: Same
+        self, column: str, rate_hz: float, rows: npt.NDArray[np.int64], jumps: Array, same: Same
     ) -> Clock:
         """Map the rows between jumps to samples by their times."""
         ends = np.append(rows[1:], self._count).tolist()
@@ -253,9 +251,8 @@ def parted_at(column: str, jumps: Sequence[Jump]) -> Fault:
     """Fault "time_jump" with the given jumps, which divide a log into stretches."""
 
     def told(values: Sequence[float]) -> str:
-        return ", ".join(f"{round(value, 3):.13g}" for value in values[:SHOWN]) + (
-            " ..." if len(values) > SHOWN else ""
-        )
+        more = " ..." if len(values) > SHOWN else ""
+        return ", ".join(f"{round(value, 3):.13g}" for value in values[:SHOWN]) + more
 
     method = Sentence(
         "masked: it jumps by {by} s after {own} s, and nobody knows how long the gap is; the stretches stand {apart} s "
@@ -268,26 +265,24 @@ def parted_at(column: str, jumps: Sequence[Jump]) -> Fault:
     return Fault("time_jump", column, method, np.array([jump.span for jump in jumps]))
 
 
-def spliced(
-    blocks: Callable[[str, int, int], Iterator[Samples]], segments: tuple[Segment, ...]
-) -> Callable[[str, int, int], Iterator[Samples]]:
+def spliced(blocks: Blocks, segments: tuple[Segment, ...]) -> Blocks:
     """Reader of samples from a reader of rows: missing samples are NaN, rows outside all segments are skipped."""
+    return laid_out(lambda _: ((segment, blocks) for segment in segments))
+
+
+def laid_out(segments_of: Callable[[str], Iterable[tuple[Segment, Blocks]]]) -> Blocks:
+    """`Blocks` of a channel from its segments, each with the reader of its rows; missing samples are NaN."""
 
     def read(channel: str, first: int, size: int) -> Iterator[Samples]:
         at = first
-        for segment in segments:
+        for segment, rows in segments_of(channel):
             while at < segment.sample:
                 yield np.full(min(segment.sample - at, size, FILL), np.nan)
                 at += min(segment.sample - at, size, FILL)
-            left = segment.sample + segment.count - at
-            if left <= 0:
-                continue
-            for block in blocks(channel, segment.row + at - segment.sample, size):
-                yield block[:left]
-                at += len(block[:left])
-                left -= len(block)
-                if left <= 0:
-                    break
+            later, left = at - segment.sample, segment.sample + segment.count - at
+            for block in first_of(rows(channel, segment.row + later, size), left):
+                yield block
+                at += len(block)
 
     return read
 
@@ -304,7 +299,6 @@ def without(segments: Sequence[Segment], rows: Spans) -> tuple[tuple[Segment, ..
                 kept.append(Segment(row, first - row, row + later))
                 hidden.append((first + later, stop + later))
                 row = stop
-        kept.append(
-            Segment(row, end - row, row + later)
-        )  # the last segment may be empty, so that the length stays
+        # The last segment may be empty, so that the length stays.
+        kept.append(Segment(row, end - row, row + later))
     return tuple(kept), np.array(hidden, dtype=np.int64).reshape(-1, 2)

@@ -67,14 +67,12 @@ class BlockExtremes:
         if len(self._rest):
             chunk = np.concatenate([self._rest, chunk])
         whole = len(chunk) // self.block * self.block
-        self._take(chunk[:whole].reshape(-1, self.block))
-        # A copy: a view would keep the whole chunk in memory.
-        self._rest = chunk[whole:].copy()
-
-    def _take(self, blocks: Array) -> None:
-        if len(blocks):
+        if whole:
+            blocks = chunk[:whole].reshape(-1, self.block)
             with np.errstate(invalid="ignore"):
                 self._parts.append((blocks.min(axis=1), blocks.max(axis=1)))
+        # A copy: a view would keep the whole chunk in memory.
+        self._rest = chunk[whole:].copy()
 
     def _column(self, side: int) -> npt.NDArray[np.float64]:
         parts = [part[side] for part in self._parts]

@@ -10,29 +10,9 @@ from typing import Any
 import numpy as np
 
 from shipfp_rs.support.arrays import Spans, attributes
+from shipfp_rs.support.files import words_of
 
-KINDS: Mapping[str, str] = MappingProxyType(
-    {
-        "A": "double crossings",
-        "B": "lost pulses",
-        "faint": "pulses not distinguishable from noise",
-        "C": "torque spikes",
-        "D1": "set-point jumps",
-        "D2": "mains hum on the set point",
-        "D3": "chirp of constant frequency",
-        "spike": "spikes",
-        "gap": "missing samples",
-        "dropout": "dropouts to zero",
-        "stuck": "stuck channel",
-        "clipped": "clipped",
-        "sign": "torque of the opposite sign",
-        "repeated": "rows recorded more than once",
-        "time_gap": "jump of the clock, rows missing",
-        "time_back": "clock set back",
-        "time_jump": "clock set anew",
-        "drift": "clock drift between loggers",
-    }
-)
+KINDS: Mapping[str, str] = MappingProxyType(words_of("fault_kinds"))
 """Kinds of faults, with descriptions; A to D3 are in Table 6.10 of the thesis."""
 SHOWN = 5
 """Most stretches listed in a message."""

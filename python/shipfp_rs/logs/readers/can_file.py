@@ -42,14 +42,8 @@ def open_can(path: Path, rate_hz: float | None, names: str | None = None) -> Log
         buses.append(str(message.channel))
     width = max(8, max(map(len, payloads), default=0))
     data = np.frombuffer(b"".join(part.ljust(width, b"\0") for part in payloads), dtype=np.uint8)
-    frames = Frames(
-        np.array(times, dtype=np.float64),
-        np.array(identifiers, dtype=np.uint32),
-        np.array(extended, dtype=np.bool_),
-        data.reshape(-1, width),
-        np.array([len(part) for part in payloads], dtype=np.int64),
-        np.array(buses, dtype=np.str_),
-    )
+    lengths = [len(part) for part in payloads]
+    frames = Frames.of(times, identifiers, extended, data.reshape(-1, width), lengths, buses)
     return log_of_frames(path, frames, names)
 
 
@@ -91,8 +85,9 @@ def _logged(path: Path, text: str) -> str:
     shown = [CONSOLE.match(f"{line} ") for line in lines]
     if not any(shown[:20]):
         return text
+    stamps = [each["time"] for each in shown if each]
     try:
-        times = [_seconds(each["time"]) for each in shown if each]
+        times = [float(t) if re.fullmatch(r"[\d.]+", t) else seconds_since_1970(t) for t in stamps]
     except ValueError as error:
         raise InputError(f"{path}: {error}, expected seconds or a date with a time (candump -tA)") from None
     if np.count_nonzero(np.diff(times) < 0.0) > BACK * len(times):
@@ -102,7 +97,3 @@ def _logged(path: Path, text: str) -> str:
         f"({time:.6f}) {each['bus']} {each['id']}#{'#0' * (len(each['data'].split()) > 8)}{''.join(each['data'].split())}"
         for time, each in zip(times, frames, strict=True)
     )
-
-
-def _seconds(stamp: str) -> float:
-    return float(stamp) if re.fullmatch(r"[\d.]+", stamp) else seconds_since_1970(stamp)

@@ -39,6 +39,12 @@ class Frames:
     bus: npt.NDArray[np.str_]
     """Interface or channel of the bus."""
 
+    @classmethod
+    def of(cls, *columns: Any) -> Frames:
+        """Frames from columns of any type, in the order of the fields."""
+        kinds = (np.float64, np.uint32, np.bool_, np.uint8, np.int64, np.str_)
+        return cls(*(np.asarray(column, dtype=kind) for column, kind in zip(columns, kinds, strict=True)))
+
     def take(self, rows: npt.NDArray[np.intp]) -> Frames:
         """Frames of some rows."""
         return Frames(*(getattr(self, each.name)[rows] for each in fields(self)))
@@ -61,18 +67,16 @@ class Signal:
     selected: tuple[int, ...] = ()
     """For a multiplexed signal: the multiplexer signal, and its values for which the multiplexed signal is present."""
 
+    @property
+    def first_bit(self) -> int:
+        """First bit, counted from the lowest bit of the first byte, or from its highest if `little` is false."""
+        return self.start if self.little else 8 * (self.start // 8) + 7 - self.start % 8
+
     def raw(self, data: npt.NDArray[np.uint8]) -> npt.NDArray[Any]:
         """Recorded integers (or floats) of payloads, shape (N, bytes)."""
-        if self.little:
-            first, shift = divmod(self.start, 8)
-            last = (self.start + self.length - 1) // 8
-            part = data[:, first : last + 1]
-        else:
-            # Bits are counted from the highest bit of the first byte; `start` is the value's highest bit.
-            high = 8 * (self.start // 8) + 7 - self.start % 8
-            first, last = high // 8, (high + self.length - 1) // 8
-            shift = 8 * (last + 1) - high - self.length
-            part = data[:, first : last + 1][:, ::-1]
+        end = self.first_bit + self.length
+        part = data[:, self.first_bit // 8 : (end - 1) // 8 + 1]
+        part, shift = (part, self.start % 8) if self.little else (part[:, ::-1], -end % 8)
         value = np.zeros(len(data), dtype=np.uint64)
         for k in range(min(part.shape[1], 8)):
             value |= part[:, k].astype(np.uint64) << np.uint64(8 * k)
@@ -92,16 +96,9 @@ class Signal:
         """Values in payloads; NaN for J1939's codes without a value."""
         raw = self.raw(data)
         value = raw.astype(np.float64) * self.scale + self.offset
-        if j1939 and not self.signed and not self.is_float:
-            none = (
-                2
-                if self.length == 2
-                else (1 << self.length) - 2
-                if self.length < 8
-                else SPECIAL << (self.length - 8)
-            )
-            if self.length > 1:
-                value[raw >= np.uint64(none)] = np.nan
+        if j1939 and self.length > 1 and not self.signed and not self.is_float:
+            none = (1 << self.length) - 2 if self.length < 8 else SPECIAL << (self.length - 8)
+            value[raw >= np.uint64(none)] = np.nan
         return np.asarray(value)
 
 
@@ -197,17 +194,9 @@ def _signals(message: Any) -> Iterator[Signal]:
 
 
 def _signal(signal: Any) -> Signal:
-    return Signal(
-        signal.name,
-        signal.unit or "",
-        signal.start,
-        signal.length,
-        float(signal.scale),
-        float(signal.offset),
-        signal.byte_order == "little_endian",
-        bool(signal.is_signed),
-        bool(signal.is_float),
-    )
+    place = (signal.start, signal.length, float(signal.scale), float(signal.offset))
+    kind = (signal.byte_order == "little_endian", bool(signal.is_signed), bool(signal.is_float))
+    return Signal(signal.name, signal.unit or "", *place, *kind)
 
 
 def log_of_frames(path: Path, frames: Frames, names: str | None, zero: datetime | None = None) -> Log:
@@ -305,12 +294,7 @@ def _rows_of(
 ) -> Iterator[tuple[Signal, npt.NDArray[np.intp]]]:
     """Signals of a message and indices of its frames: long enough, and with the right multiplexer value."""
     for signal in message.signals:
-        end = (
-            signal.start + signal.length
-            if signal.little
-            else 8 * (signal.start // 8) + 7 - signal.start % 8 + signal.length
-        )
-        own = rows[frames.length[rows] * 8 >= end]
+        own = rows[frames.length[rows] * 8 >= signal.first_bit + signal.length]
         if signal.selector is not None and len(own):
             told = signal.selector.raw(frames.data[own])
             own = own[np.isin(told, np.array(signal.selected, dtype=told.dtype))]
@@ -319,9 +303,8 @@ def _rows_of(
 
 def _nothing(frames: Frames, names: str | None) -> str:
     seen = np.unique(frames.identifier)
-    shown = ", ".join(f"0x{identifier:X}" for identifier in seen[:6].tolist()) + (
-        " ..." if len(seen) > 6 else ""
-    )
+    shown = ", ".join(f"0x{identifier:X}" for identifier in seen[:6].tolist())
+    shown += " ..." if len(seen) > 6 else ""
     if names is None:
         return (
             f"none of its {len(seen)} messages ({shown}) is known without a DBC; give one (--names FILE.dbc)"

@@ -133,7 +133,7 @@ def times_among(keys: Collection[str]) -> set[str]:
 
 
 def time_of(
-    path: Path, row: Row, rows: Mapping[str, Row], scalars: Sequence[tuple[str, Any]], rate_hz: float | None
+    row: Row, rows: Mapping[str, Row], scalars: Sequence[tuple[str, Any]] = ()
 ) -> tuple[str, float | None]:
     """Return the key of the times that belong to a row, or "" and the sample rate if a rate is stated instead of times.
 
@@ -158,7 +158,7 @@ def time_of(
         if rate is not None:
             return "", rate
         if not above:
-            return "", rate_hz
+            return "", None
         above = posixpath.dirname(above)
 
 

@@ -132,13 +132,11 @@ def find_layout(path: Path) -> Layout:
         for unit, kind, cells in zip(own, kinds, columns, strict=True)
     )
     before = mark + sum(len((line + line_end).encode(encoding)) for line in whole.split(line_end)[:first])
-    end, footer = _footer(path, encoding, line_end, delimiter, decimal, before)
-    across = [
-        (name, _number(cell, decimal))
-        for row in above
-        for name, cell in pairwise(row)
-        if is_number(cell, decimal) and not looks_like_time(cell)
-    ]
+    form = (encoding, line_end, delimiter, decimal)
+    end, footer = _footer(path, *form, before)
+    pairs = [pair for row in above for pair in pairwise(row)]
+    numbers = [pair for pair in pairs if is_number(pair[1], decimal) and not looks_like_time(pair[1])]
+    across = [(name, _number(cell, decimal)) for name, cell in numbers]
     rate = stated_rate(
         [*beside, *(fact for line in lines[:first] for fact in _facts(line, decimal)), *across]
     )
@@ -148,23 +146,7 @@ def find_layout(path: Path) -> Layout:
     counted = counted and len(counts) == len(full) > 1 and bool((np.diff(counts) == 1.0).all())
     if rate and counted:
         start += counts[0] / rate
-    return Layout(
-        encoding,
-        line_end,
-        delimiter,
-        decimal,
-        first,
-        before,
-        end,
-        headings,
-        own,
-        kinds,
-        named,
-        footer,
-        rate,
-        start,
-        counted,
-    )
+    return Layout(*form, first, before, end, headings, own, kinds, named, footer, rate, start, counted)
 
 
 def _kind(cells: Sequence[str], decimal: str) -> Kind:
@@ -182,22 +164,16 @@ def _first_record(rows: Sequence[list[str]], width: int, decimal: str) -> int | 
     filled = [k for k, row in enumerate(rows) if any(row)]
     # If records start with a number, a line that starts with a word is no record but describes the channels.
     worded = [bool(row and row[0]) and not is_number(row[0], decimal) for row in rows]
-    full = [worded[k] for k in filled if _is_record(rows[k], width, decimal)]
+    records = [_is_record(row, width, decimal) for row in rows]
+    full = [worded[k] for k in filled if records[k]]
     may_begin_with_word = 2 * sum(full) > len(full)
     # Lines like "Sample rate;2000" look like records, but are followed soon by the headings.
-    return next(
-        (
-            k
-            for place, k in enumerate(filled)
-            if _is_record(rows[k], width, decimal)
-            and (may_begin_with_word or not worded[k])
-            and all(
-                holds_number[j] or (j > filled[-1] - PREAMBLE and not _is_record(rows[j], width, decimal))
-                for j in filled[place : place + PREAMBLE]
-            )
-        ),
-        None,
-    )
+    for place, k in enumerate(filled):
+        if records[k] and (may_begin_with_word or not worded[k]):
+            near = filled[place : place + PREAMBLE]
+            if all(holds_number[j] or (j > filled[-1] - PREAMBLE and not records[j]) for j in near):
+                return k
+    return None
 
 
 def _encoding(path: Path, sample: bytes) -> tuple[str, int]:

@@ -14,7 +14,7 @@ from typing import Any, Literal
 import numpy as np
 
 from shipfp_rs.errors import InputError
-from shipfp_rs.logs.channel import BLOCK, Channel, Samples, blocks_of
+from shipfp_rs.logs.channel import BLOCK, Channel, Samples, blocks_of, first_of
 from shipfp_rs.logs.faults.clock import same_rows
 from shipfp_rs.logs.formats import warn
 from shipfp_rs.logs.log import Log, register_reader
@@ -76,14 +76,8 @@ def open_famos(path: Path, rate_hz: float | None) -> Log:
             yield from paired(name, first, size)
             return
         uuid, mode = keys[name]
-        left = counts[name] - first
-        for chunk in file.iter_channel_numpy(
-            uuid, include_x=False, chunk_rows=size, mode=mode, start_index=first
-        ):
-            if left <= 0:
-                return
-            yield chunk["y"][:left]
-            left -= len(chunk["y"])
+        chunks = file.iter_channel_numpy(uuid, include_x=False, chunk_rows=size, mode=mode, start_index=first)
+        yield from first_of((chunk["y"] for chunk in chunks), counts[name] - first)
 
     start_utc = EPOCH + timedelta(seconds=first) if first else None
     return log_of_found(path, [replace(each, start_utc=start_utc) for each in channels], rows)

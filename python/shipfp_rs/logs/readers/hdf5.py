@@ -79,7 +79,7 @@ def open_hdf5(path: Path, rate_hz: float | None) -> Log:
         rate = rate or (None if named_time(row, rows) else stated_rate(scalars))
         if rate is not None:
             found[name] = Found(Channel(name, unit, rate, row.length, start_s), start_utc=start_utc)
-        elif time := time_of(path, row, rows, (), None)[0]:
+        elif time := time_of(row, rows)[0]:
             axis, plan = clock(time)
             found[name] = Found.on(axis, name, unit, plan, start_utc=start_utc)
         else:

@@ -98,13 +98,8 @@ def find_long_table(path: Path, fields: Fields, plan: TimePlan, batches: Batches
             (f.name for f in words if f.name not in keys and _are_units(*coded[f.name], codes)), None
         )
         units = [str(columns[beside][int(row)].as_py() or "") if beside else "" for row in rows]
-        return LongTable(
-            times,
-            codes,
-            values,
-            [name for name, _ in split],
-            [told(unit) or own for unit, (_, own) in zip(units, split, strict=True)],
-        )
+        units = [told(unit) or own for unit, (_, own) in zip(units, split, strict=True)]
+        return LongTable(times, codes, values, [name for name, _ in split], units)
     return None
 
 

@@ -54,7 +54,7 @@ def open_matlab_5(path: Path, rate_hz: float | None) -> Log:
     same struct. SciPy reads whole variables, of at most 2 GB in these versions; larger logs are saved with -v7.3.
     """
     tree = _tree(path)
-    rows, plain = tree.rows(), tree.scalars
+    rows = tree.rows()
     clock = cache(lambda key: axis_of(path, key, rows[key], rows))
     found: list[Found] = []
     timeless: list[Row] = []
@@ -62,7 +62,7 @@ def open_matlab_5(path: Path, rate_hz: float | None) -> Log:
     for name, row in rows.items():
         if name in times and row.length > 1 and len(rows) > 1:
             continue
-        key, beside = time_of(path, row, rows, plain, None)
+        key, beside = time_of(row, rows, tree.scalars)
         rate = rate_hz or beside
         if rate is not None:
             found.append(Found(Channel(name, row.unit, rate, row.length)))
@@ -106,13 +106,11 @@ def _tree(path: Path) -> _Tree:
                 with warnings.catch_warnings():
                     # SciPy keeps only the real part.
                     warnings.simplefilter("error", np.exceptions.ComplexWarning)
-                    content = loadmat(path, variable_names=[name], mat_dtype=True, struct_as_record=False)[
-                        name
-                    ]
+                    held = loadmat(path, variable_names=[name], mat_dtype=True, struct_as_record=False)
             except np.exceptions.ComplexWarning:
                 tree.skipped.append(f"{name} (complex)")
                 continue
-            tree.add(name, content, logical=kind == "logical")
+            tree.add(name, held[name], logical=kind == "logical")
     return tree
 
 
@@ -169,10 +167,8 @@ class _Tree:
         for name, array in self.held.items():
             if min(array.shape) == 1:
                 vector = array.ravel()
-                key = self._channel(name)
-                found[key] = _row(
-                    key, self.units.get(name) or self.units.get(posixpath.dirname(name), ""), vector
-                )
+                key, unit = self._channel(name), self.units.get(posixpath.dirname(name), "")
+                found[key] = _row(key, self.units.get(name) or unit, vector)
                 continue
             table = array if array.shape[0] >= array.shape[1] else array.T
             if not is_table(table.shape):
@@ -187,13 +183,9 @@ class _Tree:
                 found[key] = _row(key, unit, table[:, k])
         # The first column of a matrix without names may be its time.
         for name, array in self.held.items():
-            first = f"{posixpath.basename(name)} 1"
-            key = posixpath.join(posixpath.dirname(name), first)
-            if (
-                key in found
-                and min(array.shape) > 1
-                and not any(is_time(posixpath.basename(k)) for k in found)
-            ):
+            key = posixpath.join(posixpath.dirname(name), f"{posixpath.basename(name)} 1")
+            timed = any(is_time(posixpath.basename(k)) for k in found)
+            if key in found and min(array.shape) > 1 and not timed:
                 row = found[key]
                 if even_step(row.read(0, row.length).astype(np.float64)):
                     del found[key]

@@ -116,16 +116,7 @@ def _frames(file: Any) -> Frames | None:
         bus = np.full(len(data), group.channel_group.acq_name or "") if bus is None else np.asarray(bus)
         wide = np.zeros((len(data), 64), dtype=np.uint8)
         wide[:, : data.shape[1]] = data
-        parts.append(
-            Frames(
-                np.asarray(file.get_master(number), dtype=np.float64),
-                (identifier & 0x1FFFFFFF).astype(np.uint32),
-                np.asarray(extended, dtype=np.bool_),
-                wide,
-                length.astype(np.int64),
-                bus.astype(np.str_),
-            )
-        )
+        parts.append(Frames.of(file.get_master(number), identifier & 0x1FFFFFFF, extended, wide, length, bus))
     if not parts:
         return None
     return Frames(*(np.concatenate([getattr(part, each.name) for part in parts]) for each in fields(Frames)))

@@ -70,12 +70,8 @@ def _named(found: dict[tuple[str, int, int], Series]) -> dict[str, Series]:
         others = [key for key in found if key[0] == name]
         instances = {key[1] for key in others}
         senders = {key[2] for key in others if key[1] == instance}
-        full = (
-            name
-            + (f" {instance}" if len(instances) > 1 else "")
-            + (f" from {sender}" if len(senders) > 1 else "")
-        )
-        named[full] = series
+        full = name + (f" {instance}" if len(instances) > 1 else "")
+        named[full + (f" from {sender}" if len(senders) > 1 else "")] = series
     return named
 
 
@@ -103,9 +99,8 @@ def _of_plain(text: str, found: dict[Any, Series]) -> Iterator[Field]:
             continue
         raw = int(signal.raw(payload[None, :])[0])
         top = (1 << (signal.length - 1 if signal.signed else signal.length)) - 1
-        known = (
-            raw < top - 1 if signal.length > 4 else raw < top
-        )  # the highest values mean "not available" and "error"
+        # The highest values mean "not available" and "error".
+        known = raw < top - 1 if signal.length > 4 else raw < top
         value = raw * signal.scale + signal.offset if known else np.nan
         yield signal.name, signal.unit, signal.scale, instance, int(sender), time, value
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import json
 from collections.abc import Iterator
 from pathlib import Path
@@ -16,6 +15,7 @@ from shipfp_rs.errors import InputError
 from shipfp_rs.logs.channel import BLOCK, Channel, Samples
 from shipfp_rs.logs.log import Log, register_reader
 from shipfp_rs.logs.readers.table import METADATA_KEY, Options, log_of_table
+from shipfp_rs.support.arrays import attributes, even_parts
 from shipfp_rs.support.files import local, replacing
 
 
@@ -61,10 +61,11 @@ def write_parquet(log: Log, path: Path) -> Path:
     """Write a log; see `Log.write`."""
     if path.exists() and Path(log.name).exists() and path.samefile(log.name):
         raise InputError(f"{path}: is the log itself; choose another name")
-    queues = {name: _Rows(log.raw_blocks(name)) for name in log.channels}
+    streams = {name: even_parts(log.raw_blocks(name), BLOCK) for name in log.channels}
+    begins = {name: next(stream, [np.empty(0)]) for name, stream in streams.items()}
     clock = {} if log.start_utc is None else {"start_utc": log.start_utc.isoformat()}
     schema = pa.schema(
-        [_field(c, queues[c.name].dtype) for c in log.channels.values()],
+        [_field(c, begins[c.name][0].dtype) for c in log.channels.values()],
         metadata={METADATA_KEY: json.dumps(clock).encode()},
     )
     length = max(channel.samples for channel in log.channels.values())
@@ -76,31 +77,16 @@ def write_parquet(log: Log, path: Path) -> Path:
     ):
         for first in range(0, length, BLOCK):
             rows = min(BLOCK, length - first)
-            columns = [queues[field.name].take(rows, field.type) for field in schema]
+            held = (begins.pop(name) if name in begins else next(streams[name], []) for name in schema.names)
+            columns = [_column(parts, rows, kind) for parts, kind in zip(held, schema.types, strict=True)]
             writer.write_table(pa.Table.from_arrays(columns, schema=schema))
     return path
 
 
-class _Rows:
-    """Samples of one channel in any number of rows, null after the end."""
-
-    def __init__(self, stream: Iterator[Samples]) -> None:
-        first = next(stream, np.empty(0))
-        self.dtype = first.dtype
-        self._stream = itertools.chain([first], stream)
-        self._held = first[:0]
-
-    def take(self, rows: int, kind: pa.DataType) -> pa.Array:
-        parts, missing = [], rows
-        while missing:
-            if not len(self._held):
-                self._held = next(self._stream, self._held)
-            if not len(self._held):
-                break
-            parts.append(self._held[:missing])
-            self._held = self._held[missing:]
-            missing -= len(parts[-1])
-        return pa.concat_arrays([*(_stored(part, kind) for part in parts), pa.nulls(missing, kind)])
+def _column(parts: list[Samples], rows: int, kind: pa.DataType) -> pa.Array:
+    """Column of samples, null after their end."""
+    missing = pa.nulls(rows - sum(map(len, parts)), kind)
+    return pa.concat_arrays([*(_stored(part, kind) for part in parts), missing])
 
 
 def _stored(part: Samples, kind: pa.DataType) -> pa.Array:
@@ -110,13 +96,8 @@ def _stored(part: Samples, kind: pa.DataType) -> pa.Array:
 
 
 def _field(channel: Channel, dtype: np.dtype[Any]) -> pa.Field:
-    facts = {
-        "unit": channel.unit,
-        "rate_hz": channel.rate_hz,
-        "start_s": channel.start_s,
-        "samples": channel.samples,
-        **({"resolution": channel.resolution} if channel.resolution else {}),
-    }
+    told = ("unit", "rate_hz", "start_s", "samples", *["resolution"] * bool(channel.resolution))
+    facts = attributes(channel, *told)
     return pa.field(
         channel.name, pa.from_numpy_dtype(dtype), metadata={METADATA_KEY: json.dumps(facts).encode()}
     )

@@ -16,7 +16,7 @@ import numpy.typing as npt
 import pyarrow as pa
 
 from shipfp_rs.errors import InputError
-from shipfp_rs.logs.channel import BLOCK, Blocks, Channel, Samples, blocks_by_name
+from shipfp_rs.logs.channel import BLOCK, Blocks, Channel, Samples, blocks_by_name, first_of
 from shipfp_rs.logs.faults.clock import Same, same_rows
 from shipfp_rs.logs.faults.record import Fault
 from shipfp_rs.logs.formats import one_line_errors, warn
@@ -113,13 +113,8 @@ def log_of_table(
 
     def blocks(channel: str, first: int, size: int) -> Iterator[Samples]:
         field, facts = fields[channel]
-        left = facts["samples"] - first
         with one_line_errors(path):
-            for batch in batches(field.name, first, size):
-                if left <= 0:
-                    return
-                yield _samples(batch[:left])
-                left -= len(batch)
+            yield from map(_samples, first_of(batches(field.name, first, size), facts["samples"] - first))
 
     # long: one loop over columns with three kinds of time, and what the whole table tells
     found: list[Found] = []
@@ -197,7 +192,9 @@ def _rows_apart(
         and (options.blank is None or field.name in options.blank)
     }
     sample = {
-        name: np.concatenate([np.empty(0, bool), *map(_known, _first(batches(key, 0, SAMPLE_ROWS)))])
+        name: np.concatenate(
+            [np.empty(0, bool), *map(_known, first_of(batches(key, 0, SAMPLE_ROWS), SAMPLE_ROWS))]
+        )
         for name, key in columns.items()
     }
     if all(known.all() for known in sample.values()):
@@ -288,7 +285,7 @@ def find_plans(
             and (is_time_like(field.type, name) or of_another or name == first)
         )
         if asked or likely:
-            cells = pa.concat_arrays(_first(batches(field.name, 0, SAMPLE_ROWS)))
+            cells = pa.concat_arrays(first_of(batches(field.name, 0, SAMPLE_ROWS), SAMPLE_ROWS))
             own = f"time ({len(columns) + 1})" if of_another and not wished else name
             columns.append(Column(own, facts["unit"], field.name, cells))
     return find_time(
@@ -305,19 +302,9 @@ def is_time_like(kind: pa.DataType, name: str) -> bool:
 
 def _is_other_time(field: pa.Field, batches: Batches) -> bool:
     """Whether a column holds times, though it was not chosen as time column."""
-    parts = _first(batches(field.name, 0, SAMPLE_ROWS)) if pa.types.is_string(field.type) else []
+    parts = first_of(batches(field.name, 0, SAMPLE_ROWS), SAMPLE_ROWS * pa.types.is_string(field.type))
     first = next((cell for part in parts for cell in part.to_pylist() if cell), None)
     return looks_like_time(first) if first else bool(pa.types.is_timestamp(field.type))
-
-
-def _first(batches: Iterator[pa.Array], rows: int = SAMPLE_ROWS) -> list[pa.Array]:
-    parts, count = [], 0
-    for batch in batches:
-        parts.append(batch[: rows - count])
-        count += len(parts[-1])
-        if count >= rows:
-            break
-    return parts
 
 
 def _axis(
@@ -360,7 +347,7 @@ def _without_time(fields: Mapping[str, tuple[pa.Field, dict[str, Any]]], without
 
 
 def _numbers(batches: Batches, column: str, first: int, stop: int) -> Array:
-    parts = _first(batches(column, first, stop - first), stop - first)
+    parts = first_of(batches(column, first, stop - first), stop - first)
     return np.concatenate([unmasked(_samples(part)) for part in parts])
 
 

@@ -201,12 +201,8 @@ def _is_time(channel: Any) -> bool:
     if channel.dtype.kind == "M":
         return len(channel) > 1
     named = is_time(split_bracketed(channel.name)[0])
-    return (
-        named
-        and channel.dtype.kind in "iuf"
-        and len(channel) > 1
-        and "wf_increment" not in channel.properties
-    )
+    numbers = channel.dtype.kind in "iuf" and len(channel) > 1
+    return named and numbers and "wf_increment" not in channel.properties
 
 
 def _rows_of_group(own: Any, every: Sequence[Any]) -> dict[str, Row]:

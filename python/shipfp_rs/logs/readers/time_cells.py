@@ -31,15 +31,7 @@ SECONDS = {"": 1.0} | {
 MONTHS = {name: number for number, names in enumerate(WORDS["months"], start=1) for name in names.split()}
 """Months by the first letters of their names."""
 BRACKETED = re.compile(r"(.*\S)\s*(?:\[([^\]]*)\]|\(([^)]*)\)|\{([^}]*)\}|<([^>]*)>)\s*")
-TAILS = tuple(
-    re.compile(pattern)
-    for pattern in (
-        r"(.*\S)\s+in\s+(\S+)",
-        r"(.*?\S)\s*/\s*(.+)",
-        r"(.*\S)\s*[,;:]\s*(\S+)",
-        r"(.*\S)\s+-\s+(\S+)",
-    )
-)
+TAILS = (r"(.*\S)\s+in\s+(\S+)", r"(.*?\S)\s*/\s*(.+)", r"(.*\S)\s*[,;:]\s*(\S+)", r"(.*\S)\s+-\s+(\S+)")
 UNDERSCORED = re.compile(r"(.*[^\W_])[ _.]+([a-zµμ]+)")
 
 
@@ -60,14 +52,11 @@ def split_unit(heading: str) -> tuple[str, str]:
     if spaced and "/" in spaced[2] and units.told(spaced[2]) == "rpm":
         return spaced[1], "rpm"
     for pattern in TAILS:
-        found = pattern.fullmatch(heading)
+        found = re.fullmatch(pattern, heading)
         # Not units here: a dash, and the letters of a time format such as h:m:s.
-        if (
-            found
-            and found[2] != "-"
-            and units.is_unit(found[2])
-            and not units.TIME_FORMAT.fullmatch(found[2])
-        ):
+        if found is None or found[2] == "-" or units.TIME_FORMAT.fullmatch(found[2]):
+            continue
+        if units.is_unit(found[2]):
             return found[1], units.told(found[2])
     found = UNDERSCORED.fullmatch(heading)
     if found and is_time(found[1]) and found[2].lower() in SECONDS:
@@ -111,9 +100,8 @@ def timed_by(name: str) -> set[str]:
     ({'data1_u_pickup'}, set())
     """
     words = re.split(r"[\s_.-]+", name.lower())
-    return {"_".join(words[:k] + words[k + 1 :]) for k, word in enumerate(words) if plain(word) in TIMES} - {
-        ""
-    }
+    names = {"_".join(words[:k] + words[k + 1 :]) for k, word in enumerate(words) if plain(word) in TIMES}
+    return names - {""}
 
 
 def is_date(name: str) -> bool:
@@ -211,14 +199,12 @@ def looks_like_time(cell: str) -> bool:
     return bool(_SHAPE.match(cell)) and any(pattern.fullmatch(cell) for pattern in _PATTERNS.values())
 
 
-def find_text_time(cells: Sequence[str], *, dates: bool = True, european: bool = False) -> TextTime | None:
+def find_text_time(cells: Sequence[str], *, european: bool = False) -> TextTime | None:
     """Find the format of cells; None if no pattern fits all. `european`: ambiguous dates start with the day."""
     filled = [cell for cell in cells if cell.strip()]
     if not filled:
         return None
     for name, pattern in _PATTERNS.items():
-        if name == "compact" and not dates:
-            continue
         if all(pattern.fullmatch(cell) for cell in filled):
             return _ordered(TextTime(name), filled, european=european)
     return None
@@ -381,11 +367,8 @@ class TimePlan:
             whole = parts[0].cast(pa.timestamp("ns", tz=kind.tz), safe=False).cast(pa.int64())
             return np.asarray(whole.fill_null(int(MISSING)).to_numpy(zero_copy_only=False))
         try:
-            told = [
-                nanoseconds(part.cast(pa.string()), how)
-                for part, how in zip(parts, self.how, strict=True)
-                if how
-            ]
+            formats = zip(parts, self.how, strict=True)
+            told = [nanoseconds(part.cast(pa.string()), how) for part, how in formats if how]
         except ValueError as error:
             if len(error.args) != 2:
                 raise

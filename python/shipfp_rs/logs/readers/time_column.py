@@ -92,13 +92,8 @@ def plan_of_numbers(path: object, column: Column, *, trusted: bool = False) -> T
         zero = year + timedelta(microseconds=round(offset * scale * 1e6))
         contradicts = f", not {column.unit} as its heading says" if unit and not stated else ""
         # Times relative to the first row keep their last digits in float64; times since the epoch would lose them.
-        return replace(
-            plan,
-            factor=scale,
-            offset=offset,
-            zero=zero,
-            note=f"time from {column.name!r}, {text}{contradicts}",
-        )
+        note = f"time from {column.name!r}, {text}{contradicts}"
+        return replace(plan, factor=scale, offset=offset, zero=zero, note=note)
     if not unit and _is_packed(values):
         return replace(
             plan, packed=True, note=f"time from {column.name!r}, hours, minutes and seconds as one number"
@@ -163,11 +158,8 @@ def find_time(
     """
     if wish is not None:
         return [_wished(path, columns, names, Wish.of(wish), european)]
-    numbers = [
-        plan_of_numbers(path, c)
-        for c in columns
-        if time_cells.is_time(c.name) and is_number(c) and fits_time(c)
-    ]
+    timely = [column for column in columns if is_number(column) and fits_time(column)]
+    numbers = [plan_of_numbers(path, column) for column in timely if time_cells.is_time(column.name)]
     texts = _texts(path, columns, european)
     found = [plan for plan in [*numbers, *texts] if plan is not None]
     if groups := _interleaved(path, found, columns, names):
@@ -178,15 +170,8 @@ def find_time(
         # A column clearly named as time is returned although it is not usable: its use raises an error.
         ambiguous = time_cells.WORDS["ambiguous"].split()
         certain = [plan for plan in numbers if plan and time_cells.plain(plan.name) not in ambiguous]
-        by_unit = [
-            plan
-            for c in columns
-            if c.unit
-            and is_number(c)
-            and fits_time(c)
-            and (plan := plan_of_numbers(path, c))
-            and _score(path, plan, columns)[:3] == (1.0, 1.0, 1.0)
-        ]
+        of_unit = (plan_of_numbers(path, column) for column in timely if column.unit)
+        by_unit = [plan for plan in of_unit if plan and _score(path, plan, columns)[:3] == (1.0, 1.0, 1.0)]
         return certain[:1] or by_unit[:1] or (_nameless(columns, names) if nameless else [])
     best = max(usable, key=lambda item: item[:2])[2]
     others = [plan for _, _, plan in usable if plan is not best]
@@ -241,7 +226,8 @@ def _wished(
             "date (d.m.y, m/d/y, y-m-d)"
         )
     if len(chosen) == 1 and (is_number(first) or pa.types.is_timestamp(first.cells.type)) and not order:
-        plan = plan_of_numbers(path, first) if is_number(first) else _stamped(path, first)
+        stamped = TimePlan((first.key,), first.name)
+        plan = plan_of_numbers(path, first) if is_number(first) else _with_zero(path, stamped, [first])
         if plan is None:
             raise InputError(
                 f"{path}: time column {first.name!r} holds no numbers in its first rows; name another (--time)"
@@ -263,13 +249,10 @@ def _wished(
     return plan
 
 
-def _stamped(path: object, column: Column) -> TimePlan:
-    return _with_zero(path, TimePlan((column.key,), column.name), [column])
-
-
 def _texts(path: object, columns: Sequence[Column], european: bool) -> list[TimePlan | None]:
     """Plans for timestamps, for texts that are times, and for a date beside a time of day."""
-    plans: list[TimePlan | None] = [_stamped(path, c) for c in columns if pa.types.is_timestamp(c.cells.type)]
+    stamps = [column for column in columns if pa.types.is_timestamp(column.cells.type)]
+    plans: list[TimePlan | None] = [_with_zero(path, TimePlan((c.key,), c.name), [c]) for c in stamps]
     dates: list[Column] = []
     clocks: list[Column] = []
     for column in columns:
@@ -339,17 +322,21 @@ def _zero_of(path: object, plan: TimePlan, columns: Sequence[Column]) -> datetim
 
 def _score(path: object, plan: TimePlan, columns: Sequence[Column]) -> tuple[float, ...]:
     """Score of a column as time: whether its first rows rise, in even steps, and its name means time."""
-    by_key = {column.key: column for column in columns}
-    (seconds,) = plan.seconds(path, lambda key: iter([by_key[key].cells]))
-    seconds = seconds[np.isfinite(seconds)]
-    steps = np.diff(seconds)
+    steps = _first_steps(path, plan, columns)
     if len(steps) < 1 or np.mean(steps < 0.0) > 0.02 or not (steps > 0.0).any():
         return (0.0,)
     rising = float(np.mean(steps > 0.0))
     middle = float(np.median(steps[steps > 0.0]))
     even = float(np.mean(np.abs(steps - middle) < 0.5 * middle))
-    named = any(time_cells.is_time(by_key[key].name) for key in plan.keys)
+    named = any(time_cells.is_time(column.name) for column in columns if column.key in plan.keys)
     return (1.0, round(rising, 1), round(even, 1), float(named))
+
+
+def _first_steps(path: object, plan: TimePlan, columns: Sequence[Column]) -> Array:
+    """Steps of the known times in the first rows [s]."""
+    by_key = {column.key: column.cells for column in columns}
+    (seconds,) = plan.seconds(path, lambda key: iter([by_key[key]]))
+    return np.diff(seconds[np.isfinite(seconds)])
 
 
 def timed_key(key: str, names: Mapping[str, str]) -> str | None:
@@ -381,8 +368,7 @@ def _interleaved(
         return plans
     steps = []
     for plan in plans:
-        (seconds,) = plan.seconds(path, lambda key: iter([own[key].cells]))
-        each = np.diff(seconds[np.isfinite(seconds)])
+        each = _first_steps(path, plan, columns)
         steps.append(float(np.median(each)) if len(each) and (each > 0.0).all() else 0.0)
     apart = min(steps) > 0.0 and len(np.unique(np.round(np.log(steps), 1))) == len(plans)
     return plans if apart else []
