@@ -247,7 +247,7 @@ def test_ships_of_which_one_shows_a_limit_are_compared_with_it(monkeypatch):
 
     monkeypatch.setattr(comparable, "identify", again)
     found = compare(bent, straight, data=([first], [second]))
-    assert asked == [{"torque_limit": True, "rack_rate": False, "set_rate": False}]
+    assert asked == [{"torque_limit": True, "rack_rate": False, "set_rate": False, "droop": False}]
     assert not found["M_max"].significant
     assert any("fitted again with upper torque limit" in line for line in found.remarks)
 

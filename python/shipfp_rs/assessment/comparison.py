@@ -16,6 +16,7 @@ from shipfp_rs.assessment.comparable import require_comparable, with_common_elem
 from shipfp_rs.errors import InputError, UnknownNameError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.frequency import FrequencyResponse, local_response
+from shipfp_rs.identification.draws import Draws
 from shipfp_rs.identification.estimate import decimals, rounded
 from shipfp_rs.identification.fingerprint import Estimate, Fingerprint
 from shipfp_rs.identification.identifiability import gradient_of
@@ -207,6 +208,7 @@ def compare(
     *,
     level: float = 0.05,
     data: Sequence[Sequence[Experiment]] | None = None,
+    draws: tuple[Draws, Draws] | None = None,
 ) -> Comparison:
     """Compare the parameters of two fingerprints, with the significance of changes under both covariances.
 
@@ -220,6 +222,8 @@ def compare(
     data
         Experiments of both fingerprints, for such a refit; None: experiments stored in the fingerprints. Without
         experiments the fingerprints are compared unchanged, with a remark.
+    draws
+        Draws of both fingerprints, from which intervals and covariances are then taken, valleys included.
 
     Returns
     -------
@@ -243,13 +247,18 @@ def compare(
     if not 0.0 < level < 1.0:
         raise InputError(f"level {level}, expected a probability between 0 and 1")
     (before, after), again = with_common_elements((before, after), data)
+    if again and draws is not None:
+        raise InputError(
+            "draws: one fingerprint was fitted again with an element of the other, expected draws of both with it; leave "
+            "them out"
+        )
     remarks = (*require_comparable(before, after), *again)
     names = _common(before, after)
-    alone = [_change(name, before[name], after[name]) for name in names]
+    alone = [_change(name, before[name], after[name], draws) for name in names]
     significant = _holm([change.p for change in alone], level)
     changes = tuple(replace(change, significant=s) for change, s in zip(alone, significant, strict=True))
     together = [name for name in names if _is_correlated(before, name) and _is_correlated(after, name)]
-    joint = _joint(together, before, after)
+    joint = _joint(together, before, after, draws)
     return Comparison(changes, joint, level, remarks, _verdict(changes, joint, level, len(together)))
 
 
@@ -325,11 +334,13 @@ def _common(before: Fingerprint, after: Fingerprint) -> list[str]:
     return names
 
 
-def _change(name: str, before: Estimate, after: Estimate) -> Change:
+def _change(name: str, before: Estimate, after: Estimate, draws: tuple[Draws, Draws] | None = None) -> Change:
     assert before.value is not None
     assert after.value is not None
-    low_before, high_before = _sides(before)
-    low_after, high_after = _sides(after)
+    (low_before, high_before), (low_after, high_after) = (
+        _sides(one, None if drawn is None else drawn.parameters.get(name))
+        for one, drawn in zip((before, after), draws or (None, None), strict=True)
+    )
     change = after.value - before.value
     down, up = float(np.hypot(low_after, high_before)), float(np.hypot(high_after, low_before))
     # The hypothesis of no change is tested with the half-width of the interval on the side of zero change.
@@ -349,14 +360,18 @@ def _change(name: str, before: Estimate, after: Estimate) -> Change:
     )
 
 
-def _sides(estimate: Estimate) -> tuple[float, float]:
+def _sides(estimate: Estimate, drawn: Array | None = None) -> tuple[float, float]:
     """Half-widths of the interval below and above the value; the other one replaces one cut short by a bound."""
-    assert estimate.value is not None
+    value, ends = estimate.value, estimate.ci95
+    assert value is not None
     assert estimate.std is not None
+    if drawn is not None:
+        first, last = np.quantile(drawn, [0.025, 0.975]).tolist()
+        ends = min(first, value), max(last, value)
     half = DEVIATIONS_95 * estimate.std
-    if estimate.ci95 is None:
+    if ends is None:
         return half, half
-    low, high = estimate.value - estimate.ci95[0], estimate.ci95[1] - estimate.value
+    low, high = value - ends[0], ends[1] - value
     return (high if low < 0.5 * half else low), (low if high < 0.5 * half else high)
 
 
@@ -383,11 +398,22 @@ def _is_correlated(fingerprint: Fingerprint, name: str) -> bool:
     return all(one in known or fingerprint[one].status == "fixed" for one in members)
 
 
-def _joint(names: Sequence[str], before: Fingerprint, after: Fingerprint) -> Joint:
+def _joint(
+    names: Sequence[str],
+    before: Fingerprint,
+    after: Fingerprint,
+    draws: tuple[Draws, Draws] | None = None,
+) -> Joint:
+    if draws is not None:
+        names = [name for name in names if all(name in one.names for one in draws)]
     if not names:
         return Joint(0.0, 0, 1.0)
     change = np.array([(after[name].value or 0.0) - (before[name].value or 0.0) for name in names])
-    both = covariance_of(before, names), covariance_of(after, names)
+    if draws is None:
+        both = covariance_of(before, names), covariance_of(after, names)
+    else:
+        first, second = (np.atleast_2d(np.cov([one.parameters[name] for name in names])) for one in draws)
+        both = first, second
     # A linearly dependent quantity adds no degree of freedom. The dependence differs slightly between the
     # fingerprints, so the smaller rank counts.
     told = min(_rank(covariance) for covariance in both)

@@ -18,6 +18,7 @@ from shipfp_rs.errors import InputError, SimulationError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.frequency import FrequencyResponse
 from shipfp_rs.frequency.spectra import UNKNOWN_AMPLITUDE, UNKNOWN_PHASE
+from shipfp_rs.identification.draws import Draws
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.identification.fingerprint_content import ALARM
 from shipfp_rs.identification.first_guesses import (
@@ -350,9 +351,13 @@ class StepResponse:
 
 
 def response_with_deviation(
-    fingerprint: Fingerprint, frequency_hz: npt.ArrayLike, structure: Structure | None = None
+    fingerprint: Fingerprint,
+    frequency_hz: npt.ArrayLike,
+    structure: Structure | None = None,
+    *,
+    draws: Draws | None = None,
 ) -> FrequencyResponse:
-    """Return the fitted model's response by output, with standard deviations from the parameters' covariance.
+    """Return the fitted model's response by output, with standard deviations.
 
     Parameters
     ----------
@@ -362,6 +367,8 @@ def response_with_deviation(
         Frequencies in ascending order [Hz], shape (F,).
     structure
         Structure of the fingerprint; None rebuilds a linear one.
+    draws
+        Draws of the fingerprint, whose scatter is the deviation; None: that of the covariance, cut at the bounds.
 
     Returns
     -------
@@ -381,7 +388,7 @@ def response_with_deviation(
         return np.array([np.log(np.abs(found)), np.unwrap(np.angle(found))])
 
     response, _ = structure.equations.response(fingerprint.optimum, frequency, ())
-    amplitude, phase = deviation_of(fingerprint, structure, seen)
+    amplitude, phase = deviation_of(fingerprint, structure, seen, draws)
     amplitude, phase = np.minimum(amplitude, UNKNOWN_AMPLITUDE), np.minimum(phase, UNKNOWN_PHASE)
     return FrequencyResponse(
         structure.name,
@@ -400,12 +407,14 @@ def step_with_deviation(
     duration_s: float = 20.0,
     rate_hz: float = 50.0,
     structure: Structure | None = None,
+    *,
+    draws: Draws | None = None,
 ) -> StepResponse:
     """Return the fitted model's response to a step of the set point, with standard deviations.
 
     Parameters
     ----------
-    fingerprint, structure
+    fingerprint, structure, draws
         See `response_with_deviation`.
     duration_s, rate_hz
         Time after the step [s] and sample rate [Hz].
@@ -421,15 +430,32 @@ def step_with_deviation(
         "step", rate_hz, {"n_set": np.where(time >= 0.0, 2.0, 1.0)}, {"n_set": 1.0}, hold="zero"
     )
     seen = partial(structure.equations.simulate, experiment=step)
-    found = (seen(fingerprint.optimum), deviation_of(fingerprint, structure, seen))
+    found = (seen(fingerprint.optimum), deviation_of(fingerprint, structure, seen, draws))
     return StepResponse(time, *(dict(zip(structure.outputs, rows, strict=True)) for rows in found))
 
 
-def deviation_of(fingerprint: Fingerprint, structure: Structure, seen: Callable[[Values], Array]) -> Array:
-    """Change of a model's response that 68 % of draws do not exceed; parameters are drawn from the covariance, in bounds.
+def deviation_of(
+    fingerprint: Fingerprint,
+    structure: Structure,
+    seen: Callable[[Values], Array],
+    draws: Draws | None = None,
+) -> Array:
+    """Change of a model's response that 68 % of possible ships do not exceed.
 
-    Draws replace derivatives, since a torque jumps where a dead time ends, and a stiff shaft's simulation may fail. The
-    covariance lacks a parameter that lies on a bound; the draws of such a parameter reach to the end of its interval.
+    Possible ships replace derivatives, since a torque jumps where a dead time ends, and a stiff shaft's simulation may fail.
+    """
+    values, found = fingerprint.optimum, []
+    here = seen(values)
+    for moved in _by_covariance(fingerprint, structure) if draws is None else draws.of(dict):
+        with contextlib.suppress(SimulationError):  # no such ship
+            found.append(np.abs(seen({**values, **moved}) - here))
+    return np.asarray(np.quantile(found or [np.zeros_like(here)], ONE_DEVIATION, axis=0))
+
+
+def _by_covariance(fingerprint: Fingerprint, structure: Structure) -> Iterator[dict[str, float]]:
+    """Yield parameters drawn from the covariance, cut at their bounds.
+
+    The covariance lacks a parameter that lies on a bound; such a parameter reaches to the end of its interval.
     """
     values, names = dict(fingerprint.optimum), list(fingerprint.covariance["names"])
     matrix = np.array(fingerprint.covariance["matrix"], dtype=np.float64).reshape(len(names), len(names))
@@ -443,12 +469,8 @@ def deviation_of(fingerprint: Fingerprint, structure: Structure, seen: Callable[
             low, high = np.array(estimate.ci95) - values[name]
             far = high if high > -low else low
             moves[name] = np.abs(random.standard_normal(2 * DRAWS)) * far / DEVIATIONS_95
-    here, found = seen(values), []
     for draw in range(2 * DRAWS):
-        moved = {
+        yield {
             name: float(np.clip(values[name] + by[draw], structure[name].lower, structure[name].upper))
             for name, by in moves.items()
         }
-        with contextlib.suppress(SimulationError):  # no such ship
-            found.append(np.abs(seen({**values, **moved}) - here))
-    return np.asarray(np.quantile(found or [np.zeros_like(here)], ONE_DEVIATION, axis=0))

@@ -12,6 +12,7 @@ from shipfp_rs.assessment.closed_loop import structure_of
 from shipfp_rs.assessment.si import deviation_of
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment
+from shipfp_rs.identification.draws import Draws
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.identification.fit_statistics import nrmse_pct
 from shipfp_rs.identification.identify import identify
@@ -152,7 +153,13 @@ class HeldOut:
 
 
 @checked
-def held_out(fingerprint: Fingerprint, experiment: Experiment, structure: Structure | None = None) -> HeldOut:
+def held_out(
+    fingerprint: Fingerprint,
+    experiment: Experiment,
+    structure: Structure | None = None,
+    *,
+    draws: Draws | None = None,
+) -> HeldOut:
     """Predict an experiment that was not fitted, with a 95 % band, and score the prediction.
 
     The band has the deviations of the parameters and those of the residuals of the fitted experiments.
@@ -163,6 +170,8 @@ def held_out(fingerprint: Fingerprint, experiment: Experiment, structure: Struct
         A fit, with its experiments.
     experiment, structure
         See `validate`.
+    draws
+        Draws of the fingerprint, whose scatter is the parameters' deviation; None: that of the covariance.
 
     Returns
     -------
@@ -178,7 +187,10 @@ def held_out(fingerprint: Fingerprint, experiment: Experiment, structure: Struct
     model = fingerprint.predict(experiment, structure)
     every = -(-len(experiment) // MOST_POINTS)
     moved = deviation_of(
-        fingerprint, structure, lambda values: structure.equations.simulate(values, experiment)[:, ::every]
+        fingerprint,
+        structure,
+        lambda values: structure.equations.simulate(values, experiment)[:, ::every],
+        draws,
     )
     predicted = structure.measured(model)
     left = [

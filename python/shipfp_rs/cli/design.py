@@ -29,6 +29,7 @@ from shipfp_rs.support.units import unit_shown
 
 if TYPE_CHECKING:
     from shipfp_rs.designs import Generator, Noise, Plan
+    from shipfp_rs.identification.draws import Draws
 
 
 Kind = Literal["mix", "sines", "squares", "multisine", "chirp"]
@@ -131,6 +132,7 @@ def design(
             highest_hz=highest,
             longest_samples=longest,
             generator=_generator(trial, expected, _pair("--volts", volts)),
+            draws=_draws(expected),
         )
         plan.save(out, force=force)
     print_results({"folder": str(out), **plan.to_dict()}, lambda: _print(plan), out, json=json)
@@ -147,6 +149,10 @@ def _print(plan: Plan) -> None:
         share = _percent(shares[name]) if name in shares else ""
         table.append([name, value, std, share, unit_shown(row.unit), mark])
     head = ["parameter", "expected", "std", "% of value", "unit", ""]
+    if plan.spread:
+        head.insert(4, "95 % of draws")
+        for cells in table:
+            cells.insert(4, _percent(plan.spread[cells[0]][1]) if cells[0] in plan.spread else "")
     print_table("Predicted standard deviations", head, table)
     print_text(*notes)
     if plan.needed is not None:
@@ -156,6 +162,19 @@ def _print(plan: Plan) -> None:
         print_text(
             f"A standard deviation of {plan.needed.accuracy_pct:g} % {met}; {takes}, set by {plan.needed.limited_by}."
         )
+
+
+def _draws(expected: str) -> Draws | None:
+    """Draws of an earlier fingerprint whose experiments lie beside it; None without them."""
+    from shipfp_rs.designs.subject import MOST_DRAWN
+    from shipfp_rs.experiments.parquet import read_experiments
+    from shipfp_rs.identification.fingerprint import Fingerprint
+
+    records = Path(expected).with_name("experiments.parquet")
+    if not expected.endswith(".json") or not records.is_file():
+        return None
+    found = Fingerprint.load(expected)
+    return found.draws(MOST_DRAWN, experiments=read_experiments(records)) if found.engine_described else None
 
 
 def _percent(value: float) -> str:

@@ -42,6 +42,8 @@ COLUMNS = {
     "twin": "tau_n g p tau_prop vK_p vK_i T_d T_set",
 }
 """Parameters shown, for tables that do not show all."""
+PICTURED = 100
+"""Draws whose scatter is the band of a picture, where the experiments lie beside the fingerprint."""
 TOO_WIDE = ("5.1",)
 """Tables that are only in the JSON output, since they are too wide to print."""
 FITS = {
@@ -175,7 +177,13 @@ def compare(
         from shipfp_rs.plot.estimates import draw
 
         labels = [path.name if before.name != after.name else str(path) for path in (before, after)]
-        figure = draw(dict(zip(labels, (first, second), strict=True)))
+        known = zip(labels, (first, second), data, strict=True)
+        drawn = {
+            label: one.draws(PICTURED, experiments=own)
+            for label, one, own in known
+            if own and one.engine_described
+        }
+        figure = draw(dict(zip(labels, (first, second), strict=True)), drawn)
         with replacing(out) as temporary:
             figure.savefig(temporary, format="png")
     title = f"Changes from {before} to {after}"

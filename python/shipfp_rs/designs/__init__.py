@@ -12,9 +12,10 @@ import numpy as np
 
 from shipfp_rs.designs.plan import Needed, Plan, Stretch, needed_for, run_sheet
 from shipfp_rs.designs.spectrum import SINE, SQUARE, Criterion, candidates, support
-from shipfp_rs.designs.subject import Noise, Prediction, Subject, predict, quantities, sensors_of
+from shipfp_rs.designs.subject import Noise, Prediction, Subject, predict, quantities, sensors_of, spread
 from shipfp_rs.designs.waveforms import TOP_HZ, Generator, Kind, Limits, Setting, settling, waveform
 from shipfp_rs.errors import InputError
+from shipfp_rs.identification.draws import Draws
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.structures.state_space import LinearEquations
 from shipfp_rs.structures.structure import Structure
@@ -69,6 +70,7 @@ def design(
     longest_samples: int | None = None,
     generator: Generator | None = None,
     settle_s: float = 10.0,
+    draws: Draws | None = None,
 ) -> Plan:
     """Plan a trial: the most informative set point within limits, and the expected accuracy.
 
@@ -112,6 +114,8 @@ def design(
         Calibration and range of the generator; None: the vessel's set-point line if it declares one.
     settle_s
         Time at the operating point before, between and after the waveform's parts [s].
+    draws
+        Draws of the earlier fingerprint; the plan then tells the accuracy for the first 30 of these ships, too.
 
     Returns
     -------
@@ -178,9 +182,13 @@ def design(
 
     if duration_s is not None:
         plan = made(duration_s)
-        return plan if accuracy_pct is None else _judged(plan, made, accuracy_pct, parameters)
-    assert accuracy_pct is not None
-    return _long_enough(made, accuracy_pct, parameters, max(SHORTEST_S, 3.0 * settling(kind, settle_s)))
+        plan = plan if accuracy_pct is None else _judged(plan, made, accuracy_pct, parameters)
+    else:
+        assert accuracy_pct is not None
+        plan = _long_enough(made, accuracy_pct, parameters, max(SHORTEST_S, 3.0 * settling(kind, settle_s)))
+    if draws is None:
+        return plan
+    return dataclasses.replace(plan, spread=spread(subject, plan.excitation, noises, draws))
 
 
 def _plan(
@@ -226,6 +234,7 @@ def _plan(
         limits,
         generator,
         _notes(subject, limits, rate, prediction, designed_for),
+        {},
     )
 
 

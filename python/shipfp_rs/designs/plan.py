@@ -78,6 +78,9 @@ class Plan(Brief):
         Arguments of `design`.
     notes
         Information for the user, in sentences.
+    spread
+        Relative standard deviation of each quantity [%] that half, and that 95 %, of the drawn ships do not exceed; empty
+        without draws.
     """
 
     subject: str
@@ -95,6 +98,7 @@ class Plan(Brief):
     limits: Limits
     generator: Generator | None
     notes: tuple[str, ...]
+    spread: Mapping[str, tuple[float, float]]
 
     def volts(self) -> Array | None:
         """Return the generator's output [V], shape (N,); None without a generator."""
@@ -125,6 +129,7 @@ class Plan(Brief):
             "parameters": finite(self.prediction.parameters),
             "derived": finite(self.prediction.derived),
             "relative_std_pct": self.prediction.relative_pct,
+            "relative_std_pct_of_draws": finite(dict(self.spread)),
             "identifiability": finite(self.prediction.identifiability),
             "needed": finite(self.needed),
             "run_sheet": [asdict(stretch) for stretch in self.sheet],

@@ -15,6 +15,7 @@ from scipy.signal import lfilter
 from shipfp_rs.assessment.closed_loop import structure_of
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment
+from shipfp_rs.identification.draws import Draws
 from shipfp_rs.identification.estimate import Status
 from shipfp_rs.identification.fingerprint import Estimate, Fingerprint, Identifiability
 from shipfp_rs.identification.identifiability import NULL_PART, Sensitivity, gradient_of
@@ -159,6 +160,8 @@ def quantities(subject: Subject, sensitivity: Sensitivity) -> dict[str, Quantity
     return found
 
 
+MOST_DRAWN = 30
+"""Drawn ships whose accuracy a plan tells; each takes tens of milliseconds."""
 SEED = 1
 """Seed of the noise phases in the predicted record."""
 
@@ -205,6 +208,26 @@ def predict(subject: Subject, excitation: Excitation, sensors: Mapping[str, Nois
     )
     expected = foresee([record], subject.fitted, values=subject.values)
     return Prediction(expected.parameters, expected.derived, expected.identifiability, experiment)
+
+
+def spread(
+    subject: Subject, excitation: Excitation, sensors: Mapping[str, Noise], draws: Draws
+) -> dict[str, tuple[float, float]]:
+    """Relative standard deviation of each quantity [%] that half, and that 95 %, of the first drawn ships do not exceed."""
+    rows = [dict(zip(draws.names, row, strict=True)) for row in draws.table[:MOST_DRAWN].tolist()]
+    ships = [
+        dataclasses.replace(subject, values=_expected(subject.structure, {**subject.values, **row}))
+        for row in rows
+    ]
+    found = [predict(ship, excitation, sensors).relative_pct for ship in ships]
+    told = {name: [one.get(name, math.inf) for one in found] for name in found[0]}
+    return {
+        name: (
+            float(np.quantile(row, 0.5, method="higher")),
+            float(np.quantile(row, 0.95, method="higher")),
+        )
+        for name, row in told.items()
+    }
 
 
 @dataclass(frozen=True)

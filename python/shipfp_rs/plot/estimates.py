@@ -9,6 +9,7 @@ import numpy as np
 
 from shipfp_rs.assessment.si import response_with_deviation, step_with_deviation
 from shipfp_rs.errors import InputError
+from shipfp_rs.identification.draws import Draws
 from shipfp_rs.identification.estimate import OPEN, ROUGH, SMALL, Estimate, roughness
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.plot.style import BLUE, COMPARED, GREY, ORANGE, PURPLE, RED, dress, panels_of
@@ -27,13 +28,15 @@ OUTPUTS = {"dn": "speed", "dM": "torque", "dE": "integrated error", "dX": "fuel 
 FREQUENCY_HZ = np.geomspace(0.003, 5.0, 200)
 
 
-def draw(fingerprints: Mapping[str, Fingerprint]) -> Figure:
+def draw(fingerprints: Mapping[str, Fingerprint], draws: Mapping[str, Draws] | None = None) -> Figure:
     """Draw a column of panels per output: step response, amplitude and phase of the frequency response.
 
     Parameters
     ----------
     fingerprints
         Up to five fingerprints of one linear structure, by label.
+    draws
+        Draws of some of them, whose scatter is the band; that of the others is their covariance's.
 
     Raises
     ------
@@ -48,8 +51,9 @@ def draw(fingerprints: Mapping[str, Fingerprint]) -> Figure:
     figure = Figure(figsize=(1.0 + 4.5 * len(outputs), 8.0), dpi=110, layout="constrained")
     panels = figure.subplots(3, len(outputs), squeeze=False, sharex="row")
     for color, (label, fingerprint) in zip(COMPARED, fingerprints.items(), strict=False):
-        step = step_with_deviation(fingerprint)
-        response = response_with_deviation(fingerprint, FREQUENCY_HZ)
+        drawn = (draws or {}).get(label)
+        step = step_with_deviation(fingerprint, draws=drawn)
+        response = response_with_deviation(fingerprint, FREQUENCY_HZ, draws=drawn)
         for column, output in enumerate(outputs):
             value, deviation = step.mean[output], step.std[output]
             _band(panels[0, column], step.time, value, deviation, color, label)

@@ -85,6 +85,9 @@ MARKER = "fingerprint.json"
 RESULTS = (MARKER, "report.html", "experiments.parquet", "validation.parquet", "TRIAL.toml")
 """Names of the files in the folder of a run."""
 
+DRAWN = 100
+"""Draws whose scatter is the band about a held-out window."""
+
 PREDICTED = Sentence("Held out and predicted: {windows}.")
 OF_WINDOW = Sentence("{name}, {output} to {fit} %, {inside} % of its samples in the 95 % band")
 NO_TORQUE = Sentence(
@@ -204,7 +207,7 @@ def evaluate(
                 experiments, declared, vessel=vessel.name, seed=own_seed, **options.options
             )
     structure = declared or rebuilt(fingerprint)
-    predicted = tuple(held_out(fingerprint, one, structure) for one in others)
+    predicted = _predicted(fingerprint, others, structure)
     lines = [
         *_without_torque(fingerprint, trial),
         *against_priors(fingerprint, {**known, **options.priors}),
@@ -250,6 +253,14 @@ def split(trial: Trial, experiments: Sequence[Experiment]) -> tuple[list[Experim
     return [one for one in experiments if one.name not in held], [
         one for one in experiments if one.name in held
     ]
+
+
+def _predicted(
+    fingerprint: Fingerprint, others: Sequence[Experiment], structure: Structure
+) -> tuple[HeldOut, ...]:
+    """Predict the windows that are held out, each with the band of drawn ships."""
+    ships = fingerprint.draws(DRAWN, structure=structure) if others and fingerprint.engine_described else None
+    return tuple(held_out(fingerprint, one, structure, draws=ships) for one in others)
 
 
 def _of_predictions(predicted: Sequence[HeldOut]) -> Iterator[Sentence]:
