@@ -435,7 +435,13 @@ class Likelihood:
         c = self.coordinates
         values = c.values(vector) if values is None else values
         jacobian = c.jacobian(values) if jacobian is None else jacobian
-        own = len(jacobian)
+        walls = wall_rows(c, values, jacobian) if self.models[0].has_walls else []
+        own = self.own_prior_rows(vector, values, jacobian)
+        return np.vstack([own, *walls, *self._further_rows(vector, values, jacobian)])
+
+    def own_prior_rows(self, vector: Array, values: Mapping[str, float], jacobian: Array) -> Array:
+        """Residuals and derivatives (K, 1 + P) of the priors of parameters and of the records' unknowns."""
+        c, own = self.coordinates, len(jacobian)
         states = np.zeros((c.size - own, 1 + c.size))
         states[:, 0] = vector[own:] / -c.state_deviation
         np.fill_diagonal(states[:, 1 + own :], 1.0 / c.state_deviation)
@@ -448,8 +454,7 @@ class Likelihood:
             for name, prior in self.priors.items()
             if name not in names
         ]
-        walls = wall_rows(c, values, jacobian) if self.models[0].has_walls else []
-        return np.vstack([rows, *others, states, *walls, *self._further_rows(vector, values, jacobian)])
+        return np.vstack([rows, *others, states])
 
     def _further_rows(self, vector: Array, values: Mapping[str, float], jacobian: Array) -> list[Array]:
         """Rows (K, 1 + P) of the models' further information, and one for the time in which clamps open the loop."""

@@ -90,7 +90,9 @@ class Perturbed:
             with np.errstate(over="ignore", invalid="ignore"):
                 gram = self.likelihood.gram(vector, self.columns)
             found, along = Products(float(gram[0, 0]), gram[1:-1, 0], gram[1:-1, 1:-1]), gram[:-1, -1]
-        along = along + self.means @ self.likelihood.prior_rows(vector)[: len(self.means)]
+        c = self.likelihood.coordinates
+        values = c.values(vector)
+        along = along + self.means @ self.likelihood.own_prior_rows(vector, values, c.jacobian(values))
         return found._replace(cost=found.cost + 2.0 * along[0], downhill=found.downhill + along[1:])
 
 

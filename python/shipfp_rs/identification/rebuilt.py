@@ -59,7 +59,9 @@ def rebuilt(
     ways = _likelihoods(fingerprint, experiments, structure or Structure.from_dict(fingerprint.structure))
     minima = [one for one in map(partial(_settled, start), ways) if one]
     best = min(minima, key=lambda one: abs(one.total - criterion), default=None)
-    if best is None or not abs(best.total - criterion) < ALIKE + 1e-6 * abs(criterion):
+    # A limit's effect depends on the speed that its governor saw, which each way to it estimates from other residuals.
+    alike = ALIKE * DISCREPANCY**2 if best is not None and best.likelihood.limited else ALIKE
+    if best is None or not abs(best.total - criterion) < alike + 1e-6 * abs(criterion):
         raise InputError(
             f"experiments: found a deviance of {best.total if best else np.inf:.6g}, expected the fingerprint's, "
             f"{criterion:.6g}; give the experiments that it was fitted to"

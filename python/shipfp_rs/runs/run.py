@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import shutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -11,6 +12,7 @@ from typing import Any
 from shipfp_rs.assessment.closed_loop import structure_of as rebuilt
 from shipfp_rs.assessment.si import against_priors, doubts, in_si, torsional_priors, vessel_priors
 from shipfp_rs.assessment.validation import HeldOut, held_out
+from shipfp_rs.errors import ShipfpError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.experiments.parquet import write_experiments
 from shipfp_rs.identification.fingerprint import Fingerprint
@@ -258,8 +260,11 @@ def split(trial: Trial, experiments: Sequence[Experiment]) -> tuple[list[Experim
 def _predicted(
     fingerprint: Fingerprint, others: Sequence[Experiment], structure: Structure
 ) -> tuple[HeldOut, ...]:
-    """Predict the windows that are held out, each with the band of drawn ships."""
-    ships = fingerprint.draws(DRAWN, structure=structure) if others and fingerprint.engine_described else None
+    """Predict the windows that are held out, with the band of drawn ships, or of the covariance where none can be drawn."""
+    ships = None
+    if others and fingerprint.engine_described:
+        with contextlib.suppress(ShipfpError):
+            ships = fingerprint.draws(DRAWN, structure=structure)
     return tuple(held_out(fingerprint, one, structure, draws=ships) for one in others)
 
 
