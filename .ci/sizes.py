@@ -48,7 +48,7 @@ BUDGETS = {
     "python/shipfp_rs/exports": 859,
     "python": 53787,
     "rust/src": 11118,
-    "tests": 40491,
+    "tests": 40367,
 }
 """Most lines of each room, and most numeric constants of identification and structures. A commit that earns it lowers a
 number; none is raised without a word in the commit's text."""

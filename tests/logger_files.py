@@ -52,6 +52,16 @@ def opened(folder: Path, *lines: str, name: str = "log.csv") -> Log:
     return Log.open(folder / name)
 
 
+def altered(log: Log, changes: Mapping[str, tuple[slice, float]]) -> Log:
+    """Return a log of one rate with other samples in some of its channels."""
+    arrays = {name: log.read(name).copy() for name in log.channels}
+    for name, (samples, value) in changes.items():
+        arrays[name][samples] = value
+    units = {name: channel.unit for name, channel in log.channels.items()}
+    (rate_hz,) = {channel.rate_hz for channel in log.channels.values()}
+    return Log.from_arrays(arrays, rate_hz=rate_hz, units=units)
+
+
 def _piece(arrays: Arrays) -> int:
     """Rows that are stored together: several pieces in a short log, of a common size in a long one."""
     return max(100, len(next(iter(arrays.values()))) // 50)

@@ -22,6 +22,7 @@ from shipfp_rs.processing.trial import Trial
 from shipfp_rs.reproduce import Reproduction, Row
 from shipfp_rs.reproduce.fullscale import FILES, best_of
 from tests.cli.refusal import refused
+from tests.logger_files import altered
 
 
 def shipfp(*arguments: object) -> subprocess.CompletedProcess[str]:
@@ -343,11 +344,8 @@ class TestRun:
         assert [file.name for file in tmp_path.iterdir()] == ["TRIAL.toml"]
 
     def test_a_gap_in_the_set_point_is_named_with_its_time(self, trial, shown, tmp_path, capsys) -> None:
-        log = Log.open(shown[1] / "log.parquet")
-        samples = {name: np.array(log.read(name)) for name in log.channels}
-        samples["U_setpoint"][200_000:201_000] = np.nan
-        units = {name: channel.unit for name, channel in log.channels.items()}
-        Log.from_arrays(samples, rate_hz=2000.0, units=units, name="gap").write(tmp_path / "gap.parquet")
+        lost = {"U_setpoint": (slice(200_000, 201_000), np.nan)}
+        altered(Log.open(shown[1] / "log.parquet"), lost).write(tmp_path / "gap.parquet")
         self.spoil(trial, str(shown[1] / "log.parquet"), "gap.parquet")
         line = refused(["run", str(trial), "--out", "result"], capsys)
         assert "U_setpoint" in line

@@ -12,10 +12,8 @@ import shipfp_rs as fp
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.frequency import FrequencyResponse, sine_response
 from shipfp_rs.logs.log import Log
-from shipfp_rs.processing.cleaning import require_sense
 from shipfp_rs.support.toml import template
 from shipfp_rs.support.units import Calibration
-from shipfp_rs.vessel.vessel import Vessel
 from tests.cli.refusal import refused
 from tests.cli.small_trial import SWEEP
 
@@ -157,12 +155,6 @@ def fit(data: object) -> object:
     return fp.identify(data, fp.Structure.linear(products=True))
 
 
-def calibrated(set_point: float, torque: float) -> None:
-    """Meet the check that every window of a log passes through, the engine turning at 1184 rpm."""
-    signals = {"n_set": np.full(9, set_point), "n_e": np.full(9, 1184.0), "M_g": np.full(9, torque)}
-    require_sense("window 'C11'", signals, Vessel.load("stan-tug-1205"))
-
-
 def deviations(percent: float) -> dict[str, np.ndarray]:
     return {"n_e": np.full(12, percent), "M_b": np.full(12, percent)}
 
@@ -191,10 +183,6 @@ CALLS = [
         "sine_response: the phases of output reach 40",
         "degrees for radians?",
     ),
-    (lambda: calibrated(1184.0 / 60.0, 1725.0), "channels.set_point: 19.73 rpm", "rev/s for rpm?"),
-    (lambda: calibrated(1184.0, 1.725), "channels.torque: 1.725 Nm", "kNm for Nm?"),
-    (lambda: calibrated(4 * 1184.0, 1725.0), "channels.set_point", "wrong by 4? check pulses_per_rev"),
-    (lambda: calibrated(1184.0 / 3.82, 1725.0), "channels.set_point", "check shaft of the pulse trains"),
     (lambda: fp.Structure.linear().with_fixed(tau=1.17), "has no parameter 'tau'", "mean 'tau_n'?"),
     (lambda: fp.Structure.linear(dead_time_loop=True).with_fixed(T_d=120.0), "parameter T_d: fixed at 120 s", "ms for s?"),
     (lambda: fp.signals.chirp(0.01, 60.0, 100.0, 13.0), "stop_hz is 60 Hz", "sample faster"),
@@ -239,7 +227,6 @@ def test_a_slip_in_python_costs_one_line(call, words) -> None:
 def test_the_same_calls_without_the_slip_pass() -> None:
     fit(response())
     experiment()
-    calibrated(1184.0, 1725.0)
     response(phase_std=deviations(0.1), amplitude_std=deviations(0.01))
     sine_response((1725.0, 80.0, -0.7), (1184.0, 76.0, 0.2))
     fp.simulate(SHIP, STEPS, n_e_rpm=1300.0, noise={"n_e": 0.05})

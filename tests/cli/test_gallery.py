@@ -2,24 +2,16 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any, Literal, get_args, get_origin
 
 import pytest
 
 from shipfp_rs.support.arguments import _hints
 from tests.gallery.calls import Call, table
-from tests.gallery.inputs import inputs, prepare
+from tests.gallery.inputs import inputs
 from tests.gallery.outcome import outcome
 
 COUNT = 500
-
-
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    made = tmp_path_factory.mktemp("gallery")
-    prepare(made)
-    return made
 
 
 @pytest.mark.parametrize(

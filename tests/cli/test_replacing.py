@@ -8,14 +8,7 @@ import pytest
 
 from shipfp_rs import cli
 from tests.cli.refusal import refused
-from tests.gallery.inputs import KEPT, prepare
-
-
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory):
-    made = tmp_path_factory.mktemp("replacing")
-    prepare(made)
-    return made
+from tests.gallery.inputs import KEPT
 
 
 @pytest.mark.parametrize(

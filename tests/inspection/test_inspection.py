@@ -8,11 +8,12 @@ import pytest
 
 from shipfp_rs import cli, published, signals
 from shipfp_rs.inspection import SteadyPoint, inspect_log, static_check
-from shipfp_rs.inspection.checks import amplitude_spectrum, find_peaks, rates_of
+from shipfp_rs.inspection.checks import rates_of
 from shipfp_rs.logs.log import Log
 from shipfp_rs.processing.trial import Trial
 from shipfp_rs.simulation.raw_log import Sensors, simulate_raw_log, trial_toml
 from shipfp_rs.vessel.vessel import Vessel
+from tests.logger_files import altered
 
 TUG = Vessel.load("stan-tug-1205")
 EXCITATIONS = [
@@ -28,11 +29,8 @@ def recorded(tmp_path_factory) -> tuple[Path, Path]:
     log, truth = simulate_raw_log(
         TUG, EXCITATIONS, sensors=sensors, faults=("C", "D1", "B"), steady_s=60.0, pause_s=20.0, seed=4
     )
-    arrays = {name: log.read(name).copy() for name in log.channels}
-    arrays["U_torque"][150_000:151_000] = np.nan
-    path = Log.from_arrays(arrays, rate_hz=2000.0, units=dict.fromkeys(arrays, "V")).write(
-        folder / "run.parquet"
-    )
+    lost = {"U_torque": (slice(150_000, 151_000), np.nan)}
+    path = altered(log, lost).write(folder / "run.parquet")
     (folder / "TRIAL.toml").write_text(trial_toml("stan-tug-1205", path.name, sensors, truth))
     return path, folder / "TRIAL.toml"
 
@@ -72,16 +70,6 @@ def test_the_published_lines_are_those_of_the_tug():
     rates = rates_of(TUG, 1184.0)
     for row, rate in zip(published.torque_spectrum_peaks(), rates.values(), strict=True):
         assert row.frequency_hz == pytest.approx(rate, rel=0.005)
-
-
-def test_a_sine_shows_with_its_amplitude_though_it_falls_between_two_lines():
-    time = np.arange(200_000) / 2000.0
-    noise = np.random.default_rng(0).normal(0.0, 1.0, len(time))
-    frequency, amplitude = amplitude_spectrum(50.0 + 3.0 * np.sin(2 * np.pi * 20.023 * time) + noise, 2000.0)
-    (peak,) = find_peaks(frequency, amplitude, {"engine": 20.0})
-    assert peak.frequency_hz == pytest.approx(20.023, abs=0.01)
-    assert peak.amplitude == pytest.approx(3.0, rel=0.02)
-    assert peak.name == "engine"
 
 
 def test_published_static_torques_are_recomputed():

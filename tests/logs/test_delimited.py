@@ -7,37 +7,9 @@ import numpy as np
 import pytest
 
 from shipfp_rs.errors import InputError, LogWarning
-from shipfp_rs.logs.channel import Channel
 from shipfp_rs.logs.log import Log
 from shipfp_rs.logs.readers import delimited
 from tests.logger_files import WRITERS, opened
-
-U = Channel("u", "V", 2.0, 4)
-N = Channel("n", "rpm", 2.0, 4)
-SEMICOLON = "0,0;1,5;10\n0,5;2,5;11\n1,0;3,5;12\n1,5;4,5;13\n"
-COMMA = "0.0,1.5,10\n0.5,2.5,11\n1.0,3.5,12\n1.5,4.5,13\n"
-
-
-@pytest.mark.parametrize(
-    "text",
-    [
-        "time [s],u [V],n [rpm]\r" + COMMA.replace("\n", "\r"),
-        "Time\tu [V]\tn [rpm]\n" + SEMICOLON.replace(";", "\t"),
-        "Trial 7\nVessel: Tug, bollard pull\nOperator;J. Smith\n\ntime;u [V];n [rpm]\n" + SEMICOLON,
-        "t [ms],u [V],n [rpm]\n" + "".join(f"{500 * k},{k + 1.5},{k + 10}\n" for k in range(4)),
-        "Sample rate: 2 Hz\nu [V],n [rpm]\n" + "1.5,10\n2.5,11\n3.5,12\n4.5,13\n",
-        "Sample rate [kHz];0,002\nChannels;2\nu;n\nV;rpm\n" + "1,5;10\n2,5;11\n3,5;12\n4,5;13\n",
-        "dt = 500 ms\nu [V],n [rpm]\n" + "1.5,10\n2.5,11\n3.5,12\n4.5,13\n",
-        '"time","u [V]","n [rpm]"\n' + COMMA,
-    ],
-)
-def test_the_layout_is_found(tmp_path: Path, text: str) -> None:
-    path = tmp_path / "log.csv"
-    path.write_text(text, encoding="utf-8", newline="")
-    log = Log.open(path)
-    assert dict(log.channels) == {"u": U, "n": N}
-    np.testing.assert_array_equal(log.read("u"), [1.5, 2.5, 3.5, 4.5], strict=True)
-    np.testing.assert_array_equal(log.read("n"), [10, 11, 12, 13], strict=True)
 
 
 @pytest.mark.parametrize(

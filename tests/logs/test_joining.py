@@ -62,13 +62,12 @@ def test_breakage_c5_pieces_that_differ_are_refused(tmp_path: Path) -> None:
 
 
 def test_breakage_c5_logs_of_one_clock_are_merged_by_their_stamps(tmp_path: Path) -> None:
-    start = datetime(2026, 5, 1, 10, tzinfo=UTC)
     for name, late in (("a", 0.0), ("b", 2.5)):
-        rows = "".join(f"{(start + timedelta(seconds=late + k / 10)).isoformat()},{k}\n" for k in range(100))
+        rows = "".join(f"{(BEGAN + timedelta(seconds=late + k / 10)).isoformat()},{k}\n" for k in range(100))
         (tmp_path / f"{name}.csv").write_text(f"timestamp,u\n{rows}")
     log = Log.merge(*(Log.open(tmp_path / f"{name}.csv") for name in "ab"))
     assert list(log.channels) == ["a/u", "b/u"]
-    assert log.start_utc == start
+    assert log.start_utc == BEGAN
     np.testing.assert_array_equal(log.read("b/u", 2.5, 3.0), np.arange(5))
     with pytest.raises(InputError, match="has no date, but"):
         Log.merge(log, Log.from_arrays({"x": U}, rate_hz=10.0))

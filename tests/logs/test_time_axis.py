@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from shipfp_rs.errors import InputError, LogWarning
+from shipfp_rs.errors import LogWarning
 from shipfp_rs.logs.log import Log
 from shipfp_rs.logs.time_axis import TimeAxis, time_axis
 
@@ -90,9 +90,3 @@ def test_breakage_c5_a_rate_that_drifts_is_not_taken_as_even() -> None:
     grid = on_grid(axis, time)
     at = axis.start_s + np.arange(axis.samples) / axis.rate_hz
     np.testing.assert_allclose(grid, at, atol=1e-9)
-
-
-def test_times_without_order_are_refused_with_the_row(tmp_path: Path) -> None:
-    time = DRAW.permutation(np.arange(100.0))
-    with pytest.raises(InputError, match=r"goes back at row \d+: .* cut the file there, or give rate_hz"):
-        time_axis("log", "time", lambda: [time])

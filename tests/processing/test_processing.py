@@ -1,9 +1,9 @@
 """What goes into a raw log comes out of `process`: the ship's own signals, each fault repaired and on record."""
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -19,6 +19,7 @@ from shipfp_rs.processing.trial import Trial
 from shipfp_rs.simulation.raw_log import Kind, Sensors, Truth, simulate_raw_log, trial_toml
 from shipfp_rs.support.arrays import clipped_to, marks
 from shipfp_rs.vessel.vessel import Vessel
+from tests.logger_files import altered
 
 TUG = Vessel.load("stan-tug-1205")
 CLEAN = Sensors(set_point_noise_V=0.0, torque_noise_V=0.0, pulse_noise_V=0.0, ripple_Nm=(0.0, 0.0, 0.0, 0.0))
@@ -26,12 +27,11 @@ EXCITATIONS = [
     signals.chirp(0.05, 2.0, 60.0, 76.0, rate_hz=500.0),
     signals.steps([60.0, -60.0, -60.0], 8.0, rate_hz=500.0),
 ]
-Simulated = tuple[Log, Truth]
 
 
 def recorded(
     sensors: Sensors, strikes: tuple[Kind, ...], excitations: Any = EXCITATIONS, seed: int = 2
-) -> Simulated:
+) -> tuple[Log, Truth]:
     return simulate_raw_log(
         TUG, excitations, sensors=sensors, faults=strikes, steady_s=30.0, pause_s=10.0, seed=seed
     )
@@ -73,42 +73,36 @@ def within(spans_s: np.ndarray, window_s: list[float]) -> np.ndarray:
     return spans_s[(spans_s[:, 0] >= window_s[0]) & (spans_s[:, 0] < window_s[1])]
 
 
-def altered(log: Log, changes: dict[str, tuple[slice, float]]) -> Log:
-    """Return a log with other samples in some of its channels."""
-    arrays = {name: log.read(name).copy() for name in log.channels}
-    for name, (samples, value) in changes.items():
-        arrays[name][samples] = value
-    return Log.from_arrays(arrays, rate_hz=2000.0)
+class Processed(NamedTuple):
+    """A raw log, what is true of it, and its experiments."""
+
+    log: Log
+    truth: Truth
+    experiments: list[Experiment]
 
 
 @pytest.fixture(scope="module")
-def clean() -> Simulated:
-    return recorded(CLEAN, ())
+def processed(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Processed]:
+    def of(sensors: Sensors, *strikes: Kind) -> Processed:
+        log, truth = recorded(sensors, strikes)
+        return Processed(log, truth, process(log, trial_of(truth, tmp_path_factory.mktemp("trial"))))
+
+    return of
 
 
 @pytest.fixture(scope="module")
-def real() -> Simulated:
-    return recorded(Sensors(), ("A", "B", "C", "D1"))
+def clean(processed: Callable[..., Processed]) -> Processed:
+    return processed(CLEAN)
 
 
 @pytest.fixture(scope="module")
-def sound() -> Simulated:
-    return recorded(Sensors(), ())
+def real(processed: Callable[..., Processed]) -> Processed:
+    return processed(Sensors(), "A", "B", "C", "D1")
 
 
 @pytest.fixture(scope="module")
-def of_real(real: Simulated, tmp_path_factory: pytest.TempPathFactory) -> list[Experiment]:
-    return process(real[0], trial_of(real[1], tmp_path_factory.mktemp("real")))
-
-
-@pytest.fixture(scope="module")
-def of_sound(sound: Simulated, tmp_path_factory: pytest.TempPathFactory) -> list[Experiment]:
-    return process(sound[0], trial_of(sound[1], tmp_path_factory.mktemp("sound")))
-
-
-@pytest.fixture(scope="module")
-def of_clean(clean: Simulated, tmp_path_factory: pytest.TempPathFactory) -> list[Experiment]:
-    return process(clean[0], trial_of(clean[1], tmp_path_factory.mktemp("clean")))
+def sound(processed: Callable[..., Processed]) -> Processed:
+    return processed(Sensors())
 
 
 def test_a_steady_shaft_is_told_exactly(tmp_path: Path) -> None:
@@ -135,19 +129,17 @@ def test_edges_between_two_samples_limit_speed_as_the_sampling_says(tmp_path: Pa
     assert abs(error.mean()) < 1e-5
 
 
-def test_signals_keep_gain_and_phase(clean: Simulated, of_clean: list[Experiment]) -> None:
-    truth = clean[1]
-    for experiment in of_clean:
+def test_signals_keep_gain_and_phase(clean: Processed) -> None:
+    truth = clean.truth
+    for experiment in clean.experiments:
         for name in ("n_set", "n_e", "M_g"):
             swing = np.ptp(experiment.signals[name])
             assert np.abs(slow_error(truth, experiment, name)).max() < 1e-3 * swing, name
 
 
-def test_a_real_log_gives_the_plants_signals_within_stated_bounds(
-    real: Simulated, of_real: list[Experiment]
-) -> None:
-    truth, sensors = real[1], Sensors()
-    for experiment in of_real:
+def test_a_real_log_gives_the_plants_signals_within_stated_bounds(real: Processed) -> None:
+    truth, sensors = real.truth, Sensors()
+    for experiment in real.experiments:
         error = {name: slow_error(truth, experiment, name) for name in ("n_set", "n_e", "M_g")}
         assert np.abs(error["n_e"]).max() < 5e-4 * 1183.8
         # The share of the noise that lies below 2 Hz; Butterworth noise bandwidths are a few percent wider.
@@ -156,11 +148,9 @@ def test_a_real_log_gives_the_plants_signals_within_stated_bounds(
         assert error["n_set"].std() < 1.0
 
 
-def test_relay_jumps_are_bridged(
-    real: Simulated, of_real: list[Experiment], of_sound: list[Experiment]
-) -> None:
-    for experiment, reference in zip(of_real, of_sound, strict=True):
-        true = within(real[1].faults["D1"]["U_setpoint"], experiment.provenance["window_s"])
+def test_relay_jumps_are_bridged(real: Processed, sound: Processed) -> None:
+    for experiment, reference in zip(real.experiments, sound.experiments, strict=True):
+        true = within(real.truth.faults["D1"]["U_setpoint"], experiment.provenance["window_s"])
         assert faults(experiment)["D1", "U_setpoint"]["count"] == len(true) > 0
         assert ("D1", "U_setpoint") not in faults(reference)
         # A jump is 250 rpm or more; what stays is a chirp's bend over 40 ms.
@@ -177,9 +167,9 @@ def test_mains_hum_leaves_nothing_about_relay_jumps(tmp_path: Path) -> None:
     assert np.std(difference[inner]) < 0.02  # rpm, of 76
 
 
-def test_double_crossings_leave_no_trace_in_the_speed(of_sound: list[Experiment], tmp_path: Path) -> None:
+def test_double_crossings_leave_no_trace_in_the_speed(sound: Processed, tmp_path: Path) -> None:
     log, truth = recorded(Sensors(), ("A",))
-    for experiment, reference in zip(process(log, trial_of(truth, tmp_path)), of_sound, strict=True):
+    for experiment, reference in zip(process(log, trial_of(truth, tmp_path)), sound.experiments, strict=True):
         train = experiment.provenance["speed"]["train"]
         assert faults(experiment)["A", train]["count"] > 0
         # Levels are found anew only where a window is not like the one before, so those of the two logs differ by a part
@@ -187,13 +177,13 @@ def test_double_crossings_leave_no_trace_in_the_speed(of_sound: list[Experiment]
         assert np.nanmax(np.abs(experiment.signals["n_e"] - reference.signals["n_e"])) < 0.1
 
 
-def test_a_steps_kick_is_no_fault(of_sound: list[Experiment], of_clean: list[Experiment]) -> None:
-    for experiment in (*of_sound, *of_clean):
+def test_a_steps_kick_is_no_fault(sound: Processed, clean: Processed) -> None:
+    for experiment in (*sound.experiments, *clean.experiments):
         assert faults(experiment) == {}
 
 
-def test_the_train_with_most_good_intervals_is_taken(real: Simulated, of_real: list[Experiment]) -> None:
-    truth, account = real[1], of_real[0].provenance["speed"]
+def test_the_train_with_most_good_intervals_is_taken(real: Processed) -> None:
+    truth, account = real.truth, real.experiments[0].provenance["speed"]
     assert account["train"] == "PTM_4"
     assert account["bandwidth_hz"] == pytest.approx(0.5 * 4 * 1183.8 / 60 / 3.82, rel=0.05)
     true = np.diff(np.append(truth.reflector_angles["PTM_4"], 1.0))
@@ -220,11 +210,9 @@ def test_all_trains_together_tell_the_speed_better_than_the_best_one_and_how_wel
     assert np.sqrt(np.mean(error[400:-400] ** 2)) == pytest.approx(account["std_rpm"], rel=0.4)
 
 
-def test_a_fused_speed_keeps_the_bounds_and_the_gaps(
-    real: Simulated, of_real: list[Experiment], tmp_path: Path
-) -> None:
-    log, truth = real
-    for best, fused in zip(of_real, process(log, trial_of(truth, tmp_path, FUSED)), strict=True):
+def test_a_fused_speed_keeps_the_bounds_and_the_gaps(real: Processed, tmp_path: Path) -> None:
+    log, truth, _ = real
+    for best, fused in zip(real.experiments, process(log, trial_of(truth, tmp_path, FUSED)), strict=True):
         assert np.abs(slow_error(truth, fused, "n_e")).max() < 2.0
         assert fused.provenance["faults"] == best.provenance["faults"]
         assert np.count_nonzero(np.isnan(fused.signals["n_e"])) <= np.count_nonzero(
@@ -232,11 +220,9 @@ def test_a_fused_speed_keeps_the_bounds_and_the_gaps(
         )
 
 
-def test_operating_point_is_the_steady_mean_unless_given(
-    real: Simulated, of_real: list[Experiment], tmp_path: Path
-) -> None:
-    log, truth = real
-    auto = of_real[0].operating_point
+def test_operating_point_is_the_steady_mean_unless_given(real: Processed, tmp_path: Path) -> None:
+    log, truth, _ = real
+    auto = real.experiments[0].operating_point
     assert auto["n_e"] == pytest.approx(1183.8, rel=1e-4)
     assert auto["M_g"] == pytest.approx(1725.0, rel=2e-3)
     edits = [('n_e_rpm = "auto"', "n_e_rpm = 1180.0"), ('M_Nm = "auto"', "M_Nm = 1700.0")]
@@ -249,8 +235,8 @@ def test_operating_point_is_the_steady_mean_unless_given(
 
 
 @pytest.mark.parametrize(("location", "name"), [("brake", "M_b"), ("shaft", "M_s")])
-def test_the_torque_is_named_by_its_place(sound: Simulated, tmp_path: Path, location: str, name: str) -> None:
-    log, truth = sound
+def test_the_torque_is_named_by_its_place(sound: Processed, tmp_path: Path, location: str, name: str) -> None:
+    log, truth, _ = sound
     edits = [('location = "gauge"', f'location = "{location}"')]
     if location == "brake":
         edits.append(("scale = 1059.0", "scale = 277.0"))
@@ -258,8 +244,8 @@ def test_the_torque_is_named_by_its_place(sound: Simulated, tmp_path: Path, loca
     assert set(experiment.signals) == {"n_set", "n_e", name}
 
 
-def test_a_wrong_rate_of_a_log_without_times_is_named(sound: Simulated, tmp_path: Path) -> None:
-    log, truth = sound
+def test_a_wrong_rate_of_a_log_without_times_is_named(sound: Processed, tmp_path: Path) -> None:
+    log, truth, _ = sound
     for rate_hz, edits, said in (
         (4000.0, [], "is empty or outside"),
         (1300.0, [], "where the engine turns 769.5 rpm"),
@@ -273,8 +259,8 @@ def test_a_wrong_rate_of_a_log_without_times_is_named(sound: Simulated, tmp_path
             process(fast, trial_of(truth, tmp_path, edits=given))
 
 
-def test_pieces_make_no_difference(real: Simulated, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    recording, truth = real
+def test_pieces_make_no_difference(real: Processed, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    recording, truth, _ = real
     log = altered(recording, {"U_torque": (slice(100_000, 115_000), np.nan)})
     trial = trial_of(truth, tmp_path)
     whole = process(log, trial)
@@ -287,14 +273,12 @@ def test_pieces_make_no_difference(real: Simulated, tmp_path: Path, monkeypatch:
             np.testing.assert_allclose(experiment.signals[name], values, atol=1e-3)
 
 
-def test_the_answer_is_the_same_bits_however_the_log_is_read(
-    real: Simulated, of_real: list[Experiment], tmp_path: Path
-) -> None:
-    recording, truth = real
+def test_the_answer_is_the_same_bits_however_the_log_is_read(real: Processed, tmp_path: Path) -> None:
+    recording, truth, _ = real
     log = Log.open(recording.write(tmp_path / "run.parquet"))
     trial = trial_of(truth, tmp_path)
     for reference, *others in zip(
-        of_real, *(process(log, trial, chunk=chunk) for chunk in (1000, 1 << 20)), strict=True
+        real.experiments, *(process(log, trial, chunk=chunk) for chunk in (1000, 1 << 20)), strict=True
     ):
         for experiment in others:
             assert faults(experiment) == faults(reference)
@@ -303,17 +287,15 @@ def test_the_answer_is_the_same_bits_however_the_log_is_read(
                 np.testing.assert_array_equal(experiment.signals[name], values)
 
 
-def test_windows_in_any_order_and_one_within_another(
-    real: Simulated, of_real: list[Experiment], tmp_path: Path
-) -> None:
-    log, truth = real
+def test_windows_in_any_order_and_one_within_another(real: Processed, tmp_path: Path) -> None:
+    log, truth, _ = real
     trial = trial_of(truth, tmp_path)
     first, second = trial.windows
     inner = first.model_copy(
         update={"name": "inner", "start_s": first.start_s + 10.0, "stop_s": first.stop_s - 10.0}
     )
     shuffled = trial.model_copy(update={"windows": (second, inner, first)})
-    whole = {experiment.name: experiment for experiment in of_real}
+    whole = {experiment.name: experiment for experiment in real.experiments}
     for experiment in process(log, shuffled):
         reference = whole.get(experiment.name) or whole[first.name].window(
             10.0, first.stop_s - first.start_s - 10.0
@@ -323,8 +305,8 @@ def test_windows_in_any_order_and_one_within_another(
             np.testing.assert_allclose(experiment.signals[name], reference.signals[name], atol=0.5)
 
 
-def test_channels_of_other_rates_and_starts_are_aligned(clean: Simulated, tmp_path: Path) -> None:
-    log, truth = clean
+def test_channels_of_other_rates_and_starts_are_aligned(clean: Processed, tmp_path: Path) -> None:
+    log, truth, _ = clean
     time = truth.clean.time
     faster = np.arange(0.5, time[-1], 1.0 / 5000.0)
     volts = np.interp(faster, time, truth.clean.signals["M_g"]) / 1059.0
@@ -343,8 +325,8 @@ def test_channels_of_other_rates_and_starts_are_aligned(clean: Simulated, tmp_pa
         assert np.abs(below_2_hz(difference, 200.0)[400:-400]).max() < 0.05
 
 
-def test_a_gap_in_torque_or_pulses_is_masked_and_on_record(sound: Simulated, tmp_path: Path) -> None:
-    log, truth = sound
+def test_a_gap_in_torque_or_pulses_is_masked_and_on_record(sound: Processed, tmp_path: Path) -> None:
+    log, truth, _ = sound
     first = round((truth.windows[0].start_s + 20.0) * 2000.0)
     lost = dict.fromkeys(("PTM_1", "PTM_4", "PTM_e"), (slice(first + 8000, first + 10_000), np.nan))
     lost["U_torque"] = (slice(first, first + 3000), np.nan)
@@ -360,16 +342,16 @@ def test_a_gap_in_torque_or_pulses_is_masked_and_on_record(sound: Simulated, tmp
     assert faults(experiment)["gap", "PTM_4"]["spans"] == [[first + 8000, first + 10000]]
 
 
-def test_an_odd_rate_becomes_the_nearest_simple_part(sound: Simulated, tmp_path: Path) -> None:
-    log, truth = sound
+def test_an_odd_rate_becomes_the_nearest_simple_part(sound: Processed, tmp_path: Path) -> None:
+    log, truth, _ = sound
     edits = [("rate_hz = 200.0", "rate_hz = 49.99")]
     experiment = process(log, trial_of(truth, tmp_path, edits=edits))[0]
     assert experiment.rate_hz == 50.0
     assert len(experiment) == 50 * 60
 
 
-def test_speed_alone_is_an_experiment(sound: Simulated, tmp_path: Path) -> None:
-    log, truth = sound
+def test_speed_alone_is_an_experiment(sound: Processed, tmp_path: Path) -> None:
+    log, truth, _ = sound
     text = trial_toml("stan-tug-1205", "run.parquet", Sensors(), truth)
     text = text[: text.index("[channels.torque]")] + text[text.index("[channels.PTM_1]") :]
     (tmp_path / "TRIAL.toml").write_text(text)
@@ -384,7 +366,9 @@ def test_speed_alone_is_an_experiment(sound: Simulated, tmp_path: Path) -> None:
          "channels.torque.column: .*no channel 'torque', found .*did you mean 'U_torque'"),
         ([('column = "PTM_1"', 'column = "PTM_2"')], "channels.PTM_1.column: .*no channel 'PTM_2'"),
         ([('unit = "V"', 'unit = "mV"')], "channel 'U_setpoint' is in 'V', channels.set_point.unit says 'mV'"),
-        ([("scale = 1059.0", "scale = 1.059")], "channels.torque: 1.72.* Nm on average"),
+        ([("scale = 1059.0", "scale = 1.059")], "channels.torque: 1.72.* Nm on average.*kNm for Nm\\?"),
+        ([("scale = -251.38", "scale = -4.18967"), ("offset = -85.29", "offset = -1.4215")],
+         "channels.set_point: 19.7.* rpm on average.*rev/s for rpm\\?"),
         ([("scale = -251.38", "scale = -200.0")], "channels.set_point: 924.* rpm on average"),
         ([("start_s = 30.0", "start_s = 30000.0"), ("stop_s = 90.0", "stop_s = 30100.0")], "'chirp'.*runs from 0 to"),
         ([("stop_s = 90.0", "stop_s = 30.004")], "window 'chirp': 30 to 30.004 s hold 0 samples at 200 Hz"),
@@ -396,9 +380,9 @@ def test_speed_alone_is_an_experiment(sound: Simulated, tmp_path: Path) -> None:
     ],
 )  # fmt: skip
 def test_trials_that_can_t_be_right_are_refused_in_one_line(
-    sound: Simulated, tmp_path: Path, edits: list[tuple[str, str]], message: str
+    sound: Processed, tmp_path: Path, edits: list[tuple[str, str]], message: str
 ) -> None:
-    log, truth = sound
+    log, truth, _ = sound
     with pytest.raises(InputError, match=message) as caught:
         process(log, trial_of(truth, tmp_path, edits=edits))
     assert "\n" not in str(caught.value)
@@ -415,16 +399,16 @@ def test_trials_that_can_t_be_right_are_refused_in_one_line(
     ],
 )  # fmt: skip
 def test_logs_without_the_samples_needed_are_refused(
-    sound: Simulated, tmp_path: Path, channel: str, samples: slice, value: float, message: str
+    sound: Processed, tmp_path: Path, channel: str, samples: slice, value: float, message: str
 ) -> None:
-    log, truth = sound
+    log, truth, _ = sound
     with pytest.raises(InputError, match=message) as caught:
         process(altered(log, {channel: (samples, value)}), trial_of(truth, tmp_path))
     assert "\n" not in str(caught.value)
 
 
-def test_windows_may_be_about_their_own_means_and_free_of_drift(sound: Simulated, tmp_path: Path) -> None:
-    log, truth = sound
+def test_windows_may_be_about_their_own_means_and_free_of_drift(sound: Processed, tmp_path: Path) -> None:
+    log, truth, _ = sound
     arrays = {name: log.read(name).copy() for name in log.channels}
     arrays["U_torque"] += np.linspace(0.0, 0.1, len(arrays["U_torque"]), dtype=np.float32)
     drifting = Log.from_arrays(arrays, rate_hz=2000.0)

@@ -148,6 +148,8 @@ def test_a_shaft_that_turns_back_is_refused(tmp_path: Path) -> None:
         ('kind = "speed"\ncolumn = "x"\nunit = "V"', "speed.calibration: found nothing"),
         ('column = "x"\nshaft = "engine"', "speed.pulses_per_rev: found nothing"),
         ('file = "none.csv"\npulses_per_rev = 4\nshaft = "engine"', "none.csv: no such file, expected a list of edges"),
+        ('column = "pulses"\npulses_per_rev = 1\nshaft = "engine"', r"wrong by 4\? check pulses_per_rev"),
+        ('column = "pulses"\npulses_per_rev = 4\nshaft = "propeller"', "check shaft of the pulse trains"),
         ('column = "x"\npulses_per_rev = 4\nmissing = 2\nshaft = "engine"', "speed.missing: found 2"),
     ],
 )  # fmt: skip

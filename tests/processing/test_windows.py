@@ -9,11 +9,9 @@ import pytest
 from shipfp_rs import cli, signals
 from shipfp_rs.errors import InputError
 from shipfp_rs.logs.log import Log
-from shipfp_rs.processing.trial import KINDS, Trial
-from shipfp_rs.processing.trial_template import windows_toml
+from shipfp_rs.processing.trial import KINDS
 from shipfp_rs.processing.windows import _whole, find_windows, longest_rest
 from shipfp_rs.simulation.raw_log import EQUATION_6_7
-from shipfp_rs.support.toml import template
 
 RATE = 400.0
 NOISE_V = 0.004
@@ -73,14 +71,6 @@ def test_rests_are_at_the_level_of_the_pauses():
     assert EQUATION_6_7(rest.level) == pytest.approx(1183.8, abs=1.0)
     for start_s, stop_s in ((start, stop) for kind, start, stop in truth if kind != "steps"):
         assert rest.stop_s <= start_s + 1.0 or rest.start_s >= stop_s - BORDER_S
-
-
-def test_what_is_found_can_be_pasted_into_a_trial(tmp_path: Path):
-    log, truth = schedule(2)
-    text = template("TRIAL")[: template("TRIAL").index("[[windows]]")] + windows_toml(find_windows(log, "U"))
-    (tmp_path / "TRIAL.toml").write_text(text)
-    trial = Trial.load(tmp_path / "TRIAL.toml")
-    assert [window.kind for window in trial.windows] == [kind for kind, _, _ in truth]
 
 
 def test_a_set_point_that_never_moves_is_one_rest():

@@ -13,7 +13,6 @@ from shipfp_rs.vessel.vessel import Vessel
 RATE_HZ = 500.0
 STEADY_S = 40.0
 CHIRP_S = 50.0
-COLUMNS = ("n_set", "shaft torque", "PTM_e")
 
 
 def write_csv(path: Path, seed: int = 0) -> Path:

@@ -45,6 +45,14 @@ class Visit(PageVisit):
     def shown(self) -> tuple[float, float]:
         return tuple(self.page.evaluate("[shipfp.view.from, shipfp.view.to]"))
 
+    def fill(self, label: str, text: str, **options) -> None:
+        """Write into a field, and leave it."""
+        self.page.get_by_label(label, **options).fill(text)
+        self.page.get_by_label(label, **options).press("Tab")
+
+    def take_roles(self) -> None:
+        self.page.get_by_role("button", name="take the roles that names and units tell").click()
+
     def drag(self, start_s: float, stop_s: float) -> None:
         """Drag over the first row from one time to another."""
         box = self.page.locator(".row canvas").first.bounding_box()
@@ -313,8 +321,7 @@ def test_two_points_calibrate_at_once(visits):
     for number, (reading, value) in enumerate([("0", "100"), ("5", "1100")], start=1):
         page.get_by_role("button", name="add a reading").click()
         for what, text in (("reading", reading), ("value", value)):
-            page.get_by_label(f"{what} {number} of PTM_e", exact=True).fill(text)
-            page.get_by_label(f"{what} {number} of PTM_e", exact=True).press("Tab")
+            visit.fill(f"{what} {number} of PTM_e", text, exact=True)
     page.get_by_text("200 × recorded + 100 Nm").wait_for()
     page.evaluate("shipfp.view.whenSettled()")
     low, high = page.evaluate("shipfp.view.rows[2].range")
@@ -330,9 +337,8 @@ def test_a_speed_in_per_cent_is_calibrated_on_the_page(look, tmp_path):
     np.savetxt(tmp_path / "pod.csv", columns, fmt="%.3f", delimiter=",", comments="", header=heads)
     visit = look(tmp_path / "pod.csv")
     page = visit.page
-    page.get_by_role("button", name="take the roles that names and units tell").click()
-    page.get_by_label("scale of POD_SPEED_ACT_PCT").fill("20")
-    page.get_by_label("scale of POD_SPEED_ACT_PCT").press("Tab")
+    visit.take_roles()
+    visit.fill("scale of POD_SPEED_ACT_PCT", "20")
     page.get_by_text("20 × recorded + 0 rpm").wait_for()
     assert not page.get_by_label("scale of shaft_rpm").count()
     assert visit.complaints == []
@@ -343,9 +349,8 @@ def test_a_newcomer_gets_from_a_csv_to_a_report_without_a_text_editor(look, tmp_
     write_csv(tmp_path / "my.csv")
     visit = look(tmp_path / "my.csv")
     page = visit.page
-    page.get_by_role("button", name="take the roles that names and units tell").click()
-    page.get_by_label("pulses a turn of PTM_e").fill("1")
-    page.get_by_label("pulses a turn of PTM_e").press("Tab")
+    visit.take_roles()
+    visit.fill("pulses a turn of PTM_e", "1")
     page.get_by_label("shaft of PTM_e").select_option("engine")
     page.get_by_role("tab", name="Trial").click()
     page.get_by_label("end of steady").wait_for()  # found in the set point
@@ -378,7 +383,7 @@ def test_what_is_missing_stands_at_its_field_and_a_reload_loses_nothing(look, tm
     write_csv(tmp_path / "my.csv")
     visit = look(tmp_path / "my.csv")
     page = visit.page
-    page.get_by_role("button", name="take the roles that names and units tell").click()
+    visit.take_roles()
     pulses, shaft = page.get_by_label("pulses a turn of PTM_e"), page.get_by_label("shaft of PTM_e")
     page.wait_for_selector("[aria-label='pulses a turn of PTM_e'][aria-invalid]")
     assert (pulses.input_value(), shaft.input_value()) == ("", "")

@@ -210,11 +210,9 @@ def test_what_is_to_be_given_is_read_as_not_given(tmp_path):
 def test_a_load_and_a_command_are_guessed_written_and_read_as_init_does(tmp_path):
     units = {"n_set": "rpm", "Generator power": "kW", "n_e": "rpm"}
     found = guess(units)
-    assert {one.column: one.role for one in found} == {
-        "n_set": "set_point",
-        "Generator power": "load",
-        "n_e": "speed",
-    }
+    assert [(one.column, one.role) for one in found] == [
+        *zip(units, ("set_point", "load", "speed"), strict=True)
+    ]
     text = file_of(channels=[one.model_dump() for one in found])
     load = checked(text, "TRIAL.toml").channels.load
     assert (load.quantity, load.calibration.scale) == ("power", 1000.0)

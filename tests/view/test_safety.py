@@ -9,24 +9,14 @@ import pytest
 
 from shipfp_rs.logs.log import Log
 from tests.view.serving import Caller, served
-
-CHANNELS = [
-    {"column": "n", "role": "set_point", "unit": "rpm", "calibration": {"scale": 1.0}},
-    {"column": "P", "role": "train", "pulses_per_rev": 1, "shaft": "engine"},
-]
-DRAFT = {
-    "name": "Trial",
-    "channels": CHANNELS,
-    "steady_s": [0.0, 20.0],
-    "windows": [{"name": "C1", "start_s": 20.0, "stop_s": 50.0}],
-}
+from tests.view.test_jobs import TRIAL
 
 
 def save(
     caller: Caller, file: object = "TRIAL.toml", doc: int = 0, version: str = "", **changes: str
 ) -> dict:
     """Ask for a trial to be saved."""
-    return caller.post("save", {"doc": doc, "draft": DRAFT | changes, "file": file, "version": version})
+    return caller.post("save", {"doc": doc, "draft": TRIAL | changes, "file": file, "version": version})
 
 
 def filled(outer: Path) -> Path:
@@ -194,7 +184,7 @@ def test_a_link_is_not_written_through(caller, folder):
     ],
 )
 def test_only_the_page_itself_may_change_anything(caller, folder, headers, status):
-    told = caller.post("save", {"doc": 0, "draft": DRAFT, "file": "TRIAL.toml", "version": ""}, **headers)
+    told = caller.post("save", {"doc": 0, "draft": TRIAL, "file": "TRIAL.toml", "version": ""}, **headers)
     assert told["status"] == status
     assert not (folder / "TRIAL.toml").exists()
 

@@ -44,11 +44,3 @@ def test_breakage_c4_text_layouts(layout: Layout, tmp_path: Path) -> None:
     elif layout.start_s is not None:
         assert channel.start_s == pytest.approx(layout.start_s, abs=layout.within_s)
         assert log.start_utc is None or abs((log.start_utc - START).total_seconds()) < 1.0
-
-
-def test_breakage_c4_each_channel_may_have_a_time_of_its_own(tmp_path: Path) -> None:
-    layout = next(layout for layout in LAYOUTS if layout.name == "a time for each channel")
-    path = tmp_path / "log.csv"
-    path.write_bytes(layout.content)
-    log = Log.open(path)
-    assert (log.channels["M"].start_s, log.channels["n"].start_s) == (0.0, pytest.approx(0.01))

@@ -91,7 +91,7 @@ def table(
     rows = zip(*columns, torque, speed, strict=True)
     lines = [head] if isinstance(head, str) else list(head)
     lines += [sep.join(f'"{cell}"' if quote else cell for cell in row) + last for row in rows]
-    return before + end.join(line for line in lines if line is not None) + end + after
+    return before + end.join(lines) + end + after
 
 
 def seconds(decimal: str = ".", factor: float = 1.0, digits: int = 2, start: float = 0.0) -> list[str]:
@@ -103,7 +103,7 @@ def _names() -> list[Layout]:
     found = [
         Layout(f"heading {heading!r}", table(f"{heading},M [Nm],n [rpm]", seconds()).encode())
         for heading in (
-            "time", "Time (s)", "Elapsed time [s]", "Time, s".replace(",", ""), "t{s}", "t <s>", "time_s", "TIME", "X_Value",
+            "time", "Time (s)", "Elapsed time [s]", "Time s", "t{s}", "t <s>", "time_s", "TIME", "X_Value",
             "X-Value [s]", "Zeit [s]", "Messzeit [Sek]", "Tijd (sec)", "Temps [s]", "Temps écoulé (s)", "Tid [s]", "Tid [sek]",
             "Tiempo (seg)", "Tempo [s]", "Czas [s]", "Aika [s]", "Zaman [s]", "Время [с]", "时间 [s]", "Seconds", "Sekunden",
             "Timestamp", "time / s", "t in s",
@@ -157,6 +157,8 @@ def _marks() -> list[Layout]:
         Layout("UTF-16 without mark", table(plain.replace(",", "\t"), seconds(), sep="\t").encode("utf-16-le"), suffix=".txt"),
         Layout("UTF-8 with mark", table(plain, seconds()).encode("utf-8-sig")),
         Layout("line ends of Windows", table(plain, seconds(), end="\r\n").encode()),
+        Layout("line ends of CR alone", table(plain, seconds(), end="\r").encode()),
+        Layout("quoted headings alone", table('"time [s]","M [Nm]","n [rpm]"', seconds()).encode()),
         Layout("tabs and commas", table("Tijd [s]\tM [Nm]\tn [omw/min]", seconds(","), sep="\t", decimal=",").encode(), suffix=".txt"),
         Layout("columns of spaces", table("time    M       n\n[s]     [Nm]    [rpm]", [f"  {s}" for s in seconds()], sep="     ").encode(), suffix=".txt"),
         Layout("suffix .dat", table(plain.replace(",", "\t"), seconds(), sep="\t").encode(), suffix=".dat"),
@@ -171,12 +173,15 @@ def _marks() -> list[Layout]:
         Layout("units row with hh:mm:ss", table(["Zeit;M;n", "hh:mm:ss;Nm;U/min"], stamps(lambda t: f"{t:%H:%M:%S},{fraction(t)}"), sep=";", decimal=",").encode(), start_s=36000.0),
         Layout("PicoScope", table(["Time,M,n", "(ms),(Nm),(rpm)", ""], seconds(factor=1e3)).encode()),
         Layout("LabVIEW", table("X_Value\tM\tn\tComment", seconds(), sep="\t", before="LabVIEW Measurement\nWriter_Version\t2\nSeparator\tTab\nDelta_X\t0.05\n***End_of_Header***\t\n", last="\t").encode(), suffix=".lvm", units=("", "")),
-        Layout("preamble", table(german, seconds(","), sep=";", decimal=",", before="Messung 7\nSchiff;Tug 1205\nOrt: Den Helder; 05.11.2019\n\n").encode()),
+        Layout("preamble", table(german, seconds(","), sep=";", decimal=",", before="Messung 7\nSchiff: Tug 1205, Pfahlzug\nMesser;J. Smith\nOrt: Den Helder; 05.11.2019\n\n").encode()),
         Layout("preamble of comments", table("# time [s],M [Nm],n [rpm]", seconds(), before="# Trial 7\n# J. Smith\n").encode()),
-        Layout("preamble in percents", table("% time [s]  M [Nm]  n [rpm]".replace("  ", ","), seconds(), before="% Octave\n").encode(), suffix=".txt"),
+        Layout("preamble in percents", table("% time [s],M [Nm],n [rpm]", seconds(), before="% Octave\n").encode(), suffix=".txt"),
         Layout("Excel's separator line", table(german, seconds(","), sep=";", decimal=",", before="sep=;\n").encode()),
         Layout("rate in the preamble", table("M [Nm];n [rpm]", sep=";", before="Abtastrate: 20 Hz\n\n").encode()),
         Layout("rate in French", table("M [Nm];n [tr/min]", sep=";", before="Fréquence d'échantillonnage [Hz];20\n").encode()),
+        Layout("rate in English", table("M [Nm],n [rpm]", before="Sample rate: 20 Hz\n").encode()),
+        Layout("rate in kHz above a row of units", table(["M;n", "Nm;rpm"], sep=";", decimal=",", before="Sample rate [kHz];0,02\nChannels;2\n").encode()),
+        Layout("interval as dt", table("M [Nm],n [rpm]", before="dt = 50 ms\n").encode()),
         Layout("interval in the preamble", table("M [Nm],n [rpm]", before="Sample interval = 50 ms\n").encode()),
         Layout("footer", table(plain, seconds(), after="End of data\n").encode(), says="1 lines after the last record"),
         Layout("footer with figures", table(plain, seconds(), after="\nMax,1899.9,1194\nMin,1100.1,1184\n").encode(), says="lines after the last record"),
@@ -257,7 +262,7 @@ def _stamps() -> list[Layout]:
         Layout("whole seconds and elapsed time", table("Time,Elapsed [s],M [Nm],n [rpm]", stamps(lambda t: f"{t:%Y-%m-%d %H:%M:%S}"), seconds()).encode(), start_utc=START, says="'Time' not used"),
         Layout("sample count beside the time", table("No,Time [s],M [Nm],n [rpm]", [str(k) for k in range(ROWS)], seconds()).encode()),
         Layout("time in the middle", "\n".join(["M [Nm],Time [s],n [rpm]", *(f"{m},{s:.2f},{n}" for m, s, n in zip(TORQUE, SECONDS, SPEED, strict=True)), ""]).encode()),
-        Layout("a time for each channel", "\n".join(["Time [s],M [Nm],Time [s],n [rpm]", *(f"{s:.2f},{m},{s + 0.01:.2f},{n}" for m, s, n in zip(TORQUE, SECONDS, SPEED, strict=True)), ""]).encode(), start_s=None),
+        Layout("a time for each channel", "\n".join(["Time [s],M [Nm],Time [s],n [rpm]", *(f"{s:.2f},{m},{s + 0.01:.2f},{n}" for m, s, n in zip(TORQUE, SECONDS, SPEED, strict=True)), ""]).encode()),
         Layout("month first, told", table("Stamp,M [Nm],n [rpm]", stamps(lambda t: f"{t:%m/%d/%Y %H:%M:%S}.{fraction(t)}")).encode(), time="Stamp [m/d/y]", start_utc=START),
         Layout("day first by custom", table("Stamp,M [Nm],n [rpm]", stamps(lambda t: f"{t:%d/%m/%Y %H:%M:%S}.{fraction(t)}")).encode(), start_utc=START, says="say --time 'Stamp [m/d/y]'"),
         Layout("month first by its days", table("Stamp,M [Nm],n [rpm]", stamps(lambda t: f"{t:%m/%d/%Y %H:%M:%S}.{fraction(t)}", START + timedelta(days=20))).encode(), start_utc=START + timedelta(days=20), says="month first"),
@@ -287,7 +292,7 @@ def _epochs() -> list[Layout]:
         else:
             cells = [str(int(first) + round(s * factor)) for s in SECONDS]
         within = 2e-3 if "year 0" in name else 2e-4 if "days" in name else 1e-6
-        said = name.replace(" under [s]", "").replace(" under [ms]", "").replace("since 1601", "since 1601")
+        said = name.partition(" under")[0]
         found.append(
             Layout(
                 name,
@@ -316,7 +321,7 @@ def _wishes() -> list[Layout]:
         Layout("a count of rows without headings", table("x", [str(k) for k in range(ROWS)]).split("\n", 1)[1].encode(), refused="give rate_hz (--rate)"),
         Layout("a time in steps of 50 without a unit", table("Time,M [Nm],n [rpm]", cells).encode(), refused="give its unit, such as --time 'Time [ms]'"),
         Layout("microseconds of a running clock", table("timestamp,M [Nm],n [rpm]", [str(1_200_000_000 + round(s * 1e6)) for s in SECONDS]).encode(), refused="s since 1970, or another unit? give the unit"),
-        Layout("time that goes back often", table("Time,M [Nm],n [rpm]", [str(k % 7) for k in range(ROWS)]).encode(), refused="cut the file there, or give rate_hz (--rate)"),
+        Layout("time that goes back often", table("Time,M [Nm],n [rpm]", [str(k % 7) for k in range(ROWS)]).encode(), refused="goes back at row 8: 0 s after 6 s, and in 5 of 40 rows; cut the file there, or give rate_hz (--rate)"),
         Layout("one time for all rows", table("Time,M [Nm],n [rpm]", ["5.0"] * ROWS).encode(), refused="does not increase"),
         Layout("a date that is none", table("Stamp;M [Nm];n [rpm]", ["45.13.2019 10:00:00"] * ROWS, sep=";").encode(), refused="Stamp"),
         Layout("words only", b"on;off\nyes;no\n", refused="lines of numbers"),
