@@ -17,11 +17,13 @@ from scipy.signal import lfilter
 from scipy.stats import chi2
 
 from shipfp_rs import signals
-from shipfp_rs.errors import IdentificationError, InputError, ShipfpError
+from shipfp_rs.errors import IdentificationError, InputError, ShipfpError, SimulationError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.experiments.parquet import read_experiments, write_experiments
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.identification.identify import identify
+from shipfp_rs.identification.likelihood import Likelihood
+from shipfp_rs.identification.rebuilt import rebuilt
 from shipfp_rs.structures.structure import Structure
 from tests.families.draw import draw
 from tests.price import SMOOTH
@@ -66,14 +68,20 @@ def truth_of(structure: Structure, random: np.random.Generator) -> dict[str, flo
 
 
 def trial(
-    structure: Structure, values: dict[str, float], amplitude: float, random: np.random.Generator
+    structure: Structure,
+    values: dict[str, float],
+    amplitude: float,
+    random: np.random.Generator,
+    noisy: float = 1.0,
 ) -> Experiment:
     count = len(CHIRP.samples)
     moved = RPM * (1.0 + amplitude * CHIRP.samples)
     point = {"n_set": RPM, "n_e": RPM, "M_g": TORQUE}
     bare = Experiment("trial", CHIRP.rate_hz, {"n_set": moved}, point, hold="first")
     rows = structure.equations.simulate(values, bare)
-    noise = lfilter([1.0], [1.0, -0.5], random.standard_normal((2, count))) * np.array([[5e-4], [2e-3]])
+    noise = (
+        lfilter([1.0], [1.0, -0.5], random.standard_normal((2, count))) * np.array([[5e-4], [2e-3]]) * noisy
+    )
     outputs = {"n_e": RPM * (1.0 + rows[0] + noise[0]), "M_g": TORQUE * (1.0 + rows[1] + noise[1])}
     exact = {"source": "simulation", "gauge_accuracy": {"n_e": 0.0, "M_g": 0.0}}
     return replace(bare, signals={"n_set": moved, **outputs}, provenance=exact)
@@ -130,8 +138,7 @@ def test_ranks_of_true_parameters_among_their_draws_are_uniform(family: str, tmp
     )
     assert refused <= 0.02 * ships
     assert min(inside.values()) > 0.91
-    # Along a valley draws are those of an estimate, not even in any measure: their ranks lean to one side.
-    assert family == "valley" or min(told.values()) > 0.01 / len(told)
+    assert min(told.values()) > 0.01 / len(told)
 
 
 def held(family: str, seed: int) -> dict[str, list[bool]] | None:
@@ -189,7 +196,8 @@ def test_ranks_of_ten_ships_are_not_uneven() -> None:
 def test_draws_stay_within_bounds_and_span_the_intervals(fitted: Fingerprint) -> None:
     drawn = fitted.draws(2000, 1)
     assert drawn.table.shape == (2000, len(drawn.names))
-    assert len(np.unique(drawn.table[:, 0])) > 1900
+    assert 1000 < drawn.effective <= 2000
+    assert len(np.unique(drawn.table[:, 0])) > 1000
     for one in ship(WIDE).free:
         low, high = drawn.quantile(0.0, one.name), drawn.quantile(1.0, one.name)
         assert one.lower <= low < high <= one.upper
@@ -198,9 +206,39 @@ def test_draws_stay_within_bounds_and_span_the_intervals(fitted: Fingerprint) ->
     ratio = drawn.parameters["vK_p"] / drawn.parameters["tau_n"]
     np.testing.assert_allclose(drawn.parameters["vK_p/tau_n"], ratio, rtol=1e-12)
     # Along the valley the gain is known by its ratio to the inertia.
-    assert np.std(ratio) / np.mean(ratio) < 0.3 * np.std(drawn.parameters["vK_p"]) / np.mean(
+    assert np.std(ratio) / np.mean(ratio) < 0.4 * np.std(drawn.parameters["vK_p"]) / np.mean(
         drawn.parameters["vK_p"]
     )
+
+
+def test_draws_of_one_parameter_have_its_posterior() -> None:
+    """The posterior of a single parameter is integrated over a grid, far beyond where the model is straight."""
+    free = "g"
+    structure, random = ship(WIDE), np.random.default_rng(4)
+    values = {name: mean for name, (mean, _) in WIDE.items()}
+    alone = structure.with_fixed(**{name: value for name, value in values.items() if name != free})
+    found = identify(trial(structure, values, 4e-3, random, noisy=15.0), alone)
+    fit, grid = rebuilt(found), np.linspace(-4.0, 2.0, 800)
+    likelihood, c = fit.likelihood, fit.likelihood.coordinates
+    lowest = np.array([_eliminated(likelihood, c.vector({**values, free: one})) for one in grid])
+    density = np.exp(-0.5 * (lowest - lowest.min()) / fit.widening**2)
+    sums = np.cumsum(density) / density.sum()
+    drawn = found.draws(4000, 3)
+    for share in (0.05, 0.25, 0.5, 0.75, 0.95):
+        below = float(np.interp(drawn.quantile(share, free), grid, sums))
+        assert below == pytest.approx(share, abs=4.0 * np.sqrt(share * (1.0 - share) / drawn.effective))
+
+
+def _eliminated(likelihood: Likelihood, vector: np.ndarray) -> float:
+    """Minus twice the log of the likelihood integrated over the record's unknowns, in which it is nearly Gaussian."""
+    states = slice(len(likelihood.coordinates.names), None)
+    for _ in range(3):
+        try:
+            now = likelihood.products(vector)
+        except SimulationError:  # no stable loop
+            return np.inf
+        vector[states] += np.linalg.solve(now.matrix[states, states], now.downhill[states])
+    return float(likelihood.cost(vector) + np.linalg.slogdet(now.matrix[states, states])[1])
 
 
 def test_a_saved_fingerprint_draws_the_same_from_its_experiments(fitted: Fingerprint, tmp_path: Path) -> None:

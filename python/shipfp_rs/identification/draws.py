@@ -18,7 +18,7 @@ FEW = 400
 
 @dataclass(frozen=True, repr=False)
 class Draws(Brief):
-    """Independent sets of parameters, equally likely.
+    """Sets of parameters, equally likely.
 
     Parameters
     ----------
@@ -26,10 +26,13 @@ class Draws(Brief):
         Parameters and combinations of the fingerprint, in its order.
     table
         Their values in the parameters' units, shape (n, P).
+    effective
+        Number of independent sets that tell as much: fewer than n where sets were weighted, and some stand more than once.
     """
 
     names: tuple[str, ...]
     table: Array
+    effective: int
 
     @property
     def parameters(self) -> dict[str, Array]:
@@ -52,5 +55,8 @@ class Draws(Brief):
         parts = [(name, *np.quantile(row, [0.025, 0.5, 0.975])) for name, row in self.parameters.items()]
         rows = [(name, *(f"{one:.5g}" for one in ends)) for name, *ends in parts]
         return "\n".join(
-            [*text_table(("", "2.5 %", "median", "97.5 %"), rows, left=1), f"{len(self.table)} draws"]
+            [
+                *text_table(("", "2.5 %", "median", "97.5 %"), rows, left=1),
+                f"{len(self.table)} draws, which tell as much as {self.effective} independent ones",
+            ]
         )

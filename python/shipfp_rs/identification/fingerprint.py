@@ -165,7 +165,8 @@ class Fingerprint(FingerprintTables, FingerprintSimulation):
         Notes
         -----
         Randomised maximum likelihood, Bardsley et al., 10.1137/140964023: minima of the deviance with a draw of its slope
-        added. Draws are independent, and those of a straight model follow the likelihood exactly.
+        added. They follow the likelihood with Jeffreys' measure; where every parameter has a prior they are weighted and
+        resampled to follow the posterior.
 
         Examples
         --------

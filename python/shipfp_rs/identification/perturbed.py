@@ -1,8 +1,9 @@
 """Draws of a fingerprint's parameters: the estimates that other noise of the same kind would give.
 
 Noise, systematic errors and priors' means are drawn and added to the residuals; the minimum then moves along valleys, and up
-to bounds. This is randomised maximum likelihood (Oliver, He and Reynolds 1996; Bardsley et al. 2014,
-doi:10.1137/140964023). The draws follow the likelihood exactly where the model is straight.
+to bounds. This is randomised maximum likelihood (Oliver, He and Reynolds 1996). The draws follow the likelihood with
+Jeffreys' measure, which no choice of parameters changes. Where every parameter has a prior they are weighted, so that they
+follow the posterior (as in Bardsley et al. 2014, doi:10.1137/140964023). Exact, but for second derivatives of the model.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from functools import partial
 from typing import Any, Self
 
 import numpy as np
+import numpy.typing as npt
 
 from shipfp_rs.errors import IdentificationError, InputError
 from shipfp_rs.experiments.experiment import Experiment
@@ -133,8 +135,34 @@ def draws_of(
     table = np.array(
         [[*(one[name] for name in names), *(COMBINATIONS[name][1](one) for name in derived)] for one in every]
     )
-    again = np.arange(n) % len(table)  # the few without a minimum are replaced by others
-    return Draws((*names, *derived), table[again])
+    if not set(c.names) <= set(fit.likelihood.priors):
+        again = np.arange(n) % len(table)  # the few without a minimum are replaced by others
+        return Draws((*names, *derived), table[again], len(table))
+    weights = _posterior(fit, [end.vector for end in ends])
+    return Draws((*names, *derived), table[_resampled(weights, n, random)], round(1.0 / np.sum(weights**2)))
+
+
+def _posterior(fit: Rebuilt, points: Sequence[Array]) -> Array:
+    """Weights of minima, with which they follow the posterior of the parameters' priors.
+
+    The minima's density is exp(-g' H^-1 g / 2) sqrt(det H), with the slope g and the curvature H of the deviance there. The
+    root is Jeffreys' measure.
+    """
+    c, found = fit.likelihood.coordinates, []
+    for point in points:
+        now = fit.likelihood.products(point)
+        explained = now.downhill @ np.linalg.solve(now.matrix, now.downhill)
+        scale = np.linalg.slogdet(c.jacobian(c.values(point)))[1] - 0.5 * np.linalg.slogdet(now.matrix)[1]
+        found.append(scale - 0.5 * (now.cost - explained) / fit.widening**2)
+    weights = np.exp(np.array(found) - max(found))
+    return np.asarray(weights / weights.sum())
+
+
+def _resampled(weights: Array, n: int, random: np.random.Generator) -> npt.NDArray[np.intp]:
+    """Places of n draws with these weights, in random order: evenly spaced in their sum."""
+    even = (random.random() + np.arange(n)) / n
+    places = np.minimum(np.searchsorted(np.cumsum(weights), even), len(weights) - 1)
+    return random.permutation(places)
 
 
 def _chances(fit: Rebuilt) -> Array:
