@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -75,3 +77,27 @@ def test_the_response_of_a_drooping_ship_is_that_of_its_simulation():
     )
     (response,) = structure.equations.response(values, np.array([hz]), ())[0].T
     np.testing.assert_allclose(simulated, response, rtol=3e-3)
+
+
+def test_a_torque_limit_is_not_taken_for_a_droop():
+    """At a high gain the engine reaches its highest torque, which a droop explains in part."""
+    vessel = fp.Vessel.load("stan-launch-804")
+    own = {"actuator.dead_time_s": 0.08, "actuator.lag_s": 0.09, "governor.K_p": 12.0, "governor.K_i": 2.0}
+    chirp = fp.signals.chirp(0.01, 3.0, 200.0, 30.0, rate_hz=50.0)
+    record = fp.simulate(vessel.replace(own), chirp, noise={"n_e": 0.05, "M_b": 0.1}, seed=21)
+    known = {"T_M": 0.0, "T_f": 0.0, "tau_eng": 0.0, "c_2": 0.0, "tau_twist": 0.0}
+    found = fp.identify(record, torque="brake", outputs=["dn", "dM"], fixed=known)
+    assert "droop" not in found.parameters
+    gain = found["vK_p"].ci95
+    assert gain is None or gain[0] < 12.0 * vessel.operating_point.v < gain[1]
+
+
+def test_a_stiff_governor_that_droops_takes_no_shorter_steps():
+    """A gain of 1000 beside a droop of 5 % acts as a gain of 20, and is simulated in the time of that."""
+    structure = Structure.ship(["droop"])
+    values = {"tau_n": 1.4, "g": -0.5, "vK_p": 1000.0, "vK_i": 1000.0, "p": 2.0, "droop": 0.05}
+    rest = {"n_e": 1600.0, "n_set": 1600.0, "M_b": 500.0}
+    still = {name: np.full(200, value) for name, value in rest.items()}
+    record = fp.Experiment("rest", 50.0, {**still, "n_set": 1600.0 + np.arange(200.0)}, rest)
+    usual, fine = (replace(structure.equations, substeps=steps).simulate(values, record) for steps in (0, 60))
+    np.testing.assert_allclose(usual, fine, atol=1e-4)

@@ -71,6 +71,7 @@ def with_limits(fit: ShipFit, given: Sequence[str], search: Search, until: float
     fit = replace(fit, scores=engine_tests(fit))
     gains = {name: fit.scores[name].fall for name in fit.question.tried if name in fit.scores}
     fit = replace(fit, gains={**fit.gains, **gains})
+    bare, droops = fit, "droop" in fit.question.tried
     while True:
         # The fit without a limit has adapted to its effect, which may look like that of another one: all are tried.
         suspects = limits_to_try(fit.scores, set(fit.question.tried) - set(fit.elements))
@@ -83,7 +84,7 @@ def with_limits(fit: ShipFit, given: Sequence[str], search: Search, until: float
         ):
             tell(f"trying {ELEMENTS['set_rate'].words}", 0.0)
             found = [one for one in [with_set_rate(fit, search, until)] if one is not fit]
-        if "droop" in fit.question.tried and "droop" not in fit.elements:
+        if droops and "droop" not in fit.elements and fit.is_smooth:
             drooping = _drooping(fit, until)
             fit = replace(fit, gains=drooping.gains)
             found += [drooping] if drooping.gains["droop"] > CHANCE else []
@@ -96,7 +97,15 @@ def with_limits(fit: ShipFit, given: Sequence[str], search: Search, until: float
                 found.append(replace(taken, gains={**fit.gains, element: gain}))
         if not found:
             break
+        bare = bare if "droop" in fit.elements else fit
         fit = min(found, key=lambda one: one.total)
+        if "droop" in fit.elements and not fit.is_smooth:
+            # A limit's effect is much like a droop's: beside a limit no droop is told.
+            limit, droops = fit.elements[-1], False
+            other = _limited(bare, limit, until, near=fit.values[TRIED[limit][0]])
+            gain = bare.total - other.total if other is not None else 0.0
+            taken = other if other is not None and gain > LEAST_FALL[limit] else bare
+            fit = replace(taken, gains={**bare.gains, limit: gain, "droop": 0.0})
         fit = replace(fit, scores=engine_tests(fit))
     return fit if fit.is_smooth else _with_other_delays(fit, until)
 
@@ -164,9 +173,16 @@ def _redivided(values: Mapping[str, float]) -> list[dict[str, float]]:
     ]
 
 
-def _limited(fit: ShipFit, element: str, until: float | None, *, surely: bool = False) -> ShipFit | None:
-    """Return the fit with a limit; None if the record is never near the limit, or, unless `surely`, it ends on its bound."""
+def _limited(
+    fit: ShipFit, element: str, until: float | None, *, surely: bool = False, near: float | None = None
+) -> ShipFit | None:
+    """Return the fit with a limit; None if the record is never near the limit, or, unless `surely`, it ends on its bound.
+
+    `near`: value of the limit at which the search begins; None: several values.
+    """
     starts = [start for basin in fit.basins[:2] for start in _starts(fit, element, basin)]
+    if near is not None:
+        starts = [({**values, TRIED[element][0]: near}, states) for values, states in starts]
     if not starts:
         return None
     likelihood = fit.question.with_elements(fit.likelihood, (*fit.elements, element))

@@ -151,8 +151,9 @@ impl Parameters {
         const LONGEST_S: f64 = 5e-3;
         const PART: f64 = 0.05;
         const MOST: f64 = 1000.0;
+        let gain = self.of(at::V) * self.of(at::K_P);
         let fastest = (self.of(at::P) + self.of(at::DAMPING) - self.of(at::G)).abs()
-            + (self.of(at::V) * self.of(at::K_P)).abs();
+            + (gain / (1.0 + self.of(at::DROOP) * gain)).abs();
         let step = LONGEST_S.min(PART * self.of(at::TAU_N) / fastest.max(1e-9));
         (dt / step * (1.0 - 1e-9)).ceil().clamp(1.0, MOST) as usize
     }
