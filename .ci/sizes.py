@@ -31,13 +31,13 @@ BUDGETS = {
     "python/shipfp_rs/processing": 4617,
     "python/shipfp_rs/inspection": 931,
     "python/shipfp_rs/experiments": 576,
-    "python/shipfp_rs/assessment": 3103,
+    "python/shipfp_rs/assessment": 3105,
     "python/shipfp_rs/report": 2269,
     "python/shipfp_rs/reproduce": 1825,
     "python/shipfp_rs/view": 2133,
     "python/shipfp_rs/sweeps": 1958,
-    "python/shipfp_rs/cli": 2088,
-    "python/shipfp_rs/vessel": 1687,
+    "python/shipfp_rs/cli": 2090,
+    "python/shipfp_rs/vessel": 1691,
     "python/shipfp_rs/designs": 1554,
     "python/shipfp_rs/support": 2406,
     "python/shipfp_rs/runs": 511,
@@ -46,9 +46,9 @@ BUDGETS = {
     "python/shipfp_rs/frequency": 1131,
     "python/shipfp_rs/plot": 974,
     "python/shipfp_rs/exports": 859,
-    "python": 53838,
+    "python": 53846,
     "rust/src": 11119,
-    "tests": 40431,
+    "tests": 40433,
 }
 """Most lines of each room, and most numeric constants of identification and structures. A commit that earns it lowers a
 number; none is raised without a word in the commit's text."""

@@ -60,7 +60,7 @@ def of_the_truth(vessel: fp.Vessel, advice) -> tuple[Structure, dict[str, float]
         products=False,
         mean_sampling=True,
     )
-    values = {**parameters_of(vessel), "droop": vessel.governor.droop}
+    values = {"droop": 0.0, **parameters_of(vessel)}
     return structure, {name: float(values.get(name, 0.0)) for name in structure.names}
 
 

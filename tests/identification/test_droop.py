@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import shipfp_rs as fp
+from shipfp_rs.assessment.si import parameters_of
 from shipfp_rs.structures.structure import Structure
 
 SECONDS = 160.0
@@ -29,6 +30,7 @@ def test_a_vessel_droops_by_as_much_as_its_file_says():
     vessel = fp.Vessel.load("stan-launch-804").replace({"governor.droop": 0.05, "governor.K_i": 5.0})
     at = vessel.operating_point.n_e_rpm
     step = fp.Excitation("step", "step", 50.0, np.r_[np.zeros(1), np.full(2999, 0.01 * at)], "zero")
+    assert parameters_of(vessel)["droop"] == pytest.approx(0.05)
     last = float(fp.simulate(vessel, step).normalised("n_e")[-1])
     regulates = (1.0 + last) ** vessel.propeller.torque_exponent - 1.0 - vessel.operating_point.g * last
     assert last == pytest.approx(0.01 - 0.05 * regulates, rel=1e-4)

@@ -35,7 +35,7 @@ from shipfp_rs.support.arguments import checked
 from shipfp_rs.support.arrays import DEVIATIONS_95, Array, Values
 from shipfp_rs.support.sentences import Sentence
 from shipfp_rs.vessel.linear_model import linearise
-from shipfp_rs.vessel.steady_state import steady_state
+from shipfp_rs.vessel.steady_state import droop_about, steady_state
 from shipfp_rs.vessel.torsion import Line, Seen
 from shipfp_rs.vessel.vessel import Vessel
 
@@ -268,11 +268,13 @@ def parameters_of(vessel: Vessel, n_e_rpm: float | None = None) -> dict[str, flo
     """
     model = dict(vars(linearise(vessel, n_e_rpm)))
     lag, stiffness = vessel.actuator.lag_s, vessel.shaft.stiffness_Nm_rad
-    twist = 0.0
+    point = steady_state(vessel, n_e_rpm)
+    more = {"tau_act": lag, "tau_twist": 0.0}
     if stiffness is not None:
-        point = steady_state(vessel, n_e_rpm)
-        twist = point.M_s / (2.0 * math.pi * point.n_s * stiffness)
-    return true_values(model | {"T_d": model["T_d"] - lag}) | {"tau_act": lag, "tau_twist": twist}
+        more["tau_twist"] = point.M_s / (2.0 * math.pi * point.n_s * stiffness)
+    if vessel.governor.droop:
+        more["droop"] = droop_about(vessel, point)
+    return true_values(model | {"T_d": model["T_d"] - lag}) | more
 
 
 @checked

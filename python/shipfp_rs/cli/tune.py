@@ -13,6 +13,7 @@ from shipfp_rs.cli.options import (
     file_argument,
     file_option,
     new_file,
+    not_negative,
     number_option,
     print_results,
     print_table,
@@ -49,7 +50,8 @@ def tune(
         float | None, number_option("S", "Longest time until the speed has recovered from a load step, s.")
     ] = None,
     droop: Annotated[
-        float | None, number_option("PCT", "Droop to set, % of the speed at the operating torque.")
+        float | None,
+        number_option("PCT", "Droop to set, % of the speed at the operating torque.", not_negative),
     ] = None,
     load_step: Annotated[float, number_option("PCT", "Step of the load, % of the operating torque.")] = 10.0,
     band: Annotated[float, number_option("PCT", "Band of the recovered speed, % of the speed.")] = 1.0,

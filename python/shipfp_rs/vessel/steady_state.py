@@ -188,6 +188,12 @@ def ship_about(
     return np.array([values[name] for name in _core.SHIP_PARAMETERS])
 
 
+def droop_about(vessel: Vessel, point: OperatingPoint) -> float:
+    """Return the droop relative to the speed and the engine torque at `point`."""
+    speed = vessel.nominal_engine_speed / point.n_e
+    return vessel.governor.droop * speed * point.M_b / vessel.nominal_brake_torque
+
+
 def whole_about(vessel: Vessel, point: OperatingPoint) -> tuple[Array, Array]:
     """Return the kernel's two parameter vectors of the whole drive train, "ship" and "detail", relative to `point`."""
     train = drive_train(vessel)
@@ -199,9 +205,7 @@ def whole_about(vessel: Vessel, point: OperatingPoint) -> tuple[Array, Array]:
         # The rectangle rule minus half the last error is the trapezoidal rule, which adds no delay.
         "K_p": (q["Kp_abs"] - 0.5 * T_s * q["Ki_abs"]) * point.n_e / point.X_f,
         "K_d": q["Kd_abs"] * point.n_e / point.X_f,
-        "droop": q["droop"]
-        * (vessel.nominal_engine_speed / point.n_e)
-        * (point.M_b / vessel.nominal_brake_torque),
+        "droop": droop_about(vessel, point),
         "T_d": q["fuel_dead_time"],
         "T_set": q["set_dead_time"],
         "T_s": T_s,
