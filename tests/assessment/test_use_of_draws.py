@@ -35,17 +35,19 @@ def drawn(seed: int, inertia: float = 1.0) -> Draws:
     return fitted(seed, inertia).draws(400, seed=seed)
 
 
-def test_bands_of_a_ship_that_is_known_well_are_those_of_its_covariance():
+def test_bands_of_a_ship_that_is_known_well_are_near_those_of_its_covariance():
+    """Draws are as wide as the widest interval asks for, of which the errors of the model are part."""
     found = fitted(1)
     ways = [{}, {"draws": drawn(1)}]
     steps = [step_with_deviation(found, 6.0, **way) for way in ways]
     responses = [response_with_deviation(found, HZ, **way) for way in ways]
     for output in ("dn", "dM"):
         np.testing.assert_array_equal(steps[0].mean[output], steps[1].mean[output])
-        known, other = (one.std[output] for one in steps)
-        assert np.linalg.norm(other) == pytest.approx(np.linalg.norm(known), rel=0.25)
+        # Where the torque jumps, a delay decides, which is not known well.
+        known, other = (one.std[output][one.time > 0.5] for one in steps)
+        assert 0.9 < np.linalg.norm(other) / np.linalg.norm(known) < 1.4
         known, other = (one.amplitude_std[output] for one in responses)
-        assert np.linalg.norm(other) == pytest.approx(np.linalg.norm(known), rel=0.25)
+        assert 0.9 < np.linalg.norm(other) / np.linalg.norm(known) < 1.4
 
 
 def test_a_comparison_by_draws_has_their_intervals_and_sees_the_same_change():

@@ -6,7 +6,6 @@ import contextlib
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -339,13 +338,15 @@ def _changes(vessel: Vessel, values: Mapping[str, float]) -> dict[str, float]:
     return changes
 
 
+SMALL = 0.01
+"""Size of a step, over the operating speed, for which a ship is nearly linear."""
 LEAD_S, DRAWS, ONE_DEVIATION = 1.0, 100, 0.6827
 """Time before the step, half the number of ships whose responses make a band, and share of them within one deviation."""
 
 
 @dataclass(frozen=True)
 class StepResponse:
-    """Response to a set-point step at time 0, normalised by its size: time [s] (N,), mean and std (N,) by output."""
+    """Response to a small set-point step at time 0, normalised by its size: time [s] (N,), mean and std (N,) by output."""
 
     time: Array
     mean: Mapping[str, Array]
@@ -429,9 +430,12 @@ def step_with_deviation(
     structure = structure or structure_of(fingerprint)
     time = np.arange(-LEAD_S, duration_s, 1.0 / rate_hz)
     step = Experiment(
-        "step", rate_hz, {"n_set": np.where(time >= 0.0, 2.0, 1.0)}, {"n_set": 1.0}, hold="zero"
+        "step", rate_hz, {"n_set": np.where(time >= 0.0, 1.0 + SMALL, 1.0)}, {"n_set": 1.0}, hold="zero"
     )
-    seen = partial(structure.equations.simulate, experiment=step)
+
+    def seen(values: Values) -> Array:
+        return structure.equations.simulate(values, step) / SMALL
+
     found = (seen(fingerprint.optimum), deviation_of(fingerprint, structure, seen, draws))
     return StepResponse(time, *(dict(zip(structure.outputs, rows, strict=True)) for rows in found))
 
