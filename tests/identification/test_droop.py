@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import shipfp_rs as fp
-from shipfp_rs.assessment.si import parameters_of
+from shipfp_rs.assessment.si import parameters_of, with_parameters
 from shipfp_rs.structures.structure import Structure
 
 SECONDS = 160.0
@@ -103,3 +104,44 @@ def test_a_stiff_governor_that_droops_takes_no_shorter_steps():
     record = fp.Experiment("rest", 50.0, {**still, "n_set": 1600.0 + np.arange(200.0)}, rest)
     usual, fine = (replace(structure.equations, substeps=steps).simulate(values, record) for steps in (0, 60))
     np.testing.assert_allclose(usual, fine, atol=1e-4)
+
+
+@pytest.mark.study
+def test_droops_of_ships_with_other_inertias_and_gains():
+    """DROOP_SHIPS tugs and launches (40), every second one with a droop of 1 to 6 %; nothing is given to the fit."""
+    told, inside, ships = {True: 0, False: 0}, [], int(os.environ.get("DROOP_SHIPS", "40"))
+    for seed in range(ships):
+        random = np.random.default_rng([7, seed])
+        vessel = fp.Vessel.load(str(random.choice(["stan-launch-804", "stan-tug-1205"])))
+        droop = random.uniform(0.01, 0.06) if seed % 2 else 0.0
+        own = parameters_of(vessel)
+        changes = {name: own[name] * random.uniform(0.7, 1.4) for name in ("tau_n", "K_p")}
+        changes |= {"K_i": changes["K_p"] * random.uniform(0.8, 2.5)}
+        delays = {
+            "actuator.dead_time_s": random.uniform(0.02, 0.08),
+            "actuator.lag_s": random.uniform(0.02, 0.1),
+        }
+        vessel = with_parameters(vessel, changes).replace({**delays, "governor.droop": droop})
+        torque = str(random.choice(["brake", "gauge"]))
+        chirp = fp.signals.chirp(0.01, 3.0, 300.0, 20.0, rate_hz=50.0)
+        noise = {"n_e": 0.03, "M_b": 0.06, "M_g": 0.06}
+        record = fp.simulate(vessel, chirp, noise=noise, seed=seed)
+        found = fp.identify(record, torque=torque, outputs=["dn", "dM"])
+        told[droop > 0.0] += "droop" in found.parameters
+        true = {"droop": 0.0, **parameters_of(vessel)}
+        rows = {
+            name: found.parameters[name]
+            for name in ("tau_n", "vK_p", "vK_i", "p", "droop")
+            if name in found.parameters
+        }
+        rows = {name: one for name, one in rows.items() if one.ci95 is not None}
+        inside += [one.ci95[0] <= true[name] <= one.ci95[1] for name, one in rows.items()]
+        shown = {name: tuple(round(end, 4) for end in one.ci95) for name, one in rows.items()}
+        print(
+            f"{seed}: {torque}, droop {droop:.4f}, {shown}; {sum(inside)} of {len(inside)} hold", flush=True
+        )
+    print(
+        f"told: {told[True]} of {ships // 2} with a droop, {told[False]} of {ships - ships // 2} without one"
+    )
+    assert np.mean(inside) > 0.85
+    assert told[False] <= 0.1 * ships

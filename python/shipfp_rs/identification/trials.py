@@ -14,7 +14,7 @@ from functools import partial
 import numpy as np
 
 from shipfp_rs.errors import IdentificationError, SimulationError
-from shipfp_rs.identification.basins import Basin, descend, distinct
+from shipfp_rs.identification.basins import Basin, descend, distinct, each
 from shipfp_rs.identification.engine_tests import engine_tests, lacks_something, limits_to_try, touched
 from shipfp_rs.identification.first_guesses import guesses_by_bandwidth
 from shipfp_rs.identification.likelihood import Likelihood
@@ -46,6 +46,8 @@ STEEP, RATES = 0.99, (0.6, 1.0, 1.6, 2.5)
 times the rack's, noise steeper ones."""
 REDIVIDED, REFINED = 3, 4
 """Most rounds of redistributed delays, and number of minima in each that are refined."""
+FADED, INTEGRALS = 0.2, (0.5, 2.0)
+"""Least share of a gain that a droop leaves in a start, and ratios of integral to proportional gain there [1/s]."""
 GAINS = (1.0, 2.0, 4.0)
 """Factors of the governor's gains in starts with a limited rate: a fit without the limit underestimates them."""
 
@@ -115,8 +117,12 @@ def _drooping(fit: ShipFit, until: float | None) -> ShipFit:
     elements = (*fit.elements, "droop")
     likelihood = fit.question.with_elements(fit.likelihood, elements)
     states = fit.likelihood.coordinates.states_at(fit.best.vector)
-    start = likelihood.coordinates.vector({**DEFAULTS, **fit.values}, states)
-    best = descend(likelihood, start, until=until)
+    known = {**DEFAULTS, **fit.values}
+    # A fit without the droop has a gain that is less by it, and of a quick integral that fades hardly any integral.
+    gain = known["vK_p"] / max(1.0 - known["droop"] * known["vK_p"], FADED)
+    ways = [known, *({**known, "vK_p": gain, "vK_i": rate * gain} for rate in INTEGRALS)]
+    starts = [likelihood.coordinates.vector(way, states) for way in ways]
+    best = min(each(likelihood, starts, until), key=lambda end: end.cost)
     found = replace(fit, likelihood=likelihood, basins=(best,), elements=elements)
     gain = fit.best.cost - best.cost
     if gain > CHANCE:
