@@ -24,7 +24,7 @@ RUST_FUNCTION = re.compile(r"^( *)(?:pub(?:\([a-z]+\))? )?(?:const )?(?:unsafe )
 
 BUDGETS = {
     "constants": 243,
-    "python/shipfp_rs/identification": 10876,
+    "python/shipfp_rs/identification": 10882,
     "python/shipfp_rs/structures": 2860,
     "python/shipfp_rs/logs": 7572,
     "python/shipfp_rs/tacho": 1760,
@@ -46,9 +46,9 @@ BUDGETS = {
     "python/shipfp_rs/frequency": 1131,
     "python/shipfp_rs/plot": 974,
     "python/shipfp_rs/exports": 859,
-    "python": 53850,
+    "python": 53856,
     "rust/src": 11119,
-    "tests": 40435,
+    "tests": 40477,
 }
 """Most lines of each room, and most numeric constants of identification and structures. A commit that earns it lowers a
 number; none is raised without a word in the commit's text."""

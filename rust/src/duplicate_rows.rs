@@ -11,8 +11,8 @@ use crate::stop::Stop;
 
 /// Samples per fingerprint ("print").
 const TAPS: usize = 8;
-/// Leading zero bits of a kept fingerprint: one in 16 is kept, about 7 in 128 samples. Both copies of a stretch keep the
-/// same fingerprints.
+/// Number of leading bits that are zero in each kept fingerprint. One fingerprint in 16 is kept, about 7 in 128 samples.
+/// Both copies of a repeated stretch keep equal fingerprints.
 const KEPT_BITS: u32 = 4;
 /// Successive fingerprints that must recur at the same distance before the samples are compared.
 const PRINTS: usize = 2;

@@ -76,7 +76,7 @@ PADE = 5
 SLOWEST = 5
 """Number of roots of the Pade approximation that are refined to exact poles: two, their conjugates, and one in reserve."""
 SETTLED = 1e-3
-"""Largest last step of Newton's method, relative to the pole, with which it has converged."""
+"""Largest relative change of a pole in the last step of Newton's method, for the method to have converged."""
 SEARCHED_HZ = np.geomspace(1e-4, 1e2, 1200)
 RECOVERED = 0.05
 """Band, relative to a step of the set point, within which the speed has recovered."""

@@ -85,7 +85,7 @@ def _measured(experiment: Experiment, structure: Structure) -> FrequencyResponse
     try:
         response = local_response(experiment, _band(experiment), signals=signals)
     except InputError:
-        return None  # only rest, or too short a record
+        return None  # the record holds only rest, or is too short
     known = np.all([response.amplitude_std[name] < LOST for name in signals], axis=0)
     return response.select(known) if known.any() else None
 
@@ -361,7 +361,7 @@ def _change(name: str, before: Estimate, after: Estimate, draws: tuple[Draws, Dr
 
 
 def _sides(estimate: Estimate, drawn: Array | None = None) -> tuple[float, float]:
-    """Half-widths of the interval below and above the value; the other one replaces one cut short by a bound."""
+    """Distances from the value to the interval's ends; the other distance replaces a distance that a bound cuts short."""
     value, ends = estimate.value, estimate.ci95
     assert value is not None
     assert estimate.std is not None

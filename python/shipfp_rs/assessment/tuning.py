@@ -105,11 +105,11 @@ class Tuning:
 
 @dataclass(frozen=True)
 class Steps:
-    """Steps that every ship is put to, and limits on what they show.
+    """Steps that are applied to every ship, and limits of the figures that follow from the steps.
 
-    `set_step` and `load_step` are relative to the operating point, `band` is the relative deviation of the speed that counts
-    as recovered, `duration_s` that of each step, and `band_hz` the band in which the ship is known. `limits` has figures'
-    limits: the least phase margin, the most of others.
+    `set_step` and `load_step` are relative to the operating point. The speed has recovered when the relative deviation is
+    within `band`. `duration_s` is the duration of each step. Up to the frequency `band_hz` the ship is known. `limits` has a
+    limit by the name of each figure: for the phase margin the least value, for other figures the largest value.
     """
 
     set_step: float
@@ -294,10 +294,10 @@ def tune(
 
 
 def phase_margins(structure: Structure, values: Values, factors: Array) -> tuple[Array, Array]:
-    """Return phase margin [deg] and crossover [Hz] of the linear loop for factors (G, 2) on its gains, (G,) each.
+    """Return the linear loop's phase margins [deg] and crossover frequencies [Hz], (G,) each, for gain factors (G, 2).
 
-    The factors are those of the proportional and the integral gain. Of several crossings of a gain of one the least margin
-    and the highest frequency count.
+    The factors multiply the proportional and the integral gain. If the loop gain crosses 1 several times, the smallest phase
+    margin and the highest crossover frequency count.
     """
     equations, known = loop_of(structure, values)
     for names, factor in zip((("vK_p", "K_p"), ("vK_i", "K_i")), factors.T, strict=True):

@@ -79,8 +79,8 @@ class Plan(Brief):
     notes
         Information for the user, in sentences.
     spread
-        Relative standard deviation of each quantity [%] that half, and that 95 %, of the drawn ships do not exceed; empty
-        without draws.
+        Median and 95 % quantile, over the drawn ships, of each quantity's relative standard deviation [%]; empty without
+        draws.
     """
 
     subject: str

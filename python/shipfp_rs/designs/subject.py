@@ -161,7 +161,7 @@ def quantities(subject: Subject, sensitivity: Sensitivity) -> dict[str, Quantity
 
 
 MOST_DRAWN = 30
-"""Drawn ships whose accuracy a plan tells; each takes tens of milliseconds."""
+"""Most drawn ships for which a plan predicts the accuracy; each ship takes tens of milliseconds."""
 SEED = 1
 """Seed of the noise phases in the predicted record."""
 
@@ -213,7 +213,7 @@ def predict(subject: Subject, excitation: Excitation, sensors: Mapping[str, Nois
 def spread(
     subject: Subject, excitation: Excitation, sensors: Mapping[str, Noise], draws: Draws
 ) -> dict[str, tuple[float, float]]:
-    """Relative standard deviation of each quantity [%] that half, and that 95 %, of the first drawn ships do not exceed."""
+    """Median and 95 % quantile, over the first drawn ships, of each quantity's relative standard deviation [%]."""
     rows = [dict(zip(draws.names, row, strict=True)) for row in draws.table[:MOST_DRAWN].tolist()]
     ships = [
         dataclasses.replace(subject, values=_expected(subject.structure, {**subject.values, **row}))

@@ -73,7 +73,7 @@ class Limits:
     avoid_hz
         Bands (low, high) around resonances [Hz].
     lowest_hz, highest_hz
-        Range of the frequencies; None: from two periods in the available time to 5 Hz.
+        Lowest and highest frequency of the set point [Hz]; None: two periods in the available time, and 5 Hz.
     longest_samples
         Longest waveform that fits the generator; None: unlimited.
     """

@@ -201,7 +201,7 @@ class Experiment(Tabular, EvenlySampled):
 
     def plot(self, axes: Sequence[Any] | None = None) -> Sequence[Any]:
         """Draw the signals against time; see `plot.signals`."""
-        # Imported by name, since this module does not depend on plots.
+        # The plot module is imported at run time by name, since this module must not depend on plots.
         drawn: Sequence[Any] = import_module("shipfp_rs.plot").signals(self, axes)
         return drawn
 
@@ -382,9 +382,9 @@ def _require_sense(label: str, signals: Mapping[str, Array], operating_point: Ma
                     f"experiment {label!r}: signal {name!r} is {mean:.4g} on average, its operating point {value:g}, "
                     f"expected both in {UNITS[name]}; is the {what} in {hint[2:]}"
                 )
-        # A gauge may measure only changes and a load may be switched off, so their means may be zero; a ship's
-        # speed stays near its operating point.
-        # A constant signal is taken as a placeholder and not checked.
+        # The mean of a torque or a load may be zero: a gauge may measure only changes, and a load may be switched off.
+        # The mean of a speed is near the speed's operating point.
+        # A constant signal counts as a placeholder and is not checked.
         is_speed, size = UNITS[name] in ("rpm", "rev/s"), abs(value)
         low, high = (0.4, 2.5) if is_speed else (0.0, 10.0)
         moves = np.nanmin(signals[name]) < np.nanmax(signals[name])

@@ -39,7 +39,7 @@ def write_simulink(drive: Drive, path: Path) -> Path:
     Raises
     ------
     InputError
-        If the name is none of a MATLAB script, or a file can't be written.
+        If the file's name is not valid for a MATLAB script, or a file can't be written.
     """
     if not path.stem.isidentifier() or not path.stem.isascii():
         raise InputError(

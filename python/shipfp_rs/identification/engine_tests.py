@@ -32,7 +32,7 @@ SHOWN = 16.0
 CONSISTENT = 2.7
 """Least consistency over stretches for a shape to be significant; chance exceeds it once in twenty (one-sided)."""
 NEAR = 3.0
-"""Ratio of the deviance's decrease by a shape to that by a limit, above which the limit does not explain the shape."""
+"""Largest ratio of the deviance's decrease by a shape to the decrease by a limit, for the limit to explain the shape."""
 SURE = 60.0
 """Decrease of the deviance from which a limit is fitted even if only one stretch shows it."""
 WORTH = 8.0

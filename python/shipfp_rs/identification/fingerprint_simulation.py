@@ -156,7 +156,7 @@ class FingerprintSimulation(Content):
         return self._simulated(record, set_point, low), self._simulated(record, set_point, high)
 
     def first(self, experiment: Experiment | None = None) -> Experiment:
-        """Return the given experiment, or the first fitted one; `InputError` if the fingerprint holds none, as a file."""
+        """Return the given or the first fitted experiment; `InputError` if neither exists, as after reading from a file."""
         if experiment is None and not self.experiments:
             raise InputError(
                 "experiment: found none, and the fingerprint holds none; give the one that is meant"

@@ -196,7 +196,7 @@ def agreement(fingerprint: FingerprintTables) -> Sentence:
 
 
 def _figures(row: Row) -> tuple[str, str]:
-    """Return value and interval as text; where the value may be zero, the interval's end is all that is known."""
+    """Return value and interval as text; of a zero value at the lower end of the interval, "< upper end"."""
     if row.low and float(row.low) == float(row.value) == 0.0 < float(row.high):
         return f"< {float(row.high):.2g}", ""
     return row.value or "-", f"{row.low} to {row.high}" if row.low else ""

@@ -224,7 +224,7 @@ class LoopSpectra:
         way = np.exp(-s * dead) / (1.0 + s * lag)
         late = self.set_point * np.exp(-s * np.array(SET_POINT_DEAD_TIMES_S)[:, None]) - speed
         target = s * speed
-        # Columns: speed, error, integral of the error, load. `way`, lag and dead time, multiplies those of the error.
+        # Columns: speed, error, integral of the error, load. `way` (lag and dead time) multiplies both columns of the error.
         known = np.array([-speed, *([] if self.load is None else [-self.load])])
         power, strength = np.abs(way) ** 2, np.abs(late) ** 2
         size = 2 + len(known)

@@ -210,7 +210,7 @@ class Likelihood:
 
     @cached_property
     def _white_numbers(self) -> int:
-        """Number of real values with white noise."""
+        """Number of real numbers in all spectra with white noise."""
         numbers = sum(model.numbers for model in self.models if model.noise == "white")
         return len(self.accuracy) * numbers
 
@@ -308,7 +308,7 @@ class Likelihood:
         found = []
         for index, (model, row) in enumerate(zip(self.models, rows, strict=True)):
             assert isinstance(model, ShipModel)
-            # For the kernel such a row is a systematic error of one output, at all frequencies alike.
+            # The kernel takes systematic errors: a row becomes an error of the first output, of one size at all frequencies.
             bent = np.zeros((row.shape[1], len(row), len(row)), complex)
             bent[:, :, 0] = row.T
             found.append(model.units(self.root(index), (bent, np.ones((1, row.shape[1])))))

@@ -396,8 +396,8 @@ def load_side(
     Parameters
     ----------
     experiments
-        One, or several of the same ship that are fitted together. Each has N samples of a set point (or command), a speed
-        and a torque, over 20 s or more. A load that was measured in all of them is an input, too.
+        One experiment, or several experiments of one ship, which are fitted together. Each experiment has N samples of a set
+        point (or command), a speed and a torque, over 20 s or more. A load that every experiment measured is an input, too.
     torque
         Location of the torque sensor: "gauge" between the inertias, or "brake" of the engine; None: by the signal, brake
         first.
@@ -518,7 +518,7 @@ def _require_excitation(experiments: Sequence[Experiment], loaded: bool) -> None
         if not swing >= LEAST_SWING:
             raise InputError(
                 f"experiment {one.name!r}: the {DRIVES[one.driver]} moves by {100 * swing:.2g} %, expected "
-                f"{100 * LEAST_SWING:g} % or more of it or of a measured load: nothing excites the ship"
+                f"{100 * LEAST_SWING:g} % or more, or a measured load that moves as much: nothing excites the ship"
             )
 
 

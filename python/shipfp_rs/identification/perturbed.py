@@ -2,8 +2,8 @@
 
 Noise, systematic errors and priors' means are drawn and added to the residuals; the minimum then moves along valleys, and up
 to bounds. This is randomised maximum likelihood (Oliver, He and Reynolds 1996). The draws follow the likelihood with
-Jeffreys' measure, which no choice of parameters changes. Where every parameter has a prior they are weighted, so that they
-follow the posterior (as in Bardsley et al. 2014, doi:10.1137/140964023). Exact, but for second derivatives of the model.
+Jeffreys' measure, which no choice of parameters changes. If every parameter has a prior, weights make the draws follow the
+posterior (as in Bardsley et al. 2014, doi:10.1137/140964023). Only second derivatives of the model are neglected.
 """
 
 from __future__ import annotations
@@ -80,7 +80,7 @@ class Perturbed:
         return self.likelihood.coordinates
 
     def near(self, vector: Array) -> Self:
-        """Return itself: derivatives without closed form stay those at the minimum."""
+        """Return this object unchanged: derivatives without closed form are kept as computed at the minimum."""
         del vector
         return self
 
@@ -143,10 +143,10 @@ def draws_of(
 
 
 def _posterior(fit: Rebuilt, points: Sequence[Array]) -> Array:
-    """Weights of minima, with which they follow the posterior of the parameters' priors.
+    """Weights with which the minima follow the posterior of the parameters' priors.
 
-    The minima's density is exp(-g' H^-1 g / 2) sqrt(det H), with the slope g and the curvature H of the deviance there. The
-    root is Jeffreys' measure.
+    The probability density of the minima is proportional to exp(-g' H^-1 g / 2) sqrt(det H), with the gradient g and the
+    curvature H of the unperturbed deviance at a minimum. The factor sqrt(det H) is Jeffreys' measure.
     """
     c, found = fit.likelihood.coordinates, []
     for point in points:

@@ -39,7 +39,7 @@ SHRINK, SHRUNK = 0.15, 0.01
 """Factor on the scale of a profile's steps, applied each time that bounds of parameters hold the figure back, and least
 product of these factors."""
 FURTHER = 1.3
-"""Largest extrapolation: distance of an end over that of the last point inside."""
+"""Largest extrapolation: ratio of two distances from the minimum, of the interval's end and of the last point inside."""
 REACHED = 0.9
 """A profile has reached a bound if it covers this share of the distance from the minimum to the bound."""
 LOWER, RESTARTS = 0.5, 2
@@ -69,7 +69,7 @@ class Interval:
 class Profiles:
     """Profiles of a likelihood about its minima.
 
-    Each visited point counts for all figures: if the data do not reject it, it is inside their intervals.
+    If the data do not reject a visited point, the interval of every figure includes the figure's value at the point.
     """
 
     likelihood: Likelihood
@@ -252,7 +252,7 @@ class Profiles:
         return value + side * max(reached, min(distance, FURTHER * reached)), "data", visited
 
     def _at(self, target: float, figure: Figure, scale: float, x: Array, way: Array) -> Basin:
-        """Minimum with the figure held at a target, searched from x; where the model has no answer, from the minimum."""
+        """Minimum with the figure held at `target`, searched from x; if this search fails, from the lowest minimum."""
         end = self._held(self._moved(x, way, figure, target), figure, target, scale)
         if np.isfinite(end.cost):
             return end

@@ -104,10 +104,10 @@ TRIED: Mapping[str, tuple[str, ...]] = {
     "set_rate": ("set_rate",),
     "droop": ("droop",),
 }
-"""Elements that are tried, and their parameters: limits, which have no value without effect, and a droop, which would widen
-the intervals of the many ships without one."""
+"""Elements that are tried, with the parameters of each element. Limits are tried because they have no value without effect;
+a droop is tried because, if always fitted, it would widen the intervals of the many ships without droop."""
 LIMITS = ("torque_limit", "rack_rate", "set_rate")
-"""Those of the tried elements that bend the response."""
+"""Tried elements that make the response nonlinear."""
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""From a fingerprint and its experiments back to the likelihood and its minima: the one way from an answer to its fit."""
+"""Rebuilds the fit of a fingerprint: the likelihood and the likelihood's minima, from the fingerprint and experiments."""
 
 from __future__ import annotations
 
@@ -122,7 +122,7 @@ def _settled(start: dict[str, float], likelihood: Likelihood) -> Minima | None:
 
 
 def _widened(minima: Minima, fingerprint: Fingerprint) -> Rebuilt:
-    """Return the minima with the others of the search, and the widening of the intervals."""
+    """Add the other minima of the search, and the factor by which errors of the model widen the intervals."""
     likelihood, best, settings = minima.likelihood, minima.best, fingerprint.settings
     c, states = likelihood.coordinates, likelihood.coordinates.states_at(best.vector)
     starts = [c.vector(_start(fingerprint, one["parameters"]), states) for one in settings["minima"][1:]]

@@ -21,7 +21,7 @@ from shipfp_rs.support.arrays import Array
 STEEPEST, GRID = 0.97, 14
 """Highest tried rate, as a quantile of the set point's slopes, and the number of tried rates."""
 ROUNDS, STEPS = 2, 12
-"""Number of descents for each rate, each with the noise of the previous one, and the most steps of a descent."""
+"""Number of descents for each tried rate, each with the noise of the previous descent, and most steps of a descent."""
 REFINED, NEAR = 8, (0.97, 1.0, 1.03)
 """Number of further rates near the best rate, and factors on the best rate for repeated descents."""
 APART = 0.01

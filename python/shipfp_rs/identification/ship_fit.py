@@ -1,7 +1,7 @@
-"""The fit of a ship: the full model without limits, which are tried in addition.
+"""The fit of a ship: the full model without limits is fitted first, then limits are tried.
 
-Dead times, lag, sampling, the shaft's flexibility and the load's second-order coefficient are always fitted, since they have
-a value without effect. Limits of torque and rate have none and are tried one by one.
+Dead times, lag, sampling, the shaft's flexibility and the load's second-order coefficient are always fitted, since each has
+a value without effect. Limits of torque and rate have no value without effect and are tried one by one.
 """
 
 from __future__ import annotations
@@ -119,7 +119,7 @@ def smooth_ship(
     between: Between | None = "band-limited" if undecided else None
     fit = first_look(question, between, until=until, side=side)
     tell("searching the smooth ship", 0.3)
-    # Gaps are filled, and images removed, by what the first look found.
+    # With the parameters of the first look, gaps are filled and images of the set point are removed.
     ends = [fit.likelihood.corrected(fit.best.vector)]
     if undecided:
         # Samples that no processing low-passed may as well be those of straight lines.

@@ -18,8 +18,8 @@ BELIEVED = 25.0
 """Decrease of the deviance from which a tried element counts as on. By chance, two parameters
 give a decrease of 14 once in 1000; other errors of the model may give another 14."""
 DISCREPANCY = 2.0
-"""Factor on the standard deviations of a ship with a limit: errors at its corners move all parameters together. For some
-twenty simulated ships the true values were twice as far away as chance explains."""
+"""Factor on the standard deviations of a ship with a limit: model errors at the limit's corners shift all parameters. In
+some twenty simulated ships, the true values were twice as far from the estimates as chance explains."""
 RECORRECTED, STILL = 8, 0.1
 """Most descents with noise and corrections re-estimated, and the squared step, in standard deviations, below which they
 stop."""

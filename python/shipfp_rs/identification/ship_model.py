@@ -77,12 +77,12 @@ class ShipModel(Model):
     layers
         Ties and joint names that convert the searched parameters to the ship's, outermost first.
     gains
-        Gains that are declared beside v instead of their products.
+        Names of gains that the structure declares beside v; the kernel has the product of each gain and v.
     noise
         Whether the noise has one covariance at all frequencies.
     ahead
-        Inertia ahead of the gauge where the noise was estimated. It determines the mixing of both equations, which only
-        affects rounding.
+        Inertia ahead of the gauge at which the noise was estimated. The kernel mixes both equations so that the
+        engine's equation has this inertia; the mixing affects only rounding errors.
     water
         Information on the engine's side from moving water, from the residuals that gave the noise; None: none.
     """
@@ -406,7 +406,7 @@ class ShipModel(Model):
 
 
 class Ship(NamedTuple):
-    """The ship of a trial's structure, as the two equations have it; see `ShipModel`."""
+    """Equations, layers and gains of a single trial's structure: arguments of `ShipModel`."""
 
     equations: LinearEquations | ShipEquations
     layers: tuple[Behind, ...]

@@ -30,9 +30,9 @@ from shipfp_rs.support.derivatives import interpolated
 ORDERS: int = _core.EQUATION_ORDERS
 """Number of terms of the series: the taper and its derivatives."""
 EDGE_S, EDGE_SHARE, BEFORE_S = 3.0, 0.025, 2.0
-"""Least length of the taper's edges [s], their least share of the record, and initial time that is omitted [s]: its samples
-depend, through dead times, on what happened before the record. Both equations followed by the inverse of their loop leave
-noise unchanged, except at the edges: steep edges mix the noise of the outputs."""
+"""Least length of the taper's edges [s], their least share of the record, and initial time that is omitted [s]: the samples
+in this time depend, through dead times, on what happened before the record. The equations, followed by the inverse of the
+loop's matrix, leave the outputs' noise unchanged, except at the taper's edges: steep edges mix the noise of the outputs."""
 GRID_S = 0.05
 """Step of delays that are applied before the taper [s]; a series gives the remaining delay."""
 TAPS_A_SAMPLE, PASSED, WINDOW_80_DB = 24, 0.43, ("kaiser", 9.0)
@@ -53,7 +53,7 @@ LATE = {"dn": "T_n", "dM": "T_M", BRAKE: "T_B"}
 DELAYS, LAGS, ON_TIME = ("T_d", "T_set"), ("tau_act", "tau_eng"), 0.05
 """Delays and lags between the set point and the torque; delay in samples up to which an output counts as on time."""
 AT_ONCE = 1e4
-"""Frequency, over the sample rate, whose response equals the instantaneous response to a step."""
+"""Frequency, over the sample rate, at which the frequency response equals the instantaneous response to a step."""
 SLOW_PACE, QUICK_PACE = 5.0, 16.0
 """Bandwidths of loops [rad/s]: above the first a record may be shorter than `SHORTEST_S`, above the second the compared band
 is wider."""
@@ -383,9 +383,9 @@ class Spectra:
         return replace(found, slip=found._slip(values)) if slips else found
 
     def _below_nyquist(self, values: Mapping[str, float]) -> dict[str, float]:
-        """Parameters with a stiff shaft if it resonates above half the sample rate.
+        """Parameters, with a stiff shaft if the shaft's resonance is above half the sample rate.
 
-        Such a resonance shows in no spectrum, and images would be multiplied by a damping that no data determine.
+        No spectrum contains this resonance, and no data determine the resonance's damping, which would scale the images.
         """
         twist, whole, behind = (values.get(name, 0.0) for name in ("tau_twist", "tau_n", "tau_prop"))
         below = behind * (whole - behind) * twist * (np.pi * self.data_hz) ** 2 > whole

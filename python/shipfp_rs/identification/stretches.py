@@ -49,7 +49,7 @@ class Stretches:
     likelihood, vector
         The likelihood and its minimum.
     columns
-        For each record, spectra of the outputs that the model may lack, (C, O, F).
+        For each record, output spectra of effects that the model may lack, shape (C, O, F).
     """
 
     likelihood: Likelihood

@@ -63,7 +63,7 @@ SHORT = 1e-3
 EDGE = 1e-6
 """Share of the parameter's size that replaces `CUT` where the standard deviation is zero."""
 SHARPER = 1.0 / 3.0
-"""A combination is listed if its relative deviation is below this share of its least known parameter's."""
+"""Largest ratio of a listed combination's relative deviation to the largest relative deviation of combined parameters."""
 STILL = 1e-4
 """Largest probability, by chance, of the explained deviance for the fit to be significant."""
 
@@ -331,7 +331,7 @@ def _relative(estimate: Estimate) -> float:
 
 
 def _with_intervals(fit: StructureFit) -> tuple[StructureEstimates, Mapping[str, Interval]]:
-    """Return the estimates and intervals at the minimum, which a profile may have lowered."""
+    """Return the estimates and intervals at the lowest minimum: a profile may find a lower minimum than the fit."""
     found = StructureEstimates(fit)
     if fit.question.options.intervals == "symmetric":
         profiles = Profiles(fit.likelihood, list(fit.basins))

@@ -42,8 +42,8 @@ LEVELS, AHEAD = (0.9, 0.97, 0.995), 1.5
 """Quantiles of the torque at which limits are tried, and a factor on the last: a gauge behind the engine's inertia measures
 less torque than the engine gives while the shaft accelerates."""
 STEEP, RATES = 0.99, (0.6, 1.0, 1.6, 2.5)
-"""Quantile of the torque's slope, and factors on it at which limits of the rate are tried: a gauge shows slopes down to 0.4
-times the rack's, noise steeper ones."""
+"""Quantile of the torque's slope, and factors on this slope at which limits of the rack's rate are tried. A gauge shows
+slopes down to 0.4 times the rack's slope; noise shows slopes steeper than the rack's."""
 REDIVIDED, REFINED = 3, 4
 """Most rounds of redistributed delays, and number of minima in each that are refined."""
 FADED, INTEGRALS = 0.2, (0.5, 2.0)

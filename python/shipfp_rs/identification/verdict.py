@@ -68,7 +68,7 @@ class Told(NamedTuple):
 def with_verdict(told: Told) -> Fingerprint:
     """Return the fingerprint with its usability and verdict.
 
-    A fingerprint without `adequate`, as of a frequency response, has no usability unless its records are too short.
+    A fingerprint without `adequate` (as of a frequency response) gets a usability only if the records are too short.
     """
     fingerprint, is_short, further = told.fingerprint, told.is_short, told.fingerprint.verdict
     if fingerprint.adequate or is_short:

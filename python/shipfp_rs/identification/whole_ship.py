@@ -70,7 +70,7 @@ def whole_ship(fingerprint: Fingerprint) -> Fingerprint:
         for name, one in fingerprint.parameters.items()
         if name in structure.names
     }
-    # Without a gauge, tau_prop is a mere guess of the share behind a shaft that may twist.
+    # Without a torque gauge, tau_prop is only a guess of the share of the inertia behind a shaft that may be flexible.
     guessed = {"tau_prop": 0.0} if stored["torque"] == "brake" else {}
     parameters |= {name: far[name] for name in guessed if name in parameters}
     fixed = {

@@ -118,7 +118,7 @@ def _require_length(path: object, name: str, first: int, found: int, expected: i
 
 
 def blocks_by_name(held: Mapping[str, Blocks], others: Blocks | None = None) -> Blocks:
-    """`Blocks` of channels that have their own, and `others` of those that have none."""
+    """Return `Blocks` that read a channel from its entry in `held`, and a channel without an entry from `others`."""
     return lambda name, first, size: (held.get(name, others) or held[name])(name, first, size)
 
 

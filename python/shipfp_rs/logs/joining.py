@@ -51,7 +51,7 @@ class CoarseClock:
 
 
 def find_coarse(times: Array) -> CoarseClock | None:
-    """Find evenly spaced rows where several rows have the same time; None if the rows are not evenly spaced."""
+    """Return the clock of evenly spaced rows with coarse, thus repeated, times; None if the rows are not evenly spaced."""
     steps = np.diff(times)
     rises = np.flatnonzero(steps != 0.0) + 1
     if len(rises) < 3 or not (steps > 0.0).any():
@@ -102,14 +102,14 @@ def _through(times: Array, rises: Rows, tick: float, slips: Sequence[_Slip]) -> 
 
 
 class _Slip(NamedTuple):
-    """Missing rows or a clock that was set: indices of the clock's last change before it and first change after it."""
+    """A slip (missing rows, or a clock that was set): indices of the last clock change before and the first after it."""
 
     before: int
     behind: int
     at: int
-    """Index of the change at which the rows after the slip begin."""
+    """Index of the clock change at which the rows after the slip begin."""
     hides: bool
-    """Whether the times of the rows between these two changes are unknown."""
+    """Whether the times of the rows between `before` and `behind` are unknown."""
 
 
 def _rows(slip: _Slip, rises: Rows, count: int) -> tuple[int, int]:
@@ -119,7 +119,7 @@ def _rows(slip: _Slip, rises: Rows, count: int) -> tuple[int, int]:
 
 
 def _rows_a_tick(counts: Rows) -> float:
-    """Rows in a complete tick: the median where ticks differ from it only by missing rows, else the mean."""
+    """Number of rows in a complete tick: the median number if all other ticks lack rows, else the mean number."""
     if not len(counts):
         return np.nan
     usual = float(np.median(counts))

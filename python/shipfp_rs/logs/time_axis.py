@@ -46,7 +46,7 @@ cells.
 CHANGES_GROWTH = 32.0
 """Most samples of the even grid per recorded change of a state."""
 MOST_EVEN, MISSED = 1.01, 1.5
-"""Ratio of a long to a short step up to which rows beside gaps are even; a step longer than so many of these lacks rows."""
+"""Rows are even if a long step is below `MOST_EVEN` short steps; in even rows, a step above `MISSED` long steps is a gap."""
 HELD_GROWTH = 1000.0
 """Most samples of the even grid per recorded change of a channel that is held."""
 BOUNCE = 0.05
@@ -405,7 +405,7 @@ def _edges(times: Array, values: Array, step: float) -> tuple[npt.NDArray[np.int
 
 
 def _means(time: Array, values: Array, begins: Array, ends: Array) -> Array:
-    """Means over grid cells of the straight lines through the samples, cut at the first and last sample."""
+    """Means over grid cells of the linearly interpolated samples; cells are cut off at the first and the last sample."""
     begins, ends = np.maximum(begins, time[0]), np.minimum(ends, time[-1])
     lost = ~np.isfinite(values)
     if lost.any():

@@ -146,7 +146,7 @@ def _require_rating(
     if not least < abs(torque_Nm) < most:
         hint = hints.likely(abs(torque_Nm), least, most, hints.TORQUE)
         raise InputError(
-            f"channels.{key}: {torque_Nm:.4g} Nm {where}, where the engine's rating makes {limit:.4g} Nm{hint}{CHECK}"
+            f"channels.{key}: {torque_Nm:.4g} Nm {where}, but the rated torque is {limit:.4g} Nm{hint}{CHECK}"
         )
 
 

@@ -154,7 +154,7 @@ def _line(
     offsets = np.arange(-reach, reach + 1)
     best = int(offsets[np.argmax(spectrum[offsets])])
     power = float(spectrum[best])
-    # Maximum of the parabola through the line and its neighbours.
+    # The order is refined to the maximum of the parabola through the strongest spectral line and both neighbours.
     before, after = float(spectrum[best - 1]), float(spectrum[best + 1])
     lean = 0.5 * (after - before) / max(2.0 * power - before - after, 1e-300)
     placed = order + (best + float(np.clip(lean, -0.5, 0.5))) * step / mean
@@ -286,7 +286,7 @@ def _between(source: Source, samples: int, step: float, first: int, stop: int) -
 class LowPass:
     """Zero-phase FIR low-pass and resampling to the common rate, in pieces, with masked samples.
 
-    `start` is the channel index of the first output, not necessarily whole.
+    `start` is the time of the first output sample, in samples of the channel and not necessarily a whole number.
     """
 
     def __init__(self, channel: Channel, rate_hz: float, start: float) -> None:

@@ -137,7 +137,7 @@ def process(
         cut = [recording.signals(_label(window)) for window in windows]
     shaft = recording.vessel.torque_ratio if "M_b" in point else 1.0
     if trial.channels.load is not None and trial.channels.load.quantity == "other":
-        shaft = 0.0  # it does not follow from the torque
+        shaft = 0.0  # a load that is no torque does not follow from the torque
     else:
         require_load([signals for signals, _ in cut], recording.vessel)
     point = driven_point(point, [signals for signals, _ in cut], trial.operating_point.M_Nm, shaft)

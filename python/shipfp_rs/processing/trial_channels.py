@@ -168,12 +168,12 @@ class SetPoint(Level):
     a = "speed"
 
     pole_pairs: PolePairs = 1
-    """Pairs of poles of the generator whose frequency it is: 2 where 50 Hz are 1500 rpm."""
+    """Pairs of poles of the generator whose frequency the channel records: 2 if 50 Hz are 1500 rpm."""
     rpm: Annotated[float, Field(gt=0.0, lt=MOST_RPM)] | None = None
     """Constant set point [rpm], instead of a channel, for a ship driven by a load."""
 
     held: bool = False
-    """Whether the engine holds each sample until the next one, as with a set point from a bus. The set point that it follows
+    """Whether the engine holds each sample until the next one, as with a set point from a bus. The engine's set point
     is then late by half a sample's period, which is not part of `delay_s`. A torque recorded at this rate shows the stairs.
     """
 
@@ -303,7 +303,7 @@ class Tacho(Section):
     mean_s: Positive | None = None
     """Averaging time of a recorded speed [s]; default: the sample interval."""
     pole_pairs: PolePairs = 1
-    """Pairs of poles of the generator whose frequency it is: 2 where 50 Hz are 1500 rpm."""
+    """Pairs of poles of the generator whose frequency the channel records: 2 if 50 Hz are 1500 rpm."""
 
     @model_validator(mode="before")
     @classmethod

@@ -407,8 +407,8 @@ class _Trace:
         known = np.isfinite(medians)
         if not known.any():
             raise InputError(f"{log.name}: channel {name!r} holds no finite sample")
-        # A block's spread has the relative deviation 1.17 / sqrt(samples); the 10 % quantile is 1.28 times this too
-        # low.
+        # The spread of a block has a relative standard deviation of 1.17 / sqrt(samples). The 10 % quantile of normally
+        # distributed spreads is 1.28 standard deviations below the mean.
         quiet = float(np.quantile(spreads[known], 0.1)) / (1.0 - 1.28 * 1.17 / math.sqrt(block))
         noise = max(quiet, 8.0 * float(np.spacing(largest)))
         return cls(log, channel, ratio, bridge(medians), spreads, noise)
@@ -508,7 +508,7 @@ class _Trace:
         return FoundWindow("", kind, start_s, stop_s, level, frequency_hz)
 
     def _is_stair(self, first: int, stop: int) -> bool:
-        """Whether the set point holds levels and changes between them at once."""
+        """Whether the set point is a staircase: constant levels, with a sudden change from each level to the next."""
         changes = np.sort(np.abs(np.diff(self.medians[max(first - 1, 0) : stop + 1])))
         risers = max(round(RISERS * len(changes)), 1)
         return bool(changes[-risers:].sum() > STAIR * changes.sum())

@@ -22,14 +22,14 @@ if TYPE_CHECKING:
 
 DPI = 130
 WIDTH_IN, LINE_IN, POINT_IN, LEGEND_IN, AROUND_IN = 10.0, 0.45, 0.16, 0.2, 1.6
-"""Width of a picture, least height of a parameter, height of each of its points and of an entry of the legend, and that of
-title, axis and caption [in].
+"""Sizes in a picture [in]: width of the picture, least height of a parameter's row, height of each point in a row, height of
+each entry of the legend, height of title, axis and caption together.
 """
 CAPTION_COLUMNS = 150
 EVEN_PCT = 1.0
 """Distance from the printed value up to which the axis is linear [%]."""
 MOST_PCT = 300.0
-"""Largest distance on the axis [%]; what is farther off is drawn at its end, with its distance."""
+"""Largest distance on the axis [%]; a point farther off is drawn at the end of the axis, with the distance as text."""
 SPREAD = 0.7
 """Share of a parameter's line over which its points are spread."""
 MARKS = "os^Dv"

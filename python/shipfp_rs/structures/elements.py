@@ -13,20 +13,20 @@ from shipfp_rs.support.arrays import Names
 
 @dataclass(frozen=True)
 class Quantity:
-    """What is known of a parameter before any data: unit, start, bounds, and the prior and scale of a ship's search.
+    """A parameter before any data: unit, start and bounds in every structure; prior and scale in the search of a ship.
 
     Parameters
     ----------
     start, lower, upper
         Declared start and bounds, which are wide: bounds are no knowledge.
     prior
-        Mean and standard deviation where no ship is outside a few of them; None: bounds alone.
+        Mean and standard deviation; no ship is farther than a few standard deviations from the mean. None: bounds alone.
     scale
-        What is searched: the value or its logarithm.
+        Whether the value or the logarithm of the value is searched.
     loose
         Whether the prior is too wide to matter for most data.
     nuisance
-        Whether it is estimated together with the ship's parameters, but reported without an interval.
+        Whether the parameter is estimated together with the ship's parameters, but reported without an interval.
     """
 
     name: str

@@ -229,8 +229,8 @@ def swings_at(values: Values) -> float:
 def stepper_parameters(values: Values, *, open_loop: bool = False) -> Array:
     """Return the stepper's parameters for a ship's values by name; `vK_p`, `vK_i` and `vK_d` are products of gain and v.
 
-    Without a first instant T_0, a sampling governor acts by its mean effect. A shaft that swings faster than `STEPPED_HZ` is
-    simulated as stiff, since a fit simulates only gaps and the effect of limits.
+    Without a first instant T_0, a sampling governor acts by the mean effect of sampling. A shaft with a resonance above
+    `STEPPED_HZ` is simulated as stiff, since fits simulate only to fill gaps and to compute the effect of limits.
     """
     v = values.get("v", 1.0)
     own = {name: value / v if name in ("vK_p", "vK_i", "vK_d") else value for name, value in values.items()}

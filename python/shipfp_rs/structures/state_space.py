@@ -314,7 +314,7 @@ class LinearEquations(StateSpaceEquations):
 
         tau_n n' = -(p - g) n + v command(t - T_d)        E' = u1 - n
 
-    In time, the rack dX is the command; in the frequency response it is delayed by T_d, too.
+    In the time domain the rack dX is the governor's command; in the frequency response dX is the command delayed by T_d.
     """
 
     outputs: tuple[str, ...]

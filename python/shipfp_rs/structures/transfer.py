@@ -187,7 +187,7 @@ class TransferFunctions:
         return value, slopes[0]
 
     def _outputs(self, loop: _Loop, back: Answer, asked: Answer) -> list[Any]:
-        """Outputs (F,) of the closed loop, from its answers to the speed and to what acts from outside."""
+        """Outputs (F,) of the closed loop, from the drive's answers `back` to the speed and `asked` to external inputs."""
         n_s = asked[-1] / loop.closed(back[-1])
         M_g = loop.propeller * n_s
         n_e = n_s + loop.slip * M_g

@@ -12,7 +12,7 @@ from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 Slip = tuple[str, float]
-"""Possible mistakes in words, each with the factor that corrects the value."""
+"""A possible mistake in words, and the factor that corrects the value."""
 
 SPEED_RPM: Sequence[Slip] = (("rev/s for rpm", 60.0), ("rad/s for rpm", 9.549297))
 SPEED_RPS: Sequence[Slip] = (("rpm for rev/s", 1.0 / 60.0), ("rad/s for rev/s", 0.1591549))
@@ -66,7 +66,7 @@ def _guesses() -> dict[tuple[str, str], str]:
 
 
 def no_attribute(owner: object, name: str) -> AttributeError:
-    """Error of a name that a class, its instances or the package lack, with what to type instead."""
+    """Return the error for a missing attribute of a class, an instance or the package, with the text to type instead."""
     kind = owner if isinstance(owner, type) else type(owner)
     label = kind.__name__ if kind is not ModuleType else "fp"
     if name.startswith("_"):

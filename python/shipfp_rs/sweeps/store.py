@@ -231,7 +231,7 @@ def joined(folders: Sequence[Path], whole: Store) -> Iterator[pa.RecordBatch]:
         raise InputError("merge: found no folder, expected those of all parts")
     first, *others = {share.partition("/")[2]: share for share in found}.values()
     if others:
-        raise InputError(f"parts {first} and {others[0]} overlap, expected parts of one division")
+        raise InputError(f"parts {first} and {others[0]} divide the sweep differently, expected one division")
     count = int(first.partition("/")[2])
     shares = [f"{number}/{count}" for number in range(1, count + 1)]
     if missing := [share for share in shares if share not in found]:

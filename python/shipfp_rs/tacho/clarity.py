@@ -25,12 +25,12 @@ _DENSE = 10.0
 IN_A_ROW = 20
 """Number of successive periods of nearly equal length that identifies pulses; noise has less than half as many in a row."""
 _EVEN = 0.25
-"""Largest relative difference of a period in an even row from the mean of those beside it."""
+"""Largest relative difference of a period in an even row from the mean of both neighbouring periods."""
 _MARGIN = 2
 _UNTOLD = 16
 _NEIGHBOURS = 7
 _GRID = 1.2
-"""Largest difference between the periods of an even train [samples]; both ends lie between two samples."""
+"""Largest difference between periods of an even pulse train [samples]: either end of a period lies between two samples."""
 _MOST_TEETH = 3
 """Longest gap of a toothed wheel, in periods."""
 _SAME_HEIGHT, _SAME_PERIOD = 2.0, 1.6
@@ -42,9 +42,9 @@ _SILENCE = 5.5
 
 
 def without_noise(times: Array, heights: Array, limits: Array) -> Array:
-    """Heights less the contribution of noise to the extremes of half a pulse, shape (N,); 0 stays 0.
+    """Pulse heights (N,) minus the height that noise adds to the extremes of half a pulse; a height of 0 stays 0.
 
-    The greatest of m normal numbers is about sqrt(2 ln m) - 0.6 standard deviations above their mean.
+    The largest of m normally distributed numbers is about sqrt(2 ln m) - 0.6 standard deviations above their mean.
     """
     if len(times) < 2:
         return heights
@@ -132,7 +132,7 @@ def unclear(times: Array, kept: Flags, low: Flags, missing: Spans, samples: int)
 
 
 def _even(periods: Array) -> Flags:
-    """Whether each period equals the mean of those beside it, also in irregular rotation; one may be of several teeth."""
+    """Whether each period per tooth equals the mean of both neighbours, also in irregular rotation."""
     if not len(periods):
         return np.zeros(0, dtype=np.bool_)
     usual = median_filter(periods, size=_NEIGHBOURS, mode="nearest")
@@ -144,7 +144,7 @@ def _even(periods: Array) -> Flags:
 
 
 def _goes_on(times: Array, heights: Array, end: int, beyond: int, kept: Flags) -> bool:
-    """Whether a row of low pulses continues from its end to the pulses after the break."""
+    """Whether the next kept pulse, from index `beyond` on, continues the row of low pulses that ends at index `end`."""
     step = 1 if beyond > end else -1
     others = np.flatnonzero(kept[beyond::step])
     if not len(others):

@@ -117,10 +117,10 @@ def speed_from_pulses(
 
     Periods are compared with their running median. A period that is too short ends at an extra pulse, which
     is removed. A period near a multiple of the median has missed pulses, which are inserted. Intervals with
-    extra or missed pulses are flagged. Next to breaks, and where a shaft nearly stops, periods are compared
-    with the trend of the neighbouring speeds instead: the shaft may be slowing down to rest or starting from
-    rest. If only one side has a trend, the standard deviation covers both missed pulses and a stopping shaft.
-    Intervals over a gap, and those with more than four missed pulses, are omitted.
+    extra or missed pulses are flagged. Next to breaks, and where a shaft nearly stops, periods are compared with the trend
+    of the neighbouring speeds instead: the shaft may be slowing down to rest or starting from rest. A trend on one side
+    alone does not tell missed pulses from a stopping shaft; the standard deviation then covers both. Intervals over a gap,
+    and intervals with more than four missed pulses, are omitted.
 
     Standard deviations of pulses from `pulse_times` are valid from three samples per pulse up, to about 4 %, the accuracy
     of the noise estimate. At a steady speed with a nearly whole number of samples between pulses, the errors are equal

@@ -117,7 +117,7 @@ class Ship(Section):
 
 
 def later() -> Any:
-    """Return the field of a key that may be omitted unless a function needs it."""
+    """Return the field of a table's key that may be omitted; only functions that use the key require it."""
     return Field(default=None)
 
 

@@ -19,7 +19,7 @@ Node = Annotated[int, Field(ge=0)]
 
 
 class Disc(Section):
-    """A rigid mass on a node; what has the same node turns together. Without a name it is "disc" and its number, from 1."""
+    """A rigid mass on a node; discs on one node turn together. The default name is "disc" and a number that starts at 1."""
 
     name: str = ""
     node: Node
@@ -27,9 +27,9 @@ class Disc(Section):
 
 
 class Link(Section):
-    """A shaft, or a gear with the speed of its first node over that of the second; half of its inertia counts at either end.
+    """A shaft or a gear; `ratio` is the first node's speed over the second's. Half of the inertia counts at either node.
 
-    The stiffness is seen from the first node; without one the link is rigid. Without a name it is "shaft" and its number.
+    The stiffness is referred to the first node; a link without stiffness is rigid. The default name is "shaft" and a number.
     """
 
     name: str = ""
@@ -73,13 +73,13 @@ class Line(Section):
         """Return the line of an `opentorsion.Assembly`, which keeps no names of its elements."""
         wheels = [*(assembly.gear_elements or ()), *(assembly.elastic_gear_elements or ())]
         discs = [*(assembly.disk_elements or ())]
-        # The first and the last of `discs` are the line's ends, so wheels go between.
+        # The first and the last disc must be the ends of the line, so gear wheels are inserted between them.
         content = {
             "discs": [
                 {"node": w.node, "inertia_kg_m2": float(w.I)} for w in discs[:-1] + wheels + discs[-1:]
             ],
             "shafts": [
-                # One speed at both ends: the inertia is the sum over the matrix of the shaft's mass.
+                # The inertia is the sum of all elements of the shaft's mass matrix: both ends have one speed.
                 {"nodes": [s.nl, s.nr], "stiffness_Nm_rad": float(s.k), "inertia_kg_m2": float(s.M().sum())}
                 for s in assembly.shaft_elements
             ],

@@ -94,7 +94,7 @@ class Series:
         return extremes(samples, size)
 
     def tile(self, level: int, index: int) -> bytes:
-        """Tile in the page's format; `InputError` if there is none."""
+        """A tile of samples, packed for the page; `InputError` if the level or the index does not exist."""
         if not 0 <= level < self.depth or not 0 <= index * TILE * FACTOR**level < max(
             self.channel.samples, 1
         ):

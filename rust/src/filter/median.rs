@@ -88,9 +88,9 @@ struct Block {
     keys: Vec<u64>,
     /// Links of each index; the links past the last index are both ends of the list.
     links: Vec<Link>,
-    /// Index of the least of the large samples.
+    /// Index of the smallest of the large samples.
     middle: u32,
-    /// Number of small ones.
+    /// Number of small samples.
     small: usize,
 }
 

@@ -52,7 +52,7 @@ impl Draw {
         (self.next() >> 11) as f64 / (1_u64 << 53) as f64
     }
 
-    /// Low, high and middle in order, of any scale.
+    /// Random levels, returned as low, high, middle, with low < middle < high; the scale is random, too.
     fn levels(&mut self) -> [f64; 3] {
         let scale = [1.0, 1.0, 1000.0, 32_767.0, 5e-324, 1e-310, 1e30, 1e39, 1e308][self.below(9)];
         loop {

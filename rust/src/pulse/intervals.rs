@@ -26,7 +26,7 @@ pub struct Counted<'a> {
     pub edges: &'a [f64],
     /// Number of true intervals from each edge to the next.
     pub count: &'a [i64],
-    /// Angle of each interval of a revolution [rev], from the first of the track.
+    /// Angles of a revolution's intervals [rev]; the first angle is the angle of the track's first interval.
     pub fractions: &'a [f64],
     /// Relative standard deviations of the angles in `fractions`.
     pub relative: &'a [f64],
@@ -197,8 +197,8 @@ impl Pass<'_> {
         if self.track.sample <= 0.0 {
             return none;
         }
-        // Two edges have equal errors if a whole number of samples is between them. While the speed changes, the number
-        // of samples varies, and the factor averages to 1 over several intervals.
+        // Two edges have equal sampling errors if a whole number of samples is between them. While the speed changes, the
+        // number of samples varies, and `alike` averages to 1 over several intervals.
         let samples = expected / self.track.sample;
         let whole = samples.floor().max(1.0);
         let past = samples - whole;

@@ -57,7 +57,7 @@ fn product(one: &[f64], other: &[f64]) -> Vec<f64> {
     product
 }
 
-/// Estimates of stretches with their first samples, ascending.
+/// Noise estimates of stretches, in ascending order; `estimate` gets a stretch's samples and the first sample's index.
 fn of_stretches<T: Sample>(
     samples: &[T],
     stretches: usize,

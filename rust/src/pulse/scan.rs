@@ -17,7 +17,7 @@ pub(super) struct Cursor {
     pub armed: bool,
     /// The last sample; NaN at the start and in a gap.
     pub previous: f64,
-    /// The last upward crossing of the middle; valid while armed with `previous` at or above the middle.
+    /// Last upward crossing of the middle level; valid if `armed`, and if `previous` is at or above the middle level.
     pub pending: Edge,
     /// First sample of an open gap.
     pub gap_start: Option<u64>,
@@ -195,7 +195,7 @@ impl<T: Sample, E: From<Edge>> Scan<'_, T, E> {
         fires.clear();
     }
 
-    /// The last upward crossing of the middle at or before sample `index` of the chunk, which is at or above it.
+    /// Last upward crossing of the middle level up to sample `index` of the chunk; this sample is at or above the level.
     ///
     /// The backward search ends at the latest where the detector was armed.
     #[inline]

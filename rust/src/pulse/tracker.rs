@@ -328,7 +328,7 @@ impl PulseTracker {
         pieces
     }
 
-    /// Thresholds for the transition between two pairs of levels, from `start` on; None if a given threshold is outside these.
+    /// Thresholds, from `start` on, between two pairs of levels; None if a given threshold is not between the levels.
     fn levels_between(&self, one: &Level, other: &Level, start: u64) -> Option<(Levels, f64)> {
         let (bottom, top) = (0.5 * (one.bottom + other.bottom), 0.5 * (one.top + other.top));
         let (height, noise) = (top - bottom, one.noise.max(other.noise));

@@ -42,7 +42,7 @@ pub struct Lag {
     pub in_steps: f64,
     /// Factor of the state.
     pub stays: f64,
-    /// Factor of the command's difference between end and mean.
+    /// Factor of the difference between the command at the step's end and the command's mean over the step.
     pub bend: f64,
     /// Response to a command that rises from zero to one over the step.
     pub follows: f64,

@@ -240,7 +240,7 @@ impl Detail {
         [begun - less - losses[0], torque - less - losses[1]]
     }
 
-    /// Load at a step's ends, corrected: a linear course between them has the mean of the true curved course.
+    /// Load at both ends of a step, corrected so that a straight line between both has the mean of the true curve.
     #[inline(always)]
     pub(super) fn bent_load(&mut self, ends: [f64; 2]) -> [f64; 2] {
         bent(ends, &mut self.load_growth)

@@ -55,7 +55,7 @@ impl<const D: bool> Ship<'_, D> {
         }
     }
 
-    /// Highest rack at the step's end by stop and charge air.
+    /// Set the highest rack at the step's end, which the rack's stop and the charge air limit.
     #[inline(always)]
     fn choke(&mut self) {
         if let Some(detail) = &self.detail

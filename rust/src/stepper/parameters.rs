@@ -144,7 +144,7 @@ impl Parameters {
         self.0[place] == OFF[place]
     }
 
-    /// Steps per sample of `dt` seconds: at most 5 ms, and a twentieth of the loop's smallest time constant.
+    /// Steps per sample of `dt` seconds. A step is at most 5 ms and a twentieth of the loop's smallest time constant.
     #[must_use]
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
     pub fn substeps(&self, dt: f64) -> usize {

@@ -111,7 +111,7 @@ impl<const D: bool> Ship<'_, D> {
         }
     }
 
-    /// Rack at the step's end, and its mean, for a governor with a clock.
+    /// Rack at the step's end, and mean rack over the step, for a governor that samples by a clock.
     #[inline(always)]
     pub(super) fn clocked(&mut self) -> [f64; 2] {
         let (h, begin) = (self.h, self.at as f64 * self.h);

@@ -110,8 +110,8 @@ ROUGH = 0.7
 for white noise, near 0 for a smooth signal; a single step has little effect on means, unlike on root mean squares.
 """
 ALONE = 0.25
-"""A channel's maximum may be a spike, not a limit of the sensor, where its distance to the next highest block maximum
-is more than this fraction of its distance to the median block maximum.
+"""A channel's maximum may be a spike instead of the sensor's limit if this ratio is exceeded: highest minus second highest
+block maximum, over highest minus median block maximum.
 """
 CROWDED = 0.25
 """Largest number of samples one step below the limit of a clipped signal, relative to the number at the limit."""

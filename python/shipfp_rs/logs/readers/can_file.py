@@ -67,7 +67,7 @@ def _reader(path: Path) -> Any:
 
 
 def _absolute(text: str) -> str:
-    """Text of Vector ASC whose times count from its start, also if each counts from the line before."""
+    """Return the text of a Vector ASC file with times from the start; times relative to the line before are added up."""
     lines = text.splitlines()
     if not any(re.match(r"base\s+\w+\s+timestamps\s+relative", line.strip()) for line in lines[:5]):
         return text

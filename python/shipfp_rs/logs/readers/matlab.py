@@ -86,7 +86,7 @@ def _tree(path: Path) -> _Tree:
 
     try:
         kinds = {name: kind for name, _, kind in whosmat(path)}
-    except TypeError:  # objects have no shape; SciPy reads them under the name "None"
+    except TypeError:  # MATLAB objects have no shape; SciPy names each object "None"
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             kinds = {name: "opaque" if name == "None" else "" for name in loadmat(path)}
