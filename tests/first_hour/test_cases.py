@@ -147,7 +147,7 @@ def test_cases_a_torque_in_knm_by_its_name_is_not_taken_for_nm() -> None:
 
 def test_cases_a_load_far_below_the_rating_is_refused_and_an_odd_speed_told() -> None:
     off, tug = {"M_load": np.full(9, 0.1)}, Vessel.load("stan-tug-1205")
-    with pytest.raises(InputError, match=r"^channels\.load: 1\.7 Nm at most, where the engine's rating"):
+    with pytest.raises(InputError, match=r"^channels\.load: 1\.7 Nm at most, but the rated torque"):
         require_load([off, {"M_load": np.full(9, 1.7)}], tug)
     require_load([off, {"M_load": np.full(9, 5e3)}], tug)
     speed = Tacho.model_validate({"column": "n", "unit": "rpm"})
