@@ -24,7 +24,7 @@ RUST_FUNCTION = re.compile(r"^( *)(?:pub(?:\([a-z]+\))? )?(?:const )?(?:unsafe )
 
 BUDGETS = {
     "constants": 243,
-    "python/shipfp_rs/identification": 10882,
+    "python/shipfp_rs/identification": 10885,
     "python/shipfp_rs/structures": 2860,
     "python/shipfp_rs/logs": 7572,
     "python/shipfp_rs/tacho": 1760,
@@ -46,7 +46,7 @@ BUDGETS = {
     "python/shipfp_rs/frequency": 1131,
     "python/shipfp_rs/plot": 974,
     "python/shipfp_rs/exports": 859,
-    "python": 53856,
+    "python": 53859,
     "rust/src": 11119,
     "tests": 40477,
 }

@@ -78,6 +78,13 @@ def with_limits(fit: ShipFit, given: Sequence[str], search: Search, until: float
         # The fit without a limit has adapted to its effect, which may look like that of another one: all are tried.
         suspects = limits_to_try(fit.scores, set(fit.question.tried) - set(fit.elements))
         found = []
+        if droops and "droop" not in fit.elements and fit.is_smooth:
+            drooping = _drooping(fit, until)
+            fit = replace(fit, gains=drooping.gains)
+            found += [drooping] if drooping.gains["droop"] > CHANCE else []
+        if found and not lacks_something(engine_tests(found[0])):
+            # The droop leaves nothing that a limit could explain.
+            return replace(found[0], scores=engine_tests(found[0]))
         if (
             "set_rate" in fit.question.tried
             and not fit.elements
@@ -85,11 +92,7 @@ def with_limits(fit: ShipFit, given: Sequence[str], search: Search, until: float
             and lacks_something(fit.scores)
         ):
             tell(f"trying {ELEMENTS['set_rate'].words}", 0.0)
-            found = [one for one in [with_set_rate(fit, search, until)] if one is not fit]
-        if droops and "droop" not in fit.elements and fit.is_smooth:
-            drooping = _drooping(fit, until)
-            fit = replace(fit, gains=drooping.gains)
-            found += [drooping] if drooping.gains["droop"] > CHANCE else []
+            found += [one for one in [with_set_rate(fit, search, until)] if one is not fit]
         for element in suspects:
             tell(f"trying {ELEMENTS[element].words}", 0.3 * len(fit.elements))
             taken = _limited(fit, element, until)
