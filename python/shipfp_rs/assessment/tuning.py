@@ -239,9 +239,7 @@ def tune(
     """
     structure = _known_structure(fingerprint)
     drawn = fingerprint.draws(draws, seed=seed, experiments=experiments)
-    ships = [
-        {**fingerprint.optimum, **dict(zip(drawn.names, row, strict=True))} for row in drawn.table.tolist()
-    ]
+    ships = [{**fingerprint.optimum, **one} for one in drawn.sets]
     droop = fingerprint.optimum.get("droop", 0.0) if droop_pct is None else droop_pct / 100.0
     then = ships if droop_pct is None else [{**one, "droop": droop} for one in ships]
     told = closed_loop(fingerprint)

@@ -214,10 +214,9 @@ def spread(
     subject: Subject, excitation: Excitation, sensors: Mapping[str, Noise], draws: Draws
 ) -> dict[str, tuple[float, float]]:
     """Median and 95 % quantile, over the first drawn ships, of each quantity's relative standard deviation [%]."""
-    rows = [dict(zip(draws.names, row, strict=True)) for row in draws.table[:MOST_DRAWN].tolist()]
     ships = [
         dataclasses.replace(subject, values=_expected(subject.structure, {**subject.values, **row}))
-        for row in rows
+        for row in draws.sets[:MOST_DRAWN]
     ]
     found = [predict(ship, excitation, sensors).relative_pct for ship in ships]
     told = {name: [one.get(name, math.inf) for one in found] for name in found[0]}

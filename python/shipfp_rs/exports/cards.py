@@ -38,7 +38,7 @@ def _governor(fingerprint: Fingerprint) -> tuple[Values, list[str]]:
             )
     v = known.get("v", 1.0)
     q = {name: known.get(f"v{name}", v * known.get(name, 0.0)) for name in ("K_p", "K_i", "K_d")}
-    q |= {name: known.get(name, 0.0) for name in (*NEEDED[6:], "T_set", "set_rate")}
+    q |= {name: known.get(name, 0.0) for name in ("tau_act", "T_f", "tau_eng", "droop", "T_set", "set_rate")}
     q["T_d"] = known.get("T_d", 0.0) + 0.5 * known.get("T_s", 0.0)
     q |= {"g": known["g"], "rate": known.get("rate", inf), "M_max": known.get("M_max", inf)}
     point = fingerprint.data[0].get("operating_point", {}) if fingerprint.data else {}

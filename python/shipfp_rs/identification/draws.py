@@ -39,6 +39,11 @@ class Draws(Brief):
         """Name to the values (n,) of all draws, as `pandas.DataFrame` takes them."""
         return dict(zip(self.names, self.table.T, strict=True))
 
+    @property
+    def sets(self) -> list[dict[str, float]]:
+        """Name to value, for each draw."""
+        return [dict(zip(self.names, row, strict=True)) for row in self.table.tolist()]
+
     def quantile(self, share: float, name: str) -> float:
         """Return the quantile of a parameter or combination; `InputError` for an unknown name or no share."""
         if name not in self.names or not 0.0 <= share <= 1.0:
@@ -49,7 +54,7 @@ class Draws(Brief):
 
     def of(self, function: Callable[[Mapping[str, float]], Any]) -> list[Any]:
         """Return a function of the parameters for each of the first 400 draws."""
-        return [function(dict(zip(self.names, row.tolist(), strict=True))) for row in self.table[:FEW]]
+        return [function(one) for one in self.sets[:FEW]]
 
     def __str__(self) -> str:
         parts = [(name, *np.quantile(row, [0.025, 0.5, 0.975])) for name, row in self.parameters.items()]

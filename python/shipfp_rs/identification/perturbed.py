@@ -15,6 +15,7 @@ from typing import Any, Self
 
 import numpy as np
 import numpy.typing as npt
+from scipy.special import softmax
 
 from shipfp_rs.errors import IdentificationError, InputError
 from shipfp_rs.experiments.experiment import Experiment
@@ -154,22 +155,18 @@ def _posterior(fit: Rebuilt, points: Sequence[Array]) -> Array:
         explained = now.downhill @ np.linalg.solve(now.matrix, now.downhill)
         scale = np.linalg.slogdet(c.jacobian(c.values(point)))[1] - 0.5 * np.linalg.slogdet(now.matrix)[1]
         found.append(scale - 0.5 * (now.cost - explained) / fit.widening**2)
-    weights = np.exp(np.array(found) - max(found))
-    return np.asarray(weights / weights.sum())
+    return np.asarray(softmax(found))
 
 
 def _resampled(weights: Array, n: int, random: np.random.Generator) -> npt.NDArray[np.intp]:
     """Places of n draws with these weights, in random order: evenly spaced in their sum."""
-    even = (random.random() + np.arange(n)) / n
-    places = np.minimum(np.searchsorted(np.cumsum(weights), even), len(weights) - 1)
-    return random.permutation(places)
+    places = np.searchsorted(np.cumsum(weights), (random.random() + np.arange(n)) / n)
+    return random.permutation(np.minimum(places, len(weights) - 1))
 
 
 def _chances(fit: Rebuilt) -> Array:
     """Probability of each minimum."""
-    costs = np.array([one.cost for one in fit.basins])
-    weights = np.exp(-0.5 * (costs - costs.min()) / fit.widening**2)
-    return np.asarray(weights / weights.sum())
+    return np.asarray(softmax([-0.5 * one.cost / fit.widening**2 for one in fit.basins]))
 
 
 def _minima(fit: Rebuilt, about: Sequence[Likelihood], draws: Sequence[tuple[int, int]]) -> list[Basin]:

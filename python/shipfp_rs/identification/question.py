@@ -106,8 +106,6 @@ TRIED: Mapping[str, tuple[str, ...]] = {
 }
 """Elements that are tried, with the parameters of each element. Limits are tried because they have no value without effect;
 a droop is tried because, if always fitted, it would widen the intervals of the many ships without droop."""
-LIMITS = ("torque_limit", "rack_rate", "set_rate")
-"""Tried elements that make the response nonlinear."""
 
 
 @dataclass(frozen=True)

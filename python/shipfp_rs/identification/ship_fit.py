@@ -25,7 +25,7 @@ from shipfp_rs.identification.first_guesses import first_guesses
 from shipfp_rs.identification.input_checks import require_excited
 from shipfp_rs.identification.likelihood import Likelihood
 from shipfp_rs.identification.load_side import LoadSide, load_side_of
-from shipfp_rs.identification.question import LIMITS, TRIED, Question
+from shipfp_rs.identification.question import TRIED, Question
 from shipfp_rs.identification.sampling import Between
 from shipfp_rs.identification.ship_found import (
     DEFAULTS,
@@ -60,8 +60,8 @@ def fit_ship(question: Question) -> ShipFit:
     until = None if limit_s is None else time.monotonic() + limit_s
     given = tuple(
         element
-        for element in LIMITS
-        if TRIED[element][0] in question.always and TRIED[element][0] not in question.fixed
+        for element in TRIED
+        if element != "droop" and TRIED[element][0] in set(question.always) - set(question.fixed)
     )
     names = {name for element in given for name in TRIED[element]}
     # A given limit is searched like one that is tried: the fit without limits comes first.

@@ -81,10 +81,10 @@ def with_limits(fit: ShipFit, given: Sequence[str], search: Search, until: float
         if droops and "droop" not in fit.elements and fit.is_smooth:
             drooping = _drooping(fit, until)
             fit = replace(fit, gains=drooping.gains)
-            found += [drooping] if drooping.gains["droop"] > CHANCE else []
-        if found and not lacks_something(engine_tests(found[0])):
-            # The droop leaves nothing that a limit could explain.
-            return replace(found[0], scores=engine_tests(found[0]))
+            if drooping.gains["droop"] > CHANCE:
+                found, scores = [drooping], engine_tests(drooping)
+                if not lacks_something(scores):  # the droop leaves nothing that a limit could explain
+                    return replace(drooping, scores=scores)
         if (
             "set_rate" in fit.question.tried
             and not fit.elements
@@ -107,9 +107,9 @@ def with_limits(fit: ShipFit, given: Sequence[str], search: Search, until: float
         if "droop" in fit.elements and not fit.is_smooth:
             # A limit's effect is much like a droop's: beside a limit no droop is told.
             limit, droops = fit.elements[-1], False
-            other = _limited(bare, limit, until, near=fit.values[TRIED[limit][0]])
-            gain = bare.total - other.total if other is not None else 0.0
-            taken = other if other is not None and gain > LEAST_FALL[limit] else bare
+            other = _limited(bare, limit, until, near=fit.values[TRIED[limit][0]]) or bare
+            gain = bare.total - other.total
+            taken = other if gain > LEAST_FALL[limit] else bare
             fit = replace(taken, gains={**bare.gains, limit: gain, "droop": 0.0})
         fit = replace(fit, scores=engine_tests(fit))
     return fit if fit.is_smooth else _with_other_delays(fit, until)

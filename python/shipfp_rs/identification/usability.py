@@ -9,9 +9,10 @@ from functools import cached_property
 import numpy as np
 
 from shipfp_rs.identification.adequacy import LARGE_MISS_PCT, LEAST_EXPLAINED_PCT
+from shipfp_rs.identification.engine_tests import LIMITS
 from shipfp_rs.identification.estimate import KNOWN, OPEN, Estimate, Usable, WhyNot, is_rough
 from shipfp_rs.identification.fingerprint import Fingerprint
-from shipfp_rs.identification.question import BOUNDS, LIMITS, PRIORS, within_reach
+from shipfp_rs.identification.question import BOUNDS, PRIORS, within_reach
 from shipfp_rs.identification.sides import KINDS
 from shipfp_rs.identification.wording import OUTPUTS
 from shipfp_rs.structures.names import as_looked_at
@@ -126,8 +127,7 @@ class Case:
     @property
     def is_limited(self) -> bool:
         """Whether a limit of torque or rate acts."""
-        rows = self.fingerprint.elements
-        return any(rows.get(name, {}).get("state") == "on" for name in LIMITS if name != "set_rate")
+        return any(self.fingerprint.elements.get(name, {}).get("state") == "on" for name in LIMITS)
 
 
 def _is_on_bound(name: str, estimate: Estimate) -> bool:

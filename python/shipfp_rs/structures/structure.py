@@ -138,9 +138,8 @@ class Structure(Editable):
             Names of elements, of `structures.elements.ELEMENTS`: "dead_time_loop" (T_d), "dead_time_set_point" (T_set),
             "actuator_lag" (tau_act), "speed_filter" (T_f), "engine_lag" (tau_eng, behind fuel and slope),
             "derivative" (vK_d, on the speed), "droop" (lowers the set point by droop vX), "sampling" (T_s),
-            "torque_limit" (M_max), "rack_rate" (rate),
-            "damping" (of the load), "load" (measured), "twist" (tau_twist, zeta_twist; between the inertias, of which
-            tau_prop is the propeller's).
+            "torque_limit" (M_max), "rack_rate" (rate), "damping" (of the load), "load" (measured), "twist" (tau_twist,
+            zeta_twist; between the inertias, of which tau_prop is the propeller's).
         torque
             "brake": the engine's, M_b; "gauge": M_g = N^p + tau_prop dN/dt, with part of the inertia on its propeller side.
         outputs

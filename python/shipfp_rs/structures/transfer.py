@@ -52,10 +52,11 @@ def loop_parameters(values: Parameters, *, mean_sampling: bool) -> dict[str, Any
 
 def drooped(q: Parameters) -> tuple[Any, Any]:
     """Return the factor on a governor's gains by its droop, and the rate at which its integral fades [1/s]."""
-    K_p, K_i = (q.get(f"v{gain}", q.get(gain, 0.0)) for gain in ("K_p", "K_i"))
-    droop = q.get("droop", 0.0) * q.get("v", 1.0)
-    less = 1.0 / (1.0 + droop * K_p)
-    return less, droop * K_i * less
+    if "droop" not in q:
+        return 1.0, 0.0
+    droop = q["droop"] * q.get("v", 1.0)
+    K_p, K_i = (droop * q.get(f"v{gain}", q.get(gain, 0.0)) for gain in ("K_p", "K_i"))
+    return 1.0 / (1.0 + K_p), K_i / (1.0 + K_p)
 
 
 def commanded(q: Parameters, elements: Elements, speed: Any, set_point: Any) -> tuple[Any, Any]:
