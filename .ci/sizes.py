@@ -31,7 +31,7 @@ BUDGETS = {
     "python/shipfp_rs/processing": 4617,
     "python/shipfp_rs/inspection": 931,
     "python/shipfp_rs/experiments": 576,
-    "python/shipfp_rs/assessment": 3107,
+    "python/shipfp_rs/assessment": 2838,
     "python/shipfp_rs/report": 2269,
     "python/shipfp_rs/reproduce": 1825,
     "python/shipfp_rs/view": 2133,
@@ -46,9 +46,9 @@ BUDGETS = {
     "python/shipfp_rs/frequency": 1131,
     "python/shipfp_rs/plot": 974,
     "python/shipfp_rs/exports": 859,
-    "python": 53856,
+    "python": 53587,
     "rust/src": 11119,
-    "tests": 40477,
+    "tests": 40357,
 }
 """Most lines of each room, and most numeric constants of identification and structures. A commit that earns it lowers a
 number; none is raised without a word in the commit's text."""

@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 
 import shipfp_rs as fp
-from shipfp_rs.assessment.bootstrap import bootstrap
 from shipfp_rs.assessment.closed_loop import closed_loop
 from shipfp_rs.assessment.profile_likelihood import profile_likelihood
 from shipfp_rs.assessment.si import parameters_of, with_parameters
@@ -248,7 +247,6 @@ def _of_fits(record: fp.Experiment, fingerprint: fp.Fingerprint) -> dict[str, Ba
             cross_validation,
             {"experiments": [record, record.window(0.0, 20.0, name="B")], **fit},
         ),
-        "bootstrap": (bootstrap, {"experiments": record, "structure": structure, "draws": 20}),
         "profile_likelihood": (
             profile_likelihood,
             {"data": record, "structure": structure, "parameters": ["p"]},

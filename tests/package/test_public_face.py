@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 
 import shipfp_rs as fp
-from shipfp_rs.assessment.bootstrap import bootstrap
 from shipfp_rs.assessment.profile_likelihood import profile_likelihood
 from shipfp_rs.support.toml import template
 
@@ -51,7 +50,7 @@ def test_each_name_of_fp_has_a_page_with_an_example_under_its_public_path(name: 
 
 def test_a_page_can_hold_the_names_of_fp() -> None:
     assert len(fp.__all__) <= 34
-    assert {"Estimate", "bootstrap", "ladder"}.isdisjoint(fp.__all__)
+    assert {"Estimate", "ladder"}.isdisjoint(fp.__all__)
 
 
 FUNCTIONS = [listed for listed in LISTED if inspect.isroutine(listed_on_page(listed))]
@@ -108,7 +107,7 @@ WRONG = {
     "a value in quotes": (lambda: LINEAR.with_fixed(tau_n="1"), "with_fixed: tau_n is '1', expected a number"),
     "a value below zero": (lambda: LINEAR.with_fixed(tau_n=-5), "tau_n: fixed at -5 s, expected 0.01 to 10 s"),
     "a value that is no number": (lambda: LINEAR.with_fixed(g=float("nan")), "parameter g: start is nan"),
-    "truth for a count": (lambda: bootstrap(TRIAL, LINEAR, draws=True), "draws is True, expected a whole number"),
+    "truth for a count": (lambda: fp.identify(TRIAL, LINEAR, starts=True), "starts is True, expected a whole number"),
 }  # fmt: skip
 
 
@@ -138,7 +137,6 @@ def results(tmp_path_factory) -> list[object]:
     return [
         LAUNCH, SHORT, long, found, found["tau_n"], found.identifiability, fp.Sensors(), fp.Trial.load(path),
         fp.linearise(LAUNCH), fp.compare(found, found), fp.design(LAUNCH, duration_s=100.0), fp.Calibration(2.0, 1.0),
-        bootstrap(long, LINEAR, draws=20),
         profile_likelihood(long, LINEAR, ["tau_n"])[0],
     ]  # fmt: skip
 

@@ -8,7 +8,6 @@ import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
 import shipfp_rs as fp
-from shipfp_rs.assessment.bootstrap import bootstrap
 from shipfp_rs.assessment.profile_likelihood import profile_likelihood
 from shipfp_rs.assessment.validation import cross_validation
 from shipfp_rs.identification.identify import foresee
@@ -117,9 +116,7 @@ def test_a_call_that_fails_gives_the_threads_back():
 
 
 @pytest.mark.usefixtures("three_blas_threads")
-@pytest.mark.parametrize(
-    "fit", ["identify", "foresee", "profile_likelihood", "bootstrap", "cross_validation"]
-)
+@pytest.mark.parametrize("fit", ["identify", "foresee", "profile_likelihood", "cross_validation"])
 def test_every_fit_keeps_to_one_blas_thread(fit, monkeypatch):
     seen = []
 
@@ -138,7 +135,6 @@ def test_every_fit_keeps_to_one_blas_thread(fit, monkeypatch):
         "identify": lambda: fp.identify(data, structure, intervals="symmetric"),
         "foresee": lambda: foresee([data], structure),
         "profile_likelihood": lambda: profile_likelihood(data, structure, ["g"], noise="white"),
-        "bootstrap": lambda: bootstrap(data, structure, draws=20, noise="white", intervals="symmetric"),
         "cross_validation": lambda: cross_validation([data], structure, intervals="symmetric"),
     }
     calls[fit]()
