@@ -51,18 +51,6 @@ levels, between which the middle goes along lines; noise from differences of sho
 mean speeds, their standard deviations, lengths, angles, deviations of independent ends. `pulses_are_even(times, least,
 most)`: no median of periods is needed. `pulse_levels(samples) -> (low, high)`: robust state levels; NaN where no sample
 is finite.
-
-`running_median(samples[N], window) -> [N]`: window odd, the signal reflected at its ends. `find_spikes(samples[N],
-longest, stride, scale_window, threshold, least) -> int64[K, 2]`: Hampel's rule about the running median of 2 longest +
-1 samples, the spread from the median of `scale_window` of every `stride`-th distance; heights in robust standard
-deviations, and as a share of the median magnitude. Where the signal's extremes leave no room for a suspect, no median
-is taken. `slope_at_even_times(edges[N], coefficients[4, N - 1], start, rate, count) -> (first, slopes)`: SciPy's
-`PPoly(...)(start + k / rate, 1)` to the last bit. `RepeatScan()`: `feed(chunk: float32)`,
-`candidates() -> int64[C, 2]` places and distances at which samples recur in the same order.
-`Decimator(taps[odd], up, down)`: `feed(piece) -> outputs` that the piece completes, `finish(total) -> outputs` that are
-left; output m is the filter's answer at input m down / up, the input stands still before its first sample and after its
-last, any pieces give the same bits. After `finish`, after Ctrl-C amid a piece or an internal error it takes no more
-pieces; so does a `RepeatScan` after the latter two.
 """
 
 from collections.abc import Sequence
@@ -82,9 +70,7 @@ __all__ = [
     "SHIP_OFF",
     "SHIP_OUTPUTS",
     "SHIP_PARAMETERS",
-    "Decimator",
     "PulseTracker",
-    "RepeatScan",
     "__version__",
     "_instruction_sets",
     "_panic_for_test",
@@ -92,17 +78,14 @@ __all__ = [
     "_spin_for_test",
     "equation_products",
     "equation_residuals",
-    "find_spikes",
     "interval_speeds",
     "loop_is_stable",
     "pulse_levels",
     "pulses_are_even",
     "run_recursion",
-    "running_median",
     "simulate_detailed_ship",
     "simulate_ship",
     "simulate_ship_by",
-    "slope_at_even_times",
     "taken_by_limits",
 ]
 
@@ -227,32 +210,3 @@ def run_recursion(
     shifts: Sequence[int],
     dt: float,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]: ...
-
-@final
-class Decimator:
-    def __new__(cls, taps: NDArray[np.float64], up: int, down: int) -> Self: ...
-    def feed(self, samples: NDArray[np.float64]) -> NDArray[np.float64]: ...
-    def finish(self, total: int) -> NDArray[np.float64]: ...
-
-def find_spikes(
-    samples: NDArray[np.float64],
-    longest: int,
-    stride: int,
-    scale_window: int,
-    threshold: float,
-    least: float,
-) -> NDArray[np.int64]: ...
-def running_median(samples: NDArray[np.float64], window: int) -> NDArray[np.float64]: ...
-def slope_at_even_times(
-    edges: NDArray[np.float64],
-    coefficients: NDArray[np.float64],
-    start: float,
-    rate: float,
-    count: int,
-) -> tuple[int, NDArray[np.float64]]: ...
-
-@final
-class RepeatScan:
-    def __new__(cls) -> Self: ...
-    def feed(self, samples: NDArray[np.float32]) -> None: ...
-    def candidates(self) -> NDArray[np.int64]: ...

@@ -58,9 +58,6 @@ KERNELS: dict[str, Callable[[], object]] = {
         *([0, 1], False, False, list(range(16)) * 30),
         *(np.zeros((2, 2, 2, 64_000)), np.zeros((0, 0, 2, 0)), np.zeros((0, 64_000))),
     ),
-    "running_median": lambda: _core.running_median(_noise(), 2_000_001),
-    "find_spikes": lambda: _core.find_spikes(_noise(), 100_000, 4, 501, 6.0, 0.05),
-    "Decimator": lambda: _core.Decimator(np.ones(100_001) / 100_001.0, 1, 2).feed(np.zeros(5_000_000)),
     "PulseTracker": lambda: _core.PulseTracker(6.0, 0.2).follow(_train_of_pulses(), 1 << 16),
     "pulse_levels": lambda: _core.pulse_levels(_train_of_pulses()),
     "pulses_are_even": lambda: _core.pulses_are_even(np.arange(60_000_000.0), 0.5, 2.0),
@@ -73,11 +70,7 @@ KERNELS: dict[str, Callable[[], object]] = {
         np.array([0.1]),
         0.1,
     ),
-    "slope_at_even_times": lambda: _core.slope_at_even_times(
-        np.arange(100_001.0), np.ones((4, 100_000)), 0.0, 300.0, 30_000_000
-    ),
     "taken_by_limits": lambda: _core.taken_by_limits(engine_side.vector(M_max=1.1), *(_noise(),) * 3, 0.01),
-    "RepeatScan": lambda: _core.RepeatScan().feed(_train_of_pulses().astype(np.float32)),
 }
 """Of every kernel of `_core` a call that takes long; a test looks that none is missing."""
 SAME = {

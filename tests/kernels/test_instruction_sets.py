@@ -25,14 +25,11 @@ RATE_HZ = 100.0
 RNG = np.random.default_rng(1205)
 SAMPLES = 5000
 DN_SET = 0.01 * np.cumsum(RNG.normal(size=SAMPLES)) / np.sqrt(SAMPLES)
-N_SET = N_E * (1.0 + DN_SET)
 TRAIN = (
     ship.vector(T_d=0.0413, T_set=0.0111, tau_act=0.05, tau_twist=0.004, zeta_twist=0.3),
     detail(interval=1.0 / 3.0, margin=0.5, drag=0.01, drag_exponent=1.3, bollard=0.99, blade_ripple=0.01),
     *(np.ones(6), np.empty((3, 0))),
 )
-EDGES = np.cumsum(RNG.uniform(0.01, 0.02, size=400))
-CUBICS = RNG.normal(size=(4, len(EDGES) - 1))
 
 SHIP = (
     ship.vector(T_d=0.0413, T_set=0.0111, tau_act=0.05, M_max=1.03, load_gain=0.3),
@@ -46,19 +43,6 @@ def recursion(states, directions):
     system = random.normal(size=(1 + directions, states + 3, states + 4)) / (4.0 * np.sqrt(states))
     start = random.normal(size=(1 + directions, states))
     return flat(_core.run_recursion(system, start, DN_SET, [-7, -1, 0, 1], 1.0 / RATE_HZ))
-
-
-def decimated():
-    taps = np.hanning(201)
-    decimator = _core.Decimator(taps, 2, 3)
-    return np.concatenate([decimator.feed(N_SET), decimator.finish(SAMPLES * 2 // 3)])
-
-
-def repeats():
-    scan = _core.RepeatScan()
-    once = N_SET.astype(np.float32)
-    scan.feed(np.concatenate([once, once[1000:]]))
-    return scan.candidates()
 
 
 def tacho():
@@ -112,11 +96,6 @@ def ship_by(method, envelope):
 
 
 EXACT = {
-    "Decimator": decimated,
-    "RepeatScan": repeats,
-    "slope_at_even_times": lambda: _core.slope_at_even_times(EDGES, CUBICS, 0.0, 1000.0, 8000)[1],
-    "find_spikes": lambda: _core.find_spikes(N_SET, 20, 7, 51, 6.0, 1e-6),
-    "running_median": lambda: _core.running_median(N_SET, 31),
     "taken_by_limits": lambda: np.array(
         _core.taken_by_limits(
             engine_side.vector(T_d=0.04, M_max=1.01, rate=0.1, rate_down=0.08),

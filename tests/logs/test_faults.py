@@ -7,10 +7,9 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from shipfp_rs._core import RepeatScan
 from shipfp_rs.logs.faults import Fault, simulated
 from shipfp_rs.logs.faults.chirp import constant_frequency
-from shipfp_rs.logs.faults.extremes import TAPS, BlockExtremes
+from shipfp_rs.logs.faults.extremes import TAPS, BlockExtremes, RepeatScan
 from shipfp_rs.logs.faults.levels import MOST_BLOCK, HumScan, find_level_faults, hum_in
 from shipfp_rs.logs.faults.scan import scan
 from shipfp_rs.logs.log import Log, Rows

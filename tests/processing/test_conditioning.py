@@ -69,6 +69,25 @@ def test_a_late_channel_of_any_rate_comes_out_in_time(rate_hz, late):
     np.testing.assert_allclose(ours, wave(start_s + np.arange(count) / 50.0), atol=3e-4)
 
 
+@pytest.mark.parametrize(("rate_hz", "piece"), [(2000.0, 1 << 17), (2000.0, 9973), (125.0, 1000)])
+def test_a_low_pass_is_the_convolution_with_its_taps_whatever_is_read_at_once(monkeypatch, rate_hz, piece):
+    monkeypatch.setattr("shipfp_rs.processing.conditioning.PIECE", piece)
+    samples = np.random.default_rng(5).normal(size=40_000)
+    samples[7000:7003] = np.nan
+    low_pass = LowPass(Channel("U", "V", rate_hz, len(samples)), 50.0, 0.0)
+    ours = low_pass(lambda first, stop: samples[first:stop], 900)
+    half = len(low_pass.taps)
+    stuffed = np.zeros((len(samples) + 2 * half) * low_pass.up)
+    filled = np.interp(
+        np.arange(len(samples)), *(np.flatnonzero(np.isfinite(samples)), samples[np.isfinite(samples)])
+    )
+    stuffed[:: low_pass.up] = np.pad(filled, half, mode="edge")
+    plain = (
+        low_pass.up * np.convolve(stuffed, low_pass.taps, mode="same")[half * low_pass.up :: low_pass.down]
+    )
+    np.testing.assert_allclose(ours, plain[:900], atol=1e-12)
+
+
 def test_nothing_above_half_the_common_rate_folds_back():
     time = np.arange(40_000) / 2000.0
     for frequency in (25.0, 26.0, 40.0, 49.0, 75.0, 999.0):

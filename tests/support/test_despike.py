@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
 
 from shipfp_rs.logs.faults.spikes import spikes_between
 from shipfp_rs.processing.trial import Spikes
 from shipfp_rs.support.arrays import runs
-from shipfp_rs.support.spikes import bridge, find_spikes
+from shipfp_rs.support.spikes import bridge, find_spikes, running_median
 
 RATE_HZ = 1000.0
 SETTINGS = {"longest_s": 0.05, "threshold": 6.0, "least": 0.05}
@@ -50,6 +51,16 @@ def test_a_long_spike_is_found_on_the_steepest_slope_of_a_chirp(length: int, pha
     samples[6000 : 6000 + length] = 5295.0
     ((start, stop),) = find_spikes(samples, 2000.0, **SETTINGS)
     assert start <= 6000 < 6000 + length <= stop <= start + 200
+
+
+@settings(max_examples=80)
+@given(arrays(np.float64, st.integers(0, 100), elements=st.floats(-5, 5)), st.integers(0, 60))
+def test_a_running_median_is_that_of_each_window_however_short_the_signal(
+    samples: np.ndarray, half: int
+) -> None:
+    reflected = np.pad(samples, half, mode="symmetric") if len(samples) else samples
+    windows = [np.median(reflected[place : place + 2 * half + 1]) for place in range(len(samples))]
+    np.testing.assert_array_equal(running_median(samples, 2 * half + 1), windows)
 
 
 def test_a_spike_at_either_end_is_found() -> None:

@@ -17,14 +17,13 @@ from typing import Literal, NamedTuple
 import numpy as np
 from scipy import fft
 from scipy.ndimage import convolve1d
-from scipy.signal import resample_poly
+from scipy.signal import resample_poly, upfirdn
 
-from shipfp_rs._core import Decimator
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import DRIVES, Experiment
 from shipfp_rs.logs.channel import Channel, Samples
 from shipfp_rs.logs.log import Log
-from shipfp_rs.support.arrays import Array, ComplexArray, Mask, Spans, runs
+from shipfp_rs.support.arrays import Array, ComplexArray, Mask, runs
 from shipfp_rs.support.derivatives import taps
 from shipfp_rs.support.spikes import bridge
 
@@ -307,44 +306,39 @@ class LowPass:
         self.margin = max(round(MARGIN_S * channel.rate_hz), self.longest_bridge + 1)
 
     def __call__(self, source: Source, count: int) -> Array:
-        """Compute `count` outputs; NaN where too many of the samples under the filter are masked."""
-        # Start earlier, by the number of outputs that the filter needs to settle.
-        ahead = min(math.ceil(self.margin / self.down), self.start // self.down)
-        begin = self.start - ahead * self.down
-        skipped = ahead * self.up
-        # A channel may end one sample before the grid ends.
-        total = min(skipped + count, math.ceil((self.samples - begin) * self.up / self.down))
-        end = min(begin + math.ceil(total * self.down / self.up) + self.margin, self.samples)
-        filter_ = Decimator(self.taps, self.up, self.down)
-        values, masked = [], []
-        for first in range(begin, end, PIECE):
-            stop = min(first + PIECE, end)
-            lead = min(self.margin, first)
-            samples = source(first - lead, min(stop + self.margin, self.samples))
-            missing = np.isnan(samples)
-            core = slice(lead, lead + stop - first)
-            values.append(filter_.feed(self._bridged(samples, missing)[core]))
-            masked.append(runs(missing[core]) + (first - begin))
-        filtered = np.concatenate([*values, filter_.finish(total)])[:total]
-        filtered[self._masked_share(np.concatenate(masked), total) > MASKED_SHARE] = np.nan
+        """Compute `count` outputs; NaN after the channel's end, and where too many samples under the filter are masked."""
         result = np.full(count, np.nan)
-        result[: total - skipped] = filtered[skipped:]
+        total = min(count, math.ceil((self.samples - self.start) * self.up / self.down))
+        each = max(PIECE * self.up // self.down, 1)
+        for begin in range(0, total, each):
+            end = min(begin + each, total)
+            result[begin:end] = self._outputs(source, begin, end)
         return result
 
-    def _masked_share(self, spans: Spans, total: int) -> Array:
-        """Fraction of the filter's weight on masked samples for each output, shape (total,)."""
-        count, half = len(self.taps), len(self.taps) // 2
-        weight = np.append(0.0, np.cumsum(np.abs(self.taps)))
-        share = np.zeros(total)
-        for start, stop in (spans * self.up).tolist():
-            reached = slice(
-                max(math.ceil((start - half) / self.down), 0), min((stop + half) // self.down + 1, total)
-            )
-            newest = np.arange(reached.start, reached.stop) * self.down + half + 1
-            share[reached] += (
-                weight[np.clip(newest - start, 0, count)] - weight[np.clip(newest - stop, 0, count)]
-            )
-        return np.asarray(share / weight[-1])
+    def _outputs(self, source: Source, begin: int, end: int) -> Array:
+        """Outputs [begin, end); the channel is extended by its first and last samples."""
+        half = len(self.taps) // 2
+        first = self.start + (begin * self.down - half) // self.up
+        stop = self.start + ((end - 1) * self.down + half) // self.up + 1
+        low = max(first - self.margin, 0)
+        samples = source(low, min(stop + self.margin, self.samples))
+        missing, places = np.isnan(samples), np.arange(first, stop)
+        inside = np.clip(places, 0, self.samples - 1)
+        # Leading zeros of the taps put the first output at a multiple of `down`.
+        at = begin * self.down + half - (first - self.start) * self.up
+        ahead = np.zeros(-at % self.down)
+        skipped = (at + len(ahead)) // self.down
+
+        def filtered(values: Array, weights: Array) -> Array:
+            outputs = upfirdn(np.append(ahead, weights), values, self.up, self.down)
+            return np.asarray(outputs[skipped : skipped + end - begin])
+
+        outputs = filtered(self._bridged(samples, missing)[inside - low], self.up * self.taps)
+        if missing.any():
+            masked, weights = missing[inside - low] & (inside == places), np.abs(self.taps)
+            share = self.up * filtered(masked.astype(np.float64), weights) / weights.sum()
+            outputs[share > MASKED_SHARE] = np.nan
+        return outputs
 
     def _bridged(self, samples: Array, missing: Mask) -> Array:
         """Bridge short runs of masked samples by straight lines; long runs are filled with the nearest values.

@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.ndimage import maximum_filter1d, median_filter, minimum_filter1d
 
-from shipfp_rs import _core
-from shipfp_rs.support.arrays import Array, Mask, Spans
+from shipfp_rs.support.arrays import Array, Mask, Spans, joined, runs
 
 ROBUST_SIGMA = 1.4826
 """Ratio of standard deviation to median absolute deviation for Gaussian noise."""
+
+COMES_BACK, SHOULDER, FOOT = 0.3, 0.5, 0.25
+"""Largest difference of the levels before and after a spike, relative to its height; share of the least height above which a
+sample is suspect; and share of the height at which a spike's length is measured.
+"""
 
 SWINGS_ON = 0.5
 """An excursion is the crest of an oscillation, not a spike, if its distance from a cubic through the adjacent samples
@@ -36,24 +41,92 @@ def find_spikes(samples: Array, rate_hz: float, *, longest_s: float, threshold: 
     to a step may rise as fast as a spike, but does not return. The spread is estimated over a second, or 50 samples of a
     slow channel; the samples, shape (N,), are finite. F. R. Hampel, doi:10.1080/01621459.1974.10482962.
     """
+    samples = np.asarray(samples, dtype=np.float64)
+    longest = max(round(longest_s * rate_hz), 1)
+    if not (len(samples) and _has_suspects(samples, longest, least)):
+        return np.empty((0, 2), dtype=np.int64)
+    baseline = running_median(samples, 2 * longest + 1)
+    distance = np.abs(samples - baseline)
     # A few hundred samples suffice for a spread.
     stride = max(round(rate_hz * SCALE_WINDOW_S / SCALE_SAMPLES), 1)
-    longest = max(round(longest_s * rate_hz), 1)
-    found = _core.find_spikes(
-        np.ascontiguousarray(samples, dtype=np.float64),
-        longest=longest,
-        stride=stride,
-        scale_window=2 * round(0.5 * max(SCALE_WINDOW_S * rate_hz / stride, LEAST_SCALE_SAMPLES)) + 1,
-        threshold=threshold,
-        least=least,
-    )
+    window = 2 * round(0.5 * max(SCALE_WINDOW_S * rate_hz / stride, LEAST_SCALE_SAMPLES)) + 1
+    spread = ROBUST_SIGMA * np.repeat(running_median(distance[::stride], window), stride)[: len(samples)]
+    limit = np.maximum(threshold * spread, least * np.median(np.abs(baseline[::stride])))
+    # A spike with samples on both sides of the baseline counts as one spike.
+    suspects = joined([runs(distance > SHOULDER * limit)], gap=max(longest // 10, 1))
     sure = round(JUMPS_S * rate_hz)
-    spikes = [
-        (stop - start <= sure or _jumps_both_ways(samples, start, stop))
-        and not _is_crest(samples, start, stop, longest)
-        for start, stop in found.tolist()
+    found = [
+        _trimmed(samples, limit, start, stop, longest)
+        for start, stop in suspects.tolist()
+        if _is_spike(samples, distance, limit, start, stop, longest)
     ]
-    return found[np.array(spikes, dtype=np.bool_)]
+    return np.array(
+        [
+            (start, stop)
+            for start, stop in found
+            if (stop - start <= sure or _jumps_both_ways(samples, start, stop))
+            and not _is_crest(samples, start, stop, longest)
+        ],
+        dtype=np.int64,
+    ).reshape(-1, 2)
+
+
+def running_median(samples: Array, window: int) -> Array:
+    """Median of the `window` samples (odd) around each one, the signal reflected at its ends, shape (N,)."""
+    if not len(samples):
+        return samples
+    half = window // 2
+    # SciPy reads beyond a signal that is shorter than half the window.
+    return np.asarray(
+        median_filter(np.pad(samples, half, mode="symmetric"), window)[half : half + len(samples)]
+    )
+
+
+def _has_suspects(samples: Array, longest: int, least: float) -> bool:
+    """Whether samples under a running median differ by more than half the least height of a spike.
+
+    Their median is between their extremes, and its size is at least that of the signal's sample nearest to zero.
+    """
+    starts = np.arange(0, len(samples), longest)
+    low, high = np.minimum.reduceat(samples, starts), np.maximum.reduceat(samples, starts)
+    nearest_zero = max(low.min(), -high.max(), 0.0)
+    # The window of a sample reaches into the blocks before and after its own.
+    reach = maximum_filter1d(high, 3) - minimum_filter1d(low, 3)
+    return bool(reach.max() > SHOULDER * least * nearest_zero)
+
+
+def _beside(samples: Array, start: int, stop: int, longest: int) -> tuple[Array, Array]:
+    """Samples before and after a span, half the longest spike each, fewer at the signal's ends."""
+    nearby = max(longest // 2, 1)
+    return samples[max(start - nearby, 0) : start], samples[stop : stop + nearby]
+
+
+def _is_spike(samples: Array, distance: Array, limit: Array, start: int, stop: int, longest: int) -> bool:
+    """Whether suspect samples are high and short, and the signal returns to its level; at its ends the level is unknown."""
+    peak = start + int(np.argmax(distance[start:stop]))
+    tall = np.flatnonzero(distance[start:stop] > FOOT * distance[peak])
+    if np.ptp(tall) >= longest or stop - start > 2 * longest or distance[peak] <= limit[peak]:
+        return False
+    before, after = _beside(samples, start, stop, longest)
+    if not (len(before) and len(after)):
+        return True
+    level = np.median(before)
+    return bool(abs(np.median(after) - level) < COMES_BACK * abs(samples[peak] - level))
+
+
+def _trimmed(samples: Array, limit: Array, start: int, stop: int, longest: int) -> tuple[int, int]:
+    """Span without the samples at its ends that are near the level, suspect only since a long spike shifts the median.
+
+    The level is a line from the median before the spike to the median after it.
+    """
+    before, after = _beside(samples, start, stop, longest)
+    if not (len(before) or len(after)):
+        return start, stop
+    left, right = (np.median(one if len(one) else other) for one, other in ((before, after), (after, before)))
+    ends = (start - 0.5 * len(before), stop + 0.5 * len(after))
+    level = np.interp(np.arange(start, stop), ends, (left, right))
+    beyond = np.flatnonzero(np.abs(samples[start:stop] - level) > SHOULDER * limit[start:stop])
+    return (start + int(beyond[0]), start + int(beyond[-1]) + 1) if len(beyond) else (start, stop)
 
 
 def _jumps_both_ways(samples: Array, start: int, stop: int) -> bool:

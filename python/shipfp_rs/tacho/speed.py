@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.interpolate import CubicSpline
 
-from shipfp_rs._core import interval_speeds, slope_at_even_times
+from shipfp_rs._core import interval_speeds
 from shipfp_rs.errors import InputError
 from shipfp_rs.support.arguments import at_most, checked
 from shipfp_rs.support.arrays import Array
@@ -210,11 +210,11 @@ def resample(
     if not stop_s > start_s:
         raise InputError(f"stop_s: found {stop_s} with start_s = {start_s}, expected later")
     count = at_most("stop_s", (stop_s - start_s) * rate_hz)
-    speed = np.full(count, np.nan)
+    speed, time = np.full(count, np.nan), start_s + np.arange(count) / rate_hz
     for _, edges, turned in unbroken(interval_speed):
         spline = CubicSpline(edges, turned, bc_type="natural")
-        first, slopes = slope_at_even_times(edges, spline.c, start_s, rate_hz, count)
-        speed[first : first + len(slopes)] = slopes
+        covered = slice(*np.searchsorted(time, edges[[0, -1]]))
+        speed[covered] = spline(time[covered], 1)
     masked = np.isnan(speed)
     return speed, masked
 

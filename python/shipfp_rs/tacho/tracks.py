@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from shipfp_rs._core import pulses_are_even, running_median
+from shipfp_rs._core import pulses_are_even
 from shipfp_rs.errors import InputError
 from shipfp_rs.support.arrays import Array, runs
+from shipfp_rs.support.spikes import running_median
 
 MOST_PULSES = 100_000
 """Largest number of pulses per turn: that of an encoder with 25,000 lines, counting both edges of both channels."""

@@ -5,17 +5,14 @@
 #![allow(clippy::needless_pass_by_value)]
 
 mod arrays;
-mod duplicate_rows;
 mod engine_side;
 mod errors;
-mod filter;
 mod guard;
 mod hold;
 mod instruction_set;
 mod pulse;
 mod statespace;
 mod stepper;
-mod streaming;
 mod two_equations;
 
 use pyo3::prelude::*;
@@ -24,11 +21,9 @@ use pyo3::prelude::*;
 #[pymodule(gil_used = false)]
 fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("__version__", env!("CARGO_PKG_VERSION"))?;
-    filter::register(module)?;
     guard::register(module)?;
     instruction_set::register(module)?;
     pulse::register(module)?;
-    duplicate_rows::register(module)?;
     engine_side::register(module)?;
     statespace::register(module)?;
     stepper::register(module)?;

@@ -6,9 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from shipfp_rs._core import RepeatScan
 from shipfp_rs.logs.faults.clock import same_rows
-from shipfp_rs.logs.faults.extremes import BlockExtremes, repeated_rows
+from shipfp_rs.logs.faults.extremes import BlockExtremes, RepeatScan, repeated_rows
 from shipfp_rs.logs.faults.levels import HumScan, LevelLimits, find_level_faults, is_rough
 from shipfp_rs.logs.log import Log, Pieces, Rows
 from shipfp_rs.support.arrays import Mask, Spans
@@ -47,7 +46,7 @@ def scan(
         if hum is not None:
             hum.feed(chunk)
         if prints is not None:
-            prints.feed(np.ascontiguousarray(chunk, dtype=np.float32))
+            prints.feed(chunk)
     found = find_level_faults(
         extremes, lambda start, end: channel_rows.read(first + start, first + end), about.rate_hz, limits
     )
