@@ -24,19 +24,19 @@ RUST_FUNCTION = re.compile(r"^( *)(?:pub(?:\([a-z]+\))? )?(?:const )?(?:unsafe )
 
 BUDGETS = {
     "constants": 243,
-    "python/shipfp_rs/identification": 10885,
+    "python/shipfp_rs/identification": 10880,
     "python/shipfp_rs/structures": 2860,
     "python/shipfp_rs/logs": 7630,
     "python/shipfp_rs/tacho": 1761,
     "python/shipfp_rs/processing": 4611,
     "python/shipfp_rs/inspection": 931,
     "python/shipfp_rs/experiments": 576,
-    "python/shipfp_rs/assessment": 2838,
+    "python/shipfp_rs/assessment": 2815,
     "python/shipfp_rs/report": 2269,
     "python/shipfp_rs/reproduce": 1825,
     "python/shipfp_rs/view": 2133,
     "python/shipfp_rs/sweeps": 1958,
-    "python/shipfp_rs/cli": 2090,
+    "python/shipfp_rs/cli": 2080,
     "python/shipfp_rs/vessel": 1691,
     "python/shipfp_rs/designs": 1553,
     "python/shipfp_rs/support": 2479,
@@ -46,9 +46,9 @@ BUDGETS = {
     "python/shipfp_rs/frequency": 1131,
     "python/shipfp_rs/plot": 974,
     "python/shipfp_rs/exports": 859,
-    "python": 53713,
+    "python": 53675,
     "rust/src": 9833,
-    "tests": 40105,
+    "tests": 40111,
 }
 """Most lines of each room, and most numeric constants of identification and structures. A commit that earns it lowers a
 number; none is raised without a word in the commit's text."""

@@ -216,7 +216,7 @@ def test_the_command_prints_and_draws_what_changed(pair, heavier, tmp_path, caps
         draw({})
 
 
-def of_the_full_ship(seed: int, elements: dict[str, bool]) -> tuple[Fingerprint, Experiment]:
+def of_the_full_ship(seed: int, elements: dict[str, bool]) -> Fingerprint:
     """What a trial of the tug is expected to tell, with an engine that reaches its limit if that is said to act."""
     truth = {
         "tau_n": TUG.tau_n, "g": TUG.g, "vK_p": TUG.v * TUG.K_p, "vK_i": TUG.v * TUG.K_i, "p": TUG.p, "M_max": 1.15
@@ -228,11 +228,11 @@ def of_the_full_ship(seed: int, elements: dict[str, bool]) -> tuple[Fingerprint,
     measured = {"n_e": POINT["n_e"] * (1.0 + dn), "M_b": 1725.0 * (1.0 + dM)}
     point = {**POINT, "M_b": 1725.0}
     record = replace(bare, signals={**bare.signals, **measured}, operating_point=point)
-    return foresee([record], values=truth, elements=elements), record
+    return foresee([record], values=truth, elements=elements)
 
 
 def test_ships_of_which_one_shows_a_limit_are_compared_with_it(monkeypatch):
-    (bent, first), (straight, second) = (
+    bent, straight = (
         of_the_full_ship(seed, {"torque_limit": acts}) for seed, acts in ((1, True), (2, False))
     )
     assert bent.elements["torque_limit"]["state"] == "on"
@@ -243,10 +243,10 @@ def test_ships_of_which_one_shows_a_limit_are_compared_with_it(monkeypatch):
 
     def again(experiments, **options):
         asked.append(options["elements"])
-        return of_the_full_ship(2, {"torque_limit": True})[0]
+        return of_the_full_ship(2, {"torque_limit": True})
 
     monkeypatch.setattr(comparable, "identify", again)
-    found = compare(bent, straight, data=([first], [second]))
+    found = compare(bent, straight)
     assert asked == [{"torque_limit": True, "rack_rate": False, "set_rate": False, "droop": False}]
     assert not found["M_max"].significant
     assert any("fitted again with upper torque limit" in line for line in found.remarks)

@@ -19,7 +19,7 @@ from scipy.stats import chi2
 from shipfp_rs import signals
 from shipfp_rs.errors import IdentificationError, InputError, ShipfpError, SimulationError
 from shipfp_rs.experiments.experiment import Experiment
-from shipfp_rs.experiments.parquet import read_experiments, write_experiments
+from shipfp_rs.experiments.parquet import write_experiments
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.identification.identify import identify
 from shipfp_rs.identification.likelihood import Likelihood
@@ -242,15 +242,21 @@ def _eliminated(likelihood: Likelihood, vector: np.ndarray) -> float:
 
 
 def test_a_saved_fingerprint_draws_the_same_from_its_experiments(fitted: Fingerprint, tmp_path: Path) -> None:
-    loaded = Fingerprint.load(fitted.save(tmp_path / "fingerprint.json"))
-    data = read_experiments(write_experiments(tmp_path / "experiments.parquet", fitted.experiments))
-    again = loaded.draws(300, 5, experiments=data)
+    path = fitted.save(tmp_path / "fingerprint.json")
+    with pytest.raises(
+        InputError, match=r"found none, expected trial.*experiments.parquet of its run beside"
+    ):
+        Fingerprint.load(path).draws(10)
+    write_experiments(tmp_path / "experiments.parquet", fitted.experiments)
+    again = Fingerprint.load(path).draws(300, 5)
     np.testing.assert_allclose(again.table, fitted.draws(300, 5).table, rtol=1e-6)
-    with pytest.raises(InputError, match=r"found none, expected trial.*read_experiments"):
-        loaded.draws(10)
-    other = replace(data[0], signals={**data[0].signals, "n_e": data[0].signals["n_e"][::-1]})
+    (own,) = fitted.experiments
+    other = replace(own, signals={**own.signals, "n_e": own.signals["n_e"][::-1]})
+    write_experiments(tmp_path / "experiments.parquet", [other])
     with pytest.raises(InputError, match="deviance"):
-        loaded.draws(10, experiments=[other])
+        Fingerprint.load(path).draws(10)
+    write_experiments(tmp_path / "experiments.parquet", [replace(own, name="another")])
+    assert Fingerprint.load(path).experiments == ()
 
 
 def test_a_fingerprint_of_the_load_alone_is_refused(fitted: Fingerprint) -> None:

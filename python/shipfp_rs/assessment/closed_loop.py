@@ -235,6 +235,16 @@ def _figures(structure: Structure, values: Values) -> dict[str, tuple[str, Figur
     }
 
 
+def unwrapped(loop: ComplexArray) -> Array:
+    """Unwrapped phase (..., F) of open loops at `SEARCHED_HZ` [rad].
+
+    At low frequencies an open loop lags by 90 degrees, or by 270 if engine and load without governor are unstable (g above
+    p); its phase is never positive.
+    """
+    phase = np.unwrap(np.angle(loop), axis=-1)
+    return np.asarray(phase - 2.0 * np.pi * np.ceil(phase[..., :1] / (2.0 * np.pi) - LEADING))
+
+
 class _Loop:
     """Loop of a structure at values of its parameters; figures that do not exist are NaN."""
 
@@ -277,13 +287,8 @@ class _Loop:
 
     @cached_property
     def phase(self) -> Array:
-        """Unwrapped phase of the open loop at `SEARCHED_HZ` [rad], from low frequencies up.
-
-        At low frequencies the open loop lags by 90 degrees, or by 270 if engine and load without governor are
-        unstable (g above p); its phase is never positive.
-        """
-        phase = np.unwrap(np.angle(self.searched))
-        return np.asarray(phase - 2.0 * np.pi * np.ceil(phase[0] / (2.0 * np.pi) - LEADING))
+        """Unwrapped phase of the open loop at `SEARCHED_HZ` [rad]."""
+        return unwrapped(self.searched)
 
     def phase_deg(self, frequency_hz: float) -> float:
         """Unwrapped phase of the open loop at a frequency [deg]."""

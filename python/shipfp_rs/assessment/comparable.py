@@ -11,7 +11,6 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from shipfp_rs.errors import InputError
-from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.identification.estimate import ALONG
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.identification.identify import identify
@@ -28,13 +27,10 @@ TORQUE_APART = 0.05
 """Relative difference in operating torque that is reported, since tau_n is relative to the torque."""
 
 
-def with_common_elements(
-    fingerprints: Sequence[Fingerprint], data: Sequence[Sequence[Experiment]] | None
-) -> tuple[list[Fingerprint], list[str]]:
+def with_common_elements(fingerprints: Sequence[Fingerprint]) -> tuple[list[Fingerprint], list[str]]:
     """Return fingerprints of the full ship with all elements found in any of them, refitted if necessary.
 
-    Fingerprints are returned unchanged if the user gave any structure, or without experiments; by default these are the
-    ones stored in the fingerprints.
+    Fingerprints are returned unchanged if the user gave any structure, or if one to be refitted has no experiments.
     """
     acting = {
         name for one in fingerprints for name in TRIED if one.elements.get(name, {}).get("state") == "on"
@@ -44,20 +40,16 @@ def with_common_elements(
     if not lacking or not _chosen(*fingerprints):
         return list(fingerprints), []
     words = " and ".join(ELEMENTS[name].words for name in TRIED if name in acting)
-    data = [one.experiments for one in fingerprints] if data is None else data
-    if len(data) != len(fingerprints):
-        raise InputError(f"data of {len(data)} fingerprints, expected those of {len(fingerprints)}")
-    if any(not experiments for one, experiments in zip(fingerprints, data, strict=True) if one in lacking):
+    if not all(one.experiments for one in lacking):
         return list(fingerprints), [
             f"{len(lacking)} of {len(fingerprints)} fingerprints have no {words}, which another fingerprint has, and are "
-            "compared unchanged; to fit them again with it, give data, the experiments of each, or keep experiments.parquet "
-            "beside fingerprint.json"
+            "compared unchanged; to fit them again with it, keep experiments.parquet beside fingerprint.json"
         ]
     found = [
         one
         if one not in lacking
         else identify(
-            experiments,
+            one.experiments,
             elements={name: name in acting for name in TRIED},
             torque=one.structure["torque"],
             outputs=one.structure["outputs"],
@@ -65,7 +57,7 @@ def with_common_elements(
             vessel=one.vessel,
             seed=one.seed,
         )
-        for one, experiments in zip(fingerprints, data, strict=True)
+        for one in fingerprints
     ]
     return found, [
         f"{len(lacking)} of {len(fingerprints)} fingerprints were fitted again with {words}, which another fingerprint has"

@@ -207,7 +207,6 @@ def compare(
     after: Fingerprint,
     *,
     level: float = 0.05,
-    data: Sequence[Sequence[Experiment]] | None = None,
     draws: tuple[Draws, Draws] | None = None,
 ) -> Comparison:
     """Compare the parameters of two fingerprints, with the significance of changes under both covariances.
@@ -216,12 +215,10 @@ def compare(
     ----------
     before, after
         Fingerprints of the same ship, structure and operating speed, from separate data. If the data selected the
-        structures, one fingerprint may lack an element, such as a torque limit; it is then refitted with this element.
+        structures, one fingerprint may lack an element, such as a torque limit; its experiments are then fitted with this
+        element. Without its experiments it is compared unchanged, with a remark.
     level
         Probability of a false alarm, over all quantities, and for the joint test.
-    data
-        Experiments of both fingerprints, for such a refit; None: experiments stored in the fingerprints. Without
-        experiments the fingerprints are compared unchanged, with a remark.
     draws
         Draws of both fingerprints, from which intervals and covariances are then taken, valleys included.
 
@@ -246,7 +243,7 @@ def compare(
     """
     if not 0.0 < level < 1.0:
         raise InputError(f"level {level}, expected a probability between 0 and 1")
-    (before, after), again = with_common_elements((before, after), data)
+    (before, after), again = with_common_elements((before, after))
     if again and draws is not None:
         raise InputError(
             "draws: one fingerprint was fitted again with an element of the other, expected draws of both with it; leave "
@@ -264,12 +261,7 @@ def compare(
 
 @checked
 @with_one_blas_thread
-def trend(
-    fingerprints: Mapping[float, Fingerprint],
-    name: str,
-    *,
-    data: Mapping[float, Sequence[Experiment]] | None = None,
-) -> tuple[float, float, float]:
+def trend(fingerprints: Mapping[float, Fingerprint], name: str) -> tuple[float, float, float]:
     """Fit a line through one quantity of many fingerprints, each weighted by its inverse variance (condition monitoring).
 
     Parameters
@@ -278,8 +270,6 @@ def trend(
         Three or more fingerprints by time (any unit).
     name
         Parameter or combination.
-    data
-        Experiments of each fingerprint, by its time; needed for refits, as in `compare`.
 
     Returns
     -------
@@ -297,13 +287,8 @@ def trend(
         raise InputError(
             f"{len(fingerprints)} fingerprints, expected three or more for a trend; use compare for two"
         )
-    if data is not None and not set(fingerprints) <= set(data):
-        raise InputError(
-            "trend: data: some times of the fingerprints are missing, expected the experiments of each fingerprint"
-        )
     times = np.array(list(fingerprints), dtype=float)
-    given = None if data is None else [data[time] for time in fingerprints]
-    (first, *others), _ = with_common_elements(list(fingerprints.values()), given)
+    (first, *others), _ = with_common_elements(list(fingerprints.values()))
     for other in others:
         require_comparable(first, other)
     found = [fingerprint[name] for fingerprint in (first, *others)]

@@ -10,9 +10,8 @@ from typing import Any
 import numpy as np
 
 from shipfp_rs import _core
-from shipfp_rs.assessment.closed_loop import closed_loop, structure_of
+from shipfp_rs.assessment.closed_loop import closed_loop, structure_of, unwrapped
 from shipfp_rs.errors import InputError, SimulationError
-from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.identification.usability import (
     BENT,
@@ -189,7 +188,6 @@ def tune(
     band_pct: Positive = 1.0,
     draws: Whole = 200,
     seed: Whole = 0,
-    experiments: Sequence[Experiment] = (),
     dials: Mapping[str, float] | None = None,
 ) -> Tuning:
     """Return gains of the governor that meet limits for at least 95 % of the ships that the data allow.
@@ -216,8 +214,6 @@ def tune(
         Steps, per cent of the operating torque and speed, and band of the recovered speed, per cent of the operating speed.
     draws, seed
         Number of ships, drawn from the fingerprint's likelihood, and the seed of the draw.
-    experiments
-        The fitted experiments, for a fingerprint read from a file, which does not hold them.
     dials
         What the governor's dials show: "gain" (as GAIN of Woodward, or Gain of ComAp), "reset" (integral over proportional
         gain, as RESET of Woodward, or Int of ComAp), "droop_pct", each in any unit; None: as the trial's [governor] says.
@@ -238,7 +234,7 @@ def tune(
     J. G. Ziegler and N. B. Nichols, 10.1115/1.4019264.
     """
     structure = _known_structure(fingerprint)
-    drawn = fingerprint.draws(draws, seed=seed, experiments=experiments)
+    drawn = fingerprint.draws(draws, seed=seed)
     ships = [{**fingerprint.optimum, **one} for one in drawn.sets]
     droop = fingerprint.optimum.get("droop", 0.0) if droop_pct is None else droop_pct / 100.0
     then = ships if droop_pct is None else [{**one, "droop": droop} for one in ships]
@@ -301,8 +297,7 @@ def phase_margins(structure: Structure, values: Values, factors: Array) -> tuple
     for names, factor in zip((("vK_p", "K_p"), ("vK_i", "K_i")), factors.T, strict=True):
         known |= {name: known[name] * factor[:, None] for name in names if name in known}
     loop: ComplexArray = equations.open_loop(known, 2j * np.pi * SEARCHED_HZ)
-    size, phase = np.log(np.abs(loop)), np.unwrap(np.angle(loop), axis=-1)
-    phase = phase - 2.0 * np.pi * np.ceil(phase[..., :1] / (2.0 * np.pi) - 1e-6)
+    size, phase = np.log(np.abs(loop)), unwrapped(loop)
     before, after = size[..., :-1], size[..., 1:]
     with np.errstate(divide="ignore", invalid="ignore"):
         share = before / (before - after)

@@ -167,14 +167,10 @@ def _print(plan: Plan) -> None:
 def _draws(expected: str) -> Draws | None:
     """Draws of an earlier fingerprint whose experiments lie beside it; None without them."""
     from shipfp_rs.designs.subject import MOST_DRAWN
-    from shipfp_rs.experiments.parquet import read_experiments
     from shipfp_rs.identification.fingerprint import Fingerprint
 
-    records = Path(expected).with_name("experiments.parquet")
-    if not expected.endswith(".json") or not records.is_file():
-        return None
-    found = Fingerprint.load(expected)
-    return found.draws(MOST_DRAWN, experiments=read_experiments(records)) if found.engine_described else None
+    found = Fingerprint.load(expected) if expected.endswith(".json") else None
+    return found.draws(MOST_DRAWN) if found and found.experiments and found.engine_described else None
 
 
 def _percent(value: float) -> str:

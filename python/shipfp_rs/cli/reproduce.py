@@ -159,7 +159,6 @@ def compare(
 ) -> None:
     """Compare two fingerprints of a ship: what changed, and whether it is more than chance."""
     from shipfp_rs.assessment.comparison import compare as compare_fingerprints
-    from shipfp_rs.experiments.parquet import read_experiments
     from shipfp_rs.identification.fingerprint import Fingerprint
     from shipfp_rs.support.files import ending_in, replacing
 
@@ -168,22 +167,20 @@ def compare(
             raise InputError(f"{out}: one of both fingerprints, expected a new file; choose another name")
         new_file(ending_in(out, ".png"), force=force)
     first, second = Fingerprint.load(before), Fingerprint.load(after)
-    beside = [path.parent / "experiments.parquet" for path in (before, after)]
-    data = [read_experiments(path) if path.is_file() else () for path in beside]
     with progress() as notify:
         notify("comparing")
-        comparison = compare_fingerprints(first, second, level=level, data=data)
+        comparison = compare_fingerprints(first, second, level=level)
     if out is not None:
         from shipfp_rs.plot.estimates import draw
 
         labels = [path.name if before.name != after.name else str(path) for path in (before, after)]
-        known = zip(labels, (first, second), data, strict=True)
+        known = dict(zip(labels, (first, second), strict=True))
         drawn = {
-            label: one.draws(PICTURED, experiments=own)
-            for label, one, own in known
-            if own and one.engine_described
+            label: one.draws(PICTURED)
+            for label, one in known.items()
+            if one.experiments and one.engine_described
         }
-        figure = draw(dict(zip(labels, (first, second), strict=True)), drawn)
+        figure = draw(known, drawn)
         with replacing(out) as temporary:
             figure.savefig(temporary, format="png")
     title = f"Changes from {before} to {after}"

@@ -62,13 +62,11 @@ def tune(
 ) -> None:
     """Advise gains of the governor that meet limits for nearly all ships that a trial's data allow."""
     from shipfp_rs.assessment.tuning import tune as advise
-    from shipfp_rs.experiments.parquet import read_experiments
     from shipfp_rs.identification.fingerprint import Fingerprint
 
     found = Fingerprint.load(fingerprint)
     if plot is not None:
         new_file(plot, force=force)
-    records = fingerprint.with_name("experiments.parquet")
     with as_typed(TYPED), progress() as tell:
         tell("trying gains")
         advice = advise(
@@ -81,7 +79,6 @@ def tune(
             load_step_pct=load_step,
             band_pct=band,
             seed=seed,
-            experiments=read_experiments(records) if records.is_file() else (),
         )
     if plot is not None:
         from shipfp_rs.plot.gain_map import gains

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import platform
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import fields
+from dataclasses import fields, replace
 from importlib import import_module
 from importlib.metadata import version
 from pathlib import Path
@@ -14,6 +15,7 @@ from typing import Any
 from shipfp_rs._core import __version__
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment
+from shipfp_rs.experiments.parquet import read_experiments
 from shipfp_rs.frequency import FrequencyResponse
 from shipfp_rs.identification.basins import Minima
 from shipfp_rs.identification.draws import Draws
@@ -85,7 +87,7 @@ class Fingerprint(FingerprintTables, FingerprintSimulation):
         Name of each window that was not fitted to output to {"nrmse_pct": ..., "inside_pct": ...}: how well it is predicted,
         and the share of its samples within the prediction's 95 % band [%].
     experiments
-        The fitted experiments, which a file does not hold.
+        The fitted experiments. They are no part of a file; `load` reads them from `experiments.parquet` beside it.
     """
 
     def to_dict(self) -> dict[str, Any]:
@@ -132,7 +134,6 @@ class Fingerprint(FingerprintTables, FingerprintSimulation):
         n: Count = 1000,
         seed: Whole = 0,
         *,
-        experiments: Sequence[Experiment] = (),
         structure: Structure | None = None,
     ) -> Draws:
         """Draw ships that the data allow, with the fit's priors and bounds, valleys included.
@@ -144,8 +145,6 @@ class Fingerprint(FingerprintTables, FingerprintSimulation):
         ----------
         n, seed
             Number of draws, and seed.
-        experiments
-            The fitted experiments, which a file does not hold; `read_experiments` reads those of a run's folder.
         structure
             The fingerprint's structure; None rebuilds it.
 
@@ -158,7 +157,7 @@ class Fingerprint(FingerprintTables, FingerprintSimulation):
         Raises
         ------
         InputError
-            If only the load's side is told, or the experiments are missing or others than those of the fit.
+            If only the load's side is told, or the fitted experiments are missing or others.
         IdentificationError
             If fewer than nine in ten draws end in a minimum.
 
@@ -179,12 +178,12 @@ class Fingerprint(FingerprintTables, FingerprintSimulation):
         500
         """
         of: Callable[..., Draws] = import_module("shipfp_rs.identification.perturbed").draws_of
-        return of(self, n, seed, experiments, structure)
+        return of(self, n, seed, structure)
 
     @classmethod
     @checked
     def load(cls, path: str | Path) -> Fingerprint:
-        """Read a fingerprint written by `save`.
+        """Read a fingerprint written by `save`, with the fitted experiments if `experiments.parquet` lies beside it.
 
         Raises
         ------
@@ -196,10 +195,15 @@ class Fingerprint(FingerprintTables, FingerprintSimulation):
         if not isinstance(content, dict) or "format" not in content:
             raise InputError(f"{path}: found no key 'format', expected {WRITTEN}")
         try:
-            return cls._from_dict(content)
+            found = cls._from_dict(content)
         except (LookupError, TypeError, AttributeError, ValueError, RecursionError) as error:
             said = str(error).removeprefix("fingerprint: ")
             raise InputError(f"{path}: {said}; expected {WRITTEN}") from error
+        with contextlib.suppress(InputError):  # without the experiments, or with a damaged file of them
+            experiments = read_experiments(path.with_name("experiments.parquet"))
+            if [one.name for one in experiments] == [row["name"] for row in found.data]:
+                return replace(found, experiments=experiments)
+        return found
 
     @classmethod
     def _from_dict(cls, content: dict[str, Any]) -> Fingerprint:

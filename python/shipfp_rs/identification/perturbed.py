@@ -18,7 +18,6 @@ import numpy.typing as npt
 from scipy.special import softmax
 
 from shipfp_rs.errors import IdentificationError, InputError
-from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.identification.basins import Basin, descend
 from shipfp_rs.identification.draws import Draws
 from shipfp_rs.identification.fingerprint import Fingerprint
@@ -100,13 +99,7 @@ class Perturbed:
 
 
 @with_one_blas_thread
-def draws_of(
-    fingerprint: Fingerprint,
-    n: int,
-    seed: int,
-    experiments: Sequence[Experiment] = (),
-    structure: Structure | None = None,
-) -> Draws:
+def draws_of(fingerprint: Fingerprint, n: int, seed: int, structure: Structure | None = None) -> Draws:
     """Return draws of a fingerprint's parameters; see `Fingerprint.draws`."""
     if not 1 <= n <= MOST_DRAWS:
         raise InputError(f"n is {n}, expected 1 to {MOST_DRAWS}")
@@ -114,7 +107,7 @@ def draws_of(
         raise InputError(
             "draws: the fingerprint tells the load's side alone, since the data contradict the model of drive and governor"
         )
-    fit, optimum = rebuilt(fingerprint, experiments, structure), fingerprint.optimum
+    fit, optimum = rebuilt(fingerprint, structure), fingerprint.optimum
     c = fit.likelihood.coordinates
     unknown = {name for name, one in fingerprint.parameters.items() if one.status == "unidentifiable"}
     names = [name for name in optimum if name in c.free or name not in unknown]

@@ -37,9 +37,7 @@ class Rebuilt(Minima):
     widening: float = 1.0
 
 
-def rebuilt(
-    fingerprint: Fingerprint, experiments: Sequence[Experiment] = (), structure: Structure | None = None
-) -> Rebuilt:
+def rebuilt(fingerprint: Fingerprint, structure: Structure | None = None) -> Rebuilt:
     """Return the likelihood of a fingerprint at its minima.
 
     Raises
@@ -47,13 +45,13 @@ def rebuilt(
     InputError
         If the experiments are missing, or are others than those of the fit.
     """
-    experiments, settings = tuple(experiments) or fingerprint.experiments, fingerprint.settings
+    experiments, settings = fingerprint.experiments, fingerprint.settings
     rows = [row["name"] for row in fingerprint.data]
     if [one.name for one in experiments] != rows or "criterion" not in settings:
         found = ", ".join(one.name for one in experiments) or "none"
         raise InputError(
-            f"experiments: found {found}, expected {', '.join(rows) or 'some'}, which the fingerprint was fitted to; give "
-            "experiments=read_experiments(...) of the run's experiments.parquet"
+            f"experiments: found {found}, expected {', '.join(rows) or 'some'}, which the fingerprint was fitted to; keep "
+            "experiments.parquet of its run beside fingerprint.json"
         )
     start, criterion = _start(fingerprint), settings["criterion"]
     ways = _likelihoods(fingerprint, experiments, structure or Structure.from_dict(fingerprint.structure))
