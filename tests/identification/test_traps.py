@@ -145,7 +145,7 @@ def test_a_torque_of_the_wrong_sign_is_refused_where_the_set_point_moves(made):
 
 def test_a_speed_that_falls_when_the_set_point_rises_names_whose_sign_to_turn(made):
     turned = 2.0 * made.operating_point["n_set"] - made.signals["n_set"]
-    with pytest.raises(fp.InputError, match="turn the sign of the set point's calibration"):
+    with pytest.raises(fp.InputError, match="reverse the sign of the set point's calibration"):
         input_checks.require_excited([replace(made, signals={**made.signals, "n_set": turned})])
 
 

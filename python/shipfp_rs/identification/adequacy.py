@@ -1,4 +1,4 @@
-"""Scores of a model's adequacy: the error of the model while the ship is excited, as far as noise can't explain it.
+"""Scores of a model's adequacy: the error of the model while the ship is excited, beyond what noise explains.
 
 Noise does not depend on the excitation, but the error of a wrong model does. The residual's power is therefore compared
 between stretches in which the response in a band is strong, and stretches in which it is weak.
@@ -19,36 +19,33 @@ from shipfp_rs.identification.sampling import BEFORE_S
 from shipfp_rs.support.arrays import Array
 
 SMALL_MISS_PCT = 1.6
-"""Misfit, as a share of an output's spread, that is acceptable: the error of a calibrated torque gauge (static torque check
+"""Largest acceptable misfit, in per cent of an output's spread: the error of a calibrated torque gauge (static torque check
 of the thesis, eq. 6.3)."""
 LARGE_MISS_PCT = 10.0
-"""Misfit, as a share of an output's spread, above which a fingerprint is not usable."""
+"""Misfit, in per cent of an output's spread, above which a fingerprint is not usable."""
 LEAST_EXPLAINED_PCT = 2.0
-"""Least explained share of an output's spread, below which the output is not the ship's response."""
+"""Explained share of an output's spread below which the output is not the ship's response."""
 STRETCH_S = 20.0
 """Length of a stretch, over which a spectrum is computed [s]."""
 STRONG, WEAK = 0.75, 0.5
-"""Quantiles of the response's power in a band: above the first a stretch counts as excited, below the second as quiet."""
+"""Quantiles of the response's power in a band. A stretch above the first is excited, one below the second is quiet."""
 LOBE = 2.0
 """Half width of the main lobe of the spectra's window (Hann), in bins."""
 CHANCE = 3.0
-"""Standard deviations of the noise power that are subtracted from an excess, so that chance does not count as a misfit."""
+"""Number of standard deviations that are subtracted from an excess of power, so that chance does not count as a misfit."""
 SELDOM = 0.99
-"""Level of the systematic errors' chi-squared law up to which they are attributed to gauge and calibration."""
+"""Quantile of the chi-squared distribution up to which systematic errors are attributed to gauge and calibration."""
 
 
 def strain(likelihood: Likelihood, vector: Array) -> float:
-    """Return the squared size of the fit's systematic errors, over the largest that gauge and calibration explain.
-
-    Above 1 the model is wrong: it fits only with errors larger than those of gauge and calibration.
-    """
+    """Return the systematic errors' chi-squared over the most that gauge and calibration explain; above 1: a wrong model."""
     sizes, unsure = likelihood.smooth_errors(likelihood.residuals(vector))
     told = len(unsure) - float(np.trace(unsure))
     return float(np.sum(sizes**2) / chi2.ppf(SELDOM, max(told, 1.0)))
 
 
 def misses_pct(likelihood: Likelihood, vector: Array) -> list[float]:
-    """Return the misfit of each output, in per cent of its response, over all records."""
+    """Return the misfit of each output, in per cent of its response while the ship is excited, over all records."""
     missed = np.zeros(len(likelihood.accuracy))
     scatter = np.zeros(len(likelihood.accuracy))
     size = np.full(len(likelihood.accuracy), 1e-30)
@@ -96,11 +93,7 @@ def explained_pct(likelihood: Likelihood, vector: Array) -> list[list[float]]:
 
 
 def misses_of(fit: Mapping[str, Mapping[str, float | None]], samples: int) -> dict[str, float]:
-    """Return the misfit of each output, in per cent of its spread.
-
-    The misfit is the root of the share of the whitened residual's power that the set point still explains, less the share
-    by chance, times the residual.
-    """
+    """Return the misfit of each output, in per cent of its spread; see `missed_pct`."""
     misses = {}
     for name, row in fit.items():
         if name == "overall":
@@ -110,22 +103,17 @@ def misses_of(fit: Mapping[str, Mapping[str, float | None]], samples: int) -> di
 
 
 def missed_pct(row: Mapping[str, float | None], chance: float = 0.0) -> float:
-    """Return the misfit of an output, in per cent of its spread.
-
-    The misfit is the root of the share of the whitened residual that the set point still explains, less the share by chance.
-    """
+    """Return the misfit of an output, in per cent of its spread: the part of the residual that the set point explains."""
+    # The root of the explained share of the whitened residual's power, less the share by chance, times the residual.
     share = (row.get("input_explained_pct") or 0.0) / 100.0
     rest = max(1.0 - (row.get("nrmse_pct") or 0.0) / 100.0, 0.0)
     return float(100.0 * max(share - chance, 0.0) ** 0.5 * rest)
 
 
 def structure_test(tests: Mapping[str, Mapping[str, float | None]]) -> dict[str, float]:
-    """Return the joint test of the structure by the residuals of all outputs; empty without residual tests.
-
-    "structure_p" is the outputs' least p-value times their number (Bonferroni). "structure_misses_pct"
-    is the largest share of an output's residual that the set point explains [%]: on long records a structure may be
-    rejected although its error is small.
-    """
+    """Return the joint test of the structure by the residuals of all outputs; empty without residual tests."""
+    # "structure_p" is the outputs' least p-value times their number (Bonferroni). "structure_misses_pct" is the largest
+    # share of a residual that the set point explains [%]: a long record may reject a structure whose error is small.
     found = [p for row in tests.values() if (p := row.get("input_correlation_p")) is not None]
     if not found:
         return {}
@@ -134,6 +122,6 @@ def structure_test(tests: Mapping[str, Mapping[str, float | None]]) -> dict[str,
 
 
 def stands(misses: Mapping[str, float], structure_p: float | None = None) -> bool:
-    """Whether a model's misfits [%] are small, or its residuals' joint test does not contradict its structure."""
+    """Whether a model's misfits [%] are small, or the joint test of its residuals does not reject its structure."""
     small = max(misses.values(), default=0.0) <= SMALL_MISS_PCT
     return small or (structure_p is not None and structure_p >= ALARM)

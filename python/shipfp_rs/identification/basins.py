@@ -1,4 +1,4 @@
-"""The search: parallel descents from several starts to the distinct minima of the deviance."""
+"""Search for the distinct minima of the deviance, by parallel descents from several starts."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.threads import require_going
 
 SETTLED = 0.01
-"""Least decrease of the deviance for a descent to continue; so small a change moves an interval's ends by a thousandth."""
+"""Least decrease of the deviance for a descent to continue; this decrease moves the ends of an interval by a thousandth."""
 MOST_STEPS = 60
 LEAST = 1e-14
 """Damping that keeps a matrix regular where the data do not determine a direction."""
 DAMPED, DAMPED_NEAR, REJECTED, LESS, MORE, FURTHER = 1e-4, 1e-6, 1e-6, 0.15, 8.0, 2.0
-"""Levenberg-Marquardt damping: initial value, initial value near the minimum, and least value after a rejected step; its
-factors after an accepted and after a rejected step (Marquardt 1963); and the growth of the latter with each further rejected
+"""Levenberg-Marquardt damping: initial value, initial value near the minimum, least value after a rejected step, factor
+after an accepted step, factor after a rejected step (Marquardt 1963), and growth of that factor with each further rejected
 step (Nielsen 1999)."""
 MOST_DAMPED = 1e4
-"""Damping at which a descent stops: steps are then a ten-thousandth of gradient steps and useless."""
+"""Damping at which a descent stops, since its steps are then only a ten-thousandth of a gradient step."""
 FIRST, ROUGH, MIDDLE, FINE = (3, 50.0), (8, 50.0), (30, 1.0), (MOST_STEPS, SETTLED)
-"""Most steps and least decrease of each round of descents, from many starts to few minima."""
+"""Limits of each round of descents, from many starts to few minima: number of steps, and least decrease of the deviance."""
 MOST_BASINS = 5
 SAME = 4.0
 """Squared distance, in the metric of the deviance's curvature, below which two minima count as the same."""
@@ -37,24 +37,24 @@ ALIKE = 10.0
 
 Known = TypeVar("Known", bound=Likelihood)
 Penalty = Callable[[Array], tuple[float, Array]]
-"""Maps a point of the search to the value and gradient of a residual that is added to the likelihood's."""
+"""Maps a point of the search to the value and gradient of a further residual, whose square is added to the deviance."""
 
 
 @dataclass(frozen=True)
 class Basin:
-    """A minimum: deviance, search vector, and what was computed there without a penalty."""
+    """A minimum: its deviance, its search vector, and the likelihood's products there, without a penalty."""
 
     cost: float
     vector: Array
     settled: bool = True
     products: Products | None = field(default=None, repr=False, compare=False)
     values: Mapping[str, float] | None = field(default=None, repr=False, compare=False)
-    """The parameters, where they were kept."""
+    """Parameters at the minimum; None where they were not stored."""
 
 
 @dataclass(frozen=True)
 class Minima:
-    """A likelihood under its noise, and its distinct minima, the lowest first."""
+    """A likelihood with estimated noise, and its distinct minima, the lowest first."""
 
     likelihood: Likelihood
     basins: tuple[Basin, ...]
@@ -81,15 +81,11 @@ def descend(
     *,
     steps: int = MOST_STEPS,
     settled: float = SETTLED,
-    penalty: Penalty | None = None,
-    near: bool = False,
-    until: float | None = None,
+    penalty: Penalty | None = None,  # not part of the returned cost
+    near: bool = False,  # the start is close to the minimum
+    until: float | None = None,  # deadline by `time.monotonic`
 ) -> Basin:
-    """Minimise the deviance within the bounds, by Levenberg-Marquardt with an active set.
-
-    A `penalty` is not part of the returned cost; `near`: the start is close to the minimum; `until`: deadline by
-    `time.monotonic`.
-    """
+    """Minimise the deviance within the bounds, by Levenberg-Marquardt with an active set."""
     low, high = likelihood.coordinates.bounds
     x = np.clip(start, low, high)
     likelihood = likelihood.near(x)
@@ -109,7 +105,7 @@ def descend(
             damping = max(damping * MORE, 1e-9)
             continue
         promised = 2.0 * step @ now.downhill - step @ now.matrix @ step
-        if promised < 0.0:  # cut by the bounds, the step would raise the deviance
+        if promised < 0.0:  # clipped to the bounds, the step would raise the deviance
             damping *= MORE
             continue
         if promised < 0.1 * settled:
@@ -136,7 +132,7 @@ def descend(
 
 
 def expected(likelihood: Likelihood, vector: Array) -> Basin:
-    """Return the expected minimum at the true parameters: its gradient is zero, unlike that of a draw of the noise."""
+    """Return a minimum at the true parameters, with the gradient that is expected over the noise: zero."""
     found = likelihood.products(vector)
     return Basin(found.cost, vector, products=found._replace(downhill=np.zeros_like(found.downhill)))
 
@@ -147,7 +143,7 @@ def _computed(likelihood: Likelihood, penalty: Penalty | None, vector: Array) ->
     if penalty is None:
         return found, found
     value, slope = penalty(vector)
-    # As in the likelihood, the residual is data minus model, here -value, and the derivative is the model's, here `slope`.
+    # The convention of the likelihood: the residual is data minus model, -value, and the derivative is the model's, `slope`.
     return found, found._replace(
         cost=found.cost + value**2,
         downhill=found.downhill - value * slope,
@@ -156,8 +152,8 @@ def _computed(likelihood: Likelihood, penalty: Penalty | None, vector: Array) ->
 
 
 def _step(now: Products, x: Array, low: Array, high: Array, damping: float) -> Array:
-    """Return a damped Gauss-Newton step within the bounds; entries that would cross a bound are held there."""
-    # Cholesky's accuracy does not depend on the entries' units, which differ by orders of magnitude.
+    """Return a damped Gauss-Newton step within the bounds; entries that would cross a bound stop at it."""
+    # Units that differ by orders of magnitude need no scaling, since the accuracy of Cholesky does not depend on them.
     damped, downhill, low, high = now.matrix.copy(), now.downhill, low - x, high - x
     damped.flat[:: len(x) + 1] += np.maximum(now.matrix.diagonal(), 1e-30) * (damping + LEAST)
     held = ((low >= 0.0) & (downhill < 0.0)) | ((high <= 0.0) & (downhill > 0.0))
@@ -196,16 +192,9 @@ def best_basins(
     until: float | None = None,
     alone: Callable[..., Basin] | None = None,
 ) -> tuple[Known, list[Basin], float]:
-    """Return the likelihood with estimated noise, its distinct minima (lowest first), and the lowest total deviance.
-
-    Rough descents with white noise come first. The best of them continue by `alone` (default: `by_own_noise`), each with the
-    noise of its own residuals; the likeliest of these gives the noise for all.
-
-    Raises
-    ------
-    IdentificationError
-        If no start leads to a model that can be simulated.
-    """
+    """Return the likelihood with estimated noise, its distinct minima (lowest first), and the lowest total deviance."""
+    # Rough descents with white noise come first. The best ends continue by `alone`, each with the noise of its residuals.
+    # The likeliest of these gives the noise for all.
     ends = each(likelihood, starts, until, *FIRST)
     ends = each(likelihood, [end.vector for end in ends], until, *ROUGH)
     ends = distinct(likelihood, ends)[:MOST_BASINS]
@@ -222,7 +211,7 @@ def best_basins(
 
 
 def by_own_noise(likelihood: Likelihood, vector: Array, *, until: float | None = None) -> Basin:
-    """Descend twice with the noise of the residuals; the cost is the total deviance, log determinant included."""
+    """Descend twice, each time with noise estimated from the residuals; the cost includes the noise's log determinant."""
     for steps, settled in (MIDDLE, FINE):
         try:
             likelihood = likelihood.with_noise(vector)
@@ -237,16 +226,12 @@ def settle(
     start: Basin,
     *,
     rounds: int,
-    still: float,
-    least: float = 0.0,
+    still: float,  # ends the search if the minimum moved by less (squared distance in standard deviations)
+    least: float = 0.0,  # ends the search if every entry of the minimum moved by less
     settled: float = SETTLED,
     until: float | None = None,
 ) -> tuple[Known, Basin]:
-    """Descend repeatedly, with noise and corrections of the records re-estimated at each minimum.
-
-    The search ends after `rounds` descents, or after a descent that moved the minimum by less than `still` (squared distance
-    in standard deviations) or by less than `least` in every entry. Return the last likelihood and its minimum.
-    """
+    """Descend with noise and records' corrections re-estimated at each minimum; return the last likelihood and minimum."""
     best = start
     for _ in range(rounds):
         try:
@@ -254,7 +239,7 @@ def settle(
         except (SimulationError, np.linalg.LinAlgError):
             break
         end = descend(following, best.vector, settled=settled, until=until)
-        if not np.isfinite(end.cost):  # diverges with its own corrections
+        if not np.isfinite(end.cost):  # the model diverges with the new corrections
             break
         moved = end.vector - best.vector
         likelihood, best = following, end
@@ -264,7 +249,7 @@ def settle(
 
 
 def distinct(likelihood: Likelihood, ends: Sequence[Basin]) -> list[Basin]:
-    """Return the minima without duplicates: those that the deviance can't distinguish, or that are nearly equal."""
+    """Return the minima without duplicates, which are nearly equal to another or can't be distinguished by the deviance."""
     ends = sorted((end for end in ends if np.isfinite(end.cost)), key=lambda one: one.cost)
     if len(ends) < 2:
         return ends

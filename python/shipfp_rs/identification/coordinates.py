@@ -1,7 +1,7 @@
-"""Search coordinates: the parameters that a fit searches, and the unknowns of its records, as one bounded vector.
+"""Search coordinates: searched parameters and the unknowns of the records, as one bounded vector.
 
 Without a given structure, the parameters are searched as ratios to the inertia's time constant tau_n. Data determine these
-ratios far better than the parameters. Divided by tau_n, the ship's equations are linear in 1 / tau_n, (p - g) / tau_n,
+ratios far better than the parameters. The ship's equations, divided by tau_n, are linear in 1 / tau_n, (p - g) / tau_n,
 vK_p / tau_n and vK_i / tau_n, except for N^p (eq. 3.31). A valley of the deviance along which only the curvature of N^p
 changes is a straight line in these coordinates. A given structure may fix or tie any parameter, so its parameters
 are searched without a transformation, or as logarithms if the bounds are wide.
@@ -29,22 +29,23 @@ Figure = Callable[[Mapping[str, float]], float]
 SMALL = 1e-6
 """Relative step of a difference quotient."""
 STATE_REACH, STATE_DEVIATION = 0.3, 0.1
-"""Of a ship's unknowns of records: largest value, and prior standard deviation, relative to the operating point."""
+"""Bound and prior standard deviation of the unknowns of a ship's records, relative to the operating point."""
 WIDE = 1.0
-"""Prior deviation of a structure's initial states and offsets, relative to the operating point, too wide to matter."""
+"""Prior standard deviation of a structure's initial states and offsets, relative to the operating point; it is so wide that
+it has no effect."""
 LOGARITHMS = frozenset(one.name for one in QUANTITIES.values() if one.scale == "log")
 """Parameters of a ship that are searched as logarithms."""
 SHARE_BOUNDS = (1e-4, 1.0)
-"""Bounds of the squared share of T_d that half a sampling period is: the square, since its effect is quadratic, too."""
+"""Bounds of (T_s / (2 T_d))^2, which is searched instead of the sampling period T_s, whose effect is quadratic."""
 GAINS = ("vK_p", "vK_i")
-"""Gains that are searched as a ratio to tau_n, without a logarithm. Along a valley (p - g) / tau_n and vK_i / tau_n
-rise in proportion; a logarithm would bend that valley."""
+"""Gains that are searched as a ratio to tau_n, without a logarithm. Along a valley of the deviance (p - g) / tau_n and
+vK_i / tau_n rise in proportion; a logarithm would bend that valley."""
 RATIO_BOUNDS = {"g": (-50.0, 500.0), **dict.fromkeys(GAINS, (1e-5, 5e3))}
-"""Bounds of the ratios, wide, since intervals apply the parameters' own."""
+"""Bounds of the ratios. They are wide, since intervals apply the bounds of the parameters."""
 LEAST = 1e-9
-"""Least value of a logarithm's argument where the parameter's bound is zero."""
+"""Least argument of a logarithm, for a parameter whose lower bound is zero."""
 MOST_BEHIND, WALL, WALL_S = 0.95, 0.01, 1e-3
-"""Largest share of the inertia behind a gauge, and widths of the penalties: near it, and near the longest period [s]."""
+"""Largest share of the inertia behind a gauge; widths of the penalties above it and above the longest period T_s [s]."""
 
 
 WITHOUT_EFFECT = {
@@ -53,7 +54,7 @@ WITHOUT_EFFECT = {
     "T_M": 0.0,
     "T_B": 0.0,
 }
-"""Values of elements that a search vector leaves out."""
+"""Values at which the parameters of elements have no effect, for those that a search vector lacks."""
 
 
 @dataclass(frozen=True)
@@ -69,34 +70,17 @@ class Itself:
 
 @dataclass(frozen=True)
 class Coordinates:
-    """Search vectors: free parameters within bounds, followed by the unknowns of the records.
+    """Search vectors: free parameters within bounds, followed by the unknowns of the records."""
 
-    Parameters
-    ----------
-    free
-        Name to (lower, upper) bound, in the parameter's unit.
-    given
-        Name to value of the parameters that are not searched.
-    unknowns
-        Names of the unknowns of each record.
-    logarithms
-        Parameters that are searched as logarithms.
-    in_ratios
-        Whether gains and slopes are searched as ratios to tau_n, and a sampling period as a share of T_d.
-    ties
-        Parameters that follow from others.
-    reach, state_deviation
-        Bound and prior standard deviation of the records' unknowns, relative to the operating point.
-    """
-
-    free: Mapping[str, tuple[float, float]]
-    given: Mapping[str, float]
-    unknowns: tuple[tuple[str, ...], ...]
-    logarithms: frozenset[str] = LOGARITHMS
+    free: Mapping[str, tuple[float, float]]  # (lower, upper) bound by name, in the parameter's unit
+    given: Mapping[str, float]  # values of the parameters that are not searched
+    unknowns: tuple[tuple[str, ...], ...]  # names of the unknowns of each record
+    logarithms: frozenset[str] = LOGARITHMS  # parameters that are searched as logarithms
+    # Gains and slopes are searched as ratios to tau_n, and a sampling period as a share of T_d.
     in_ratios: bool = True
-    ties: Ties = field(default_factory=dict)
-    reach: float = STATE_REACH
-    state_deviation: float = STATE_DEVIATION
+    ties: Ties = field(default_factory=dict)  # parameters that follow from others
+    reach: float = STATE_REACH  # bound of the records' unknowns, relative to the operating point
+    state_deviation: float = STATE_DEVIATION  # prior standard deviation of the records' unknowns, likewise
 
     @classmethod
     def of(cls, structure: Structure, unknowns: Sequence[tuple[str, ...]], deviation: float = WIDE) -> Self:
@@ -140,7 +124,7 @@ class Coordinates:
 
     @cached_property
     def _from_entry(self) -> tuple[Callable[[float], float], ...]:
-        """Functions that map entries of a search vector to parameters, ratios excepted."""
+        """Functions from entries of a search vector to parameters, or to ratios where these are searched."""
         return tuple(math.exp if name in self.logarithms else float for name in self.names)
 
     def place(self, name: str) -> int:
@@ -199,10 +183,7 @@ class Coordinates:
         ]
 
     def vector(self, values: Mapping[str, float], states: Sequence[Mapping[str, float]] = ()) -> Array:
-        """Return the search vector for values within the bounds.
-
-        Elements that `values` leave out have no effect; unknowns of records are zero unless given.
-        """
+        """Return the search vector, clipped to the bounds; missing elements have no effect, missing unknowns are zero."""
         known = {**WITHOUT_EFFECT, **self.given, **values}
         vector = np.zeros(self.size)
         for index, name in enumerate(self.names):
@@ -294,14 +275,14 @@ def row_of(c: Coordinates, name: str, values: Mapping[str, float], by: Array) ->
 def prior_row(
     c: Coordinates, name: str, prior: tuple[float, float], values: Mapping[str, float], by: Array
 ) -> Array:
-    """Return residual and derivatives (1 + P,) of a prior (mean, standard deviation), in its standard deviations."""
+    """Return residual and derivatives (1 + P,) of a prior (mean, standard deviation), over the standard deviation."""
     row = row_of(c, name, values, by) / prior[1]
     row[0] = prior[0] / prior[1] - row[0]
     return row
 
 
 def wall_rows(c: Coordinates, values: Mapping[str, float], by: Array) -> list[Array]:
-    """Return the rows of active penalties: on the inertia behind the shaft, and on a sampling period beyond its bound."""
+    """Return the rows of active penalties: on a large inertia behind a gauge, and on a sampling period beyond its bound."""
     rows, share = [], "tau_prop/tau_n"
     if "tau_prop" in c.free and "tau_n" in values and COMBINED[share](values)[0] > MOST_BEHIND:
         rows.append(prior_row(c, share, (MOST_BEHIND, WALL), values, by))
@@ -311,10 +292,9 @@ def wall_rows(c: Coordinates, values: Mapping[str, float], by: Array) -> list[Ar
 
 
 def loop_of(values: Parameters) -> dict[str, Any]:
-    """Return the parameters of transfer functions from those of the two equations.
-
-    There p includes the damping, gains exclude v where it is known, and the dead time excludes half of a sampling period.
-    """
+    """Return the parameters of transfer functions from those of the two equations."""
+    # In transfer functions p includes the damping, gains exclude v where it is known, and the dead time excludes half of a
+    # sampling period.
     found = loop_parameters(values, mean_sampling=True)
     for gain in ("vK_p", "vK_i", "vK_d"):
         if "v" in found and gain in found:

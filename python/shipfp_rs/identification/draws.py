@@ -13,12 +13,12 @@ from shipfp_rs.support.arrays import Array, Brief
 from shipfp_rs.support.tables import text_table
 
 FEW = 400
-"""Draws of which a prediction or a figure of the loop uses the first."""
+"""Number of draws, counted from the first, that a prediction or a figure of the speed loop uses."""
 
 
 @dataclass(frozen=True, repr=False)
 class Draws(Brief):
-    """Sets of parameters, equally likely.
+    """Equally likely sets of parameters.
 
     Parameters
     ----------
@@ -27,7 +27,7 @@ class Draws(Brief):
     table
         Their values in the parameters' units, shape (n, P).
     effective
-        Number of independent sets that tell as much: fewer than n where sets were weighted, and some stand more than once.
+        Effective number of independent sets. It is less than n where sets were weighted and resampled, so that some repeat.
     """
 
     names: tuple[str, ...]
@@ -36,16 +36,16 @@ class Draws(Brief):
 
     @property
     def parameters(self) -> dict[str, Array]:
-        """Name to the values (n,) of all draws, as `pandas.DataFrame` takes them."""
+        """Values (n,) of all draws by name, as `pandas.DataFrame` accepts them."""
         return dict(zip(self.names, self.table.T, strict=True))
 
     @property
     def sets(self) -> list[dict[str, float]]:
-        """Name to value, for each draw."""
+        """Values by name, for each draw."""
         return [dict(zip(self.names, row, strict=True)) for row in self.table.tolist()]
 
     def quantile(self, share: float, name: str) -> float:
-        """Return the quantile of a parameter or combination; `InputError` for an unknown name or no share."""
+        """Return a quantile of a parameter or combination; `InputError` for an unknown name, or a share outside 0 to 1."""
         if name not in self.names or not 0.0 <= share <= 1.0:
             raise InputError(
                 f"quantile({share:g}, {name!r}): expected a share from 0 to 1 and one of {', '.join(self.names)}"
@@ -53,7 +53,7 @@ class Draws(Brief):
         return float(np.quantile(self.parameters[name], share))
 
     def of(self, function: Callable[[Mapping[str, float]], Any]) -> list[Any]:
-        """Return a function of the parameters for each of the first 400 draws."""
+        """Return the values of a function of the parameters for each of the first 400 draws."""
         return [function(one) for one in self.sets[:FEW]]
 
     def __str__(self) -> str:

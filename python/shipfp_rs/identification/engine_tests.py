@@ -1,7 +1,7 @@
 """Score tests for engine-side effects that the model lacks: limits, a variable gain, another lag.
 
 The model's signals give the shape of the torque that a limiter removes or a governor adds. Such a torque acts on speed and
-torque like any disturbance of the engine. Its size in the residuals is the only unknown of each shape, so no fit is needed.
+torque like any disturbance of the engine. The only unknown of a shape is its size in the residuals, so no fit is needed.
 """
 
 from __future__ import annotations
@@ -22,38 +22,33 @@ from shipfp_rs.support.arrays import Array, ComplexArray, Values
 LEVELS, SLOPES = (0.8, 0.9, 0.97, 0.995), (0.5, 0.8, 0.95, 0.99)
 """Quantiles of the torque, and of its slope, at which limits are tested."""
 BANDS = (0.3, 0.6, 0.85)
-"""Quantiles of the speed error, each the half width of a band with another governor gain."""
+"""Quantiles of the speed error. Each is the half width of a band in which another governor gain is tested."""
 LAGS_S = (0.02, 0.06, 0.2, 0.6, 2.0)
 """Lags of the governor's command that are tested [s]."""
 LIMITS = {"torque_limit", "rack_rate"}
-"""Kinds of shapes that a limiter removes; a negative size is no evidence of a limit."""
+"""Kinds of shapes that limiters cause; a negative size is no evidence of a limit."""
 SHOWN = 16.0
-"""Least decrease of the deviance for a shape to be significant; by chance, any shape exceeds it once in a thousand."""
+"""Least decrease of the deviance for a shape to be significant. By chance, any shape exceeds it once in a thousand."""
 CONSISTENT = 2.7
-"""Least consistency over stretches for a shape to be significant; chance exceeds it once in twenty (one-sided)."""
+"""Least consistency over stretches of time for a shape to be significant; chance exceeds it once in twenty (one-sided)."""
 NEAR = 3.0
-"""Largest ratio of the deviance's decrease by a shape to the decrease by a limit, for the limit to explain the shape."""
+"""A limit explains another shape whose decrease of the deviance is at most this many times that of the limit."""
 SURE = 60.0
 """Decrease of the deviance from which a limit is fitted even if only one stretch shows it."""
 WORTH = 8.0
 """Decrease of the deviance from which a limit is fitted."""
 NONE = Score(0.0, 0.0, 0.0, 0.0)
 ROUNDED, NEARLY = 3.0, 0.8
-"""A torque counts as limited from this many edge widths below its limit, a rack from this share of its rate limit."""
+"""A torque is limited from this many rounding widths M_soft below its limit, a rack from this share of its rate limit."""
 BINS, LEAST_STRETCHES = 15, 4
 """Number of bins of a curve, and least stretches in a bin for a standard error."""
 LEAST_PERIODS, LEAST_BAND = 30, 0.1
-"""Lowest frequency of a curve: least periods in a record, and least share of the band. Below it the governor's integral
-amplifies drifts of the speed, which would hide the curve."""
+"""Lowest frequency of a curve: this number of periods in a record, or this share of the band if lower. Below it the
+governor's integral amplifies drifts of the speed, which would hide the curve."""
 
 
 def engine_tests(fit: ShipFit) -> dict[str, Score]:
-    """Return the strongest score of each kind of shape; empty where no torque was measured.
-
-    "torque_limit" and "rack_rate" are limits. "gain" is a gain that depends on the error, such as a dead band. "asymmetry"
-    is an effect in one direction only, such as a slower decrease. "lag" is a command that acts earlier or later than in
-    the model, as behind an inner loop.
-    """
+    """Return the strongest score of each kind of shape; empty where no torque was measured."""
     if "dM" not in fit.question.outputs:
         return {}
     likelihood = fit.likelihood
@@ -68,13 +63,9 @@ def engine_tests(fit: ShipFit) -> dict[str, Score]:
 
 
 def engine_curves(fit: ShipFit) -> dict[str, dict[str, list[float]]]:
-    """Return the engine torque that the model lacks as curves over the governor's error and over the rack's slope.
-
-    A curve has for each bin "at", the mean abscissa (relative to the operating point; a slope in 1/s), "torque", the mean
-    torque relative to the operating torque, and "std", its standard error over stretches. The result is empty where no
-    torque was measured, or the ship is not described by two equations: the residuals are then not the engine's alone.
-    """
+    """Return the engine torque that the model lacks, as curves over the governor's error and over the rack's slope [1/s]."""
     likelihood, values = fit.likelihood, fit.values
+    # The residuals of a ship that two equations do not describe are not the engine's alone.
     if "dM" not in fit.question.outputs or not fit.is_smooth:
         return {}
     ahead = values["tau_n"] - values.get("tau_prop", 0.0) if fit.question.gauge else 0.0
@@ -104,8 +95,8 @@ def engine_curves(fit: ShipFit) -> dict[str, dict[str, list[float]]]:
 
 
 def _binned(row: Array, torque: Array, stretch: Array) -> dict[str, list[float]]:
-    """Mean of a torque (K,) in quantile bins of a row, and its standard error over stretches."""
-    # Most samples of a ship in steady state between steps share a value, so that bins of equal width are better.
+    """Return for each bin of a row its mean abscissa "at", the mean "torque", and its standard error "std" by stretches."""
+    # Between steps most samples have the same value, so edges are the means of quantiles and of bins of equal width.
     even = np.linspace(0.0, 1.0, BINS + 1)
     edges = 0.5 * (np.quantile(row, even) + row.min() + (row.max() - row.min()) * even)
     place = np.clip(np.searchsorted(edges, row, side="right") - 1, 0, BINS - 1)
@@ -124,7 +115,7 @@ def _binned(row: Array, torque: Array, stretch: Array) -> dict[str, list[float]]
 
 
 def touched(fit: ShipFit, element: str) -> float:
-    """Number of samples that reach a limit, or its rounding, in the model."""
+    """Return the number of samples at which the model reaches a limit or its rounding."""
     values, found = fit.values, 0.0
     for index, record in enumerate(fit.likelihood.records):
         engine, rack, _ = _signals(fit, index)
@@ -168,7 +159,9 @@ def _shapes(fit: ShipFit, index: int) -> dict[str, list[ComplexArray]]:
         "rack_rate": [
             rate_limited(rack, rate, rate_hz) - rack for rate in np.quantile(slopes[inside[1:]], SLOPES)
         ],
+        # A gain that depends on the error, such as a dead band.
         "gain": [np.clip(error, -band, band) for band in np.quantile(np.abs(error[inside]), BANDS)],
+        # An effect in one direction only, such as a slower decrease.
         "asymmetry": [error**2, np.abs(np.gradient(rack)) * rate_hz],
     }
     seen = _answers(values, record, fit)
@@ -179,12 +172,13 @@ def _shapes(fit: ShipFit, index: int) -> dict[str, list[ComplexArray]]:
         ]
         for kind, rows in shapes.items()
     }
+    # "lag" is a command that acts earlier or later than in the model, as behind an inner loop.
     s, command = 1j * np.maximum(2.0 * np.pi * record.frequency_hz, SLOWEST), seen(rack, False)
     return {**found, "lag": [command * (lag * s / (1.0 + lag * s)) for lag in LAGS_S]}
 
 
 def _answers(values: Values, record: Spectra, fit: ShipFit) -> Callable[[Array, bool], ComplexArray]:
-    """Return the function from a torque (K,), or an error of the governor's input, to the response of the outputs (O, F)."""
+    """Return the function that maps a torque (K,), or an error at the governor's input, to the outputs' response (O, F)."""
     s = 1j * np.maximum(2.0 * np.pi * record.frequency_hz, SLOWEST)
     known = {**loop_of(values), "tau_twist": 0.0}
     outputs = fit.question.outputs
@@ -202,10 +196,8 @@ def _answers(values: Values, record: Spectra, fit: ShipFit) -> Callable[[Array, 
 
 
 def suspected(scores: Mapping[str, Score], beyond: float = 1.0) -> str | None:
-    """Return the kind of the strongest effect that the model lacks; None if chance or calibration errors explain all.
-
-    `beyond` is the factor by which estimates may scatter more than chance explains, as for a ship at a limit.
-    """
+    """Return the kind of the strongest effect that the model lacks; None if chance or calibration errors explain all."""
+    # `beyond` is the factor by which estimates may scatter more than by chance, as for a ship at a limit.
     sure = {
         kind: score.fall * (NEAR if kind in LIMITS else 1.0)
         for kind, score in scores.items()
@@ -222,11 +214,11 @@ def lacks_something(scores: Mapping[str, Score]) -> bool:
 
 
 def limits_to_try(scores: Mapping[str, Score], among: Container[str]) -> list[str]:
-    """Return the limits to fit next. The threshold is low: a fit without limits adapts to most of a limit."""
-    # A fit without limits that has adapted to a limit appears to have another lag, which is no evidence against the limit.
+    """Return the limits to fit next, by low thresholds, since a fit without limits adapts to most of a limit's effect."""
+    # A fit that has adapted to a limit appears to have another lag, so "lag" is no evidence against a limit.
     shapes = [score for kind, score in scores.items() if kind != "lag"]
     most = max((score.fall for score in shapes), default=0.0)
-    # Another effect is already significant, and the fit without limits may have adapted to most of a limit's effect.
+    # If any effect is significant, a limit need not be: the fit without limits may have adapted to most of its effect.
     surely = any(score.fall > BELIEVED and score.consistency > CONSISTENT for score in shapes)
     return [
         kind

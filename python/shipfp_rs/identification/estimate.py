@@ -1,4 +1,4 @@
-"""Estimates and identifiability, as a fingerprint holds them, and their rounding."""
+"""Estimates and identifiability of a fingerprint's parameters, and the rounding of estimates."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ WhyNot = Literal["", "no minimum", "nothing explained", "nothing told", "misfit"
 
 
 def _ends(given: Any) -> Any:
-    """Ends of an interval; null in JSON means none."""
+    """Return the ends of an interval; null in JSON means unbounded."""
     if not isinstance(given, list | tuple) or len(given) != 2:
         raise wrong("null or two numbers")
     return [end if one is None else one for one, end in zip(given, (-math.inf, math.inf), strict=True)]
@@ -77,7 +77,7 @@ class Estimate(Hinted):
 
 
 UNKNOWN = 0.9
-"""Share of the range between the bounds (logarithmic if both are positive) from which an interval says nothing."""
+"""Share of the range between the bounds (logarithmic if both are positive) above which an interval has no information."""
 
 
 def unidentifiable(reason: str, unit: str) -> Estimate:
@@ -94,11 +94,7 @@ def with_interval(
     bounds: tuple[float, float] = (-math.inf, math.inf),
     quantile: float = DEVIATIONS_95,
 ) -> Estimate:
-    """Return an estimate with this value and interval, both clipped to the bounds.
-
-    The parameter is not identifiable if the interval covers more than `UNKNOWN` of the range between the bounds. The
-    standard deviation is half the interval's width, divided by `quantile`.
-    """
+    """Return an estimate clipped to the bounds; not identifiable if its interval covers over `UNKNOWN` of their range."""
     least, most = bounds
     value = float(min(max(value, least), most))
     low, high = float(min(max(interval[0], least), value)), float(max(min(interval[1], most), value))
@@ -114,13 +110,13 @@ def with_interval(
 
 
 ROUGH, OPEN = 0.25, 2.0
-"""Half an interval over the value, above which a parameter is rough, and above which it is unknown."""
+"""Half width of an interval relative to the value, above which a parameter is rough, and above which it is unknown."""
 SMALL: Mapping[str, float] = {"s": 0.05, "-": 0.5, "1/s": 0.5}
-"""Small values of a ship's parameters by unit: the reference of an interval about a value near zero."""
+"""Small value of a ship's parameters by unit, to which an interval about a value near zero is relative."""
 
 
 def roughness(estimate: Estimate) -> float:
-    """Return half the interval over the value, or over a small value of the unit if larger; 0 without an interval."""
+    """Return the interval's half width over the value, or over `SMALL` if that is larger; 0 without an interval."""
     if estimate.value is None or estimate.ci95 is None:
         return 0.0
     size = max(abs(estimate.value), SMALL.get(estimate.unit, 0.0), 1e-300)
@@ -128,7 +124,7 @@ def roughness(estimate: Estimate) -> float:
 
 
 def is_rough(estimate: Estimate, most: float = ROUGH) -> bool:
-    """Whether half the interval exceeds this share of the value, or of what is small for a ship."""
+    """Whether the `roughness` of an estimate exceeds a limit."""
     return roughness(estimate) > most
 
 
@@ -191,17 +187,14 @@ def rounded_rows(
 
 
 def decimals(std: float | None) -> int | None:
-    """Digits after the decimal point that leave two significant digits of a standard deviation; None without one.
-
-    The result is negative if digits before the point must be rounded.
-    """
+    """Digits after the point (before it: negative) for two significant digits of a standard deviation; None without one."""
     if not std or not math.isfinite(std):
         return None
     return min(max(1 - math.floor(math.log10(std)), -9), 9)
 
 
 def rounded(value: float | None, places: int | None) -> str:
-    """Format a value with `places` digits after the point; None: four significant digits. No value: empty text."""
+    """Format a value with `places` digits after the point, or with four significant digits if None; empty for no value."""
     if value is None:
         return ""
     if places is None or not math.isfinite(value):

@@ -52,10 +52,10 @@ class Fingerprint(FingerprintTables, FingerprintSimulation):
     structure, vessel, data, settings, seed, versions
         Structure, ship, experiments, settings and random seed of the fit, and versions of the software.
     verdict
-        Plain sentences: what is known, what is not, and what would settle it.
+        Sentences that say what is known, what is not known, and which measurement would determine it.
     covariance
-        "names" of the searched parameters that no bound holds, and "matrix", their covariance in the directions that the
-        data determine.
+        "names" of the searched parameters that are not held at a bound, and "matrix", their covariance in the directions
+        that the data determine.
     residuals
         Output to {"autocorrelation": ..., "set_point": ...}: "lags" [samples], "correlation" [-] of the whitened residuals
         with themselves and with the earlier set point, and "band", the half width of their 95 % band by chance.
@@ -64,34 +64,36 @@ class Fingerprint(FingerprintTables, FingerprintSimulation):
         empty where the structure was given.
     adequate
         "stands": whether the residuals are consistent with the model. "misses_pct": misfit of each output, in per cent of
-        its spread. "sides": whether the model describes the "load", and
-        the "engine" with its governor. "engine": effects on the engine's side that the model lacks, by kind of shape.
-        "limit": of a ship with a limit its level ("M_max" or "rate"), the torque that it removes over what the torque moves
-        ("removed"), the "share" of the time, and the share of the "amplitude" that stays clear of it.
-        "engine_curves": the torque that the model lacks over the governor's "error" and over the rack's "slope".
+        its spread. "sides": whether the model describes the "load", and the "engine" with its governor. "engine": effects on
+        engine and governor that the model lacks, by kind. "limit": the level of a limit ("M_max" or "rate"), the standard
+        deviation of the torque that it removes relative to that of the torque ("removed"), the "share" of the time at the
+        limit, and the share of the excitation's "amplitude" that does not reach it. "engine_curves": the torque that the
+        model lacks, as curves over the governor's "error" and over the rack's "slope" [1/s]; each bin has a mean abscissa
+        "at", a mean "torque" and its standard error "std", relative to the operating point.
     load_side
-        Name to estimate of the load from speed and torque alone, without a model of drive and governor, see `load_side`;
-        empty if speed and torque determine nothing.
+        Name to estimate of the load's parameters from speed and torque alone, without a model of drive and governor (see
+        `load_side`); empty if speed and torque determine none.
     behind_meter
-        "p", "c_2" and "tau_prop" of the load behind the meter of a shaft's torque, where the model ends at such a meter and
-        the set point moves; see `whole_ship`. Relative to the torque before the meter.
+        "p", "c_2" and "tau_prop" of the load behind the torque meter of a shaft, where the model ends at that meter and the
+        set point moves; see `whole_ship`. They are relative to the torque before the meter.
     usable, usability
-        What the fingerprint can be used for, in the verdict's first sentence, and in a word: "usable", "usable except" (the
-        parameters or intervals in the sentence) or "not usable"; empty where unknown, as for frequency responses.
+        What the fingerprint can be used for: `usable` is the verdict's first sentence; `usability` is "usable", "usable
+        except" (for the parameters or intervals in that sentence) or "not usable". Both are empty where this was not judged,
+        as for frequency responses.
     why_not
-        Reason why a fingerprint is not usable: "no minimum", "nothing explained" (of an output), "nothing told" (of any
-        parameter), or "misfit" (of the model).
+        Reason why a fingerprint is not usable: "no minimum", "nothing explained" (the model explains nothing of an output),
+        "nothing told" (the data determine no parameter), or "misfit" (of the model).
     si
         Quantity to {"value", "std", "ci95", "unit"} in SI units, where a vessel gives the scale.
     held_out
-        Name of each window that was not fitted to output to {"nrmse_pct": ..., "inside_pct": ...}: how well it is predicted,
-        and the share of its samples within the prediction's 95 % band [%].
+        For each window that was left out of the fit, output to {"nrmse_pct": ..., "inside_pct": ...}: fit of the prediction,
+        and share of the samples within the prediction's 95 % band [%].
     experiments
-        The fitted experiments. They are no part of a file; `load` reads them from `experiments.parquet` beside it.
+        The fitted experiments. A file does not contain them; `load` reads them from `experiments.parquet` beside it.
     """
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the JSON form, the contract of `fingerprint.json`; `sentences` has template and values of each text."""
+        """Return the content of `fingerprint.json`; its key `sentences` has template and values of each text."""
         content = {"format": FORMAT, **finite({name: getattr(self, name) for name in IN_FILE})}
         return {**content, "sentences": parts_of(content)}
 
@@ -101,7 +103,7 @@ class Fingerprint(FingerprintTables, FingerprintSimulation):
 
     @checked
     def save(self, path: str | Path) -> Path:
-        """Write `fingerprint.json`; the file appears whole or not at all.
+        """Write `fingerprint.json` atomically: an interrupted write leaves no partial file.
 
         Raises
         ------
@@ -112,7 +114,7 @@ class Fingerprint(FingerprintTables, FingerprintSimulation):
 
     @checked
     def report(self, path: str | Path, **content: Any) -> Path:
-        """Write `report.html` and return its path; `content` is "title", "language", "truth", "vessel" and "structure"."""
+        """Write `report.html` and return its path; options are `title`, `language`, `truth`, `vessel` and `structure`."""
         # Imported by name, since this module does not depend on the report.
         write: Callable[..., Path] = import_module("shipfp_rs.report").write_report
         return write(ending_in(path, ".html"), self, **content)
@@ -136,36 +138,36 @@ class Fingerprint(FingerprintTables, FingerprintSimulation):
         *,
         structure: Structure | None = None,
     ) -> Draws:
-        """Draw ships that the data allow, with the fit's priors and bounds, valleys included.
+        """Draw ships that the data allow, by the priors and bounds of the fit, also along valleys of the deviance.
 
-        Each draw is the estimate that other noise of the same kind would give. Errors of the model widen draws as they widen
-        intervals, by the largest widening of any interval.
+        Each draw is the estimate that other noise of the same kind would give. Errors of the model widen the draws by the
+        largest factor by which they widen an interval.
 
         Parameters
         ----------
         n, seed
-            Number of draws, and seed.
+            Number of draws, and random seed.
         structure
             The fingerprint's structure; None rebuilds it.
 
         Returns
         -------
         Draws
-            Values of all parameters, shape (n, P). Those that the data leave unknown follow their priors within their
-            bounds, those that are fixed stay.
+            Values of all parameters, shape (n, P). Parameters that the data do not determine follow their priors within
+            their bounds. Fixed parameters are constant.
 
         Raises
         ------
         InputError
-            If only the load's side is told, or the fitted experiments are missing or others.
+            If the fingerprint describes only the load, or the experiments are missing or are not those of the fit.
         IdentificationError
             If fewer than nine in ten draws end in a minimum.
 
         Notes
         -----
-        Randomised maximum likelihood, Bardsley et al., 10.1137/140964023: minima of the deviance with a draw of its slope
-        added. They follow the likelihood with Jeffreys' measure; where every parameter has a prior they are weighted and
-        resampled to follow the posterior.
+        Randomised maximum likelihood (Bardsley et al., doi:10.1137/140964023): each draw minimises the deviance plus a
+        random slope. The minima follow the likelihood with Jeffreys' measure. Where every parameter has a prior, they are
+        weighted and resampled to follow the posterior.
 
         Examples
         --------
@@ -215,7 +217,7 @@ class Fingerprint(FingerprintTables, FingerprintSimulation):
 
 
 def _sentences_of(table: Any) -> dict[str, Sentence]:
-    """Return the sentences of a file by their text, which their parts must reproduce."""
+    """Return the sentences of a file by their text; refuse one whose template and values do not reproduce the text."""
     require(table, Mapping[str, Mapping[str, Any]], "sentences")
     made = {text: Sentence.from_dict(entry) for text, entry in table.items()}
     for text, sentence in made.items():
@@ -227,14 +229,14 @@ UNSETTLED = Sentence("the search was ended before it settled")
 
 
 def versions() -> dict[str, str]:
-    """Return the versions of what computed a fingerprint."""
+    """Return the versions of shipfp_rs, Python, NumPy and SciPy."""
     return {"shipfp_rs": __version__, "python": platform.python_version()} | {
         name: version(name) for name in ("numpy", "scipy")
     }
 
 
 def search_settings(fit: Minima, optimum: Mapping[str, float]) -> dict[str, Any]:
-    """Return the settings that a fingerprint has from a search; `optimum` are the parameters of the best minimum."""
+    """Return the results of a search for `Fingerprint.settings`; `optimum` are the parameters at the best minimum."""
     c, above = fit.likelihood.coordinates, fit.total - fit.best.cost
     minima = [
         {
@@ -256,7 +258,7 @@ def search_settings(fit: Minima, optimum: Mapping[str, float]) -> dict[str, Any]
 def record_row(
     data: Experiment | FrequencyResponse, signals: Mapping[str, str], fits: Sequence[float], used: int
 ) -> dict[str, Any]:
-    """Return the row of fitted data in a fingerprint; `signals` and `fits` [%] are those of the outputs."""
+    """Return the entry of an experiment or response in `Fingerprint.data`; `signals` and `fits` [%] are by output."""
     row: dict[str, Any] = {
         "name": data.name,
         "domain": "time" if isinstance(data, Experiment) else "frequency",

@@ -1,19 +1,14 @@
-"""What a fingerprint holds, checked by pydantic, and the agreement of its parts, checked when it is read from a file."""
+"""The fields of a fingerprint, validated by pydantic, and checks of their consistency when a file is read."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import (
-    Annotated,
-    Any,
-    Literal,
-    NotRequired,  # of older Pythons' typing, pydantic reads less
-)
+from typing import Annotated, Any, Literal, NotRequired
 
 from pydantic import ConfigDict, Field, InstanceOf, with_config
-from typing_extensions import TypedDict
+from typing_extensions import TypedDict  # pydantic does not support the `TypedDict` of older Pythons
 
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.identification.estimate import KNOWN, Estimate, Identifiability, Usable, WhyNot
@@ -25,9 +20,10 @@ from shipfp_rs.support.arguments import expect
 from shipfp_rs.support.validation import Ends, Figure, Flag, Number, Shape, Text, Whole, validated
 
 ALARM = 0.01
-"""False alarm probability of each residual test, over all outputs."""
+"""Probability of a false alarm of each residual test, over all outputs."""
 WHOLE, LAWLESS = 0.8, 0.5
-"""Least share of a shaft's torque that counts as all torque; largest exponent of the rest of the load's law beside it."""
+"""A measured load is all the torque of a shaft from this share of that torque, if the exponent p of the remaining load is
+smaller than the second number."""
 open_table = with_config(ConfigDict(extra="allow"))
 
 
@@ -62,7 +58,7 @@ class Adequate(TypedDict, total=False):
 
 @open_table
 class Settings(TypedDict, total=False):
-    """Settings of a fit, and what its search found."""
+    """Settings of a fit, and results of its search."""
 
     starts: Annotated[Whole, Field(ge=1)]
     time_limit_s: Annotated[Figure, Field(gt=0.0)] | None
@@ -91,7 +87,7 @@ class Covariance(TypedDict):
 @validated
 @dataclass(frozen=True)
 class Content:
-    """The fields of a `Fingerprint`, see there."""
+    """The fields of a `Fingerprint`, whose docstring describes them."""
 
     parameters: Mapping[str, Estimate]
     derived: Mapping[str, Estimate]
@@ -123,7 +119,7 @@ class Content:
 
     @property
     def model_adequate(self) -> bool | None:
-        """Whether the residuals are consistent with the model, by `adequate` or `structure_test`; None without such a test.
+        """Whether the residuals are consistent with the model, by a test of structure or by `adequate`; None without either.
 
         A correct structure is rejected in one fit of a hundred.
         """
@@ -132,7 +128,7 @@ class Content:
 
     @property
     def ends_at_meter(self) -> bool:
-        """Whether the model ends at a torque meter, whose load is all the torque of a shaft, with the load's law in it."""
+        """Whether the model ends at a torque meter: the measured load is then all the torque of a shaft, law included."""
         loads, p = [row.get("load", {}) for row in self.data], self.parameters.get("p")
         return (
             "load" in self.structure.get("elements", ())
@@ -142,12 +138,12 @@ class Content:
 
     @property
     def engine_described(self) -> bool:
-        """Whether the model describes drive and governor, as far as was tested; else only the load is reported."""
+        """Whether the model describes drive and governor (true if not tested); if not, only the load is reported."""
         return bool(self.adequate.get("sides", {}).get("engine", True))
 
     @property
     def optimum(self) -> Mapping[str, float]:
-        """Every parameter's value at the minimum of the search, determined or not; `InputError` if none was searched."""
+        """Value of every parameter at the minimum, whether the data determine it or not; `InputError` without a search."""
         expect("optimum" in self.settings, "settings.optimum", None, "every parameter's value")
         return dict(self.settings["optimum"])
 
@@ -155,13 +151,13 @@ class Content:
 REBUILT = ("linear", "ship", "commanded", "joint")
 """Kinds of structures that a file describes completely."""
 LEAST_STD = 1e-100
-"""Least standard deviation besides zero: the square of a smaller one underflows double precision."""
+"""Least standard deviation other than zero: the square of a smaller one underflows double precision."""
 OF_A_SEARCH = ("optimum", "criterion", "converged", "message", "minima")
 """Settings that occur only together."""
 
 
 def require_agreement(found: Content) -> None:
-    """Raise `InputError`, with a line about one key, where parts of a fingerprint contradict each other."""
+    """Raise an `InputError` that names a key, where parts of a fingerprint contradict each other."""
     for key in ("parameters", "derived", "load_side", "behind_meter"):
         for name, one in getattr(found, key).items():
             _require_estimate(f"{key}.{name}", one.value, one.std, one.ci95)
@@ -198,7 +194,7 @@ def _require_estimate(
 
 
 def _require_optimum(found: Content) -> None:
-    """Refuse an optimum that no search reaches: outside the bounds, or with a fixed parameter changed."""
+    """Refuse an optimum that no search can reach: it is outside the bounds, or a fixed parameter differs."""
     values = {f"settings.optimum.{name}": (name, value) for name, value in found.optimum.items()}
     for name, one in found.parameters.items():
         expect(name in found.optimum, f"settings.optimum.{name}", None, "a number")

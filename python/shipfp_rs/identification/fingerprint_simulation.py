@@ -48,12 +48,12 @@ class FingerprintSimulation(Content):
         *,
         draws: Draws | None = None,
     ) -> Experiment | tuple[Experiment, Experiment]:
-        """Simulate the fitted ship with noise-free sensors, from rest at the operating point.
+        """Simulate the fitted ship with noise-free sensors, from steady state at the operating point.
 
         Parameters
         ----------
         drive
-            An experiment, of which only the set point is used, or an excitation about the operating point of the data.
+            An experiment, from which only the set point is used, or an excitation about the operating point of the data.
         structure
             The fingerprint's structure; None rebuilds it.
         draws
@@ -62,8 +62,8 @@ class FingerprintSimulation(Content):
         Returns
         -------
         Experiment or tuple of Experiment
-            Set point and outputs in the units of the measured signals. With `draws` two of them: lower and upper end of
-            the band that holds 95 % of the drawn ships at each sample.
+            Set point and outputs in the units of the measured signals. With `draws`, two experiments: the lower and upper
+            end of the band that contains 95 % of the drawn ships at each sample.
 
         Raises
         ------
@@ -89,7 +89,7 @@ class FingerprintSimulation(Content):
                     "that has it"
                 )
         set_point = drive.signals[driver] if isinstance(drive, Experiment) else point[driver] + drive.samples
-        # The simulation starts one sample earlier, at rest, so that a step at the start is not taken for the rest state.
+        # The simulation starts one sample earlier, so that a step at the first sample is not taken for the steady state.
         begun = {driver: np.concatenate([[point[driver]], set_point])}
         bare = Experiment(drive.name, drive.rate_hz, begun, point, drive.hold, drive.kind)
         equations = model.part(drive.name).equations
@@ -115,12 +115,12 @@ class FingerprintSimulation(Content):
         *,
         draws: Draws | None = None,
     ) -> Experiment | tuple[Experiment, Experiment]:
-        """Predict an experiment with the fitted model, its initial state and offsets fitted to the measured outputs.
+        """Predict an experiment with the fitted model; initial state and offsets are fitted to the measured outputs.
 
         Parameters
         ----------
         experiment
-            Set point and measured outputs; None: the first fitted experiment, which a file does not hold.
+            Set point and measured outputs. None: the first fitted experiment, which a file does not contain.
         structure
             The fingerprint's structure; None rebuilds it.
         draws
@@ -129,7 +129,7 @@ class FingerprintSimulation(Content):
         Returns
         -------
         Experiment or tuple of Experiment
-            As of `simulate`, at each sample.
+            Set point and outputs, or two ends of a band, as for `simulate`.
         """
         record = self.first(experiment)
         model, values = self._model(structure)
@@ -147,7 +147,7 @@ class FingerprintSimulation(Content):
         values: Mapping[str, float],
         draws: Draws | None,
     ) -> Experiment | tuple[Experiment, Experiment]:
-        """Return what is simulated with the best values, or both ends of the band of draws."""
+        """Return the simulation with the best values, or both ends of the 95 % band of the draws."""
         if draws is None:
             return self._simulated(record, set_point, simulated(values))
         every = draws.of(lambda drawn: simulated({**values, **drawn}))
@@ -164,14 +164,14 @@ class FingerprintSimulation(Content):
         return experiment or self.experiments[0]
 
     def _simulated(self, record: Experiment, set_point: Array, rows: Mapping[str, Array]) -> Experiment:
-        """Return a record with this set point, and with deviations, by signal, in the units of the signals."""
+        """Return an experiment with this set point, and with deviations by signal converted to the signals' units."""
         point = record.operating_point
         outputs = {name: point[name] * (row if name == "E_n" else 1.0 + row) for name, row in rows.items()}
         source = {"simulated": f"fingerprint of {self.vessel or 'a drive train not named'}"}
         return replace(record, signals={record.driver: set_point, **outputs}, provenance=source)
 
     def linearised(self, structure: Structure | None = None, order: int = 3) -> tuple[StateSpace, str]:
-        """Return the linearisation without negligible delays, and its name."""
+        """Return the linearised model without negligible delays, and its name."""
         model, values = self._model(structure)
         short = [
             name

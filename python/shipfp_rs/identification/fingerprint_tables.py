@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 COLUMNS = ("symbol", "name", "value", "std", "low", "high", "unit", "status", "reason")
 SHORT, WIDTH = 8, 80
-"""Most parameters in the short form of a fingerprint, and columns of the long one."""
+"""Most parameters in the short text of a fingerprint; width of the long text in characters."""
 LOAD_ALONE = "The load's side by itself (speed and torque alone, no model of the drive):"
 
 
@@ -106,7 +106,7 @@ class FingerprintTables(Content, hints.Hinted, Mapping[str, Estimate]):
 
     @checked
     def fit_report(self, min_correl: float = 0.1) -> str:
-        """Return values, deviations and correlations from `min_correl` on as text, in the layout of lmfit's `fit_report`."""
+        """Return values, deviations, and correlations of at least `min_correl`, as text like lmfit's `fit_report`."""
         between("min_correl", min_correl, 0.0, 1.0)
         points = sum(int(record.get("used", record.get("samples", 0))) for record in self.data)
         found = self.identifiability
@@ -175,7 +175,7 @@ class FingerprintTables(Content, hints.Hinted, Mapping[str, Estimate]):
 
 
 def beside_the_whole(fingerprint: FingerprintTables) -> Iterator[tuple[Row, Row]]:
-    """Yield each parameter's estimate by the load's side alone and by the whole model."""
+    """Yield two estimates of each parameter of the load: from speed and torque alone, and by the whole model."""
     known = {name: one for name, one in fingerprint.load_side.items() if name in fingerprint.parameters}
     for row in rounded_rows(known):
         left = fingerprint.settings.get("optimum", {}).get(row.name)
@@ -186,7 +186,7 @@ def beside_the_whole(fingerprint: FingerprintTables) -> Iterator[tuple[Row, Row]
 
 
 def agreement(fingerprint: FingerprintTables) -> Sentence:
-    """Sentence on whether the fit of the load alone and that of the whole ship agree, as judged by `sides.undescribed`."""
+    """Say whether the fit of the load alone and that of the whole ship agree, as judged by `sides.undescribed`."""
     if fingerprint.engine_described:
         return Sentence("Both agree within their errors.")
     return Sentence(
@@ -196,14 +196,14 @@ def agreement(fingerprint: FingerprintTables) -> Sentence:
 
 
 def _figures(row: Row) -> tuple[str, str]:
-    """Return value and interval as text; of a zero value at the lower end of the interval, "< upper end"."""
+    """Return value and interval as text, or "< upper end" for a zero value at the lower end of its interval."""
     if row.low and float(row.low) == float(row.value) == 0.0 < float(row.high):
         return f"< {float(row.high):.2g}", ""
     return row.value or "-", f"{row.low} to {row.high}" if row.low else ""
 
 
 def _mark(row: Row, notes: dict[str, str]) -> str:
-    """Return "given", or the mark of the note that gives an estimate's status or reason; each note is made once."""
+    """Return "given", or the mark "[1]" of a note on an estimate's status or reason; equal notes share a mark."""
     if row.status in (STATUS["free"], STATUS["fixed"]):
         return "" if row.status == STATUS["free"] else row.status
     note = (row.reason if not row.value else "") or row.status

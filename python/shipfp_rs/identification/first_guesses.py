@@ -22,21 +22,19 @@ from shipfp_rs.support.arrays import Array, ComplexArray
 
 ENGINE_SIDE = "M_b"
 LEAST_RPM = 5.0
-"""Least operating speed in rpm; lower ones are normalised speeds."""
+"""Least operating speed in rpm; a lower value is a normalised speed."""
 INERTIAS: Mapping[str, str] = {"tau_n": "inertia", "tau_prop": "propeller_inertia"}
 BEFORE_METER: Mapping[str, str] = {"tau_n": "inertia_before_meter"}
-"""Names in SI units of the inertias, and of that of a model that ends at a torque meter."""
+"""Names of the inertias in SI units; `BEFORE_METER` is for a model that ends at a torque meter."""
 
 
 def inertias(fingerprint: Fingerprint) -> dict[str, dict[str, Any]]:
-    """Return inertias with intervals and their reference shaft; empty where the gear ratio would be needed.
-
-    Eq. 3.23 of the thesis: tau_n = 2 pi I n_0 / M_0 with n_0 in rev/s.
-    """
+    """Return inertias with intervals and their reference shaft; empty where the gear ratio would be needed."""
     for speed, place in (("n_e", "engine"), ("n_s", "propeller shaft")):
         point = operating_point(fingerprint, speed)
         if point is None or abs(point[0]) < LEAST_RPM or (point[2] == ENGINE_SIDE) != (speed == "n_e"):
             continue
+        # Eq. 3.23 of the thesis: tau_n = 2 pi I n_0 / M_0 with n_0 in rev/s.
         factor = abs(point[1] / (2.0 * math.pi * point[0] / 60.0))
         names = BEFORE_METER if fingerprint.ends_at_meter else INERTIAS
         known = {quantity: fingerprint.parameters.get(name) for name, quantity in names.items()}
@@ -78,13 +76,13 @@ def operating_point(fingerprint: Fingerprint, speed: str = "n_e") -> tuple[float
 LOOP_DEAD_TIMES_S = (0.0, 0.02, 0.04, 0.06, 0.08, 0.1, 0.13, 0.16, 0.2, 0.25, 0.3, 0.4)
 SET_POINT_DEAD_TIMES_S = (*np.arange(0.0, 0.5, 0.03), 0.6, 0.8, 1.0, 1.4)
 LAGS_S = (0.0, 0.03, 0.08, 0.15, 0.3)
-"""Grid of lags [s]; its spacing is the width of a minimum of a 2 Hz loop."""
+"""Grid of lags [s]; its spacing is the width of a minimum for a loop of 2 Hz."""
 LOW_PASS_HZ = 3.0
 """Highest frequency of the regressions [Hz]: minima are wider at low frequencies (Ha and Welsh 2017)."""
 STRONGEST = 400
-"""Most frequencies of a regression, those at which the inputs are strongest."""
+"""Most frequencies of a regression; those at which the inputs are strongest are used."""
 CORNER = 3.0
-"""The equation is divided by jw + this [rad/s], which reduces the weight of noise at high frequencies."""
+"""Corner frequency [rad/s]. The equation is divided by jw + `CORNER`, so that noise at high frequencies weighs less."""
 APART_S = 0.07
 """Least distance between two starts: the sum of their differences in delay [s]."""
 KEPT = 8
@@ -97,7 +95,7 @@ BANDWIDTHS = (2.0, 5.0, 12.0)
 """Loop bandwidths of additional guesses [rad/s], since limits may mislead regressions."""
 INERTIAS_S = QUANTITIES["tau_n"].lower, QUANTITIES["tau_n"].upper
 SHARES = (0.3, 0.6)
-"""Shares of the inertia behind a gauge that are tried, tau_prop / tau_n."""
+"""Shares tau_prop / tau_n of the inertia behind a gauge that are tried."""
 
 
 def first_guesses(
@@ -106,7 +104,7 @@ def first_guesses(
     gauge: bool,
     law: Mapping[str, float] | None = None,
 ) -> list[dict[str, float]]:
-    """Return distinct starting values of the parameters, best first; `law`: p and the inertia "tau" behind the torque."""
+    """Return distinct starting values, best first; `law` is p and the inertia "tau" behind the torque sensor."""
     return guesses_from([LoopSpectra.of(record, outputs) for record in records], gauge, law)
 
 
@@ -130,7 +128,7 @@ def guesses_from(
     rows.sort(key=lambda row: row[0])
     kept: list[tuple[float, float, float, float, Array]] = []
     told = [row for row in rows if row[4][0] > LEAST_SLOPE * row[4][1] and row[4][2] > LEAST_INTEGRAL]
-    # Loops with identifiable gain and integral come first; then those of which only the ratio is identifiable.
+    # Loops with identifiable gain and integral come first, then loops in which only the ratio of both is identifiable.
     for row in (*told, *rows) if len(told) < KEPT else told:
         if all(
             sum(abs(a - b) for a, b in zip(row[1:4], other[1:4], strict=True)) > APART_S for other in kept
@@ -182,7 +180,7 @@ def guesses_by_bandwidth(law: Mapping[str, float], gauge: bool, late: float) -> 
 
 
 class LoopSpectra:
-    """Spectra of a record's set point, speed, torque and load below the low-pass, divided by jw + the corner."""
+    """Spectra of a record's set point, speed, torque and load below `LOW_PASS_HZ`, divided by jw + `CORNER`."""
 
     def __init__(
         self,
@@ -209,7 +207,7 @@ class LoopSpectra:
 
     @classmethod
     def of_response(cls, frequency_hz: Array, responses: Mapping[str, ComplexArray]) -> LoopSpectra:
-        """Return the spectra of a response to the set point, outputs by name, each (F,)."""
+        """Return the spectra for a unit set point, from the response (F,) of each output by name."""
         kept = (frequency_hz > 0.0) & (frequency_hz <= LOW_PASS_HZ)
         s = np.asarray(2j * np.pi * frequency_hz[kept])
         divided = 1.0 / (s + CORNER)
@@ -243,7 +241,7 @@ class LoopSpectra:
 
 
 def guesses_in_open_loop(parts: Sequence[LoopSpectra], gauge: bool) -> list[dict[str, float]]:
-    """Return starting values of a drive in open loop, best first, over dead times and lags."""
+    """Return starting values of a drive in open loop, best first, by regressions over a grid of dead times and lags."""
     law, rows = _law(parts), []
     for lag in LAGS_S:
         for dead in LOOP_DEAD_TIMES_S:
@@ -277,7 +275,7 @@ def guesses_in_open_loop(parts: Sequence[LoopSpectra], gauge: bool) -> list[dict
 
 
 def _law(parts: Sequence[LoopSpectra]) -> dict[str, float]:
-    """Exponent and time constant of the torque over the speed: M = (p + tau s) N."""
+    """Return exponent p and time constant tau by a regression of torque on speed, M = (p + tau s) N."""
     if any("dM" not in part.by_name for part in parts):
         return {"p": 2.0, "tau": 1.2}
     rows = np.concatenate(

@@ -9,18 +9,8 @@ Array = npt.NDArray[np.float64]
 
 
 def nrmse_pct(measured: npt.ArrayLike, residual: npt.ArrayLike) -> float:
-    """Fit in per cent, 100 (1 - ||e|| / ||y - mean(y)||), eq. 4.9; samples where either is NaN are left out.
-
-    Parameters
-    ----------
-    measured, residual
-        Real or complex, shape (N,).
-
-    Returns
-    -------
-    float
-        100 for a perfect fit, 0 for one no better than the mean; NaN where the measured signal is constant.
-    """
+    """Return 100 (1 - ||e|| / ||y - mean(y)||), eq. 4.9, of real or complex y and e (N,); NaN where y is constant."""
+    # Samples where either is NaN are left out. A perfect fit has 100, one that is no better than the mean has 0.
     y, e = np.asarray(measured), np.asarray(residual)
     keep = np.isfinite(y) & np.isfinite(e)
     return fit_pct(*(float(np.linalg.norm(part) ** 2) for part in (e[keep], y[keep] - y[keep].mean())))
@@ -32,22 +22,9 @@ def fit_pct(squares: float, spread: float) -> float:
 
 
 def information_criteria(scatter: Array, samples: int, parameters: int) -> dict[str, float | None]:
-    """Return MSE, deviance (-2 ln L), FPE (eq. 4.11), AIC, AICc, BIC and CAIC of a fit, Gaussian with a free covariance.
-
-    Parameters
-    ----------
-    scatter
-        Mean outer product of the residuals, shape (O, O).
-    samples
-        Number N of samples (each of O outputs).
-    parameters
-        Number of free parameters, the blocks' own unknowns included.
-
-    Returns
-    -------
-    dict
-        A figure is None where it is not defined: a singular scatter, or too few samples.
-    """
+    """Return MSE, deviance (-2 ln L), FPE (eq. 4.11), AIC, AICc, BIC and CAIC of a Gaussian fit with a free covariance."""
+    # `scatter` (O, O) is the mean outer product of the residuals; `parameters` counts the unknowns of records, too. Figures
+    # are None where they are not defined: a singular scatter, or too few samples.
     sign, log_determinant = np.linalg.slogdet(scatter)
     outputs = scatter.shape[0]
     figures: dict[str, float | None] = {"mse": float(np.trace(scatter)), "samples": float(samples)}

@@ -18,12 +18,12 @@ from shipfp_rs.support.sentences import Sentence, joined, listed
 RANK_TOLERANCE = 1e-7
 """Singular values below this share of the largest count as zero: the sensitivities are exact to about 1e-10."""
 NULL_PART = 1e-4
-"""A parameter, or a combination's gradient, is independent of null directions below this share of its length."""
+"""A parameter, or the gradient of a combination, is independent of null directions that have less than this share of it."""
 
 
 @dataclass(frozen=True)
 class Sensitivity:
-    """Singular value decomposition of the whitened sensitivities, columns scaled to relative changes."""
+    """Singular value decomposition of the whitened sensitivities to relative changes of the parameters."""
 
     names: tuple[str, ...]
     scale: Array
@@ -63,12 +63,9 @@ class Sensitivity:
         return np.asarray(half @ half.T)
 
     def held_by_bounds(self, inward: npt.NDArray[np.int_]) -> npt.NDArray[np.bool_]:
-        """Return which parameters a bound holds, shape (P,).
-
-        `inward` is +1 or -1 for a parameter on a bound, towards the inside, and 0 elsewhere. Where a null direction leads
-        inside without pushing another parameter over its bound, the data do not press against the bound: the search just
-        happened to stop there.
-        """
+        """Return which parameters a bound holds (P,); `inward` is the sign towards the inside on a bound, 0 elsewhere."""
+        # If a null direction leads inside and pushes no other parameter over its bound, the data do not press against the
+        # bound: the search stopped there by chance.
         held = inward != 0
         if not held.any() or not len(self.null):
             return np.asarray(held)
@@ -107,14 +104,14 @@ class Sensitivity:
         return reach
 
     def tells(self, gradient: Array) -> bool:
-        """Whether the data determine a combination with this gradient (P,), which has no component in a null direction."""
+        """Whether the data determine a combination: its gradient (P,) has no component in a null direction."""
         relative = gradient * self.scale
         size = float(np.linalg.norm(relative))
         return size > 0.0 and float(np.linalg.norm(self.null @ relative)) < NULL_PART * size
 
 
 NEAR_ZERO = 1e-3
-"""Value below which a difference is taken upwards only, in steps of a tenth of it."""
+"""Value below which a forward difference replaces the central one, with steps of a tenth of this number."""
 
 
 def gradient_of(
@@ -123,7 +120,7 @@ def gradient_of(
     names: Sequence[str],
     ties: Ties | None = None,
 ) -> Array:
-    """Difference gradient of a combination by `names`, to about 1e-6; tied parameters change along."""
+    """Return the gradient of a combination by `names`, by differences, to about 1e-6; tied parameters follow."""
 
     def at(name: str, by: float) -> float:
         return function(followed({**values, name: values[name] + by}, ties or {}))
@@ -141,13 +138,13 @@ def gradient_of(
 
 
 def describe(sensitivity: Sensitivity) -> Identifiability:
-    """Describe rank and null directions by parameter names, with the parameters that would close the gap."""
+    """Describe rank and null directions by parameter names, with parameters that would resolve them if they were known."""
     names, null = sensitivity.names, sensitivity.null
     directions = [_direction(names, row) for row in _sparse_basis(null)]
     members = [name for index, name in enumerate(names) if np.linalg.norm(null[:, index]) > NULL_PART]
     missing = len(null)
     closing: list[str] = []
-    # A list of more than three missing values would not help.
+    # A list of combinations of more than three parameters would not help a user.
     if 0 < missing <= 3:
         for chosen in combinations(members, missing):
             columns = null[:, np.array([names.index(name) for name in chosen])]

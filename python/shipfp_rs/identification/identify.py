@@ -69,11 +69,12 @@ def identify(
         whose columns are named as signals (n_set, n_e, M_s, ...), in their units; see `experiments.frames`.
     structure
         The model. Its free parameters are searched within their bounds and priors. None: the full ship of `ship_fit`, with
-        the elements that the data support; for experiments with a `command` instead of a set point, the drive without a
-        governor of `structures.commanded`.
+        the elements that the data support. For experiments with a `command` instead of a set point, it is the model of
+        `structures.commanded`, a drive without a governor.
     elements, torque, outputs, fixed, priors
-        Without a structure: elements that act (True) or not (False), location of the torque sensor ("gauge" or "brake";
-        None: by the signal, brake before gauge), outputs, and parameters that are known or have a prior (mean, deviation).
+        Only without a structure. `elements`: elements that act (True) or not (False). `torque`: location of the torque
+        sensor, "gauge" or "brake"; None: by the signal, "brake" if both were measured. `outputs`: outputs to fit. `fixed`:
+        values of known parameters. `priors`: parameter to (mean, standard deviation).
     noise
         "coloured": the spectral matrix of the residuals, estimated in the band that the set point excites. "white": one
         covariance over all samples or frequencies, the thesis's determinant criterion (eq. 4.5 correctly substituted in
@@ -81,7 +82,7 @@ def identify(
         standard deviations, "white" for others.
     intervals
         "profile": each end is where the minimum of the cost over all other parameters has risen by the quantile's square.
-        "symmetric": by the covariance, cut by the bounds, in a fraction of the time, for Monte-Carlo sweeps.
+        "symmetric": by the covariance, clipped to the bounds; it takes a fraction of the time, for Monte-Carlo sweeps.
     starts, seed
         Number of starts: the declared start, and random ones within the bounds. Default: 1, or 5 where a dead time is
         free, since the cost then has several minima. The search of a ship also starts from regressions of its spectra, so
@@ -94,7 +95,7 @@ def identify(
     Returns
     -------
     Fingerprint
-        Estimates with 95 % intervals. Where the data do not determine a parameter its value is None.
+        Estimates with 95 % intervals. The value of a parameter that the data do not determine is None.
 
     Raises
     ------
@@ -105,8 +106,8 @@ def identify(
 
     Notes
     -----
-    Intervals are profiles of the likelihood, from every minimum that the data do not reject, cut by the bounds. "Coloured"
-    noise allows for systematic errors of each output's response, which vary slowly with frequency: 0.3 %, or the
+    Intervals are profiles of the likelihood, from every minimum that the data do not reject, clipped to the bounds.
+    "Coloured" noise allows for systematic errors of each output's response, which vary slowly with frequency: 0.3 %, or the
     experiment's `gauge_accuracy`. For each experiment an initial state is estimated, and an offset of each output unless the
     structure has unknowns for it. Substituting eq. 4.5 in 4.4 as printed in the thesis would make the cost constant.
     """
@@ -120,13 +121,7 @@ def identify(
 def posed(
     data: Sequence[Data], structure: Structure | None, options: Options, **asked: Any
 ) -> Question | StructureQuestion:
-    """Return the question of a fit; `asked` are the arguments of `identify` that a structure would define.
-
-    Raises
-    ------
-    InputError
-        For data or settings that can't be used.
-    """
+    """Return the question of a fit: data, model and options; `asked` are the arguments that a structure would define."""
     experiments = [one for one in data if isinstance(one, Experiment)]
     if structure is None:
         _require_experiments(data)
@@ -164,7 +159,7 @@ def _require_experiments(data: Sequence[Data]) -> None:
 
 
 def fingerprint_of(question: Question | StructureQuestion, vessel: str | None = None) -> Fingerprint:
-    """Search the answer to a question, and return its fingerprint."""
+    """Fit the model of a question, and return the fingerprint."""
     if isinstance(question, StructureQuestion):
         return _judged(structure_told(fit_structure(question)), question.options, vessel)
     with part(0.0, 0.5):
@@ -174,7 +169,7 @@ def fingerprint_of(question: Question | StructureQuestion, vessel: str | None = 
 
 
 def _judged(told: Told, options: Options, vessel: str | None = None) -> Fingerprint:
-    """Return the fingerprint of what a fit tells: with the load behind a meter, its verdict, and the inertia in kg m2."""
+    """Return the fingerprint of a fit with the load behind a meter, the verdict, and the inertia in kg m2 added."""
     found = replace(told.fingerprint, vessel=vessel, seed=options.seed, versions=versions())
     found = with_verdict(told._replace(fingerprint=with_far_side(found, told.experiments)))
     si = inertias(found) | inertias(whole_ship(found))
@@ -186,32 +181,11 @@ def foresee(
     experiments: Sequence[Experiment],
     structure: Structure | None = None,
     *,
-    values: Mapping[str, float] | None = None,
-    **choice: Any,
+    values: Mapping[str, float]
+    | None = None,  # None: those of a first fit without the elements that are tried
+    **choice: Any,  # arguments of `question_of`, without a structure
 ) -> Fingerprint:
-    """Return the expected fingerprint of data, much faster than `identify`.
-
-    Parameters
-    ----------
-    experiments
-        The data.
-    structure
-        Structure to fit; None: the full ship.
-    values
-        Assumed parameters of the ship; None: parameters of a first fit without the elements that are tried.
-    **choice
-        As of `question_of`, without a structure.
-
-    Returns
-    -------
-    Fingerprint
-        Intervals are symmetric, cut by the bounds.
-
-    Raises
-    ------
-    InputError, IdentificationError
-        If `identify` would refuse the data.
-    """
+    """Return the fingerprint to expect of a ship with these parameters, with symmetric intervals, faster than `identify`."""
     require_excited(experiments)
     question = posed(experiments, structure, Options(intervals="symmetric"), **choice)
     if isinstance(question, StructureQuestion):

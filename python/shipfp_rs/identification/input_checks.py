@@ -26,7 +26,7 @@ SAME_SPEED, SAME_RACK = 5e-3, 1e-4
 """Least difference, relative to the swing, of a speed from its set point, and of a rack from a torque. Below
 it the two are one channel: no governor is that fast, and no rack has exactly the torque's noise."""
 APART = 0.02
-"""Difference of set point and speed at the operating point that causes a remark; an integrating governor leaves none."""
+"""Relative difference of set point and speed at the operating point that is reported; integrating governors leave none."""
 STILL = 1e-7
 """Relative standard deviation of a torque below which it counts as constant."""
 SLOW_HZ = 1.0
@@ -34,7 +34,7 @@ SLOW_HZ = 1.0
 SAMPLES_A_PERIOD = 8.0
 """Samples per period of `SLOW_HZ`; more samples do not improve a correlation."""
 LEAST_AGREEMENT = 0.5
-"""Least negative correlation at which a torque counts as opposite to the load."""
+"""Size of a negative correlation from which a torque counts as opposite to the load."""
 LEAST_OWN = 0.2
 """Least share of the torque's power caused by the set point, for a check of the torque's sign."""
 POINT_OFF = 0.3
@@ -42,16 +42,8 @@ POINT_OFF = 0.3
 
 
 def require_excited(experiments: Sequence[Experiment], *, follows: bool = True) -> None:
-    """Refuse experiments without excitation, or with channels that do not match their names.
-
-    `follows`: whether a speed that hardly follows its set point is refused; at a limit the speed does not follow.
-
-    Raises
-    ------
-    InputError
-        On the first problem: too few samples, a constant set point, a speed that does not follow, a torque of the wrong
-        sign, or a wrong operating point.
-    """
+    """Refuse experiments without excitation, or with channels that do not match their names."""
+    # `follows` is whether a speed that hardly follows its set point is refused: at a limit the speed does not follow.
     for experiment in experiments:
         if len(experiment) < LEAST_SAMPLES:
             raise InputError(
@@ -84,7 +76,7 @@ def _swing(experiment: Experiment) -> float:
 
 
 def _load_swing(experiment: Experiment) -> float:
-    """Standard deviation of a measured load over its operating point; 0 without one."""
+    """Standard deviation of the measured load relative to its operating point; 0 without a measured load."""
     return float(np.std(experiment.normalised("M_load"))) if "M_load" in experiment.signals else 0.0
 
 
@@ -122,7 +114,7 @@ def _require_operating_point(experiment: Experiment) -> None:
         if not np.isfinite(values).any():
             continue
         mean = float(np.nanmean(values))
-        # Torque follows the load, whose mean deviation is no error.
+        # Torque follows the load, and a mean deviation of the load is no error.
         loads = name.startswith("M_") and "M_load" in experiment.signals
         loaded = abs(float(np.mean(experiment.normalised("M_load")))) if loads else 0.0
         if abs(mean) > POINT_OFF + loaded:
@@ -151,7 +143,7 @@ def _require_following(experiment: Experiment, follows: bool) -> None:
     longest = min(round(LONGEST_DELAY_S * rate), len(speed) // 4)
     lags = np.unique(np.linspace(0, longest, 41).astype(int))
     apart = max(int(rate / (SAMPLES_A_PERIOD * SLOW_HZ)), 1)
-    with np.errstate(invalid="ignore"):  # for a constant speed
+    with np.errstate(invalid="ignore"):  # a constant speed has no correlation
         pairs = [
             float(np.corrcoef(asked[: len(asked) - lag : apart], speed[lag::apart])[0, 1]) for lag in lags
         ]
@@ -165,12 +157,12 @@ def _require_following(experiment: Experiment, follows: bool) -> None:
     if best < -LEAST_CORRELATION:
         raise InputError(
             f"{experiment.name!r}: {name} falls when the {what} rises (correlation {best:.2g}), expected it to rise; "
-            f"turn the sign of the {what}'s calibration"
+            f"reverse the sign of the {what}'s calibration"
         )
 
 
 def _apart(one: Array, other: Array) -> float:
-    """Norm of the component of a signal that is no multiple of another, relative to the signal's."""
+    """Norm of the component of a signal that is orthogonal to another signal, relative to the norm of the first."""
     one, other = one - one.mean(), other - other.mean()
     factor = float(one @ other) / max(float(other @ other), 1e-300)
     return float(np.linalg.norm(one - factor * other) / max(float(np.linalg.norm(one)), 1e-300))
@@ -218,7 +210,7 @@ def _require_cause(experiment: Experiment, name: str, asked: Array, speed: Array
     step = max(1, round(0.05 * rate))
     longest = min(round(LONGEST_DELAY_S * rate), len(speed) // 4)
     size = max(float(np.linalg.norm(causes) * np.linalg.norm(answers)), 1e-300)
-    padded = np.pad(answers, longest)  # the whole window counts, with a step near its start
+    padded = np.pad(answers, longest)  # so that the whole window counts, also a step near its start
     agreement = {
         lag / rate: float(causes @ padded[longest + lag :][: len(causes)]) / size
         for lag in range(-longest, longest + 1, step)
@@ -232,7 +224,7 @@ def _require_cause(experiment: Experiment, name: str, asked: Array, speed: Array
     if agreement[early] > late + CLEARLY + BY_CHANCE * chance:
         raise InputError(
             f"{experiment.name!r}: {name} moves {-early:.2g} s before the {DRIVES[experiment.driver]}, expected after it; "
-            "look at the clocks of the two channels and at delay_s"
+            "check the clocks of the two channels and at delay_s"
         )
 
 
@@ -267,7 +259,8 @@ def _require_torque_sign(experiment: Experiment) -> None:
     load = _slow(experiment.normalised("M_load"), rate) if _load_swing(experiment) >= LEAST_SWING else None
     if load is not None and _correlation(slow, load) < -LEAST_AGREEMENT:
         raise InputError(
-            f"{experiment.name!r}: {name} falls while the load rises, expected it to rise; turn the sign of its scale"
+            f"{experiment.name!r}: {name} falls while the load rises, expected it to rise; reverse the "
+            "sign of its scale"
         )
     if not set_point_moves([experiment]):
         return
@@ -283,7 +276,8 @@ def _require_torque_sign(experiment: Experiment) -> None:
     told = float(own @ own) > LEAST_OWN * float(slow @ slow)
     if told and fitted[1] < 0.0 and float(rest @ rest) < 0.5 * float(own @ own):
         raise InputError(
-            f"{experiment.name!r}: {name} falls while the shaft speeds up, expected it to rise; turn the sign of its scale"
+            f"{experiment.name!r}: {name} falls while the shaft speeds up, expected it to rise; reverse the "
+            "sign of its scale"
         )
 
 

@@ -1,8 +1,8 @@
 """The likelihood: residuals of all outputs, with their spectral matrix as noise, and priors.
 
-Besides its parameters a model has linear unknowns with a prior, eliminated in closed form: the systematic errors. These are
-relative errors of each output's response, in amplitude and phase, that vary slowly with frequency (over an octave) and are
-as large as errors of gauge and calibration (Kennedy and O'Hagan 2001, doi:10.1111/1467-9868.00294).
+Besides its parameters a model has linear unknowns with a prior, the systematic errors, which are eliminated in closed form.
+They are relative errors of each output's response in amplitude and phase. They vary slowly with frequency (over an octave)
+and are as large as errors of gauge and calibration (Kennedy and O'Hagan 2001, doi:10.1111/1467-9868.00294).
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ ACCURACY = 3e-3
 OCTAVE = 1.0
 """Width of a systematic error in octaves."""
 STEP = 1e-4
-"""Step of a search vector's entry for a difference quotient, over the width of its bounds if that is below 1."""
+"""Step of a difference quotient by an entry of a search vector, relative to the width of its bounds if that is below 1."""
 QUICK = 60_000
 """Size of a derivative matrix below which threads do not pay off, since a kernel call takes half a millisecond."""
 
@@ -46,38 +46,24 @@ class Products(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Likelihood:
-    """Likelihood of models for their records.
+    """Likelihood of models for their records."""
 
-    Parameters
-    ----------
-    models, coordinates
-        Each record with its model, and the free parameters.
-    accuracy
-        Standard deviation of each output's systematic errors, which vary slowly with frequency, shape (O,).
-    priors
-        Parameter to (mean, standard deviation).
-    roots
-        For each record, a root of the inverse spectral matrix of its noise, (F, O, O), or (O, O) where it is white; None:
-        not estimated yet.
-    responses
-        For each record, spectra of the model's outputs (O, F) at the parameters at which the noise was estimated. Systematic
-        errors are relative to these spectra: relative to the data they would treat noise as response, and reward a smaller
-        response.
-    about
-        Point of the search at which the derivatives of effects without closed form are computed; None: at each point.
-    """
-
-    models: tuple[Model, ...]
+    models: tuple[Model, ...]  # of each record
     coordinates: Coordinates
-    accuracy: Array
-    priors: Mapping[str, tuple[float, float]]
+    accuracy: Array  # standard deviation of each output's systematic errors (O,)
+    priors: Mapping[str, tuple[float, float]]  # parameter to (mean, standard deviation)
+    # Root of the inverse spectral matrix of each record's noise, (F, O, O), or (O, O) if white. None: not estimated yet.
     roots: tuple[Numbers, ...] | None = None
+    # Spectra (O, F) of the model's outputs at the parameters at which the noise was estimated. Systematic errors are
+    # relative to them: errors relative to the data would treat noise as response, and reward a smaller response.
     responses: tuple[Numbers, ...] = ()
-    about: Array | None = None
+    about: Array | None = (
+        None  # point at which derivatives of effects without closed form are computed; None: each point
+    )
 
     @property
     def records(self) -> tuple[Any, ...]:
-        """The data in the form that is compared."""
+        """The data of each record in the form that is compared with the model."""
         return tuple(model.record for model in self.models)
 
     @property
@@ -95,7 +81,7 @@ class Likelihood:
         return replace(self, models=tuple(replace(model, record=record) for model, record in pairs))  # type: ignore[type-var]
 
     def of_structure(self, structure: Structure) -> Self:
-        """Return the likelihood of a structure with the same parameters, but other free ones."""
+        """Return the likelihood of a structure that has the same parameters, but of which others are free."""
         c = self.coordinates
         return replace(self, coordinates=Coordinates.of(structure, c.unknowns, c.state_deviation))
 
@@ -135,7 +121,7 @@ class Likelihood:
         return np.asarray(found - model.effect(values, own)) if model.has_effect else found
 
     def modelled(self, vector: Array, record: int) -> Array:
-        """Outputs of a record by its model, decimated (O, K)."""
+        """Modelled outputs of a record, decimated (O, K)."""
         model = self.models[record]
         assert isinstance(model, ShipModel)
         return model.modelled(self.residual(vector, record))
@@ -225,7 +211,7 @@ class Likelihood:
         return self._is_white and self.freedom <= 0
 
     def under(self, residuals: Sequence[Numbers]) -> float:
-        """Deviance of residuals under the noise that they show."""
+        """Deviance of residuals with the noise that is estimated from them."""
         own = replace(self, roots=self._noise(residuals, [0.0] * len(residuals)))
         return own.spread() + float(np.sum(own._white_rows(one[None] for one in residuals) ** 2))
 
@@ -235,13 +221,7 @@ class Likelihood:
         return self.roots is not None and bool(self.accuracy.any())
 
     def products(self, vector: Array) -> Products:
-        """Deviance, gradient and Gauss-Newton matrix at a point of the search.
-
-        Raises
-        ------
-        SimulationError
-            If the simulation diverges or overflows, or the loop is unstable.
-        """
+        """Deviance, gradient and Gauss-Newton matrix; `SimulationError` for a model that diverges or an unstable loop."""
         with np.errstate(over="ignore", invalid="ignore"):
             gram = self.gram(vector)
         return Products(float(gram[0, 0]), gram[1:, 0], gram[1:, 1:])
@@ -257,10 +237,8 @@ class Likelihood:
     def gram(
         self, vector: Array, columns: Sequence[Numbers] = (), *, derivatives: bool = True, fused: bool = True
     ) -> Array:
-        """Gram matrix of residual, derivatives and `columns`, (1 + P + C, 1 + P + C), with systematic errors and priors.
-
-        `columns` are spectra of the outputs (C, O, F) for each record. `fused`: products by a kernel where there is one.
-        """
+        """Gram matrix of residual, derivatives and `columns`, (1 + P + C, 1 + P + C), with systematic errors and priors."""
+        # `columns` are spectra of the outputs (C, O, F) for each record. `fused`: a kernel computes products where it can.
         values = self.coordinates.values(vector)
         by = self.coordinates.jacobian(values) if derivatives else np.zeros((0, 0))
         names = self.coordinates.names if derivatives else ()
@@ -304,11 +282,11 @@ class Likelihood:
         return all(isinstance(model, ShipModel) and not model.has_effect for model in self.models)
 
     def row_units(self, rows: Sequence[Numbers]) -> list[Units]:
-        """Rows (O, F) of each record, in units of the noise, as `along` takes them, where `is_fused`."""
+        """Convert rows (O, F) of each record to units of the noise, in the form of `along`; only if `is_fused`."""
         found = []
         for index, (model, row) in enumerate(zip(self.models, rows, strict=True)):
             assert isinstance(model, ShipModel)
-            # The kernel takes systematic errors: a row becomes an error of the first output, of one size at all frequencies.
+            # The kernel accepts only systematic errors: a row becomes an error of the first output, with a hat of ones.
             bent = np.zeros((row.shape[1], len(row), len(row)), complex)
             bent[:, :, 0] = row.T
             found.append(model.units(self.root(index), (bent, np.ones((1, row.shape[1])))))
@@ -328,7 +306,7 @@ class Likelihood:
 
     @cached_property
     def _units(self) -> list[Units]:
-        """Units of each ship's residuals, as the kernel takes them."""
+        """Noise and systematic errors of each record, in the form of the kernel."""
         found = []
         for index, model in enumerate(self.models):
             assert isinstance(model, ShipModel)
@@ -373,12 +351,10 @@ class Likelihood:
         return self.errors_inverse @ along, self.errors_inverse
 
     def _left(self, residuals: Sequence[Numbers]) -> tuple[list[Numbers], list[Numbers | float]]:
-        """Residuals without the systematic errors (O, F), and the covariance of these errors' estimate (O, O, F).
-
-        The remainder is noise and everything that the model lacks. At low frequencies the errors' estimate absorbs noise, so
-        the noise power is the remainder plus that covariance (Dempster, Laird and Rubin 1977,
-        doi:10.1111/j.2517-6161.1977.tb01600.x).
-        """
+        """Residuals without the systematic errors (O, F), and the covariance of these errors' estimate (O, O, F)."""
+        # The remainder is noise and everything that the model lacks. At low frequencies the errors' estimate absorbs noise,
+        # so the noise power is the remainder plus that covariance (Dempster, Laird and Rubin 1977,
+        # doi:10.1111/j.2517-6161.1977.tb01600.x).
         if not self.bends:
             return list(residuals), [0.0] * len(residuals)
         outputs, knots = len(self.accuracy), len(self._hats[0])
@@ -404,21 +380,19 @@ class Likelihood:
         return left, unsure
 
     def total(self, vector: Array) -> float:
-        """Deviance under the noise of its own residuals, with that noise's log determinant; infinite where `cost` is.
-
-        Minima are compared by this total, since the noise estimated at a minimum favours that minimum.
-        """
+        """Deviance with noise estimated at the same point, log determinant included; infinite where `cost` is."""
+        # Minima are compared by this total, since the noise estimated at a minimum favours that minimum.
         try:
             return self.with_noise(vector).own_total(vector)
         except (SimulationError, np.linalg.LinAlgError):
             return np.inf
 
     def own_total(self, vector: Array) -> float:
-        """Deviance under the likelihood's noise, with that noise's log determinant; expected parts are subtracted."""
+        """Deviance under the likelihood's noise, log determinant included, less the deviance expected of `information`."""
         return self.cost(vector) + self.spread() - sum(model.expected for model in self.models)
 
     def spread(self) -> float:
-        """Log determinants of the noise, as part of the deviance."""
+        """Log determinants of the noise, a part of the deviance."""
         assert self.roots is not None
         found = 0.0
         for model, root in zip(self.models, self.roots, strict=True):
@@ -457,7 +431,7 @@ class Likelihood:
         return np.vstack([rows, *others, states])
 
     def _further_rows(self, vector: Array, values: Mapping[str, float], jacobian: Array) -> list[Array]:
-        """Rows (K, 1 + P) of the models' further information, and one for the time in which clamps open the loop."""
+        """Rows (K, 1 + P) of the models' further information, and a row for the loop that active clamps open."""
         found, c = [], self.coordinates
         for index, model in enumerate(self.models):
             rows = model.information(values, vector[c.states(index)], c.names)
@@ -491,7 +465,7 @@ class Likelihood:
         return self.models[record].first_root if self.roots is None else self.roots[record]
 
     def with_noise(self, vector: Array) -> Self:
-        """Return the likelihood with the noise of the residuals, and what else they tell, at a point of the search."""
+        """Return the likelihood with noise and further information estimated from the residuals at a point of the search."""
         points, free = self.points(vector), self.coordinates.free
         now = replace(self, models=tuple(model.prepared(values) for model, values, _ in points))
         residuals = now.residuals(vector)
@@ -509,11 +483,11 @@ class Likelihood:
         return replace(found, models=models)
 
     def near(self, vector: Array) -> Self:
-        """Return the likelihood with the derivatives of effects without closed form frozen at a point of the search."""
+        """Return the likelihood with derivatives of effects without closed form frozen at their values at a point."""
         return replace(self, about=vector) if self.limited else self
 
     def corrected(self, vector: Array) -> Self:
-        """Return the likelihood of the records corrected by their models at a point of the search."""
+        """Return the likelihood with each record corrected by its model at a point of the search."""
         models = tuple(model.corrected(values, own) for model, values, own in self.points(vector))
         return replace(self, models=models)
 
@@ -522,12 +496,12 @@ class Likelihood:
         return self.corrected(vector).with_noise(vector)
 
     def resettled_at(self, vector: Array) -> Self:
-        """Return the likelihood settled at a nearby point, without new images, since images hardly change."""
+        """Return the likelihood settled at a nearby point; images of a set point change little, and are kept unless held."""
         corrected = any(model.is_corrected(self.coordinates.free) for model in self.models)
         return self.settled_at(vector) if corrected else self.with_noise(vector)
 
     def _noise(self, residuals: Sequence[Numbers], unsure: Sequence[Numbers | float]) -> tuple[Numbers, ...]:
-        """Root of the inverse spectral matrix of each record's residuals; white responses share one."""
+        """Root of the inverse spectral matrix of each record's residuals; responses with white noise share one."""
         share = max(self.freedom, 1) / max(self._white_numbers, 1)
         pooled = [i for i, one in enumerate(self.models) if one.noise == "white" and one.is_pooled]
         found: list[Numbers] = []

@@ -1,8 +1,8 @@
-"""The model of a ship with limits of torque or rate: the closed form without limits, and the torque that they remove.
+"""The model of a ship with limits of torque or rate: the closed form without limits, and the torque that limits remove.
 
-A limit clamps a known signal: the governor's command for the measured set point and speed. This needs no simulation and
-allows for moving water, and an oscillating loop does not mislead the search. In calm water the difference of two
-simulations is more exact, and is used near a minimum.
+A limit clamps a known signal: the governor's command, computed from the measured set point and speed. This needs no
+simulation and allows for moving water, and an oscillating loop does not mislead the search. In calm water the difference
+of two simulations is more exact, and is used near a minimum.
 """
 
 from __future__ import annotations
@@ -34,13 +34,13 @@ SIDE_HZ, LEADS = 50.0, 1.0
 SMOOTHED = 0.1
 """Half width of the average that smooths residual spectra, as a share of the frequency."""
 PEAK = 0.999
-"""Quantile that counts as the peak of a torque or of its slope; noise has higher ones."""
+"""Quantile that counts as the peak of a torque or of its slope; noise has higher peaks."""
 HOLDS = 1e-4
 """Torque removed by a clamp, relative to the operating torque, above which the clamp counts as active."""
 
 
 class Governed(NamedTuple):
-    """The speed that a governor saw (N,), the share of its noise that moved the ship (F,), and of the time in a clamp."""
+    """Speed that a governor measured (N,), share of its residual that is motion (F,), and share of the time in a clamp."""
 
     speed: Array
     wet: Array
@@ -49,26 +49,18 @@ class Governed(NamedTuple):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class LimitedShip(ShipModel):
-    """The model of a record of a ship with limits.
+    """The model of a record of a ship with limits."""
 
-    Parameters
-    ----------
-    simulates
-        Whether the effect is the difference of two simulations, with and without limits: exact in calm water.
-    smooths
-        Whether the governor's speed is without the sensor's noise, which is known only near a minimum.
-    governed
-        The speed that the governor saw; None: as measured.
-    """
-
-    simulates: bool = False
-    smooths: bool = False
-    governed: Governed | None = None
+    simulates: bool = (
+        False  # the effect is the difference of two simulations, with and without limits: exact in calm water
+    )
+    smooths: bool = False  # the governor's speed is without sensor noise, which is known only near a minimum
+    governed: Governed | None = None  # None: the governor's speed is the measured one
     limited = True
 
     @property
     def has_effect(self) -> bool:
-        """Whether limits act, which the closed form lacks."""
+        """Always true: the closed form lacks the limits."""
         return True
 
     def effect(self, values: Mapping[str, float], own: Array) -> ComplexArray:
@@ -80,8 +72,8 @@ class LimitedShip(ShipModel):
         else:
             answer = self._clamped(values, own)
         if not np.isfinite(answer).all():
-            raise SimulationError("what the limits take off is not finite")
-        answer[:, 0] = 0.0  # means determine only the offsets
+            raise SimulationError("the torque that the limits remove is not finite")
+        answer[:, 0] = 0.0  # the mean determines only the offsets
         return answer + super().effect(values, own)
 
     def _clamped(self, values: Mapping[str, float], own: Array) -> ComplexArray:
@@ -99,7 +91,7 @@ class LimitedShip(ShipModel):
         return answer
 
     def removed(self, values: Mapping[str, float], own: Array) -> tuple[Array, Array]:
-        """Torque that clamps remove from the engine, and the rack's share of it, (N,) each, for measured signals."""
+        """Torque that clamps remove from the engine, and the part removed at the rack, (N,) each, from measured signals."""
         states, beside = dict(zip(self.unknowns, own, strict=True)), BRAKE in self.record.outputs
         ahead = values["tau_n"] - values.get("tau_prop", 0.0) if self.gauge and not beside else 0.0
         known = {
@@ -132,12 +124,12 @@ class LimitedShip(ShipModel):
     def informed(
         self, left: Numbers, values: Mapping[str, float], own: Array, accuracy: Array, free: Container[str]
     ) -> Self:
-        """Return the model with what residuals tell of moving water, and of the speed that the governor saw."""
+        """Return the model with moving water and the governor's speed estimated from the residuals."""
         found = super().informed(left, values, own, accuracy, free)
         return found if self.simulates else replace(found, governed=found._governed(values, own))
 
     def _governed(self, values: Mapping[str, float], own: Array) -> Governed:
-        """The model's speed, and of the residual what torque and speed share: sensors' noise is in one of them alone."""
+        """Return the modelled speed plus the residual that is coherent with torque: sensor noise is in one channel alone."""
         data, held = self.record, float(np.mean(np.abs(self.removed(values, own)[0]) > HOLDS))
         if not self.smooths:
             return Governed(data.whole[data.outputs.index("dn")], np.ones(len(data.frequency_hz)), held)
@@ -166,15 +158,13 @@ class LimitedShip(ShipModel):
 
     @property
     def held(self) -> float:
-        """Share of the time in a clamp."""
+        """Share of the time in which a clamp is active."""
         return 0.0 if self.governed is None else self.governed.held
 
     def opened(self, values: Mapping[str, float]) -> float:
-        """Deviance that is added because the loop is open while a clamp is active.
-
-        The inverse of the closed loop maps noise of the equations to noise of the outputs. While a clamp is active the loop
-        is open, and the determinant of the ship's disturbances is larger by the return difference.
-        """
+        """Deviance that is added because the loop is open while a clamp is active."""
+        # The inverse of the closed loop maps noise of the equations to noise of the outputs. While a clamp is active the
+        # loop is open, and the determinant of the ship's disturbances is larger by the return difference.
         if self.governed is None:
             return 0.0
         s = 1j * np.maximum(2.0 * np.pi * self.record.frequency_hz[1:], SLOWEST)
@@ -183,10 +173,8 @@ class LimitedShip(ShipModel):
 
 
 def ways_of(likelihood: Likelihood) -> list[Likelihood]:
-    """Return the likelihood with each way to a limit's effect.
-
-    Clamps on noisy signals find the limit; in calm water simulations are more exact.
-    """
+    """Return the likelihood with each method for a limit's effect: clamps, clamps without sensor noise, simulations."""
+    # Clamps on noisy signals find the limit; in calm water simulations are more exact.
     return [
         likelihood,
         likelihood.with_models(smooths=True),
@@ -195,17 +183,13 @@ def ways_of(likelihood: Likelihood) -> list[Likelihood]:
 
 
 def removed_share(likelihood: Likelihood, vector: Array) -> float:
-    """Return the deviation of the torque that clamps remove over that of the measured torque, in all records."""
+    """Return the standard deviation of the torque that clamps remove over that of the measured torque, in all records."""
     torque = np.concatenate([model._side[2] for model, _, _ in _limited(likelihood, vector)])
     return float(np.std(_removed(likelihood, vector)) / np.std(torque))
 
 
 def limit_figures(likelihood: Likelihood, vector: Array) -> dict[str, float]:
-    """Return figures of what the clamps remove, over all records.
-
-    "removed" is its standard deviation over that of the torque, "share" that of the time in a clamp, and "amplitude" the
-    share of the excitation from which on no clamp acts.
-    """
+    """Return "removed", "share" and "amplitude" of `Fingerprint.adequate["limit"]`, over all records."""
     points = _limited(likelihood, vector)
     place, limits = points[0][0].record.outputs.index("dM"), points[0][0]._limits(points[0][1])
     try:
@@ -231,7 +215,7 @@ def _limited(likelihood: Likelihood, vector: Array) -> list[tuple[LimitedShip, d
 
 
 def _removed(likelihood: Likelihood, vector: Array) -> Array:
-    """Torque that clamps remove in all records, one after the other."""
+    """Torque that clamps remove, of all records concatenated."""
     return np.concatenate(
         [model.removed(values, own)[0] for model, values, own in _limited(likelihood, vector)]
     )

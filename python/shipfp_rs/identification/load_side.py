@@ -1,12 +1,12 @@
-"""The load alone: p and the inertia behind the torque sensor from speed and torque, without a model of the governor.
+"""Fit of the load alone: p and the inertia behind the torque sensor, from speed and torque without a model of the governor.
 
-    M = N^p + c_2 (N - 1)^2 + t2 dN/dt, late by T_M, over the operating point
+    M = N^p + c_2 (N - 1)^2 + tau dN/dt, delayed by T_M, relative to the operating point
 
-Least squares are biased, since the speed has noise, and since moving water disturbs speed and torque together. The part of
-the speed that a few fixed lags of the set point, or of a measured load, explain is free of noise and disturbance. This part
-is the instrument of two-stage least squares (Söderström and Stoica 1983) with coloured noise, on spectra of speed and
-torque. Since no governor, limit or actuator is modelled, errors of such models do not matter. Smooth errors of the torque's
-response are unknowns with a prior (Kennedy and O'Hagan 2001, doi:10.1111/1467-9868.00294).
+Least squares are biased, since the speed has noise, and since moving water disturbs speed and torque together. One part of
+the speed is free of noise and disturbance: the part that a few fixed lags of the set point, or of a measured load, explain.
+It is the instrument of two-stage least squares (Söderström and Stoica 1983) with coloured noise, on spectra of speed and
+torque. Since no governor, limit or actuator is modelled, errors of their models do not matter. Systematic errors of the
+torque's response are unknowns with a prior (Kennedy and O'Hagan 2001, doi:10.1111/1467-9868.00294).
 """
 
 from __future__ import annotations
@@ -36,13 +36,13 @@ from shipfp_rs.support.threads import with_one_blas_thread
 from shipfp_rs.vessel.vessel import Vessel
 
 SCALE_DEVIATION = 0.02
-"""Prior deviation of the torque's scale, which is uncertain since the torque is relative to a mean over a minute in moving
-water."""
+"""Prior standard deviation of the torque's scale. The scale is uncertain since the torque is relative to a mean over a
+minute in moving water."""
 SOFT_HZ, FROM_SHAFT = 5.5, 0.6
 """Prior of the shaft's torsional compliance: natural frequency [Hz] of the shaft whose compliance is one prior standard
 deviation, and share of the inertia on the engine's side."""
 BEHIND, BEHIND_DEVIATION, BEHIND_ENDS = 0.4, 0.12, (0.1, 0.8)
-"""Share of the inertia behind a torsionally flexible shaft, for an engine torque; its prior deviation and range."""
+"""Share of the inertia behind a torsionally flexible shaft, for torque of the engine; its prior deviation and range."""
 BANDWIDTHS, DEAD_TIMES_S = np.geomspace(0.2, 30.0, 16), np.arange(0.0, 1.2, 0.1)
 """Bandwidths [rad/s] and dead times [s] of the first-order loops that are compared with the speed's response."""
 POLES, ORDER = (0.35, 1.0, 3.0), 4
@@ -50,7 +50,7 @@ POLES, ORDER = (0.35, 1.0, 3.0), 4
 INERTIA = (0.05, 5.0)
 """Range of the inertia [s] that scales the prior of the shaft's compliance."""
 FIXED = 1e-6
-"""Prior deviation of a known quantity."""
+"""Prior standard deviation of a quantity that is held at a known value."""
 EXPLAINED, LEAST_EXPLAINED = 0.995, 0.1
 """Share of the explained acceleration's power that is below the highest used frequency; least explained share of the
 speed."""
@@ -60,10 +60,10 @@ SOFTEST, SOFT_BELOW = 0.6, 0.25
 """Bound of the torsional compliance, as squared ratio of the highest frequency to the inertia's resonance; share of that
 bound allowed below zero."""
 LONGEST = 0.5
-"""Longest step of an unknown, of an inertia relative to it."""
+"""Largest step of an unknown; for an inertia above 1 s, relative to its value."""
 ROUNDS, PATIENCE, STILL, CLOSE = 40, 8, 0.02, 0.5
-"""Most iterations, and most of them before the instrument is updated; largest step of the last iteration, and of the last
-before the update, in standard deviations."""
+"""Most iterations; most iterations before the instrument is updated; largest step, in standard deviations, of the last
+iteration, and of the last before the update."""
 SHARED = ("p", "tau", "c_2", "T_M", "tau_twist", "behind", "k_L")
 """Unknowns that all records share; the torque scale of each record and the systematic errors follow them."""
 
@@ -92,7 +92,7 @@ class Record:
         best = [np.zeros(len(BANDWIDTHS))]
         for driver, power in ((self.set_point, 1), (self.load, 2)):
             if driver is not None:
-                # The speed recovers after a change of load.
+                # After a change of load the speed returns to its set point, hence the factor s.
                 shapes = (
                     driver * (self.s if power == 2 else 1.0) / (1.0 + self.s / BANDWIDTHS[:, None]) ** power
                 )
@@ -121,7 +121,7 @@ class Record:
         return np.array(columns)
 
     def explain(self, weight: Array) -> None:
-        """Explain the speed by the filtered inputs, weighted by frequency (F,), with the best dead time of the set point."""
+        """Fit the speed by the filtered inputs, weighted by frequency (F,), with the best dead time of the set point."""
         first, rest = (columns * weight for columns in self._lags)
         target, best = self.N * weight, (-1.0, np.empty(0), rest)
         for early in self._early if len(rest) else self._early[:1]:
@@ -196,13 +196,7 @@ class Fit:
         return answer, np.array(rows)
 
     def found(self) -> tuple[Array, Array]:
-        """Return the unknowns (U,) without systematic errors, and their covariance (U, U).
-
-        Raises
-        ------
-        InputError
-            If set point and load explain almost nothing of the speed.
-        """
+        """Return the unknowns (U,) without systematic errors, and their covariance (U, U)."""
         x = self._begun()
         self._instruments(x)
         again = False
@@ -233,13 +227,13 @@ class Fit:
         x[:2] = np.linalg.lstsq(square, along, rcond=1e-12)[0]
         behind = x[5] * np.clip(x[1], *INERTIA)
         self.prior[4] = ((2.0 * np.pi * SOFT_HZ) ** 2 * FROM_SHAFT * behind) ** 2
-        x[4] = self.prior[4] ** -0.5  # from a stiff shaft a late torque takes a soft one's place
+        x[4] = self.prior[4] ** -0.5  # started from a stiff shaft, the delay would explain a soft one
         self._normal(x)
         self._weigh(np.zeros(len(self.prior)), 1.0)
         return x
 
     def _step(self, x: Array, normal: Array, right: Array, found: Array) -> Array:
-        """Keep delay and compliance within bounds in a step, since fast motions that no set point explains mislead them."""
+        """Return a step that keeps delay and compliance within bounds, since fast unexplained motions mislead them."""
         fastest = max(abs(record.s[record.count - 1]) for record in self.records)
         most = SOFTEST / (x[5] * max(abs(x[1] + found[1]), 0.05) * fastest**2)
         bounds = {
@@ -272,7 +266,7 @@ class Fit:
             )
 
     def _normal(self, x: Array, *, instruments: bool = False) -> tuple[Array, Array]:
-        """Normal matrix and right side, priors included; with `instruments`, the matrix of the instruments by themselves."""
+        """Normal matrix and right side, priors included; with `instruments`, the matrix of the instruments alone."""
         size = len(self.prior)
         normal, right = np.diag(self.prior), np.zeros(size)
         right[: self.main] = self.prior[: self.main] * (self.start - x)
@@ -315,7 +309,7 @@ class Fit:
 
 
 def _products(B: ComplexArray, told: ComplexArray, A: ComplexArray, bent: ComplexArray, hats: Array) -> Array:
-    """Real products of the columns B, `told` hats and i `told` hats with A, `bent` hats and i `bent` hats."""
+    """Real inner products of columns (B, told * hats, i * told * hats) with (A, bent * hats, i * bent * hats)."""
     main, knots = len(B), len(hats)
     product = np.empty((main + 2 * knots,) * 2)
     product[:main, :main] = _along(B, A)
@@ -335,7 +329,7 @@ def _along(B: ComplexArray, A: ComplexArray) -> Array:
 
 
 QUANTITIES: Mapping[str, str] = {"tau_n": "inertia", "tau_prop": "propeller_inertia"}
-"""Names of inertias in SI units, as `assessment.si` has them."""
+"""Names of the inertias in SI units, as in `assessment.si`."""
 QUANTILE = 1.959964
 """Quantile of the normal distribution for 95 % intervals."""
 
@@ -367,7 +361,7 @@ class LoadSide:
 
     @property
     def law(self) -> dict[str, float]:
-        """Exponent p [-] and inertia "tau" [s] behind the torque, for starting values of a search."""
+        """Exponent p [-] and inertia "tau" [s] behind the torque sensor, for starting values of a search."""
         p, tau = (
             self.parameters[name].value for name in ("p", "tau_prop" if self.torque == "gauge" else "tau_n")
         )
@@ -452,7 +446,7 @@ def _told(
     x, covariance = fit.found()
     if x[1] + 3.0 * np.sqrt(covariance[1, 1]) < 0.0:
         raise InputError(
-            f"load_side: {signal} falls while the shaft speeds up, expected it to rise; turn the sign of its scale"
+            f"load_side: {signal} falls while the shaft speeds up, expected it to rise; reverse the sign of its scale"
         )
     low, high = BOUNDS["p"]
     if not low < x[0] < high:
@@ -476,10 +470,8 @@ def _told(
 
 
 def load_side_of(question: Question, records: Sequence[Spectra] | None = None) -> LoadSide | None:
-    """Return the load from speed and torque of a question's experiments alone; None if these do not suffice.
-
-    `records` are corrected by a model: without images of the set point, gaps filled.
-    """
+    """Return the load from speed and torque of a question's experiments alone; None if these do not suffice."""
+    # `records` are corrected by a model: images of the set point are removed, and gaps are filled.
     if "dM" not in question.outputs:
         return None
     side: Torque = "gauge" if question.gauge else "brake"

@@ -1,4 +1,4 @@
-"""The model of one record: the data in the form that is compared, the model's residual, and its derivatives."""
+"""Interface of the model of one record: the compared data, the model's residual, and its derivatives."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from shipfp_rs.support.arrays import Array, Numbers
 
 
 class Units(NamedTuple):
-    """Units of a record's residuals as a kernel takes them: noise root, whitened systematic errors, their hat functions."""
+    """Noise and systematic errors of a record as a kernel takes them: noise root, whitened errors, their hat functions."""
 
     root: Array
     shapes: Array
@@ -20,11 +20,7 @@ class Units(NamedTuple):
 
 
 class Model(ABC):
-    """The model of one record.
-
-    The columns of a model are the residual and its derivatives, by the model's own parameters and by the unknowns of the
-    record. `link` has the derivatives of its own parameters by the searched ones.
-    """
+    """The model of one record. Its columns are the residual and the derivatives by its own parameters and unknowns."""
 
     record: Any
     """The data in the form that is compared."""
@@ -33,7 +29,7 @@ class Model(ABC):
     noise: Literal["coloured", "white", "known"]
     """"coloured": a spectral matrix; "white": one covariance; "known": residuals are in standard deviations."""
     is_pooled = False
-    """Whether white noise is that of all such records together."""
+    """Whether all such records with white noise share one covariance."""
     limited = False
     """Whether the model has a limit of torque or rate."""
     has_walls = False
@@ -46,15 +42,8 @@ class Model(ABC):
 
     @abstractmethod
     def rows(self, values: Mapping[str, float], own: Array, names: Sequence[str]) -> Numbers:
-        """Residual and the model's derivatives by its own parameters and the unknowns, (1 + M + U, O, F).
-
-        Without `names` the residual alone, (1, O, F). `values` are the parameters, `own` the record's unknowns (U,).
-
-        Raises
-        ------
-        SimulationError
-            If the model diverges or its loop is unstable.
-        """
+        """Residual and derivatives by own parameters and unknowns, (1 + M + U, O, F); without `names` the residual alone."""
+        # `own` are the record's unknowns (U,). Raises `SimulationError` if the model diverges or its loop is unstable.
 
     def link(self, values: Mapping[str, float], names: Sequence[str]) -> Array:
         """Derivatives of the model's own parameters by the searched parameters `names`, (M, W)."""
@@ -87,7 +76,7 @@ class Model(ABC):
 
     @property
     def told(self) -> Array | float:
-        """Share of each output's data that were measured, (O,); interpolated samples carry no information on the noise."""
+        """Measured share of each output's data, (O,); interpolated samples carry no information on the noise."""
         return 1.0
 
     def compared(self, spectra: Numbers) -> Numbers:
@@ -95,41 +84,41 @@ class Model(ABC):
         return spectra
 
     def prepared(self, values: Mapping[str, float]) -> Self:
-        """Return the model before its noise is estimated at these parameters."""
+        """Return the model prepared for the estimate of its noise at these parameters."""
         del values
         return self
 
     def bent(
         self, response: Numbers, values: Mapping[str, float], accuracy: Array, free: Container[str]
     ) -> Numbers:
-        """Response (O, F) to which systematic errors are relative, for the model's response."""
+        """Response (O, F) to which systematic errors are relative, computed from the model's response."""
         del values, accuracy, free
         return response
 
     def informed(
         self, left: Numbers, values: Mapping[str, float], own: Array, accuracy: Array, free: Container[str]
     ) -> Self:
-        """Return the model with what the residuals without systematic errors (O, F) tell beside the noise."""
+        """Return the model with further `information` from the residuals (O, F) without systematic errors."""
         del left, values, own, accuracy, free
         return self
 
     def information(self, values: Mapping[str, float], own: Array, names: Sequence[str]) -> Array | None:
-        """Further rows of the deviance by the model's own columns, (K, 1 + M + U); None: none."""
+        """Further rows of the deviance by the model's own columns, (K, 1 + M + U), or None."""
         del values, own, names
         return None
 
     @property
     def expected(self) -> float:
-        """Expected deviance of the `information`, by which models with more of it are not worse."""
+        """Expected deviance of the `information`, which is subtracted so that more information is no disadvantage."""
         return 0.0
 
     @property
     def held(self) -> float:
-        """Share of the time in a clamp, in which the loop is open."""
+        """Share of the time in which a clamp is active, so that the loop is open."""
         return 0.0
 
     def opened(self, values: Mapping[str, float]) -> float:
-        """Deviance that is added because the loop is open in a clamp."""
+        """Deviance that is added because the loop is open while a clamp is active."""
         del values
         return 0.0
 
@@ -139,6 +128,6 @@ class Model(ABC):
         return False
 
     def corrected(self, values: Mapping[str, float], own: Array) -> Self:
-        """Return the model of the record as it corrects it at these parameters."""
+        """Return the model with its record corrected by the model at these parameters."""
         del values, own
         return self

@@ -1,9 +1,9 @@
-"""Information on the engine's side from moving water: the ratio of torque to speed in the residuals.
+"""Information on engine and governor from moving water: the ratio of torque to speed in the residuals.
 
 Wake and waves load the propeller alone. In the motion that they cause, the ratio of torque to speed is the response of
-drive and governor, -((tau_n - tau_prop) s - g + L) behind a gauge, of which a set point determines only ratios to the
-inertia. Sensor noise makes speed over torque, or torque over speed, look smaller than it is; the coherence bounds both
-(Frisch 1934; Anderson 1985, doi:10.1016/0304-4076(85)90025-2). Half of that bound is an error of all bands alike.
+drive and governor: -((tau_n - tau_prop) s - g + L) for a gauge. A set point determines only ratios of its terms to the
+inertia. Sensor noise makes speed over torque, or torque over speed, look smaller than it is. The coherence bounds both
+errors (Frisch 1934; Anderson 1985, doi:10.1016/0304-4076(85)90025-2). Half of that bound is an error that all bands share.
 """
 
 from __future__ import annotations
@@ -18,31 +18,19 @@ SCALE = 0.01
 """Standard deviation of the ratio's error that all bands share: means of torque and speed over a minute in moving water, and
 their calibrations, are good to 1 % on eight simulated trials with a whole measurement chain."""
 BAND, LEAST_BINS = 1.3, 12
-"""Ratio of a band's ends, and least number of frequencies in a band."""
+"""Ratio of the upper to the lower end of a band, and least number of frequencies in a band."""
 COHERENT = 0.8
 """Least squared coherence of a band's residuals."""
 
 
 @dataclass(frozen=True)
 class Water:
-    """Measured ratios of torque to speed in bands, relative to the model's at the point where they were measured.
+    """Ratios of torque to speed in the residuals of B frequency bands, measured over modelled."""
 
-    Parameters
-    ----------
-    s
-        Centres of the bands, (B,) [rad/s].
-    model
-        Ratio of torque to speed of the model, at the parameters for which the residuals were computed, (B,).
-    ratio
-        Measured over modelled ratio, (B,).
-    root
-        Root of the inverse covariance of the ratios' real and imaginary parts, (2 B, 2 B).
-    """
-
-    s: ComplexArray
-    model: ComplexArray
-    ratio: ComplexArray
-    root: Array
+    s: ComplexArray  # centres of the bands (B,) [rad/s]
+    model: ComplexArray  # modelled ratio (B,), at the parameters for which the residuals were computed
+    ratio: ComplexArray  # measured over modelled ratio (B,)
+    root: Array  # root of the inverse covariance of the ratios' real and imaginary parts (2 B, 2 B)
 
     def rows(self, ratio: ComplexArray, slopes: ComplexArray) -> Array:
         """Residual and derivatives (1 + W, 2 B) in standard deviations, for a model's ratio (B,) and slopes (W, B)."""
@@ -59,13 +47,11 @@ def water_of(
     accuracy: float,
     late_s: float,
 ) -> Water | None:
-    """Return the ratios of torque to speed in residuals (F,), for a model's ratio (F,); None if no band is informative.
-
-    `load` is the ratio of torque to speed (F,) by the load's law. Disturbances of the engine, and errors of the governor's
-    model, move torque and speed in the same direction, by this law; disturbances of the load move them in opposite
-    directions. `accuracy` and `late_s` are the standard deviations of the ratio's systematic errors, and of a delay
-    between both channels that the model lacks.
-    """
+    """Return the ratios of torque to speed in residuals (F,), for a model's ratio (F,); None if no band is informative."""
+    # `load` is the ratio by the load's law. Disturbances of the engine, and errors of the governor's model, move torque and
+    # speed in the same direction, by this law; disturbances of the load move them in opposite directions. `accuracy` and
+    # `late_s` are the standard deviations of the ratio's systematic errors, and of a delay between both channels that the
+    # model lacks.
     expected, rows, first = model * speed, [], 1
     while first + LEAST_BINS <= len(frequency_hz):
         last = max(int(first * BAND), first + LEAST_BINS)
