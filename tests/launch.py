@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
@@ -13,6 +14,14 @@ from shipfp_rs.signals import Excitation
 from shipfp_rs.structures.state_space import LinearEquations
 from shipfp_rs.vessel.linear_model import LinearModel, linearise
 from shipfp_rs.vessel.vessel import Vessel
+
+
+def echo(experiment: Experiment) -> Experiment:
+    """Return what such a model makes of an experiment."""
+    moved = 1.0 + experiment.normalised("n_set")
+    signals = {name: experiment.operating_point[name] * moved for name in ("n_e", "M_g")}
+    return replace(experiment, signals={"n_set": experiment.signals["n_set"], **signals})
+
 
 Array = npt.NDArray[np.float64]
 

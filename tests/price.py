@@ -17,6 +17,8 @@ import argparse
 import json
 import subprocess
 import sys
+import tempfile
+import warnings
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -24,6 +26,11 @@ from typing import Any
 
 import numpy as np
 
+import shipfp_rs as fp
+from shipfp_rs.experiments.parquet import read_experiments, write_experiments
+from tests.families import recording
+from tests.families.draw import draw
+from tests.families.one import identified
 from tests.families.score import score
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -54,7 +61,12 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=WORK / "answers", help="folder of the answers")
     parser.add_argument("--limit", type=float, default=120.0, help="seconds a draw")
     parser.add_argument("--processes", type=int, default=2)
+    parser.add_argument("--answer", nargs=4, help=argparse.SUPPRESS)
     options = parser.parse_args()
+    if options.answer:
+        family, seed, signals, file = options.answer
+        answer(family, seed, Path(signals), Path(file))
+        return
     options.out.mkdir(parents=True, exist_ok=True)
     groups = {"smooth": SMOOTH, "limits": LIMITS}
     groups = {name: one for name, one in groups.items() if options.only in (None, name)}
@@ -83,7 +95,16 @@ def priced(family: str, seed: int, options: Any) -> tuple[str, dict[str, Any]]:
     name = f"{family}-{seed}"
     signals, file = WORK / "raw" / f"{name}.parquet", options.out / f"{name}.json"
     if not file.is_file():
-        command = [sys.executable, "-m", "tests.price_one", family, str(seed), str(signals), str(file)]
+        command = [
+            sys.executable,
+            "-m",
+            "tests.price",
+            "--answer",
+            family,
+            str(seed),
+            str(signals),
+            str(file),
+        ]
         try:
             done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=options.limit)
             ended = "" if file.is_file() else done.stderr[-300:] or f"process ended with {done.returncode}"
@@ -95,6 +116,27 @@ def priced(family: str, seed: int, options: Any) -> tuple[str, dict[str, Any]]:
     row = row_of(result, json.loads(signals.with_suffix(".json").read_text(encoding="utf-8")))
     print(f"{family} {seed}: {row['error'] or told(row)}", file=sys.stderr, flush=True)
     return f"{family} {seed}", row
+
+
+def freeze(family: str, seed: int, signals: Path) -> None:
+    """Write the experiments of a draw's raw log, and its truth beside them."""
+    drawn = draw(family, seed, load=False)
+    signals.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory() as folder:
+        trial, log = recording.write(drawn, Path(folder))
+        experiments = fp.process(trial)
+    known = drawn.truth()
+    known["parameters"]["T_M"] = log.facts["T_M"]
+    signals.with_suffix(".json").write_text(json.dumps(known), encoding="utf-8")
+    write_experiments(signals, experiments)
+
+
+def answer(family: str, seed: str, signals: Path, file: Path) -> None:
+    """Answer one frozen draw in this process; its signals are made first where they are missing."""
+    warnings.simplefilter("ignore")
+    if not signals.is_file():
+        freeze(family, int(seed), signals)
+    file.write_text(json.dumps(identified(read_experiments(signals), None)), encoding="utf-8")
 
 
 def row_of(result: Mapping[str, Any], truth: Mapping[str, Any]) -> dict[str, Any]:

@@ -4,9 +4,25 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import pytest
+
 import shipfp_rs as fp
+from shipfp_rs import cli
 from shipfp_rs.logs.log import Log
 from shipfp_rs.vessel.vessel import Vessel
+
+
+def refused(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> str:
+    """Run a command that must be refused, and return its one line."""
+    status = cli.main(arguments)
+    told = capsys.readouterr()
+    assert (status, told.out) == (2, ""), told
+    assert told.err.startswith("shipfp: error: ")
+    assert told.err.count("\n") == 1
+    assert "internal" not in told.err
+    assert len(told.err) < 1000
+    return told.err
+
 
 SMALL = """
 [trial]

@@ -15,8 +15,7 @@ import pytest
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.support.files import json_text, read_json, replacing_folder
-from tests.cli.refusal import refused
-from tests.cli.small_trial import SMALL, write_small_trial
+from tests.cli.small_trial import SMALL, refused, write_small_trial
 
 LONG = "x" * 5000
 SHIP = "stan-launch-804"

@@ -21,7 +21,7 @@ from shipfp_rs.logs.log import Log
 from shipfp_rs.processing.trial import Trial
 from shipfp_rs.reproduce import Reproduction, Row
 from shipfp_rs.reproduce.fullscale import FILES, best_of
-from tests.cli.refusal import refused
+from tests.cli.small_trial import refused
 from tests.logger_files import altered
 
 

@@ -8,7 +8,7 @@ import pytest
 from shipfp_rs import cli
 from shipfp_rs.errors import InputError
 from shipfp_rs.logs.log import Log
-from tests.cli.refusal import refused
+from tests.cli.small_trial import refused
 
 FAMOS = Path(__file__).parents[1] / "data" / "logs" / "famos"
 

@@ -14,8 +14,7 @@ from shipfp_rs.frequency import FrequencyResponse, sine_response
 from shipfp_rs.logs.log import Log
 from shipfp_rs.support.toml import template
 from shipfp_rs.support.units import Calibration
-from tests.cli.refusal import refused
-from tests.cli.small_trial import SWEEP
+from tests.cli.small_trial import SWEEP, refused
 
 LAUNCH = (Path(fp.__file__).parent / "data" / "vessels" / "stan-launch-804.toml").read_text(encoding="utf-8")
 SHIP = fp.Vessel.load("stan-launch-804")

@@ -7,7 +7,7 @@ import json
 import pytest
 
 from shipfp_rs import cli
-from tests.cli.refusal import refused
+from tests.cli.small_trial import refused
 from tests.gallery.inputs import KEPT
 
 

@@ -1,1 +1,0 @@
-"""Hand-over of fingerprints to other tools."""

@@ -26,8 +26,7 @@ from functools import partial
 from pathlib import Path
 
 from tests.families.draw import FAMILIES, draw
-from tests.families.late_windows import LATE_S, agreement
-from tests.families.score import LOOP, is_known, loop_inside, score, summary, table
+from tests.families.score import LATE_S, LOOP, agreement, is_known, loop_inside, score, summary, table
 from tests.families.wrong import KINDS
 
 CIRCUMSTANCES = {

@@ -19,8 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from tests.families import excitations, sensors
-from tests.families.plant import ELEMENTS, LIMITS, Plant, normalised, physical
-from tests.families.water import Water
+from tests.families.plant import ELEMENTS, LIMITS, Plant, Water, normalised, physical
 
 FAMILIES = ("tug", "launch", "genset", "lab_drive")
 SET_POINT_NOISE = 5e-5

@@ -18,7 +18,7 @@ import numpy as np
 from numba import njit
 
 from tests.families import excitations, sensors
-from tests.families.water import Water
+from tests.families.plant import Water
 
 KINDS = ("gain", "dead_band", "way_down", "second_lag", "cascade", "schedule")
 STEP_S = 1e-3

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from tests.families import score
-from tests.families.late_windows import agreement, apart
+from tests.families.score import agreement, apart
 
 BASE = {"tau_n": 1.2, "g": -0.5, "vK_p": 4.5, "vK_i": 10.0, "p": 2.15, "tau_prop": 0.38}
 

@@ -21,8 +21,17 @@ from shipfp_rs.support.units import TO_NM, TO_RPM, TO_W, told
 from shipfp_rs.vessel.linear_model import linearise
 from shipfp_rs.vessel.vessel import Vessel
 from tests.first_hour import exports
-from tests.logger_files import write_hdf5, write_mat_5, write_mdf, write_parquet, write_tdms
-from tests.logs.bus_files import DBC, candump, mf4, relative_asc
+from tests.logger_files import (
+    DBC,
+    candump,
+    mf4,
+    relative_asc,
+    write_hdf5,
+    write_mat_5,
+    write_mdf,
+    write_parquet,
+    write_tdms,
+)
 from tests.twins.ship import vector
 
 Columns = Mapping[tuple[str, str], np.ndarray]

@@ -24,7 +24,7 @@ from shipfp_rs.processing.trial import Processing
 from shipfp_rs.processing.trial_channels import Load, SetPoint, Tacho, Torque
 from shipfp_rs.processing.trial_template import drafted, moved, windows_toml
 from shipfp_rs.support.toml import template
-from tests.cli.refusal import refused
+from tests.cli.small_trial import refused
 from tests.first_hour.logs import answer
 
 CASES = Path(__file__).parents[1] / "data" / "cases"

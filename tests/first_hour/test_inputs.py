@@ -28,8 +28,7 @@ from shipfp_rs.support.files import replacing_folder
 from shipfp_rs.sweeps.store import opened
 from shipfp_rs.tacho.speed import interval_gain, resample
 from shipfp_rs.vessel.steady_state import steady_state
-from tests.cli.refusal import refused
-from tests.cli.small_trial import SMALL, SWEEP, small_log
+from tests.cli.small_trial import SMALL, SWEEP, refused, small_log
 from tests.logger_files import hdf5_file
 from tests.view.serving import served
 

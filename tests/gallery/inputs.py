@@ -21,8 +21,7 @@ from shipfp_rs.support.files import finite
 from shipfp_rs.sweeps import Plan
 from shipfp_rs.vessel.vessel import Vessel
 from tests.cli.small_trial import SMALL, SWEEP, write_small_trial
-from tests.gallery.calls import Call, slipped_call, table
-from tests.gallery.slips import TEXTS, damaged, held, places, slipped, toml
+from tests.gallery.calls import TEXTS, Call, damaged, held, places, slipped, slipped_call, table, toml
 
 LAUNCH = (Path(shipfp_rs.__file__).parent / "data" / "vessels" / "stan-launch-804.toml").read_text(
     encoding="utf-8"

@@ -12,7 +12,7 @@ from shipfp_rs import cli
 from shipfp_rs.inspection import inspect_log
 from shipfp_rs.inspection.channels import pulse_rate
 from shipfp_rs.logs.log import Channel, Log, Rows
-from tests.tacho.pick_ups import record
+from tests.tacho.test_pulse_levels import record
 
 RATE = 2000.0
 TIME = np.arange(round(60.0 * RATE)) / RATE

@@ -8,8 +8,7 @@ from scipy.ndimage import median_filter
 
 from shipfp_rs._core import PulseTracker, interval_speeds, pulses_are_even
 from shipfp_rs.errors import InputError
-from tests.twins import pulse
-from tests.twins import pulse_intervals as twin
+from tests.twins import pulse as twin
 
 WINDOW = 60_000
 
@@ -99,7 +98,7 @@ def test_a_train_that_goes_on_has_the_crossings_of_its_levels(period):
     times, heights, _, _, levels, windows = followed(samples, WINDOW)
     (low, high, middle) = levels[-1]
     assert np.ptp(levels, axis=0).max() < 0.2
-    fixed, _ = pulse.crossings(samples, low, high, middle)
+    fixed, _ = twin.crossings(samples, low, high, middle)
     np.testing.assert_allclose(times, fixed, atol=0.02)
     assert windows[:, 0].sum() == len(times) == len(heights)
     assert np.ptp(heights) < 0.2

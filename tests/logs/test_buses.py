@@ -11,7 +11,7 @@ from shipfp_rs.logs.log import Log
 from shipfp_rs.logs.readers.can_signals import Signal
 from shipfp_rs.processing.process import process
 from shipfp_rs.vessel.vessel import Vessel
-from tests.logs.bus_files import DBC, mf4
+from tests.logger_files import DBC, mf4
 from tests.processing.test_speed_sources import trial
 
 DATA = Path(__file__).parents[1] / "data" / "logs"

@@ -21,10 +21,9 @@ from scipy.stats import binom
 from shipfp_rs import Fingerprint
 from shipfp_rs.runs.run import run
 from tests.families import excitations
-from tests.families.plant import Plant, normalised, physical
+from tests.families.plant import Plant, Water, normalised, physical
 from tests.families.small_steps import simulate
-from tests.families.water import Water
-from tests.logs.bus_files import DBC, mf4
+from tests.logger_files import DBC, mf4
 
 PERIOD_S, STEP_S = 0.01, 5e-4
 TOLD = ("tau_n", "g", "vK_p", "vK_i", "p", "T_d", "T_set", "p-g", "(p-g)/tau_n", "vK_p/tau_n", "vK_i/tau_n")

@@ -14,7 +14,15 @@ from shipfp_rs.logs.faults.levels import MOST_BLOCK, HumScan, find_level_faults,
 from shipfp_rs.logs.faults.scan import scan
 from shipfp_rs.logs.log import Log, Rows
 from shipfp_rs.support.arrays import apart_from, clipped_to, joined, marks, runs
-from tests.twins.repeats import recurring
+
+
+def recurring(samples: np.ndarray, taps: int) -> set[tuple[int, int]]:
+    """Return places and distances at which `taps` samples stand that stood before, whose first two differ."""
+    words = np.lib.stride_tricks.sliding_window_view(samples.view(np.uint32), taps)
+    first, later = np.nonzero(np.triu((words[:, None] == words[None]).all(axis=2), 1))
+    changes = words[first, 0] != words[first, 1]
+    return set(zip(first[changes].tolist(), (later - first)[changes].tolist(), strict=True))
+
 
 RATE_HZ = 2000.0
 SAMPLES = 40_000

@@ -15,7 +15,7 @@ from scipy.io import savemat
 from shipfp_rs.errors import InputError, LogWarning
 from shipfp_rs.logs.channel import Channel
 from shipfp_rs.logs.log import Log
-from tests.cli.refusal import refused
+from tests.cli.small_trial import refused
 from tests.logger_files import hdf5_file
 
 LOGS = Path(__file__).parents[1] / "data" / "logs"

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from shipfp_rs.logs.log import Log
-from tests.logs.bus_files import by_python_can, candump, console, console_of_steps, mf4, relative_asc
+from tests.logger_files import by_python_can, candump, console, console_of_steps, mf4, relative_asc
 
 EEC1, TSC1 = 0x0CF00400, 0x0C000027
 PORT, STARBOARD = "F1FFA5E02E00FFFF", "F1FFC3602200FFFF"

@@ -10,7 +10,7 @@ from shipfp_rs.errors import InputError
 from shipfp_rs.logs.log import Log
 from shipfp_rs.processing.roles import guess_roles
 from shipfp_rs.processing.trial import Trial
-from tests.cli.refusal import refused
+from tests.cli.small_trial import refused
 
 DRAW = np.random.default_rng(3)
 

@@ -23,7 +23,7 @@ from shipfp_rs.report import render, write_report
 from shipfp_rs.report.pictures import thin
 from shipfp_rs.structures.structure import Structure
 from tests.identification.parity import Case, simulated
-from tests.report.echo import echo
+from tests.launch import echo
 
 NASTY = "<script>alert('&')</script>"
 PEAK = 1_234_567

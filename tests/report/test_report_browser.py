@@ -20,7 +20,7 @@ from matplotlib import image
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.identification.fingerprint import Estimate, Fingerprint, Identifiability
 from shipfp_rs.report import write_report
-from tests.report.echo import echo
+from tests.launch import echo
 from tests.report.test_report import repair
 
 HOSTILE = "<script>window.broken = true</script><img src=x onerror='window.broken = true'>"

@@ -10,7 +10,7 @@ import pytest
 import shipfp_rs as fp
 from shipfp_rs import cli
 from shipfp_rs.processing.process import process
-from tests.cli.refusal import refused
+from tests.cli.small_trial import refused
 from tests.first_hour.logs import Commanded, lab_drive, parquet, steps
 
 INERTIA, SPEED_RPM, TORQUE_NM = 0.09, 900.0, 12.0

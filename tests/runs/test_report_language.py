@@ -10,7 +10,7 @@ import pytest
 from shipfp_rs import cli
 from shipfp_rs.processing.trial import Report
 from shipfp_rs.runs import run
-from tests.cli.refusal import refused
+from tests.cli.small_trial import refused
 
 
 @pytest.mark.parametrize(

@@ -11,8 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.cli.refusal import refused
-from tests.cli.small_trial import SWEEP, write_small_trial
+from tests.cli.small_trial import SWEEP, refused, write_small_trial
 
 LONG_DRAWS = SWEEP.replace("draws = 2", "draws = 100000").replace("duration_s = 10.0", "duration_s = 300.0")
 ENDS = [(signal.SIGINT, 130), (signal.SIGTERM, 143)]

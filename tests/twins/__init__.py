@@ -1,1 +1,0 @@
-"""NumPy references of the kernels: plain, slow, obviously right."""

@@ -12,7 +12,7 @@ from shipfp_rs.signals import Excitation
 from shipfp_rs.vessel.drive_train import drive_train
 from shipfp_rs.vessel.steady_state import steady_state
 from shipfp_rs.vessel.vessel import Vessel
-from tests.twins.vectors import vectors
+from tests.twins.plant import vectors
 
 Array = NDArray[np.float64]
 OFF = dict.fromkeys(SHIP_DETAIL, 0.0) | {

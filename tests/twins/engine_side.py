@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from shipfp_rs._core import ENGINE_SIDE_PARAMETERS
-from tests.twins.vectors import vectors
+from tests.twins.plant import vectors
 
 OFF = dict.fromkeys(ENGINE_SIDE_PARAMETERS, 0.0) | {"s_M": 1.0, "leads": 1.0}
 OFF |= dict.fromkeys(("rate", "rate_down", "M_max"), np.inf)

@@ -9,7 +9,7 @@ import scipy
 from numpy.typing import NDArray
 
 from tests.twins import ship
-from tests.twins.vectors import vectors
+from tests.twins.plant import vectors
 
 Array = NDArray[np.float64]
 

@@ -1,12 +1,23 @@
 """NumPy reference of the nonlinear plant: eq. 3.1 to 3.11 as they stand, one step after the other."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from shipfp_rs.vessel.drive_train import PLANT_PARAMETERS
-from tests.twins.vectors import vectors
+
+
+def vectors(usual: Mapping[str, float], names: Sequence[str]) -> Callable[..., NDArray[np.float64]]:
+    """Return a function that makes the vector of these names, with some of the usual values changed."""
+
+    def vector(**changes: float) -> NDArray[np.float64]:
+        assert set(changes) <= set(usual)
+        values = {**usual, **changes}
+        return np.array([float(values[name]) for name in names])
+
+    return vector
+
 
 Array = NDArray[np.float64]
 

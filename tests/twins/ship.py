@@ -15,7 +15,7 @@ import numpy.typing as npt
 from scipy.integrate import solve_ivp
 
 from shipfp_rs._core import SHIP_PARAMETERS
-from tests.twins.vectors import vectors
+from tests.twins.plant import vectors
 
 Array = npt.NDArray[np.float64]
 OFF = {

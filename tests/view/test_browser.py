@@ -16,8 +16,7 @@ from shipfp_rs.logs.log import Log
 from shipfp_rs.view.draft import Draft, written
 from tests.report.test_report_browser import HOSTILE, PHONE
 from tests.report.test_report_browser import Visit as PageVisit
-from tests.view.logs import CHIRP_S, STEADY_S, write_csv
-from tests.view.serving import served
+from tests.view.serving import CHIRP_S, STEADY_S, served, write_csv
 from tests.view.test_jobs import TRIAL
 
 DESKTOP = {"width": 1400, "height": 900}

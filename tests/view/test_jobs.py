@@ -19,8 +19,7 @@ from shipfp_rs.logs.log import Log
 from shipfp_rs.view.draft import Draft, written
 from shipfp_rs.view.jobs import Jobs
 from shipfp_rs.view.pyramid import stored
-from tests.view.logs import write_csv
-from tests.view.serving import served
+from tests.view.serving import served, write_csv
 
 TRIAL = {
     "name": "Tug",

@@ -13,8 +13,7 @@ import pytest
 
 from shipfp_rs.logs.log import Log
 from shipfp_rs.logs.readers import child_process
-from tests.logger_files import START, hdf5_file, write_arrow, write_feather, write_mdf
-from tests.logs.bus_files import by_python_can, mf4
+from tests.logger_files import START, by_python_can, hdf5_file, mf4, write_arrow, write_feather, write_mdf
 
 RATE_HZ, ROWS = 20.0, 60
 TIME = np.arange(ROWS) / RATE_HZ
