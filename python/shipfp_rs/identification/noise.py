@@ -1,4 +1,4 @@
-"""The noise of a fit: roots of the inverse spectral matrix of residuals, coloured or white.
+"""Noise of a fit, coloured or white: roots (inverse Cholesky factors) of the residuals' spectral matrix.
 
 The likelihood of spectra is that of Whittle 1953 (doi:10.1007/BF02590998).
 """
@@ -13,14 +13,15 @@ from scipy.stats import t as student
 from shipfp_rs.support.arrays import DEVIATIONS_95, Array, Numbers
 
 OVER, LEAST_REACH, MOST_REACH = 0.35, 10, 40
-"""Half width of the average that smooths the residuals' spectral matrix: share of the frequency's index, and limits."""
+"""Half width of the moving average that smooths the residuals' spectral matrix: share of the frequency's index, and least
+and largest number of frequencies."""
 STEEP, MOST_FALL = 40, -2.0
 """Number of the lowest frequencies at which the noise may follow a power law, and that law's least exponent."""
 FLOOR = 1e-3
-"""Least value of that matrix's diagonal over its median."""
+"""Value added to the spectral matrix's diagonal, relative to the diagonal's median over frequencies."""
 LEAST_NOISE, LEAST_OWN = 1e-7, 1e-9
-"""Least standard deviation of white noise over an output's root mean square, far above rounding; and least share of an
-output's variance that is independent of other outputs."""
+"""Least standard deviation of white noise relative to an output's root mean square, far above rounding errors; and least
+share of an output's noise variance that is independent of other outputs."""
 
 
 def turned(root: Numbers, spectra: Numbers) -> Numbers:
@@ -34,29 +35,29 @@ def turned(root: Numbers, spectra: Numbers) -> Numbers:
 
 
 def real_rows(spectra: Numbers) -> Array:
-    """Complex or real numbers (W, O, F) as rows of real ones, (W, R)."""
+    """Return complex or real arrays (W, O, F) as real rows (W, R), real parts before imaginary parts."""
     flat = spectra.reshape(len(spectra), -1)
     return np.concatenate([flat.real, flat.imag], axis=1) if np.iscomplexobj(flat) else np.asarray(flat)
 
 
 def spread_of(root: Numbers) -> float:
-    """Log determinants of noise by roots of its inverse, lower triangles (F, O, O); each number has two real components."""
+    """Sum of the log determinants of the noise, from roots (F, O, O); each complex number has two real components."""
     return -4.0 * float(np.log(np.abs(root.diagonal(0, -2, -1))).sum())
 
 
 def _shape(amplitudes: Array) -> Array:
-    """Power law of amplitudes (O, F) over the lowest `STEEP` frequencies, constant above them, (O, F)."""
+    """Power law fitted to amplitudes (O, F) over the lowest `STEEP` frequencies, constant above them, shape (O, F)."""
     steep = min(STEEP, amplitudes.shape[1] - 1)
     places = np.log(np.arange(1, steep + 1))
     places -= places.mean()
     fall = np.log(amplitudes[:, 1 : steep + 1] + 1e-300) @ places / max(places @ places, 1e-300)
-    # Constant below the first frequency, too, which is the mean.
+    # The mean, at frequency 0, gets the value of the first frequency.
     reached = np.clip(np.arange(steep + 1), 1, steep) ** np.clip(fall, MOST_FALL, 0.0)[:, None]
     return np.pad(reached, ((0, 0), (0, amplitudes.shape[1] - steep - 1)), mode="edge")
 
 
 def noise_root(residual: Numbers, unsure: Numbers | float = 0.0) -> Numbers:
-    """Root of the inverse smoothed spectral matrix of residuals (O, F), (F, O, O); `unsure` is added to the matrix."""
+    """Root (F, O, O) for the smoothed spectral matrix of residuals (O, F), to which `unsure` is added."""
     outputs, count = residual.shape
     place = np.arange(count)
     # The torque disturbance by moving water has a steep noise spectrum at low frequencies. An average over neighbouring
@@ -78,25 +79,23 @@ def noise_root(residual: Numbers, unsure: Numbers | float = 0.0) -> Numbers:
 
 
 def white_root(left: Array, said: Array, share: float, quantile: float) -> Array:
-    """Root of the inverse covariance of residuals `left` (O, R); `said` are the data (O, R).
-
-    The unknowns absorb noise: residuals have only `share` of its power. The root is scaled by the quantile, so that all
-    intervals end at the same rise of the deviance.
-    """
+    """Root (O, O) of the inverse covariance of residuals `left` (O, R) from data `said` (O, R)."""
+    # The fitted unknowns absorb noise: residuals have only `share` of its power.
     covariance = left @ left.T / (left.shape[1] * share)
     size = LEAST_NOISE**2 * (np.mean(said**2, axis=1) + 1e-12) + LEAST_OWN * np.diag(covariance)
     root = np.linalg.inv(np.linalg.cholesky(covariance + np.diag(size)))
+    # With this scale, all 95 % intervals end at the same rise of the deviance.
     return np.asarray(root * (DEVIATIONS_95 / quantile))
 
 
 @cache
 def quantile_of(freedom: int) -> float:
-    """Half width of a 95 % interval, in standard deviations, by Student's t: noise from few numbers is uncertain."""
+    """Half width of a 95 % interval, in standard deviations, by Student's t, since noise from few numbers is uncertain."""
     return float(student.ppf(0.975, max(freedom, 1)))
 
 
 def _inverse_root(matrix: Numbers) -> Numbers:
-    """Inverse Cholesky factor of matrices by lower triangles (O, O, F); `LinAlgError` where one is not positive definite."""
+    """Inverse Cholesky factors of matrices, lower triangles (O, O, F); `LinAlgError` if one is not positive definite."""
     root, found = np.zeros_like(matrix), np.zeros_like(matrix)
     for a in range(len(matrix)):
         for b in range(a + 1):

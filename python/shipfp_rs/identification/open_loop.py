@@ -1,4 +1,4 @@
-"""The structure for experiments in open loop: a drive that follows a command, with the measured outputs."""
+"""Structure for experiments in open loop: a drive that follows a command, with the measured outputs."""
 
 from __future__ import annotations
 
@@ -15,13 +15,7 @@ from shipfp_rs.structures.structure import Structure
 
 
 def in_open_loop(experiments: Sequence[Experiment]) -> bool:
-    """Whether the experiments are driven by a command instead of a governor's set point.
-
-    Raises
-    ------
-    InputError
-        If some have a command and others a set point.
-    """
+    """Whether the experiments have a command instead of a set point; `InputError` if only some of them have."""
     drivers = {one.driver for one in experiments}
     if len(drivers) > 1:
         raise InputError(
@@ -51,16 +45,7 @@ def question_in_open_loop(
     priors: Mapping[str, tuple[float, float]] | None = None,
     options: Options,
 ) -> StructureQuestion:
-    """Return the question of a drive in open loop with the outputs that all experiments measured; arguments of `identify`.
-
-    Without a torque only tau_n / v and (p - g) / v are identifiable. Then v is 1 and g is 0 unless given, as for a drive
-    whose torque follows the command; v is free where the inertia is known.
-
-    Raises
-    ------
-    InputError
-        For an element, output or parameter that such a drive does not have.
-    """
+    """Return the question of a drive in open loop with the outputs of all experiments; arguments as in `identify`."""
     common = set.intersection(*(set(one.signals) for one in experiments))
     measured = next((name for name in SIGNALS if name in common), None)
     if outputs is None:
@@ -73,6 +58,8 @@ def question_in_open_loop(
     structure: Structure = commanded(Structure, acting, torque=place, outputs=outputs)
     known = {name: PRIORS[name] for name in structure.names if name in ("c_2", "T_M")}
     structure = structure.with_prior(**{**known, **(priors or {})})
+    # Without a torque only tau_n / v and (p - g) / v are identifiable. Then v is 1 and g is 0 unless given, as for a drive
+    # whose torque follows the command; v is free where the inertia is known.
     given = {} if "dM" in outputs else {"g": 0.0} | ({"k_L": 1.0} if "load" in acting else {})
     if "dM" not in outputs and not {"tau_n", "v"} & {*(fixed or {}), *(priors or {})}:
         given["v"] = 1.0

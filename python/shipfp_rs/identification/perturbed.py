@@ -1,9 +1,10 @@
 """Draws of a fingerprint's parameters: the estimates that other noise of the same kind would give.
 
-Noise, systematic errors and priors' means are drawn and added to the residuals; the minimum then moves along valleys, and up
-to bounds. This is randomised maximum likelihood (Oliver, He and Reynolds 1996). The draws follow the likelihood with
-Jeffreys' measure, which no choice of parameters changes. If every parameter has a prior, weights make the draws follow the
-posterior (as in Bardsley et al. 2014, doi:10.1137/140964023). Only second derivatives of the model are neglected.
+Each draw adds random noise, systematic errors and prior means to the residuals and searches the minimum again. The minima
+spread along valleys of the deviance, up to the bounds. This is randomised maximum likelihood (Oliver, He and Reynolds 1996).
+The draws follow the likelihood times Jeffreys' measure, which does not depend on the choice of parameters. If every
+parameter has a prior, weights make the draws follow the posterior (as in Bardsley et al. 2014, doi:10.1137/140964023). Only
+second derivatives of the model are neglected.
 """
 
 from __future__ import annotations
@@ -30,28 +31,25 @@ from shipfp_rs.support.arrays import Array, Numbers
 from shipfp_rs.support.threads import where_alone, with_one_blas_thread
 
 MOST_DRAWS, CHUNK = 1_000_000, 25
-"""Most draws, and number of draws of a job."""
+"""Largest number of draws, and number of draws per job."""
 SETTLED, STEPS = 0.05, 30
-"""Decrease of the deviance below which a descent stops, and its most steps."""
+"""Decrease of the deviance below which a descent stops, and largest number of its steps."""
 LEAST_FOUND = 0.9
 """Least share of descents that end in a minimum."""
 
 
 @dataclass(frozen=True)
 class Perturbed:
-    """A likelihood of other data: a row of each record, and `means` of priors are added to the residuals.
-
-    `rows` are those that a kernel takes, without systematic errors; where there is none, `columns` are spectra (1, O, F).
-    """
+    """A likelihood of perturbed data: a row per record is added to the residuals, `means` to the means of the priors."""
 
     likelihood: Likelihood
     means: Array
-    rows: Sequence[Units] = ()
-    columns: Sequence[Numbers] = ()
+    rows: Sequence[Units] = ()  # perturbations in the kernel's layout, without systematic errors
+    columns: Sequence[Numbers] = ()  # perturbations as spectra (1, O, F), where there is no kernel
 
     @classmethod
     def of(cls, likelihood: Likelihood, random: np.random.Generator, size: float) -> Self:
-        """Return a likelihood with noise, systematic errors and priors' means drawn, `size` times as large."""
+        """Return a likelihood with drawn noise, systematic errors and prior means, each scaled by `size`."""
         rows, along = [], np.zeros(0)
         errors = random.standard_normal(len(likelihood.errors_inverse))
         for index, model in enumerate(likelihood.models):
@@ -85,7 +83,7 @@ class Perturbed:
         return self
 
     def products(self, vector: Array) -> Products:
-        """Deviance, gradient and Gauss-Newton matrix at a point of the search, but for a constant of the deviance."""
+        """Deviance (up to a constant), gradient and Gauss-Newton matrix at a point of the search."""
         if self.likelihood.is_fused:
             found, along = self.likelihood.products(vector), self.likelihood.along(vector, self.rows)
         else:
@@ -130,18 +128,16 @@ def draws_of(fingerprint: Fingerprint, n: int, seed: int, structure: Structure |
         [[*(one[name] for name in names), *(COMBINATIONS[name][1](one) for name in derived)] for one in every]
     )
     if not set(c.names) <= set(fit.likelihood.priors):
-        again = np.arange(n) % len(table)  # the few without a minimum are replaced by others
+        again = np.arange(n) % len(table)  # other draws replace the few without a minimum
         return Draws((*names, *derived), table[again], len(table))
     weights = _posterior(fit, [end.vector for end in ends])
     return Draws((*names, *derived), table[_resampled(weights, n, random)], round(1.0 / np.sum(weights**2)))
 
 
 def _posterior(fit: Rebuilt, points: Sequence[Array]) -> Array:
-    """Weights with which the minima follow the posterior of the parameters' priors.
-
-    The probability density of the minima is proportional to exp(-g' H^-1 g / 2) sqrt(det H), with the gradient g and the
-    curvature H of the unperturbed deviance at a minimum. The factor sqrt(det H) is Jeffreys' measure.
-    """
+    """Weights with which the minima follow the posterior distribution."""
+    # The probability density of the minima is proportional to exp(-g' H^-1 g / 2) sqrt(det H), with the gradient g and the
+    # curvature H of the unperturbed deviance at a minimum. The factor sqrt(det H) is Jeffreys' measure.
     c, found = fit.likelihood.coordinates, []
     for point in points:
         now = fit.likelihood.products(point)
@@ -152,7 +148,7 @@ def _posterior(fit: Rebuilt, points: Sequence[Array]) -> Array:
 
 
 def _resampled(weights: Array, n: int, random: np.random.Generator) -> npt.NDArray[np.intp]:
-    """Places of n draws with these weights, in random order: evenly spaced in their sum."""
+    """Indices of n draws with these weights by systematic resampling, in random order."""
     places = np.searchsorted(np.cumsum(weights), (random.random() + np.arange(n)) / n)
     return random.permutation(np.minimum(places, len(weights) - 1))
 
@@ -163,7 +159,7 @@ def _chances(fit: Rebuilt) -> Array:
 
 
 def _minima(fit: Rebuilt, about: Sequence[Likelihood], draws: Sequence[tuple[int, int]]) -> list[Basin]:
-    """Return the minimum of each draw, given by the place of the minimum that its search begins from, and a seed."""
+    """Return the minimum of each draw, given by the index of the minimum that its search starts from, and a seed."""
     found = []
     for place, seed in draws:
         start = fit.basins[place].vector

@@ -1,7 +1,7 @@
-"""Intervals: profiles of the deviance for any figure that is a function of the parameters.
+"""Confidence intervals of any function of the parameters (a figure), by profiles of the deviance.
 
-An additional stiff residual holds the figure at a value, while everything else is refitted. The interval ends where the
-deviance has risen by the quantile. Profiles start from every minimum that the data do not reject.
+A stiff additional residual holds the figure at a value while all parameters are fitted again. The interval ends where the
+deviance has risen by `RISE`, a quantile of chi-squared. Profiles start from every minimum that the data do not reject.
 """
 
 from __future__ import annotations
@@ -29,25 +29,25 @@ KnownMinima = TypeVar("KnownMinima", bound=Minima)
 RISE = float(chi2.ppf(0.95, 1))
 """Rise of the deviance at the ends of a 95 % interval."""
 NEAR, ABOUT = 0.1, 0.4
-"""Relative excess of the rise over the quantile up to which a point counts as inside; and relative difference within which
-the end is interpolated from the square root of the rise, which is nearly linear."""
+"""Relative excess over `RISE` up to which a point counts as inside the interval; and relative difference from `RISE` within
+which the end is interpolated. The interpolation is linear in the square root of the rise, which is nearly straight."""
 TRIES = 7
 STEPS = 15
 STIFF = 10.0
-"""Standard deviation of a figure over the tolerance with which it is held."""
+"""Standard deviation of a figure over the tolerance of the residual that holds it at a value."""
 SHRINK, SHRUNK = 0.15, 0.01
-"""Factor on the scale of a profile's steps, applied each time that bounds of parameters hold the figure back, and least
-product of these factors."""
+"""Factor on the scale of a profile's steps, applied each time that bounds of parameters stop the figure, and least product
+of these factors."""
 FURTHER = 1.3
-"""Largest extrapolation: ratio of two distances from the minimum, of the interval's end and of the last point inside."""
+"""Largest extrapolation: distance of the interval's end from the minimum, over that of the last point inside."""
 REACHED = 0.9
 """A profile has reached a bound if it covers this share of the distance from the minimum to the bound."""
 LOWER, RESTARTS = 0.5, 2
-"""Profiles start again where one of them finds a deviance lower by the first; the second is the most restarts."""
+"""Decrease of the deviance below the minimum from which all profiles start again, and largest number of restarts."""
 COMBINED_TRIES = 3
-"""Most iterations of a combination's profile, few since the parameters' profiles cover most of the interval."""
+"""Largest number of iterations of a combination's profile; the parameters' profiles already cover most of its interval."""
 ROUNDING, STRAIGHT = 1e-13, 1e-9
-"""Least curvature of a direction relative to the largest: in inverses, due to rounding, and along the path of a profile."""
+"""Least curvature of a direction relative to the largest one: in inverses (rounding errors), and for a profile's path."""
 
 
 @dataclass(frozen=True)
@@ -67,10 +67,7 @@ class Interval:
 
 @dataclass
 class Profiles:
-    """Profiles of a likelihood about its minima.
-
-    If the data do not reject a visited point, the interval of every figure includes the figure's value at the point.
-    """
+    """Profiles of a likelihood about its minima; an interval includes every visited point that the data do not reject."""
 
     likelihood: Likelihood
     basins: list[Basin]
@@ -99,15 +96,12 @@ class Profiles:
         return Interval(value, min(low, value), max(high, value), (first, last))
 
     def symmetric(self, figure: Figure, *, surely: bool = False) -> Interval:
-        """Return the interval from the curvature alone, without a profile; it may cross the bounds of parameters.
-
-        `surely`: a parameter that the deviance presses to its bound by less than the quantile is free, too. Parameters leave
-        a bound only inward.
-        """
+        """Return the interval from the curvature alone, without a profile; it may cross the bounds of parameters."""
         best = self.best
         slope, now = self.gradient(figure, best.vector), self._products(best)
         inward = self._inward(best.vector)
         held = (inward * now.downhill < 0.0) & (slope == 0.0)
+        # With `surely`, a parameter that the deviance presses to its bound by less than the quantile is free, too.
         if surely:
             held &= now.downhill**2 * np.diag(scaled_inverse(now.matrix)) > RISE
         free = np.flatnonzero(~held)
@@ -120,12 +114,12 @@ class Profiles:
         return basin.products or self.likelihood.products(basin.vector)
 
     def _inward(self, vector: Array) -> npt.NDArray[np.int_]:
-        """+1 for each entry on its lower bound, -1 on its upper one, 0 between them."""
+        """Return +1 for each entry of a search vector on its lower bound, -1 on its upper one, 0 between them."""
         low, high = self.likelihood.coordinates.bounds
         return (vector <= low + 1e-9).astype(int) - (vector >= high - 1e-9)
 
     def gradient(self, figure: Figure, vector: Array) -> Array:
-        """Derivative of a figure by the search vector, shape (P,)."""
+        """Derivative of a figure with respect to the search vector, shape (P,)."""
         return self.likelihood.coordinates.gradient(figure, vector)
 
     def covariance(
@@ -135,10 +129,7 @@ class Profiles:
         least: float = ROUNDING,
         still: npt.NDArray[np.bool_] | None = None,
     ) -> Array:
-        """Covariance about a point, shape (P, P). Entries on bounds are held, unless `moving` or moved inwards by the data.
-
-        Relative curvatures below `least` count as `least`; entries that are `still` are held, too.
-        """
+        """Covariance (P, P) about a point; zero for `still` entries, and on bounds unless `moving` or pushed inward."""
         now, inward = self._products(basin), self._inward(basin.vector)
         held = (inward != 0) & (inward * now.downhill <= 0.0)
         if moving is not None:
@@ -151,10 +142,7 @@ class Profiles:
         return found
 
     def _reach(self, basin: Basin, slope: Array, side: int) -> tuple[float, Array]:
-        """Square of a figure's standard deviation towards one side, and the search vector's change per unit of the figure.
-
-        Entries that would leave their bounds on the way to the interval's end do not move.
-        """
+        """A figure's squared standard deviation towards one side, and the search vector's change per unit of the figure."""
         low, high = self.likelihood.coordinates.bounds
         still = np.zeros(len(slope), bool)
         while True:
@@ -163,6 +151,7 @@ class Profiles:
             along = covariance @ slope / spread if spread > 0.0 else 0.0 * slope
             there = basin.vector + side * np.sqrt(RISE * max(spread, 0.0)) * along
             out = ((there < low) | (there > high)) & (slope == 0.0) & ~still
+            # Entries that would leave their bounds before the interval's end do not move.
             if not out.any():
                 return spread, along
             still |= out
@@ -173,7 +162,7 @@ class Profiles:
         return replace(interval, low=min(interval.low, ends[0]), high=max(interval.high, ends[1]))
 
     def _farthest(self, figure: Figure, side: int, value: float) -> tuple[float, Basin]:
-        """Return the outermost figure on one side among visited points that the data do not reject, and its point."""
+        """Return a figure's outermost value on one side, among visited points that the data do not reject, and its point."""
         c, best = self.likelihood.coordinates, self.best
         far, farthest = value, best
         for point in (*self.basins, *self.visited):
@@ -186,10 +175,7 @@ class Profiles:
     def _end(
         self, basin: Basin, figure: Figure, side: int, tries: int, most: float
     ) -> tuple[float, str, list[Basin]]:
-        """End of the interval on one side, its cause ("data" or "bound"), and the visited points.
-
-        `most` is the figure's limit on that side.
-        """
+        """End of the interval on one side (within `most`), its cause ("data" or "bound"), and the visited points."""
         c = self.likelihood.coordinates
         value = figure(c.values(basin.vector))
         room = side * (most - value)
@@ -202,7 +188,7 @@ class Profiles:
         scale, way = float(np.sqrt(spread)), self._way(basin, figure, along)
         far, inside = self._farthest(figure, side, value)
         x, reached, over = inside.vector, side * (far - value), np.inf
-        # Farthest distance inside the interval, and the root of the deviance's rise there; further out it is nearly linear.
+        # Largest known distance inside the interval, and the square root of the rise there, nearly linear farther out.
         known, root = 0.0, 0.0
         found = self._products(basin)
         scale = min(scale, _scale_uphill(max(-2.0 * side * float(found.downhill @ way), 0.0), spread))
@@ -248,7 +234,7 @@ class Profiles:
                 distance = min(step, 0.5 * (reached + over)) if np.isfinite(over) else step
             if over - reached < 0.03 * over:
                 break
-        # Out of tries: the next target is closer to the end than the last point inside.
+        # No tries are left: the next target is closer to the interval's end than the last point inside.
         return value + side * max(reached, min(distance, FURTHER * reached)), "data", visited
 
     def _at(self, target: float, figure: Figure, scale: float, x: Array, way: Array) -> Basin:
@@ -264,9 +250,9 @@ class Profiles:
         return np.clip(vector + way * (target - figure(c.values(vector))), *c.bounds)
 
     def _way(self, end: Basin, figure: Figure, otherwise: Array) -> Array:
-        """Change of the search vector per unit change of the figure, at a point of a profile that may be curved."""
+        """Change of the search vector per unit change of the figure, at a point of a profile, whose path may be curved."""
         slope = self.gradient(figure, end.vector)
-        # Undetermined directions would make this change far too long.
+        # Without `STRAIGHT`, directions that the data do not determine would make this change far too long.
         covariance = self.covariance(end, slope, STRAIGHT)
         spread = float(slope @ covariance @ slope)
         return covariance @ slope / spread if spread > 0.0 else otherwise
@@ -287,15 +273,12 @@ def profiled(
     refine: Callable[[KnownMinima], KnownMinima],
     bounds: Mapping[str, tuple[float, float]],
 ) -> tuple[KnownMinima, Profiles, dict[str, Interval]]:
-    """Return the fit, its profiles, and the interval of each figure.
-
-    Where a profile reaches a lower minimum, `refine` settles the fit there, and all profiles start again.
-    """
+    """Return the fit, its profiles and each figure's interval, after `refine` if a profile finds a lower minimum."""
     possible: list[Array] = []
     for restarts in reversed(range(RESTARTS + 1)):
         likelihood, intervals = fit.likelihood, dict[str, Interval]()
         profiles = Profiles(likelihood, [descend(likelihood, one.vector) for one in fit.basins])
-        # Points that earlier profiles accepted still count.
+        # Points that profiles accepted before a restart remain candidates.
         profiles.visited += [Basin(likelihood.cost(vector), vector) for vector in possible]
         for place, (name, figure) in enumerate(figures.items()):
             tell(f"interval: {plain_name(name) or name}", place / len(figures))
@@ -316,10 +299,8 @@ def profiled(
 
 
 def _scale_uphill(uphill: float, spread: float) -> float:
-    """Effective standard deviation of a figure on a bound where the deviance has a slope.
-
-    At a distance d the deviance rises by `uphill` d + d^2 / `spread`; the interval ends where the rise is `RISE`.
-    """
+    """Effective standard deviation of a figure on a bound where the deviance has a slope."""
+    # At a distance d the deviance rises by `uphill` d + d^2 / `spread`; the interval ends where the rise is `RISE`.
     half = 0.5 * uphill * spread
     straight = np.sqrt(half**2 + RISE * spread) - half
     return max(float(straight / np.sqrt(RISE)), 1e-12)
@@ -333,7 +314,7 @@ def _spread(matrix: Array, slope: Array, inward: npt.NDArray[np.int_]) -> float:
     found = max(float(slope[~cut] @ inverse @ slope[~cut]), 0.0)
     if not cut.any():
         return found
-    # All other entries are optimal; entries that leave a bound compensate by steps of one sign.
+    # Entries off their bounds are eliminated. Those on bounds can only step inward, so their steps have one sign.
     across = matrix[np.ix_(cut, ~cut)] @ inverse
     rest = matrix[np.ix_(cut, cut)] - across @ matrix[np.ix_(~cut, cut)]
     gain, ways = (slope[cut] - across @ slope[~cut]) * inward[cut], inward[cut]
@@ -344,7 +325,7 @@ def _spread(matrix: Array, slope: Array, inward: npt.NDArray[np.int_]) -> float:
 
 
 def scaled_inverse(matrix: Array, least: float = ROUNDING) -> Array:
-    """Inverse of a symmetric matrix through its correlations; directions without information get a large variance."""
+    """Inverse of a symmetric matrix through its correlations; relative curvatures below `least` count as `least`."""
     scale = np.sqrt(np.maximum(np.diag(matrix), 1e-30))
     sizes, turned = np.linalg.eigh(matrix / np.outer(scale, scale))
     inverse = (turned / np.maximum(sizes, least)) @ turned.T

@@ -1,4 +1,4 @@
-"""The question of a fit: outputs, parameters, elements that are tried, fixed values and priors; and options of a search."""
+"""The question of a fit: its outputs, parameters, tried elements, fixed values, priors and search options."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from shipfp_rs.support.arrays import Array
 NoiseModel = Literal["coloured", "white", "std"]
 Intervals = Literal["profile", "symmetric"]
 MOST_STARTS = 10_000
-"""Most starts of a search; each takes about a second."""
+"""Largest number of starts of a search; each takes about a second."""
 
 
 @dataclass(frozen=True)
@@ -44,12 +44,10 @@ class Options:
     """Whether records were simulated from a steady state, without initial state, offset or gauge error."""
 
     def starts_for(self, structure: Structure) -> int:
-        """Return the number of starts; by default five where a dead time is free, since the cost then has several minima.
-
-        A drive in open loop starts from regressions over a grid of dead times.
-        """
+        """Return the number of starts: as given, or 5 where a dead time is free (the cost then has several minima), or 1."""
         if self.starts is not None:
             return self.starts
+        # In open loop, regressions over a grid of dead times give further starts.
         if structure.settings["kind"] == "commanded":
             return 1
         return 5 if any(parameter.name in ("T_d", "T_set") for parameter in structure.free) else 1
@@ -69,23 +67,22 @@ def _require_one_of(name: str, found: str, known: Any) -> None:
 
 
 PRIORS = {one.name: one.prior for one in QUANTITIES.values() if one.prior is not None}
-"""Prior mean and deviation of parameters, and of combinations, that no ship is far from."""
+"""Prior mean and standard deviation of parameters and combinations; all ships are near these means."""
 OF_LOADED: Mapping[str, tuple[float, float]] = {"p": (0.5, 0.5), "g": (-0.5, 0.7)}
-"""Priors with a measured load: p then belongs to the shaft's losses, near zero to one, and g to an engine at constant
-fuel."""
+"""Priors with a measured load: p then describes the shaft's losses, from about 0 to 1, and g an engine at constant fuel."""
 REACH = 4.0
 """Distance of a search bound from a prior's mean, in the prior's standard deviations."""
 
 
 def within_reach(bounds: tuple[float, float], prior: tuple[float, float] | None) -> tuple[float, float]:
-    """Return search bounds near a prior: beyond, a parameter would compensate for an effect that the model lacks."""
+    """Return search bounds near a prior; beyond them a parameter would compensate for an effect that the model lacks."""
     if prior is None:
         return bounds
     return max(bounds[0], prior[0] - REACH * prior[1]), min(bounds[1], prior[0] + REACH * prior[1])
 
 
 BEHIND_SHAFT = {"tau_prop/tau_n": (0.4, 0.12)}
-"""Prior of the inertia's share behind a flexible shaft, where the torque is the engine's."""
+"""Prior of the share of the inertia behind a flexible shaft, for data with the engine's torque."""
 SIGNALS: Mapping[str, Torque] = {"M_b": "brake", "M_s": "brake", "M_g": "gauge"}
 """Torque signals, best first, with the location of their sensor."""
 BOUNDS: Mapping[str, tuple[float, float]] = {one.name: (one.lower, one.upper) for one in QUANTITIES.values()}
@@ -110,48 +107,22 @@ a droop is tried because, if always fitted, it would widen the intervals of the 
 
 @dataclass(frozen=True)
 class Question:
-    """The task of a fit: data, compared outputs, searched parameters and tried elements.
-
-    Parameters
-    ----------
-    experiments
-        The data.
-    outputs, gauge
-        Compared outputs, and whether the torque is measured by a gauge between the inertias.
-    always, tried
-        Parameters that are always searched, and elements that are tried.
-    fixed, priors
-        Parameter to value, and to (mean, standard deviation).
-    accuracy
-        Output to the standard deviation of its systematic errors, due to gauge and calibration.
-    loaded
-        Whether a measured load drives the ship, too.
-    bounds
-        Parameter to its search bounds.
-    structure
-        The given structure; None: the full ship.
-    propeller
-        Whether the speed is measured on the propeller's side of the flexible shaft.
-    assumed
-        Fixed parameters that were neither given nor estimated.
-    options
-        Options of the search.
-    """
+    """The task of a fit of a ship: data, compared outputs, searched parameters and tried elements."""
 
     experiments: tuple[Experiment, ...]
     outputs: tuple[str, ...]
-    gauge: bool
+    gauge: bool  # whether the torque is measured by a gauge between the inertias
     signals: Mapping[str, str]
-    always: tuple[str, ...]
-    tried: tuple[str, ...]
+    always: tuple[str, ...]  # parameters that are always searched
+    tried: tuple[str, ...]  # elements that are tried
     fixed: Mapping[str, float] = field(default_factory=dict)
     priors: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    accuracy: Mapping[str, float] = field(default_factory=dict)
-    loaded: bool = False
+    accuracy: Mapping[str, float] = field(default_factory=dict)  # of gauge and calibration [-]
+    loaded: bool = False  # whether a measured load drives the ship, too
     bounds: Mapping[str, tuple[float, float]] = field(default_factory=lambda: BOUNDS)
-    structure: Structure | None = None
-    propeller: bool = False
-    assumed: tuple[str, ...] = ()
+    structure: Structure | None = None  # the given structure; None: the full ship
+    propeller: bool = False  # whether the speed is measured on the propeller's side of the flexible shaft
+    assumed: tuple[str, ...] = ()  # fixed parameters that were neither given nor estimated
     options: Options = field(default_factory=Options)
 
     def __post_init__(self) -> None:
@@ -177,7 +148,7 @@ class Question:
         return self.structure.signal_for(output, experiment.signals, experiment.name)
 
     def _accuracy(self, output: str) -> float:
-        """Accuracy of an output: as given, or the worst of the experiments', or the default."""
+        """Accuracy of an output: the given one, else the largest of the experiments, each with a default."""
         said = [one.gauge_accuracy.get(self.signal_in(one, output), ACCURACY) for one in self.experiments]
         return self.accuracy.get(output, max(said))
 
@@ -187,7 +158,7 @@ class Question:
         )
 
     def coordinates(self, elements: Sequence[str], unknowns: tuple[str, ...]) -> Coordinates:
-        """Return the coordinates of the ship with the given tried elements, and the unknowns of each record."""
+        """Return the search coordinates: parameters with these tried elements, and the unknowns of each record."""
         names = [*self.always, *(name for element in elements for name in TRIED[element])]
         priors = self._priors(names)
         free = {
@@ -244,7 +215,7 @@ class Question:
         return self.with_elements(smooth, ())
 
     def _behind_ramp(self, record: Spectra) -> Spectra:
-        """Return a record behind a known ramp of the set point."""
+        """Return a record with its set point's rate limited, if a limit is fixed."""
         rate = self.fixed.get("set_rate")
         if rate is None:
             return record
@@ -275,20 +246,14 @@ def question_of(
     accuracy: Mapping[str, float] | None = None,
     options: Options | None = None,
 ) -> Question:
-    """Return what a fit is to answer: data, outputs, parameters and elements, for the outputs that all experiments measured.
-
-    Raises
-    ------
-    InputError
-        If no speed was measured, or an element or parameter is unknown.
-    """
+    """Return the question of the full ship with the outputs that all experiments measured; arguments as in `identify`."""
     elements, known = dict(elements or {}), dict(fixed or {})
     for name in elements:
         if name not in ELEMENTS:
             raise InputError(f"elements: no {name!r}, expected some of {', '.join(ELEMENTS)}")
     _require_parameters({"fixed": known, "priors": priors or {}})
     _require_values(known, priors or {})
-    # An element with a known parameter acts.
+    # A tried element whose parameter is fixed is part of the ship.
     elements = {name: True for name, own in TRIED.items() if not known.keys().isdisjoint(own)} | elements
     common = set.intersection(*(set(one.signals) for one in experiments))
     speed = next((name for name in ("n_e", "n_s") if name in common), None)
@@ -341,7 +306,7 @@ def question_of(
 
 
 def is_ship(structure: Structure) -> bool:
-    """Whether the ship's search supports a structure: it has no other equations, ties or parameters."""
+    """Whether the ship's search supports a structure, which may have no other equations, ties or parameters."""
     equations, names = structure.equations, {parameter.name for parameter in structure.parameters}
     return (
         structure.settings["kind"] == "ship"
@@ -360,13 +325,7 @@ def is_ship(structure: Structure) -> bool:
 def question_of_ship(
     experiments: Sequence[Experiment], structure: Structure, options: Options | None = None
 ) -> Question:
-    """Return the question of a given ship, for which `is_ship` holds.
-
-    Raises
-    ------
-    InputError
-        If an experiment lacks a signal.
-    """
+    """Return the question of a given ship, for which `is_ship` holds."""
     equations = structure.equations
     assert isinstance(equations, ShipEquations)
     names = {parameter.name: parameter for parameter in structure.parameters}
@@ -395,7 +354,7 @@ def question_of_ship(
 
 
 def apart_s(experiment: Experiment, signals: Iterable[str]) -> float:
-    """Standard deviation of the delay between a log's sampled channels, half a sample of the slowest either way [s]."""
+    """Standard deviation [s] of the delay between a log's channels, uniform within half a sample of the slowest one."""
     recorded = experiment.provenance.get("recorded") or {}
     rates = [float(one["rate_hz"]) for one in recorded.values() if one.get("signal") in set(signals)]
     return 1.0 / (min(rates, default=math.inf) * math.sqrt(12.0))

@@ -25,26 +25,20 @@ from shipfp_rs.structures.elements import ELEMENTS
 from shipfp_rs.structures.structure import Structure
 
 ALIKE = 20.0
-"""Largest difference from the fingerprint's deviance, of its sampling, of a fit of the same data."""
+"""Largest difference from the fingerprint's deviance at which the given data count as those of its fit."""
 ROUNDS = 8
-"""Times that the noise and the records' unknowns are estimated at the fingerprint's parameters."""
+"""Number of estimates of the noise and the records' unknowns at the fingerprint's parameters."""
 
 
 @dataclass(frozen=True)
 class Rebuilt(Minima):
-    """The minima, and the intervals' largest widening for errors of the model."""
+    """Minima of a rebuilt fit, and the largest factor by which model errors widen its intervals."""
 
     widening: float = 1.0
 
 
 def rebuilt(fingerprint: Fingerprint, structure: Structure | None = None) -> Rebuilt:
-    """Return the likelihood of a fingerprint at its minima.
-
-    Raises
-    ------
-    InputError
-        If the experiments are missing, or are others than those of the fit.
-    """
+    """Return the likelihood of a fingerprint at its minima; `InputError` without the experiments of its fit."""
     experiments, settings = fingerprint.experiments, fingerprint.settings
     rows = [row["name"] for row in fingerprint.data]
     if [one.name for one in experiments] != rows or "criterion" not in settings:
@@ -57,7 +51,8 @@ def rebuilt(fingerprint: Fingerprint, structure: Structure | None = None) -> Reb
     ways = _likelihoods(fingerprint, experiments, structure or Structure.from_dict(fingerprint.structure))
     minima = [one for one in map(partial(_settled, start), ways) if one]
     best = min(minima, key=lambda one: abs(one.total - criterion), default=None)
-    # A limit's effect depends on the speed that its governor saw, which each way to it estimates from other residuals.
+    # The effect of a limit depends on the speed that the governor saw. Each way of computing the effect estimates this speed
+    # from other residuals, so the rebuilt deviance differs more.
     alike = ALIKE * DISCREPANCY**2 if best is not None and best.likelihood.limited else ALIKE
     if best is None or not abs(best.total - criterion) < alike + 1e-6 * abs(criterion):
         raise InputError(
@@ -70,7 +65,7 @@ def rebuilt(fingerprint: Fingerprint, structure: Structure | None = None) -> Reb
 def _likelihoods(
     fingerprint: Fingerprint, experiments: Sequence[Experiment], structure: Structure
 ) -> list[Likelihood]:
-    """Return the likelihood, for each way in which a limit's effect may have been computed."""
+    """Return the likelihood for each way of computing a limit's effect."""
     settings = fingerprint.settings
     if "noise" in settings:
         options = Options(noise=settings["noise"])
@@ -94,15 +89,15 @@ def _likelihoods(
 
 
 def _start(fingerprint: Fingerprint, values: Mapping[str, float] | None = None) -> dict[str, float]:
-    """Return values of everything that a search may have: given ones, the optimum's, and defaults."""
+    """Return start values of all parameters that a search may have: from `values`, the optimum, or the defaults."""
     known = {**fingerprint.optimum, **(values or {})}
-    # A ship with a measured rack is searched by vK_p, and tells K_p and v.
+    # With a measured rack, the search has vK_p and vK_i, the fingerprint K_p, K_i and v.
     gains = {f"v{name}": known["v"] * known[name] for name in ("K_p", "K_i") if {"v", name} <= known.keys()}
     return {**DEFAULTS, **WITHOUT_EFFECT, **gains, **known}
 
 
 def _settled(start: dict[str, float], likelihood: Likelihood) -> Minima | None:
-    """Return the minimum at the fingerprint's parameters under the noise of its own residuals; None where there is none."""
+    """Return the minimum at the fingerprint's parameters under the noise of its own residuals; None if there is none."""
     c, vector = likelihood.coordinates, likelihood.coordinates.vector(start)
     states = slice(len(c.names), c.size)
     try:
@@ -110,7 +105,7 @@ def _settled(start: dict[str, float], likelihood: Likelihood) -> Minima | None:
             likelihood = likelihood.settled_at(vector)
             now = likelihood.products(vector)
             vector[states] += np.linalg.solve(now.matrix[states, states], now.downhill[states])
-        # A descent along a flat valley may end where the noise, estimated again, is another.
+        # A descent along a flat valley may end where the re-estimated noise differs.
         here = likelihood.products(vector)
         ends = descend(likelihood, vector), Basin(here.cost, vector, products=here)
         end = min(ends, key=lambda one: likelihood.total(one.vector))

@@ -1,4 +1,4 @@
-"""Residual tests: independence of the set point, and whiteness where the noise is assumed white.
+"""Tests of residuals: for independence from the set point, and for whiteness where the noise is assumed white.
 
 Ljung's test (1999, section 16.6) asks whether lagged set points still explain residuals. A fit has already removed what its
 derivatives explain, so the derivatives' share is removed from the lagged set points first. Residuals and lagged set points
@@ -23,28 +23,16 @@ from shipfp_rs.identification.structure_models import InBand, Samples, banded, s
 from shipfp_rs.support.arrays import DEVIATIONS_95, Array, Mask, Numbers
 
 WHITENESS_LAGS = 25
-"""Lags of the autocorrelation, as in MATLAB's `resid`."""
+"""Number of lags of the autocorrelation, as in MATLAB's `resid`."""
 
 
 @dataclass(frozen=True)
 class ResidualTest:
-    """Correlations by lag, with a test of all together.
+    """Correlation coefficients by lag [-], and a chi-squared test of all of them together."""
 
-    Parameters
-    ----------
-    lags
-        In samples, shape (L,).
-    correlation, band
-        Correlation coefficients [-], and half width of their 95 % band by chance, shape (L,).
-    statistic, freedom
-        Test statistic and its degrees of freedom; chi-squared if there is no correlation.
-    p
-        Probability of so large a statistic by chance; None without a degree of freedom.
-    """
-
-    lags: npt.NDArray[np.int64]
+    lags: npt.NDArray[np.int64]  # in samples, shape (L,)
     correlation: Array
-    band: Array
+    band: Array  # half width of the 95 % band of correlations by chance, shape (L,)
     statistic: float
     freedom: int
 
@@ -66,14 +54,14 @@ class ResidualTest:
 def whiteness(
     records: Sequence[tuple[Array, Mask]], fitted: int = 0, lags: int = WHITENESS_LAGS
 ) -> ResidualTest:
-    """Test residuals for autocorrelation by Ljung and Box (10.1093/biomet/65.2.297), without gaps.
+    """Test residuals for autocorrelation by Ljung and Box (doi:10.1093/biomet/65.2.297); masked samples are left out.
 
     Parameters
     ----------
     records
         Residuals of one output in each experiment, shape (N,), and their mask of valid samples.
     fitted
-        Number of noise-model coefficients that whitened them.
+        Number of fitted coefficients of the noise model that whitened the residuals.
     lags
         Number of lags, starting at one sample.
 
@@ -108,11 +96,11 @@ def whiteness(
 INPUT_LAGS = 12
 """Number of lags of the set point besides zero, in geometric steps, since missing dynamics may be fast or slow."""
 INPUT_REACH = 10
-"""Longest lag: the record's length over this."""
+"""Length of the shortest record over the longest lag."""
 LEAST_LEFT = 0.1
-"""Least share of a residual's power that counts as remaining after the projection."""
+"""Least share of a residual that is assumed to remain after the projection (1 minus its leverage)."""
 OPEN = 1e-8
-"""Share of a direction's size below which a lagged set point counts as explained by the fit."""
+"""Relative size below which a combination of lagged set points counts as explained by the fit."""
 
 
 @dataclass(frozen=True)
@@ -124,9 +112,9 @@ class OutputTests:
     samples: int
 
     def figures(self) -> dict[str, float | None]:
-        """Return the p-values, and the residual's share that the set point explains [%], for the fingerprint's fit."""
+        """Return the p-values, and the share of the residual that the set point explains [%], for `Fingerprint.fit`."""
         white = {} if self.whiteness is None else {"whiteness_p": self.whiteness.p}
-        # What no set point explains is noise, of one unit a sample.
+        # The rest of the residual is noise, with a variance of 1 per sample.
         rest = max(self.samples - self.by_input.freedom, 0)
         return {
             **white,
@@ -167,10 +155,7 @@ def residual_tests(fit: StructureFit) -> dict[str, OutputTests]:
 
 
 def _in_band(fit: StructureFit) -> tuple[list[InBand], Likelihood, Array] | None:
-    """Return the experiments as spectra, their likelihood with noise at the minimum, and the minimum's search vector.
-
-    Returns None if no experiment is long enough for a spectrum.
-    """
+    """Return experiments as spectra, their likelihood and its search vector; None if every experiment is too short."""
     c, vector = fit.likelihood.coordinates, fit.best.vector
     if all(isinstance(record, InBand) for record in fit.records):
         return [record for record in fit.records if isinstance(record, InBand)], fit.likelihood, vector
@@ -191,10 +176,7 @@ def _in_band(fit: StructureFit) -> tuple[list[InBand], Likelihood, Array] | None
 
 
 def _without_inputs(likelihood: Likelihood, vector: Array, shapes: Sequence[Numbers]) -> Likelihood:
-    """Return the likelihood with the noise that remains after lagged set points (O, L, O, F) explain the residuals.
-
-    If the noise included what the structure lacks, the test would be less sensitive.
-    """
+    """Return the likelihood with the noise that remains after lagged set points (O, L, O, F) explain the residuals."""
     rows = likelihood.whitened(vector)
     every = [one.reshape(-1, *one.shape[2:]) for one in shapes]
     inputs = _inputs(likelihood, every, len(rows))
@@ -202,15 +184,16 @@ def _without_inputs(likelihood: Likelihood, vector: Array, shapes: Sequence[Numb
     size = np.linalg.norm(columns, axis=0)
     turn, sizes, _ = np.linalg.svd(columns / np.where(size > 0.0, size, 1.0), full_matrices=False)
     basis = turn[:, sizes > OPEN * sizes[0]]
-    # The projection also absorbs noise, by the hat matrix's diagonal.
+    # The projection also absorbs noise; the share is the diagonal of the hat matrix.
     taken = np.einsum("rk,rk->r", basis, basis)
     left = (rows[:, 0] - basis @ (basis.T @ rows[:, 0])) / np.maximum(1.0 - taken, LEAST_LEFT)
+    # If the noise included what the structure lacks, the test would be less sensitive.
     roots, first = [], 0
     for index, record in enumerate(likelihood.models):
         size = record.spectrum.size
         real, imaginary = left[first : first + 2 * size].reshape(2, *record.spectrum.shape)
         own = turned(np.linalg.inv(likelihood.root(index)), (real + 1j * imaginary)[None])[0]
-        # The inverse of an average over so few spectra is biased upwards (Wishart 1928).
+        # The inverse of an average over a few spectra is biased upwards (Wishart 1928).
         looks = 2 * LEAST_REACH + 1
         roots.append(noise_root(own) * np.sqrt(1.0 - len(own) / looks))
         first += 2 * size
@@ -233,13 +216,13 @@ def _lagged(record: InBand, lags: npt.NDArray[np.int64]) -> Numbers:
     asked = record.data.dn_set
     wide = np.concatenate([np.full(lags[-1], asked[0]), asked])
     delayed = np.array([wide[lags[-1] - lag :][: len(asked)] for lag in lags])[:, None]
-    if not record.valid.all():  # the gaps of each output differ
+    if not record.valid.all():  # the outputs have different gaps
         delayed = np.repeat(delayed, len(record.measured), axis=1)
     return np.asarray(np.eye(len(record.measured))[:, None, :, None] * record.seen(delayed))
 
 
 def _inputs(likelihood: Likelihood, shapes: Sequence[Numbers], rows: int) -> Array:
-    """Shapes (L, O, F) of each record in units of the noise, zero in rows of priors, (R, L)."""
+    """Stack spectra (L, O, F) of the records as columns (R, L) in units of the noise, zero in rows of priors."""
     found = np.concatenate(
         [real_rows(turned(likelihood.root(index), one)) for index, one in enumerate(shapes)], axis=1
     ).T

@@ -25,7 +25,7 @@ EDGE_S = 2.0
 SHORTEST_S = 10.0 * EDGE_S
 """Least length of a record for a spectrum [s]."""
 BEFORE_S = 2.0
-"""Initial time that is not compared [s]: dead times carry into it what happened before the record, which is unknown if the
+"""Initial time that is not compared [s]: through dead times it depends on inputs before the record, which are unknown if the
 record starts during an excitation."""
 
 
@@ -37,12 +37,12 @@ def down_of(rate_hz: float, seen_hz: float) -> int:
 LEAST_SWING = 2e-3
 """Least standard deviation of a set point or load, relative to the operating point, that counts as excitation."""
 WHITE, ONE_RECORD_IN = 1.4, 100.0
-"""Largest ratio of the medians of two bands that are white noise; number of records of which the noise of one has a power
-above the floor."""
+"""Largest ratio of the median powers in two bands of white noise; and number of records of white noise of which one exceeds
+the floor by chance."""
 
 
 def white_floor(power: Array) -> float:
-    """Return the power below which an input is white noise, by its powers from 0 Hz to half the sample rate."""
+    """Return the power below which an input is white noise, from its powers between 0 Hz and half the sample rate."""
     ends = [round(share * len(power)) for share in (0.24, 0.4, 0.56)]
     lower, upper = (float(np.median(power[first:last])) for first, last in pairwise(ends))
     # The power of white noise is exponentially distributed, with a mean of median / log 2.
@@ -51,11 +51,7 @@ def white_floor(power: Array) -> float:
 
 
 def excitation(values: Array, rate_hz: float, most_hz: float) -> tuple[Array, float]:
-    """Return an input without its white noise, and its bandwidth [Hz].
-
-    The bandwidth has `EXCITED` of the power times frequency, and is `most_hz` at most. The noise of a
-    measured input moves the model but not the ship. White noise of the strength of an excitation counts as an excitation.
-    """
+    """Return an input without its white noise, and the bandwidth [Hz] that has `EXCITED` of its power times frequency."""
     if not len(values):
         return values, 0.0
     count, mean = prev_fast_len(len(values), real=True), values.mean()
@@ -66,7 +62,9 @@ def excitation(values: Array, rate_hz: float, most_hz: float) -> tuple[Array, fl
     floor = white_floor(power)
     kept = np.maximum(power, np.abs(spectrum) ** 2) >= floor
     clean = values.copy()
+    # The noise of a measured input moves the model but not the ship.
     clean[:count] = mean + irfft(spectrum * kept, count)
+    # White noise as strong as an excitation counts as an excitation.
     if np.std(values - clean) >= LEAST_SWING:
         clean, floor = values, 0.0
     power[power < floor] = 0.0
@@ -80,14 +78,7 @@ NUGGET = 1e-4
 
 
 def kriged(values: Array, gaps: npt.NDArray[np.bool_], reach: int) -> Array:
-    """Return signals (O, N) with the samples in gaps (O, N) replaced by their best linear estimate.
-
-    The estimate uses `reach` samples of all signals on either side. Far inside a gap of all signals it equals the mean.
-
-    Notes
-    -----
-    Cressie 1993, "Statistics for Spatial Data", section 3.4.5.
-    """
+    """Return signals (O, N) with gaps (O, N) filled by kriging (Cressie 1993, "Statistics for Spatial Data", 3.4.5)."""
     mean = np.array(
         [row[~own].mean() if not own.all() else 0.0 for row, own in zip(values, gaps, strict=True)]
     )
@@ -99,6 +90,8 @@ def kriged(values: Array, gaps: npt.NDArray[np.bool_], reach: int) -> Array:
     found = centred.copy()
     for output, rows in enumerate(stretches):
         for first, end in rows:
+            # Best linear estimate from `reach` samples of all signals on either side; far inside a gap of all signals it
+            # equals the mean.
             around = np.arange(max(first - reach, 0), min(end + reach, values.shape[1]))
             whose, when = np.nonzero(~gaps[:, around])
             when = around[when]
@@ -116,10 +109,7 @@ def _stretches(gaps: npt.NDArray[np.bool_]) -> npt.NDArray[np.intp]:
 
 
 def _covariance(centred: Array, gaps: npt.NDArray[np.bool_], lags: int) -> Array:
-    """Covariance of signals at lags between -`lags` and `lags`, outside gaps, shape (O, O, 2 `lags` - 1).
-
-    Negative lags have negative indices.
-    """
+    """Covariance (O, O, 2 `lags` - 1) of signals outside gaps; lag k from -`lags` + 1 to `lags` - 1 has index k."""
     size = next_fast_len(centred.shape[1] + lags, real=True)
     spectra = rfft(centred, size)
     counts = np.sqrt((~gaps).sum(axis=1))

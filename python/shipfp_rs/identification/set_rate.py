@@ -1,7 +1,7 @@
-"""A ramp on the set point: a drive or governor that lets its set point rise and fall at a limited rate only.
+"""Rate limit (ramp) of the set point: the drive or governor lets its set point rise and fall at a limited rate only.
 
-The ramp acts on the recorded set point, before the loop: for a given rate, the limited set point is known, and the rest of
-the ship has no limit. The rate is searched on a grid, the other parameters by descents.
+The ramp acts on the recorded set point, outside the loop. For a given rate the limited set point is therefore known, and the
+rest of the ship has no limit. The rate is searched on a grid, the other parameters by descents.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ from shipfp_rs.support.arrays import Array
 STEEPEST, GRID = 0.97, 14
 """Highest tried rate, as a quantile of the set point's slopes, and the number of tried rates."""
 ROUNDS, STEPS = 2, 12
-"""Number of descents for each tried rate, each with the noise of the previous descent, and most steps of a descent."""
+"""Number of descents for each tried rate, each with the noise of the previous one, and largest number of their steps."""
 REFINED, NEAR = 8, (0.97, 1.0, 1.03)
 """Number of further rates near the best rate, and factors on the best rate for repeated descents."""
 APART = 0.01
-"""Difference of the set points with and without a ramp, over the set point's swing, from which the ramp acts."""
+"""Least difference of the set points with and without a ramp, over the set point's range, at which the ramp acts."""
 
 
 Search = Callable[[Question], ShipFit]
@@ -33,10 +33,7 @@ Search = Callable[[Question], ShipFit]
 
 
 def with_set_rate(fit: ShipFit, search: Search, until: float | None, *, surely: bool = False) -> ShipFit:
-    """Return the fit with a ramp on the set point, if the ramp makes it likelier; `surely`: in any case.
-
-    The ramp biases a fit without a ramp. The ship is therefore fitted again with the rate that is found first.
-    """
+    """Return the fit with a ramp on the set point, if the ramp makes it likelier; `surely`: in any case."""
     records = fit.likelihood.records
     slopes = np.concatenate([np.abs(np.diff(one.set_point)) * one.data_hz for one in records])
     steepest = float(np.quantile(slopes[slopes > 1e-3 * slopes.max()], STEEPEST)) if slopes.any() else 0.0
@@ -46,6 +43,7 @@ def with_set_rate(fit: ShipFit, search: Search, until: float | None, *, surely: 
     rate = min(known, key=lambda one: known[one])
     if not surely and (fit.total - known[rate] < 2.0 * BELIEVED or not _in_a_row(fit, rate)):
         return fit
+    # The fit without a ramp is biased by the ramp, so the ship is fitted again with the rate that was found first.
     behind = search(replace(fit.question, fixed={**fit.question.fixed, "set_rate": rate}))
     start = behind.best.vector if behind.total < known[rate] else found[rate]
     known, found = _searched(fit, start, rate * np.array(NEAR), until)
@@ -59,7 +57,7 @@ def with_set_rate(fit: ShipFit, search: Search, until: float | None, *, surely: 
 
 
 def _in_a_row(fit: ShipFit, rate: float) -> float:
-    """Mean number of samples in a row at which a ramp acts."""
+    """Mean number of consecutive samples at which a ramp acts."""
     acting = [
         np.abs(one.set_point - rate_limited(one.set_point, rate, one.data_hz)) > APART * np.ptp(one.set_point)
         for one in fit.likelihood.records
@@ -102,7 +100,7 @@ def _searched(
 
 
 def behind_ramp(fit: ShipFit, rate: float, vector: Array) -> ShipFit:
-    """Return the fit of the records behind a ramp, begun at a search vector."""
+    """Return the fit with the set points limited to a rate; the descent starts at a search vector."""
     likelihood = fit.likelihood
     records = (
         one.with_set_point(rate_limited(one.set_point, rate, one.data_hz)) for one in likelihood.records
@@ -115,17 +113,15 @@ def behind_ramp(fit: ShipFit, rate: float, vector: Array) -> ShipFit:
 
 
 def _interval(known: dict[float, float], best: float, in_a_row: float) -> Interval:
-    """Return the interval of the rate, where the total deviance has risen by the quantile's square.
-
-    The jump of a low-passed set point is known to half a sample; a ramp that acts for `in_a_row` samples, to that share.
-    """
+    """Return the interval of the rate, which ends where the total deviance has risen by `RISE`."""
     ends = []
     for side in (-1.0, 1.0):
         beyond = {
             abs(np.log(one / best)): known[one] - known[best] for one in known if (one - best) * side > 0.0
         }
-        # Near the minimum the deviance is a parabola; the first point with a clear rise has its curvature.
+        # Near the minimum the deviance is a parabola; the first point with a clear rise determines its curvature.
         risen = next((one for one in sorted(beyond) if beyond[one] > 0.5 * RISE), None)
         reach = np.inf if risen is None else risen * np.sqrt(RISE / beyond[risen])
+        # A low-passed jump is known to half a sample, so the rate to half a sample of the `in_a_row` at which it acts.
         ends.append(float(best * np.exp(side * np.hypot(reach, 0.5 / max(in_a_row, 1.0)))))
     return Interval(best, ends[0], ends[1], ("data", "data"))

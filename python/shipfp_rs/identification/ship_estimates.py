@@ -1,4 +1,4 @@
-"""From experiments to a fingerprint without a given structure: fit of the full ship, intervals, expected fingerprints."""
+"""From the fit of a ship to a fingerprint without a verdict: parameters, intervals, covariance, adequacy."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ NUISANCES = {one.name for one in QUANTITIES.values() if one.nuisance}
 
 
 def ship_told(fit: ShipFit) -> Told:
-    """Return what the fit of a ship tells."""
+    """Return the fingerprint of a ship's fit, and what its verdict needs."""
     question, intervals = fit.question, fit.question.options.intervals
     missed, rows = _missed(fit)
     kind = undescribed(fit, missed, [min(row) for row in rows])
@@ -62,7 +62,7 @@ def ship_told(fit: ShipFit) -> Told:
     figures = figures_of([*names, *gains]) | {
         name: COMBINATIONS[name][1] for name in TOGETHER if _applies(name, values)
     }
-    # If the data contradict the engine's model, its intervals are not reported, and need no profiles.
+    # If the data contradict the engine's model, the fit's intervals are not reported and need no profiles.
     fit, found, possible = intervals_of(fit, figures, "symmetric" if kind else intervals)
     profiles = Profiles(fit.likelihood, list(fit.basins))
     structure = structure_of(fit)
@@ -106,7 +106,7 @@ def ship_told(fit: ShipFit) -> Told:
 
 
 def _adequate(fit: ShipFit, misses: Mapping[str, float], kind: str | None) -> dict[str, Any]:
-    """Return the residual tests of the model; `kind` is the contradiction to its drive and governor, if any."""
+    """Return the adequacy of the model; `kind` is the contradiction to its drive and governor, if there is one."""
     limits: dict[str, dict[str, float]] = {}
     if fit.likelihood.limited:
         told: dict[str, float] = {name: fit.values[name] for name in ("M_max", "rate") if name in fit.values}
@@ -136,7 +136,7 @@ def intervals_of(
         return fit, {name: profiles.symmetric(figure) for name, figure in figures.items()}, []
     model = fit.likelihood.models[0]
     if isinstance(model, LimitedShip) and model.simulates:
-        # Derivatives of simulations hold in a neighbourhood of the minimum that is too small for a profile.
+        # Derivatives of simulations hold only close to the minimum, too close for a profile.
         profiles = Profiles(fit.likelihood, [descend(fit.likelihood, one.vector) for one in fit.basins])
         found = {name: profiles.symmetric(one, surely=True) for name, one in figures.items()}
     else:
@@ -150,7 +150,7 @@ def intervals_of(
         one = profiles.widened(figure, found[name])
         slope = fit.likelihood.coordinates.gradient(figure, fit.best.vector)
         wider, moved = beyond * stretches.widening(slope), figure(fit.values) - one.value
-        # The interval about each other minimum counts, too.
+        # The interval also covers the intervals about the other possible minima.
         apart = [moved, *(figure(c.values(vector)) - one.value for vector in fit.alike)]
         low = one.value - wider * (one.value - one.low) + min(*apart, 0.0)
         high = one.value + wider * (one.high - one.value) + max(*apart, 0.0)
@@ -240,7 +240,7 @@ def _fixed(fit: ShipFit, parameter: Parameter) -> Estimate:
 
 
 def _of_a_stiff_shaft(parameters: Mapping[str, Estimate], question: Question) -> dict[str, Estimate]:
-    """Return the inertia on one side of a shaft without an interval, if a stiff shaft fits as well as a flexible one."""
+    """Return tau_prop without an interval if a stiff shaft fits as well as a flexible one, else nothing."""
     part, twist = parameters.get("tau_prop"), parameters.get("tau_twist")
     if (
         question.gauge

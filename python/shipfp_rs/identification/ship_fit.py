@@ -41,17 +41,7 @@ EXPLAINED = 0.3
 
 
 def fit_ship(question: Question) -> ShipFit:
-    """Search the ship that best explains the data.
-
-    For a given structure the search also starts from its declared start, and from random ones if the options say so.
-
-    Raises
-    ------
-    InputError
-        If nothing excites the ship.
-    IdentificationError
-        If no start leads to a ship that can be simulated.
-    """
+    """Search the ship that best explains the data; a given structure adds its declared start, and random ones on request."""
     side = load_side_of(question)
     # If torque and speed fit the load's law, the speed channel is right, whatever the governor does.
     explained = 0.0 if side is None else min(record.explained for record in side.records)
@@ -64,12 +54,12 @@ def fit_ship(question: Question) -> ShipFit:
         if element != "droop" and TRIED[element][0] in set(question.always) - set(question.fixed)
     )
     names = {name for element in given for name in TRIED[element]}
-    # A given limit is searched like one that is tried: the fit without limits comes first.
+    # A limit of a given structure is searched like a tried one: the fit without limits comes first.
     question = replace(question, always=tuple(name for name in question.always if name not in names))
     with part(0.0, 0.4):
         fit = smooth_ship(question, until=until, side=side)
         if question.propeller and question.structure is None:
-            # Pulses behind the gear may be counted at either end of the flexible shaft: the likelier end is kept.
+            # Pulses behind the gear may be those of either end of the flexible shaft: the likelier end is kept.
             other = replace(question, propeller=False)
             near = smooth_ship(other, until=until, side=side)
             fit = min((fit, near), key=lambda one: one.total)
@@ -122,7 +112,7 @@ def smooth_ship(
     # With the parameters of the first look, gaps are filled and images of the set point are removed.
     ends = [fit.likelihood.corrected(fit.best.vector)]
     if undecided:
-        # Samples that no processing low-passed may as well be those of straight lines.
+        # Without a low-pass, the set point may also be a straight line between its samples.
         straight = fit.likelihood.with_records(one.running("straight") for one in fit.likelihood.records)
         ends.append(straight.corrected(fit.best.vector))
     likelihood = min(ends, key=lambda end: descend(end, fit.best.vector, until=until).cost)
@@ -134,7 +124,7 @@ def smooth_ship(
 
 
 def _exchanged(likelihood: Likelihood, vector: Array) -> list[Array]:
-    """Return the point with the lags of actuator and engine exchanged, which differ little if the slope is weak."""
+    """Return the point with the lags of actuator and engine exchanged; with a small slope g their effects hardly differ."""
     names = likelihood.coordinates.names
     if not {"tau_act", "tau_eng"} <= set(names):
         return []
@@ -164,13 +154,7 @@ def _begun(
 
 
 def refined(fit: ShipFit, until: float | None = None) -> ShipFit:
-    """Settle the fit again, with the noise estimated at its minimum.
-
-    Raises
-    ------
-    IdentificationError
-        If the ship is unstable.
-    """
+    """Settle the fit again, with the noise at its minimum; `IdentificationError` if the ship is unstable."""
     fit = settled(fit, until)
     if not np.isfinite(fit.best.cost):
         raise IdentificationError("identify: the ship found is unstable")

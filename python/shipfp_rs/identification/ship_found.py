@@ -1,4 +1,4 @@
-"""The fitted ship, and its likelihood with other elements."""
+"""The result of a ship's search, and descents with the noise re-estimated at each minimum."""
 
 from __future__ import annotations
 
@@ -21,30 +21,24 @@ DISCREPANCY = 2.0
 """Factor on the standard deviations of a ship with a limit: model errors at the limit's corners shift all parameters. In
 some twenty simulated ships, the true values were twice as far from the estimates as chance explains."""
 RECORRECTED, STILL = 8, 0.1
-"""Most descents with noise and corrections re-estimated, and the squared step, in standard deviations, below which they
-stop."""
+"""Largest number of descents, each with noise and corrections re-estimated, and the squared step, in standard deviations,
+below which they stop."""
 DEFAULTS: Mapping[str, float] = {one.name: one.start for one in QUANTITIES.values()}
-"""Starting values of parameters without a regression."""
+"""Starting values of parameters that no regression estimates."""
 
 
 @dataclass(frozen=True)
 class ShipFit(Minima):
-    """The result of the search of a ship.
-
-    `gains` is the decrease of the deviance by each tried element; `elements` names the tried elements that act. `scores` has
-    a test result for each kind of engine-side effect that the model lacks. `side` is the result of `load_side`, without
-    engine and governor. `ramp` is the interval of the set point's rate limit, if there is one. `alike` are other minima of
-    a ship with limits, each under its own noise, that the data do not reject.
-    """
+    """The result of the search of a ship."""
 
     likelihood: Likelihood
     question: Question
-    elements: tuple[str, ...] = ()
-    gains: Mapping[str, float] = field(default_factory=dict)
-    scores: Mapping[str, Score] = field(default_factory=dict)
-    side: LoadSide | None = None
-    ramp: Interval | None = None
-    alike: tuple[Array, ...] = ()
+    elements: tuple[str, ...] = ()  # tried elements that act
+    gains: Mapping[str, float] = field(default_factory=dict)  # decrease of the deviance by each tried element
+    scores: Mapping[str, Score] = field(default_factory=dict)  # tests of engine-side effects, by kind
+    side: LoadSide | None = None  # result of `load_side`, without engine and governor
+    ramp: Interval | None = None  # interval of the set point's rate limit, if there is one
+    alike: tuple[Array, ...] = ()  # other minima that the data do not reject, each with its own noise
 
     @property
     def is_smooth(self) -> bool:
@@ -53,10 +47,8 @@ class ShipFit(Minima):
 
 
 def settled(fit: ShipFit, until: float | None) -> ShipFit:
-    """Return the fit with each minimum under its own noise, iterated until the minimum no longer moves.
-
-    Gaps, squares of a propeller's speed, and the speed that a governor with a limit saw, are estimated again.
-    """
+    """Return the fit with the noise and corrections of its best minimum, iterated until this minimum no longer moves."""
+    # Corrections: gaps, squares of a propeller's speed, and the speed that a governor with a limit saw.
     likelihood, best = settle(fit.likelihood, fit.best, rounds=RECORRECTED, still=STILL, until=until)
     ends = [descend(likelihood, one.vector, until=until) for one in fit.basins[1:]]
     return replace(fit, likelihood=likelihood, basins=tuple(distinct(likelihood, [best, *ends])) or (best,))

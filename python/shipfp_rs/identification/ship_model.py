@@ -1,7 +1,7 @@
 """The model of a ship without limits: residuals of its two equations in closed form, without simulation.
 
-The kernel returns residuals and derivatives by the kernel's parameters, or their products, whitened and with the systematic
-errors of `likelihood`.
+The kernel returns residuals and their derivatives by its parameters, or the products of these rows for `likelihood`,
+whitened and with systematic errors.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ from shipfp_rs.support.derivatives import interpolated
 INDEX = {name: index for index, name in enumerate(_core.EQUATION_PARAMETERS)}
 """Indices of the kernel's parameters."""
 OFF = np.array([float(name in ("v", "s_M", "s_B")) for name in INDEX])
-"""Values of the kernel's parameters at which no parameter has an effect."""
+"""Values at which the kernel's parameters have no effect: 1 for gain and scales, else 0."""
 UNKNOWNS = {
     "set point offset": "u_0",
     "torque scale": "s_M",
@@ -54,7 +54,7 @@ UNKNOWNS = {
 only to parts in a thousand. Set point and speed therefore differ by an offset, and the torque is scaled by another mean
 than the load's."""
 GAINS = ("K_p", "K_i", "K_d")
-"""Gains that a structure may declare beside v, of which the kernel has the products."""
+"""Gains that a structure may declare beside v; the kernel has their products with v."""
 WHITE = 1e-3
 """Standard deviation of the noise before any estimate, relative to the operating point."""
 FINE_HZ = 200.0
@@ -66,35 +66,16 @@ Asked = tuple[Array, Array, float, list[tuple[Array, float]], list[int], bool, b
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ShipModel(Model):
-    """The model of a record of a ship without limits.
-
-    Parameters
-    ----------
-    record, unknowns
-        Spectra of the record, and the names of its unknowns.
-    equations
-        The ship's equations.
-    layers
-        Ties and joint names that convert the searched parameters to the ship's, outermost first.
-    gains
-        Names of gains that the structure declares beside v; the kernel has the product of each gain and v.
-    noise
-        Whether the noise has one covariance at all frequencies.
-    ahead
-        Inertia ahead of the gauge at which the noise was estimated. The kernel mixes both equations so that the
-        engine's equation has this inertia; the mixing affects only rounding errors.
-    water
-        Information on the engine's side from moving water, from the residuals that gave the noise; None: none.
-    """
+    """The model of a record of a ship without limits."""
 
     record: Spectra
-    unknowns: tuple[str, ...]
+    unknowns: tuple[str, ...]  # names of the record's unknowns, see `UNKNOWNS`
     equations: LinearEquations | ShipEquations
-    layers: tuple[Behind, ...] = ()
-    gains: tuple[str, ...] = ()
-    noise: Literal["coloured", "white"] = "coloured"
-    ahead: float = 0.0
-    water: Water | None = None
+    layers: tuple[Behind, ...] = ()  # ties and joint structures, outermost first
+    gains: tuple[str, ...] = ()  # gains that the structure declares beside v
+    noise: Literal["coloured", "white"] = "coloured"  # white: one covariance at all frequencies
+    ahead: float = 0.0  # inertia ahead of the gauge at which the noise was estimated
+    water: Water | None = None  # information on the engine's side from moving water, if there is any
     has_walls = True
     _links: dict[tuple[str, ...], tuple[list[str], Array]] = field(default_factory=dict, repr=False)
 
@@ -130,7 +111,7 @@ class ShipModel(Model):
         return TransferFunctions(self.record.outputs, self.gauge, place)
 
     def kernel_values(self, values: Mapping[str, float]) -> dict[str, float]:
-        """Return the kernel's parameters for the searched ones."""
+        """Return the kernel's parameters by name, computed from the searched ones."""
         found = dict(values)
         for layer in self.layers:
             found = layer.own_values(found)
@@ -214,7 +195,7 @@ class ShipModel(Model):
         return gram, errors
 
     def units(self, root: Numbers, bent: tuple[Numbers, Array] | None) -> Units:
-        """Return the units of the residuals as the kernel takes them; `bent` are systematic errors and hat functions."""
+        """Return the noise's root and `bent`, the systematic errors with their hat functions, in the kernel's layout."""
         count, padded = len(self.record.frequency_hz), self.record.padded
         if root.ndim == 2:
             root = np.broadcast_to(root, (count, *root.shape))
@@ -261,7 +242,7 @@ class ShipModel(Model):
         return spectra[..., 1:]
 
     def modelled(self, residual: Numbers) -> Array:
-        """Modelled outputs, decimated (O, K), for a residual; at the record's edges and above the band equal to the data."""
+        """Modelled outputs (O, K), decimated, for a residual; equal to the data at the record's edges and above the band."""
         data = self.record
         return np.asarray(data.decimated * (1.0 - data.tapers[0]) + data.in_time(data.spectrum - residual))
 
@@ -302,7 +283,7 @@ class ShipModel(Model):
         return interpolated(1.0 + data.set_point, self._finer), interpolated(data.load, self._finer)
 
     def _response(self, values: Mapping[str, float], frequency_hz: Array) -> ComplexArray:
-        """Response (O, F) of the outputs to the ship's input, delays of the sensors included, by kernel parameters."""
+        """Response (O, F) of the outputs to the ship's input with sensor delays, for values of the kernel's parameters."""
         outputs = self.record.outputs
         if self.open_loop:
             found, _ = CommandedEquations(outputs, self.gauge).response(values, frequency_hz, ())
@@ -317,7 +298,7 @@ class ShipModel(Model):
         return bool(self.record.masked.any()) or slips or self.record.between == "held"
 
     def corrected(self, values: Mapping[str, float], own: Array) -> Self:
-        """Return the model of the record as it corrects it at these parameters; see `Spectra.corrected`."""
+        """Return the model with its record corrected at these parameters; see `Spectra.corrected`."""
         data, known = self.record, self.kernel_values(values)
         slips = bool(known.get("tau_twist")) and not self.behind_twist
         if data.between == "band-limited" and not (slips or data.slip is not None or data.masked.any()):
@@ -342,32 +323,31 @@ class ShipModel(Model):
     def prepared(self, values: Mapping[str, float]) -> Self:
         """Return the model with the inertia ahead of the gauge at these parameters."""
         known = self.kernel_values(values)
+        # The kernel mixes both equations so that the engine's has this inertia, which changes only rounding errors.
         ahead = known.get("tau_n", 0.0) - known.get("tau_prop", 0.0) if self.gauge else 0.0
         return replace(self, ahead=ahead)
 
     def bent(
         self, response: Numbers, values: Mapping[str, float], accuracy: Array, free: Container[str]
     ) -> Numbers:
-        """Return the response to which systematic errors are relative, larger where late sensors may dampen the outputs.
-
-        What delays a value dampens it: a hold by a sixth of the squared phase, a Bessel filter by about as much.
-        """
+        """Return the response to which systematic errors are relative, larger where a late sensor may dampen its output."""
         known, late = self.kernel_values(values), np.zeros((len(self.record.outputs), 1))
         for output, name in enumerate(LATE.get(one, "") for one in self.record.outputs):
             prior = QUANTITIES[name].prior if name in free else None
             late[output] = np.hypot(known.get(name, 0.0), prior[1] if prior else 0.0)
+        # A delay dampens: a hold by a sixth of the squared phase, a Bessel filter by about as much.
         dampened = (2.0 * np.pi * self.record.frequency_hz * late) ** 2 / 6.0
         return response * np.hypot(1.0, dampened / np.maximum(accuracy[:, None], 1e-12))
 
     def informed(
         self, left: Numbers, values: Mapping[str, float], own: Array, accuracy: Array, free: Container[str]
     ) -> Self:
-        """Return the model with the ratios of torque to speed in moving water that the residuals show."""
+        """Return the model with the ratios of torque to speed in moving water, from the residuals `left`."""
         outputs = self.record.outputs
         # A torque at the brake and a set point determine the engine's side without moving water.
         if not self.gauge or self.open_loop or set(outputs) != {"dn", "dM"}:
             return self
-        # Errors of gauge and calibration are alike in all bands of an octave.
+        # Errors of gauge and calibration are the same in all bands of an octave.
         alike = float(np.hypot(*accuracy)) * math.sqrt(1.0 / math.log2(BAND))
         late = QUANTITIES["T_M"].prior
         late_s = late[1] if late and "T_M" not in free else 0.0

@@ -1,7 +1,7 @@
 """Comparison of the load's and the engine's side: which estimates remain valid if the model does not describe the engine.
 
 The load's side is identified without a governor. If the engine's side shows effects that no model explains, the fit's
-estimates of the engine are invalid. Then only those of the load's side are reported (cut inference, Plummer 2015,
+estimates of the engine are invalid. Then only the estimates from the load's side are reported (cut inference, Plummer 2015,
 doi:10.1007/s11222-014-9503-z).
 """
 
@@ -25,8 +25,8 @@ APART = 3.5
 """Distance from a prior's mean, in standard deviations, beyond which an estimate is implausible; chance exceeds it once in
 two thousand."""
 MOST_REMOVED = 0.5
-"""Standard deviation of the torque that limits remove, over the torque's, above which no actuator's model is good enough:
-its errors of some per cent of that torque exceed the noise tenfold."""
+"""Standard deviation of the torque that limits remove, relative to the torque's, above which no model of an actuator is
+accurate enough: its errors, some per cent of the removed torque, exceed the noise tenfold."""
 KINDS: Mapping[str, Sentence] = {
     "gain": Sentence("the governor's gain changes with the error: a dead band, or a gain in steps"),
     "asymmetry": Sentence("the governor is faster in one direction than in the other"),
@@ -43,7 +43,7 @@ KINDS: Mapping[str, Sentence] = {
 
 
 def undescribed(fit: ShipFit, misses_pct: Sequence[float], explained_pct: Sequence[float]) -> str | None:
-    """Return the kind, of `KINDS`, of a contradiction to the model's drive and governor; None without a contradiction."""
+    """Return the key of `KINDS` for which the data contradict the model of drive and governor, or None."""
     likelihood = fit.likelihood
     if likelihood.limited and removed_share(likelihood, fit.best.vector) > MOST_REMOVED:
         return "limit"
@@ -72,7 +72,7 @@ def load_alone(
     kind: str,
     bounds: Mapping[str, tuple[float, float]],
 ) -> dict[str, Estimate]:
-    """Return estimates with the load's from its side alone, within bounds, and without the engine's."""
+    """Return the load's estimates from its side alone, within bounds; all others are unidentifiable unless fixed."""
     reason = Sentence("drive and governor are not described: {what}", what=KINDS[kind])
     found = {}
     for name, one in parameters.items():

@@ -1,7 +1,7 @@
 """Spectra of a record for the two equations of a ship, computed once.
 
 A taper w and an operator H do not commute: F[w (H x)] = sum_k (-1)^k / k! H^(k)(s) F[w^(k) x]. Each signal therefore has a
-spectrum with the taper and one with each of the taper's first three derivatives, which are exact.
+spectrum with the taper and one with each of the taper's first three derivatives, which are known exactly.
 """
 
 from __future__ import annotations
@@ -30,11 +30,11 @@ from shipfp_rs.support.derivatives import interpolated
 ORDERS: int = _core.EQUATION_ORDERS
 """Number of terms of the series: the taper and its derivatives."""
 EDGE_S, EDGE_SHARE, BEFORE_S = 3.0, 0.025, 2.0
-"""Least length of the taper's edges [s], their least share of the record, and initial time that is omitted [s]: the samples
-in this time depend, through dead times, on what happened before the record. The equations, followed by the inverse of the
-loop's matrix, leave the outputs' noise unchanged, except at the taper's edges: steep edges mix the noise of the outputs."""
+"""Least length of the taper's edges [s], their least share of the record, and initial time that is omitted [s], since its
+samples depend, through dead times, on inputs before the record. The residuals of the equations, multiplied by the inverse of
+the loop's matrix, have the outputs' noise, except at the taper's edges: steep edges mix the noise of the outputs."""
 GRID_S = 0.05
-"""Step of delays that are applied before the taper [s]; a series gives the remaining delay."""
+"""Delays are applied before the taper in multiples of this step [s]; the series gives the remaining delay."""
 TAPS_A_SAMPLE, PASSED, WINDOW_80_DB = 24, 0.43, ("kaiser", 9.0)
 """Low-pass before decimation: length in decimated samples, passband edge over the decimated rate, window."""
 RISE = np.polynomial.Polynomial([0, 0, 0, 0, 35, -84, 70, -20])
@@ -45,9 +45,9 @@ IMAGES = {"held": 24, "straight": 4}
 """Number of multiples of the sample rate, on either side of zero, whose images of the set point are computed."""
 
 KRIGED_S, MOST_KRIGED = 0.6, 100
-"""Time on either side of a gap whose samples are used for interpolation [s], and most such samples."""
+"""Time on either side of a gap whose samples are used for interpolation [s], and largest number of these samples."""
 FEW = 13
-"""Number of frequencies at which images are computed and then interpolated: apart from a delay they vary slowly."""
+"""Number of frequencies between which images are interpolated: apart from a delay they vary slowly with frequency."""
 LATE = {"dn": "T_n", "dM": "T_M", BRAKE: "T_B"}
 """Delay parameter of each output's sensor."""
 DELAYS, LAGS, ON_TIME = ("T_d", "T_set"), ("tau_act", "tau_eng"), 0.05
@@ -58,12 +58,14 @@ SLOW_PACE, QUICK_PACE = 5.0, 16.0
 """Bandwidths of loops [rad/s]: above the first a record may be shorter than `SHORTEST_S`, above the second the compared band
 is wider."""
 LEAST_FOLLOWED = 0.1
-"""Least share of the speed's slope that a set point explains for the speed to follow it; noise explains a few hundredths."""
+"""Share of the power of the speed's slope that the set point must explain for the speed to follow it; noise explains a few
+hundredths."""
 WHOLE_EDGES_S = 24.0
-"""Length of a record from which its edges have full length [s]; those of shorter records are reduced in proportion."""
+"""Length of a record [s] from which the taper's edges have full length; shorter records have proportionally shorter
+edges."""
 PACES, DEAD_TIMES_S, STRONGEST = np.geomspace(1.0, 400.0, 32), np.arange(0.0, 0.6, 0.02), 300
 """Bandwidths [rad/s] and dead times [s] of the first-order loops that are compared with the speed, and number of compared
-frequencies, the strongest of the set point."""
+frequencies, those at which the set point is strongest."""
 
 
 Respond = Callable[[Mapping[str, float], Array], ComplexArray]
@@ -72,46 +74,22 @@ Respond = Callable[[Mapping[str, float], Array], ComplexArray]
 
 @dataclass(frozen=True, eq=False)
 class Spectra:
-    """Tapered spectra of an experiment's signals.
-
-    Parameters
-    ----------
-    name, outputs
-        Name of the experiment, and its outputs: "dn", "dM" or "dX".
-    set_point, load
-        Deviation of the set point (N,), and of a measured load (N,) or (0,).
-    measured
-        Normalised deviations of the outputs (O, N), NaN where masked.
-    data_hz, seen_hz, band_hz
-        Sample rate, highest frequency that the low-pass keeps, and highest that is compared [Hz].
-    between
-        Course of the set point between samples.
-    model
-        Modelled outputs (O, N) for masked samples; None: these are interpolated from the data alone.
-    images
-        Effect on the outputs (O, N) of the set point's images about multiples of the sample rate; None: not yet known.
-    shown
-        Spectra (O, F) of the subtracted images of a held set point; None: none.
-    slip
-        Difference in speed between engine and propeller end of a flexible shaft, decimated (K,); None: a stiff shaft.
-    is_linear
-        Whether the load's law is a straight line, without squares of the speed.
-    """
+    """Tapered spectra of an experiment's signals."""
 
     name: str
     outputs: tuple[str, ...]
-    set_point: Array
-    load: Array
-    measured: Array
+    set_point: Array  # deviation (N,)
+    load: Array  # deviation of a measured load (N,), or empty
+    measured: Array  # normalised deviations of the outputs (O, N), NaN where masked
     data_hz: float
-    seen_hz: float
-    band_hz: float
-    between: Between
-    model: Array | None = None
-    images: Array | None = None
-    shown: ComplexArray | None = None
-    slip: Array | None = None
-    is_linear: bool = False
+    seen_hz: float  # highest frequency that the low-pass keeps
+    band_hz: float  # highest frequency that is compared
+    between: Between  # course of the set point between samples
+    model: Array | None = None  # modelled outputs (O, N) for masked samples; None: interpolation
+    images: Array | None = None  # effect on the outputs (O, N) of the set point's images; None: not yet known
+    shown: ComplexArray | None = None  # spectra (O, F) of the subtracted images of a held set point
+    slip: Array | None = None  # difference of engine and propeller speed (K,), decimated; None: a stiff shaft
+    is_linear: bool = False  # whether the load's law is a straight line, without squares of the speed
     _delayed: dict[tuple[str, float], Array] = field(default_factory=dict, repr=False)
     _low_passed: dict[str, Array] = field(default_factory=dict, repr=False)
 
@@ -124,26 +102,9 @@ class Spectra:
         *,
         load: bool = False,
         between: Between | None = None,
-        wide: bool = False,
+        wide: bool = False,  # up to the highest excited frequency, for a structure of unknown bandwidth
     ) -> Spectra:
-        """Make the spectra of an experiment.
-
-        Parameters
-        ----------
-        experiment, outputs, measured
-            The experiment, the names of its outputs, and the normalised outputs (O, N).
-        load
-            Whether the experiment's load torque drives the ship, too.
-        between
-            Course of the set point between samples; None: band-limited if the set point was low-passed, else as recorded.
-        wide
-            Whether the band reaches the highest excited frequency, as needed for a user's structure of unknown bandwidth.
-
-        Raises
-        ------
-        InputError
-            If the record is too short for a spectrum.
-        """
+        """Return the spectra of an experiment with normalised outputs (O, N); `InputError` if the record is too short."""
         set_point = np.asarray(experiment.dn_set, dtype=float)
         loads = experiment.normalised("M_load") if load else np.empty(0)
         speed = measured[outputs.index("dn") if "dn" in outputs else 0]
@@ -259,7 +220,7 @@ class Spectra:
         return np.pad(fine, (0, count - len(fine)), mode="edge")
 
     def _once(self, name: str, signals: Array) -> Array:
-        """Low-pass signals, once for all records of the same data."""
+        """Return low-passed signals from a store that all records of the same data share."""
         if name not in self._low_passed:
             self._low_passed[name] = self.low_passed(signals)
         return self._low_passed[name]
@@ -313,7 +274,7 @@ class Spectra:
         return found
 
     def _laid_out(self, spectra: ComplexArray) -> Array:
-        """Real and imaginary parts (ORDERS, 2, padded) of spectra (ORDERS, F), with the signs of the orders."""
+        """Real and imaginary parts (ORDERS, 2, padded) of spectra (ORDERS, F), with the alternating signs of the series."""
         found = np.zeros((ORDERS, 2, self.padded))
         signed = spectra * (-1.0) ** np.arange(ORDERS)[:, None]
         found[:, 0, : spectra.shape[1]], found[:, 1, : spectra.shape[1]] = signed.real, signed.imag
@@ -366,16 +327,11 @@ class Spectra:
         respond: Respond,
         model: Array | None,
         *,
-        slips: bool = False,
+        slips: bool = False,  # whether squares in the load's law are of the propeller's speed
     ) -> Spectra:
-        """Return the record corrected by a model: without images, with masked samples filled.
-
-        `respond` gives the outputs' response to the set point, `model` the outputs (O, N) for masked samples.
-        With `slips`, squares in the load's law are of the propeller's speed.
-
-        A set point that is held or linear between samples has images about multiples of the sample rate. They pass through
-        the closed loop and, where the data are not low-passed, fold into the band.
-        """
+        """Return the record corrected by a model: without images, and with masked samples from `model` (O, N)."""
+        # A set point that is held or linear between samples has images about multiples of the sample rate. They pass through
+        # the closed loop and, where the data are not low-passed, fold into the band.
         images = None if self.between == "band-limited" else self._images(values, respond)
         shown = self.stairs(values, respond) if self.between == "held" else None
         known = {key: late for key, late in [*self._delayed.items()] if key[0] == "set point"}
@@ -383,16 +339,14 @@ class Spectra:
         return replace(found, slip=found._slip(values)) if slips else found
 
     def _below_nyquist(self, values: Mapping[str, float]) -> dict[str, float]:
-        """Parameters, with a stiff shaft if the shaft's resonance is above half the sample rate.
-
-        No spectrum contains this resonance, and no data determine the resonance's damping, which would scale the images.
-        """
+        """Parameters, with a stiff shaft if the shaft's resonance is above half the sample rate."""
+        # No spectrum contains such a resonance, so no data determine its damping, which would scale the images.
         twist, whole, behind = (values.get(name, 0.0) for name in ("tau_twist", "tau_n", "tau_prop"))
         below = behind * (whole - behind) * twist * (np.pi * self.data_hz) ** 2 > whole
         return {**values} if below else {**values, "tau_twist": 0.0}
 
     def _slip(self, values: Mapping[str, float]) -> Array:
-        """Difference of engine and propeller speed (K,) in the modelled response: the measured torque is too noisy."""
+        """Modelled difference of engine and propeller speed (K,), since the measured torque is too noisy to give it."""
         known = loop_of(values)
 
         def transfer(s: ComplexArray) -> ComplexArray:
@@ -438,8 +392,8 @@ class Spectra:
         answer = np.sum(every * course, axis=1)
         near = 1.0 - 2.0 * most * self.data_hz * sum(values.get(name, 0.0) for name in LAGS)
         if near > 0.0:
-            # A torque without lag follows the samples exactly, which a sum over few images does not: a sample at a jump has
-            # the value after the jump.
+            # A torque without lag follows the samples exactly: a sample at a jump has the value after the jump. A sum over
+            # few images does not reach this value.
             at_once = dict(values) | dict.fromkeys((*DELAYS, *LAGS, *LATE.values()), 0.0)
             jump = near * respond(at_once, np.array([AT_ONCE * self.data_hz])).real
             delay_s = sum(values.get(name, 0.0) for name in DELAYS)
@@ -455,10 +409,7 @@ class Spectra:
         return np.asarray(answer)
 
     def stairs(self, values: Mapping[str, float], respond: Respond) -> ComplexArray:
-        """Spectra (O, F) of the outputs' responses to the images (aliases) of a held set point.
-
-        They are computed at few frequencies and interpolated.
-        """
+        """Spectra (O, F) of the responses to a held set point's images (aliases), interpolated from few frequencies."""
         few, between = self._few
         late_s = values.get("T_d", 0.0) + values.get("T_set", 0.0)
         turned = self._folded(values, respond, few) * np.exp(2j * np.pi * late_s * few)

@@ -1,7 +1,7 @@
-"""Deviance gradients of short stretches, for intervals that allow for a wrong model and for tests of what a model lacks.
+"""Gradients of the deviance in short stretches of time, for intervals and tests that allow for an incomplete model.
 
-A deviance is a sum over time. If the model is right, its gradients in stretches of the records scatter as much as its
-curvature predicts. If the model is wrong they scatter more, and so do estimates (White 1982, doi:10.2307/1912526). An
+A deviance is a sum over time. If the model is right, the deviance's gradients in stretches of the records scatter as much as
+its curvature predicts. If the model is wrong they scatter more, and so do estimates (White 1982, doi:10.2307/1912526). An
 effect that a model lacks is significant only if several stretches show it, not one jump of the set point alone.
 """
 
@@ -27,34 +27,21 @@ STRETCH_S = 3.0
 
 
 class Score(NamedTuple):
-    """Test of a column that the model may lack.
+    """Test of an effect that the model may lack, given as a column of spectra."""
 
-    `fall` is the decrease of the deviance. `consistency` is the squared sum over stretches, divided by the sum of squares;
-    1 is expected by chance. `size` is the column's coefficient. `share` is the root mean square of its effect over the
-    response's, largest of any output.
-    """
-
-    fall: float
-    consistency: float
-    size: float
-    share: float
+    fall: float  # decrease of the deviance
+    consistency: float  # squared sum over stretches, divided by the sum of squares; 1 by chance
+    size: float  # coefficient of the column
+    share: float  # root mean square of the effect over the response's, largest of any output
 
 
 @dataclass(frozen=True, eq=False)
 class Stretches:
-    """Contributions of stretches of the records to the gradient of a deviance, with systematic errors eliminated.
-
-    Parameters
-    ----------
-    likelihood, vector
-        The likelihood and its minimum.
-    columns
-        For each record, output spectra of effects that the model may lack, shape (C, O, F).
-    """
+    """Contributions of stretches of the records to the gradient of a deviance at a minimum, without systematic errors."""
 
     likelihood: Likelihood
     vector: Array
-    columns: Sequence[ComplexArray] = ()
+    columns: Sequence[ComplexArray] = ()  # per record: spectra (C, O, F) of effects that the model may lack
 
     @cached_property
     def _rows(self) -> list[ComplexArray]:
@@ -104,7 +91,7 @@ class Stretches:
         return Profiles(self.likelihood, []).covariance(Basin(now.cost, self.vector, products=now))
 
     def widening(self, gradient: Array) -> float:
-        """Return a figure's standard deviation by the scatter of stretches over that by the curvature, at least 1."""
+        """Return a figure's standard deviation by the scatter of stretches, over that by the curvature; at least 1."""
         # Parameters on a bound are free here, since their true values may be inside it.
         end = 1 + self._priors.shape[1]
         along = scaled_inverse(self._gram[1:end, 1:end]) @ gradient

@@ -54,7 +54,8 @@ from shipfp_rs.support.arrays import DEVIATIONS_95, Array, Mask, Numbers
 from shipfp_rs.support.sentences import Sentence
 
 ON_BOUND = 1e-5
-"""Distance from a bound, relative to the parameter's size or the bounds' width if less, below which it is on the bound."""
+"""Largest distance at which a parameter is on a bound, relative to the bound's size or, if less, the width between the
+bounds."""
 CUT = 10.0
 """Along a null direction parameters can move only until one of them meets a bound. A parameter that moves by less than this
 many standard deviations still has an interval."""
@@ -65,7 +66,7 @@ EDGE = 1e-6
 SHARPER = 1.0 / 3.0
 """Largest ratio of a listed combination's relative deviation to the largest relative deviation of combined parameters."""
 STILL = 1e-4
-"""Largest probability, by chance, of the explained deviance for the fit to be significant."""
+"""Largest p-value of the explained deviance at which the fit is significant."""
 
 TAKEN_FOR_TORQUE = Sentence(
     "The command is taken as the drive's torque (v = 1, g = 0), since no torque was measured. Of any other "
@@ -101,7 +102,7 @@ class StructureEstimates:
 
     @cached_property
     def own(self) -> Array:
-        """Derivatives by the free parameters in units of the noise, without what records' unknowns explain, (R, P)."""
+        """Derivatives (R, P) by the free parameters in units of the noise, with the records' unknowns projected out."""
         likelihood, count = self.fit.likelihood, len(self.structure.free)
         jacobian = likelihood.whitened(self.fit.best.vector)[:, 1:]
         if not _responds(self.fit):
@@ -173,7 +174,7 @@ class StructureEstimates:
         return {name: reason for name, reason in reasons.items() if reason}
 
     def _reason(self, index: int, parameter: Parameter, reach: float) -> str:
-        """Reason why a parameter has no interval; `reach` is its range along null directions. Empty where it has one."""
+        """Reason why a parameter has no interval, empty if it has one; `reach` is its range along null directions."""
         place = self.inner.names.index(parameter.name)
         variance = float(self.covariance[place, place])
         # A parameter on a bound has an interval even where bounds cut a null direction.
@@ -227,11 +228,7 @@ class StructureEstimates:
         return replace(estimate, std=None, status="at_bound", reason=where)
 
     def derived(self, parameters: Mapping[str, Estimate]) -> dict[str, Estimate]:
-        """Return the combinations that the data determine although one of their parameters is not identifiable.
-
-        A nonlinear model makes every parameter slightly identifiable; then also combinations that are much better known than
-        one of their parameters.
-        """
+        """Return the combinations that the data determine, although they hardly determine one of the parameters."""
         found: dict[str, Estimate] = {}
         if self.fit.likelihood.untold:
             return found
@@ -243,6 +240,8 @@ class StructureEstimates:
             except (KeyError, ZeroDivisionError):
                 continue
             members = [n for n, slope in zip(self.everything.names, gradient, strict=True) if slope != 0.0]
+            # A nonlinear model makes every parameter slightly identifiable. Then combinations that are much better known
+            # than one of their parameters count, too.
             each = all(parameters[member].status in ("free", "prior", "fixed") for member in members)
             if (each and not curved) or not self.everything.tells(gradient):
                 continue
@@ -262,24 +261,22 @@ class StructureEstimates:
 
     @cached_property
     def identifiability(self) -> Identifiability:
-        """Rank, null directions and what would close the gap."""
+        """Rank, null directions, and which further information would determine all parameters."""
         return describe(self.everything)
 
     def covariances(self) -> Mapping[str, Any]:
-        """Return the JSON form of the covariance; nothing where none is known."""
+        """Return the JSON form of the covariance, empty if one is unknown."""
         if not np.isfinite(self.covariance).all():
             return {"names": [], "matrix": []}
         return {"names": list(self.inner.names), "matrix": self.covariance.tolist()}
 
 
 def _responds(fit: StructureFit) -> bool:
-    """Whether the fit explains experiments better than constants do, by a likelihood ratio; True with frequency responses.
-
-    Without excitation, initial states and the parameters of their decay can still be fitted to noise.
-    """
+    """Whether the fit explains the data better than constants, by a likelihood ratio; True with frequency responses."""
     likelihood = fit.likelihood
     if any(isinstance(record, Response) for record in fit.records):
         return True
+    # Without excitation, initial states and the parameters of their decay can still be fitted to noise.
     still: list[Numbers] = []
     for record in fit.records:
         own, constant = record.spectrum, np.ones(record.spectrum.shape[1], dtype=complex)
@@ -346,7 +343,7 @@ def _with_intervals(fit: StructureFit) -> tuple[StructureEstimates, Mapping[str,
 
 
 def structure_told(fit: StructureFit) -> Told:
-    """Return what the fit of a structure tells."""
+    """Return the fingerprint of a structure's fit, and what its verdict needs."""
     structure, options = fit.structure, fit.question.options
     found, intervals = _with_intervals(fit)
     fit, parameters = found.fit, found.parameters(intervals)
@@ -359,7 +356,7 @@ def structure_told(fit: StructureFit) -> Told:
     }
     overall = _overall(fit, found)
     overall |= structure_test({output: test.figures() for output, test in tests.items()})
-    # In closed form, the misfit is that of the ship, whose structure is selected; else residuals test the structure.
+    # In closed form the misfit is computed as for a ship, whose elements are selected; else residuals test the structure.
     closed = isinstance(fit.likelihood.models[0], ShipModel) and fit.likelihood.models[0].noise != "white"
     samples = next((test.samples for test in tests.values()), 1)
     missed = misses_pct(fit.likelihood, fit.best.vector) if closed else []

@@ -44,23 +44,24 @@ from shipfp_rs.support.arrays import Array
 LOGGER = logging.getLogger("shipfp_rs")
 
 ROUNDS, STILL = 200, 1e-3
-"""Most descents, each with the noise estimated at the previous minimum, and the squared step, in standard deviations, below
-which they stop. A few descents suffice for noise; the misfit of a model to simulated data may take a hundred."""
+"""Largest number of descents, each with the noise estimated at the previous minimum, and the squared step, in standard
+deviations, below which they stop. A few descents suffice for noise; the misfit of a model to simulated data may take a
+hundred."""
 UNMOVED = 3e-7
 """Largest step of a search vector's entries below which the descents stop, too: without noise the deviations go to zero."""
 STEPS, SETTLED, LAST = 100, 1e-4, 1e-9
-"""Most steps of a descent, decrease of the deviance below which it stops, and the smaller decrease of the last descent; that
-one takes one or two steps more."""
+"""Largest number of steps of a descent, decrease of the deviance below which it stops, and the smaller decrease for the last
+descent, which takes one or two steps more."""
 ROUNDING = 1e-9
-"""Relative decrease of a deviance below which it may be rounding."""
+"""Relative decrease of a deviance that may be due to rounding errors."""
 OFF_BY = 0.1
 """Prior deviation of the offsets and scales of a ship's records, relative to the operating point."""
 DRAWS = 100
-"""Most random draws for a start with a stable loop."""
+"""Largest number of random draws to find a start with a stable loop."""
 
 
 GUESSED = 2
-"""Number of starts from regressions, by least deviance."""
+"""Number of starts from regressions; those of least deviance are kept."""
 
 
 @dataclass(frozen=True)
@@ -75,15 +76,12 @@ class StructureQuestion:
 
 @dataclass(frozen=True)
 class StructureFit(Minima):
-    """The result of the search of a given structure; `records` are its data.
-
-    `settled` is the total deviance of the best minimum, if the noise was estimated again until the minimum did not move.
-    """
+    """The result of the search of a given structure; `records` are its data."""
 
     likelihood: Likelihood
     question: StructureQuestion
     records: tuple[Seen, ...]
-    settled: float | None = None
+    settled: float | None = None  # total deviance of the best minimum, with its own noise
 
     @property
     def structure(self) -> Structure:
@@ -101,15 +99,7 @@ class StructureFit(Minima):
 
 
 def fit_structure(question: StructureQuestion) -> StructureFit:
-    """Search the parameters that best explain data.
-
-    Raises
-    ------
-    InputError
-        For data or options that can't be used.
-    IdentificationError
-        If no start leads to a minimum.
-    """
+    """Search the parameters of a structure that best explain the data."""
     structure, options = question.structure, question.options
     options.require()
     records, likelihood = likelihood_of(question)
@@ -150,7 +140,7 @@ def structure_at(question: StructureQuestion, values: Mapping[str, float]) -> St
 
 
 def _sharpened(likelihood: Likelihood, basins: Sequence[Basin], until: float | None) -> list[Basin]:
-    """Return the minima to the precision of the last descent."""
+    """Return the minima after a last, more precise descent."""
     last = SETTLED if isinstance(likelihood.models[0], ShipModel) else LAST
     settled = max(last, ROUNDING * basins[0].cost)
     return [descend(likelihood, one.vector, steps=STEPS, settled=settled, until=until) for one in basins]
@@ -228,10 +218,8 @@ def start_vectors(
 
 
 def guessed_vectors(records: Sequence[Seen], likelihood: Likelihood, structure: Structure) -> list[Array]:
-    """Return the best starts from regressions of spectra, for a drive train with unknown dead times.
-
-    Declared and random starts may all lead to a minimum with wrong dead times.
-    """
+    """Return the best starts from regressions of spectra, for a drive train with unknown dead times."""
+    # Declared and random starts may all lead to a minimum with wrong dead times.
     free = {one.name for one in structure.free}
     if (
         structure.settings["kind"] not in ("linear", "ship", "commanded")

@@ -1,6 +1,6 @@
-"""Models by a structure's own equations: of samples of an experiment, of their tapered spectra, and of a frequency response.
+"""Models by a structure's own equations: of an experiment's samples, of their tapered spectra, and of a frequency response.
 
-Samples are treated as if each were a frequency: white noise has the same covariance at all samples, as at all frequencies.
+Samples are treated like frequencies: white noise has the same covariance at all samples, as it has at all frequencies.
 """
 
 from __future__ import annotations
@@ -34,11 +34,11 @@ Evaluated = tuple[Numbers, Numbers]
 
 
 FIRST_NOISE = 0.1
-"""Standard deviation of the noise before any estimate, over an output's spread."""
+"""Standard deviation of the noise before any estimate, relative to an output's standard deviation."""
 
 
 class Measured(Model):
-    """Measured data, NaN where masked or missing, and their compared subset, with a structure as their model."""
+    """Measured data, NaN where masked or missing, and their compared part, with a structure as their model."""
 
     structure: Structure
     measured: Numbers
@@ -85,17 +85,7 @@ class Measured(Model):
 
 @dataclass(frozen=True, eq=False)
 class Samples(Measured):
-    """Samples of an experiment at which all outputs were measured.
-
-    Parameters
-    ----------
-    data, structure, signals
-        The experiment, the structure, and the signals of its outputs.
-    unknowns
-        Unknowns of the record: initial states, then offsets such as "offset dn".
-    measured
-        Normalised outputs (O, N), NaN where masked.
-    """
+    """Samples of an experiment at which all outputs were measured."""
 
     data: Experiment
     structure: Structure
@@ -202,7 +192,7 @@ class Response(Measured):
 
     @property
     def noise(self) -> Literal["white", "known"]:  # type: ignore[override]
-        """Whether residuals are in standard deviations, or all responses share a covariance."""
+        """Kind of noise: known standard deviations, or a covariance that all responses share."""
         return "known" if self.weighed else "white"
 
     @property
@@ -242,13 +232,7 @@ Seen = Samples | Response
 
 
 def seen(data: Data, structure: Structure, noise: str | None = None, *, at_rest: bool = False) -> Seen:
-    """Return data as a fit compares them with a structure: samples in time, their spectra, or a frequency response.
-
-    Raises
-    ------
-    InputError
-        If a signal or its standard deviations are missing, or all samples are masked.
-    """
+    """Return data as a fit compares them with a structure: samples in time, their spectra, or a frequency response."""
     found: Seen
     if isinstance(data, FrequencyResponse):
         signals = tuple(
@@ -295,8 +279,8 @@ def _in_time(data: Experiment, structure: Structure, noise: str | None, *, at_re
     if noise != "white":
         return banded(samples) if samples.valid.any() else samples
     ship = Ship.of(structure)
-    # The time domain is exact for simulated data from rest and for linear ships, and needs no taper, which would remove much
-    # of a short record. Linear ships are as fast in it as by spectra.
+    # The time domain is exact for simulated data from rest and for linear ships. It needs no taper, which would remove much
+    # of a short record. For linear ships it is as fast as spectra.
     short = data.duration < SHORTEST_S
     if ship is None or ship.is_linear or at_rest or short or not samples.valid.any():
         return samples
@@ -304,13 +288,7 @@ def _in_time(data: Experiment, structure: Structure, noise: str | None, *, at_re
 
 
 def banded(samples: Samples, *, white: bool = False) -> InBand:
-    """Return the spectra of samples, for a ship in its loop's band, for a user's structure in the whole excited band.
-
-    Raises
-    ------
-    InputError
-        If the record is too short for a spectrum.
-    """
+    """Return the spectra of samples: for a ship in its loop's band, for a user's structure in the whole excited band."""
     ship = Ship.of(samples.structure)
     loaded = "load" in samples.structure.settings.get("elements", ())
     if ship is not None:

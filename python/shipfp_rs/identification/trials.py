@@ -1,8 +1,8 @@
-"""Limits of torque and rate, and a droop, which the full model lacks: tried where the engine's side shows them.
+"""Trials of limits of torque and rate and of a droop, which the full model lacks, where engine-side tests suggest them.
 
-A limit stays in the fit where it lowers the deviance by more than chance does, so that intervals allow for it. It is called
-"on" where the deviance falls by much more (`ship_found.BELIEVED`). Minima are compared by their total deviance, each with
-the noise estimated from its own residuals.
+A limit stays in the fit if it lowers the deviance by more than chance does, so that intervals allow for it. Its state is
+"on" if the deviance falls by much more (`ship_found.BELIEVED`). Minima are compared by their total deviance, each with the
+noise estimated from its own residuals.
 """
 
 from __future__ import annotations
@@ -33,11 +33,13 @@ LEAST_FALL = {"torque_limit": CHANCE, "rack_rate": 2.0 * BELIEVED}
 """Least decrease of the total deviance for a limit to stay in the fit; higher for rate limits, whose intervals are
 approximate."""
 LEAST_TOUCHED = 10.0
-"""Least samples at a limit; a limit that the record hardly reaches may compensate for another error of the model."""
+"""Least number of samples at a limit; a limit that the record hardly reaches may compensate for another error of the
+model."""
 ROUNDS, STEPS, STILL = 6, 12, 1.0
-"""Most rounds of descents with a limit, most steps of each, and decrease of the deviance below which they stop."""
+"""Largest number of rounds of descents with a limit, of steps of a descent, and decrease of the deviance below which both
+stop."""
 KEPT = 5
-"""Number of starts, those of least deviance, from which a descent begins."""
+"""Number of starts from which descents begin, those of least deviance."""
 LEVELS, AHEAD = (0.9, 0.97, 0.995), 1.5
 """Quantiles of the torque at which limits are tried, and a factor on the last: a gauge behind the engine's inertia measures
 less torque than the engine gives while the shaft accelerates."""
@@ -45,7 +47,7 @@ STEEP, RATES = 0.99, (0.6, 1.0, 1.6, 2.5)
 """Quantile of the torque's slope, and factors on this slope at which limits of the rack's rate are tried. A gauge shows
 slopes down to 0.4 times the rack's slope; noise shows slopes steeper than the rack's."""
 REDIVIDED, REFINED = 3, 4
-"""Most rounds of redistributed delays, and number of minima in each that are refined."""
+"""Largest number of rounds that redistribute delays, and number of minima that each round refines."""
 FADED, INTEGRALS = 0.2, (0.5, 2.0)
 """Least share of a gain that a droop leaves in a start, and ratios of integral to proportional gain there [1/s]."""
 GAINS = (1.0, 2.0, 4.0)
@@ -53,15 +55,7 @@ GAINS = (1.0, 2.0, 4.0)
 
 
 def with_limits(fit: ShipFit, given: Sequence[str], search: Search, until: float | None) -> ShipFit:
-    """Return the fit with the given limits, and those that the data support, and its engine-side tests.
-
-    `search` is that of the smooth ship, behind a ramp of its set point.
-
-    Raises
-    ------
-    IdentificationError
-        If no start leads to a ship with a given limit.
-    """
+    """Return the fit with the given limits and those that the data support; `search` fits the smooth ship behind a ramp."""
     for element in given:
         if element == "set_rate":
             fit = with_set_rate(fit, search, until, surely=True)
@@ -75,7 +69,7 @@ def with_limits(fit: ShipFit, given: Sequence[str], search: Search, until: float
     fit = replace(fit, gains={**fit.gains, **gains})
     bare, droops = fit, "droop" in fit.question.tried
     while True:
-        # The fit without a limit has adapted to its effect, which may look like that of another one: all are tried.
+        # The fit without a limit has adapted to the limit's effect, which may resemble another limit's: all are tried.
         suspects = limits_to_try(fit.scores, set(fit.question.tried) - set(fit.elements))
         found = []
         if droops and "droop" not in fit.elements and fit.is_smooth:
@@ -105,7 +99,7 @@ def with_limits(fit: ShipFit, given: Sequence[str], search: Search, until: float
         bare = bare if "droop" in fit.elements else fit
         fit = min(found, key=lambda one: one.total)
         if "droop" in fit.elements and not fit.is_smooth:
-            # A limit's effect is much like a droop's: beside a limit no droop is told.
+            # A limit's effect resembles a droop's, so no droop is reported beside a limit.
             limit, droops = fit.elements[-1], False
             other = _limited(bare, limit, until, near=fit.values[TRIED[limit][0]]) or bare
             gain = bare.total - other.total
@@ -116,12 +110,12 @@ def with_limits(fit: ShipFit, given: Sequence[str], search: Search, until: float
 
 
 def _drooping(fit: ShipFit, until: float | None) -> ShipFit:
-    """Return the fit with a droop of the governor; its `gains` tell by how much that lowers the deviance."""
+    """Return the fit with a droop of the governor; its `gains` have the droop's decrease of the deviance."""
     elements = (*fit.elements, "droop")
     likelihood = fit.question.with_elements(fit.likelihood, elements)
     states = fit.likelihood.coordinates.states_at(fit.best.vector)
     known = {**DEFAULTS, **fit.values}
-    # A fit without the droop has a gain that is less by it, and of a quick integral that fades hardly any integral.
+    # A fit without the droop underestimates the gain, and hardly finds a fast integral, which the droop makes fade.
     gain = known["vK_p"] / max(1.0 - known["droop"] * known["vK_p"], FADED)
     ways = [known, *({**known, "vK_p": gain, "vK_i": rate * gain} for rate in INTEGRALS)]
     starts = [likelihood.coordinates.vector(way, states) for way in ways]
@@ -135,11 +129,8 @@ def _drooping(fit: ShipFit, until: float | None) -> ShipFit:
 
 
 def _with_other_delays(fit: ShipFit, until: float | None) -> ShipFit:
-    """Return the likeliest fit after descents with the total delay redistributed among dead times and lag.
-
-    The data determine the total better than each delay, and the fit without limits has adapted its delays to the limit.
-    Errors of a limit's model leave many minima; those whose deviance these errors explain stay possible.
-    """
+    """Return the likeliest fit after descents with the total delay redistributed among dead times and lag."""
+    # The data determine the total better than each delay, and the fit without limits has adapted its delays to the limit.
     c, every = fit.likelihood.coordinates, [fit]
     for _ in range(REDIVIDED if {"T_d", "T_set", "tau_act"} <= set(c.free) else 0):
         states = c.states_at(fit.best.vector)
@@ -154,6 +145,7 @@ def _with_other_delays(fit: ShipFit, until: float | None) -> ShipFit:
         if best.total > fit.total - STILL:
             break
         fit = best
+    # Errors of a limit's model leave many minima; those whose deviance these errors explain stay possible.
     most = fit.total + RISE * DISCREPANCY**2
     alike = tuple(one.best.vector for one in every if one is not fit and one.total < most)
     return replace(fit, alike=alike)
@@ -164,7 +156,7 @@ def _redivided(values: Mapping[str, float]) -> list[dict[str, float]]:
     dead, late, lag = (values[name] for name in ("T_d", "T_set", "tau_act"))
     inside, lead = dead + lag, values["vK_p"] / values["vK_i"]
     less = lag - 0.5 * min(lead, lag)
-    # Loop's and set point's dead time, lag, and a shift of lead and lag together.
+    # Columns: the loop's dead time, the set point's, the lag, and the change of the lead.
     ways = [
         (late, dead, lag, 0.0),
         (inside, late, 0.0, 0.0),
@@ -185,10 +177,7 @@ def _redivided(values: Mapping[str, float]) -> list[dict[str, float]]:
 def _limited(
     fit: ShipFit, element: str, until: float | None, *, surely: bool = False, near: float | None = None
 ) -> ShipFit | None:
-    """Return the fit with a limit; None if the record is never near the limit, or, unless `surely`, it ends on its bound.
-
-    `near`: value of the limit at which the search begins; None: several values.
-    """
+    """Return the fit with a limit; None if the record is never near it or, unless `surely`, the limit ends on its bound."""
     starts = [start for basin in fit.basins[:2] for start in _starts(fit, element, basin)]
     if near is not None:
         starts = [({**values, TRIED[element][0]: near}, states) for values, states in starts]
@@ -211,7 +200,7 @@ def _limited(
 
 
 def _lowest(likelihood: Likelihood, vectors: Sequence[Array], until: float | None) -> Basin:
-    """Return the minimum of least total from several starts: the best `KEPT` descend for a round, the best two continue."""
+    """Return the minimum of least total deviance: the best `KEPT` starts descend for one round, the best two continue."""
     begun = sorted(vectors, key=partial(_total, likelihood))[:KEPT]
     ends = likelihood.each([partial(_by_own_noise, likelihood, start, 1, until) for start in begun])
     ends = sorted(ends, key=lambda end: end.cost)[:2]
@@ -248,7 +237,7 @@ def _starts(
 ) -> list[tuple[dict[str, float], list[dict[str, float]]]]:
     """Starting values from plateaus and steepest slopes of the record, with the fit's loop and with other bandwidths."""
     c = fit.likelihood.coordinates
-    # Without the limit, lags of the torque have taken its place.
+    # In the fit without the limit, lags of the torque imitate it.
     values = c.values(basin.vector) | {"tau_eng": 0.0}
     states = c.states_at(basin.vector)
     if "dM" not in fit.question.outputs:

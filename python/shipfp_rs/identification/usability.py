@@ -1,4 +1,4 @@
-"""Usability of a fingerprint: the first of an ordered list of rules that applies gives its state and sentence."""
+"""Usability of a fingerprint: state and sentence of the first rule of an ordered list that applies."""
 
 from __future__ import annotations
 
@@ -31,24 +31,12 @@ AT_BOUND = 1e-6
 
 @dataclass(frozen=True)
 class Case:
-    """What is judged: a fingerprint, and what its fit shows besides.
-
-    Parameters
-    ----------
-    fingerprint
-        With estimates and `adequate`, where a model's adequacy was tested.
-    kind
-        The contradiction, of `sides.KINDS`, to the model's drive and governor; None: there is none.
-    strain
-        Size of the systematic errors, see `adequacy.strain`.
-    is_short
-        Whether the records are too short for a test of their residuals.
-    """
+    """A fingerprint to be judged, and test results of its fit."""
 
     fingerprint: Fingerprint
-    kind: str | None = None
-    strain: float = 0.0
-    is_short: bool = False
+    kind: str | None = None  # of `sides.KINDS`: contradiction to the model's drive and governor
+    strain: float = 0.0  # size of the systematic errors, see `adequacy.strain`
+    is_short: bool = False  # whether the records are too short for a test of their residuals
 
     @property
     def stands(self) -> bool:
@@ -96,7 +84,7 @@ class Case:
 
     @cached_property
     def unknown(self) -> list[str]:
-        """Parameters that the data do not determine, also not from one side."""
+        """Parameters that the data neither determine nor limit from one side."""
         return as_looked_at(
             name
             for name, one in self.fingerprint.parameters.items()

@@ -22,9 +22,9 @@ from shipfp_rs.support.sentences import Sentence, joined
 from shipfp_rs.support.units import unit_shown
 
 SMALL_PCT = 0.1
-"""Misfit, in per cent of an output's spread, that is no fault of the structure: no sensor of a ship is more accurate."""
+"""Misfit [% of an output's spread] up to which the structure is not faulted: no sensor of a ship is more accurate."""
 SHORT_S = 0.02
-"""Largest value of a delay that may be zero, for it to be called off [s]."""
+"""Upper end of a delay's interval [s] up to which the delay is "off", if the interval includes zero."""
 AT_THE_METER = Sentence(
     "The measured load is the whole torque of the shaft, so the model ends at the torque meter: tau_n is the time constant "
     "of the inertia on the drive's side, and gains, margins and steps are those of the drive without its load. A record "
@@ -40,7 +40,7 @@ NO_TORQUE = Sentence(
     'a valve is quantity = "other".'
 )
 PLAUSIBLE_LOAD = (0.5, 2.0)
-"""Range of the gain of a measured torque of the load."""
+"""Plausible range of the gain k_L of a measured load torque."""
 STATES: Mapping[str, str] = {
     "on": Sentence("Acting elements: {elements}."),
     "off": Sentence("Not found to act: {elements}."),
@@ -52,25 +52,20 @@ UNDECIDED = 6.0
 
 
 class Told(NamedTuple):
-    """What a fit tells: a fingerprint without verdict, and what its verdict needs.
-
-    `strain`, `kind` and `is_short` are those of `Case`; `contradicted`: whether residuals may contradict the structure.
-    """
+    """A fingerprint without a verdict, and what its verdict needs; see `Case`."""
 
     fingerprint: Fingerprint
     experiments: Sequence[Experiment]
     strain: float = 0.0
     kind: str | None = None
     is_short: bool = False
-    contradicted: bool = False
+    contradicted: bool = False  # whether residuals may contradict the structure
 
 
 def with_verdict(told: Told) -> Fingerprint:
-    """Return the fingerprint with its usability and verdict.
-
-    A fingerprint without `adequate` (as of a frequency response) gets a usability only if the records are too short.
-    """
+    """Return the fingerprint with its usability and verdict."""
     fingerprint, is_short, further = told.fingerprint, told.is_short, told.fingerprint.verdict
+    # Without `adequate`, as for a frequency response, only too short records get a usability.
     if fingerprint.adequate or is_short:
         found = usability(Case(fingerprint, told.kind, told.strain, is_short))
         fingerprint = replace(
@@ -89,7 +84,7 @@ def with_verdict(told: Told) -> Fingerprint:
 
 
 def _found(fingerprint: Fingerprint, is_short: bool) -> Iterator[str]:
-    """Yield what was found, most important first."""
+    """Yield sentences on the results, most important first."""
     trouble, limit = fingerprint.settings.get("message"), fingerprint.adequate.get("limit")
     if trouble:
         yield Sentence(
@@ -118,7 +113,7 @@ def _found(fingerprint: Fingerprint, is_short: bool) -> Iterator[str]:
 
 
 def known(parameters: Mapping[str, Estimate]) -> Iterator[Sentence]:
-    """Yield known parameters, and separately those whose interval is wider than the value."""
+    """Yield sentences on known parameters, and on those whose interval is wider than the value."""
     found = {name: e for name, e in parameters.items() if e.status in KNOWN and e.value is not None}
     sure = [shown(name, e) for name, e in found.items() if not is_rough(e, OPEN)]
     unsure = [shown(name, e) for name, e in found.items() if is_rough(e, OPEN)]
@@ -129,7 +124,7 @@ def known(parameters: Mapping[str, Estimate]) -> Iterator[Sentence]:
 
 
 def _unknown(parameters: Mapping[str, Estimate]) -> Iterator[str]:
-    """Yield unknown parameters and those on a bound."""
+    """Yield sentences on unknown parameters and on those at a bound."""
     for name, estimate in parameters.items():
         if estimate.status == "unidentifiable":
             yield not_identifiable(name, estimate)
@@ -159,7 +154,7 @@ def _because(name: str, estimate: Estimate) -> Sentence:
 
 
 def _gaps(identifiability: Identifiability) -> Iterator[str]:
-    """Yield what the data can't distinguish, and what would settle it."""
+    """Yield sentences on directions that the data do not determine, and on further information that would determine them."""
     if identifiability.null_space:
         yield Sentence(
             "The data determine {rank} independent combinations of the {free} free parameters. The response does "
@@ -176,12 +171,12 @@ def _gaps(identifiability: Identifiability) -> Iterator[str]:
 
 
 def _poor(fingerprint: Fingerprint) -> Iterator[str]:
-    """Yield that a structure explains the data poorly."""
+    """Yield a sentence if a structure explains the data poorly."""
     overall = fingerprint.fit.get("overall", {})
     chi_squared, freedom = overall.get("chi_squared"), overall.get("degrees_of_freedom")
     poor = []
     if chi_squared is not None and freedom is not None:
-        # With known deviations chi-squared is better than per cent, since some points may have no weight.
+        # With known standard deviations, chi-squared is used instead of the fit [%], since some points may have no weight.
         if chi_squared > 2 * freedom:
             said = Sentence("chi-squared {value} at {freedom} degrees of freedom")
             poor = [Sentence(said, value=f"{chi_squared:.4g}", freedom=f"{freedom:.0f}")]
@@ -322,7 +317,7 @@ def _limit(name: str, value: float, unit: str) -> dict[str, Any]:
 
 
 def _elements(fingerprint: Fingerprint) -> Iterator[str]:
-    """Yield the elements in each state."""
+    """Yield a sentence on the elements in each state."""
     rows = {name: row for name, row in fingerprint.elements.items() if name != "sampling"}
     for state, said in STATES.items():
         if found := [_element(row) for row in rows.values() if row["state"] == state]:
@@ -348,7 +343,7 @@ def _element(row: Mapping[str, Any]) -> Sentence:
 
 
 def _no_torque(fingerprint: Fingerprint) -> list[Sentence]:
-    """Say that a load declared as a torque does not act as one."""
+    """Return a sentence if a load that is declared as a torque does not act as one."""
     gain = fingerprint.parameters.get("k_L")
     if (
         gain is None

@@ -1,7 +1,7 @@
 """The whole ship when a torque meter's torque is the measured load: the fitted model then ends at the meter.
 
 The set point moves the load behind the meter, too. The law and inertia of this load follow from speed and torque alone
-(`load_side`). Both sides together are the ship.
+(`load_side`). Both sides together give the whole ship.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ def with_far_side(fingerprint: Fingerprint, experiments: Sequence[Experiment]) -
         return fingerprint
     try:
         side = load_side([_gauged(one) for one in experiments], torque="gauge")
-    except InputError:  # the set point explains next to nothing of the speed
+    except InputError:  # the set point explains almost nothing of the speed
         return fingerprint
     share = float(np.mean([one.load["share"] for one in experiments]))
     known = {name: _times(side.parameters[name], share) for name in ("p", "c_2", "tau_prop")}
@@ -51,7 +51,7 @@ def _times(one: Estimate, factor: float) -> Estimate:
 
 
 def whole_ship(fingerprint: Fingerprint) -> Fingerprint:
-    """Return the fingerprint of the whole ship; itself unless its model ends at a meter and the load behind it is known."""
+    """Return the fingerprint of the whole ship if the load behind the meter is known, else the fingerprint unchanged."""
     far = fingerprint.behind_meter
     if not far:
         return fingerprint

@@ -20,7 +20,7 @@ OUTPUTS: Mapping[str, str] = {
 }
 
 DOUBT = "look at"
-"""Phrase in the verdict's sentences about a sensor that disagrees with the others."""
+"""Phrase in the verdict's sentences on a sensor that disagrees with the others."""
 
 FAULTS: Mapping[str, str] = {
     kind: f"{said} ({kind})" if kind[0].isupper() else said for kind, said in KINDS.items()
@@ -29,10 +29,7 @@ FAULTS: Mapping[str, str] = {
 
 
 def rank(found: Identifiability, unknown: Sequence[str] = (), helped: Sequence[str] = ()) -> Sentence:
-    """Say how many directions of the free parameters are identifiable.
-
-    `unknown` parameters have intervals without information; `helped` ones are determined by data and prior together.
-    """
+    """Say how many free parameters the data determine: all but `unknown`, and `helped` only together with their priors."""
     if helped:
         helps = Sentence(
             "Of these, {names} are told only with the help of an expected range.", names=listed(helped)

@@ -24,10 +24,7 @@ Response = Callable[[Values, Array], npt.ArrayLike]
 
 @dataclass(frozen=True)
 class MatrixEquations(StateSpaceEquations):
-    """x' = A x + B dn_set, y = C x + D dn_set, with matrices that depend on the parameters.
-
-    Derivatives of the outputs are as accurate as those of the matrices, which are exact to rounding by a complex step.
-    """
+    """x' = A x + B dn_set, y = C x + D dn_set, with matrices that depend on the parameters."""
 
     matrices: Matrices
     parameters: tuple[Parameter, ...]
@@ -42,7 +39,7 @@ class MatrixEquations(StateSpaceEquations):
 
     @property
     def linear_in(self) -> tuple[str, ...]:
-        """The outputs are linear in the initial states."""
+        """Names of the initial states, on all of which the outputs depend linearly."""
         return self.states
 
     def model(self, values: Values, names: Names) -> Model:
@@ -57,6 +54,7 @@ class MatrixEquations(StateSpaceEquations):
                 {**values, **{p.name: value for p, value in zip(moved, vector, strict=True)}}
             )
 
+        # If the matrices accept complex values, a complex step gives derivatives that are exact to rounding.
         slopes = by_part(self.differences, at, *_about(values, moved)) if moved else []
         by = {p.name: parts for p, parts in zip(moved, slopes, strict=True)}
         none = [np.zeros_like(part) for part in matrices]

@@ -22,7 +22,7 @@ from shipfp_rs.support.tables import shown
 
 @dataclass(frozen=True)
 class Declared(hints.Hinted):
-    """A parametric model: parameters with unit, bounds and start, outputs, equations."""
+    """A parametric model: parameters with unit, bounds and start; outputs; and equations."""
 
     name: str
     parameters: tuple[Parameter, ...]
@@ -32,7 +32,7 @@ class Declared(hints.Hinted):
     settings: Mapping[str, Any]
 
     def part(self, name: str) -> Self:
-        """Return the structure for data of this name: of a joint structure its component, else the structure itself."""
+        """Return the structure for data of this name: a joint structure's part for this trial, else the structure itself."""
         parts = bare(self.equations)
         if self.settings["kind"] != "joint":
             return self
@@ -75,7 +75,7 @@ class Declared(hints.Hinted):
     def free(self) -> tuple[Parameter, ...]:
         """Estimated parameters, including those with a prior.
 
-        Their bounds also keep the parameters tied to them within bounds.
+        The bounds also keep every parameter that is tied to one of them within its own bounds.
         """
         return tuple(
             self._within_ties(parameter)
@@ -193,9 +193,9 @@ class Editable(Declared):
     def with_tied(self, **ties: tuple[str, float] | tuple[str, float, float]) -> Self:
         """Return a copy with tied parameters: each (name of another parameter, factor) or (name, factor, offset).
 
-        A tie expresses a known ratio, such as the reset time K_p/K_i from a governor's manual. The tied parameter is
-        not estimated: its value, interval and status follow from the other parameter, which is also limited by the
-        bounds of the tied one.
+        A tie expresses a known ratio, such as the reset time K_p/K_i from a governor's manual. The tied parameter is not
+        estimated: its value, interval and status follow from the other parameter. The bounds of the tied parameter also
+        limit the other one.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""Dual numbers: values with exact derivatives by named parameters, which follow every operation by the chain rule."""
+"""Dual numbers: values with exact derivatives by named parameters; every operation applies the chain rule."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ PARTIALS: Mapping[np.ufunc, Any] = {
     np.exp: lambda power, x: (power,),
     np.expm1: lambda less, x: (less + 1.0,),
 }
-"""Derivatives of a function by its arguments, from its value and the arguments; None for 1, which costs nothing."""
+"""Derivatives of a function by its arguments, from its value and the arguments; None stands for 1 and saves a product."""
 
 
 class Dual(np.lib.mixins.NDArrayOperatorsMixin):
-    """A number or array, and its derivatives by those parameters that it depends on."""
+    """A number or array, and its derivatives by the parameters that it depends on."""
 
     def __init__(self, value: Any, by: Mapping[str, Any]) -> None:
         self.value, self.by = value, by
@@ -50,7 +50,7 @@ def value_of(number: Any) -> Any:
 
 
 def varied(values: Parameters, names: Names) -> dict[str, Any]:
-    """Return values of which those in `names` are dual numbers; dual numbers stay as they are."""
+    """Return values with those in `names` as dual numbers; values that are dual numbers already stay unchanged."""
     own = {name: values[name] for name in names if name in values}
     return {
         **values,

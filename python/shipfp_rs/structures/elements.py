@@ -13,31 +13,17 @@ from shipfp_rs.support.arrays import Names
 
 @dataclass(frozen=True)
 class Quantity:
-    """A parameter before any data: unit, start and bounds in every structure; prior and scale in the search of a ship.
-
-    Parameters
-    ----------
-    start, lower, upper
-        Declared start and bounds, which are wide: bounds are no knowledge.
-    prior
-        Mean and standard deviation; no ship is farther than a few standard deviations from the mean. None: bounds alone.
-    scale
-        Whether the value or the logarithm of the value is searched.
-    loose
-        Whether the prior is too wide to matter for most data.
-    nuisance
-        Whether the parameter is estimated together with the ship's parameters, but reported without an interval.
-    """
+    """A parameter before any data: unit, start and bounds in every structure; prior and scale in the search of a ship."""
 
     name: str
     unit: str
     start: float
-    lower: float
+    lower: float  # bounds are wide: they express no knowledge
     upper: float
-    prior: tuple[float, float] | None = None
-    scale: Literal["linear", "log"] = "linear"
-    loose: bool = False
-    nuisance: bool = False
+    prior: tuple[float, float] | None = None  # mean and standard deviation over all ships; None: bounds alone
+    scale: Literal["linear", "log"] = "linear"  # whether the value or its logarithm is searched
+    loose: bool = False  # whether the prior is too wide to matter for most data
+    nuisance: bool = False  # whether it is estimated like the others, but reported without an interval
 
     def parameter(self, **changes: Any) -> Parameter:
         """Return the parameter that structures declare."""
@@ -65,23 +51,23 @@ QUANTITIES: dict[str, Quantity] = {
         # Turbochargers lag by 0.1 s to 0.3 s and more, fuel films of gas engines by less.
         Quantity("tau_eng", "s", 0.0, 0.0, 2.0, prior=(0.0, 0.1)),
         Quantity("vK_d", "s", 0.01, 0.0, 100.0),
-        # Governors of ships droop by 3 to 5 % from no load to full load, those of generating sets alike.
+        # Governors of ships have a droop of 3 to 5 % from no load to full load, and so do those of generating sets.
         Quantity("droop", "-", 0.03, 0.0, 1.0),
         # Governors sample every 5 to 50 ms.
         Quantity("T_s", "s", 0.02, 0.0, 0.5, prior=(0.0, 0.03), nuisance=True),
         Quantity("T_0", "s", 0.0, 0.0, 0.5, nuisance=True),
         Quantity("M_max", "-", 1.2, 0.5, 10.0),
-        # No gauge resolves a sharper corner of a limit than 2e-4, and sharper ones stop descents.
+        # No gauge resolves a limit's corner that is sharper than 2e-4, and sharper corners stop descents.
         Quantity("M_soft", "-", 5e-3, 2e-4, 0.1, scale="log", nuisance=True),
         Quantity("rate", "1/s", 1.0, 1e-3, 100.0, scale="log"),
         Quantity("set_rate", "1/s", 1.0, 1e-5, 100.0, scale="log"),
-        # Shafts swing at 4 Hz or more, those of ships with little inertia included.
+        # The natural frequency of shafts is 4 Hz or more, also in ships with little inertia.
         Quantity("tau_twist", "s", 0.0, 0.0, 0.2, prior=(0.0, 5e-3), loose=True),
         Quantity("zeta_twist", "-", 0.5, 0.0, 10.0, prior=(0.0, 1.0), nuisance=True),
         Quantity("damping", "-", 0.0, -5.0, 10.0),
-        # A fifth of the second-order coefficient of N^2.2, by about which open-water curves differ from a power.
+        # Open-water curves differ from a power by about a fifth of the second-order coefficient of N^2.2.
         Quantity("c_2", "-", 0.0, -5.0, 5.0, prior=(0.0, 0.25)),
-        # Filters and hold of a fast telemetry delay a torque channel by 1 to 5 ms, slow ones by some 20 ms.
+        # Filters and hold of fast telemetry delay a torque channel by 1 to 5 ms, those of slow telemetry by some 20 ms.
         Quantity("T_M", "s", 1e-3, -0.5, 0.5, prior=(3e-3, 1e-2)),
         Quantity("T_B", "s", 1e-3, -0.5, 0.5, prior=(3e-3, 1e-2)),
         Quantity("T_n", "s", 1e-3, -0.5, 0.5, prior=(0.0, 3e-3)),
@@ -93,33 +79,19 @@ QUANTITIES: dict[str, Quantity] = {
 
 @dataclass(frozen=True)
 class Element:
-    """An optional element of a drive train.
+    """An optional element of a drive train."""
 
-    Parameters
-    ----------
-    name
-        Name in `Structure.ship`, TRIAL.toml and fingerprints.
-    words
-        Name in a report.
-    parameters
-        Parameters that it adds to a structure.
-    needs
-        Requirement: "load" (a measured load torque), the name of another element, or "" (none).
-    always
-        Whether the full ship always has it, since it has a value without effect.
-    """
-
-    name: str
-    words: str
-    parameters: tuple[Parameter, ...]
-    needs: str = ""
-    always: bool = False
+    name: str  # in `Structure.ship`, TRIAL.toml and fingerprints
+    words: str  # name in a report
+    parameters: tuple[Parameter, ...]  # parameters that it adds to a structure
+    needs: str = ""  # "load" (a measured load torque), another element that it requires, or ""
+    always: bool = False  # whether the full ship always has it, since it has a value without effect
 
 
 def _element(
     name: str, words: str, *names: str, needs: str = "", always: bool = False, **fixed: float
 ) -> Element:
-    """Return an element; `fixed` are parameters that structures hold at a value unless they are freed."""
+    """Return an element; structures hold the `fixed` parameters at the given values unless the user frees them."""
     free = tuple(QUANTITIES[one].parameter() for one in names)
     held = tuple(
         QUANTITIES[one].parameter(start=value, lower=min(value, QUANTITIES[one].lower), fixed=True)
@@ -157,19 +129,13 @@ ELEMENTS: dict[str, Element] = {
 LAGS = ("T_d", "T_set", "tau_act", "T_f", "tau_eng")
 """Dead times and lags between set point, speed and torque."""
 LATE_CHANNELS = ("T_n", "T_M", "T_B")
-"""Elements for delays of the sensors, which are outside the control loop."""
+"""Delays of the sensors' channels, which are outside the control loop."""
 ABSENT = (*LAGS, "T_s", "c_2", "tau_prop", "tau_twist")
-"""Parameters without effect at zero that the full ship always has."""
+"""Parameters that the full ship always has and that have no effect at zero."""
 
 
 def chosen(names: Names) -> tuple[Element, ...]:
-    """Return the named elements in the table's order.
-
-    Raises
-    ------
-    InputError
-        For an unknown or repeated name, or a missing requirement.
-    """
+    """Return the named elements in the table's order; `InputError` for a wrong name or a missing requirement."""
     for name in names:
         if name not in ELEMENTS:
             raise InputError(

@@ -38,13 +38,7 @@ class Equations(ABC):
     def response(
         self, values: Values, frequency_hz: Array, names: Names
     ) -> tuple[ComplexArray, ComplexArray]:
-        """Return the response (O, F) and its derivatives by `names`, shape (W, O, F).
-
-        Raises
-        ------
-        InputError
-            If the equations have no frequency response.
-        """
+        """Return the response (O, F) and its derivatives by `names`, shape (W, O, F); `InputError` if there is none."""
         raise InputError("this structure has no frequency response; fit it to an Experiment")
 
     def stable(self, values: Values) -> bool:

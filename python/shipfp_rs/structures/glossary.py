@@ -10,27 +10,13 @@ from importlib import resources
 
 @dataclass(frozen=True)
 class Term:
-    """An entry of the glossary.
+    """An entry of the glossary."""
 
-    Parameters
-    ----------
-    symbol
-        Symbol in code, results and reports.
-    meaning
-        Short description.
-    unit
-        Unit in a fingerprint; "-" for a ratio.
-    formula
-        Definition in symbols of the glossary; empty if the meaning is a sufficient definition.
-    elsewhere
-        Name in the thesis, MATLAB's System Identification Toolbox or python-control.
-    """
-
-    symbol: str
+    symbol: str  # in code, results and reports
     meaning: str
-    unit: str = "-"
-    formula: str = ""
-    elsewhere: str = ""
+    unit: str = "-"  # in a fingerprint; "-" for a ratio
+    formula: str = ""  # in symbols of the glossary; empty if the meaning is a sufficient definition
+    elsewhere: str = ""  # name in the thesis, MATLAB's System Identification Toolbox or python-control
 
 
 def _read() -> dict[str, tuple[Term, ...]]:
@@ -48,11 +34,11 @@ SIGNALS = _GROUPS["signals"]
 LINEAR = _GROUPS["linear"]
 """Parameters of the linear structure and of the ship."""
 COMBINATIONS = _GROUPS["combinations"]
-"""Combinations of parameters that data may determine although they do not determine the single parameters."""
+"""Combinations that data may determine although they do not determine each parameter."""
 OBJECTS = _GROUPS["objects"]
 """Objects of the package, and the measure of fit."""
 FORMULAS = _GROUPS["formulas"]
-"""Symbols in formulas of parameters that are not parameters themselves."""
+"""Symbols in the formulas of parameters that are not themselves parameters."""
 
 GLOSSARY: Mapping[str, Term] = {term.symbol: term for term in (*SIGNALS, *LINEAR, *COMBINATIONS, *OBJECTS)}
 """All terms by symbol."""

@@ -59,22 +59,7 @@ def state_space(
     values: Values,
     order: int = 3,
 ) -> StateSpace:
-    """Return the linearisation as a state space from the set point to the outputs.
-
-    Parameters
-    ----------
-    structure
-        A linear structure or the ship.
-    values
-        Parameters by name.
-    order
-        Order of each dead time's Pade approximation; a sampling governor is a delay of half its period.
-
-    Raises
-    ------
-    InputError
-        For another kind of structure.
-    """
+    """Return the linearisation as a state space; `order` is that of each dead time's Pade approximation."""
     equations, q = loop_of(structure, values)
     wiring = Wiring(order)
     rows = wired(q, wiring, gauge=equations.gauge, propeller_speed=equations.speed == "propeller")

@@ -53,7 +53,7 @@ NAMES: Mapping[str, str] = {
     "(p-g)/(vK_i)": "lag behind a slow ramp of the set point",
     "(p-g)/(vK_i)+T_set-T_f": "lag behind a slow ramp of the set point, delays included",
 }
-"""Symbol, or name of a loop figure, to plain name."""
+"""Plain names by the symbol of a parameter or the name of a loop's figure."""
 
 OF_WHAT: Mapping[str, str] = {
     "droop": "of the speed, for the operating torque",
@@ -83,10 +83,7 @@ def as_looked_at(names: Iterable[str]) -> list[str]:
 
 
 def plain_name(symbol: str) -> str:
-    """Return a symbol's plain name, else its meaning in the glossary; empty for a parameter of user equations.
-
-    In a joint structure, the trial's name follows in brackets: "inertia time constant (fast)".
-    """
+    """Return a symbol's plain name with a trial in brackets, or its meaning in the glossary, or "" for user equations."""
     own, bracket, part = symbol.partition(" (")
     if own in NAMES:
         return NAMES[own] + bracket + part

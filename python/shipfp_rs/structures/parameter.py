@@ -22,10 +22,7 @@ BRAKE = "dM_b"
 
 
 def signals_of(outputs: Sequence[str], torque: Torque) -> dict[str, tuple[str, ...]]:
-    """Signals that may measure each output, best first.
-
-    A torque from another location is used only if no better signal exists.
-    """
+    """Signals that may measure each output, best first; a torque from another location comes last."""
     candidates = {
         "dn": ("n_e", "n_s"),
         "dM": ("M_g", "M_s", "M_b") if torque == "gauge" else ("M_b", "M_s", "M_g"),
@@ -55,10 +52,7 @@ def own_signals(outputs: Sequence[str] | Mapping[str, str]) -> dict[str, tuple[s
 
 
 def require_outputs(outputs: Sequence[str], *, both_torques: bool = False) -> None:
-    """Raise `InputError` for unknown or repeated outputs.
-
-    `both_torques` allows a gauge's and the brake's torque together.
-    """
+    """Raise `InputError` for unknown or repeated outputs; `both_torques` allows torques of gauge and brake together."""
     known = (*OUTPUTS, BRAKE) if both_torques else OUTPUTS
     for output in outputs:
         if output not in known:

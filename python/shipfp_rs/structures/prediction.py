@@ -1,4 +1,4 @@
-"""Prediction of an experiment by a structure with given parameters, with fitted initial state."""
+"""Prediction of an experiment by a structure with given parameters and a fitted initial state."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from shipfp_rs.structures.structure import Structure
 from shipfp_rs.support.arrays import Array, Values
 
 CURVED, SETTLED = 30, 1e-9
-"""For a model that is nonlinear in its initial state: most iterations, and the step size at which they stop."""
+"""Largest number of iterations for a model that is nonlinear in its initial state, and step size at which they stop."""
 SHORTER = 0.3
 """Ratio of successive steps above which the derivatives are recomputed."""
 

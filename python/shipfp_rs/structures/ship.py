@@ -37,7 +37,7 @@ KERNEL = {
     "k_L": "load_gain",
     "c_2": "curvature",
 }
-"""Kernel's names of parameters that have a different name there."""
+"""Names in the kernel of parameters that the kernel names differently."""
 _KERNEL = KERNEL | {
     "initial dn": "initial_N",
     "initial fuel": "initial_F",
@@ -50,12 +50,12 @@ _DEVIATIONS = ("initial dn", SET_SCALE, TORQUE_SCALE)
 
 
 RAMP_HZ = 400.0
-"""Least rate of the computation of a ramp [Hz]: the instants at which it begins and ends decide the gains."""
+"""Least rate at which a ramp is computed [Hz]: estimated gains depend on the instants at which it begins and ends."""
 STEP = 1e-6
 """Relative step of a difference quotient."""
 STIFF_HZ, LEAST_DAMPED = 200.0, 0.01
-"""Natural frequency of a shaft above which it is simulated as stiff, since below 2 Hz its flexibility changes 1e-4; and its
-least damping ratio, without which the start of a simulation makes it ring."""
+"""Natural frequency above which a shaft is simulated as stiff, since its flexibility then changes the response below 2 Hz by
+only 1e-4; and least damping ratio of a shaft, without which it rings at the start of a simulation."""
 OF_BOTH_SIGNS = {*STATES, BRAKE_SCALE, "g", "p", "damping", "c_2", "T_M", "T_n", "T_B"}
 """Parameters that may be negative."""
 
@@ -68,20 +68,18 @@ def observed(
     scale: float,
     dt: float,
 ) -> Array:
-    """Return the simulated outputs (O, N) as their sensors see them, every `dt` [s].
-
-    The kernel has one torque channel and no channel that leads: for the brake's torque in addition to a gauge's the
-    simulation is repeated, and leading channels are interpolated.
-    """
+    """Return the simulated outputs (O, N) with the delays of their sensors, every `dt` [s]."""
     known = parameters.copy()
     delays = {"dn": known[INDEX["T_n"]], "dM": known[INDEX["T_M"]], BRAKE: late_s}
     late = [INDEX["T_n"], INDEX["T_M"]]
     known[late] = np.maximum(known[late], 0.0)
     rows = step(known)
+    # The kernel has one torque channel: another simulation gives the brake's torque in addition to a gauge's.
     if BRAKE in outputs:
         known[[INDEX["T_M"], INDEX["s_M"]]] = max(late_s, 0.0), scale
         place = list(outputs).index(BRAKE)
         rows[place] = step(known)[place]
+    # The kernel has no channel that leads: such channels are interpolated.
     at = dt * np.arange(rows.shape[1])
     for row, output in zip(rows, outputs, strict=True):
         if delays.get(output, 0.0) < 0.0:
@@ -90,10 +88,10 @@ def observed(
 
 
 def rate_limited(signal: Array, rate: float, rate_hz: float) -> Array:
-    """Return a signal (N,) that follows another at most at `rate` per second, computed between its samples, too."""
+    """Return a signal (N,) that follows another at `rate` per second at most, computed at a finer rate than the samples'."""
     finer = max(math.ceil(RAMP_HZ / rate_hz), 1)
     fine = interpolated(np.ascontiguousarray(signal), finer)
-    # An engine that stands still, and whose rack follows the error alone.
+    # In the kernel the engine stands still, and its rack follows the error alone.
     known = {"vK_p": 1.0, "rate": rate, "rate_down": rate, "M_max": np.inf, "s_M": 1.0}
     parameters = np.array([known.get(name, 0.0) for name in _core.ENGINE_SIDE_PARAMETERS])
     still = np.zeros(len(fine))
@@ -158,7 +156,7 @@ class ShipEquations(Equations):
 
     @property
     def limit(self) -> Array | None:
-        """The envelope as the kernel takes it, (2, E); None without one."""
+        """The envelope (2, E) in the kernel's layout; None without one."""
         return np.ascontiguousarray(np.array(self.envelope).T) if self.envelope else None
 
     def stable(self, values: Values) -> bool:
@@ -209,7 +207,7 @@ KIND = "commanded"
 ELEMENTS = ("dead_time_loop", "actuator_lag", "damping", "curvature", "late_torque", "load")
 """Elements of the ship that do not need a governor."""
 STEPPED_HZ = 50.0
-"""Natural frequency above which a fit simulates a shaft as stiff; each flexible shaft would need a different step."""
+"""Natural frequency above which a fit simulates a shaft as stiff; each flexible shaft would need its own time step."""
 MOST_TWISTED = 0.98
 """Largest share of the inertia on a flexible shaft's propeller side: a simulation needs inertia on both sides."""
 FEEDBACK = 1e-9
@@ -227,25 +225,23 @@ def swings_at(values: Values) -> float:
 
 
 def stepper_parameters(values: Values, *, open_loop: bool = False) -> Array:
-    """Return the stepper's parameters for a ship's values by name; `vK_p`, `vK_i` and `vK_d` are products of gain and v.
-
-    Without a first instant T_0, a sampling governor acts by the mean effect of sampling. A shaft with a resonance above
-    `STEPPED_HZ` is simulated as stiff, since fits simulate only to fill gaps and to compute the effect of limits.
-    """
+    """Return the stepper's parameters for a ship's values by name; `vK_p`, `vK_i` and `vK_d` are products of gain and v."""
     v = values.get("v", 1.0)
     own = {name: value / v if name in ("vK_p", "vK_i", "vK_d") else value for name, value in values.items()}
     if own.get("tau_twist"):
         own["tau_prop"] = min(own["tau_prop"], MOST_TWISTED * own["tau_n"])
+        # Fits simulate only to fill gaps and to compute the effect of limits, for which such a shaft may be stiff.
         if swings_at(own) > 2.0 * np.pi * STEPPED_HZ:
             own["tau_twist"] = 0.0
     if open_loop:
         return CommandedEquations((), gauge=False).vector(own)
+    # Without a first sampling instant T_0, the governor is modelled by the mean effect of sampling.
     return ShipEquations((), gauge=False, mean_sampling="T_0" not in own).vector(own)
 
 
 @dataclass(frozen=True)
 class CommandedEquations(ShipEquations):
-    """The ship's equations with a command instead of a governor."""
+    """The ship's equations with a command c instead of a governor: M_b = 1 + g (N - 1) + v c(t - T_d)."""
 
     states: tuple[str, ...] = ("initial dn", "initial fuel", TORQUE_SCALE)
 
@@ -277,7 +273,7 @@ class CommandedEquations(ShipEquations):
 
 
 _COMMANDED_KERNEL = {"T_d": "T_set"}
-"""Kernel's names of parameters that have a different name there."""
+"""Names in the kernel of parameters that it names differently in open loop."""
 
 
 def commanded(
@@ -288,25 +284,7 @@ def commanded(
     outputs: Sequence[str] = ("dn", "dM"),
     name: str | None = None,
 ) -> Any:
-    """Return the structure of a drive in open loop; `declare` is the class `Structure`, which imports this module.
-
-    With N and M the speed and torque over their operating points, and c the relative deviation of the command:
-
-        tau_n dN/dt = M_b - N^p,                M_b = 1 + g (N - 1) + v c(t - T_d)
-
-    Parameters
-    ----------
-    elements
-        Names from `ELEMENTS`: dead time T_d, actuator lag tau_act, damping and second-order coefficient of the load, a
-        delayed torque channel, a measured load.
-    torque, outputs, name
-        As for `Structure.ship`; outputs are "dn" and "dM".
-
-    Raises
-    ------
-    InputError
-        For an element or output that needs a governor or a rack.
-    """
+    """Return the structure of a drive in open loop; `declare` is the class `Structure`, which imports this module."""
     require_outputs(outputs)
     acting = chosen(elements)
     for what, given, known in (("element", elements, ELEMENTS), ("output", outputs, ("dn", "dM"))):

@@ -32,18 +32,15 @@ DEGREE = 14
 
 
 class Model(NamedTuple):
-    """Matrices of x' = A x + B u, y = C x + D u and the initial x, each with a first axis of W parameters.
+    """Matrices of x' = A x + B u, y = C x + D u and the initial x, each with a first axis of W parameters."""
 
-    Imaginary parts are derivatives by the parameter times `STEP`. The inputs u (J,) are one signal with the delays `late`
-    (W, J) [s].
-    """
-
+    # Imaginary parts are derivatives by the parameter times `STEP`.
     A: npt.NDArray[Any]
     B: npt.NDArray[Any]
     C: npt.NDArray[Any]
     D: npt.NDArray[Any]
     start: npt.NDArray[Any]
-    late: npt.NDArray[Any]
+    late: npt.NDArray[Any]  # delays (W, J) [s]: the inputs u (J,) are one signal with these delays
 
 
 class StateSpaceEquations(Equations):
@@ -111,22 +108,21 @@ def _parted(values: npt.NDArray[Any], count: int) -> Array:
 
 
 def _sampled(model: Model, dt: float, hold: str) -> tuple[npt.NDArray[Any], list[int]]:
-    """Return the sampled system [F, G; C, D], shape (W, n + O, n + R), and its inputs as shifts of the signal.
-
-    Between samples the signal is a polynomial, whose derivatives are additional states (Van Loan 1978,
-    DOI 10.1109/TAC.1978.1101743). A delayed signal has a corner inside the sample interval (Astrom and Wittenmark,
-    Computer-Controlled Systems, 3rd ed., section 3.2). Before the record the signal equals its first sample.
-    """
+    """Return the sampled system [F, G; C, D], shape (W, n + O, n + R), and its inputs as shifts of the signal."""
     A, B, C, D, _, late = model
     (n, inputs), outputs, count = B.shape[1:], C.shape[1], len(A)
     whole, fraction = _split(late, dt)
+    # Between samples the signal is a polynomial, whose derivatives are additional states (Van Loan 1978, DOI
+    # 10.1109/TAC.1978.1101743).
     rates = np.zeros((count, n + 2 * inputs, n + 2 * inputs), dtype=np.complex128)
     rates[:, :n, :n], rates[:, :n, n : n + inputs] = A * dt, B * dt
     rates[:, n : n + inputs, n + inputs :] = np.eye(inputs)
     step = _exponential(rates)
-    # Response after one sample to a step and a ramp of each input, which start at the sample or at the corner.
+    # Responses after one sample to a step and a ramp of each input, which start at the sample or at the corner.
     held, ramp = step[:, :n, n : n + inputs], step[:, :n, n + inputs :]
     held_late, ramp_late = held.copy(), ramp.copy()
+    # A delayed signal has a corner inside the sample interval (Astrom and Wittenmark, Computer-Controlled Systems, 3rd ed.,
+    # section 3.2).
     for j in range(inputs):
         if fraction[:, j].any():
             rest = _exponential(rates * (1.0 - fraction[:, j])[:, None, None])
@@ -147,6 +143,7 @@ def _sampled(model: Model, dt: float, hold: str) -> tuple[npt.NDArray[Any], list
     system[:, n:, n:] = (D[..., None] * seen).reshape(count, outputs, -1)
     used = np.any(system != 0.0, axis=(0, 1))
     used[:n] = True
+    # Before the record the signal equals its first sample.
     shifts = np.tile([-1, 0, 1], inputs) - whole.repeat(3)
     return system[:, :, used], shifts[used[n:]].tolist()
 
@@ -190,29 +187,27 @@ Form = npt.NDArray[Any]
 
 
 class Wiring:
-    """Elements in state space: signals are linear combinations of states and inputs, and each element adds its states.
-
-    Dead times are Pade approximations [order - 1 / order], without direct feedthrough, in the orthonormal states of the
-    Legendre delay network (Voelker and Eliasmith 2018, DOI 10.1162/neco_a_01046). With a delay `late` of the input, all
-    delays of the input are exact. The first states begin at `start`.
-    """
+    """Elements in state space: signals are linear combinations of states and inputs, and each element adds its states."""
 
     def __init__(self, order: int, start: Sequence[Any] = (), late: Any = None) -> None:
+        # With a delay `late` of the input, all delays of the input are exact. The other dead times are Pade approximations
+        # [order - 1 / order], without direct feedthrough, in the orthonormal states of the Legendre delay network (Voelker
+        # and Eliasmith 2018, DOI 10.1162/neco_a_01046).
         self.exact, self.late = late is not None, [0.0 if late is None else late]
-        self.start = [*start]
+        self.start = [*start]  # of the first states
         self.rates: list[Form] = []
         self.unit = np.eye(STATES + INPUTS)
         self.input = self.unit[STATES]
         self.within, self.into, self.norm = _delay_network(order)
 
     def state(self, start: Any = 0.0) -> Form:
-        """Return a new state; its rate of change is to be set."""
+        """Return a new state; the caller sets its rate of change."""
         self.rates.append(self.input)
         self.start += [start] * (len(self.rates) > len(self.start))
         return np.asarray(self.unit[len(self.rates) - 1])
 
     def integrated(self, signal: Form, fade: Any = 0.0) -> Form:
-        """Return the integral of a signal that fades at a rate [1/s]."""
+        """Return the integral of a signal; the integral fades at a rate [1/s]."""
         state = self.state()
         self.rates[-1] = signal - fade * state
         return state
@@ -226,7 +221,7 @@ class Wiring:
         return state
 
     def delayed(self, signal: Form, dead_time: Any, period: Any = 0.0) -> Form:
-        """Return a signal that is late by `dead_time`; sampling and holding it delays it by half a period."""
+        """Return a signal delayed by `dead_time` and by half of the `period` at which it is sampled and held."""
         late = dead_time + 0.5 * period
         if _none(late):
             return signal
@@ -272,13 +267,11 @@ def _delay_network(order: int) -> tuple[Array, Array, Array]:
 def wired(
     q: Parameters, wiring: Wiring, *, gauge: bool = False, propeller_speed: bool = False
 ) -> dict[str, Form]:
-    """Return the outputs of the drive train and the governor's command, all as late as their sensors.
-
-    With a stiff shaft tau_n dn/dt = M_b - p n and M_g = p n + tau_prop dn/dt. With a flexible shaft, the engine's side
-    is (tau_n - tau_prop) dn_e/dt = M_b - M_g, the shaft M_g = M_k + zeta_twist (n_e - n_s) with
-    tau_twist dM_k/dt = n_e - n_s, and the propeller's side tau_prop dn_s/dt = M_g - p n_s.
-    """
-    n_e = propeller = wiring.state()  # the first state, of rate 0
+    """Return the outputs of the drive train, delayed like their sensors, and the governor's command."""
+    # With a stiff shaft tau_n dn/dt = M_b - p n and M_g = p n + tau_prop dn/dt. With a flexible shaft, the engine's side is
+    # (tau_n - tau_prop) dn_e/dt = M_b - M_g, the shaft M_g = M_k + zeta_twist (n_e - n_s) with tau_twist dM_k/dt = n_e -
+    # n_s, and the propeller's side tau_prop dn_s/dt = M_g - p n_s.
+    n_e = propeller = wiring.state()  # the first state, whose rate is `wiring.rates[0]`
     set_point = wiring.input if wiring.exact else wiring.delayed(wiring.input, q.get("T_set", 0.0))
     integral, command = commanded(q, wiring, n_e, set_point)
     rack, brake = driven(q, wiring, n_e, command)
@@ -308,14 +301,11 @@ ORDER = 6
 
 @dataclass(frozen=True)
 class LinearEquations(StateSpaceEquations):
-    """Linear structure with dead times, eq. 3.31, 3.35 and 3.38 generalised; see `Structure.linear`.
+    """Linear structure with dead times, eq. 3.31, 3.35 and 3.38 generalised; see `Structure.linear`."""
 
-    The governor's command K_p (u1 - n) + K_i E is delayed by T_d, and u1 is the set point delayed by T_set:
-
-        tau_n n' = -(p - g) n + v command(t - T_d)        E' = u1 - n
-
-    In the time domain the rack dX is the governor's command; in the frequency response dX is the command delayed by T_d.
-    """
+    # The governor's command K_p (u1 - n) + K_i E is delayed by T_d, and u1 is the set point delayed by T_set:
+    # tau_n n' = -(p - g) n + v command(t - T_d), E' = u1 - n. In the time domain the rack dX is the governor's command; in
+    # the frequency response dX is the command delayed by T_d.
 
     outputs: tuple[str, ...]
     gauge: bool

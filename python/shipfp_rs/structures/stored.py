@@ -5,13 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, replace
-from typing import (
-    Any,
-    NotRequired,  # of older Pythons' typing, pydantic reads less
-)
+from typing import Any, NotRequired
 
 from pydantic import ConfigDict, with_config
-from typing_extensions import TypedDict
+from typing_extensions import TypedDict  # pydantic requires this one before Python 3.12
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.structures.parameter import Parameter
@@ -32,7 +29,7 @@ SHIP_OPTIONS = ("elements", "torque", "products", "propeller_speed", "mean_sampl
 
 
 class StoredTie(TypedDict):
-    """Proportion of a parameter to another one."""
+    """Tie of a parameter to another one: value = factor * value of `to` + offset."""
 
     to: Text
     factor: Figure
@@ -40,7 +37,7 @@ class StoredTie(TypedDict):
 
 
 class StoredParameter(TypedDict):
-    """Declaration of a parameter; older files have no bounds of a fixed one."""
+    """Declaration of a parameter; in older files a fixed parameter has no bounds."""
 
     start: Figure
     fixed: Flag
@@ -51,7 +48,7 @@ class StoredParameter(TypedDict):
 
 @with_config(ConfigDict(extra="allow"))
 class Stored(TypedDict, total=False):
-    """What every structure's tables have; further keys depend on its kind."""
+    """Keys that every structure's tables have; further keys depend on its kind."""
 
     name: Text
     outputs: list[Text]
@@ -80,13 +77,7 @@ def _row(parameter: Parameter) -> dict[str, Any]:
 
 
 def from_dict(declare: Any, content: Mapping[str, Any]) -> Any:
-    """Return the structure of `to_dict`; `declare` is the class `Structure`, which imports this module.
-
-    Raises
-    ------
-    InputError
-        For user equations, which can't be stored, and for tables that are not from `to_dict`.
-    """
+    """Return the structure of `to_dict`; `declare` is the class `Structure`, which imports this module."""
     ways: Mapping[str, Callable[[Mapping[str, Any]], Any]] = {
         "linear": lambda told: declare.linear(**_options(told, LINEAR_OPTIONS)),
         "ship": lambda told: declare.ship(**_options(told, SHIP_OPTIONS)),

@@ -62,7 +62,7 @@ class Structure(Editable):
         free_exponent
             Estimate the propeller torque exponent p; otherwise it is 2 as in the thesis.
         dead_time_loop, dead_time_set_point
-            Add the dead time T_d in the fuel path, T_set in the set-point path.
+            Add the dead time T_d in the fuel path, and T_set in the path of the set point.
         outputs
             Some of "dn", "dM", "dE", "dX".
         name
@@ -135,11 +135,11 @@ class Structure(Editable):
         Parameters
         ----------
         elements
-            Names of elements, of `structures.elements.ELEMENTS`: "dead_time_loop" (T_d), "dead_time_set_point" (T_set),
-            "actuator_lag" (tau_act), "speed_filter" (T_f), "engine_lag" (tau_eng, behind fuel and slope),
-            "derivative" (vK_d, on the speed), "droop" (lowers the set point by droop vX), "sampling" (T_s),
-            "torque_limit" (M_max), "rack_rate" (rate), "damping" (of the load), "load" (measured), "twist" (tau_twist,
-            zeta_twist; between the inertias, of which tau_prop is the propeller's).
+            Names from `structures.elements.ELEMENTS`: "dead_time_loop" (T_d), "dead_time_set_point" (T_set), "actuator_lag"
+            (tau_act), "speed_filter" (T_f), "engine_lag" (tau_eng, of the torque by fuel and slope), "derivative" (vK_d, on
+            the speed), "droop" (lowers the set point by droop vX), "sampling" (T_s), "torque_limit" (M_max), "rack_rate"
+            (rate), "damping" (of the load), "load" (measured), "twist" (tau_twist, zeta_twist; a shaft between the engine's
+            inertia and the propeller's, tau_prop).
         torque
             "brake": the engine's, M_b; "gauge": M_g = N^p + tau_prop dN/dt, with part of the inertia on its propeller side.
         outputs
@@ -216,8 +216,8 @@ class Structure(Editable):
     ) -> Structure:
         """Declare a structure by matrices: x' = A x + B dn_set, y = C x + D dn_set, of any order.
 
-        It supports all features of `linear`: initial states, joint fits, frequency responses. A dead time must be
-        approximated by states, or needs `from_function`.
+        The structure supports all features of `linear`: initial states, joint fits, frequency responses. A dead time must be
+        approximated by states; for an exact one use `from_function`.
 
         Parameters
         ----------
@@ -386,7 +386,7 @@ class Structure(Editable):
     @classmethod
     @checked
     def from_dict(cls, content: Mapping[str, Any]) -> Structure:
-        """Return the structure of `to_dict`, with its starts, bounds, fixed parameters, priors and ties.
+        """Return the structure that `to_dict` wrote, with its starts, bounds, fixed parameters, priors and ties.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""Linear functions of parameters: ties, combinations that data may determine, parameters that several trials share."""
+"""Functions of parameters: ties, combinations that data may determine, and parameters that several trials share."""
 
 from __future__ import annotations
 
@@ -68,13 +68,7 @@ Ties = Mapping[str, Tie]
 
 
 def resolved(ties: Ties) -> dict[str, Tie]:
-    """Resolve chains of ties to parameters that are not tied.
-
-    Raises
-    ------
-    InputError
-        For circular ties.
-    """
+    """Resolve chains of ties to parameters that are not tied; `InputError` for circular ties."""
     found = {}
     for name, tie in ties.items():
         path = [name]
@@ -124,7 +118,7 @@ class Behind(Equations):
 
     @property
     def linear_in(self) -> tuple[str, ...]:
-        """Those unknowns of an experiment on which the outputs depend linearly."""
+        """Unknowns of an experiment on which the outputs depend linearly."""
         return self.equations.linear_in
 
     @property
@@ -189,7 +183,7 @@ class PartEquations(Behind):
     """Equations of one trial with the joint structure's parameter names; parameters of other trials have no effect."""
 
     names: Mapping[str, str]
-    """Joint structure's name of a parameter to its name in the equations."""
+    """Maps a parameter's name in the joint structure to its name in the equations."""
 
     def own_values(self, values: Values) -> dict[str, float]:
         """Return the values of the equations' parameters."""
@@ -205,7 +199,7 @@ class PartEquations(Behind):
 
 @dataclass(frozen=True)
 class JointEquations(Equations):
-    """Equations of each trial by name."""
+    """Equations of a joint structure: those of each trial, by the trial's name."""
 
     parts: Mapping[str, PartEquations]
 
@@ -216,7 +210,7 @@ class JointEquations(Equations):
 
     @property
     def linear_in(self) -> tuple[str, ...]:
-        """Those unknowns of an experiment on which the outputs depend linearly."""
+        """Unknowns of an experiment on which the outputs depend linearly."""
         return next(iter(self.parts.values())).linear_in
 
     def stable(self, values: Values) -> bool:
@@ -224,13 +218,7 @@ class JointEquations(Equations):
         return all(part.stable(values) for part in self.parts.values())
 
     def part(self, name: str) -> PartEquations:
-        """Return the equations of a trial.
-
-        Raises
-        ------
-        InputError
-            For an unknown name.
-        """
+        """Return the equations of a trial; `InputError` for an unknown name."""
         if name not in self.parts:
             raise InputError(
                 f"joint structure: no part for {name!r}, expected one of {', '.join(self.parts)}"

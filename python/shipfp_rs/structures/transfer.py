@@ -1,4 +1,4 @@
-"""The drive train's loop about its operating point, written once, and its transfer functions: eq. 3.14 to 3.54."""
+"""The drive train's loop, for spectra and for state spaces, and its transfer functions (eq. 3.14 to 3.54)."""
 
 from __future__ import annotations
 
@@ -16,42 +16,40 @@ Spectrum = npt.NDArray[Any]
 Answer = tuple[Any, Any, Any]
 """The error's integral, the rack and the brake torque, each (F,) or a dual number."""
 SPEED, ASKED = np.eye(2)[..., None]
-"""Signals that are kept apart, the speed and the set point: rows (2, F) of their factors."""
+"""Unit signals of speed and set point, as rows (2, F): responses to the two stay separate."""
 
 DERIVATIVE_FILTER = 0.1
 """Time constant of the derivative's filter over the derivative time K_d / K_p, a customary value
 (Astrom, Hagglund, "Advanced PID Control", 2006, section 3.3)."""
 SLOWEST = 1e-6
-"""Frequency used for zero, where an integrator has a pole [rad/s]."""
+"""Frequency [rad/s] used instead of zero, where an integrator has a pole."""
 
 
 class Elements(Protocol):
     """Elements that act on signals, which may be spectra or the rows of a state space."""
 
     def integrated(self, signal: Any, fade: Any = 0.0) -> Any:
-        """Return the integral of a signal that fades at a rate [1/s]."""
+        """Return the integral of a signal; the integral fades at a rate [1/s]."""
 
     def lagged(self, signal: Any, time_constant: Any) -> Any:
         """Return a signal filtered by 1 / (1 + time_constant s)."""
 
     def delayed(self, signal: Any, dead_time: Any, period: Any) -> Any:
-        """Return a signal that is late by `dead_time`, and sampled and held every `period`."""
+        """Return a signal that is delayed by `dead_time`, and sampled and held every `period`."""
 
 
 def loop_parameters(values: Parameters, *, mean_sampling: bool) -> dict[str, Any]:
-    """Return the parameters of the loop: p includes the damping.
-
-    T_d excludes half of the sampling period, which it includes in a model of the mean effect of sampling.
-    """
+    """Return the loop's parameters: p includes the damping, T_d excludes half of the sampling period."""
     found = dict(values)
     found["p"] = found["p"] + found.pop("damping", 0.0)
+    # In a model of the mean effect of sampling, T_d includes half of the period.
     if mean_sampling:
         found["T_d"] = found.get("T_d", 0.0) - 0.5 * found.get("T_s", 0.0)
     return found
 
 
 def drooped(q: Parameters) -> tuple[Any, Any]:
-    """Return the factor on a governor's gains by its droop, and the rate at which its integral fades [1/s]."""
+    """Return the factor of a droop on the governor's gains, and the rate at which the integral then fades [1/s]."""
     if "droop" not in q:
         return 1.0, 0.0
     droop = q["droop"] * q.get("v", 1.0)
@@ -64,7 +62,7 @@ def commanded(q: Parameters, elements: Elements, speed: Any, set_point: Any) -> 
     K_p, K_i, K_d = (q.get(f"v{gain}", q.get(gain, 0.0)) for gain in ("K_p", "K_i", "K_d"))
     seen = elements.lagged(speed, q.get("T_f", 0.0))
     less, fade = drooped(q)
-    # The set point falls by the droop of the command: the command is smaller, and so is the error that is integrated.
+    # A droop lowers the set point in proportion to the command, so the command and the integrated error are smaller.
     error = less * (set_point - seen)
     integral = elements.integrated(error, fade)
     command = K_p * error + less * K_i * integral
@@ -77,14 +75,14 @@ def commanded(q: Parameters, elements: Elements, speed: Any, set_point: Any) -> 
 
 
 def driven(q: Parameters, elements: Elements, speed: Any, command: Any) -> tuple[Any, Any]:
-    """Return the rack and the brake torque that follow a command at a speed of the engine."""
+    """Return the rack and the brake torque for a command and a speed of the engine."""
     rack = elements.delayed(command, q.get("T_d", 0.0), q.get("T_s", 0.0))
     rack = elements.lagged(rack, q.get("tau_act", 0.0))
     return rack, elements.lagged(q["g"] * speed + q.get("v", 1.0) * rack, q.get("tau_eng", 0.0))
 
 
 class _Loop:
-    """Loop in the frequency domain, and the elements that it consists of."""
+    """The loop in the frequency domain, with the elements that it consists of."""
 
     def __init__(self, q: Parameters, s: Any) -> None:
         self.q, self.s = q, s
@@ -107,12 +105,12 @@ class _Loop:
         return signal * (np.exp(-self.s * dead_time) * np.expm1(turned) / turned)
 
     def answer(self, speed: Any, asked: Any, *, governed: bool = True) -> Answer:
-        """Return the answer to a speed, and to a set point or a command."""
+        """Return the response to a speed, and to a set point or, if not `governed`, a command."""
         integral, command = commanded(self.q, self, speed, asked) if governed else (0.0 * asked, asked)
         return integral, *driven(self.q, self, speed, command)
 
     def closed(self, brake: Any) -> Any:
-        """Return the torque that accelerates the ship, over the speed n_s*, for a brake torque over the speed n_e*."""
+        """Return the ratio of external torque to speed n_s*, for a brake torque over the speed n_e*."""
         return (self.inertia - brake) * (1.0 + self.slip * self.propeller) + self.propeller
 
 
@@ -120,14 +118,13 @@ class _Loop:
 class TransferFunctions:
     """Transfer functions from the set point to the outputs; an element acts if its parameters are given.
 
-    The governor is C = (K_p + K_i/s + K_d s/(1 + 0.1 K_d/K_p s)) / (1 + T_f s); on the set point K_p + K_i/s alone act.
-    With a droop C is divided by 1 + droop v (K_p + K_i/s).
-    The path to the rack is A = exp(-s T_d) / (1 + tau_act s), times (1 - exp(-s T_s)) / (s T_s) for a governor that
-    samples every T_s and holds. The brake torque is M_b* = (g n_e* + v X*) / (1 + tau_eng s), the propeller's
-    M_g* = (p + tau_prop s) n_s*. The shaft twists by n_e* = n_s* + Y M_g*, with
-    Y = tau_twist s / (1 + zeta_twist tau_twist s) and tau_twist = M_s0 / (2 pi n_s0 k) for a stiffness k [Nm/rad].
-    The governor acts on the engine's side, where (tau_n - tau_prop) s n_e* = M_b* - M_g*.
-    Without optional elements these are eq. 3.31 and 3.38.
+    The governor is C = (K_p + K_i/s + K_d s/(1 + 0.1 K_d/K_p s)) / (1 + T_f s); the set point passes through K_p + K_i/s
+    only. With a droop C is divided by 1 + droop v (K_p + K_i/s). The path to the rack is A = exp(-s T_d) / (1 + tau_act s),
+    times (1 - exp(-s T_s)) / (s T_s) for a governor that samples every T_s and holds. The brake torque is M_b* = (g n_e* + v
+    X*) / (1 + tau_eng s), the propeller's M_g* = (p + tau_prop s) n_s*. The shaft twists by n_e* = n_s* + Y M_g*, with Y =
+    tau_twist s / (1 + zeta_twist tau_twist s) and tau_twist = M_s0 / (2 pi n_s0 k) for a stiffness k [Nm/rad]. The governor
+    acts on the engine's side, where (tau_n - tau_prop) s n_e* = M_b* - M_g*. Without optional elements these are eq. 3.31
+    and 3.38.
     """
 
     outputs: tuple[str, ...]
@@ -157,11 +154,9 @@ class TransferFunctions:
     def torque_over_speed(
         self, values: Parameters, s: Spectrum, names: Names
     ) -> tuple[ComplexArray, ComplexArray]:
-        """Return the torque over the speed (F,) that a load disturbance causes, and its derivatives by `names`, (W, F).
-
-        The engine's side alone decides this ratio.
-        """
+        """Return the ratio (F,) of torque to speed that a load disturbance causes, and its derivatives by `names` (W, F)."""
         loop = _Loop(varied(values, names), s)
+        # The engine's side alone determines this ratio.
         brake = loop.answer(1.0, 0.0)[-1]
         gauge = brake - loop.inertia
         ratio = gauge if self.gauge else brake
@@ -170,17 +165,15 @@ class TransferFunctions:
         return value_and_slopes(ratio, names)
 
     def open_loop(self, values: Parameters, s: Spectrum) -> Spectrum:
-        """Return the open loop L n_e*/M_b* (F,): minus the ratio of returned to injected signal."""
+        """Return the open loop's transfer function (F,): minus the ratio of returned to injected signal."""
         loop = _Loop(values, s)
         fixed, brake = (loop.answer(1.0, 0.0, governed=governed)[-1] for governed in (False, True))
         opened = loop.closed(fixed)
         return np.asarray((loop.closed(brake) - opened) / opened)
 
     def characteristic(self, values: Parameters, s: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
-        """Return the characteristic function (F,) at s and its slope.
-
-        Its zeros are the closed loop's poles, its pole the actuator's.
-        """
+        """Return the characteristic function (F,) at s, whose zeros are the closed loop's poles, and its slope."""
+        # The function's pole is that of the actuator.
         loop = _Loop(values, Dual(s, {"s": 1.0}))
         value, slopes = value_and_slopes(
             (loop.s + drooped(values)[1]) * loop.closed(loop.answer(1.0, 0.0)[-1]), ["s"]
@@ -188,7 +181,7 @@ class TransferFunctions:
         return value, slopes[0]
 
     def _outputs(self, loop: _Loop, back: Answer, asked: Answer) -> list[Any]:
-        """Outputs (F,) of the closed loop, from the drive's answers `back` to the speed and `asked` to external inputs."""
+        """Outputs (F,) of the closed loop, from the drive's responses `back` to the speed and `asked` to external inputs."""
         n_s = asked[-1] / loop.closed(back[-1])
         M_g = loop.propeller * n_s
         n_e = n_s + loop.slip * M_g
