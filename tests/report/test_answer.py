@@ -12,7 +12,7 @@ from markupsafe import Markup, escape
 import shipfp_rs as fp
 from shipfp_rs.assessment.si import in_si
 from shipfp_rs.identification.estimate import Estimate, Identifiability, rounded_rows
-from shipfp_rs.identification.first_guesses import operating_point
+from shipfp_rs.identification.inertias import operating_point
 from shipfp_rs.identification.input_checks import doubts
 from shipfp_rs.identification.usability import BENT, MISSES, Case, usability
 from shipfp_rs.identification.wording import rank

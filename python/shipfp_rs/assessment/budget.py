@@ -8,7 +8,7 @@ from typing import Any
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.identification.fingerprint import Fingerprint
-from shipfp_rs.identification.first_guesses import ENGINE_SIDE
+from shipfp_rs.identification.inertias import ENGINE_SIDE
 from shipfp_rs.support.arguments import NotNegative, checked
 from shipfp_rs.support.files import finite
 

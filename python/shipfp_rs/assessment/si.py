@@ -18,14 +18,14 @@ from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.frequency import FrequencyResponse
 from shipfp_rs.frequency.spectra import UNKNOWN_AMPLITUDE, UNKNOWN_PHASE
 from shipfp_rs.identification.draws import Draws
+from shipfp_rs.identification.estimate import scaled
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.identification.fingerprint_content import ALARM
-from shipfp_rs.identification.first_guesses import (
+from shipfp_rs.identification.inertias import (
     BEFORE_METER,
     ENGINE_SIDE,
     INERTIAS,
     operating_point,
-    scaled,
 )
 from shipfp_rs.identification.whole_ship import whole_ship
 from shipfp_rs.structures.structure import Structure

@@ -109,6 +109,18 @@ def with_interval(
     return Estimate(value, (high - low) / (2.0 * quantile), (low, high), unit, status)
 
 
+def scaled(estimate: Estimate, factor: float, unit: str) -> dict[str, Any]:
+    """Return an estimate in another unit, in the form of `Fingerprint.si`."""
+    assert estimate.value is not None
+    interval = None if estimate.ci95 is None else [factor * end for end in estimate.ci95]
+    return {
+        "value": factor * estimate.value,
+        "std": None if estimate.std is None else factor * estimate.std,
+        "ci95": interval,
+        "unit": unit,
+    }
+
+
 ROUGH, OPEN = 0.25, 2.0
 """Half width of an interval relative to the value, above which a parameter is rough, and above which it is unknown."""
 SMALL: Mapping[str, float] = {"s": 0.05, "-": 0.5, "1/s": 0.5}

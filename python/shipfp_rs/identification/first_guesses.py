@@ -8,70 +8,13 @@ With both dead times and the lag known, the loop is linear in (p - g) / tau_n, v
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
 
-from shipfp_rs.identification.estimate import Estimate
-from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.identification.spectra import Spectra
 from shipfp_rs.structures.elements import QUANTITIES
 from shipfp_rs.support.arrays import Array, ComplexArray
-
-ENGINE_SIDE = "M_b"
-LEAST_RPM = 5.0
-"""Least operating speed in rpm; a lower value is a normalised speed."""
-INERTIAS: Mapping[str, str] = {"tau_n": "inertia", "tau_prop": "propeller_inertia"}
-BEFORE_METER: Mapping[str, str] = {"tau_n": "inertia_before_meter"}
-"""Names of the inertias in SI units; `BEFORE_METER` is for a model that ends at a torque meter."""
-
-
-def inertias(fingerprint: Fingerprint) -> dict[str, dict[str, Any]]:
-    """Return inertias with intervals and their reference shaft; empty where the gear ratio would be needed."""
-    for speed, place in (("n_e", "engine"), ("n_s", "propeller shaft")):
-        point = operating_point(fingerprint, speed)
-        if point is None or abs(point[0]) < LEAST_RPM or (point[2] == ENGINE_SIDE) != (speed == "n_e"):
-            continue
-        # Eq. 3.23 of the thesis: tau_n = 2 pi I n_0 / M_0 with n_0 in rev/s.
-        factor = abs(point[1] / (2.0 * math.pi * point[0] / 60.0))
-        names = BEFORE_METER if fingerprint.ends_at_meter else INERTIAS
-        known = {quantity: fingerprint.parameters.get(name) for name, quantity in names.items()}
-        return {
-            quantity: scaled(estimate, factor, "kg m2") | {"seen_from": place}
-            for quantity, estimate in known.items()
-            if estimate is not None and estimate.value is not None
-        }
-    return {}
-
-
-def scaled(estimate: Estimate, factor: float, unit: str) -> dict[str, Any]:
-    """Return an estimate in another unit, in the form of `Fingerprint.si`."""
-    assert estimate.value is not None
-    interval = None if estimate.ci95 is None else [factor * end for end in estimate.ci95]
-    return {
-        "value": factor * estimate.value,
-        "std": None if estimate.std is None else factor * estimate.std,
-        "ci95": interval,
-        "unit": unit,
-    }
-
-
-def operating_point(fingerprint: Fingerprint, speed: str = "n_e") -> tuple[float, float, str] | None:
-    """Return mean speed [rpm], mean torque [Nm] and the torque's signal; None if speed or torque is missing."""
-    speeds, torques, signal = [], [], ""
-    for record in fingerprint.data:
-        point: Mapping[str, float] = record.get("operating_point", {})
-        # Where only a torque command was recorded, the operating point has that command as engine torque.
-        signal = str(record.get("signals", {}).get("dM", ENGINE_SIDE))
-        if speed in point and signal in point:
-            speeds.append(float(point[speed]))
-            torques.append(float(point[signal]))
-    if not speeds:
-        return None
-    return sum(speeds) / len(speeds), sum(torques) / len(torques), signal
-
 
 LOOP_DEAD_TIMES_S = (0.0, 0.02, 0.04, 0.06, 0.08, 0.1, 0.13, 0.16, 0.2, 0.25, 0.3, 0.4)
 SET_POINT_DEAD_TIMES_S = (*np.arange(0.0, 0.5, 0.03), 0.6, 0.8, 1.0, 1.4)

@@ -10,7 +10,7 @@ from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.experiments.parquet import Frame, of_frames
 from shipfp_rs.identification.fingerprint import Fingerprint, versions
-from shipfp_rs.identification.first_guesses import inertias
+from shipfp_rs.identification.inertias import inertias
 from shipfp_rs.identification.input_checks import require_excited
 from shipfp_rs.identification.open_loop import in_open_loop, question_in_open_loop, require_driver
 from shipfp_rs.identification.question import (

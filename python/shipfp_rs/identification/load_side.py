@@ -22,7 +22,7 @@ import numpy as np
 
 from shipfp_rs.errors import InputError
 from shipfp_rs.experiments.experiment import DRIVES, Experiment
-from shipfp_rs.identification.estimate import Estimate, rounded_rows, with_interval
+from shipfp_rs.identification.estimate import Estimate, rounded_rows, scaled, with_interval
 from shipfp_rs.identification.input_checks import is_loaded, require_plausible
 from shipfp_rs.identification.likelihood import ACCURACY
 from shipfp_rs.identification.noise import noise_root
@@ -541,9 +541,4 @@ def _si(
         rpm, seen_from = rpm / ship.gearbox.ratio, "propeller shaft"
         moment *= ship.torque_ratio if signal == "M_b" else 1.0
     factor = float(moment / (2.0 * math.pi * rpm / 60.0))
-    assert tau.value is not None
-    assert tau.std is not None
-    assert tau.ci95 is not None
-    interval = [factor * end for end in tau.ci95]
-    row = {"value": factor * tau.value, "std": factor * tau.std, "ci95": interval, "unit": "kg m2"}
-    return {name: row | {"seen_from": seen_from}}
+    return {name: scaled(tau, factor, "kg m2") | {"seen_from": seen_from}}

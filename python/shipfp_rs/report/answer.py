@@ -23,7 +23,7 @@ from shipfp_rs.identification.estimate import (
     rounded_rows,
 )
 from shipfp_rs.identification.fingerprint import Fingerprint
-from shipfp_rs.identification.first_guesses import operating_point
+from shipfp_rs.identification.inertias import operating_point
 from shipfp_rs.identification.ship_found import BELIEVED
 from shipfp_rs.identification.whole_ship import whole_ship
 from shipfp_rs.identification.wording import DOUBT

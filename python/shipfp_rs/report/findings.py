@@ -12,7 +12,7 @@ from shipfp_rs.identification import wording
 from shipfp_rs.identification.estimate import OPEN, Estimate, is_rough, rounded_rows
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.identification.fingerprint_content import ALARM
-from shipfp_rs.identification.first_guesses import operating_point
+from shipfp_rs.identification.inertias import operating_point
 from shipfp_rs.report.answer import at_an_end, interval, may_be_zero, of_what, undetermined
 from shipfp_rs.report.markup import Cell, Row, Say, bullets, link, number, paragraph, piece, table
 from shipfp_rs.report.pictures import NARROW, Pictures

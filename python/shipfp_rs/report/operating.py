@@ -12,7 +12,7 @@ from shipfp_rs.experiments.experiment import Experiment
 from shipfp_rs.identification.estimate import Estimate, Row, rounded_rows
 from shipfp_rs.identification.fingerprint import Fingerprint
 from shipfp_rs.identification.fingerprint_tables import agreement, beside_the_whole
-from shipfp_rs.identification.first_guesses import ENGINE_SIDE, operating_point
+from shipfp_rs.identification.inertias import ENGINE_SIDE, operating_point
 from shipfp_rs.identification.whole_ship import whole_ship
 from shipfp_rs.plot.style import BLUE, GREY, ORANGE, dress
 from shipfp_rs.report.answer import interval, short_name
