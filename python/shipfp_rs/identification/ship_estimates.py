@@ -198,6 +198,8 @@ def _named(fit: ShipFit, structure: Structure, values: Mapping[str, float]) -> d
 
 
 def _applies(name: str, values: Mapping[str, float]) -> bool:
+    if "(vK_i)" in name and values.get("droop"):  # with a droop, this is not the lag behind a ramp
+        return False
     try:
         return bool(np.isfinite(COMBINATIONS[name][1](values)))
     except (KeyError, ZeroDivisionError):
